@@ -1,6 +1,7 @@
 """The command line, `neubtf-bench`: finds the command, runs it, and turns exceptions into exit codes."""
 
 import argparse
+import importlib
 import os
 import signal
 import sys
@@ -27,8 +28,7 @@ EVERYDAY = """examples:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; see `bench.errors`."""
     if "OMP_WAIT_POLICY" not in os.environ:
-        # PyTorch's idle threads spin before they sleep: for 0.2 ms instead of 8, because Dr.Jit's threads need the
-        # cores.
+        # PyTorch's idle threads spin before they sleep, for 0.2 ms instead of 8: Dr.Jit's threads need the cores.
         os.environ.setdefault("GOMP_SPINCOUNT", "5000")
     words = list(sys.argv[1:] if argv is None else argv)
     try:
@@ -77,25 +77,19 @@ def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:
     if wanted and not wanted[0].startswith("-") and wanted[0] not in known:
         raise InputError(f"no command named {wanted[0]!r}{did_you_mean(wanted[0], known)}")
     listing = top.add_subparsers(required=True, metavar="COMMAND", help="one of these")
-    for name in known:
-        module = known[name]
-        if name in wanted:
-            _add(listing, name, module)
-        else:
+    for name, module in known.items():
+        if name not in wanted:
             listing.add_parser(name)
+            continue
+        loaded = importlib.import_module(module)
+        text, _, examples = (loaded.__doc__ or "").partition(EXAMPLES)
+        command = listing.add_parser(
+            name,
+            help=text.split("\n")[0],
+            description="\n\n".join(textwrap.fill(paragraph, WIDTH) for paragraph in text.split("\n\n")),
+            epilog=f"examples:\n{examples}" if examples else None,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        loaded.arguments(command)
+        command.set_defaults(command=loaded.run)
     return top
-
-
-def _add(listing: "argparse._SubParsersAction[argparse.ArgumentParser]", name: str, module: str) -> None:
-    """Import a command and take its help from its docstring: wrapped paragraphs, then examples unwrapped."""
-    loaded = commands.load(module)
-    text, _, examples = (loaded.__doc__ or "").partition(EXAMPLES)
-    command = listing.add_parser(
-        name,
-        help=text.split("\n")[0],
-        description="\n\n".join(textwrap.fill(paragraph, WIDTH) for paragraph in text.split("\n\n")),
-        epilog=f"examples:\n{examples}" if examples else None,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    loaded.arguments(command)
-    command.set_defaults(command=loaded.run)

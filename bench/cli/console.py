@@ -17,7 +17,6 @@ SILENCE = 10.0  # without a terminal, seconds between two lines of progress
 if TYPE_CHECKING:
     from bench.btf import BTF
     from bench.data.portrait import Look
-    from bench.material import Material
     from bench.runs.job import Outcome
 
 
@@ -84,10 +83,10 @@ def job_line(record: dict[str, Any], cached: str) -> str:
     if record["status"] != "ok":
         word = "not available" if record["status"] == "unavailable" else "FAILED"
         return f"{record['job']}: {word}: {record['error']}"
-    how = {"record": "cached", "file": "scored again from the cached file"}.get(cached)
     psnr = stats_of(record, PSNR)["mean"]
     shown = "exact" if psnr >= MOST_DB else f"{psnr:.2f} dB"
-    how = how or f"fitted in {record['fit_seconds']:.1f} processor s"
+    reused = {"record": "cached", "file": "scored again from the cached file"}.get(cached)
+    how = reused or f"fitted in {record['fit_seconds']:.1f} processor s"
     return f"{record['job']}: {shown}, {record['bytes']['total']:,} bytes, {how}"
 
 
@@ -107,51 +106,38 @@ def file_lines(header: Header) -> str:
         lines.append(f"trained on: {len(read(header.path).origins)} materials")
     else:
         lines += _material_lines(header)
-    lines += _scene_lines(header)
+    if scene := header.scene:
+        top, left, height, width = scene["window"]
+        across, sides = scene["factor"], " × ".join(map(str, scene["size"]))
+        lines.append(
+            f"fitted to the scene {scene['name']}, demand {scene['demand'][:12]}: {height} × {width} texels of {sides} "
+            f"from row {top}, column {left}, in boxes of {across} × {across}; {scene['pairs']:,} pairs; "
+            f"{scene['uniform']:.0%} of samples spread evenly"
+        )
     lines += [f"provenance: {key} = {value}" for key, value in header.provenance.items()]
     for name, (dtype, shape, size) in sorted(header.tensors.items()):
         lines.append(f"  {name}  {dtype} {' × '.join(map(str, shape)) or 'scalar'}  {size:,} bytes")
     return "\n".join([*lines, f"sha256: {header.sha256}"])
 
 
-def _scene_lines(header: Header) -> list[str]:
-    """Describe the part of a BTF that is held by a file fitted to a scene."""
-    if not (scene := header.scene):
-        return []
-    top, left, height, width = scene["window"]
-    across, sides = scene["factor"], " × ".join(map(str, scene["size"]))
-    return [
-        f"fitted to the scene {scene['name']}, demand {scene['demand'][:12]}: {height} × {width} texels of {sides} "
-        f"from row {top}, column {left}, in boxes of {across} × {across}; {scene['pairs']:,} pairs; "
-        f"{scene['uniform']:.0%} of samples spread evenly",
-    ]
-
-
 def _material_lines(header: Header) -> list[str]:
-    """Describe the material that a codec file decodes to."""
+    """Describe the material that a codec file decodes to, with the layers of its decoder if there are any."""
     from bench.codecs.loading import load
-    from bench.material import parameters
+    from bench.material import layers, parameters
 
     _, material, network = load(header.path)
     lines = [
         f"resolution: {material.size[0]} × {material.size[1]} texels",
         f"decoder: {parameters(material):,} parameters, {material.cost.texture_channels} texture channels, "
         f"{material.cost.flops_per_sample:,} FLOP and {material.cost.bytes_per_sample:,} bytes read a sample",
-        *_layer_lines(material),
     ]
+    if rows := [(name, kind, f"{count:,}") for name, kind, count in layers(material)]:
+        lines.append("layers of the decoder and their trainable parameters, counted by torchinfo:")
+        first, second, third = (max(map(len, column)) for column in zip(*rows, strict=True))
+        lines += [f"  {name:<{first}}  {kind:<{second}}  {count:>{third}}" for name, kind, count in rows]
     if network:
         lines.append(f"shared network: {network.path}, {network.file_bytes:,} bytes, sha256 {network.sha256}")
     return lines
-
-
-def _layer_lines(material: "Material") -> list[str]:
-    """The layers of the decoder and their counts of parameters; no line if there are no layers."""
-    from bench.material import layers
-
-    rows = [(name, kind, f"{count:,}") for name, kind, count in layers(material)]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    table = [f"  {name:<{widths[0]}}  {kind:<{widths[1]}}  {count:>{widths[2]}}" for name, kind, count in rows]
-    return ["layers of the decoder and their trainable parameters, counted by torchinfo:", *table] if rows else []
 
 
 def btf_lines(portrait: "Look") -> str:

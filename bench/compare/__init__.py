@@ -13,7 +13,7 @@ from fnmatch import fnmatchcase
 from bench.compare.means import means
 from bench.compare.rows import ORDER, ComparedRow, compared
 from bench.compare.timings import advice, multiples
-from bench.compare.verdicts import Verdict
+from bench.compare.verdicts import DECIDED, Verdict
 from bench.errors import FAILED, FINE, NO, NOTHING, InputError, did_you_mean
 from bench.records import Record, Run, by_row, require
 
@@ -40,13 +40,10 @@ class Comparison:
 
     @property
     def exit_code(self) -> int:
-        """3 if a job failed, 4 if nothing could be compared, 1 if a row got worse, vanished or is not comparable and is
-        not allowed to, else 0.
-        """
+        """3: a job failed; 4: nothing to compare; 1: a row is worse, or gone or unlike and not allowed; 0: else."""
         if self.having(Verdict.FAILED):
             return FAILED
-        decided = (Verdict.SAME, Verdict.BETTER, Verdict.WORSE)
-        if not any(change.verdict in decided for row in self.rows for change in row.deciding):
+        if not any(change.verdict in DECIDED for row in self.rows for change in row.deciding):
             return NOTHING
         return NO if any(row.forbids for row in (*self.rows, *self.means)) else FINE
 

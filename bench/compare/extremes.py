@@ -7,8 +7,6 @@ from bench.compare import check_names, check_whole
 from bench.errors import FINE, NO, NOTHING
 from bench.records import Record, Run
 
-GONE = "is gone"
-
 
 def changes(base: Run, new: Run, codecs: Sequence[str] = ()) -> Iterator[tuple[str, str]]:
     """Each cell that got worse: its name, `CODEC: EXTREME`, and its new verdict.
@@ -22,7 +20,7 @@ def changes(base: Run, new: Run, codecs: Sequence[str] = ()) -> Iterator[tuple[s
             continue
         after = after_by_cell.get(_cell(before))
         if after is None:
-            yield f"{subject}: {extreme}", GONE
+            yield f"{subject}: {extreme}", "is gone"
         elif after["verdict"] != "pass":
             yield f"{subject}: {extreme}", f"held, and is now {after['verdict']}: {after['detail'] or after['figure']}"
 

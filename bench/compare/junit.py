@@ -35,8 +35,7 @@ def _cases(row: ComparedRow) -> Iterator[Element]:
 
 
 def _case(row: ComparedRow, what: str, verdict: Verdict, text: str) -> Element:
-    name = _legal(f"{row.name}/{what}")
-    case = Element("testcase", classname=_legal(row.name), name=name, time="0")
+    case = Element("testcase", classname=_legal(row.name), name=_legal(f"{row.name}/{what}"), time="0")
     if verdict in FORBIDDEN and not (row.allowed and verdict in (Verdict.UNLIKE, Verdict.GONE)):
         SubElement(case, "failure", type=verdict.lower(), message=_legal(text)).text = _legal(f"{row.name}: {text}")
     elif verdict in (Verdict.UNLIKE, Verdict.GONE, Verdict.NEW):

@@ -9,11 +9,7 @@ from dataclasses import replace
 
 from bench.compare.quantities import Quantity
 from bench.compare.rows import ComparedRow, worst
-from bench.compare.verdicts import Chance, Change, Verdict, verdict
-
-OVER = "all materials"
-EVERY = "all codecs"
-_DECIDED = (Verdict.SAME, Verdict.BETTER, Verdict.WORSE)
+from bench.compare.verdicts import DECIDED, Chance, Change, Verdict, verdict
 
 
 def means(rows: Sequence[ComparedRow]) -> list[ComparedRow]:
@@ -22,19 +18,17 @@ def means(rows: Sequence[ComparedRow]) -> list[ComparedRow]:
     for row in rows:
         codecs.setdefault(row.label.split()[0], []).append(row)
     by_codec = [_mean(name, several, False) for name, several in codecs.items()]
-    return [row for row in (*by_codec, _mean(EVERY, list(rows), True)) if row]
+    return [row for row in (*by_codec, _mean("all codecs", list(rows), True)) if row]
 
 
 def _mean(label: str, rows: list[ComparedRow], every: bool) -> ComparedRow | None:
     changes: dict[str, list[Change]] = {}
     for change in (change for row in rows for change in row.deciding):
         numbers = [value for value in (change.base, change.new) if value is not None and math.isfinite(value)]
-        if change.quantity.metric and change.verdict in _DECIDED and len(numbers) == 2:
+        if change.quantity.metric and change.verdict in DECIDED and len(numbers) == 2:
             changes.setdefault(change.quantity.name, []).append(change)
     merged = [_merged(each, every) for each in changes.values() if len(each) > 1]
-    if not merged:
-        return None
-    return ComparedRow(OVER, label, worst(merged), deciding=merged)
+    return ComparedRow("all materials", label, worst(merged), deciding=merged) if merged else None
 
 
 def _merged(changes: list[Change], every: bool) -> Change:

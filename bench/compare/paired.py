@@ -16,11 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.btf import Array
 from bench.compare.slices import decibels
 from bench.errors import InputError
 from bench.records import Record, Run, shown_label
 
-Array = np.ndarray
 AGAINST = "neubtf-direct"  # the codec that others are compared with, named before anything was measured
 FEWEST = 3  # materials on which codecs may be told apart
 FALSE = 0.05  # the largest chance that a table of equal codecs tells any of them apart from that codec

@@ -17,9 +17,6 @@ from bench.compare.verdicts import FEW_SEEDS, agree, smallest_loss
 from bench.errors import InputError
 from bench.records import FLIP, PSNR, REFERENCE, Record, Run, by_row, gate, kept, metric_of, metrics_of, stats_of
 
-_DIGITS = 7
-_PACKAGES = ("neubtf-bench", "torch", "numpy")
-
 
 def committed(suite: str) -> Path:
     """The path of a suite's reference in this package."""
@@ -45,7 +42,11 @@ def reference(run: Run, before: Run | None = None) -> str:
     reduced = [_reduced(job, run.folder, not judged or job["seed"] in judged) for job in jobs]
     kept_seeds = _seeds_to_keep(reduced, list(before.jobs) if before else [])
     timings = _timings(run, [job for job in jobs if not judged or job["seed"] in judged])
-    lines = [*_start(run), *_in_order([*reduced, *kept_seeds]), *timings]
+    starts = [kept(start, REFERENCE) for start in run.starts[-1:]]
+    for start in starts:
+        packages = start.get("packages", {})
+        start["packages"] = {name: packages[name] for name in ("neubtf-bench", "torch", "numpy") if name in packages}
+    lines = [*starts, *_in_order([*reduced, *kept_seeds]), *timings]
     return "".join(json.dumps(line, sort_keys=True, allow_nan=False, separators=(",", ":")) + "\n" for line in lines)
 
 
@@ -79,13 +80,6 @@ def smallest_losses(run: Run, count: int) -> dict[str, dict[str, float]]:
 def seeds_of(run: Run) -> int:
     """The number of seeds that a run of the suite will have; that of the run itself if its suite is unknown."""
     return len(_judged(run)) or len({job["seed"] for job in run.jobs})
-
-
-def _start(run: Run) -> Iterator[Record]:
-    if run.starts:
-        line = kept(run.starts[-1], REFERENCE)
-        versions = line.get("packages", {})
-        yield line | {"packages": {name: versions[name] for name in _PACKAGES if name in versions}}
 
 
 def _timings(run: Run, jobs: list[Record]) -> Iterator[Record]:
@@ -157,7 +151,7 @@ def _short(stats: Record, *numbers: str) -> Record:
 def rounded(value: Any) -> Any:
     """Numbers rounded to seven digits, more than any tolerance needs."""
     if isinstance(value, float):
-        return float(f"{value:.{_DIGITS}g}")
+        return float(f"{value:.7g}")
     if isinstance(value, dict):
         return {key: rounded(item) for key, item in value.items()}
     return [rounded(item) for item in value] if isinstance(value, list) else value

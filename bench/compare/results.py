@@ -12,8 +12,6 @@ from bench.compare.slices import decibels, packed
 from bench.errors import InputError
 from bench.records import PSNR, RESULTS, VALIDATION, Record, Run, gate, kept
 
-_LONGEST_ERROR = 500  # the most characters kept of an error
-
 
 def published(run: Run) -> str:
     """The text of the file: a line for each start that produced something, each job and each timing.
@@ -22,10 +20,8 @@ def published(run: Run) -> str:
     """
     if not any(job["status"] == "ok" for job in run.jobs):
         raise InputError(f"{run.folder}: the run has no results")
-    jobs, timings = (
-        [published_job(job, run.folder) for job in run.jobs],
-        [kept(timing, RESULTS) for timing in run.timings],
-    )
+    jobs = [published_job(job, run.folder) for job in run.jobs]
+    timings = [kept(timing, RESULTS) for timing in run.timings]
     used = {line["run"] for line in (*jobs, *timings)}
     # Keep each start once: a file to which the same run is added again already has its earlier starts.
     starts = {start["run"]: kept(start, RESULTS) for start in run.starts if start["run"] in used}
@@ -37,9 +33,9 @@ def published_job(job: Record, folder: Path) -> Record:
     """The record of a job of a run's folder as it is published: without host, paths, tracebacks and home folders."""
     line = kept(job, RESULTS)
     if "error" in line:
-        # The name of a home folder is often a person's name.
+        # The name of a home folder is often a person's name; 500 characters of an error are enough.
         home, error = Path.home(), str(line["error"])
-        line["error"] = (error.replace(str(home), "~") if len(home.parts) > 1 else error)[:_LONGEST_ERROR]
+        line["error"] = (error.replace(str(home), "~") if len(home.parts) > 1 else error)[:500]
     if job["status"] != "ok":
         return line
     if "file" in job:

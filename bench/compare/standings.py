@@ -30,14 +30,13 @@ def standings(cells: Jobs) -> list[Standing]:
     labels = dict.fromkeys(label for by_label in quality.values() for label in by_label)
     racing = [label for label in labels if all(label in by_label for by_label in quality.values())]
     ranks = [_ranks({label: by_label[label] for label in racing}) for by_label in quality.values()]
-    every = [_standing(label, quality, [rank[label] for rank in ranks if label in rank]) for label in labels]
+    every = []
+    for label in labels:
+        values = [by_label[label] for by_label in quality.values() if label in by_label]
+        places = [rank[label] for rank in ranks if label in rank]
+        raced = (fmean(places), sum(place < 2 for place in places)) if places else ()
+        every.append(Standing(label, len(values), fmean(values), *raced))
     return sorted(every, key=lambda each: (each.rank is None, each.rank, -each.psnr))
-
-
-def _standing(label: str, quality: dict[str, dict[str, float]], ranks: list[float]) -> Standing:
-    values = [by_label[label] for by_label in quality.values() if label in by_label]
-    raced = (fmean(ranks), sum(rank < 2 for rank in ranks)) if ranks else ()
-    return Standing(label, len(values), fmean(values), *raced)
 
 
 def _qualities(codecs: Mapping[str, Sequence[Record]]) -> dict[str, float]:

@@ -44,6 +44,9 @@ class Verdict(StrEnum):
     SHOWN = ""  # for a number that does not decide
 
 
+DECIDED = (Verdict.SAME, Verdict.BETTER, Verdict.WORSE)
+
+
 @dataclass(frozen=True)
 class Change:
     """One quantity in base and new: means over seeds, and the margin within which they count as the same."""
@@ -83,10 +86,8 @@ class Chance:
         With two seeds it would be hundreds of standard errors, and hide any loss. So it is at most the value that the
         same error from `FEW_SEEDS` seeds would give, or the guess for one seed if that is larger.
         """
-        own, enough = (
-            quantile(freedom, tolerance.chance) * self.error
-            for freedom in (self.freedom, max(self.freedom, FEW_SEEDS - 1))
-        )
+        own = quantile(self.freedom, tolerance.chance) * self.error
+        enough = quantile(max(self.freedom, FEW_SEEDS - 1), tolerance.chance) * self.error
         return min(own, max(unit * tolerance.one_seed, enough))
 
 

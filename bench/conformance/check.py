@@ -31,9 +31,6 @@ from bench.threads import torch_threads
 ROUNDING = 1e-5
 
 
-GPU_STEPS = 4  # of a fit on the emulated GPU, which takes long for a kernel
-
-
 class NotApplicable(Exception):  # noqa: N818 (it is not an error)
     """The reason why a check does not apply to a codec, or cannot be tried here."""
 
@@ -47,8 +44,7 @@ class CheckError(AssertionError):
 
 
 def raised(error: BaseException, codec: Codec) -> str:
-    """Describe, in one line, an error that a codec raised, with the last line of its author's own files in the
-    trace."""
+    """Describe an error that a codec raised in one line, with the last line of its author's own files in the trace."""
     if isinstance(error, ContainerError) and error.__cause__:  # the file was written just now, so it is not damaged
         error = error.__cause__
     if isinstance(error, CodecError):
@@ -228,8 +224,10 @@ def counted(tested: CodecUnderTest) -> None:
     floats, channels = counting.texture_floats(texture), counting.texture_channels(texture, tested.material.size)
     held = counting.held_floats(tested.material)
     if declared.texture_floats not in floats and declared.texture_floats != held:
-        stores = f"stores {counting.count_text(floats)} and holds {held:,}"
-        raise CheckError(f"declares {declared.texture_floats:,} numbers in textures, {stores}")
+        stores = " to ".join(f"{count:,}" for count in dict.fromkeys((floats[0], floats[-1])))
+        raise CheckError(
+            f"declares {declared.texture_floats:,} numbers in textures, stores {stores} and holds {held:,}"
+        )
     if channels is not None and declared.texture_channels != channels:
         raise CheckError(f"declares {declared.texture_channels:,} texture channels, stores {channels:,}")
 
@@ -276,7 +274,8 @@ def on_a_gpu(tested: CodecUnderTest) -> None:
     if tested.material.opaque:
         raise NotApplicable("another program answers")
     settings, queries = settings_dict(tested.codec), [q[:64] for q in tested.queries]
-    codec = type(tested.codec)(**settings | ({"steps": GPU_STEPS} if "steps" in settings else {}))
+    # An emulated GPU takes long for a kernel, so a fit has four steps.
+    codec = type(tested.codec)(**settings | ({"steps": 4} if "steps" in settings else {}))
     try:
         with emulated.emulated() as device, torch_threads(1), torch.enable_grad():
             fit = Fit(seed=1, network=tested.network, device=device)

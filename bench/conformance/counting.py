@@ -6,26 +6,22 @@ from torch import Tensor, nn
 
 from bench.material import Material
 
-PACKED_BITS = (1, 32)  # the least and the most bits of an index that is packed into bytes
-
 
 def texture_floats(texture: dict[str, Tensor]) -> range:
     """The number of numbers in the textures of a file: one count, or a range if indices are packed into bytes.
 
-    Vectors of floats are not counted: they are scales, offsets and the like.
+    Vectors of floats are not counted: they are scales, offsets and the like. A packed index has 1 to 32 bits.
     """
     counted = sum(values.numel() for values in texture.values() if values.ndim > 1)
     packed = 8 * sum(values.nbytes for values in texture.values() if values.ndim < 2 and not values.is_floating_point())
-    least, most = PACKED_BITS
-    return range(counted + math.ceil(packed / most), counted + packed // least + 1)
+    return range(counted + math.ceil(packed / 32), counted + packed + 1)
 
 
 def held_floats(material: Material) -> int:
     """Count the numbers of a decoder outside its network: textures, and the levels and copies made of them."""
-    values = [value for value in vars(material).values() if isinstance(value, Tensor)]
-    plain = (
-        value for value in vars(material).values() if isinstance(value, nn.Module) and value not in material.modules()
-    )
+    held, network = list(vars(material).values()), material.modules()
+    values = [value for value in held if isinstance(value, Tensor)]
+    plain = (value for value in held if isinstance(value, nn.Module) and value not in network)
     values += [buffer for module in plain for buffer in module.buffers()]
     return sum(value.numel() for value in values if value.is_floating_point())
 
@@ -46,8 +42,3 @@ def _channels(shape: tuple[int, ...], size: tuple[int, int]) -> int | None:
         return shape[1]
     coarser = len(shape) > 2 and math.prod(shape[:2]) < math.prod(size)
     return 0 if coarser else None
-
-
-def count_text(count: range) -> str:
-    """A count in words."""
-    return f"{count.start:,}" if len(count) == 1 else f"{count.start:,} to {count.stop - 1:,}"

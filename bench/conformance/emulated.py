@@ -21,7 +21,6 @@ from torch import Tensor
 from torch.utils import _pytree as tree
 
 NAME = "gpu"
-NEEDS = "a GPU is emulated by PyTorch 2.9 or newer"
 
 # Where CUDA takes tensors of the CPU: indices, and numbers (0-dim) in `pointwise` operations and in these.
 _INDEXING = {"aten::index", "aten::index_put", "aten::index_put_", "aten::_index_put_impl_"}
@@ -73,24 +72,20 @@ def counted() -> Iterator[Traffic]:
 def emulated() -> Iterator[torch.device]:
     """The device, in a block in which it works. `NoEmulationError` if it cannot be."""
     register()
+    try:
+        with torch.enable_grad():
+            torch.ones((), device=NAME, requires_grad=True).square().backward()
+    except RuntimeError as error:  # autograd's engine counted the devices before this one
+        raise NoEmulationError("a GPU is emulated only in a process that took no gradient before") from error
     before = torch.__future__.get_swap_module_params_on_conversion()
     # `Module.to` keeps its parameters, as on CUDA; and `copy.deepcopy` copies storages, which have no allocator here.
     torch.__future__.set_swap_module_params_on_conversion(True)
     torch.UntypedStorage.clone = _cloned  # type: ignore[method-assign, assignment]
     try:
-        with torch.enable_grad():
-            _gradient()
         yield torch.device(NAME, 0)
     finally:
         torch.UntypedStorage.clone = _clone  # type: ignore[method-assign]
         torch.__future__.set_swap_module_params_on_conversion(before)
-
-
-def _gradient() -> None:
-    try:
-        torch.ones((), device=NAME, requires_grad=True).square().backward()
-    except RuntimeError as error:  # autograd's engine counted the devices before this one
-        raise NoEmulationError("a GPU is emulated only in a process that took no gradient before") from error
 
 
 def register() -> None:
@@ -100,7 +95,7 @@ def register() -> None:
     try:
         from torch.utils.backend_registration import _setup_privateuseone_for_python_backend
     except ImportError as error:
-        raise NoEmulationError(f"{NEEDS}, and this is {torch.__version__}") from error
+        raise NoEmulationError(f"a GPU is emulated by PyTorch 2.9 or newer, and this is {torch.__version__}") from error
     try:
         _setup_privateuseone_for_python_backend(NAME)
     except RuntimeError as error:

@@ -42,48 +42,19 @@ def _along(w: Tensor, phi_deg: float) -> Tensor:
     return w[:, :1] * math.cos(phi) + w[:, 1:2] * math.sin(phi)
 
 
-def directions() -> np.ndarray:
-    """The zenith and two rings, (13, 3); every arrangement of directions maps this set to itself."""
-    rings = [(0.0, 0.0), *((30.0, 90.0 * i) for i in range(4)), *((60.0, 45.0 * i) for i in range(8))]
-    return np.stack([from_degrees(theta, phi) for theta, phi in rings])
-
-
 def material() -> BTF:
-    """The material as a BTF, all views times all lights."""
-    wo, wi = product(directions(), directions())
+    """The material as a BTF, all views times all lights: the zenith and two rings, which each turn maps to itself."""
+    rings = [(0.0, 0.0), *((30.0, 90.0 * i) for i in range(4)), *((60.0, 45.0 * i) for i in range(8))]
+    directions = np.stack([from_degrees(theta, phi) for theta, phi in rings])
+    wo, wi = product(directions, directions)
     uv = texel_centres(*SHAPE)
     pictures = [truth(uv, *(torch.from_numpy(w).expand(len(uv), 3) for w in pair)) for pair in zip(wo, wi, strict=True)]
     values = torch.stack(pictures).reshape(-1, *SHAPE, 3).numpy()
     return BTF("frame", wo, wi, ArraySource(values), periodic=True)
 
 
-@dataclass(frozen=True)
-class Arrangement:
-    """A possible mistake: its description, and the radiance that a codec with it would answer."""
-
-    description: str
-    radiance: Radiance
-
-
 def _place(change: Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]) -> Radiance:
     return lambda uv, wo, wi: truth(torch.stack(change(uv[:, 0], uv[:, 1]), 1), wo, wi)
-
-
-def _moved(across: float, up: float) -> Radiance:
-    return _place(lambda u, v: (u + across, v + up))
-
-
-def _turned(w: Tensor, x: tuple[int, int], y: tuple[int, int]) -> Tensor:
-    """Directions whose new x and y are these whole multiples of the old x and y."""
-    turn = torch.tensor([[*x, 0], [*y, 0], [0, 0, 1]], dtype=w.dtype)
-    return w @ turn.T
-
-
-def _directions(x: tuple[int, int], y: tuple[int, int], sides: str) -> Radiance:
-    """The radiance with ω_o, ω_i, or both, turned."""
-    return lambda uv, wo, wi: truth(
-        uv, _turned(wo, x, y) if "ω_o" in sides else wo, _turned(wi, x, y) if "ω_i" in sides else wi
-    )
 
 
 def _reshaped(uv: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
@@ -93,8 +64,14 @@ def _reshaped(uv: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
     return sum((weight[:, k : k + 1] * truth(centres[:, k], wo, wi) for k in range(4)), torch.zeros(len(uv), 3))
 
 
-def _channels(order: tuple[int, int, int]) -> Radiance:
-    return lambda uv, wo, wi: truth(uv, wo, wi)[:, list(order)]
+def _channels(order: str) -> Radiance:
+    return lambda uv, wo, wi: truth(uv, wo, wi)[:, ["RGB".index(channel) for channel in order]]
+
+
+def _directions(x: tuple[int, int], y: tuple[int, int], sides: str) -> Radiance:
+    """The radiance with ω_o, ω_i, or both, turned: their x and y are these whole multiples of the old x and y."""
+    turn = torch.tensor([[*x, 0], [*y, 0], [0, 0, 1]], dtype=torch.float32).T
+    return lambda uv, wo, wi: truth(uv, wo @ turn if "ω_o" in sides else wo, wi @ turn if "ω_i" in sides else wi)
 
 
 def _as(curve: Callable[[np.ndarray], np.ndarray]) -> Radiance:
@@ -102,7 +79,7 @@ def _as(curve: Callable[[np.ndarray], np.ndarray]) -> Radiance:
     return lambda uv, wo, wi: torch.from_numpy(curve(truth(uv, wo, wi).numpy()))
 
 
-HALF = 0.5 / SHAPE[1], 0.5 / SHAPE[0]
+HALF_U, HALF_V = 0.5 / SHAPE[1], 0.5 / SHAPE[0]  # half a texel
 TURNS = (
     ("φ + 180° for φ (ω pointing the other way)", (-1, 0), (0, -1)),
     ("φ mirrored (−φ for φ)", (1, 0), (0, -1)),
@@ -111,48 +88,34 @@ TURNS = (
     ("φ − 90° for φ", (0, 1), (-1, 0)),
     ("φ counted from +y clockwise", (0, 1), (1, 0)),
 )
-PLACES = (
-    Arrangement("with the picture upside down (v grows upwards, row 0 is the top)", _place(lambda u, v: (u, 1 - v))),
-    Arrangement("with the picture mirrored left to right", _place(lambda u, v: (1 - u, v))),
-    Arrangement("with the picture turned by 180°", _place(lambda u, v: (1 - u, 1 - v))),
-    Arrangement("with u and v exchanged", _place(lambda u, v: (v, u))),
+ARRANGEMENTS: dict[str, Radiance] = {  # each possible mistake, with the radiance that a codec with it would answer
+    "with the picture upside down (v grows upwards, row 0 is the top)": _place(lambda u, v: (u, 1 - v)),
+    "with the picture mirrored left to right": _place(lambda u, v: (1 - u, v)),
+    "with the picture turned by 180°": _place(lambda u, v: (1 - u, 1 - v)),
+    "with u and v exchanged": _place(lambda u, v: (v, u)),
     # Transposed rows and columns: u = col/W, v = 1 − row/H.
-    Arrangement("with the picture transposed, rows for columns", _place(lambda u, v: (1 - v, 1 - u))),
-    Arrangement("with rows and columns counted for each other (reshape(W, H) for reshape(H, W))", _reshaped),
-    Arrangement("with the picture turned by 90° to the left", _place(lambda u, v: (v, 1 - u))),
-    Arrangement("with the picture turned by 90° to the right", _place(lambda u, v: (1 - v, u))),
-    Arrangement("with the picture moved by half a texel to the left", _moved(HALF[0], 0)),
-    Arrangement("with the picture moved by half a texel to the right", _moved(-HALF[0], 0)),
-    Arrangement("with the picture moved by half a texel down", _moved(0, HALF[1])),
-    Arrangement("with the picture moved by half a texel up", _moved(0, -HALF[1])),
-)
-CHANNELS = tuple(
-    Arrangement(f"with the channels in the order {name}", _channels(order))
-    for name, order in (
-        ("BGR", (2, 1, 0)),
-        ("GRB", (1, 0, 2)),
-        ("RBG", (0, 2, 1)),
-        ("GBR", (1, 2, 0)),
-        ("BRG", (2, 0, 1)),
-    )
-)
-DIRECTIONS = (
-    Arrangement("with ω_o and ω_i exchanged", lambda uv, wo, wi: truth(uv, wi, wo)),
-    *(
-        Arrangement(f"with {words} in {sides}", _directions(x, y, sides))
+    "with the picture transposed, rows for columns": _place(lambda u, v: (1 - v, 1 - u)),
+    "with rows and columns counted for each other (reshape(W, H) for reshape(H, W))": _reshaped,
+    "with the picture turned by 90° to the left": _place(lambda u, v: (v, 1 - u)),
+    "with the picture turned by 90° to the right": _place(lambda u, v: (1 - v, u)),
+    "with the picture moved by half a texel to the left": _place(lambda u, v: (u + HALF_U, v)),
+    "with the picture moved by half a texel to the right": _place(lambda u, v: (u - HALF_U, v)),
+    "with the picture moved by half a texel down": _place(lambda u, v: (u, v + HALF_V)),
+    "with the picture moved by half a texel up": _place(lambda u, v: (u, v - HALF_V)),
+    **{f"with the channels in the order {order}": _channels(order) for order in ("BGR", "GRB", "RBG", "GBR", "BRG")},
+    "with ω_o and ω_i exchanged": lambda uv, wo, wi: truth(uv, wi, wo),
+    **{
+        f"with {words} in {sides}": _directions(x, y, sides)
         for sides in ("ω_o and ω_i", "ω_o alone", "ω_i alone")
         for words, x, y in TURNS
-    ),
-)
-UNITS = (
-    Arrangement("as sRGB for linear radiance", _as(encode_srgb)),
-    Arrangement("with sRGB undone twice", _as(decode_srgb)),
-    Arrangement("without the cosine of ω_i", lambda uv, wo, wi: truth(uv, wo, wi) / wi[:, 2:]),
-    Arrangement("with the cosine of ω_i twice", lambda uv, wo, wi: truth(uv, wo, wi) * wi[:, 2:]),
-)
-ARRANGEMENTS = (*PLACES, *CHANNELS, *DIRECTIONS, *UNITS)
+    },
+    "as sRGB for linear radiance": _as(encode_srgb),
+    "with sRGB undone twice": _as(decode_srgb),
+    "without the cosine of ω_i": lambda uv, wo, wi: truth(uv, wo, wi) / wi[:, 2:],
+    "with the cosine of ω_i twice": lambda uv, wo, wi: truth(uv, wo, wi) * wi[:, 2:],
+}
 # So near the truth that a blur lies toward it, too: its error must be far below that of the truth.
-LOGARITHM = Arrangement("as log1p(radiance) for radiance (expm1 undoes it)", _as(np.log1p))
+LOGARITHM = "as log1p(radiance) for radiance (expm1 undoes it)"
 FAR_BELOW = 0.25
 
 
@@ -188,17 +151,18 @@ class FrameAnswers:
 
     def shares(self) -> dict[str, float]:
         """`share` of each wrong arrangement, by its description."""
-        return {one.description: self.share(one.radiance(*self.queries)) for one in ARRANGEMENTS}
+        return {description: self.share(radiance(*self.queries)) for description, radiance in ARRANGEMENTS.items()}
 
     def mistake(self) -> str:
         """Describe the mistake in words; empty if there is none."""
-        wrong = [one for one in ARRANGEMENTS if self.share(one.radiance(*self.queries)) > WRONG]
-        likely = [(self.error(one.radiance(*self.queries)), one.description) for one in wrong]
-        if (error := self.error(LOGARITHM.radiance(*self.queries))) < FAR_BELOW * self.error(truth(*self.queries)):
-            likely.append((error, LOGARITHM.description))
+        wrong = [description for description, share in self.shares().items() if share > WRONG]
+        likely = [(self.error(ARRANGEMENTS[each](*self.queries)), each) for each in wrong]
+        right = truth(*self.queries)
+        if (error := self.error(_as(np.log1p)(*self.queries))) < FAR_BELOW * self.error(right):
+            likely.append((error, LOGARITHM))
         scale = self.scale
         if not 1 / SAME_SCALE <= scale <= SAME_SCALE:
-            likely.append((self.error(truth(*self.queries).double() * scale), f"as {scale:.3g} times the truth"))
+            likely.append((self.error(right.double() * scale), f"as {scale:.3g} times the truth"))
         return f"your answers fit better {min(likely)[1]}" if likely else ""
 
     def undecided(self) -> list[str]:

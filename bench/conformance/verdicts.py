@@ -106,9 +106,6 @@ def met_by_others(extreme: str) -> str:
     return f"; {count} built-in codecs to which it applies pass" if passed else ""
 
 
-SMALLEST = {"steps": 1, "batch": 64, "bits": 8}  # a fit that is only counted
-
-
 def count(name: str) -> Record:
     """Count a codec's decoder in a file of the small material: `label`, `settings`, `parameters`, `cost` of a record.
 
@@ -117,7 +114,8 @@ def count(name: str) -> Record:
     """
     codec_class = load_codec(name)
     names = {field.name for field in dataclasses.fields(codec_class.Settings)}
-    settings: dict[str, Any] = {key: value for key, value in SMALLEST.items() if key in names}
+    smallest = {"steps": 1, "batch": 64, "bits": 8}  # a fit that is only counted
+    settings: dict[str, Any] = {key: value for key, value in smallest.items() if key in names}
     if "paper" in codec_class.recipes:
         settings["recipe"] = "paper"
     codec = codec_class(**settings)

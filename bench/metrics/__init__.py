@@ -52,38 +52,20 @@ class Metric:
         return instance
 
 
+def _flip(name: str, space: str, target: str, label: str, default: bool = False) -> Metric:
+    return Metric(name, "1", "lower", space, 1, target, label, default, periodic=True)
+
+
 _REGISTERED = (
     Metric("psnr_display", "dB", "higher", "display", 2, "bench.metrics.psnr:DisplayPSNR", "PSNR", default=True),
     Metric("psnr_log1p", "dB", "higher", "log1p", 2, "bench.metrics.psnr:LogPSNR", "log PSNR", default=True),
     Metric("rmse_linear", "radiance", "lower", "linear", 1, "bench.metrics.rmse:LinearRMSE", "RMSE", default=True),
     Metric("ssim", "1", "higher", "display luma", 1, "bench.metrics.ssim:SSIM", "SSIM", default=True, periodic=True),
-    Metric(
-        "flip_ldr_{ppd}ppd", "1", "lower", "display", 1, "bench.metrics.flip:LDR", "FLIP", default=True, periodic=True
-    ),
-    Metric("flip_hdr_{ppd}ppd", "1", "lower", "HDR, ACES", 1, "bench.metrics.flip_hdr:HDR", "HDR FLIP", periodic=True),
-    Metric(
-        "flip_hdr_hable_{ppd}ppd",
-        "1",
-        "lower",
-        "HDR, Hable",
-        1,
-        "bench.metrics.flip_hdr:Hable",
-        "HDR FLIP, Hable",
-        periodic=True,
-    ),
-    Metric(
-        "flip_hdr_reinhard_{ppd}ppd",
-        "1",
-        "lower",
-        "HDR, Reinhard",
-        1,
-        "bench.metrics.flip_hdr:Reinhard",
-        "HDR FLIP, Reinhard",
-        periodic=True,
-    ),
+    _flip("flip_ldr_{ppd}ppd", "display", "bench.metrics.flip:LDR", "FLIP", default=True),
+    _flip("flip_hdr_{ppd}ppd", "HDR, ACES", "bench.metrics.flip_hdr:HDR", "HDR FLIP"),
+    _flip("flip_hdr_hable_{ppd}ppd", "HDR, Hable", "bench.metrics.flip_hdr:Hable", "HDR FLIP, Hable"),
+    _flip("flip_hdr_reinhard_{ppd}ppd", "HDR, Reinhard", "bench.metrics.flip_hdr:Reinhard", "HDR FLIP, Reinhard"),
 )
-
-
 # The default metrics, as a suite names them: without the periodic ending.
 DEFAULTS = tuple(metric.name.replace("{ppd}", "67") for metric in _REGISTERED if metric.default)
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from bench.btf import Array
 from bench.hemisphere import to_degrees
 
-Array = np.ndarray
 Pool = Callable[[Array], float]
 
 GRAZING_DEG = 60.0
@@ -42,9 +42,8 @@ def polar_map(directions: Array, raw: Array, pool: Pool) -> dict[str, Any]:
     """
     ring, width = _ring(directions), 360 / SECTORS
     sector = np.floor((to_degrees(directions)[1] + width / 2) / width).astype(int) % SECTORS
-    cells = [
-        [(ring == i) & ((sector == j) | (i == 0)) for j in range(SECTORS)] for i in range(len(THETA_EDGES_DEG) - 1)
-    ]
+    rings = range(len(THETA_EDGES_DEG) - 1)
+    cells = [[(ring == i) & ((sector == j) | (i == 0)) for j in range(SECTORS)] for i in rings]
     return {
         "theta_edges_deg": list(THETA_EDGES_DEG),
         "phi_centres_deg": [width * j for j in range(SECTORS)],

@@ -4,10 +4,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from bench.btf import Array
 from bench.errors import InputError
 from bench.metrics.picture import Picture
-
-Array = np.ndarray
 
 
 class Prepared(NamedTuple):

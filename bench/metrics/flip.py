@@ -17,11 +17,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import correlate1d
 
+from bench.btf import Array
 from bench.errors import InputError
 from bench.metrics.base import SliceMetric
 from bench.metrics.picture import Picture
-
-Array = np.ndarray
 
 PPD = 0.7 * (3840 / 0.7) * math.pi / 180  # a 0.7 m wide 4K display at 0.7 m: 67.0206
 
@@ -81,9 +80,8 @@ def perceive(planes: Array, ppd: float, periodic: bool) -> Perceived:
     mode = "wrap" if periodic else "nearest"
     opponents = _mix(_OPPONENT, planes)
     edge, point = _features(opponents[0], ppd, mode)
-    filtered = [
-        _weighted_sum(plane, terms, mode) for plane, terms in zip(opponents, _sensitivity_filters(ppd), strict=True)
-    ]
+    filters = _sensitivity_filters(ppd)
+    filtered = [_weighted_sum(plane, terms, mode) for plane, terms in zip(opponents, filters, strict=True)]
     return Perceived(_hunt_lab(np.clip(_mix(_RGB_OF_OPPONENT, filtered), 0, 1)), edge, point)
 
 

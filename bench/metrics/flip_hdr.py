@@ -13,13 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bench.btf import Array
 from bench.errors import InputError
 from bench.metrics.base import SliceMetric
 from bench.metrics.display import LUMA
 from bench.metrics.flip import PPD, Perceived, check_ppd, difference, perceive
 from bench.metrics.picture import Picture
-
-Array = np.ndarray
 
 _BRIGHT = 0.85
 

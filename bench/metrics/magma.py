@@ -4,9 +4,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from bench.btf import Array
 from bench.errors import InputError
-
-Array = np.ndarray
 
 
 def magma(error_map: Array) -> Array:

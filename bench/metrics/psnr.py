@@ -12,12 +12,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from bench.btf import Array
 from bench.metrics.base import SliceMetric
 from bench.metrics.display import LOG_SCALE
 from bench.metrics.picture import Picture
 from bench.records import MOST_DB
-
-Array = np.ndarray
 
 
 def psnr(mse: Array | float, peak: float = 1.0) -> Array:

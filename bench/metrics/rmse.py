@@ -8,9 +8,8 @@ band of slices it gives the relative error, which is not lower merely because sl
 
 import numpy as np
 
+from bench.btf import Array
 from bench.metrics.psnr import SquaredDifference
-
-Array = np.ndarray
 
 
 class LinearRMSE(SquaredDifference):

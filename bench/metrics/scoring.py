@@ -181,9 +181,8 @@ def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) ->
     None stands for no slice to measure.
     """
     loaded = {name: (registry.get(name).unit, registry.get(name).load()) for name in scores.raw}
-    return {
-        name: _group(scores, chosen, wo, wi, loaded) for name, chosen in _masks(scores.pairs, wo, wi, groups).items()
-    }
+    masks = _masks(scores.pairs, wo, wi, groups)
+    return {name: _group(scores, chosen, wo, wi, loaded) for name, chosen in masks.items()}
 
 
 def weighted(scores: Scores, share: Array) -> dict[str, Any]:
@@ -222,13 +221,10 @@ def polar_maps(scores: Scores, wo: Array, wi: Array) -> dict[str, dict[str, Any]
 
     `wo`, `wi` are the BTF's directions (N, 3). See `bench.metrics.angular.polar_map`.
     """
-    maps = {}
+    sides, maps = {"view": wo[scores.pairs], "light": wi[scores.pairs]}, {}
     for name, raw in scores.raw.items():
         pool = registry.get(name).load().pool
-        maps[name] = {
-            "view": polar_map(wo[scores.pairs], raw, pool),
-            "light": polar_map(wi[scores.pairs], raw, pool),
-        }
+        maps[name] = {side: polar_map(directions, raw, pool) for side, directions in sides.items()}
     return maps
 
 

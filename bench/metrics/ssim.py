@@ -11,10 +11,9 @@ the window around and takes the mean over all texels.
 import numpy as np
 from scipy.ndimage import correlate1d
 
+from bench.btf import Array
 from bench.metrics.base import SliceMetric
 from bench.metrics.picture import Picture
-
-Array = np.ndarray
 
 RADIUS = 5
 SIGMA = 1.5

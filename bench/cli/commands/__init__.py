@@ -6,14 +6,12 @@ that all commands start fast.
 """
 
 import argparse
-import importlib
 import pkgutil
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 from bench import atomic
@@ -56,11 +54,6 @@ def grouped(known: dict[str, str]) -> str:
     return "\n".join(lines)
 
 
-def load(module: str) -> ModuleType:
-    """The module of a command, imported."""
-    return importlib.import_module(module)
-
-
 def assignments(words: list[str], option: str = "--set", form: str = "KEY=VALUE") -> dict[str, str]:
     """The words of an option, `KEY=VALUE`, as a dictionary."""
     for word in words:
@@ -81,14 +74,13 @@ def several(parser: argparse.ArgumentParser, option: str, words: str, form: str 
 
 def suite_options(parser: argparse.ArgumentParser, default: str) -> None:
     """The options that choose a suite, parts of it, changes of its settings, and the folder of its run."""
-    parser.add_argument(
-        "suite", nargs="?", default=default, help=f"a built-in suite or a TOML file (default: {default})"
-    )
-    parser.add_argument("--out", type=Path, help="the run's folder (default: runs/SUITE)")
+    add = parser.add_argument
+    add("suite", nargs="?", default=default, help=f"a built-in suite or a TOML file (default: {default})")
+    add("--out", type=Path, help="the run's folder (default: runs/SUITE)")
     several(parser, "--material", "only this material, by name or path; repeatable")
     several(parser, "--codec", "only this codec; repeatable")
     several(parser, "--set", "a codec setting, or data.KEY", "KEY=VALUE")
-    parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
+    add("--device", default="cpu", help="cpu or cuda (default: cpu)")
 
 
 def threads(word: str) -> int:

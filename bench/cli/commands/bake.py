@@ -13,22 +13,17 @@ from bench.errors import FINE
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--size", type=int, default=64, help="texels of the longer side (default: 64)")
-    parser.add_argument("--directions", default="ubo2003", help="the published set of directions (default: ubo2003)")
-    parser.add_argument("--views", type=int, default=25, help="how many views of the set to use (default: 25)")
-    parser.add_argument("--lights", type=int, default=25, help="how many lights of the set to use (default: 25)")
-    parser.add_argument("--heldout", type=int, default=150, help="how many random pairs to hold out (default: 150)")
-    parser.add_argument("--depth", type=float, help="height of white over black in the displacement, in picture widths")
-    parser.add_argument(
-        "--seed", type=int, default=0, help="seed of the held-out pairs and of Mitsuba's paths (default: 0)"
-    )
-    parser.add_argument(
-        "--renderer",
-        default="builtin",
-        choices=["builtin", "mitsuba"],
-        help="builtin: direct light (default); mitsuba: paths with inter-reflections, resumes after a kill",
-    )
+    add = parser.add_argument
+    add("folder", type=Path)
+    add("--size", type=int, default=64, help="texels of the longer side (default: 64)")
+    add("--directions", default="ubo2003", help="the published set of directions (default: ubo2003)")
+    add("--views", type=int, default=25, help="how many views of the set to use (default: 25)")
+    add("--lights", type=int, default=25, help="how many lights of the set to use (default: 25)")
+    add("--heldout", type=int, default=150, help="how many random pairs to hold out (default: 150)")
+    add("--depth", type=float, help="height of white over black in the displacement, in picture widths")
+    add("--seed", type=int, default=0, help="seed of the held-out pairs and of Mitsuba's paths (default: 0)")
+    each = "builtin: direct light (default); mitsuba: paths with inter-reflections, resumes after a kill"
+    add("--renderer", default="builtin", choices=["builtin", "mitsuba"], help=each)
     out(parser, "the .npz file, or the folder of EXR pictures, to write")
 
 

@@ -29,7 +29,7 @@ def run(options: argparse.Namespace) -> int:
             remarks = (text for text in (result.failure, result.reason, result.note) if text)
             console.say(f"{word}  {result.name}" + "".join(f": {text}" for text in remarks))
         rest = planned() - tried
-        verdict = f"{failed} of {tried} checks failed" + f", and the {rest} after them were not tried" * bool(rest)
-        verdict = verdict if failed else "every check passed"
+        untried = f", and the {rest} after them were not tried" if rest else ""
+        verdict = f"{failed} of {tried} checks failed{untried}" if failed else "every check passed"
         console.say(f"{options.codec}: {verdict}")
     return NO if failed else FINE

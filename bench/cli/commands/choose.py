@@ -16,42 +16,28 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.cli.commands import usable_device, workers
+from bench.cli.commands import several, usable_device, workers
 from bench.errors import FAILED, FINE, NO, InputError
 
 if TYPE_CHECKING:
     from bench.choosing import Rung
-    from bench.data.spec import Preparation
     from bench.runs.suite import Suite
-
-_SUFFIXES = {"": 1, "k": 1_000, "M": 1_000_000}
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("material", help="a built-in material or the path of a BTF")
-    parser.add_argument("--min-psnr", type=float, metavar="DB", help="the least PSNR of validation pairs")
-    parser.add_argument("--max-bytes", metavar="BYTES", help="the largest size of the file: 300k, 1.5M, 20000")
-    parser.add_argument(
-        "--max-ns",
-        type=float,
-        metavar="NS",
-        help="the longest time of a sample, as a whole query: CPU time on the suite's threads, one in a built-in suite "
-        "(GPU time with --device cuda)",
-    )
-    parser.add_argument("--codec", action="append", default=[], help="fit and choose only this codec; repeatable")
-    parser.add_argument("--steps", type=int, metavar="N", help="fit missing settings in N steps (default: the suite's)")
-    parser.add_argument(
-        "--jobs",
-        type=int,
-        default=1,
-        metavar="N",
-        help="how many fits at once, each in its own process (and on its own GPU); 0: one a core (default: 1)",
-    )
-    parser.add_argument(
-        "--suite", default="trade", help="the suite whose settings are fitted if missing (default: trade)"
-    )
-    parser.add_argument("--out", type=Path, help="the folder of a `trade`, extended if need be (default: runs/SUITE)")
-    parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
+    add = parser.add_argument
+    add("material", help="a built-in material or the path of a BTF")
+    add("--min-psnr", type=float, metavar="DB", help="the least PSNR of validation pairs")
+    add("--max-bytes", metavar="BYTES", help="the largest size of the file: 300k, 1.5M, 20000")
+    time = "the longest time of a sample, as a whole query: CPU time on the suite's threads, one in a built-in suite "
+    add("--max-ns", type=float, metavar="NS", help=f"{time}(GPU time with --device cuda)")
+    several(parser, "--codec", "fit and choose only this codec; repeatable")
+    add("--steps", type=int, metavar="N", help="fit missing settings in N steps (default: the suite's)")
+    jobs = "how many fits at once, each in its own process (and on its own GPU); 0: one a core (default: 1)"
+    add("--jobs", type=int, default=1, metavar="N", help=jobs)
+    add("--suite", default="trade", help="the suite whose settings are fitted if missing (default: trade)")
+    add("--out", type=Path, help="the folder of a `trade`, extended if need be (default: runs/SUITE)")
+    add("--device", default="cpu", help="cpu or cuda (default: cpu)")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -85,18 +71,21 @@ def run(options: argparse.Namespace) -> int:
     print(f"{material}: {described(best.of)}")
     print(held(folder, best.of))
     words = ["encode", options.material, "--codec", best.of["codec"]]
-    for key, value in (best.of["settings"] | _changed(suite.data)).items():
+    for key, value in best.of["settings"].items():
         words += ["--set", f"{key}={value}"]
+    for key, value in asdict(suite.data).items():  # as they differ from the defaults
+        if key != "validation" and value != getattr(type(suite.data)(), key):
+            words += ["--set", f"data.{key}={str(value).lower() if value is True else value}"]
     print(f"neubtf-bench {shlex.join([*words, '-o', f'{material}.nbtf'])}")
     return FINE
 
 
 def parse_bytes(text: str) -> int:
     """A size in bytes from its text: `300k`, `1.5M`, `20000`."""
-    match = re.fullmatch(r"(\d+(?:\.\d+)?)([kM]?)(?:B)?", text)
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)([kM]?)B?", text)
     if not match or float(match[1]) <= 0:
         raise InputError(f"--max-bytes {text}: write a number, or a number with k or M, such as 300k")
-    return round(float(match[1]) * _SUFFIXES[match[2]])
+    return round(float(match[1]) * {"": 1, "k": 1_000, "M": 1_000_000}[match[2]])
 
 
 def _suite(options: argparse.Namespace) -> "Suite":
@@ -110,13 +99,6 @@ def _suite(options: argparse.Namespace) -> "Suite":
         return with_changes(suite, [], [], {"steps": str(options.steps)}, None)
     except InputError as error:
         raise InputError(f"--steps {options.steps}: {error}") from error
-
-
-def _changed(data: "Preparation") -> dict[str, object]:
-    """The settings of a suite's data that differ from the defaults, as `--set` takes them, without `validation`."""
-    changed = {key: value for key, value in asdict(data).items() if value != getattr(type(data)(), key)}
-    changed.pop("validation", None)
-    return {f"data.{key}": str(value).lower() if value is True else value for key, value in changed.items()}
 
 
 def _measured(folder: Path, suite: "Suite", device: str) -> tuple[list["Rung"], list[str]]:

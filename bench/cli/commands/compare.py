@@ -16,26 +16,26 @@ from pathlib import Path
 
 from bench.cli.commands import several, write_text
 
-_OF_JOBS = ("material", "markdown", "junit", "tracker", "annotations")  # options without a meaning for stress tests
-
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("base", metavar="BASE", help="the folder of a run, or a file of records such as a reference")
-    parser.add_argument("new", metavar="NEW", help="the folder or file of records to judge")
+    add = parser.add_argument
+    add("base", metavar="BASE", help="the folder of a run, or a file of records such as a reference")
+    add("new", metavar="NEW", help="the folder or file of records to judge")
     several(parser, "--material", "only this material; repeatable")
     several(parser, "--codec", "only this codec; repeatable")
     gone = "accept that this codec, label, material, MATERIAL/LABEL or pattern is gone or incomparable; repeatable"
     several(parser, "--allow", gone, "NAME")
-    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the verdict as GitHub Markdown")
-    parser.add_argument("--junit", type=Path, metavar="FILE", help="write the verdict as JUnit XML")
-    parser.add_argument(
-        "--tracker", type=Path, metavar="FOLDER", help="write the numbers of NEW for github-action-benchmark"
-    )
-    parser.add_argument("--annotations", action="store_true", help="also print annotations for GitHub")
+    add("--markdown", type=Path, metavar="FILE", help="write the verdict as GitHub Markdown")
+    add("--junit", type=Path, metavar="FILE", help="write the verdict as JUnit XML")
+    add("--tracker", type=Path, metavar="FOLDER", help="write the numbers of NEW for github-action-benchmark")
+    add("--annotations", action="store_true", help="also print annotations for GitHub")
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.compare import compare
+    from bench.compare import compare, extremes
+    from bench.compare.annotations import annotations
+    from bench.compare.junit import junit
+    from bench.compare.tracker import tracker
     from bench.errors import InputError
     from bench.records import load_run
     from reports.comparison import markdown, terminal
@@ -45,28 +45,21 @@ def run(options: argparse.Namespace) -> int:
         if each.jobs and each.stress:
             raise InputError(f"{name}: it holds jobs and a stress test: compare each from a file of its own")
     if base.stress:
-        from bench.compare.extremes import report
-
-        if ignored := [f"--{name}" for name in _OF_JOBS if getattr(options, name)]:
+        of_jobs = ("material", "markdown", "junit", "tracker", "annotations")
+        if ignored := [f"--{name}" for name in of_jobs if getattr(options, name)]:
             raise InputError(f"{', '.join(ignored)}: not for stress tests, which are compared as text: leave it out")
-        text, code = report(base, new, options.codec, options.allow)
+        text, code = extremes.report(base, new, options.codec, options.allow)
         print(text)
         return code
     comparison = compare(base, new, options.material, options.codec, options.allow)
     print(terminal(comparison))
     if options.annotations:
-        from bench.compare.annotations import annotations
-
         print(annotations(comparison))
     if options.markdown:
         write_text(options.markdown, markdown(comparison))
     if options.junit:
-        from bench.compare.junit import junit
-
         write_text(options.junit, junit(comparison))
     if options.tracker:
-        from bench.compare.tracker import tracker
-
         for name, text in tracker(new).items():
             write_text(options.tracker / name, text)
     return comparison.exit_code

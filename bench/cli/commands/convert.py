@@ -12,13 +12,12 @@ from bench.errors import FINE
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("btf", help="a built-in material or the path of a BTF")
-    parser.add_argument(
-        "--thin", type=int, default=0, metavar="COUNT", help="keep about COUNT pairs, spread evenly in angle"
-    )
-    parser.add_argument("--crop", type=_window, metavar="ROW,COL,HEIGHT,WIDTH", help="keep this window of texels")
-    parser.add_argument("--downsample", type=int, default=1, metavar="FACTOR", help="average FACTOR² texels into one")
-    parser.add_argument("--repair", action="store_true", help="mask measured values that are NaN or infinite")
+    add = parser.add_argument
+    add("btf", help="a built-in material or the path of a BTF")
+    add("--thin", type=int, default=0, metavar="COUNT", help="keep about COUNT pairs, spread evenly in angle")
+    add("--crop", type=_window, metavar="ROW,COL,HEIGHT,WIDTH", help="keep this window of texels")
+    add("--downsample", type=int, default=1, metavar="FACTOR", help="average FACTOR² texels into one")
+    add("--repair", action="store_true", help="mask measured values that are NaN or infinite")
     out(parser, "the .npz file, or the folder of EXR pictures, to write")
 
 

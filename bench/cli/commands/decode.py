@@ -8,41 +8,40 @@ examples:
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from bench.cli.commands import usable_device
 from bench.errors import FINE, InputError
 
-if TYPE_CHECKING:
-    from bench.material import Material
-
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", type=Path)
-    parser.add_argument("--like", help="decode at the pairs of this BTF (a built-in material or a path)")
-    parser.add_argument(
-        "--directions", default="ubo2003", help="without --like: the set of directions (default: ubo2003)"
-    )
-    parser.add_argument(
-        "--count", type=int, default=9, help="without --like: how many views, and lights, of it (default: 9)"
-    )
-    parser.add_argument("--maps", action="store_true", help="write its PBR maps as PNG instead (only files of svbrdf)")
-    parser.add_argument("--device", default="cpu")
-    parser.add_argument("-o", "--out", type=Path, required=True, help="the folder to write")
+    add = parser.add_argument
+    add("file", type=Path)
+    add("--like", help="decode at the pairs of this BTF (a built-in material or a path)")
+    add("--directions", default="ubo2003", help="without --like: the set of directions (default: ubo2003)")
+    add("--count", type=int, default=9, help="without --like: how many views, and lights, of it (default: 9)")
+    add("--maps", action="store_true", help="write its PBR maps as PNG instead (only files of svbrdf)")
+    add("--device", default="cpu")
+    add("-o", "--out", type=Path, required=True, help="the folder to write")
 
 
 def run(options: argparse.Namespace) -> int:
     from bench.btf import BTF
     from bench.cli.console import Console
     from bench.codecs.loading import DecodedSource, load
-    from bench.data.convert import write_btf
+    from bench.data.convert import write_btf, write_maps
     from bench.data.open import open_named
     from bench.errors import did_you_mean
     from bench.hemisphere import DIRECTION_SETS, thinned_product
 
     header, material, _ = load(options.file, usable_device(options.device))
     if options.maps:
-        return _write_maps(material, header.codec, options)
+        maps, factor = material.maps()
+        if options.like or not maps:
+            why = "not with --like" if options.like else f"{options.file} is of codec {header.codec}, which has no maps"
+            raise InputError(f"--maps: {why}")
+        write_maps({f"{options.file.stem}_{name}": picture for name, picture in maps.items()}, options.out)
+        print(f"{', '.join(maps)} in {options.out}; the radiance of the file is {factor:.6g} times what they reflect")
+        return FINE
     with Console() as console:
         if options.like:
             like = open_named(options.like, {}, console.show)
@@ -58,16 +57,4 @@ def run(options: argparse.Namespace) -> int:
         source = DecodedSource(material, wo, wi, header.sha256)
         write_btf(BTF(options.file.stem, wo, wi, source), options.out)
     console.say(f"{len(wo)} slices of {material.size[0]} × {material.size[1]} in {options.out}")
-    return FINE
-
-
-def _write_maps(material: "Material", codec: str, options: argparse.Namespace) -> int:
-    from bench.data.convert import write_maps
-
-    maps, factor = material.maps()
-    if options.like or not maps:
-        reason = "not with --like" if options.like else f"{options.file} is of codec {codec}, which has no maps"
-        raise InputError(f"--maps: {reason}")
-    write_maps({f"{options.file.stem}_{name}": picture for name, picture in maps.items()}, options.out)
-    print(f"{', '.join(maps)} in {options.out}; the radiance of the file is {factor:.6g} times what they reflect")
     return FINE

@@ -19,12 +19,11 @@ if TYPE_CHECKING:
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scene", help="a scene of the suite, a TOML file, or an XML file of Mitsuba 3")
-    parser.add_argument("--bsdf", metavar="ID", help="the id of the BSDF that is the material, in a Mitsuba scene")
-    parser.add_argument(
-        "--queries", type=int, default=250_000, help="the most queries to keep, up to 1000000 (default: 250000)"
-    )
-    parser.add_argument("--seed", type=int, default=0, help="seed of the samples of an environment (default: 0)")
+    add = parser.add_argument
+    add("scene", help="a scene of the suite, a TOML file, or an XML file of Mitsuba 3")
+    add("--bsdf", metavar="ID", help="the id of the BSDF that is the material, in a Mitsuba scene")
+    add("--queries", type=int, default=250_000, help="the most queries to keep, up to 1000000 (default: 250000)")
+    add("--seed", type=int, default=0, help="seed of the samples of an environment (default: 0)")
     out(parser, "the .npz file to write; a .png is drawn beside it")
 
 
@@ -45,21 +44,18 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _scene(options: argparse.Namespace) -> "Caster":
-    if Path(options.scene).suffix == ".xml":
-        return _mitsuba_scene(Path(options.scene), options.bsdf)
-    if options.bsdf:
-        raise InputError(f"--bsdf: only for a Mitsuba scene, an .xml file: {options.scene} has one material")
-    from bench.demand.scene import named_scene
-    from bench.demand.text_scene import TextScene
+    path = Path(options.scene)
+    if path.suffix != ".xml":
+        if options.bsdf:
+            raise InputError(f"--bsdf: only for a Mitsuba scene, an .xml file: {path} has one material")
+        from bench.demand.scene import named_scene
+        from bench.demand.text_scene import TextScene
 
-    return TextScene(named_scene(options.scene))
-
-
-def _mitsuba_scene(path: Path, bsdf: str | None) -> "Caster":
+        return TextScene(named_scene(options.scene))
     if not path.is_file():
         raise InputError(f"{path}: there is no such file: check the path")
-    if not bsdf:
+    if not options.bsdf:
         raise InputError(f"{path}: say which BSDF is the material, with --bsdf ID")
     with installed(f"{path}: needs Mitsuba 3: pip install 'neubtf-bench[mitsuba]', or describe the scene in TOML"):
         from bench.demand.mitsuba.scene import MitsubaScene
-    return MitsubaScene(path, bsdf)
+    return MitsubaScene(path, options.bsdf)

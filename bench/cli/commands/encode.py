@@ -19,26 +19,22 @@ if TYPE_CHECKING:
     from bench.cli.console import Console
     from bench.codec import Codec, TrainedNetwork
     from bench.demand.demand import Demand
-    from bench.demand.fitting import SearchResult
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("btf", help="a built-in material or the path of a BTF")
-    parser.add_argument("--codec", required=True)
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a codec setting, or data.KEY")
-    parser.add_argument("--repair", action="store_true", help="mask measured values that are NaN or infinite")
-    parser.add_argument("--demand", type=Path, help="fit the smallest file for a scene, an .npz of `demand`")
-    parser.add_argument("--target-psnr", type=float, metavar="DB", help="with --demand: the PSNR that frames reach …")
-    parser.add_argument(
-        "--target-flip", type=float, metavar="FLIP", help="… or their FLIP (default: that of the full model)"
-    )
-    parser.add_argument(
-        "--uniform", type=float, help="with --demand: the share of samples spread evenly (default: 0.1)"
-    )
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--threads", type=threads, default=1)
-    parser.add_argument("--device", default="cpu")
-    parser.add_argument("-o", "--out", type=Path, required=True, help="the codec file to write")
+    add = parser.add_argument
+    add("btf", help="a built-in material or the path of a BTF")
+    add("--codec", required=True)
+    add("--set", action="append", default=[], metavar="KEY=VALUE", help="a codec setting, or data.KEY")
+    add("--repair", action="store_true", help="mask measured values that are NaN or infinite")
+    add("--demand", type=Path, help="fit the smallest file for a scene, an .npz of `demand`")
+    add("--target-psnr", type=float, metavar="DB", help="with --demand: the PSNR that frames reach …")
+    add("--target-flip", type=float, metavar="FLIP", help="… or their FLIP (default: that of the full model)")
+    add("--uniform", type=float, help="with --demand: the share of samples spread evenly (default: 0.1)")
+    add("--seed", type=int, default=0)
+    add("--threads", type=threads, default=1)
+    add("--device", default="cpu")
+    add("-o", "--out", type=Path, required=True, help="the codec file to write")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -49,7 +45,13 @@ def run(options: argparse.Namespace) -> int:
     from bench.demand import demand, require_demand
     from bench.runs.library import encode
 
-    _refuse_wrong_options(options)
+    if not options.out.parent.is_dir():
+        raise InputError(f"{options.out}: there is no such folder: make it first")
+    for word in ("target_psnr", "target_flip", "uniform"):
+        if getattr(options, word) is not None and not options.demand:
+            raise InputError(f"--{word.replace('_', '-')}: only for a fit to a scene: give its --demand")
+    if options.uniform is not None and not 0 <= options.uniform <= 1:
+        raise InputError(f"--uniform {options.uniform}: must be between 0 and 1")
     changes = assignments(options.set) | ({"data.repair": "true"} if options.repair else {})
     settings = {k: v for k, v in changes.items() if not k.startswith("data.")}
     codec = load_codec(options.codec)(**settings)
@@ -66,18 +68,6 @@ def run(options: argparse.Namespace) -> int:
             encode(btf, codec, options.out, seed=seed, threads=count, device=device, show=console.show)
     console.say(file_lines(container.read_header(options.out)))
     return code
-
-
-def _refuse_wrong_options(options: argparse.Namespace) -> None:
-    """Refuse wrong options before any work."""
-    if not options.out.parent.is_dir():
-        raise InputError(f"{options.out}: there is no such folder: make it first")
-    words = {"--target-psnr": options.target_psnr, "--target-flip": options.target_flip, "--uniform": options.uniform}
-    for word, value in words.items():
-        if value is not None and not options.demand:
-            raise InputError(f"{word}: only for a fit to a scene: give its --demand")
-    if options.uniform is not None and not 0 <= options.uniform <= 1:
-        raise InputError(f"--uniform {options.uniform}: must be between 0 and 1")
 
 
 def _encode_for_scene(
@@ -113,15 +103,12 @@ def _encode_for_scene(
         result = search.run(None if wanted == fitting.Goal() else wanted)
         console.say(scene_models_text(fitting.rows(result, scorer, options.threads)))
         atomic.write(options.out, result.chosen.header.path.read_bytes())
-    console.say(_result_text(result))
-    return FINE if result.met else NO
-
-
-def _result_text(result: "SearchResult") -> str:
-    words = f"{result.fits} fits to the scene took {result.seconds:.1f} s."
     if not result.met:
-        return f"The target is not reached; this is the {'scene' if result.scene else 'full'} model. {words}"
-    if result.scene is None:
-        return f"This is the full model: {result.why}. {words}"
-    share = result.scene.header.file_bytes / result.full.header.file_bytes
-    return f"The scene model takes {share:.0%} of the bytes: {result.why}. {words}"
+        verdict = f"The target is not reached; this is the {'scene' if result.scene else 'full'} model"
+    elif result.scene is None:
+        verdict = f"This is the full model: {result.why}"
+    else:
+        share = result.scene.header.file_bytes / result.full.header.file_bytes
+        verdict = f"The scene model takes {share:.0%} of the bytes: {result.why}"
+    console.say(f"{verdict}. {result.fits} fits to the scene took {result.seconds:.1f} s.")
+    return FINE if result.met else NO

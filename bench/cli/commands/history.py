@@ -33,7 +33,8 @@ def run(options: argparse.Namespace) -> int:
     import sys
     import warnings
 
-    from bench.errors import InputError
+    from bench.errors import InputError, writable
+    from bench.records import load_run
     from bench.runs.history import load_runs
 
     if options.out and options.out.suffix not in (".csv", ".parquet"):
@@ -50,20 +51,14 @@ def run(options: argparse.Namespace) -> int:
         _write(frame, options.out)
         print(f"wrote {options.out}: {len(frame):,} jobs, {len(frame.columns):,} columns")
     if options.plot:
-        _plot(options.runs, options.plot)
+        from reports import write_history
+
+        with writable(options.plot, "choose another --plot"):
+            written = write_history([load_run(run) for run in options.runs], options.plot)
+        print("\n".join(f"wrote {path}" for path in written))
     if not (options.out or options.plot):
         print(_table(frame))
     return FINE
-
-
-def _plot(runs: list[str], folder: Path) -> None:
-    from bench.errors import writable
-    from bench.records import load_run
-    from reports import write_history
-
-    with writable(folder, "choose another --plot"):
-        written = write_history([load_run(run) for run in runs], folder)
-    print("\n".join(f"wrote {path}" for path in written))
 
 
 def _write(frame: "pd.DataFrame", path: Path) -> None:
@@ -77,9 +72,8 @@ def _write(frame: "pd.DataFrame", path: Path) -> None:
             else:
                 frame.to_parquet(partial, engine="pyarrow", index=False)
     except ImportError:
-        raise InputError(
-            f"{path}: Parquet needs pyarrow: pip install 'neubtf-bench[parquet]', or name a .csv"
-        ) from None
+        remedy = "pip install 'neubtf-bench[parquet]', or name a .csv"
+        raise InputError(f"{path}: Parquet needs pyarrow: {remedy}") from None
 
 
 def _table(frame: "pd.DataFrame") -> str:
@@ -90,7 +84,9 @@ def _table(frame: "pd.DataFrame") -> str:
     frame = frame.sort_values(["material", "label", "started", "folder"], kind="stable")
     metrics = _heldout(frame)
     columns = {name: column for name, (column, _) in metrics.items()}
-    frame = frame[[*keys, "status", *(name for name in _SIZES if name in frame)]].assign(**columns)
+    frame = frame[[*keys, "status", *(name for name in ("parameters", "bytes/total") if name in frame)]].assign(
+        **columns
+    )
     numbers = {"parameters": ",.0f", "bytes/total": ",.0f"} | {name: form for name, (_, form) in metrics.items()}
     rows = []
     for values, jobs in frame.groupby(keys, sort=False, dropna=False):
@@ -104,17 +100,14 @@ def _table(frame: "pd.DataFrame") -> str:
     return tabulate(rows, headers, "simple", colalign=aligned, disable_numparse=True)
 
 
-_SIZES = ("parameters", "bytes/total")
-_POOLED = re.compile("scores/heldout/metrics/(.*)/pooled")
-
-
 def _heldout(frame: "pd.DataFrame") -> "dict[str, tuple[pd.Series[float], str]]":
     """The numbers of held-out pairs and their format, by the metric's label, for whichever variant was measured."""
     from bench.metrics import label_of
 
     by_label: dict[str, list[str]] = {}
     for column in map(str, frame.columns):
-        if (match := _POOLED.fullmatch(column)) and not match[1].startswith(RMSE):
+        match = re.fullmatch("scores/heldout/metrics/(.*)/pooled", column)
+        if match and not match[1].startswith(RMSE):
             by_label.setdefault(label_of(match[1]), []).append(column)
     return {
         label: (frame[columns].bfill(axis=1).iloc[:, 0], ".2f" if label.endswith("PSNR") else ".4f")

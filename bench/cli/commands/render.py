@@ -12,13 +12,9 @@ examples:
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from bench.cli.commands import assignments, several, usable_device
 from bench.errors import FINE, InputError, installed
-
-if TYPE_CHECKING:
-    from bench.demand.scene import Scene
 
 LIMITS: dict[str, tuple[float, float]] = {
     **{"tiling": (1e-3, 1e3), "exposure": (1e-12, 1e12), "width": (1, 16_384), "rays": (1, 16)},
@@ -27,26 +23,21 @@ LIMITS: dict[str, tuple[float, float]] = {
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("files", type=Path, nargs="*", metavar="FILE", help="codec files, from left to right")
-    parser.add_argument("--truth", metavar="BTF", help="show this BTF, a built-in material or a path, at the left")
+    add = parser.add_argument
+    add("files", type=Path, nargs="*", metavar="FILE", help="codec files, from left to right")
+    add("--truth", metavar="BTF", help="show this BTF, a built-in material or a path, at the left")
     several(parser, "--set", "how --truth is prepared", "data.KEY=VALUE")
-    parser.add_argument(
-        "--scene", default="sphere", help="a scene of the suite, a TOML file or Mitsuba's XML (default: sphere)"
-    )
-    parser.add_argument("--bsdf", metavar="ID", help="the id of the BSDF that the files replace, in a Mitsuba scene")
-    parser.add_argument("--samples", type=int, help="samples a pixel, in a Mitsuba scene (default: the scene's)")
-    parser.add_argument("--frame", type=int, default=0, help="which frame of a scene with several cameras (default: 0)")
-    parser.add_argument("--lights", choices=("sun", "environment"), help="use these lights instead of the scene's")
-    parser.add_argument(
-        "--tiling", type=float, default=1.0, help="repeat the texture this many times as often (default: 1)"
-    )
-    parser.add_argument("--width", type=int, help="width of each picture in pixels (default: the scene's)")
-    parser.add_argument("--rays", type=int, help="rays along each side of a pixel (default: 2)")
-    parser.add_argument(
-        "--exposure", type=float, help="factor on radiance (default: 0.8 divided by its 99th percentile)"
-    )
-    parser.add_argument("--device", help="the device that decodes (default: cpu)")
-    parser.add_argument("-o", "--out", type=Path, required=True, help="the picture to write, .png or .exr (linear)")
+    add("--scene", default="sphere", help="a scene of the suite, a TOML file or Mitsuba's XML (default: sphere)")
+    add("--bsdf", metavar="ID", help="the id of the BSDF that the files replace, in a Mitsuba scene")
+    add("--samples", type=int, help="samples a pixel, in a Mitsuba scene (default: the scene's)")
+    add("--frame", type=int, default=0, help="which frame of a scene with several cameras (default: 0)")
+    add("--lights", choices=("sun", "environment"), help="use these lights instead of the scene's")
+    add("--tiling", type=float, default=1.0, help="repeat the texture this many times as often (default: 1)")
+    add("--width", type=int, help="width of each picture in pixels (default: the scene's)")
+    add("--rays", type=int, help="rays along each side of a pixel (default: 2)")
+    add("--exposure", type=float, help="factor on radiance (default: 0.8 divided by its 99th percentile)")
+    add("--device", help="the device that decodes (default: cpu)")
+    add("-o", "--out", type=Path, required=True, help="the picture to write, .png or .exr (linear)")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -57,6 +48,7 @@ def run(options: argparse.Namespace) -> int:
     from bench.data.open import open_named
     from bench.demand import still
     from bench.demand.frame_scorer import table_of
+    from bench.demand.scene import named_scene
 
     still.check_ending(options.out)
     for name, (low, high) in LIMITS.items():
@@ -65,7 +57,12 @@ def run(options: argparse.Namespace) -> int:
             raise InputError(f"--{name} {value:g}: must be between {low:g} and {high:g}")
     if options.scene.endswith(".xml"):
         return _path_traced(options)
-    scene = _scene(options)
+    for name in ("bsdf", "samples"):
+        if getattr(options, name) is not None:
+            raise InputError(f"--{name}: only for a Mitsuba scene, an .xml file: {options.scene} has one material")
+    scene = still.changed(named_scene(options.scene), options.lights, options.tiling, options.width)
+    if not 0 <= options.frame < len(scene.cameras):
+        raise InputError(f"--frame {options.frame}: {scene.name} has frames 0 to {len(scene.cameras) - 1}")
     if not (options.files or options.truth):
         raise InputError("nothing to render: name a codec file, or a BTF with --truth")
     if options.set and not options.truth:
@@ -108,16 +105,3 @@ def _path_traced(options: argparse.Namespace) -> int:
     still.write(options.out, np.concatenate(pictures, 1), exposure)
     print(f"wrote {options.out}: {', '.join(file.name for file in options.files)}; exposure {exposure:.6g}")
     return FINE
-
-
-def _scene(options: argparse.Namespace) -> "Scene":
-    from bench.demand import still
-    from bench.demand.scene import named_scene
-
-    for name in ("bsdf", "samples"):
-        if getattr(options, name) is not None:
-            raise InputError(f"--{name}: only for a Mitsuba scene, an .xml file: {options.scene} has one material")
-    scene = still.changed(named_scene(options.scene), options.lights, options.tiling, options.width)
-    if not 0 <= options.frame < len(scene.cameras):
-        raise InputError(f"--frame {options.frame}: {scene.name} has frames 0 to {len(scene.cameras) - 1}")
-    return scene

@@ -43,20 +43,15 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add = actions.add_parser("add", help="add the records of a run to a file to commit")
     add.add_argument("run", type=Path, help="the folder of a run")
     add.add_argument("file", type=Path, metavar="FILE", help="a .jsonl file; its own records stay")
-    for action, about in (
-        ("write", "write the tables again"),
-        ("check", "fail if a table is out of date"),
-    ):
-        each = actions.add_parser(action, help=about)
-        each.add_argument(
-            "documents", type=Path, nargs="*" if action == "write" else "+", metavar="DOC", help="a Markdown file"
-        )
-        if action == "write":
-            each.add_argument("--site", type=Path, metavar="DIR", help="the folder to write the board to")
-            each.add_argument("--records", type=Path, default=Path("docs/results"), help="of the board (docs/results)")
-            each.add_argument(
-                "--runs", type=Path, action="append", default=[], metavar="RUN", help="with its files; repeatable"
-            )
+    write = actions.add_parser("write", help="write the tables again")
+    write.add_argument("documents", type=Path, nargs="*", metavar="DOC", help="a Markdown file")
+    write.add_argument("--site", type=Path, metavar="DIR", help="the folder to write the board to")
+    write.add_argument("--records", type=Path, default=Path("docs/results"), help="of the board (docs/results)")
+    write.add_argument(
+        "--runs", type=Path, action="append", default=[], metavar="RUN", help="with its files; repeatable"
+    )
+    check = actions.add_parser("check", help="fail if a table is out of date")
+    check.add_argument("documents", type=Path, nargs="+", metavar="DOC", help="a Markdown file")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -92,7 +87,7 @@ def _add(run: Path, file: Path) -> int:
 def _site(records: Path, runs: list[Path], site: Path) -> None:
     import tempfile
 
-    from bench.records import load_run
+    from bench.records import FILE, load_run
     from reports.board import Source, write_site
 
     files = sorted(records.glob("*.jsonl"))
@@ -104,18 +99,13 @@ def _site(records: Path, runs: list[Path], site: Path) -> None:
             from bench.runs.archive import unpack  # loads PyTorch
 
             found.append(Source(path.name, unpack(path, Path(scratch) / path.stem), claimed=True))
-        folders = [each for run in runs for each in _runs_in(run)]
+        folders: list[Path] = []
+        for run in runs:  # a run itself, or a folder of runs
+            inside = [] if (run / FILE).exists() else sorted(path.parent for path in run.glob(f"*/{FILE}"))
+            folders += inside or [run]
         written = write_site(found, [Source(path.name, load_run(path)) for path in folders], _codecs(), site)
     size = sum(path.stat().st_size for path in written)
     print(f"wrote {written[0]}: {len(written)} pages, {size / 1e6:.1f} MB")
-
-
-def _runs_in(folder: Path) -> list[Path]:
-    """The folder of a run itself, or those of the runs in it."""
-    from bench.records import FILE
-
-    inside = [] if (folder / FILE).exists() else sorted(path.parent for path in folder.glob(f"*/{FILE}"))
-    return inside or [folder]
 
 
 def _codecs() -> "dict[str, Codec]":

@@ -24,34 +24,22 @@ if TYPE_CHECKING:
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
     suite_options(parser, "quick")
     several(parser, "--metric", "score with this metric too; repeatable")
-    parser.add_argument("--all-pairs", action="store_true", help="use measured data whole, however many pairs it has")
-    parser.add_argument("--repair", action="store_true", help="mask measured values that are NaN or infinite")
-    parser.add_argument(
-        "--demand", help="an .npz of `demand`: score in its scene too; codecs with scene=true fit to it"
-    )
-    parser.add_argument("--seed", type=int, help="run only this seed, instead of the suite's")
-    parser.add_argument("--fresh", action="store_true", help="fit and score finished jobs again")
-    parser.add_argument("--retry-failed", action="store_true", help="try failed jobs again")
-    parser.add_argument(
-        "--jobs",
-        type=int,
-        default=1,
-        metavar="N",
-        help="how many jobs at once, each in its own process (and on its own GPU); 0: one a core (default: 1)",
-    )
-    parser.add_argument(
-        "--max-seconds", type=float, metavar="S", help="a job that takes longer fails (default: no limit)"
-    )
-    parser.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="run jobs on the workers of a Dask scheduler: its address, or the .json file that it wrote",
-    )
-    several(
-        parser, "--resource", "a resource that a job needs of a Dask worker, such as GPU=1; repeatable", "NAME=COUNT"
-    )
+    add("--all-pairs", action="store_true", help="use measured data whole, however many pairs it has")
+    add("--repair", action="store_true", help="mask measured values that are NaN or infinite")
+    add("--demand", help="an .npz of `demand`: score in its scene too; codecs with scene=true fit to it")
+    add("--seed", type=int, help="run only this seed, instead of the suite's")
+    add("--fresh", action="store_true", help="fit and score finished jobs again")
+    add("--retry-failed", action="store_true", help="try failed jobs again")
+    jobs = "how many jobs at once, each in its own process (and on its own GPU); 0: one a core (default: 1)"
+    add("--jobs", type=int, default=1, metavar="N", help=jobs)
+    add("--max-seconds", type=float, metavar="S", help="a job that takes longer fails (default: no limit)")
+    dask = "run jobs on the workers of a Dask scheduler: its address, or the .json file that it wrote"
+    add("--scheduler", metavar="ADDRESS", help=dask)
+    needs = "a resource that a job needs of a Dask worker, such as GPU=1; repeatable"
+    several(parser, "--resource", needs, "NAME=COUNT")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -105,25 +93,21 @@ def _workers(options: argparse.Namespace, threads: int) -> "Callable[[], Abstrac
     if options.scheduler:
         if options.jobs != 1:
             raise InputError("--jobs, --scheduler: give only one of them; the scheduler knows how many workers it has")
-        return partial(executors.dask, options.scheduler, _resources(options.resource))
+        try:
+            resources = {name: float(count) for name, count in (word.split("=") for word in options.resource)}
+        except ValueError:
+            raise InputError(f"--resource {' '.join(options.resource)}: write NAME=COUNT, such as GPU=1") from None
+        return partial(executors.dask, options.scheduler, resources)
     return workers(options.jobs, threads, options.device, options.max_seconds)
-
-
-def _resources(words: list[str]) -> dict[str, float]:
-    try:
-        return {name: float(count) for name, count in (word.split("=") for word in words)}
-    except ValueError:
-        raise InputError(f"--resource {' '.join(words)}: write NAME=COUNT, such as GPU=1") from None
 
 
 def _summary(outcomes: list[Any]) -> str:
     cached = [outcome.cached for outcome in outcomes]
     status = [outcome.record["status"] for outcome in outcomes]
+    others = {"failed": "failed (see the records; --retry-failed tries them again)", "unavailable": "not available"}
     words = [f"{len(outcomes)} jobs: {status.count('ok')} ok"]
-    words += [f"{status.count(word)} {text}" for word, text in _WORDS.items() if word in status]
+    words += [f"{status.count(word)} {text}" for word, text in others.items() if word in status]
     if any(cached):
-        words += [f"{cached.count('record')} from the cache, {cached.count('file')} scored again from cached files"]
-    return "; ".join(words) + ("" if not any(cached) else " (--fresh runs them again); times were measured again")
-
-
-_WORDS = {"failed": "failed (see the records; --retry-failed tries them again)", "unavailable": "not available"}
+        reused = f"{cached.count('record')} from the cache, {cached.count('file')} scored again from cached files"
+        words += [f"{reused} (--fresh runs them again)", "times were measured again"]
+    return "; ".join(words)

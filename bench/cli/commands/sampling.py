@@ -15,12 +15,11 @@ from bench.errors import FINE, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", type=Path, help="the codec file")
-    parser.add_argument(
-        "--cells", type=int, default=8, help="cells along each side of the texture, each with a lobe (default: 8)"
-    )
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("-o", "--out", type=Path, required=True, metavar="FILE", help="the codec file to write")
+    add = parser.add_argument
+    add("file", type=Path, help="the codec file")
+    add("--cells", type=int, default=8, help="cells along each side of the texture, each with a lobe (default: 8)")
+    add("--seed", type=int, default=0)
+    add("-o", "--out", type=Path, required=True, metavar="FILE", help="the codec file to write")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -44,14 +44,8 @@ def run(options: argparse.Namespace) -> int:
         read_header(options.file)  # report a wrong file before anything is rendered
     with Console() as console:
         btf = open_named(options.btf, changes, console.show)
-        scores = score(
-            options.file,
-            btf,
-            demand=options.demand,
-            threads=options.threads,
-            device=usable_device(options.device),
-            show=console.show,
-        )
+        place = {"threads": options.threads, "device": usable_device(options.device)}
+        scores = score(options.file, btf, demand=options.demand, show=console.show, **place)
     spec = CodecSpec(scores["codec"], scores["settings"])
     label = replace(spec, settings=changed_settings(spec)).label if spec.settings else spec.label
     job = {"kind": "job", "job": str(options.file), "material": btf.name, "label": label, "status": "ok", "run": ""}

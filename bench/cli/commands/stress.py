@@ -19,34 +19,28 @@ from bench.cli.commands import several
 from bench.errors import FINE, NO, InputError, writable
 from bench.records import STRESS
 
-MOST = 81  # the most views, and the most lights, of a drawn material
-
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
     several(parser, "--codec", "only this codec; repeatable")
     several(parser, "--case", "only this extreme; repeatable", "NAME")
-    parser.add_argument("--cheap", action="store_true", help="only the extremes that `check` tries too")
-    parser.add_argument("--list", action="store_true", help="only list the extremes and what must hold in each")
-    parser.add_argument(
-        "--out", type=Path, default=Path("runs") / STRESS, help="the folder of the records (default: runs/stress)"
-    )
-    parser.add_argument(
-        "--jobs",
-        type=int,
-        default=os.cpu_count(),
-        metavar="N",
-        help="how many processes to use (default: one a core)",
-    )
-    parser.add_argument("--format", default="text", choices=["text", "markdown"], help="format of the printed tables")
-    parser.add_argument("--query", metavar="NUMBERS", help='ask one query: "u v ω_o ω_i footprint", nine numbers')
-    parser.add_argument(
-        "--data", metavar="NUMBERS", help='try one drawn material: "height width views lights exponent seed"'
-    )
+    add("--cheap", action="store_true", help="only the extremes that `check` tries too")
+    add("--list", action="store_true", help="only list the extremes and what must hold in each")
+    add("--out", type=Path, default=Path("runs") / STRESS, help="the folder of the records (default: runs/stress)")
+    add("--jobs", type=int, default=os.cpu_count(), metavar="N", help="how many processes to use (default: one a core)")
+    add("--format", default="text", choices=["text", "markdown"], help="format of the printed tables")
+    add("--query", metavar="NUMBERS", help='ask one query: "u v ω_o ω_i footprint", nine numbers')
+    add("--data", metavar="NUMBERS", help='try one drawn material: "height width views lights exponent seed"')
 
 
 def run(options: argparse.Namespace) -> int:
+    from bench.conformance.stress import CASES, Case, metrics
+
     if options.list:
-        return _list()
+        width = max(len(case.name) for case in CASES)
+        every: list[Case | metrics.PictureCase] = [*CASES, *metrics.CASES]
+        print("\n".join(f"{case.group:<10}  {case.name:<{width}}  {case.holds}" for case in every))
+        return FINE
     if options.query or options.data:
         return _again(options)
     from bench import records
@@ -74,16 +68,6 @@ def run(options: argparse.Namespace) -> int:
     return NO if "fail" in verdicts else FINE
 
 
-def _list() -> int:
-    from bench.conformance.stress import CASES, Case, metrics
-
-    width = max(len(case.name) for case in CASES)
-    every: list[Case | metrics.PictureCase] = [*CASES, *metrics.CASES]
-    for case in every:
-        print(f"{case.group:<10}  {case.name:<{width}}  {case.holds}")
-    return FINE
-
-
 def _again(options: argparse.Namespace) -> int:
     """Try one query or one drawn material, in the form that a failed property prints, on each codec."""
     import tempfile
@@ -94,10 +78,10 @@ def _again(options: argparse.Namespace) -> int:
     from bench.conformance.stress.properties import data_hold, query_holds
     from bench.conformance.stress.run import chosen
 
-    queries = _numbers("--query", options.query, float)
-    data = _numbers("--data", options.data, int)
-    if data and (min(data[:4]) < 1 or max(data[2:4]) > MOST):
-        raise InputError(f"--data {options.data!r}: at least one texel and pair, at most {MOST} views and lights")
+    queries = _numbers("--query", options.query, float, 9)
+    data = _numbers("--data", options.data, int, 6)
+    if data and (min(data[:4]) < 1 or max(data[2:4]) > 81):
+        raise InputError(f"--data {options.data!r}: at least one texel and pair, at most 81 views and lights")
     failed = False
     for name in chosen(options.codec, [])[0]:
         with tempfile.TemporaryDirectory() as folder:
@@ -115,14 +99,13 @@ def _again(options: argparse.Namespace) -> int:
     return NO if failed else FINE
 
 
-def _numbers(option: str, text: str | None, kind: type) -> list[Any]:
+def _numbers(option: str, text: str | None, kind: type, wanted: int) -> list[Any]:
     if text is None:
         return []
     try:
         numbers = [kind(word) for word in text.replace(",", " ").split()]
     except ValueError as error:
         raise InputError(f"{option} {text!r}: {error}: give numbers with spaces between them") from error
-    wanted = 9 if option == "--query" else 6
     if len(numbers) != wanted:
         raise InputError(f"{option} {text!r}: it takes {wanted} numbers, not {len(numbers)}")
     return numbers

@@ -22,26 +22,16 @@ from bench.cli.commands import several
 from bench.errors import FINE, NOTHING, InputError
 
 if TYPE_CHECKING:
-    from bench.data.spec import MaterialSpec
     from reports.choice import Choice
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     from reports import FORMATS, KINDS
 
-    parser.add_argument(
-        "what",
-        nargs="*",
-        metavar="KIND|RUN",
-        help=f"one kind of table ({', '.join(KINDS)}; default: "
-        "all), and folders of runs or files of records (default: the newest run under runs/)",
-    )
-    parser.add_argument(
-        "--format",
-        default="text",
-        choices=FORMATS,
-        help="the format; raw is a CSV of every number of every job (default: text)",
-    )
+    what = f"one kind of table ({', '.join(KINDS)}; default: all), and folders of runs or files of records (default: "
+    parser.add_argument("what", nargs="*", metavar="KIND|RUN", help=f"{what}the newest run under runs/)")
+    form = "the format; raw is a CSV of every number of every job (default: text)"
+    parser.add_argument("--format", default="text", choices=FORMATS, help=form)
     several(parser, "--codec", "only this codec, or this row; repeatable")
     several(parser, "--column", "only this column, by its header; repeatable")
     renamed = "rename a codec, row, column or material in rows, headers, title and notes; repeatable"
@@ -56,15 +46,16 @@ def run(options: argparse.Namespace) -> int:
     choice = _choice(options)
     if len(kinds) > 1:
         raise InputError(f"table: give one kind of table, not {' and '.join(kinds)}")
-    if kinds and kinds[0] in OF_ANY and (kinds[0] == "parameters" or options.format != "raw"):
-        print(OF_ANY[kinds[0]](folders, options.format, choice))
+    kind = kinds[0] if kinds else None
+    if kind == "parameters" or (kind == "paper" and options.format != "raw"):  # these need no run
+        print((parameters_table if kind == "parameters" else _paper)(folders, options.format, choice))
         return FINE
-    folders = folders or [_newest_run(kinds)]
-    text = table_text(folders, options.format, kinds[0] if kinds else None, choice)
+    folders = folders or [_newest_run(kind)]
+    text = table_text(folders, options.format, kind, choice)
     if not text.strip():
         names = ", ".join(map(str, folders))
-        print(f"neubtf-bench: {names}: no such table: {WHY_EMPTY[kinds[0] if kinds else 'main']}", file=sys.stderr)
-        return FINE if kinds == ["unfinished"] else NOTHING
+        print(f"neubtf-bench: {names}: no such table: {WHY_EMPTY[kind or 'main']}", file=sys.stderr)
+        return FINE if kind == "unfinished" else NOTHING
     print(text)
     return FINE
 
@@ -106,26 +97,20 @@ def _paper(folders: list[Path], format: str, choice: "Choice | None") -> str:
     from bench.runs.suite import load_suite
     from reports import paper_text
 
-    folders = folders or [Path("runs") / suite for suite in PAPER if (Path("runs") / suite).is_dir()]
+    folders = folders or [folder for folder in (Path("runs/paper"), Path("runs/paper-nearest")) if folder.is_dir()]
     run = load_together(folders) if folders else Run(Path())
-    absent = {spec.name: _missing(spec) for spec in load_suite(PAPER[0]).materials}
+    absent = {}
+    for spec in load_suite("paper").materials:
+        there = f"{spec.path} is there: `neubtf-bench run paper` measures it"
+        absent[spec.name] = there if spec.existing() else f"{spec.path} is not there: {spec.where}"
     return paper_text(choice.of_run(run) if choice else run, absent, format, choice)
 
 
-def _missing(spec: "MaterialSpec") -> str:
-    there = f"{spec.path} is there: `neubtf-bench run {PAPER[0]}` measures it"
-    return there if spec.existing() else f"{spec.path} is not there: {spec.where}"
-
-
-PAPER = ("paper", "paper-nearest")  # the suites of the paper's table
-OF_ANY = {"parameters": parameters_table, "paper": _paper}  # the kinds of table that need no run
-
-
-def _newest_run(kinds: list[str]) -> Path:
+def _newest_run(kind: str | None) -> Path:
     from bench.records import FILE, STRESS
 
     folders = _runs()
-    if kinds == [STRESS] and (Path("runs") / STRESS / FILE).is_file():
+    if kind == STRESS and (Path("runs") / STRESS / FILE).is_file():
         return Path("runs") / STRESS
     if not folders:
         raise InputError("table: there is no run under runs/: give the folder that `neubtf-bench run` wrote")

@@ -14,18 +14,12 @@ from bench.errors import FAILED, FINE, NOTHING
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
     suite_options(parser, "trade")
-    parser.add_argument(
-        "--full", action="store_true", help="also time batches up to 2^22, which takes half an hour more"
-    )
-    parser.add_argument(
-        "--emulated", action="store_true", help="also measure precisions that the processor only emulates"
-    )
-    parser.add_argument(
-        "--noise",
-        action="store_true",
-        help="render each file with Mitsuba: samples and seconds to 1 %% noise; takes a minute or two a file",
-    )
+    add("--full", action="store_true", help="also time batches up to 2^22, which takes half an hour more")
+    add("--emulated", action="store_true", help="also measure precisions that the processor only emulates")
+    noise = "render each file with Mitsuba: samples and seconds to 1 %% noise; takes a minute or two a file"
+    add("--noise", action="store_true", help=noise)
 
 
 def run(options: argparse.Namespace) -> int:

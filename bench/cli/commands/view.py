@@ -33,17 +33,6 @@ def run(options: argparse.Namespace) -> int:
     import webbrowser
 
     from bench import atomic
-
-    text = _page(options)
-    out = options.out or Path(tempfile.mkdtemp(prefix="neubtf-view-")) / "view.html"
-    atomic.write(out, text.encode())
-    print(f"{out}: {len(text) / 1e6:.1f} MB")
-    if not options.out and not webbrowser.open(out.as_uri()):
-        raise InputError(f"no browser could be opened: open {out} by hand, or choose a place with -o")
-    return FINE
-
-
-def _page(options: argparse.Namespace) -> str:
     from bench.cli.console import Console
     from bench.codecs.loading import load
     from bench.data.open import open_named
@@ -65,7 +54,13 @@ def _page(options: argparse.Namespace) -> str:
             shown = shown or drawing.exposure  # one exposure for all, so that brightness can be compared
             label = f"{file.header.path.stem}: {file.header.codec}, {file.header.file_bytes:,} bytes"
             models.append(Model(label, drawing.program, shown, note))
-        return page(models[0].label.removesuffix(", truth") if options.truth else options.files[0].stem, models)
+        text = page(models[0].label.removesuffix(", truth") if options.truth else options.files[0].stem, models)
+    out = options.out or Path(tempfile.mkdtemp(prefix="neubtf-view-")) / "view.html"
+    atomic.write(out, text.encode())
+    print(f"{out}: {len(text) / 1e6:.1f} MB")
+    if not options.out and not webbrowser.open(out.as_uri()):
+        raise InputError(f"no browser could be opened: open {out} by hand, or choose a place with -o")
+    return FINE
 
 
 def _drawn(file: "Loaded", show: "Progress") -> "tuple[Drawable, str]":

@@ -48,6 +48,7 @@ class Case:
     holds: str
     test: Test
     cheap: bool = False  # quick enough for `neubtf-bench check`
+    unphysical: bool = False  # no real surface gives such data, so it does not apply to a codec that models reflectance
 
 
 @dataclass(frozen=True)
@@ -144,8 +145,14 @@ def short(kind: type[Configured]) -> dict[str, Any]:
 
 def judge(case: Case, subject: Subject) -> CaseVerdict:
     """Try a case on a codec. Any exception that the codec raises is its failure."""
+
+    def test() -> Measured | None:
+        unreal = case.unphysical and subject.tested.codec.physical
+        applicable(not unreal, "models reflectance: no surface looks like this")
+        return case.test(subject)
+
     with torch_threads(1):
-        return judged(lambda: case.test(subject), NotApplicable, lambda error: raised(error, subject.tested.codec))
+        return judged(test, NotApplicable, lambda error: raised(error, subject.tested.codec))
 
 
 def judged(

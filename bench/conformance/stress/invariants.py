@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import get_type_hints
 
 import numpy as np
@@ -14,7 +13,7 @@ from bench.codec import Configured
 from bench.codecs import container, shared
 from bench.conformance import check
 from bench.conformance.check import CheckError
-from bench.conformance.stress.case import Case, Measured, NotApplicable, Subject, Test, require, short
+from bench.conformance.stress.case import Case, Measured, Subject, applicable, require, short
 from bench.conformance.stress.data import ordinary
 from bench.conformance.stress.networks import SHORT_FLOATS, sound
 from bench.conformance.stress.physics import CONSERVES, RECIPROCAL, energy, reciprocity
@@ -27,6 +26,8 @@ STEP = 1e-6  # a query moves by this distance
 SLOPE = 100.0  # the largest slope of answers, in brightest samples per unit of distance
 SHORT_STEPS = 16  # roundings allowed in |Δ|: three layers of linear, norm, ω, sine and sum, and the fetch
 HIGH_RATE = 1e30
+GROUP = "invariants"
+NEAR = f"|Δ| ≤ r · (|x| + mean), r = {SHORT_STEPS}"
 SAYS_CONTINUOUS = f"moved by {STEP:g}, answers move by at most {SLOPE:g} × {STEP:g} of the brightest sample"
 
 
@@ -74,10 +75,7 @@ def at_samples() -> tuple[Queries, Queries]:
 
 def continuous(make: Callable[[], tuple[Queries, Queries]], subject: Subject) -> None:
     here, there = make()
-    _moves_little(subject, here, there, (subject.answers(here) - subject.answers(there)).abs().amax(1))
-
-
-def _moves_little(subject: Subject, here: Queries, there: Queries, apart: Tensor) -> None:
+    apart = (subject.answers(here) - subject.answers(there)).abs().amax(1)
     worst, allowed = int(apart.argmax()), SLOPE * STEP * subject.brightest
     require(
         apart[worst] <= allowed,
@@ -109,7 +107,7 @@ def no_jump(subject: Subject) -> None:
         lower = (between - below).abs().amax(1) > (above - between).abs().amax(1)
         low, high = low.where(lower, middle), middle.where(lower, high)
         below, above = below.where(lower[:, None], between), between.where(lower[:, None], above)
-    _moves_little(subject, at(low), at(high), (above - below).abs().amax(1))
+    continuous(lambda: (at(low), at(high)), subject)
 
 
 def near_double(name: str, subject: Subject) -> Measured:
@@ -131,10 +129,16 @@ def near_double(name: str, subject: Subject) -> Measured:
 def diverges(subject: Subject) -> None:
     """A fit at an absurd learning rate says that it diverged, and leaves no file; so does that of a shared network."""
     path = subject.tested.folder / f"diverged{container.SUFFIX}"
+    codec, network = subject.tested.codec, subject.tested.codec.network
+    wild, wild_of_network = wild_rates(type(codec)), wild_rates(network) if network else {}
+    applicable(wild or wild_of_network, "no learning rate")
     try:
-        _fit_wildly(subject, path)
-    except NotApplicable:
-        raise
+        if wild:
+            wild_codec = subject.codec(**wild)
+            container.save(path, wild_codec, wild_codec.encode(ordinary(), subject.fit()))
+        elif network:
+            wild_network = network(**short(network) | wild_of_network)
+            shared.make(wild_network, check.others(ordinary()), subject.fit(), path)
     except Exception as error:  # a codec may raise any kind, but it must say what happened
         message = str(error)
         require("diverged" in message or "not finite" in message, "unclear", f"{type(error).__name__}: {message}")
@@ -144,50 +148,28 @@ def diverges(subject: Subject) -> None:
     raise CheckError(f"a fit at a learning rate of {HIGH_RATE:g} ended without an error", "silent")
 
 
-def _fit_wildly(subject: Subject, path: Path) -> None:
-    codec, network = subject.tested.codec, subject.tested.codec.network
-    if wild := wild_rates(type(codec)):
-        wild_codec = subject.codec(**wild)
-        container.save(path, wild_codec, wild_codec.encode(ordinary(), subject.fit()))
-    elif network is not None and (wild := wild_rates(network)):
-        wild_network = network(**short(network) | wild)
-        shared.make(wild_network, check.others(ordinary()), subject.fit(), path)
-    else:
-        raise NotApplicable("no learning rate")
-
-
 def wild_rates(kind: type[Configured]) -> dict[str, float]:
     """The learning rates among the settings, each far too high."""
     kinds = get_type_hints(kind.Settings)  # without the ranges that types of settings may give
     return {name: HIGH_RATE for name in kinds if kinds[name] is float and (name == "rate" or name.endswith("_rate"))}
 
 
-def invariant(name: str, holds: str, test: Test, cheap: bool = True) -> Case:
-    return Case("invariants", name, holds, test, cheap)
-
-
 CASES = (
-    invariant("10,000 random queries", finite.__doc__ or "", finite),
-    invariant("continuous anywhere", SAYS_CONTINUOUS, no_jump),
-    invariant("continuous at the samples", SAYS_CONTINUOUS, partial(continuous, at_samples)),
-    invariant("continuous across the wrap", SAYS_CONTINUOUS, partial(continuous, across_wrap)),
-    invariant("continuous across the zenith", SAYS_CONTINUOUS, partial(continuous, across_zenith)),
+    Case(GROUP, "10,000 random queries", finite.__doc__ or "", finite, cheap=True),
+    Case(GROUP, "continuous anywhere", SAYS_CONTINUOUS, no_jump, cheap=True),
+    Case(GROUP, "continuous at the samples", SAYS_CONTINUOUS, partial(continuous, at_samples), cheap=True),
+    Case(GROUP, "continuous across the wrap", SAYS_CONTINUOUS, partial(continuous, across_wrap), cheap=True),
+    Case(GROUP, "continuous across the zenith", SAYS_CONTINUOUS, partial(continuous, across_zenith), cheap=True),
     # `neubtf-bench check` already has these two.
-    invariant(
-        "size of a batch", check.batches.__doc__ or "", lambda subject: check.batches(subject.tested), cheap=False
-    ),
-    invariant("order of a batch", check.order.__doc__ or "", lambda subject: check.order(subject.tested), cheap=False),
+    Case(GROUP, "size of a batch", check.batches.__doc__ or "", lambda subject: check.batches(subject.tested)),
+    Case(GROUP, "order of a batch", check.order.__doc__ or "", lambda subject: check.order(subject.tested)),
     *(
-        invariant(
-            f"{name} against fp64",
-            f"|Δ| ≤ r · (|x| + mean), r = {SHORT_STEPS} × {torch.finfo(dtype).eps:.2g}",
-            partial(near_double, name),
-        )
-        for name, dtype in SHORT_FLOATS.items()
+        Case(GROUP, f"{name} against fp64", f"{NEAR} × {torch.finfo(each).eps:.2g}", partial(near_double, name), True)
+        for name, each in SHORT_FLOATS.items()
     ),
-    invariant("Helmholtz reciprocity (reported)", RECIPROCAL, reciprocity, cheap=False),
-    invariant("a fit that diverges", "says so, and leaves no file", diverges, cheap=False),
-    invariant("drawn queries", QUERIES_HOLD, drawn_queries, cheap=False),
-    invariant("drawn data", DATA_HOLDS, drawn_data, cheap=False),
-    invariant("directional albedo (reported)", CONSERVES, energy, cheap=False),
+    Case(GROUP, "Helmholtz reciprocity (reported)", RECIPROCAL, reciprocity),
+    Case(GROUP, "a fit that diverges", "says so, and leaves no file", diverges),
+    Case(GROUP, "drawn queries", QUERIES_HOLD, drawn_queries),
+    Case(GROUP, "drawn data", DATA_HOLDS, drawn_data),
+    Case(GROUP, "directional albedo (reported)", CONSERVES, energy),
 )

@@ -10,22 +10,14 @@ import torch
 from torch import Tensor
 
 from bench import metrics
+from bench.btf import Array
 from bench.conformance.stress.case import CaseVerdict, judged, require
 from bench.errors import InputError
 from bench.metrics.base import SliceMetric
 from bench.metrics.display import LOG_SCALE
 from bench.training.fitting import Loss, distance
 
-Array = np.ndarray
 SIDE = 16
-
-
-@dataclass(frozen=True)
-class Pictures:
-    """Two pictures (H, W, 3) of linear radiance, seen at an exposure of 1."""
-
-    reference: Array
-    test: Array
 
 
 def picture(seed: int = 0, side: int = SIDE) -> Array:
@@ -43,61 +35,59 @@ def hdr(seed: int) -> Array:
 
 @dataclass(frozen=True)
 class PictureCase:
-    """A column: its name, the two pictures, and whether they must count as equal (None: either)."""
+    """A column: its name, the two pictures, and whether they must count as equal.
+
+    The reference and the test are (H, W, 3) of linear radiance, seen at an exposure of 1.
+    """
 
     name: str
-    make: Callable[[], Pictures]
-    equal: bool | None
+    make: Callable[[], tuple[Array, Array]]
+    equal: bool
     group: ClassVar[str] = "pictures"
 
     @property
     def holds(self) -> str:
         """What must hold, in one sentence."""
-        words = {True: "exactly no error", False: "a finite number, and some error", None: "a finite number"}
-        return f"{words[self.equal]}; the gradient of a loss, too"
+        error = "exactly no error" if self.equal else "a finite number, and some error"
+        return f"{error}; the gradient of a loss, too"
 
 
 CASES = (
-    PictureCase("equal", lambda: Pictures(picture(), picture()), True),
-    PictureCase("both black", lambda: Pictures(flat(0), flat(0)), True),
-    PictureCase("both white", lambda: Pictures(flat(1), flat(1)), True),
-    PictureCase("black, seen white", lambda: Pictures(flat(0), flat(1)), False),
-    PictureCase("white, seen black", lambda: Pictures(flat(1), flat(0)), False),
-    PictureCase("one texel", lambda: Pictures(picture(0, 1), picture(1, 1)), False),
-    PictureCase("HDR", lambda: Pictures(hdr(0), hdr(1)), False),
-    PictureCase("HDR, equal", lambda: Pictures(hdr(0), hdr(0)), True),
-    PictureCase("negative as black", lambda: Pictures(flat(0), -picture()), True),
-    PictureCase("negative reference", lambda: Pictures(-picture(), flat(0)), True),
+    PictureCase("equal", lambda: (picture(), picture()), True),
+    PictureCase("both black", lambda: (flat(0), flat(0)), True),
+    PictureCase("both white", lambda: (flat(1), flat(1)), True),
+    PictureCase("black, seen white", lambda: (flat(0), flat(1)), False),
+    PictureCase("white, seen black", lambda: (flat(1), flat(0)), False),
+    PictureCase("one texel", lambda: (picture(0, 1), picture(1, 1)), False),
+    PictureCase("HDR", lambda: (hdr(0), hdr(1)), False),
+    PictureCase("HDR, equal", lambda: (hdr(0), hdr(0)), True),
+    PictureCase("negative as black", lambda: (flat(0), -picture()), True),
+    PictureCase("negative reference", lambda: (-picture(), flat(0)), True),
 )
 
 
 def scored(metric: SliceMetric, case: PictureCase) -> None:
     """Score the pictures of a case. `CheckError` says what does not hold."""
-    pictures = case.make()
-    metric = metric.for_material(pictures.reference.reshape(-1, 3))
-    raw = metric.score(metric.prepare(pictures.reference, 1.0), pictures.test)
+    reference, test = case.make()
+    metric = metric.for_material(reference.reshape(-1, 3))
+    raw = metric.score(metric.prepare(reference, 1.0), test)
     require(np.isfinite(raw), f"{raw}", f"the raw number is {raw}")
     value = float(metric.values(np.array([raw]))[0])
     require(not np.isnan(value), "NaN", "the number in its unit is NaN")
     perfect = abs(raw - metric.perfect) <= 1e-12
-    if case.equal is not None:
-        require(perfect == case.equal, f"{raw:.3g}", f"the raw number is {raw!r}; a perfect one is {metric.perfect}")
+    require(perfect == case.equal, f"{raw:.3g}", f"the raw number is {raw!r}; a perfect one is {metric.perfect}")
 
 
 def weighed(loss: Callable[[Tensor, Tensor], Tensor], case: PictureCase) -> None:
     """Compute a loss between log radiances, ours and the target, and its gradient. `CheckError` says what is wrong."""
-    pictures = case.make()
-    target, ours = (
-        torch.from_numpy(np.maximum(x, 0)).mul(LOG_SCALE).log1p() for x in (pictures.reference, pictures.test)
-    )
+    target, ours = (torch.from_numpy(np.maximum(x, 0)).mul(LOG_SCALE).log1p() for x in case.make())
     ours.requires_grad_()
     value = loss(ours, target)
     value.backward()
     assert ours.grad is not None
     require(value.isfinite() and ours.grad.isfinite().all(), "not finite", "the loss or its gradient is not finite")
     none = value.item() == 0 and not ours.grad.any()
-    if case.equal is not None:
-        require(none == case.equal, f"{value.item():.3g}", f"the loss is {value.item()!r}")
+    require(none == case.equal, f"{value.item():.3g}", f"the loss is {value.item()!r}")
 
 
 def subjects() -> dict[str, Callable[[PictureCase], None]]:

@@ -5,7 +5,6 @@ import logging
 import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, as_completed
-from contextlib import contextmanager
 from pathlib import Path
 
 from bench.codec import Progress, silent
@@ -31,12 +30,11 @@ def run(codecs: Sequence[str], cases: Sequence[Case], workers: Workers, show: Pr
     """A record for each codec and case, as workers finish: the material cases of a codec are one task, its other cases
     another."""
     names = {case.name for case in cases}
-    tasks = [
-        (codec, [case.name for case in CASES if case.name in names and (case.group == "data") == of_data])
+    wanted = [
+        [case.name for case in CASES if case.name in names and (case.group == "data") == of_data]
         for of_data in (True, False)  # the longer ones first
-        for codec in codecs
     ]
-    tasks = [(codec, wanted) for codec, wanted in tasks if wanted]
+    tasks = [(codec, group) for group in wanted if group for codec in codecs]
     waiting: set[Future[list[Record]]] = set()
     for number, task in enumerate(tasks):
         show("stress", number - len(waiting), len(tasks))
@@ -52,22 +50,16 @@ def run(codecs: Sequence[str], cases: Sequence[Case], workers: Workers, show: Pr
 
 def attempt(codec: str, names: Sequence[str]) -> list[Record]:
     """The records of some cases of one codec, in a folder of their own; their log is not shown."""
-    kind = load_codec(codec)
-    with tempfile.TemporaryDirectory() as folder, _quiet():
-        subject = subject_of(kind, Path(folder))
-        return [
-            _record(codec, case, judge(case, subject)) | {"version": kind.version, "order": order}
-            for order, case in enumerate(CASES)
-            if case.name in names
-        ]
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    before = logging.root.manager.disable
+    kind, before = load_codec(codec), logging.root.manager.disable
     logging.disable(logging.WARNING)
     try:
-        yield
+        with tempfile.TemporaryDirectory() as folder:
+            subject = subject_of(kind, Path(folder))
+            return [
+                _record(codec, case, judge(case, subject)) | {"version": kind.version, "order": order}
+                for order, case in enumerate(CASES)
+                if case.name in names
+            ]
     finally:
         logging.disable(before)
 

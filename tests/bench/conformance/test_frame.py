@@ -125,8 +125,8 @@ def test_a_wrong_arrangement_is_named(says, tmp_path, monkeypatch):
 
 
 def test_there_is_a_planted_codec_for_each_arrangement():
-    for arrangement in (*frame.ARRANGEMENTS, frame.LOGARITHM):
-        assert sum(words in arrangement.description for words in PLANTED) == 1, arrangement.description
+    for description in (*frame.ARRANGEMENTS, frame.LOGARITHM):
+        assert sum(words in description for words in PLANTED) == 1, description
 
 
 def test_a_lossy_codec_is_found_out_as_well(tmp_path, monkeypatch):
