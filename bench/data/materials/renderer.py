@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 DESCRIBED = {
+    "values": "linear Rec. 709, f_r * cos(theta_i) * visibility, mean over the sub-points, no clamp",
     "reference_plane": "mean height",
     "transport": "direct light, self-shadowing; no inter-reflection",
     "reflectance": "GGX (Walter 2007, Burley 2012), Smith (Heitz 2014), Schlick Fresnel, coupled Lambert",
