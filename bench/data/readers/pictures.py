@@ -323,7 +323,7 @@ def _read_hdr(data: bytes) -> Array:
     with np.errstate(over="ignore"):
         picture = rgbe[..., :3] * scale[..., None]
     picture[rgbe[..., 3] == 0] = 0
-    picture = np.flip(picture, [axis for axis, name in enumerate(axes) if name in ("-X", "+Y")])
+    picture = np.flip(picture, tuple(axis for axis, name in enumerate(axes) if name in ("-X", "+Y")))
     return np.ascontiguousarray(picture if axes[0][1] == "Y" else picture.swapaxes(0, 1))
 
 

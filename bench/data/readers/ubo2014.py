@@ -191,7 +191,7 @@ def _side(path: Path, side: str, stored: Array) -> Array:
     with np.errstate(invalid="ignore"):
         angles = np.ascontiguousarray(stored).view("<f4").reshape(-1, 2).astype(np.float64)
 
-    different_directions(*angles.T, lambda index: f"{path}: {side} {index}")
+    different_directions(angles[:, 0], angles[:, 1], lambda index: f"{path}: {side} {index}")
     return angles
 
 
