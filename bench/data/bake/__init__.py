@@ -153,5 +153,4 @@ def _key(maps: MapFiles, size: int, sampled: dict[str, Any]) -> str:
 
 
 def _sampled(data: Preparation) -> dict[str, Any]:
-    """The training pairs, in words."""
     return {"directions": f"{data.directions}: {data.views} views, {data.lights} lights"}

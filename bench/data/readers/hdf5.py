@@ -55,11 +55,8 @@ def opened(seen: Candidate) -> BTF | None:
             f"{heldout}: its pictures are {width} x {height}, those of {path.name} {cols} x {rows}: move it away"
         )
     whole = followed(btf, other, "heldout", f"the {len(other)} pairs of {heldout.name}")
-
-    def label(pair: int) -> str:
-        return f"{path}: pair {pair}" if pair < len(btf) else f"{heldout}: pair {pair - len(btf)}"
-
-    no_duplicates(whole.wo, whole.wi, label)
+    labels = [f"{each}: pair {pair}" for each, part in ((path, btf), (heldout, other)) for pair in range(len(part))]
+    no_duplicates(whole.wo, whole.wi, labels.__getitem__)
     return whole
 
 

@@ -24,8 +24,16 @@ def opened(seen: Candidate) -> BTF | None:
     Codes are decoded as sRGB to linear Rec. 709. Radiance is as photographed, so it contains the cosine of the light;
     its scale is the camera's exposure. Raises `InputError` that names the list and the line.
     """
-    path = find_list(seen.path) if seen.is_folder else seen.path if seen.first_line.isdecimal() else None
-    if path is None:
+    path = seen.path
+    if seen.is_folder:
+        lists = sorted(p for p in path.iterdir() if p.suffix.lower() == ".lp" and p.is_file())
+        if len(lists) > 1:
+            held = ", ".join(p.name for p in lists[:5])
+            raise InputError(f"{path}: it holds several lists ({held}): give the path of one")
+        if not lists:
+            return None
+        path = lists[0]
+    elif not seen.first_line.isdecimal():
         return None
     files = FolderFiles(path.parent)
     names, labels, vectors = _read_list(path)
@@ -44,16 +52,6 @@ def opened(seen: Candidate) -> BTF | None:
         "clamp": "none here; 8-bit codes end at 1, so highlights are clipped in the photographs",
     }
     return BTF(path.parent.resolve().name, wo[order], wi[order], source, provenance=provenance)
-
-
-def find_list(folder: Path) -> Path | None:
-    """The only `.lp` file of a folder; None if there is none, `InputError` if there are several."""
-    lists = sorted(p for p in folder.iterdir() if p.suffix.lower() == ".lp" and p.is_file())
-    if len(lists) > 1:
-        raise InputError(
-            f"{folder}: it holds several lists ({', '.join(p.name for p in lists[:5])}): give the path of one"
-        )
-    return lists[0] if lists else None
 
 
 def _read_list(path: Path) -> tuple[list[str], list[str], np.ndarray]:
