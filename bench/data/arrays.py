@@ -37,21 +37,17 @@ def from_arrays(
     mask = None if heldout is None else np.asarray(heldout)
     if mask is not None and (mask.shape != (count,) or mask.dtype.kind != "b" or mask.all()):
         raise InputError(f"heldout must be a mask ({count},) of booleans that leaves pairs to train on")
-    _look_at(values, name)
-    warn_of_radians(*to_degrees(np.concatenate([views, lights])), "wo and wi")
-    provenance = {"format": "arrays", "colour": "taken as linear Rec. 709", "cosine": "taken as f_r cos(theta_i)"}
-    return BTF(name, views, lights, ArraySource(values), heldout=mask, periodic=periodic, provenance=provenance)
-
-
-def _look_at(values: np.ndarray, name: str) -> None:
     for row, picture in enumerate(values):  # one at a time, because the array may be a mapped file
-        if count := int((~np.isfinite(picture)).sum()):
+        if bad := int((~np.isfinite(picture)).sum()):
             raise InputError(
-                f"radiance[{row}]: {count:,} of {picture.size:,} values are not finite (NaN or infinite): mend them, "
+                f"radiance[{row}]: {bad:,} of {picture.size:,} values are not finite (NaN or infinite): mend them, "
                 "leave the pair out, or save radiance, wo and wi by numpy.savez and bench.open(path, repair=True)"
             )
     if text := negative(values):
         log.warning("%s: %s", name, text)
+    warn_of_radians(*to_degrees(np.concatenate([views, lights])), "wo and wi")
+    provenance = {"format": "arrays", "colour": "taken as linear Rec. 709", "cosine": "taken as f_r cos(theta_i)"}
+    return BTF(name, views, lights, ArraySource(values), heldout=mask, periodic=periodic, provenance=provenance)
 
 
 def _directions(vectors: np.ndarray, word: str, count: int) -> np.ndarray:

@@ -55,7 +55,7 @@ def write_btf(btf: BTF, out: Path, show: Progress = silent) -> None:
     check_place(out)
     btf = btf.over(_Watched(btf.source, show, len(btf)))
     with writable(out, "is there room, and may you write?"), atomic.replacing(out) as partial:
-        (write_npz if _is_file_name(out) else write_folder)(btf, partial)
+        (write_npz if out.suffix == ".npz" else write_folder)(btf, partial)
         open_btf(partial)  # a result that readers would refuse must not look finished
 
 
@@ -74,11 +74,8 @@ def check_place(out: Path) -> None:
     """Raise `InputError` if `write_btf` could not write, before any work starts."""
     if not out.absolute().parent.is_dir():
         raise InputError(f"{out}: there is no such folder: make it first")
-    if _is_file_name(out) and out.is_dir():
+    is_file_name = out.suffix == ".npz"
+    if is_file_name and out.is_dir():
         raise InputError(f"{out}: it is a folder: choose another name")
-    if not _is_file_name(out) and (out.is_file() or (out.is_dir() and any(out.iterdir()))):
+    if not is_file_name and (out.is_file() or (out.is_dir() and any(out.iterdir()))):
         raise InputError(f"{out}: it exists and is not an empty folder: choose another name (a file ends in .npz)")
-
-
-def _is_file_name(out: Path) -> bool:
-    return out.suffix == ".npz"

@@ -1,5 +1,6 @@
 """Joins tables of one surface into one BTF: training pairs, held-out pairs, and those that choose settings."""
 
+import dataclasses
 import hashlib
 from collections.abc import Callable
 from typing import Any, Literal
@@ -58,15 +59,9 @@ def followed(btf: BTF, drawn: BTF, kind: Literal["heldout", "validation"], words
     marks = {kind: np.arange(len(btf) + len(drawn)) >= len(btf)}
     if kind == "validation":
         marks["heldout"] = np.concatenate([btf.heldout, np.zeros(len(drawn), bool)])
-    return BTF(
-        btf.name,
-        np.concatenate([btf.wo, drawn.wo]),
-        np.concatenate([btf.wi, drawn.wi]),
-        Joined(btf.source, drawn.source),
-        **marks,
-        periodic=btf.periodic,
-        provenance=btf.provenance | {kind: words},
-    )
+    wo, wi = np.concatenate([btf.wo, drawn.wo]), np.concatenate([btf.wi, drawn.wi])
+    source, provenance = Joined(btf.source, drawn.source), btf.provenance | {kind: words}
+    return BTF(btf.name, wo, wi, source, **marks, periodic=btf.periodic, provenance=provenance)
 
 
 def prepared(
@@ -87,7 +82,7 @@ def prepared(
         words = data.described(draw)
         btf = followed(btf, opened(data.drawn(name, seed, draw), {"heldout": words}), "heldout", words)
     if data.heldout and data.validation:
-        choosing = data.of_validation()
+        choosing = dataclasses.replace(data, split="validation", validation=False)
         words = choosing.described()
         btf = followed(btf, opened(choosing.drawn(name, seed), {"heldout": words}), "validation", words)
     return btf

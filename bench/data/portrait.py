@@ -175,7 +175,8 @@ def draw(seen: Look, out: Path) -> None:
     for place, (pair, thumb) in enumerate(zip(seen.sheet, seen.thumbs, strict=True)):
         axes = bottom.add_subplot(rows, columns, place + 1)
         axes.imshow(to_display(thumb, exposure))
-        axes.set_title(_angles(seen.btf, pair), fontsize=7)
+        (theta_o, theta_i), (phi_o, phi_i) = to_degrees(np.stack([seen.btf.wo[pair], seen.btf.wi[pair]]))
+        axes.set_title(f"o {theta_o:.0f}°, {phi_o:.0f}°   i {theta_i:.0f}°, {phi_i:.0f}°", fontsize=7)
         axes.set_axis_off()
     with writable(out):
         figure.savefig(out, format="png", dpi=100)
@@ -203,8 +204,3 @@ def _draw_values(axes: Any, values: Array) -> None:
     dark = 1 - lit.size / values.size
     axes.set_title("sampled values" + (f"; {dark:.1%} are 0 or less" if dark >= 5e-4 else ""), fontsize=9)
     axes.set_xlabel("linear radiance per unit irradiance")
-
-
-def _angles(btf: BTF, pair: int) -> str:
-    (theta_o, theta_i), (phi_o, phi_i) = to_degrees(np.stack([btf.wo[pair], btf.wi[pair]]))
-    return f"o {theta_o:.0f}°, {phi_o:.0f}°   i {theta_i:.0f}°, {phi_i:.0f}°"

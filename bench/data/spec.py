@@ -10,7 +10,7 @@ import hashlib
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_type_hints
+from typing import Annotated, Literal, get_args, get_type_hints
 
 import numpy as np
 
@@ -83,10 +83,6 @@ class Preparation:
         wo, wi = (np.concatenate(both) for both in zip(self.product(), self.drawn(material, seed), strict=True))
         return wo, wi
 
-    def of_validation(self) -> "Preparation":
-        """The same, with only validation pairs as held-out pairs."""
-        return dataclasses.replace(self, split="validation", validation=False)
-
     def described(self, draw: int = 0) -> str:
         """The held-out pairs in words, for a provenance."""
         which = f"test pairs, draw {draw}" if self.split == "test" else "validation pairs"
@@ -134,9 +130,7 @@ class MaterialSpec:
 
     def existing(self) -> Path | None:
         """The path of measured data on this machine, or None."""
-        places = [Path(self.path)]
-        if data := os.environ.get("NEUBTF_DATA"):
-            places.append(Path(data) / self.path)
+        places = [Path(self.path), Path(os.environ.get("NEUBTF_DATA", "")) / self.path]
         return next((place for place in places if os.path.exists(place)), None)  # False for a name too long
 
 
@@ -149,8 +143,7 @@ def named(material: str) -> MaterialSpec:
 
 def changed(data: Preparation, changes: dict[str, str]) -> Preparation:
     """Change some keys of a preparation, as `--set data.KEY=VALUE` does."""
-    kinds = get_type_hints(Preparation, include_extras=True)
-    values: dict[str, Any] = {}
+    kinds, values = get_type_hints(Preparation, include_extras=True), {}
     for key, value in changes.items():
         name = key.removeprefix("data.")
         if name not in kinds:

@@ -108,10 +108,12 @@ def load(path: Path) -> Demand:
     except InputError as error:
         reason = str(error).removeprefix(f"{path}: ")
         raise InputError(f"{path}: not a demand: {reason}: make one with `neubtf-bench demand`") from error
-    fingerprint = _digest(list(frames), arrays)
+    digest = hashlib.sha256(json.dumps(frames).encode())
+    for name in sorted(arrays):
+        digest.update(name.encode() + np.ascontiguousarray(arrays[name]).tobytes())
     for name in ("wo", "wi"):
         arrays[name] = unit(arrays[name].astype(np.float32))
-    return Demand(**arrays, frames=frames, provenance=provenance, fingerprint=fingerprint)
+    return Demand(**arrays, frames=frames, provenance=provenance, fingerprint=digest.hexdigest())
 
 
 def _about(stored: np.ndarray | None) -> tuple[tuple[int, int, int], dict[str, Any]]:
@@ -120,10 +122,9 @@ def _about(stored: np.ndarray | None) -> tuple[tuple[int, int, int], dict[str, A
         about = json.loads(np.asarray(stored, np.uint8).tobytes())
     if not isinstance(about, dict) or not isinstance(about.get("format"), int):
         raise InputError("about gives no format")
-    if about["format"] > FORMAT:
-        raise InputError(f"format {shown(about['format'])} is newer than this version reads ({FORMAT}): upgrade")
-    if about["format"] < FORMAT:
-        raise InputError(f"format {shown(about['format'])} is older than this version reads ({FORMAT})")
+    if about["format"] != FORMAT:
+        age, remedy = ("newer", ": upgrade") if about["format"] > FORMAT else ("older", "")
+        raise InputError(f"format {shown(about['format'])} is {age} than this version reads ({FORMAT}){remedy}")
     frames = converted("frames", tuple[Count, Count, Count], about.get("frames"))
     if math.prod(frames) > CELLS:
         raise InputError(f"frames of {shown(frames)} cells are more than {CELLS:,}")
@@ -157,13 +158,6 @@ def _check(arrays: dict[str, np.ndarray], frames: tuple[int, int, int]) -> None:
     }
     if wrong := next((name for name, fine in good.items() if not fine), ""):
         raise InputError(f"{wrong} holds values out of range")
-
-
-def _digest(frames: list[int], arrays: dict[str, np.ndarray]) -> str:
-    digest = hashlib.sha256(json.dumps(frames).encode())
-    for name in sorted(arrays):
-        digest.update(name.encode() + np.ascontiguousarray(arrays[name]).tobytes())
-    return digest.hexdigest()
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:

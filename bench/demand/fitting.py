@@ -142,16 +142,16 @@ class Search:
     def run(self, goal: Goal | None = None) -> SearchResult:
         """Run the search. The default goal is the PSNR of the full model, less `EQUAL_DB`."""
         full = self.model(sized(self.codec, steps_of(self.codec), scene=False), "full")
-        if goal is None:
-            goal = as_good_as(full)
+        goal = goal or as_good_as(full)
         tried = list(self.ladder(goal))
         seconds = sum(model.seconds for model in tried)
         meeting = [model for model in tried if goal.met(model)]
         best = min(meeting, key=lambda model: model.header.file_bytes, default=None)
         if best is None:
             finest = max(tried, key=lambda model: np.inf if model.psnr is None else model.psnr)
-            better = None if goal.met(full) or not _beats(finest, full) else finest
-            return SearchResult(full, better, "no model of the scene is as good", goal.met(full), len(tried), seconds)
+            better = full.psnr is not None and (finest.psnr is None or finest.psnr > full.psnr)
+            scene = finest if better and not goal.met(full) else None
+            return SearchResult(full, scene, "no model of the scene is as good", goal.met(full), len(tried), seconds)
         if best.header.file_bytes >= full.header.file_bytes and goal.met(full):
             return SearchResult(full, None, "the scene needs everything", True, len(tried), seconds)
         return SearchResult(full, best, left_out(self.problem.needed, self.btf), True, len(tried), seconds)
@@ -184,10 +184,6 @@ class Search:
 def as_good_as(full: Model) -> Goal:
     """The goal of a model that replaces the full one: its PSNR less `EQUAL_DB`, or no error if it has none."""
     return Goal(psnr=np.inf if full.psnr is None else full.psnr - EQUAL_DB)
-
-
-def _beats(one: Model, other: Model) -> bool:
-    return other.psnr is not None and (one.psnr is None or one.psnr > other.psnr)
 
 
 def steps_of(codec: Codec) -> int:

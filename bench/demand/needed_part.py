@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from scipy.ndimage import binary_dilation
 
 from bench.btf import BTF, Array, Layout, periods
 from bench.codecs.window import CELLS, Window, cell_of, to_hex
@@ -130,8 +131,6 @@ def _longest_run(mask: Array) -> tuple[int, int]:
 def _cells(directions: Array) -> Array:
     """Map (CELLS, CELLS) of the cells that hold directions (n, 3), and of those around them."""
     row, col = np.divmod(cell_of(torch.from_numpy(directions)).numpy(), CELLS)
-    near = np.zeros((CELLS + 2, CELLS + 2), bool)
-    for down in range(3):
-        for across in range(3):
-            near[row + down, col + across] = True
-    return near[1:-1, 1:-1]
+    held = np.zeros((CELLS, CELLS), bool)
+    held[row, col] = True
+    return np.asarray(binary_dilation(held, np.ones((3, 3))))

@@ -47,16 +47,11 @@ class Summary:
                 f"  view from the normal:   {spread(self.theta_o_deg, '°')}",
                 f"  light from the normal:  {spread(self.theta_i_deg, '°')}",
                 f"  footprint:              {spread(self.footprint, '')} of the texture's longer side",
-                f"finest footprint: {self.finest:.3g}: a texture of more than {texels(self.finest):,} texels along its "
-                "longer side shows nothing more",
+                f"finest footprint: {self.finest:.3g}: a texture of more than "
+                f"{max(1, round(1 / self.finest)):,} texels along its longer side shows nothing more",
                 f"seen of a square texture: {self.coverage:.0%}",
             ]
         )
-
-
-def texels(footprint: float) -> int:
-    """The number of texels along the longer side of a texture whose texels are as large as a footprint."""
-    return max(1, round(1 / footprint))
 
 
 def summarise(demand: Demand) -> Summary:
@@ -95,7 +90,9 @@ def draw(demand: Demand, path: Path) -> None:
         _polar(grid[name], getattr(demand, name), demand.importance, title)
     grid["uv"].imshow(_coverage(demand), extent=(0, 1, 0, 1), cmap="magma")
     grid["uv"].set(title="seen of a square texture", xlabel="u", ylabel="v")
-    _footprints(grid["footprint"], demand)
+    sizes = grid["footprint"]
+    sizes.hist(np.log2(demand.footprint), bins=40, weights=demand.importance, color="tab:blue")
+    sizes.set(title="footprints", xlabel="log2 of the texture's longer side", ylabel="share of the demand")
     with replacing(path) as partial:
         figure.savefig(partial, format="png", dpi=80)
 
@@ -116,9 +113,3 @@ def _polar(axes, directions: Array, share: Array, title: str) -> None:  # type: 
         axes.text(0, ring, f"{ring}°", color="grey", fontsize=7, ha="center")
     axes.set_title(f"{title} (root of density)")
     axes.axis("off")
-
-
-def _footprints(axes, demand: Demand) -> None:  # type: ignore[no-untyped-def]
-    level = np.log2(demand.footprint)
-    axes.hist(level, bins=40, weights=demand.importance, color="tab:blue")
-    axes.set(title="footprints", xlabel="log2 of the texture's longer side", ylabel="share of the demand")

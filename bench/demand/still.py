@@ -12,7 +12,7 @@ from bench.btf import BTF
 from bench.codec import Progress, silent
 from bench.demand.demand import Demand
 from bench.demand.points import Array, queries_of
-from bench.demand.scene import LightSource, Scene, Vector
+from bench.demand.scene import LightSource, Scene
 from bench.demand.text_scene import TextScene
 from bench.demand.truth import truth
 from bench.errors import InputError, writable
@@ -28,31 +28,20 @@ Answers = Callable[[Demand], Array]  # the queries of a demand → linear radian
 
 def lamps(kind: str) -> tuple[LightSource, ...]:
     """Lights instead of a scene's own: `sun`, one direction, or `environment`, a sun and six weaker ones around it."""
-    sun = from_degrees([40], [120])[0]
-    if kind == "sun":
-        return (LightSource("directional", toward=_vector(sun), irradiance=(1, 1, 1)),)
-    around = from_degrees([58] * 6, list(range(0, 360, 60)))
-    colours = [(0.28, 0.25, 0.2), (0.1, 0.12, 0.16)] * 3
-    rest = (LightSource("directional", toward=_vector(w), irradiance=c) for w, c in zip(around, colours, strict=True))
-    return (LightSource("directional", toward=_vector(sun), irradiance=(0.6, 0.58, 0.54)), *rest)
-
-
-def _vector(direction: Array) -> Vector:
-    x, y, z = (float(value) for value in direction)
-    return x, y, z
+    directions = from_degrees([40] + [58] * 6, [120, *range(0, 360, 60)]).tolist()
+    colours = [(0.6, 0.58, 0.54), *[(0.28, 0.25, 0.2), (0.1, 0.12, 0.16)] * 3] if kind != "sun" else [(1, 1, 1)]
+    lights = zip(directions, colours, strict=False)
+    return tuple(LightSource("directional", toward=(x, y, z), irradiance=c) for (x, y, z), c in lights)
 
 
 def changed(scene: Scene, lights: str | None, tiling: float, width: int | None) -> Scene:
     """A scene with other lights, its texture repeated `tiling` times as often, and pictures `width` pixels wide."""
     u, v = scene.surface.repeat
     surface = dataclasses.replace(scene.surface, repeat=(u * tiling, v * tiling))
-    cameras = scene.cameras
-    if width:
-        cameras = tuple(
-            dataclasses.replace(c, width=width, height=max(1, round(c.height * width / c.width))) for c in cameras
-        )
+    sizes = [(width or c.width, max(1, round(c.height * (width or c.width) / c.width))) for c in scene.cameras]
+    cameras = [dataclasses.replace(c, width=w, height=h) for c, (w, h) in zip(scene.cameras, sizes, strict=True)]
     sources = lamps(lights) if lights else scene.lights
-    return dataclasses.replace(scene, cameras=cameras, surface=surface, lights=sources)
+    return dataclasses.replace(scene, cameras=tuple(cameras), surface=surface, lights=sources)
 
 
 def of_material(material: Material) -> Answers:

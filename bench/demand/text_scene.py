@@ -4,7 +4,7 @@ import numpy as np
 
 from bench.demand.demand import unit
 from bench.demand.points import Array, Light, Points
-from bench.demand.scene import LightSource, Scene
+from bench.demand.scene import Lamp, LightSource, Scene
 from bench.demand.shapes import distance, texture
 
 
@@ -52,22 +52,17 @@ def _reaching(source: LightSource, points: Points, rng: np.random.Generator) -> 
 def _environment_sample(source: LightSource, points: Points, rng: np.random.Generator) -> Light:
     """One sample of an environment at each point: the sphere, or one of the lamps, in proportion to their power."""
     toward, irradiance = np.zeros((2, len(points), 3))
-    solid = [2 * np.pi * (1 - np.cos(np.radians(lamp.cone_deg))) for lamp in source.lamps]
-    radiance = [np.asarray(lamp.radiance) for lamp in source.lamps]
-    around = np.asarray(source.radiance or (0.0, 0.0, 0.0))
-    power = np.array([4 * np.pi * around.mean(), *(s * r.mean() for s, r in zip(solid, radiance, strict=True))])
-    chosen = rng.choice(len(power), len(points), p=power / power.sum())
-    for index, share in enumerate(power / power.sum()):
+    lamps = [Lamp((0.0, 0.0, 1.0), 180.0, source.radiance or (0.0, 0.0, 0.0)), *source.lamps]
+    angles = np.radians([lamp.cone_deg for lamp in lamps])
+    solid = 2 * np.pi * (1 - np.cos(angles))
+    power = solid * [np.mean(lamp.radiance) for lamp in lamps]
+    shares = power / power.sum()
+    chosen = rng.choice(len(lamps), len(points), p=shares)
+    for index, lamp in enumerate(lamps):
         here = np.flatnonzero(chosen == index)
-        if not len(here):
-            continue
-        if index:
-            lamp = source.lamps[index - 1]
-            toward[here] = _in_cone(unit(np.asarray(lamp.toward)), np.radians(lamp.cone_deg), len(here), rng)
-            irradiance[here] = radiance[index - 1] * solid[index - 1] / share
-        else:
-            toward[here] = _in_cone(np.array([0.0, 0.0, 1.0]), np.pi, len(here), rng)
-            irradiance[here] = around * 4 * np.pi / share
+        if len(here):
+            toward[here] = _in_cone(unit(np.asarray(lamp.toward)), angles[index], len(here), rng)
+            irradiance[here] = np.asarray(lamp.radiance) * solid[index] / shares[index]
     return Light(toward, irradiance / source.samples)
 
 

@@ -4,12 +4,11 @@
 `neubtf-bench bake` writes the BTF to a given path; a suite or `run --material FOLDER` bakes into the cache.
 """
 
-import functools
 import hashlib
 import json
 import logging
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -48,22 +47,8 @@ class PathTracer(Protocol):
         """Yield slices (n, H, W, 3) of the pairs wo, wi (N, 3) in order, from pair `start` on."""
 
 
-@dataclass(frozen=True)
-class Pairs:
-    """The pairs to bake, (N, 3) each, and a mask (N,) of the held-out ones."""
-
-    wo: Array
-    wi: Array
-    heldout: Array | None = None
-
-
 def bake(
-    surface: Surface,
-    data: Preparation,
-    out: Path,
-    show: Progress,
-    seed: int = 0,
-    path_tracer: PathTracer | None = None,
+    surface: Surface, data: Preparation, out: Path, show: Progress, seed: int = 0, path_tracer: PathTracer | None = None
 ) -> None:
     """Render a surface at the pairs that `data` asks for and write it: `.npz`, or a folder of EXR pictures.
 
@@ -74,41 +59,51 @@ def bake(
     """
     wo, wi = data.everything(surface.name, seed)
     heldout = np.arange(len(wo)) >= data.views * data.lights if data.heldout else None
-    described = _described(surface, seed) | _sampled(data) | {"heldout": data.described()}
-    _bake(surface, Pairs(wo, wi, heldout), described, out, show, seed, path_tracer)
+    _bake(surface, (wo, wi), heldout, _sampled(data) | {"heldout": data.described()}, out, show, seed, path_tracer)
 
 
 def _bake(
     surface: Surface,
-    pairs: Pairs,
-    described: dict[str, Any],
+    pairs: tuple[Array, Array],
+    heldout: Array | None,
+    sampled: dict[str, Any],
     out: Path,
     show: Progress,
-    seed: int = 0,
-    path_tracer: PathTracer | None = None,
+    seed: int,
+    path_tracer: PathTracer | None,
 ) -> None:
-    """Render a surface at some pairs into a file or folder; see `bake`."""
+    """Render a surface at some pairs, which `sampled` describes, into a file or folder; see `bake`."""
     check_place(out)
-    wo, wi, label = pairs.wo, pairs.wi, f"baking {surface.name}"
+    (wo, wi), label = pairs, f"baking {surface.name}"
+    described = {
+        "source": BAKED,
+        "maps": surface.notes,
+        "bake_version": BAKE_VERSION,
+        "renderer_version": RENDERER_VERSION,
+        "sub_points": SUB_POINTS,
+        "seed": seed,
+        **DESCRIBED,
+        **sampled,
+        **(path_tracer.described() if path_tracer else {}),
+    }
 
-    def write(values: Array, notes: dict[str, Any]) -> None:
+    def write(values: Array) -> None:
         source = ArraySource(values)
-        write_btf(BTF(surface.name, wo, wi, source, heldout=pairs.heldout, periodic=True, provenance=notes), out)
+        write_btf(BTF(surface.name, wo, wi, source, heldout=heldout, periodic=True, provenance=described), out)
 
     if path_tracer:
-        described = described | path_tracer.described()
         kept = Partial(out, _digest(surface, wo, wi, described), (len(wo), *surface.shape, 3))
         show(label, kept.done, len(wo))
         for slices in path_tracer.launches(surface.maps, wo, wi, surface.shape, SUB_POINTS, seed, start=kept.done):
             kept.add(slices)
             show(label, kept.done, len(wo))
-        write(kept.values, described)
+        write(kept.values)
         kept.remove()
         return
     with atomic.temporary(out) as scratch:
         values = atomic.mapped(scratch, np.float32, (len(wo), *surface.shape, 3))
         render(surface.maps, wo, wi, surface.shape, SUB_POINTS, values, show, label)
-        write(values, described)
+        write(values)
 
 
 def _digest(surface: Surface, wo: Array, wi: Array, described: dict[str, Any]) -> str:
@@ -128,30 +123,20 @@ def open_svbrdf(
     If a path tracer is killed, its finished slices stay beside the files, and the next call resumes from them. Raises
     `InputError` for maps that cannot be recognised or read, and for counts out of range.
     """
-    cached = functools.partial(_cached, folder, data.size, show, path_tracer)
-    return prepared(data, folder.resolve().name, 0, draw, _sampled(data), cached)
+    name = folder.resolve().name
 
+    def cached(pairs: tuple[Array, Array], sampled: dict[str, Any]) -> BTF:
+        maps, sampled = recognise(folder), sampled | (path_tracer.described() if path_tracer else {})
+        path = cache_dir() / "materials" / f"{name}-{data.size}-{_key(maps, data.size, sampled)[:24]}.npz"
+        if not path.exists():
+            with atomic.locked(path):  # two processes must not both resume from the slices of a killed one
+                if not path.exists():
+                    surface = read_surface(maps, data.size)
+                    log.warning("baking %s\n%s", folder, table(surface))
+                    _bake(surface, pairs, None, sampled, path, show, 0, path_tracer)
+        return replace(open_btf(path), name=name)
 
-def _cached(
-    folder: Path,
-    size: int,
-    show: Progress,
-    path_tracer: PathTracer | None,
-    pairs: tuple[Array, Array],
-    sampled: dict[str, Any],
-) -> BTF:
-    """A folder of maps at some pairs, `wo` and `wi`, which `sampled` describes: read from the cache, or baked into
-    it."""
-    maps, name = recognise(folder), folder.resolve().name
-    sampled = sampled | (path_tracer.described() if path_tracer else {})
-    path = cache_dir() / "materials" / f"{name}-{size}-{_key(maps, size, sampled)[:24]}.npz"
-    if not path.exists():
-        with atomic.locked(path):  # two processes must not both resume from the slices of a killed one
-            if not path.exists():
-                surface = read_surface(maps, size)
-                log.warning("baking %s\n%s", folder, table(surface))
-                _bake(surface, Pairs(*pairs), _described(surface, 0) | sampled, path, show, 0, path_tracer)
-    return replace(open_btf(path), name=name)
+    return prepared(data, name, 0, draw, _sampled(data), cached)
 
 
 def table(surface: Surface) -> str:
@@ -168,18 +153,4 @@ def _key(maps: MapFiles, size: int, sampled: dict[str, Any]) -> str:
 
 
 def _sampled(data: Preparation) -> dict[str, Any]:
-    """The training pairs, in words."""
     return {"directions": f"{data.directions}: {data.views} views, {data.lights} lights"}
-
-
-def _described(surface: Surface, seed: int) -> dict[str, Any]:
-    return {
-        "source": BAKED,
-        "maps": surface.notes,
-        "bake_version": BAKE_VERSION,
-        "renderer_version": RENDERER_VERSION,
-        "sub_points": SUB_POINTS,
-        "seed": seed,
-        "values": "linear Rec. 709, f_r * cos(theta_i) * visibility, mean over the sub-points, no clamp",
-        **DESCRIBED,
-    }

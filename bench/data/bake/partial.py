@@ -23,17 +23,14 @@ class Partial:
         self.folder = out.with_name(f".{out.name}.{hashlib.sha256(key.encode()).hexdigest()[:16]}.baking")
         self.folder.mkdir(exist_ok=True)
         path = self.folder / "values.npy"
-        self.done = self._count() if path.exists() else 0
+        try:
+            self.done = int((self.folder / COUNT).read_text()) if path.exists() else 0
+        except (OSError, ValueError):
+            self.done = 0
         if not self.done:
             with atomic.replacing(path) as fresh:
                 atomic.mapped(fresh, np.float32, shape)
         self.values = np.lib.format.open_memmap(path, "r+")
-
-    def _count(self) -> int:
-        try:
-            return int((self.folder / COUNT).read_text())
-        except (OSError, ValueError):
-            return 0
 
     def add(self, slices: Array) -> None:
         """Keep the next slices (n, H, W, 3); they are on disk before they count."""

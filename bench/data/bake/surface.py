@@ -19,8 +19,7 @@ from bench.metrics.display import encode_srgb
 Array = np.ndarray
 SUB_POINTS = 4  # points along each side of a texel; docs/baking.md compares 2 and 8
 JUDGED = 256  # longest side at which normals and displacement are compared, for any size of the bake
-DEFAULT_DEPTH = 0.02
-DEFAULT_ROUGHNESS = 0.5
+DEFAULT_DEPTH, DEFAULT_ROUGHNESS = 0.02, 0.5
 
 
 @dataclass(frozen=True)
@@ -46,18 +45,13 @@ def read_surface(map_files: MapFiles, size: int, depth: float | None = None) -> 
     metalness = reader.channel("metalness", 2, notes, 0.0)
     normal, height = _relief(reader, notes, depth)
     if normal is not None:
-        length = np.linalg.norm(normal, axis=-1)
-        roughness, normal = _roughened(roughness, length), _unit(normal)
+        # Shrinking lost the variance of the normals: α² grows by (1 − |n̄|) / |n̄| (Toksvig 2005).
+        length = np.clip(np.linalg.norm(normal, axis=-1), 0.1, 1)
+        roughness = np.minimum((roughness**4 + (1 - length) / length) ** 0.25, 1)
+        normal = _unit(normal)
     anisotropy, angle = _anisotropy(reader)
-    maps = Maps(
-        0.0 if height is None else height,
-        reader.shrunk(reader.albedo),
-        roughness,
-        metalness,
-        anisotropy=anisotropy,
-        angle=angle,
-        normal=normal,
-    )
+    relief, albedo = 0.0 if height is None else height, reader.shrunk(reader.albedo)
+    maps = Maps(relief, albedo, roughness, metalness, anisotropy=anisotropy, angle=angle, normal=normal)
     notes |= {name: f"not used: {why}" for name, why in map_files.unused.items()}
     return Surface(map_files.folder.resolve().name, reader.shape, maps, notes)
 
@@ -69,7 +63,10 @@ class _Reader:
         if size < 1:
             raise InputError(f"size must be at least 1, not {size}")
         self.files, self.roles = FolderFiles(map_files.folder), map_files.files
-        self.albedo = self._albedo()
+        name = self.roles["albedo"]
+        self.albedo = read_picture(self.files, name)
+        if self.albedo.min() < 0 or self.albedo.max() > 1:
+            raise InputError(f"{self.files.label(name)}: an albedo must lie in [0, 1]: scale it")
         self.full = self.albedo.shape[:2]
         self.shape = _fitted(self.full, size)
         self.grid = self.limited(SUB_POINTS * size)  # one map texel per sub-point, so no detail is skipped
@@ -80,13 +77,6 @@ class _Reader:
 
     def shrunk(self, picture: Array) -> Array:
         return resize(picture, self.grid)
-
-    def _albedo(self) -> Array:
-        name = self.roles["albedo"]
-        picture = read_picture(self.files, name)
-        if picture.min() < 0 or picture.max() > 1:
-            raise InputError(f"{self.files.label(name)}: an albedo must lie in [0, 1]: scale it")
-        return picture
 
     def codes(self, role: str) -> Array | None:
         """A map that is not a colour, (H, W, 3) at full size: codes as fractions of white, EXR as stored."""
@@ -150,12 +140,6 @@ def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tupl
         notes[height_role] += ", fitted to the normal map" if fitted else ""
         height = reader.shrunk(height) * np.float32(-depth if inverted else depth)
     return normal, height
-
-
-def _roughened(roughness: Array | float, length: Array) -> Array:
-    """Increase roughness by the normal variance lost in shrinking: α² grows by (1 − |n̄|) / |n̄| (Toksvig 2005)."""
-    length = np.clip(length, 0.1, 1)
-    return np.minimum((roughness**4 + (1 - length) / length) ** 0.25, 1)
 
 
 def _vectors(codes: Array, label: str) -> Array:

@@ -46,12 +46,7 @@ def recipe(name: str) -> "Recipe":
 
 
 def load(
-    name: str,
-    size: int = 64,
-    seed: int = 0,
-    draw: int = 0,
-    show: "Progress | None" = None,
-    **pairs: Any,
+    name: str, size: int = 64, seed: int = 0, draw: int = 0, show: "Progress | None" = None, **pairs: Any
 ) -> "BTF":
     """A built-in material as a periodic BTF of size² texels, rendered once and then mapped from the cache.
 

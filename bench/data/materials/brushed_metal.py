@@ -7,8 +7,6 @@ import numpy as np
 from bench.data.materials.maps import Maps
 from bench.data.materials.noise import smooth, srgb
 
-Array = np.ndarray
-
 
 @dataclass(frozen=True)
 class BrushedMetal:

@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from bench.data.materials.maps import Maps
-from bench.data.materials.noise import grid, mix, normalised, smooth, srgb
+from bench.data.materials.noise import mix, normalised, smooth, srgb, to_scattered
 
 
 @dataclass(frozen=True)
@@ -22,10 +21,7 @@ class HammeredCopper:
 
     def maps(self, seed: int) -> Maps:
         rng = np.random.default_rng(seed)
-        u, v = grid(self.resolution)
-        corner = np.stack(np.meshgrid(np.arange(self.dents), np.arange(self.dents)), -1).reshape(-1, 2)
-        points = (corner + 0.5 + rng.uniform(-0.35, 0.35, corner.shape)) / self.dents % 1.0
-        away = cKDTree(points, boxsize=1.0).query(np.stack([u, v], -1))[0] * self.dents
+        away = to_scattered(rng, self.resolution, self.dents, 0.35)[0] * self.dents
         tarnish = smooth(rng, self.resolution, 0.08, 0.08)
         grain = smooth(rng, self.resolution, 0.006, 0.006)
         low = np.clip(1.1 - 1.6 * away + 0.5 * tarnish, 0, 1) * 0.6

@@ -23,8 +23,7 @@ class HeightField:
         self.cell = (aspect / self.shape[0], 1 / self.shape[1])
         self.bottom, self.top = float(self.height.min()), float(self.height.max())
         # Doubled so that any shift of the whole field is one view of this array.
-        self._tiled = np.tile(self.height, (2, 2))
-        self._tiled = np.pad(self._tiled, ((0, 1), (0, 1)), mode="wrap")
+        self._tiled = np.pad(np.tile(self.height, (2, 2)), ((0, 1), (0, 1)), mode="wrap")
 
     def normals(self) -> Array:
         """Unit normals (3, H, W) float32 from central differences."""

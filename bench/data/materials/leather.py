@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
-from scipy.spatial import cKDTree
 
 from bench.data.materials.maps import Maps
-from bench.data.materials.noise import grid, mix, smooth, srgb
+from bench.data.materials.noise import mix, smooth, srgb, to_scattered
 
 Array = np.ndarray
 
@@ -41,9 +40,6 @@ class Leather:
 
     def _pebbles(self, rng: np.random.Generator, cells: int, crease: float) -> Array:
         """Height in [0, 1]: 0 on the border of two cells, rounded up to 1 inside."""
-        corner = np.stack(np.meshgrid(np.arange(cells), np.arange(cells)), -1).reshape(-1, 2)
-        points = (corner + 0.5 + rng.uniform(-0.42, 0.42, corner.shape)) / cells % 1.0
-        u, v = grid(self.resolution)
-        nearest, _ = cKDTree(points, boxsize=1.0).query(np.stack([u, v], -1), k=2)
-        border = np.clip((nearest[..., 1] - nearest[..., 0]) * cells / crease, 0, 1)
+        one, other = to_scattered(rng, self.resolution, cells, 0.42)
+        border = np.clip((other - one) * cells / crease, 0, 1)
         return gaussian_filter(np.sqrt(1 - (1 - border) ** 2), 0.007 * self.resolution, mode="wrap")

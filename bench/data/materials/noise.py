@@ -2,6 +2,7 @@
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
+from scipy.spatial import cKDTree
 
 from bench.metrics.display import decode_srgb
 
@@ -19,6 +20,14 @@ def smooth(rng: np.random.Generator, size: int, sigma_v: float, sigma_u: float) 
     """Gaussian-filtered white noise, zero mean and unit deviation; sigmas in texture units, periodic."""
     field = gaussian_filter(rng.normal(size=(size, size)), (sigma_v * size, sigma_u * size), mode="wrap")
     return (field - field.mean()) / field.std()
+
+
+def to_scattered(rng: np.random.Generator, size: int, cells: int, jitter: float) -> tuple[Array, Array]:
+    """Distances to the nearest and the second nearest of cells² points, one scattered in each cell."""
+    corner = np.stack(np.meshgrid(np.arange(cells), np.arange(cells)), -1).reshape(-1, 2)
+    points = (corner + 0.5 + rng.uniform(-jitter, jitter, corner.shape)) / cells % 1.0
+    nearest, _ = cKDTree(points, boxsize=1.0).query(np.stack(grid(size), -1), k=2)
+    return nearest[..., 0], nearest[..., 1]
 
 
 def normalised(picture: Array) -> Array:

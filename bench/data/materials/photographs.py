@@ -64,9 +64,8 @@ class Gravel:
 
     def maps(self, seed: int) -> Maps:
         rng = np.random.default_rng(seed)
-        grey = resize(
-            make_periodic(data.gravel()[200:450, 200:450] / 255.0, (40, 40)), (self.resolution, self.resolution)
-        )
+        grey = make_periodic(data.gravel()[200:450, 200:450] / 255.0, (40, 40))
+        grey = resize(grey, (self.resolution, self.resolution))
         detail = np.clip(_detail(gaussian_filter(grey, 2, mode="wrap"), 30), -2.5, 2.5)
         warm = 0.06 * smooth(rng, self.resolution, 0.02, 0.02)
         colour = srgb(*self.stone_srgb) * (0.75 + 0.2 * detail)[..., None] * (1 + warm[..., None] * [1, 0, -1])
@@ -85,9 +84,8 @@ class Grass:
 
     def maps(self, seed: int) -> Maps:
         rng = np.random.default_rng(seed)
-        grey = resize(
-            make_periodic(data.grass()[20:276, 200:456] / 255.0, (48, 48)), (self.resolution, self.resolution)
-        )
+        grey = make_periodic(data.grass()[20:276, 200:456] / 255.0, (48, 48))
+        grey = resize(grey, (self.resolution, self.resolution))
         detail = np.clip(_detail(gaussian_filter(grey, 1.5, mode="wrap"), 30), -2.5, 2.5)
         height = normalised(detail)
         dry = 0.12 * smooth(rng, self.resolution, 0.05, 0.05)

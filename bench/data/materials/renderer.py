@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 DESCRIBED = {
+    "values": "linear Rec. 709, f_r * cos(theta_i) * visibility, mean over the sub-points, no clamp",
     "reference_plane": "mean height",
     "transport": "direct light, self-shadowing; no inter-reflection",
     "reflectance": "GGX (Walter 2007, Burley 2012), Smith (Heitz 2014), Schlick Fresnel, coupled Lambert",
@@ -59,20 +60,21 @@ class Renderer:
         self.aspect = maps.shape[0] / maps.shape[1]
         maps = maps.resized((rays[0] * stride[0], rays[1] * stride[1]))
         self.field = HeightField(maps.height, self.aspect)
-        self._table = self._pack(maps)
-
-    def _pack(self, maps: Maps) -> Array:
-        """All values of a surface point in one table, (H' · W', 12), so that one read fetches a whole point."""
+        # All values of a surface point in one table, (H' · W', 12), so that one read fetches a whole point.
         normal = self.field.normals() if maps.normal is None else np.moveaxis(maps.normal, -1, 0)
         base = np.moveaxis(maps.base_colour, -1, 0)
         rest = [maps.roughness, maps.metalness, maps.specular, maps.anisotropy]
         direction = [np.cos(2 * maps.angle), np.sin(2 * maps.angle)]
-        return np.stack([*normal, *base, *rest, *direction], -1).reshape(-1, 12).astype(np.float32)
+        self._table = np.stack([*normal, *base, *rest, *direction], -1).reshape(-1, 12).astype(np.float32)
 
     def view(self, wo: Array) -> View:
         """Trace the rays toward `wo` (3,) and look up the surface where they meet it."""
-        place = self._places(wo)
-        row, col = (self._by_sub_point(p) for p in place)
+        z = self.field.trace(wo, self.stride)
+        starts = [np.arange(n, dtype=np.float32) * s + (s - 1) / 2 for n, s in zip(z.shape, self.stride, strict=True)]
+        rows, cols = self.field.offset(wo)
+        # Fractional grid row and column where the ray of each sub-point ends.
+        row = self._by_sub_point(starts[0][:, None] + z * np.float32(rows))
+        col = self._by_sub_point(starts[1][None, :] + z * np.float32(cols))
         sampled = _bilinear(self._table, self.field.shape, row, col)
         normal, base = sampled[:3], sampled[3:6]
         normal = normal / np.sqrt((normal * normal).sum(0))
@@ -83,24 +85,14 @@ class Renderer:
         cell = np.floor(row + 0.5).astype(np.intp) % H * W + np.floor(col + 0.5).astype(np.intp) % W
         return View(wo, brdf.points(_project(frame, wo), surface), frame, cell)
 
-    def _places(self, wo: Array) -> tuple[Array, Array]:
-        """Fractional grid row and column, each (H · s, W · s) float32, where the ray of each sub-point ends."""
-        z = self.field.trace(wo, self.stride)
-        starts = [np.arange(n, dtype=np.float32) * s + (s - 1) / 2 for n, s in zip(z.shape, self.stride, strict=True)]
-        rows, cols = self.field.offset(wo)
-        return starts[0][:, None] + z * np.float32(rows), starts[1][None, :] + z * np.float32(cols)
-
     def _by_sub_point(self, picture: Array) -> Array:
         """(H · s, W · s) → (s², H · W)."""
         (H, W), s = self.size, self.sub_points
         return picture.reshape(H, s, W, s).transpose(1, 3, 0, 2).reshape(s * s, H * W)
 
-    def light(self, wi: Array) -> Array:
-        """The share of light from `wi` at each grid cell, flat uint8; 255 is all of it."""
-        return self.field.visibility(wi).reshape(-1)
-
     def slice(self, view: View, wi: Array, light: Array) -> Array:
-        """The picture (H, W, 3) float32 of one pair, linear Rec. 709, f_r · cos θ_i · V."""
+        """The picture (H, W, 3) float32 of one pair, linear Rec. 709, f_r · cos θ_i · V; V is `light`, see
+        `HeightField.visibility`."""
         at = view.points
         cos_between = np.float32(view.wo @ wi)
         through, specular = brdf.reflect(at, _project(view.frame, wi), cos_between)
@@ -169,14 +161,14 @@ def render(
     view_of, light_of = view_of.reshape(-1), light_of.reshape(-1)  # only numpy 2.0 gives (N, 1)
 
     def light(index: int) -> Array | None:
-        return renderer.light(lights[index]) if uses[index] > 1 else None
+        return renderer.field.visibility(lights[index]) if uses[index] > 1 else None
 
     def paint(index: int) -> int:
         view = renderer.view(views[index])
         pairs = np.flatnonzero(view_of == index)
         for pair in pairs:
             cast = shared[light_of[pair]]
-            picture = renderer.slice(view, wi[pair], renderer.light(wi[pair]) if cast is None else cast)
+            picture = renderer.slice(view, wi[pair], renderer.field.visibility(wi[pair]) if cast is None else cast)
             with np.errstate(over="ignore"):
                 result[pair] = picture
         return len(pairs)

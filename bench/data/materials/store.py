@@ -7,7 +7,6 @@ Values are float16 (half the bytes, 5e-4 relative), or float32 if a highlight wo
 import hashlib
 import json
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +16,7 @@ from bench import atomic
 from bench.atomic import cache_dir
 from bench.btf import BTF, RENDERED, Array, ArraySource
 from bench.data.joined import prepared
-from bench.data.materials.maps import Recipe
+from bench.data.materials.maps import Maps, Recipe
 from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, SUB_POINTS, render
 from bench.data.spec import Preparation
 from bench.errors import InputError
@@ -53,49 +52,37 @@ def load_or_render(
     if data.size < 1:
         raise InputError(f"size must be at least 1, not {data.size}")
     directions: dict[str, Any] = {"directions": data.directions, "views": data.views, "lights": data.lights}
-    rendered = partial(_rendered, name, recipe, data.size, seed, outline, show)
-    return prepared(data, name, seed, draw, directions, rendered)
 
-
-def _rendered(
-    name: str,
-    recipe: Recipe,
-    size: int,
-    seed: int,
-    outline: bool,
-    show: "Progress | None",
-    pairs: tuple[Array, Array],
-    sampled: dict[str, Any],
-) -> BTF:
-    """A surface at some pairs, `wo` and `wi`, which `sampled` describes: read from the cache, or rendered into it."""
-    # Everything that determines the values. Its hash is the cache key, and `BTF.provenance` contains it.
-    described: dict[str, Any] = {
-        "source": RENDERED,
-        "renderer_version": RENDERER_VERSION,
-        "material": name,
-        "recipe": type(recipe).__name__,
-        "parameters": asdict(recipe),  # type: ignore[call-overload]
-        "seed": seed,
-        "size": size,
-        "sub_points": SUB_POINTS,
-        "values": "linear Rec. 709, f_r * cos(theta_i) * visibility, mean over the sub-points, no clamp",
-        **DESCRIBED,
-        **sampled,
-    }
-    key = hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
-    path = cache_dir() / "materials" / f"{name}-{size}-{key[:24]}.npy"
-    shape = (len(pairs[0]), size, size, 3)
-    values = np.broadcast_to(np.float16(0), shape) if outline else _read(path, shape)
-    if values is None:
-        with atomic.locked(path):
-            values = _read(path, shape)
-            if values is None:
-                _write(path, recipe, *pairs, shape, seed, described, show)
+    def rendered(pairs: tuple[Array, Array], sampled: dict[str, Any]) -> BTF:
+        # Everything that determines the values. Its hash is the cache key, and `BTF.provenance` contains it.
+        described: dict[str, Any] = {
+            "source": RENDERED,
+            "renderer_version": RENDERER_VERSION,
+            "material": name,
+            "recipe": type(recipe).__name__,
+            "parameters": asdict(recipe),  # type: ignore[call-overload]
+            "seed": seed,
+            "size": data.size,
+            "sub_points": SUB_POINTS,
+            **DESCRIBED,
+            **sampled,
+        }
+        key = hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
+        path = cache_dir() / "materials" / f"{name}-{data.size}-{key[:24]}.npy"
+        shape = (len(pairs[0]), data.size, data.size, 3)
+        values = np.broadcast_to(np.float16(0), shape) if outline else _read(path, shape)
+        if values is None:
+            with atomic.locked(path):
                 values = _read(path, shape)
-    if values is None:
-        raise InputError(f"{path}: it cannot be read back after writing: is the disk full?")
-    nothing, source = np.zeros(len(values), bool), StoredSource(values, key)
-    return BTF(name, *pairs, source, heldout=nothing, periodic=True, provenance=described)
+                if values is None:
+                    _write(path, recipe.maps(seed), *pairs, shape, described, show)
+                    values = _read(path, shape)
+        if values is None:
+            raise InputError(f"{path}: it cannot be read back after writing: is the disk full?")
+        nothing, source = np.zeros(len(values), bool), StoredSource(values, key)
+        return BTF(name, *pairs, source, heldout=nothing, periodic=True, provenance=described)
+
+    return prepared(data, name, seed, draw, directions, rendered)
 
 
 def _read(path: Path, shape: tuple[int, ...]) -> Array | None:
@@ -111,15 +98,13 @@ def _read(path: Path, shape: tuple[int, ...]) -> Array | None:
 
 def _write(
     path: Path,
-    recipe: Recipe,
+    maps: Maps,
     wo: Array,
     wi: Array,
     shape: tuple[int, ...],
-    seed: int,
     described: dict[str, Any],
     show: "Progress | None",
 ) -> None:
-    maps = recipe.maps(seed)
     with atomic.replacing(path) as place:
         for dtype in (np.float16, np.float32):
             values = atomic.mapped(place, dtype, shape)

@@ -86,55 +86,6 @@ def load_variation(number: int, size: int = 32, heldout: int = 375) -> BTF:
     return load_or_render(f"variation-{number}-{kind}", recipe, data, number + 1)
 
 
-def _satin(rng: np.random.Generator) -> Satin:
-    return Satin(
-        resolution=RESOLUTION,
-        threads=5 * int(rng.integers(1, 3)),
-        height=_geometric(rng, 0.008, 0.05),
-        twist_deg=rng.uniform(-25, 25),
-        roughness=rng.uniform(0.25, 0.7),
-        anisotropy=rng.uniform(0.4, 0.95),
-        warp_srgb=_colour(rng),
-        weft_srgb=_colour(rng),
-    )
-
-
-def _brushed_metal(rng: np.random.Generator) -> BrushedMetal:
-    return BrushedMetal(
-        resolution=RESOLUTION,
-        height=_geometric(rng, 0.0005, 0.006),
-        roughness=rng.uniform(0.2, 0.6),
-        anisotropy=rng.uniform(0.2, 0.95),
-        metal_srgb=_colour(rng, darkest=120),
-    )
-
-
-def _leather(rng: np.random.Generator) -> Leather:
-    return Leather(
-        resolution=RESOLUTION,
-        height=_geometric(rng, 0.01, 0.08),
-        cells=int(rng.integers(3, 9)),
-        crease=rng.uniform(0.5, 1.4),
-        roughness=rng.uniform(0.25, 0.7),
-        skin_srgb=_colour(rng),
-        crease_srgb=_colour(rng),
-    )
-
-
-def _cable_knit(rng: np.random.Generator) -> CableKnit:
-    return CableKnit(
-        resolution=RESOLUTION,
-        height=_geometric(rng, 0.05, 0.25),
-        stitches=2 * int(rng.integers(2, 6)),
-        bumps=int(rng.integers(3, 8)),
-        sway=rng.uniform(0.05, 0.2),
-        radius=rng.uniform(0.1, 0.25),
-        yarn=rng.uniform(0.15, 0.5),
-        roughness=rng.uniform(0.4, 0.95),
-        colour_srgb=_colour(rng),
-    )
-
-
 def _patchwork(rng: np.random.Generator) -> Patchwork:
     grain = _geometric(rng, 0.02, 0.12)
     return Patchwork(
@@ -154,11 +105,45 @@ def _patchwork(rng: np.random.Generator) -> Patchwork:
     )
 
 
+# The built-in recipes that are procedural, with every parameter drawn.
 _KINDS: dict[str, Callable[[np.random.Generator], Recipe]] = {
-    "satin": _satin,
-    "brushed-metal": _brushed_metal,
-    "leather": _leather,
-    "cable-knit": _cable_knit,
+    "satin": lambda rng: Satin(
+        resolution=RESOLUTION,
+        threads=5 * int(rng.integers(1, 3)),
+        height=_geometric(rng, 0.008, 0.05),
+        twist_deg=rng.uniform(-25, 25),
+        roughness=rng.uniform(0.25, 0.7),
+        anisotropy=rng.uniform(0.4, 0.95),
+        warp_srgb=_colour(rng),
+        weft_srgb=_colour(rng),
+    ),
+    "brushed-metal": lambda rng: BrushedMetal(
+        resolution=RESOLUTION,
+        height=_geometric(rng, 0.0005, 0.006),
+        roughness=rng.uniform(0.2, 0.6),
+        anisotropy=rng.uniform(0.2, 0.95),
+        metal_srgb=_colour(rng, darkest=120),
+    ),
+    "leather": lambda rng: Leather(
+        resolution=RESOLUTION,
+        height=_geometric(rng, 0.01, 0.08),
+        cells=int(rng.integers(3, 9)),
+        crease=rng.uniform(0.5, 1.4),
+        roughness=rng.uniform(0.25, 0.7),
+        skin_srgb=_colour(rng),
+        crease_srgb=_colour(rng),
+    ),
+    "cable-knit": lambda rng: CableKnit(
+        resolution=RESOLUTION,
+        height=_geometric(rng, 0.05, 0.25),
+        stitches=2 * int(rng.integers(2, 6)),
+        bumps=int(rng.integers(3, 8)),
+        sway=rng.uniform(0.05, 0.2),
+        radius=rng.uniform(0.1, 0.25),
+        yarn=rng.uniform(0.15, 0.5),
+        roughness=rng.uniform(0.4, 0.95),
+        colour_srgb=_colour(rng),
+    ),
 }
 
 

@@ -6,11 +6,13 @@ from collections.abc import Callable
 import numpy as np
 
 from bench.errors import InputError
+from bench.hemisphere import from_angles, from_degrees, to_degrees
 
 Array = np.ndarray
 HORIZON = 1e-6
 MANY_BELOW = 0.25  # a larger share of directions below the surface means other axes
 NOISE = 1e-3  # negative values down to this share of the largest are noise
+PHOTOGRAPHED = "radiance as photographed: the cosine is the light's own fall on the surface"  # of a provenance
 
 log = logging.getLogger(__name__)
 
@@ -31,6 +33,26 @@ def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: floa
         remedy = many if below > max(1, MANY_BELOW * len(above)) else ": leave this entry out"
         raise InputError(f"{label(row)}: {_listed(vectors[row])} is not above the surface (z > 0){remedy}")
     return (vectors / length[:, None]).astype(np.float32)
+
+
+def different_directions(theta: Array, phi: Array, label: Callable[[int], str], what: str = "") -> Array:
+    """Unit vectors (N, 3) of angles (radians), which must all be in range and different, or `InputError` names one."""
+    angles_in_range(theta, phi, label, what)
+    directions = from_angles(theta, phi)
+    no_duplicates(directions, directions, label)
+    return directions
+
+
+def pairs_in_degrees(angles: Array, label: Callable[[int], str], kinds: tuple[str, str]) -> tuple[Array, Array]:
+    """The directions (N, 3) of angles θ, φ, θ, φ (N, 4) of two sides, in degrees and in range; no pair twice.
+
+    `kinds` are the sides' names in errors.
+    """
+    for side, what in zip((0, 2), kinds, strict=True):
+        angles_in_range(np.radians(angles[:, side]), np.radians(angles[:, side + 1]), label, what)
+    one, other = from_degrees(angles[:, 0], angles[:, 1]), from_degrees(angles[:, 2], angles[:, 3])
+    no_duplicates(one, other, label)
+    return one, other
 
 
 def angles_in_range(theta: Array, phi: Array, label: Callable[[int], str], what: str = "") -> None:
@@ -90,16 +112,11 @@ def no_duplicates(wo: Array, wi: Array, label: Callable[[int], str]) -> None:
 
 def view_major(wo: Array, wi: Array) -> Array:
     """The order (N,) that sorts pairs by view, then by light, each by θ and then φ."""
-    angles = [angle for side in (wi, wo) for angle in _sort_angles(side)]
+    angles = []
+    for side in (wi, wo):
+        theta, phi = (np.round(degrees, 3) for degrees in to_degrees(side))  # the last bit must not decide the order
+        angles += [np.where(theta == 0, 0.0, phi % 360.0), theta]
     return np.lexsort(angles)
-
-
-def _sort_angles(directions: Array) -> tuple[Array, Array]:
-    """φ and θ of directions (N, 3), rounded so that the last bit does not decide the order."""
-    x, y, z = np.asarray(directions, np.float64).T
-    phi = np.round(np.degrees(np.arctan2(y, x)) % 360.0, 3) % 360.0
-    theta = np.round(np.degrees(np.arctan2(np.hypot(x, y), z)), 3)
-    return np.where(theta == 0, 0.0, phi), theta
 
 
 def _listed(vector: Array) -> str:

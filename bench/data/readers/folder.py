@@ -17,11 +17,11 @@ import numpy as np
 from bench.archive import inside
 from bench.btf import BTF, Array
 from bench.data.readers.candidate import Candidate
-from bench.data.readers.checks import angles_in_range, no_duplicates, view_major, warn_of_radians
+from bench.data.readers.checks import pairs_in_degrees, view_major, warn_of_radians
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.pictures import PictureSource
 from bench.errors import NO_PLACE, InputError, readable
-from bench.hemisphere import from_degrees, to_degrees
+from bench.hemisphere import to_degrees
 
 LIST, NOTES = "pairs.csv", "btf.json"
 ANGLES = ("theta_o_deg", "phi_o_deg", "theta_i_deg", "phi_i_deg")
@@ -40,36 +40,24 @@ def opened(seen: Candidate) -> BTF | None:
         return None
     rows = _read_rows(path / LIST)
     angles = np.array([_angles(path, number, row) for number, row in rows])
-    numbers = [number for number, _ in rows]
-    names = [inside(row["file"], _row(path, number)) for number, row in rows]
-
-    def label(index: int) -> str:
-        return _row(path, numbers[index])
-
-    for side, what in ((0, "_o_deg"), (2, "_i_deg")):
-        angles_in_range(np.radians(angles[:, side]), np.radians(angles[:, side + 1]), label, what)
+    labels = [_row(path, number) for number, _ in rows]
+    names = [inside(row["file"], label) for label, (_, row) in zip(labels, rows, strict=True)]
+    wo, wi = pairs_in_degrees(angles, labels.__getitem__, ("_o_deg", "_i_deg"))
     warn_of_radians(angles[:, ::2], angles[:, 1::2], str(path / LIST))
-    wo, wi = from_degrees(angles[:, 0], angles[:, 1]), from_degrees(angles[:, 2], angles[:, 3])
-    no_duplicates(wo, wi, label)
     heldout = _heldout(path, rows)
     order = view_major(wo, wi)
-    source = PictureSource(FolderFiles(path), [names[i] for i in order], [label(i) for i in order])
+    source = PictureSource(FolderFiles(path), [names[i] for i in order], [labels[i] for i in order])
     notes = _notes(path / NOTES)
-    return BTF(
-        str(notes.get("name", path.resolve().name)),
-        wo[order],
-        wi[order],
-        source,
-        heldout=None if heldout is None else heldout[order],
-        periodic=bool(notes.get("periodic", False)),
-        provenance={
-            "format": "folder",
-            "colour": "8- and 16-bit codes decoded as sRGB to linear Rec. 709; EXR and .hdr as stored",
-            "cosine": "as stored: values are taken as f_r cos(theta_i)",
-            "clamp": "none",
-            **notes.get("provenance", {}),
-        },
-    )
+    provenance = {
+        "format": "folder",
+        "colour": "8- and 16-bit codes decoded as sRGB to linear Rec. 709; EXR and .hdr as stored",
+        "cosine": "as stored: values are taken as f_r cos(theta_i)",
+        "clamp": "none",
+        **notes.get("provenance", {}),
+    }
+    name, periodic = str(notes.get("name", path.resolve().name)), bool(notes.get("periodic", False))
+    mask = None if heldout is None else heldout[order]
+    return BTF(name, wo[order], wi[order], source, heldout=mask, periodic=periodic, provenance=provenance)
 
 
 def _row(path: Path, number: int) -> str:

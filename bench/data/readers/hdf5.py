@@ -23,7 +23,7 @@ from bench.archive import LEAST, MAX_FILE, RATIO
 from bench.btf import BTF, Array, Source, finite
 from bench.data.joined import followed
 from bench.data.readers.candidate import Candidate
-from bench.data.readers.checks import no_duplicates, unit_directions
+from bench.data.readers.checks import PHOTOGRAPHED, no_duplicates, unit_directions
 from bench.data.readers.files import file_digest
 from bench.data.readers.pictures import MAX_PIXELS
 from bench.errors import InputError, readable
@@ -55,11 +55,8 @@ def opened(seen: Candidate) -> BTF | None:
             f"{heldout}: its pictures are {width} x {height}, those of {path.name} {cols} x {rows}: move it away"
         )
     whole = followed(btf, other, "heldout", f"the {len(other)} pairs of {heldout.name}")
-
-    def label(pair: int) -> str:
-        return f"{path}: pair {pair}" if pair < len(btf) else f"{heldout}: pair {pair - len(btf)}"
-
-    no_duplicates(whole.wo, whole.wi, label)
+    labels = [f"{each}: pair {pair}" for each, part in ((path, btf), (heldout, other)) for pair in range(len(part))]
+    no_duplicates(whole.wo, whole.wi, labels.__getitem__)
     return whole
 
 
@@ -74,19 +71,14 @@ def _open(path: Path) -> BTF:
         wo, wi = (_directions(path, key, data, count) for key, data in ((VIEW, view), (LIGHT, light)))
         source = HDF5Source(path, colour.shape[:3], (0, 0, height, width), (colour.chunks or (1,))[0])
     no_duplicates(wo, wi, lambda row: f"{path}: pair {row}")
-    return BTF(
-        path.stem,
-        wo,
-        wi,
-        source,
-        provenance={
-            "format": "HDF5",
-            "colour": "taken as linear Rec. 709",
-            "cosine": "radiance as photographed: the cosine is the light's own fall on the surface",
-            "clamp": "none",
-            "frame": "rows from the bottom up, directions away from the surface, as the code that reads these files",
-        },
-    )
+    provenance = {
+        "format": "HDF5",
+        "colour": "taken as linear Rec. 709",
+        "cosine": PHOTOGRAPHED,
+        "clamp": "none",
+        "frame": "rows from the bottom up, directions away from the surface, as the code that reads these files",
+    }
+    return BTF(path.stem, wo, wi, source, provenance=provenance)
 
 
 @contextmanager

@@ -5,10 +5,10 @@ import numpy as np
 from bench.archive import ZipFiles, stored
 from bench.btf import BTF, finite
 from bench.data.readers.candidate import Candidate
-from bench.data.readers.checks import angles_in_range, no_duplicates
+from bench.data.readers.checks import different_directions
 from bench.data.readers.npz import NpzSource
 from bench.errors import InputError
-from bench.hemisphere import from_angles, product
+from bench.hemisphere import product
 
 KEY = "rgb_geomean"
 
@@ -28,20 +28,13 @@ def opened(seen: Candidate) -> BTF | None:
     if any(angles.shape != (count,) or angles.dtype.kind not in "fiu" for angles in sides):
         raise InputError(f"{path}: theta_deg and phi_deg must be ({count},) numbers")
     theta, phi = (np.radians(np.asarray(angles.values(), np.float64)) for angles in sides)
-    angles_in_range(theta, phi, lambda row: f"{path}: direction {row}", "_deg")
-    directions = from_angles(theta, phi)
-    no_duplicates(directions, directions, lambda row: f"{path}: direction {row}")
-    values = table.values()
-    finite(values, f"{path}: {KEY}")
-    return BTF(
-        path.stem,
-        *product(directions, directions),
-        NpzSource(values.reshape(-1, 1, 1, 3), path),
-        provenance={
-            "format": "mean ABRDF",
-            "colour": "linear Rec. 709 as stored",
-            "cosine": "in the data: f_r cos(theta_i)",
-            "clamp": "none",
-            "texels": "one: the geometric mean over the measured texels",
-        },
-    )
+    directions = different_directions(theta, phi, lambda row: f"{path}: direction {row}", "_deg")
+    source = NpzSource(finite(table.values(), f"{path}: {KEY}").reshape(-1, 1, 1, 3), path)
+    provenance = {
+        "format": "mean ABRDF",
+        "colour": "linear Rec. 709 as stored",
+        "cosine": "in the data: f_r cos(theta_i)",
+        "clamp": "none",
+        "texels": "one: the geometric mean over the measured texels",
+    }
+    return BTF(path.stem, *product(directions, directions), source, provenance=provenance)

@@ -10,11 +10,10 @@ import numpy as np
 
 from bench.archive import ZipFiles
 from bench.btf import BTF
-from bench.data.readers.checks import angles_in_range, no_duplicates, view_major
+from bench.data.readers.checks import pairs_in_degrees, view_major
 from bench.data.readers.files import Files, FolderFiles
 from bench.data.readers.pictures import PictureSource
 from bench.errors import InputError
-from bench.hemisphere import from_degrees
 
 # Bonn puts a running number (and at times the material) before the angles and uses spaces or underscores.
 BONN = re.compile(r"(?:^|/)[^/]+[ _]tl(\d{3})[ _]pl(\d{3})[ _]tv(\d{3})[ _]pv(\d{3})\.[^/.]+$", re.ASCII)
@@ -51,13 +50,8 @@ def open_pictures(path: Path, pattern: re.Pattern[str], provenance: dict[str, An
     matches = [pattern.search(name) for name in names]
     degrees = np.array([[int(group) for group in match.groups()] for match in matches if match], np.float64)
 
-    def label(index: int) -> str:
-        return files.label(names[index])
-
-    for side, what in ((0, " of the light"), (2, " of the view")):
-        angles_in_range(np.radians(degrees[:, side]), np.radians(degrees[:, side + 1]), label, what)
-    wi, wo = from_degrees(degrees[:, 0], degrees[:, 1]), from_degrees(degrees[:, 2], degrees[:, 3])
-    no_duplicates(wo, wi, label)
+    sides = (" of the light", " of the view")
+    wi, wo = pairs_in_degrees(degrees, lambda index: files.label(names[index]), sides)
     order = view_major(wo, wi)
     source = PictureSource(files, [names[i] for i in order], **options)
     name = path.resolve().name if path.is_dir() else path.stem

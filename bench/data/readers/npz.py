@@ -56,21 +56,15 @@ def opened(seen: Candidate) -> BTF | None:
     wo, wi = (_directions(files, key, count) for key in ("wo", "wi"))
     no_duplicates(wo, wi, lambda row: f"{path}: pair {row}")
     warn_of_radians(*to_degrees(np.concatenate([wo, wi])), f"{path}: wo and wi")
-    return BTF(
-        path.stem,
-        wo,
-        wi,
-        NpzSource(radiance.values(), path),
-        heldout=_heldout(files, count),
-        periodic=_periodic(files),
-        provenance={
-            "format": "npz",
-            "colour": "taken as linear Rec. 709",
-            "cosine": "as stored: values are taken as f_r cos(theta_i)",
-            "clamp": "none",
-            **_provenance(files),
-        },
-    )
+    source, heldout, periodic = NpzSource(radiance.values(), path), _heldout(files, count), _periodic(files)
+    provenance = {
+        "format": "npz",
+        "colour": "taken as linear Rec. 709",
+        "cosine": "as stored: values are taken as f_r cos(theta_i)",
+        "clamp": "none",
+        **_provenance(files),
+    }
+    return BTF(path.stem, wo, wi, source, heldout=heldout, periodic=periodic, provenance=provenance)
 
 
 def _directions(files: ZipFiles, key: str, count: int) -> Array:

@@ -3,6 +3,7 @@
 import struct
 import warnings
 from collections.abc import Callable, Iterator
+from itertools import takewhile
 
 import numpy as np
 
@@ -25,7 +26,8 @@ _TURNS: dict[int, Callable[[Array], Array]] = {
 
 def orientation(data: bytes, kind: str | None) -> int:
     """The orientation, 1 to 8, of a JPEG or PNG from its first bytes; 1 without a valid note."""
-    in_png = (content for name, content in png_chunks(data) if name == b"eXIf")
+    before_pixels = takewhile(lambda chunk: chunk[0] != b"IDAT", png_chunks(data))
+    in_png = (content for name, content in before_pixels if name == b"eXIf")
     payload = next({"jpeg": _jpeg_notes(data), "png": in_png}.get(kind or "", iter(())), b"")
     if not payload:
         return 1
@@ -63,12 +65,9 @@ def _jpeg_notes(data: bytes) -> Iterator[bytes]:
 
 
 def png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Name and content of the chunks of a PNG before its pixels; ends with `IDAT`, if the data contain it."""
+    """Name and content of the chunks of a PNG, as far as the data contain them."""
     at = PNG_START
     while at + 8 <= len(data):
         size, name = struct.unpack_from(">I4s", data, at)
-        if name == b"IDAT":
-            yield name, b""
-            return
         yield name, data[at + 8 : at + 8 + size]
         at += 12 + size

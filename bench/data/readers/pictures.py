@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from bench.metrics.display import decode_srgb
 
 MAX_PIXELS = 1 << 26
 PIXELS_PER_BYTE = 8192
+_STARTS = {b"\xff\xd8\xff": "jpeg", b"\x89PNG\r\n\x1a\n": "png", b"\x76\x2f\x31\x01": "exr", b"#?": "hdr"}
 SUPPORTED = "JPEG, PNG, OpenEXR and Radiance .hdr are read"
 
 # IEC 61966-2-1: the primaries and the white (D65) of sRGB, equal to those of Rec. 709.
@@ -41,13 +42,7 @@ def srgb_table(levels: int) -> Array:
 
 def kind_of(head: bytes) -> str | None:
     """`jpeg`, `png`, `exr` or `hdr` from the first bytes of a file, None for anything else."""
-    if head[:3] == b"\xff\xd8\xff":
-        return "jpeg"
-    if head[:8] == b"\x89PNG\r\n\x1a\n":
-        return "png"
-    if head[:4] == b"\x76\x2f\x31\x01":
-        return "exr"
-    return "hdr" if head[:2] == b"#?" else None
+    return next((kind for start, kind in _STARTS.items() if head.startswith(start)), None)
 
 
 def picture_size(files: Files, name: str) -> tuple[int, int]:
@@ -205,20 +200,14 @@ def _exr_attributes(data: bytes, label: str) -> dict[str, bytes] | None:
     return None
 
 
-def _exr_channels(attributes: dict[str, bytes]) -> dict[str, tuple[int, int, int]]:
-    """Pixel type (0 uint, 1 half, 2 float) and samplings of each channel of an EXR header."""
+def _exr_choice(attributes: dict[str, bytes], label: str) -> tuple[str, ...]:
+    """The channels to read: R G B, else X Y Z, else Y alone (grey)."""
     channels, data, at = {}, attributes["channels"], 0
     while at < len(data) and data[at]:
         end = data.index(b"\0", at)
-        kind, x_step, y_step = struct.unpack_from("<i4xii", data, end + 1)
-        channels[data[at:end].decode("latin-1")] = (kind, x_step, y_step)
+        # Pixel type (0 uint, 1 half, 2 float) and samplings of a channel.
+        channels[data[at:end].decode("latin-1")] = struct.unpack_from("<i4xii", data, end + 1)
         at = end + 17
-    return channels
-
-
-def _exr_choice(attributes: dict[str, bytes], label: str) -> tuple[str, ...]:
-    """The channels to read: R G B, else X Y Z, else Y alone (grey)."""
-    channels = _exr_channels(attributes)
     for choice in (("R", "G", "B"), ("X", "Y", "Z"), ("Y",)):
         if set(choice) <= set(channels) and not (choice == ("Y",) and {"RY", "BY"} & set(channels)):
             break
@@ -236,7 +225,10 @@ def _exr_choice(attributes: dict[str, bytes], label: str) -> tuple[str, ...]:
 
 def _hdr_size(data: bytes, label: str) -> tuple[int, int] | None:
     header = _hdr_header(data)
-    return header and (header.counts if header.axes[0][1] == "Y" else header.counts[::-1])
+    if header is None:
+        return None
+    _, axes, counts, _ = header
+    return counts if axes[0][1] == "Y" else counts[::-1]
 
 
 _SIZES = {"jpeg": _jpeg_size, "png": _png_size, "exr": _exr_size, "hdr": _hdr_size}
@@ -271,14 +263,9 @@ def _png16(data: bytes, size: tuple[int, int], label: str) -> Array:
 
 def _check_inflated(data: bytes, size: tuple[int, int], label: str) -> None:
     """Raise `InputError` if the compressed pixels would inflate far beyond (H, W) of 16-bit RGBA."""
-    packed, at = bytearray(), 8
-    while at + 8 <= len(data):
-        length = struct.unpack_from(">I", data, at)[0]
-        if data[at + 4 : at + 8] == b"IDAT":
-            packed += data[at + 8 : at + 8 + length]
-        at += 12 + length
+    packed = b"".join(content for name, content in png_chunks(data) if name == b"IDAT")
     limit = 2 * size[0] * (size[1] * 8 + 1) + 4096
-    if len(zlib.decompressobj().decompress(bytes(packed), limit + 1)) > limit:
+    if len(zlib.decompressobj().decompress(packed, limit + 1)) > limit:
         raise InputError(f"{label}: its pixels inflate beyond {limit} bytes: the picture is damaged; get it again")
 
 
@@ -303,17 +290,9 @@ def _read_exr(path: Path, label: str, rgb_is_xyz: bool) -> Array:
     return picture
 
 
-class _HdrHeader(NamedTuple):
-    """The header of a Radiance picture: where the pixels begin, axis order and signs, size, and total exposure."""
-
-    start: int
-    axes: tuple[str, str]
-    counts: tuple[int, int]
-    exposure: float
-
-
-def _hdr_header(data: bytes) -> _HdrHeader | None:
-    """The header of a Radiance picture (Ward, "Real Pixels", Graphics Gems II); None if the data end before it."""
+def _hdr_header(data: bytes) -> tuple[int, tuple[str, str], tuple[int, int], float] | None:
+    """Where the pixels of a Radiance picture begin (Ward, "Real Pixels", Graphics Gems II), axes with signs, counts
+    along them, and total exposure; None if the data end before the header does."""
     end = data.find(b"\n\n")
     line_end = data.find(b"\n", end + 2)
     if end < 0 or line_end < 0:
@@ -329,7 +308,7 @@ def _hdr_header(data: bytes) -> _HdrHeader | None:
     words = data[end + 2 : line_end].decode("latin-1").split()
     if len(words) != 4 or {words[0][1:], words[2][1:]} != {"X", "Y"} or {words[0][0], words[2][0]} - {"+", "-"}:
         raise ValueError(f"the size is {' '.join(words)[:40]!r}, not like -Y 256 +X 256")
-    return _HdrHeader(line_end + 1, (words[0], words[2]), (int(words[1]), int(words[3])), exposure)
+    return line_end + 1, (words[0], words[2]), (int(words[1]), int(words[3])), exposure
 
 
 def _read_hdr(data: bytes) -> Array:
@@ -337,17 +316,15 @@ def _read_hdr(data: bytes) -> Array:
     header = _hdr_header(data)
     if header is None:
         raise ValueError("the header ends early")
-    lines, length = header.counts
-    rgbe = _hdr_pixels(data, header.start, lines, length)
+    start, axes, counts, exposure = header
+    rgbe = _hdr_pixels(data, start, *counts)
     # m · 2^(e − 136) as in rgbe.c and OpenCV, so black stays black; Ward's own reader adds half a code.
-    scale = np.ldexp(np.float32(1 / header.exposure), rgbe[..., 3].astype(np.int32) - 136)
+    scale = np.ldexp(np.float32(1 / exposure), rgbe[..., 3].astype(np.int32) - 136)
     with np.errstate(over="ignore"):
         picture = rgbe[..., :3] * scale[..., None]
     picture[rgbe[..., 3] == 0] = 0
-    for axis, name in enumerate(header.axes):
-        if name in ("-X", "+Y"):
-            picture = np.flip(picture, axis)
-    return np.ascontiguousarray(picture if header.axes[0][1] == "Y" else picture.swapaxes(0, 1))
+    picture = np.flip(picture, tuple(axis for axis, name in enumerate(axes) if name in ("-X", "+Y")))
+    return np.ascontiguousarray(picture if axes[0][1] == "Y" else picture.swapaxes(0, 1))
 
 
 def _hdr_pixels(data: bytes, at: int, lines: int, length: int) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 
 from bench.btf import BTF
 from bench.data.readers.candidate import Candidate
-from bench.data.readers.checks import no_duplicates, unit_directions, view_major
+from bench.data.readers.checks import PHOTOGRAPHED, no_duplicates, unit_directions, view_major
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.pictures import PictureSource
 from bench.errors import InputError, readable
@@ -24,48 +24,38 @@ def opened(seen: Candidate) -> BTF | None:
     Codes are decoded as sRGB to linear Rec. 709. Radiance is as photographed, so it contains the cosine of the light;
     its scale is the camera's exposure. Raises `InputError` that names the list and the line.
     """
-    path = find_list(seen.path) if seen.is_folder else seen.path if seen.first_line.isdecimal() else None
-    if path is None:
+    path = seen.path
+    if seen.is_folder:
+        lists = sorted(p for p in path.iterdir() if p.suffix.lower() == ".lp" and p.is_file())
+        if len(lists) > 1:
+            held = ", ".join(p.name for p in lists[:5])
+            raise InputError(f"{path}: it holds several lists ({held}): give the path of one")
+        if not lists:
+            return None
+        path = lists[0]
+    elif not seen.first_line.isdecimal():
         return None
     files = FolderFiles(path.parent)
-    names, lines, vectors = _read_list(path)
-
-    def label(index: int) -> str:
-        return f"{path}, line {lines[index]}"
-
-    pictures = [_picture(files, name, label(i)) for i, name in enumerate(names)]
-    wi = unit_directions(vectors, label, tolerance=0.05)
+    names, labels, vectors = _read_list(path)
+    pictures = [_picture(files, name, label) for name, label in zip(names, labels, strict=True)]
+    wi = unit_directions(vectors, labels.__getitem__, tolerance=0.05)
     wo = np.tile(np.array([0, 0, 1], np.float32), (len(wi), 1))
-    no_duplicates(wo, wi, label)
+    no_duplicates(wo, wi, labels.__getitem__)
     order = view_major(wo, wi)
-    return BTF(
-        path.parent.resolve().name,
-        wo[order],
-        wi[order],
-        PictureSource(files, [pictures[i] for i in order], [label(i) for i in order]),
-        provenance={
-            "format": "RTI",
-            "list": path.name,
-            "colour": "8- and 16-bit codes decoded as sRGB to linear Rec. 709",
-            "cosine": "radiance as photographed: the cosine is the light's own fall on the surface",
-            "scale": "the camera's exposure; not calibrated",
-            "clamp": "none here; 8-bit codes end at 1, so highlights are clipped in the photographs",
-        },
-    )
+    source = PictureSource(files, [pictures[i] for i in order], [labels[i] for i in order])
+    provenance = {
+        "format": "RTI",
+        "list": path.name,
+        "colour": "8- and 16-bit codes decoded as sRGB to linear Rec. 709",
+        "cosine": PHOTOGRAPHED,
+        "scale": "the camera's exposure; not calibrated",
+        "clamp": "none here; 8-bit codes end at 1, so highlights are clipped in the photographs",
+    }
+    return BTF(path.parent.resolve().name, wo[order], wi[order], source, provenance=provenance)
 
 
-def find_list(folder: Path) -> Path | None:
-    """The only `.lp` file of a folder; None if there is none, `InputError` if there are several."""
-    lists = sorted(p for p in folder.iterdir() if p.suffix.lower() == ".lp" and p.is_file())
-    if len(lists) > 1:
-        raise InputError(
-            f"{folder}: it holds several lists ({', '.join(p.name for p in lists[:5])}): give the path of one"
-        )
-    return lists[0] if lists else None
-
-
-def _read_list(path: Path) -> tuple[list[str], list[int], np.ndarray]:
-    """Image names, their line numbers and the vectors (N, 3) float64 of a list."""
+def _read_list(path: Path) -> tuple[list[str], list[str], np.ndarray]:
+    """Image names, the lines that they stand on and the vectors (N, 3) float64 of a list."""
     with readable(str(path), "save it as plain text"):
         if path.stat().st_size > MAX_LIST:
             raise InputError(f"{path}: it is larger than {MAX_LIST >> 20} MiB, too large for a list of lights")
@@ -73,19 +63,20 @@ def _read_list(path: Path) -> tuple[list[str], list[int], np.ndarray]:
     lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
     if not lines or not lines[0][1].isdecimal():
         raise InputError(f"{path}: its first line is not the count of images: write the count there")
-    entries = [_entry(path, number, line) for number, line in lines[1:]]
+    labels = [f"{path}, line {number}" for number, _ in lines[1:]]
+    entries = [_entry(label, line) for label, (_, line) in zip(labels, lines[1:], strict=True)]
     if len(entries) != int(lines[0][1][:18]) or not entries:
         raise InputError(f"{path}: line 1 says {lines[0][1][:18]} images, {len(entries)} are listed: correct it")
-    return [name for name, _ in entries], [n for n, _ in lines[1:]], np.array([vector for _, vector in entries])
+    return [name for name, _ in entries], labels, np.array([vector for _, vector in entries])
 
 
-def _entry(path: Path, number: int, line: str) -> tuple[str, list[float]]:
+def _entry(label: str, line: str) -> tuple[str, list[float]]:
     """Image name (it may hold spaces) and vector of one line."""
     cells = line.rsplit(None, 3)
     try:
         return cells[0], [float(cell) for cell in cells[1:4] + [""] * (4 - len(cells))]
     except ValueError as error:
-        raise InputError(f"{path}, line {number}: {line[:60]!r} is not `image-name x y z`: mend the line") from error
+        raise InputError(f"{label}: {line[:60]!r} is not `image-name x y z`: mend the line") from error
 
 
 def _picture(files: FolderFiles, listed: str, label: str) -> str:

@@ -2,6 +2,7 @@
 
 from bench.btf import BTF
 from bench.data.readers.candidate import Candidate
+from bench.data.readers.checks import PHOTOGRAPHED
 from bench.data.readers.named import BONN, matching, open_pictures
 
 
@@ -16,7 +17,7 @@ def opened(seen: Candidate) -> BTF | None:
     provenance = {
         "format": "UBO2003",
         "colour": "JPEG decoded as sRGB to linear Rec. 709; .hdr as stored",
-        "cosine": "radiance as photographed: the cosine is the light's own fall on the surface",
+        "cosine": PHOTOGRAPHED,
         "clamp": "none here; 8-bit codes end at 1, .hdr does not",
     }
     return open_pictures(seen.path, BONN, provenance)

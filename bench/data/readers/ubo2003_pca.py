@@ -22,6 +22,7 @@ import numpy as np
 
 from bench.btf import BTF, Array, Source
 from bench.data.readers.candidate import HEAD, Candidate
+from bench.data.readers.checks import PHOTOGRAPHED
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.orientation import PNG_START
 from bench.data.readers.pictures import picture_size
@@ -58,25 +59,20 @@ def open_ubo2003_pca(folder: Path) -> BTF:
     Opening reads `meta.json` and the headers of the pictures. Codes are clipped to [0, 1] and decoded as sRGB to linear
     Rec. 709; radiance as photographed. Raises `InputError` that names the file and the field.
     """
-    files = FolderFiles(folder)
-    size = _image_size(files)
-    source = LocalPCA(files, size)
-    place = folder.resolve()
-    return BTF(
-        place.parent.name if SPLIT.fullmatch(place.name) else place.name,
-        *product(ubo2003(), ubo2003()),
-        source,
-        provenance={
-            "format": "UBO2003 as local PCA",
-            "source": "measured, re-coded by local PCA",
-            "colour": "sRGB codes decoded to linear Rec. 709",
-            "cosine": "radiance as photographed: the cosine is the light's own fall on the surface",
-            "clamp": "codes of the PCA clipped to [0, 1]; the photographs had 8 bits, so highlights end at 1",
-            "blocks": f"{TOGETHER} adjacent views share a block of {COMPONENTS} components, and so its noise",
-            "border": "not periodic: opposite borders do not meet",
-            "native": {"bytes": sum(map(files.size, source.names)), "rank": COMPONENTS, "name": "local PCA"},
-        },
-    )
+    files, place = FolderFiles(folder), folder.resolve()
+    source = LocalPCA(files, _image_size(files))
+    provenance = {
+        "format": "UBO2003 as local PCA",
+        "source": "measured, re-coded by local PCA",
+        "colour": "sRGB codes decoded to linear Rec. 709",
+        "cosine": PHOTOGRAPHED,
+        "clamp": "codes of the PCA clipped to [0, 1]; the photographs had 8 bits, so highlights end at 1",
+        "blocks": f"{TOGETHER} adjacent views share a block of {COMPONENTS} components, and so its noise",
+        "border": "not periodic: opposite borders do not meet",
+        "native": {"bytes": sum(map(files.size, source.names)), "rank": COMPONENTS, "name": "local PCA"},
+    }
+    name = place.parent.name if SPLIT.fullmatch(place.name) else place.name
+    return BTF(name, *product(ubo2003(), ubo2003()), source, provenance=provenance)
 
 
 def _image_size(files: FolderFiles) -> int:

@@ -19,7 +19,7 @@ import numpy as np
 
 from bench.btf import BTF, Array, Source, finite
 from bench.data.readers.candidate import Candidate
-from bench.data.readers.checks import angles_in_range, no_duplicates
+from bench.data.readers.checks import different_directions
 from bench.data.readers.files import file_digest
 from bench.errors import InputError
 from bench.hemisphere import from_angles, product
@@ -134,24 +134,18 @@ def opened(seen: Candidate) -> BTF | None:
     material = _directions(cursor)
     notes |= _size(cursor, material)
     notes |= (_dfmf if signature == DFMF else _fmf)(cursor, material)
-    return _assemble(path, signature.decode(), material, notes)
-
-
-def _assemble(path: Path, signature: str, material: Factorisation, notes: dict[str, Any]) -> BTF:
+    _limit_expansion(material)
     ranks = [matrix.stored.shape[1] for matrix in material.pairs]
-    return BTF(
-        path.stem,
-        *product(from_angles(*material.views.T), from_angles(*material.lights.T)),
-        FactorSource(path, material),
-        provenance={
-            "format": "UBO2014",
-            "signature": signature,
-            "cosine": "in the data: f_r cos(theta_i)",
-            "clamp": "none",
-            **notes,
-            "native": {"bytes": path.stat().st_size, "rank": max(ranks), "ranks": ranks},
-        },
-    )
+    provenance = {
+        "format": "UBO2014",
+        "signature": signature.decode(),
+        "cosine": "in the data: f_r cos(theta_i)",
+        "clamp": "none",
+        **notes,
+        "native": {"bytes": path.stat().st_size, "rank": max(ranks), "ranks": ranks},
+    }
+    sides = product(from_angles(*material.views.T), from_angles(*material.lights.T))
+    return BTF(path.stem, *sides, FactorSource(path, material), provenance=provenance)
 
 
 def _header(cursor: Cursor) -> dict[str, Any]:
@@ -181,9 +175,8 @@ def _header(cursor: Cursor) -> dict[str, Any]:
 def _directions(cursor: Cursor) -> Factorisation:
     """Views and lights; every view repeats the list of lights, which must be the same."""
     views = cursor.count("the number of views")
-    start = cursor.at
     _, lights = cursor.numbers("8sI", "the first view")
-    cursor.at = start
+    cursor.at -= 12
     if not views or not lights:
         raise cursor.fail(f"{views} views of {lights} lights")
     block = cursor.take(views * (12 + 8 * lights), f"{views} views of {lights} lights").reshape(views, -1)
@@ -198,12 +191,7 @@ def _side(path: Path, side: str, stored: Array) -> Array:
     with np.errstate(invalid="ignore"):
         angles = np.ascontiguousarray(stored).view("<f4").reshape(-1, 2).astype(np.float64)
 
-    def label(index: int) -> str:
-        return f"{path}: {side} {index}"
-
-    angles_in_range(angles[:, 0], angles[:, 1], label)
-    directions = from_angles(angles[:, 0], angles[:, 1])
-    no_duplicates(directions, directions, label)
+    different_directions(angles[:, 0], angles[:, 1], lambda index: f"{path}: {side} {index}")
     return angles
 
 
@@ -225,11 +213,8 @@ def _dfmf(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
     material.model = model
     mean, matrix = cursor.numbers("3f", "the colour mean"), cursor.numbers("9f", "the colour matrix")
     rows = len(material.views) * len(material.lights)
-    for channel in range(3):
-        pairs, texels = _factors(cursor, material, rows, f"channel {channel}")
-        material.pairs.append(Matrix(pairs))
-        material.texels.append(Matrix(texels))
-    _limit_expansion(material)
+    factors = [_factors(cursor, material, rows, f"channel {channel}") for channel in range(3)]
+    material.pairs, material.texels = ([Matrix(side) for side in sides] for sides in zip(*factors, strict=True))
     return {
         "colour": f"model {model}: {COLOUR_MODELS[model]}",
         "colour_model": model,
@@ -249,12 +234,9 @@ def _fmf(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
     cursor.count("the rank")
     rows = 3 * len(material.views) * len(material.lights)
     pairs, texels = _factors(cursor, material, rows, "the factors")
-    shared = Matrix(texels)
-    by_channel = pairs.reshape(-1, 3, pairs.shape[1])
-    material.pairs = [Matrix(by_channel[:, channel]) for channel in range(3)]
-    material.texels = [shared] * 3
+    material.pairs = [Matrix(channel) for channel in pairs.reshape(-1, 3, pairs.shape[1]).swapaxes(0, 1)]
+    material.texels = [Matrix(texels)] * 3
     material.model = 12 if reduction else 0
-    _limit_expansion(material)
     colour = "log RGB, converted to RGB" if reduction else COLOUR_MODELS[0]
     return {"colour": f"FMF: {colour}", "dynamic_range_reduction": reduction, "height_map": [width, height]}
 

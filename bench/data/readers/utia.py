@@ -5,6 +5,7 @@ Format: http://btf.utia.cas.cz/?data_des
 
 from bench.btf import BTF
 from bench.data.readers.candidate import Candidate
+from bench.data.readers.checks import PHOTOGRAPHED
 from bench.data.readers.named import PRAGUE, matching, open_pictures
 
 
@@ -19,7 +20,7 @@ def opened(seen: Candidate) -> BTF | None:
     provenance = {
         "format": "UTIA",
         "colour": "PNG decoded as sRGB to linear Rec. 709; EXR converted from CIE XYZ (D65)",
-        "cosine": "radiance as photographed: the cosine is the light's own fall on the surface",
+        "cosine": PHOTOGRAPHED,
         "clamp": "none here; 8-bit codes end at 1, EXR does not",
         "directions": "nominal: the light of a pair with light = view was moved a little when measured",
     }

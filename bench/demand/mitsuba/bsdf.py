@@ -14,6 +14,7 @@ drawn by the cosine, or from the file's lobes if `neubtf-bench sampling` has fit
 """
 
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -124,7 +125,8 @@ class _Answers:
         file = load(self.file)
         across, up = periods(file.material.size)
         self.periods = self.repeat * across, self.repeat * up
-        self.answer = Kernel(program_of(file.material), _arrays(mi.variant()))
+        arrays = import_module("drjit.cuda.ad" if str(mi.variant()).startswith("cuda") else "drjit.llvm.ad")
+        self.answer = Kernel(program_of(file.material), arrays)
         self.draw_from(checked(read_parts(self.file)[1].sampling))
 
     def draw_from(self, lobes: Tensor | None) -> None:
@@ -200,10 +202,3 @@ class _Answers:
 def _plugin(variant: str) -> type:
     """The class of the plug-in: Mitsuba's classes belong to a variant, and allow no second base."""
     return type("NeuBTF", (mi.BSDF,), {name: value for name, value in vars(_Answers).items() if callable(value)})
-
-
-def _arrays(variant: str) -> Any:
-    import drjit.cuda
-    import drjit.llvm
-
-    return drjit.cuda.ad if variant.startswith("cuda") else drjit.llvm.ad

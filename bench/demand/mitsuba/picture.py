@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from bench.demand.mitsuba.bsdf import NAME, register
-from bench.demand.mitsuba.scene import set_variant
+from bench.demand.mitsuba.scene import loaded, set_variant
 from bench.errors import InputError, did_you_mean
 
 
@@ -25,16 +25,11 @@ def path_traced(scene: Path, bsdf: str, file: Path, repeat: float = 1.0, samples
     set_variant()
     plugin = register()
     mi.file_resolver().prepend(str(scene.absolute().parent))
-    try:
-        loaded = mi.load_string(text)
-    except Exception as error:  # Mitsuba raises RuntimeError for any fault in a file
-        raise InputError(f"{scene}: Mitsuba cannot load it: {' '.join(str(error).split())[:300]}") from error
-    if not loaded.sensors():
-        raise InputError(f"{scene}: it has no sensor: add a camera")
-    for shape in loaded.shapes():
+    content = loaded(scene, lambda: mi.load_string(text))
+    for shape in content.shapes():
         if isinstance(shape.bsdf(), plugin):
-            shape.bsdf().pixel_angle = _pixel_angle(loaded.sensors()[0], samples)
-    colours = np.asarray(mi.render(loaded, spp=samples or 0))[..., :3]
+            shape.bsdf().pixel_angle = _pixel_angle(content.sensors()[0], samples)
+    colours = np.asarray(mi.render(content, spp=samples or 0))[..., :3]
     return np.concatenate([colours, np.ones_like(colours[..., :1])], 2)
 
 

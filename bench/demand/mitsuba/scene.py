@@ -27,13 +27,8 @@ class MitsubaScene:
     def __init__(self, path: Path, bsdf: str):
         set_variant()
         self.name = path.stem
-        try:
-            self.scene = mi.load_file(str(path))
-        except Exception as error:  # Mitsuba raises RuntimeError for any fault in a file
-            raise InputError(f"{path}: Mitsuba cannot load it: {' '.join(str(error).split())[:300]}") from error
+        self.scene = loaded(path, lambda: mi.load_file(str(path)))
         self.sensors = self.scene.sensors()
-        if not self.sensors:
-            raise InputError(f"{path}: it has no sensor: add a camera")
         self.bsdf = _chosen(self.scene, path, bsdf)
         width, height = self.sensors[0].film().crop_size()
         self.frames, self.picture = len(self.sensors), (int(height), int(width))
@@ -74,6 +69,17 @@ class MitsubaScene:
                 irradiance = _rows(arriving) * np.asarray(free)[:, None] / count
                 samples.append(Light(_rows(toward.d), np.nan_to_num(irradiance)))
         return samples
+
+
+def loaded(path: Path, load: Callable[[], Values]) -> Values:
+    """The scene that `load` reads from a file. `InputError` if Mitsuba cannot load it, or if it has no sensor."""
+    try:
+        scene = load()
+    except Exception as error:  # Mitsuba raises RuntimeError for any fault in a file
+        raise InputError(f"{path}: Mitsuba cannot load it: {' '.join(str(error).split())[:300]}") from error
+    if not scene.sensors():
+        raise InputError(f"{path}: it has no sensor: add a camera")
+    return scene
 
 
 def set_variant() -> None:
