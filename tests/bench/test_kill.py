@@ -1,4 +1,4 @@
-"""Short forms of `benchmarks/kill.py`."""
+"""Short forms of `tools/kill.py`."""
 
 import importlib.util
 import subprocess
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-KILL = Path(__file__).parents[2] / "benchmarks" / "kill.py"
+KILL = Path(__file__).parents[2] / "tools" / "kill.py"
 
 pytestmark = pytest.mark.timeout(600)  # some 15 s on two cores that have nothing else to do
 

@@ -1,4 +1,4 @@
-"""The rule of the summary, simulated: a short form of benchmarks/intervals.py."""
+"""The rule of the summary, simulated: a short form of tools/intervals.py."""
 
 import pytest
 from intervals import Scatter, chances

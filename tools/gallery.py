@@ -1,6 +1,6 @@
 """Makes the pictures of docs by `neubtf-bench render`: built-in materials, truth beside codecs, and scenes.
 
-    python benchmarks/gallery.py WORK docs/images [MATERIAL ...]
+    python tools/gallery.py WORK docs/images [MATERIAL ...]
 
 The page of live materials is made by `neubtf-bench view` and photographed where Playwright and Chromium are there.
 WORK keeps the fitted files and the rendered pictures; what is there is not made again. Codecs are fitted to the default

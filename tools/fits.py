@@ -1,6 +1,6 @@
 """How good fits are and how long they take: what codecs reach on held-out pairs, each fit kept in a log.
 
-    python benchmarks/fits.py LOG [--material NAME ...] [--seeds 0 1 2] [--splits validation test] [--size 64]
+    python tools/fits.py LOG [--material NAME ...] [--seeds 0 1 2] [--splits validation test] [--size 64]
         [--beside CODEC] [CODEC[:SETTING=VALUE,...] ...]
 
 `former/CODEC` is the fit of 10,000 steps that a codec had before it started at principal components, was stepped by

@@ -1,6 +1,6 @@
 """How far the ratio of each codec's time to the floor moves when other processes are busy.
 
-    python benchmarks/load.py [--busy 2] [CODEC ...]
+    python tools/load.py [--busy 2] [CODEC ...]
 
 Fits some codecs for a few steps to a tiny material, which changes no time, and times them in turns twice: with nothing
 beside, and beside processes that multiply matrices or copy memory without end. Prints a Markdown table of the ratios

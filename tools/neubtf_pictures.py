@@ -1,11 +1,11 @@
 """Every picture of docs/neubtf.md, and the figures beside them.
 
-    python benchmarks/neubtf_pictures.py --out docs/images --keep FOLDER [NAME ...]
+    python tools/neubtf_pictures.py --out docs/images --keep FOLDER [NAME ...]
 
-`--keep` holds the fitted files, which are not fitted again: NeuBTF on the left half of brick, gravel and satin (128²
-texels, as `benchmarks/propagation.py` fits them), once more on that of brick, at several scales; at 64² and with
-2,500 steps, what fails on cable-knit. NAMEs choose among the pictures; by default all are drawn. Prints the figures
-that the page quotes.
+`--keep` holds the fitted files, which are not fitted again: NeuBTF on the upper left quarter of 128² texels of brick,
+gravel, satin and wool (measured, `$NEUBTF_DATA`), and at several scales on that of brick; at 64² and with 2,500 steps,
+what fails on cable-knit. NAMEs choose among the pictures; by default all are drawn. Prints the figures that the page
+quotes.
 """
 
 import argparse
@@ -14,17 +14,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from matplotlib.figure import Figure
 from PIL import Image
-from propagation import BRIEF, compared, fitted, frontal, guided, heldout, opened, part_of
 from scipy.spatial import cKDTree
 from skimage import data
 
 from bench.btf import BTF
-from bench.codec import Codec, Fit
+from bench.codec import Codec, Fit, silent
 from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.data.materials.maps import resize
+from bench.data.open import open_material
+from bench.data.spec import Preparation, named
 from bench.hemisphere import from_degrees, to_degrees
 from bench.material import Material
 from bench.metrics import default_names
@@ -33,9 +35,9 @@ from bench.metrics.display import decode_srgb, encode_srgb, exposure, to_display
 from bench.metrics.scoring import Scorer
 from bench.records import SSIM, metric_of
 from bench.threads import torch_threads
-from neubtf import latents
+from neubtf import latents, propagation
 from neubtf.codec import NeuBTF
-from neubtf.guidance import RADIANCE, Treatment
+from neubtf.guidance import RADIANCE, Treatment, guidance_of
 from neubtf.propagation import FittedMaterial
 from neubtf.renderer import NeuBTFMaterial
 from neubtf.tileable import seam_of
@@ -49,8 +51,13 @@ UP = (0.0, 0.0)  # θ and φ in degrees
 PAIRS = ((UP, UP), (UP, (45.0, 0.0)), (UP, (60.0, 135.0)), ((45.0, 270.0), (45.0, 90.0)))  # view, light
 EDITED = ((UP, UP), (UP, (30.0, 90.0)), (UP, (55.0, 135.0)))
 SCALES = (1, 3 / 4, 1 / 2, 1 / 4, 1 / 8)
+# End to end from the first step, on single samples alone: the way to a useful encoder in some minutes of one core.
+BRIEF: dict[str, Any] = {"steps": 1800, "direct": 0.0, "taught": 0.0, "explore": 0.1}
 # Half the steps show other slices, and half of those another scale, or none of them.
-SCALED = BRIEF | {"smallest": 0.5, "explore": 0.5, "steps": 3600}
+SCALED = {
+    "ours": BRIEF | {"smallest": 0.25, "explore": 0.5, "steps": 3600},
+    "paper": {"recipe": "paper", "smallest": 0.25, "steps": 3600},
+}
 
 
 class Bench:
@@ -59,20 +66,21 @@ class Bench:
     def __init__(self, out: Path, keep: Path):
         self.out, self.keep = out, keep
 
-    def btf(self, name: str) -> BTF:
-        return opened(name, SIZE)
+    def btf(self, name: str, size: int = SIZE) -> BTF:
+        """A material with validation pairs; of a measured one about 1,000 pairs."""
+        return open_material(named(name), Preparation(size=size, texels=size, pairs=1_000, split="validation"), silent)
 
-    def half(self, name: str, kind: str = "0", settings: dict[str, Any] = BRIEF) -> FittedMaterial:
-        """NeuBTF, fitted to the left half of a material."""
-        path = self.keep / f"{name}-{SIZE}-left-{kind}.nbtf"
-        return FittedMaterial.read(fitted(part_of(self.btf(name)), NeuBTF(keep_encoder=True, **settings), path))
+    def quarter(self, name: str, kind: str = "brief", settings: dict[str, Any] = BRIEF) -> FittedMaterial:
+        """NeuBTF, fitted to the upper left quarter of a material, which is not periodic."""
+        btf = self.btf(name)
+        part = btf.subset(btf.split().train).crop(0, 0, btf.shape[0] // 2, btf.shape[1] // 2)
+        return FittedMaterial.read(self.file(part, NeuBTF(keep_encoder=True, **settings), Path(name).name, kind))
 
-    def whole(self, name: str, codec: Codec) -> Path:
-        """The file of a codec, fitted to the whole of a material at 64²."""
-        path = self.keep / f"{name}-{SMALL}-{codec.name}.nbtf"
-        if not path.exists():
-            btf = opened(name, SMALL)
-            container.save(path, codec, codec.encode(btf.subset(btf.split().train), Fit()))
+    def file(self, btf: BTF, codec: Codec, name: str, kind: str) -> Path:
+        """The file of a fit, kept from an earlier time if it has the same settings."""
+        path = self.keep / f"{name}-{kind}-{codec.name}.nbtf"
+        if not path.exists() or container.read_header(path).settings != vars(codec.settings):
+            container.save(path, codec, codec.encode(btf, Fit()))
         return path
 
     def save(self, figure: Figure, name: str) -> None:
@@ -80,6 +88,46 @@ class Bench:
         options = {"pil_kwargs": {"quality": 78, "optimize": True}} if path.suffix == ".jpg" else {}
         figure.savefig(path, dpi=100, **options)
         print(f"wrote {path}: {path.stat().st_size / 1e3:.0f} kB")
+
+
+def heldout(btf: BTF) -> Array:
+    """At most 150 of the validation pairs, evenly spread."""
+    pairs = np.sort(np.concatenate(list(btf.split().heldout.values())))
+    return pairs[:: -(-len(pairs) // 150)]
+
+
+def guided(source: FittedMaterial, picture: Array, treatment: Treatment) -> NeuBTFMaterial:
+    """The material of a fit with the texture that a linear picture (H, W, 3) gives."""
+    image, _ = guidance_of(picture, treatment, source.guidance, source.exposure)
+    codec, parts = source.guided(propagation.textured(source.encoder, image))
+    material = codec.decode(parts, torch.device("cpu"))
+    assert isinstance(material, NeuBTFMaterial)
+    return material
+
+
+def frontal(btf: BTF) -> Array:
+    """What a photograph with a flash shows, linear (H, W, 3)."""
+    trained = btf.subset(btf.split().train)
+    return btf[int((trained.wo[:, 2] + trained.wi[:, 2]).argmax())]
+
+
+def propagated(btf: BTF, material: NeuBTFMaterial) -> list[float]:
+    """Display PSNR of the quarter that was seen, of the rest, and there of the seen part's mean ABRDF; pooled."""
+    shown, seen = exposure(btf), np.zeros(btf.shape, bool)
+    seen[: btf.shape[0] // 2, : btf.shape[1] // 2] = True
+    found = []
+    for pair in heldout(btf):
+        linear = btf[pair]
+        truth, mean = to_display(linear, shown), to_display(linear[seen].mean(0), shown)
+        error = np.square(to_display(material.slice(*at(btf, pair)).numpy(), shown) - truth)
+        found.append([error[seen].mean(), error[~seen].mean(), np.square(truth[~seen] - mean).mean()])
+    decibels: list[float] = (-10 * np.log10(np.mean(found, 0))).tolist()
+    return decibels
+
+
+def at(btf: BTF, pair: int) -> tuple[list[float], list[float]]:
+    """View and light of a pair."""
+    return btf.wo[pair].tolist(), btf.wi[pair].tolist()
 
 
 def direction(angles: tuple[float, float]) -> list[float]:
@@ -122,24 +170,27 @@ def grid(
 
 
 def draw_propagation(bench: Bench) -> None:
-    """Fitted to the left of the line, guided by the whole: truth and what was propagated, at held-out pairs."""
+    """Fitted within the lines, guided by the whole: truth and what was propagated, at held-out pairs."""
     rows, labels = [], []
-    for name in ("brick", "gravel", "satin"):
-        btf, source = bench.btf(name), bench.half(name)
-        material = guided(source, frontal(btf), Treatment(exposure=RADIANCE))
-        found = compared(btf, material, (SIZE, SIZE // 2))
-        seen, rest = (f"{-10 * np.log10(error):.1f}" for error in (found.seen, found.rest))
-        labels.append(f"{name}\n{seen} | {rest} dB")
+    print("| material | seen, dB | not seen, dB | mean ABRDF there, dB |\n|" + " --- |" * 4)
+    for name in ("brick", "gravel", "satin", "ubo2003_local_pca/wool"):
+        btf = bench.btf(name)
+        material = guided(bench.quarter(name), frontal(btf), Treatment(exposure=RADIANCE))
+        found = [f"{value:.2f}" for value in propagated(btf, material)]
+        print(f"| {Path(name).name} | " + " | ".join(found) + " |", flush=True)
+        if "/" in name:  # pictures of measured data are not published
+            continue
+        labels.append(f"{name}\n{found[0][:-1]} | {found[1][:-1]} dB")
         shown = exposure(btf)
         row = [to_display(frontal(btf), shown)]
         for pair in _near(btf, PAIRS[1]), _near(btf, PAIRS[3]):
-            ours = material.slice(btf.wo[pair].tolist(), btf.wi[pair].tolist()).numpy()
-            row += [to_display(btf[pair], shown), to_display(ours, shown)]
+            row += [to_display(picture, shown) for picture in (btf[pair], material.slice(*at(btf, pair)).numpy())]
         rows.append(row)
     titles = ["guidance", "truth,\nlit aslant", "NeuBTF", "truth,\nseen aslant", "NeuBTF"]
     figure = grid(rows, titles, labels, text=LARGE)
     for axes in figure.axes:
-        axes.axvline(SIZE / 2 - 0.5, color="white", linewidth=0.8, linestyle=(0, (3, 3)))
+        line, middle = {"color": "white", "linewidth": 0.8, "linestyle": (0, (3, 3))}, SIZE / 2 - 0.5
+        axes.plot([middle, middle, -0.5], [-0.5, middle, middle], **line)
     bench.save(figure, "propagation.jpg")
 
 
@@ -154,7 +205,7 @@ def draw_photograph(bench: Bench) -> None:
     """The grey photographs that the built-in reliefs were cut from, whole, at the scale of the fitted texels."""
     rows = []
     for name, photograph, texels in (("gravel", data.gravel(), 210), ("grass on gravel", data.grass(), 210)):
-        source = bench.half(name.split()[-1])
+        source = bench.quarter(name.split()[-1])
         picture = np.repeat(decode_srgb(photograph[..., None] / 255), 3, 2).astype(np.float32)
         material = guided(source, picture, Treatment(scale=SIZE / texels))
         small = resize(picture, material.size)
@@ -166,7 +217,7 @@ def draw_photograph(bench: Bench) -> None:
 
 def draw_tileable(bench: Bench) -> None:
     """Four copies side by side, of a guidance as it is, and of one that was blended."""
-    source = bench.half("gravel")
+    source = bench.quarter("gravel")
     picture = np.repeat(decode_srgb(data.gravel()[100:330, 240:470, None] / 255), 3, 2).astype(np.float32)
     pairs = np.array([[direction(wo), direction(wi)] for wo, wi in PAIRS])
     row, titles = [], []
@@ -192,7 +243,7 @@ def draw_edits(bench: Bench) -> None:
         ("satin", jacquard(), "a draft,\nas satin"),
         ("gravel", decode_srgb(data.coins()[2:290:2, 10:370:2] / 255), "coins,\nas gravel"),
     ):
-        source = bench.half(name)
+        source = bench.quarter(name)
         picture = np.repeat(structure[..., None], 3, 2).astype(np.float32)
         material = guided(source, picture, Treatment())
         rows.append([encode_srgb(picture), *(shot(material, pair, source.exposure) for pair in EDITED)])
@@ -220,27 +271,25 @@ def jacquard(thread: int = 13) -> Array:
 
 
 def draw_levels(bench: Bench) -> None:
-    """Does a smaller guidance give what a smaller picture of the material shows? On the half that was fitted."""
-    print("| scale | R(A(G↓)) to truth↓ | R(A(G))↓ to truth↓ | R(A(G↓)) to R(A(G))↓ |\n|" + " --- |" * 4)
-    for scale, psnr in zip(SCALES, levels(bench.half("brick", "scaled", SCALED), bench.btf("brick")), strict=True):
-        print(f"| {scale:g} | " + " | ".join(f"{x:.2f}" if x < 100 else "same" for x in psnr) + " |")
+    """Does a smaller guidance give what a smaller picture of the material shows? On the quarter that was fitted."""
+    for kind, settings in SCALED.items():
+        print(f"{kind}:\n| scale | R(A(G↓)) to truth↓ | R(A(G))↓ to truth↓ | R(A(G↓)) to R(A(G))↓ |\n|" + " --- |" * 4)
+        found = levels(bench.quarter("brick", f"scaled-{kind}", settings), bench.btf("brick"))
+        for scale, psnr in zip(SCALES, found, strict=True):
+            print(f"| {scale:g} | " + " | ".join(f"{x:.2f}" if x < 100 else "same" for x in psnr) + " |", flush=True)
 
 
 def levels(source: FittedMaterial, btf: BTF) -> list[list[float]]:
     """PSNR at each scale, pooled over a third of the held-out pairs: see the heads of `draw_levels`."""
-    half, shown = btf.shape[1] // 2, exposure(btf)
-    own = decode_srgb(source.guidance.numpy() / 255).astype(np.float32)
-    whole = guided(source, own, Treatment(exposure="1"))
-    found = []
+    rows, columns = (side // 2 for side in btf.shape)
+    shown, own = exposure(btf), decode_srgb(source.guidance.numpy() / 255).astype(np.float32)
+    whole, found = guided(source, own, Treatment(exposure="1")), []
     for scale in SCALES:
         small = guided(source, own, Treatment(scale=scale, exposure="1"))
         errors = []
         for pair in heldout(btf)[::3]:
-            at = (btf.wo[pair].tolist(), btf.wi[pair].tolist())
-            truth, after, before = (
-                to_display(resize(each, small.size), shown)
-                for each in (btf[pair][:, :half], whole.slice(*at).numpy(), small.slice(*at).numpy())
-            )
+            pictures = btf[pair][:rows, :columns], *(each.slice(*at(btf, pair)).numpy() for each in (whole, small))
+            truth, after, before = (to_display(resize(each, small.size), shown) for each in pictures)
             errors.append([np.square(a - b).mean() for a, b in ((before, truth), (after, truth), (before, after))])
         found.append((-10 * np.log10(np.maximum(np.mean(errors, 0), 1e-12))).tolist())
     return found
@@ -249,15 +298,17 @@ def levels(source: FittedMaterial, btf: BTF) -> list[list[float]]:
 def draw_latents(bench: Bench) -> None:
     """The channels of two neural textures, as `neubtf-bench latents` draws them."""
     for name in ("brick", "satin"):
-        material = loading.load(bench.keep / f"{name}-{SIZE}-left-0.nbtf")[1]
+        bench.quarter(name)
+        material = loading.load(bench.keep / f"{name}-brief-neubtf.nbtf")[1]
         assert isinstance(material, NeuBTFMaterial)
-        latents.draw(material.texture[:64], bench.out / f"neubtf-latents-{name}.png")
+        latents.draw(material.texture, bench.out / f"neubtf-latents-{name}.png")
 
 
 def draw_failure(bench: Bench) -> None:
     """Relief so strong that it hides itself: NeuBTF without parallax against NeuMIP, which shifts its texels."""
-    btf = opened(FAILING, SMALL)
-    files = {name: bench.whole(FAILING, load_codec(name)(steps=2_500)) for name in ("neubtf", "neumip")}
+    btf = bench.btf(FAILING, SMALL)
+    codecs = [load_codec(name)(steps=2_500) for name in ("neubtf", "neumip")]
+    files = {codec.name: bench.file(btf.subset(btf.split().train), codec, FAILING, str(SMALL)) for codec in codecs}
     materials = {name: loading.load(path)[1] for name, path in files.items()}
     ssim = metric_of(default_names(btf.periodic), SSIM)
     scorer = Scorer(btf, ["psnr_display", ssim], threads=1)
@@ -269,7 +320,7 @@ def draw_failure(bench: Bench) -> None:
     panels: Any = top.subplots(1, 2)
     columns = []
     for (name, material), style in zip(materials.items(), ("o-", "s--"), strict=True):
-        scores = scorer.score(held, lambda i, m=material: m.slice(btf.wo[i].tolist(), btf.wi[i].tolist()).numpy())
+        scores = scorer.score(held, lambda i, m=material: m.slice(*at(btf, i)).numpy())
         psnr = [-10 * np.log10(scores.raw["psnr_display"][here].mean()) for here in rings]
         alike = [scores.raw[ssim][here].mean() for here in rings]
         columns += [psnr, alike]
@@ -303,11 +354,10 @@ def _draw_slices(place: Any, btf: BTF, materials: Mapping[str, Material]) -> Non
     shown = exposure(btf)
     every = place.subplots(2, 1 + len(materials))
     for row, pair in enumerate((_near(btf, (UP, (30.0, 45.0))), _near(btf, ((70.0, 270.0), (30.0, 45.0))))):
-        at = (btf.wo[pair].tolist(), btf.wi[pair].tolist())
         truth = to_display(btf[pair], shown)
         pictures = {f"truth, θₒ = {float(to_degrees(btf.wo[pair])[0]):.0f}°": truth}
         for name, material in materials.items():
-            ours = to_display(material.slice(*at).numpy(), shown)
+            ours = to_display(material.slice(*at(btf, pair)).numpy(), shown)
             pictures[f"{name}, {-10 * np.log10(np.square(ours - truth).mean()):.1f} dB"] = ours
         for axes, (name, picture) in zip(every[row], pictures.items(), strict=True):
             axes.imshow(picture, interpolation="nearest")

@@ -1,6 +1,6 @@
 """How much the losses of NeuBTF's paper steer a fit: the norm of each one's gradient as a share of the pixels' norm.
 
-    python benchmarks/gradients.py [MATERIAL ...] [--batches 30] [--size 64]
+    python tools/gradients.py [MATERIAL ...] [--batches 30] [--size 64]
 
 Medians over batches at the start of a fit by `recipe=paper`, all weights at 1. A weight that gives a loss the share x
 is x over its share here. Materials are names or paths under `$NEUBTF_DATA`; measured data are shrunk to that size.

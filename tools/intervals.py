@@ -1,6 +1,6 @@
 """How often the rule of the tables tells equal codecs apart, and how often it sees a difference of 1 dB.
 
-    python benchmarks/intervals.py [--trials 2000] [--fits 0.3] [--between 0.5]
+    python tools/intervals.py [--trials 2000] [--fits 0.3] [--between 0.5]
 
 Codecs are simulated slice by slice with the scatter that published records had (decision 82): how each codec's gain
 differs between materials, how fits differ between seeds, and how slices differ beside that. A trial is a table of equal

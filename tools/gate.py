@@ -1,6 +1,6 @@
 """Renews the guard: the reference of the suite `ci`, what its tests replay, and how well it guards, measured.
 
-    python benchmarks/gate.py [--out runs/gate] [--seeds 9] [--jobs 2] [--codec NAME] [--only-read]
+    python tools/gate.py [--out runs/gate] [--seeds 9] [--jobs 2] [--codec NAME] [--only-read]
 
 Runs the suite with so many seeds, three of them again as other processors compute, and with faults planted in fits:
 half of the steps, and ReLU for the sine. Then it writes `bench/compare/references/ci.jsonl` and
