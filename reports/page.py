@@ -125,7 +125,7 @@ class Page:
         yield from (self._table(self._narrowed(table)) for table in summary)
         if not summary:
             yield note("The summary is omitted: fewer than two codecs of this run have numbers.")
-        yield from (details(figure.title, _image(figure)) for figure in self.figures if not figure.material)
+        yield from (details(figure.title, image(figure)) for figure in self.figures if not figure.material)
         for number, material in enumerate(self.materials):
             yield from self._material(number, material)
         rest = [table for table in self.tables if not table.material and table.kind not in FIRST]
@@ -205,7 +205,7 @@ class Page:
         tables = [table for table in self.tables if table.material == material.name]
         yield from (self._table(table) for table in sorted(tables, key=lambda table: table.kind not in OPEN))
         figures = [f for f in self.figures if f.material == material.name and f.kind not in INTERACTIVE]
-        yield from (details(figure.title, _image(figure)) for figure in figures)
+        yield from (details(figure.title, image(figure)) for figure in figures)
 
     def _slices(self, number: int, material: MaterialRows) -> Iterator[str]:
         yield "<h3>Slices</h3>"
@@ -273,7 +273,7 @@ def _packed(name: str, text: str) -> str:
     return f'<script type="text/plain" id="{name}">{text}</script>\n'
 
 
-def _image(figure: Figure) -> str:
+def image(figure: Figure) -> str:
     """A figure as WebP: half as large as its PNG, without loss but where it shows slices or texels."""
     lossy = {"quality": 90, "method": 4} if figure.kind == "abrdf" else None
     how = lossy or {"lossless": True, "quality": 30, "method": 1}

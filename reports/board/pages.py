@@ -8,10 +8,11 @@ from bench.records import KINDS, Run, kind_of
 from reports import series
 from reports.board import tables
 from reports.board.sources import STATES, Source, by_material, joined, page_name
+from reports.figures.fronts import fronts
 from reports.fits import curves_by_material
 from reports.html_tables import anchors, contents, details, note, table_html
 from reports.live import Live, by_psnr
-from reports.page import CODECS, Page, document
+from reports.page import CODECS, Page, document, image
 from reports.rows import MaterialRows
 from reports.table import Table
 from reports.tables import all_tables
@@ -45,7 +46,8 @@ class Board:
 
     def __init__(self, sources: Sequence[Source], codecs: Mapping[str, "Codec"]):
         filled = (source for source in sources if source.materials)
-        self.sources = sorted(filled, key=lambda source: (not source.has_budgets, [*KINDS, ""].index(_kind(source))))
+        places = {kind: place for place, kind in enumerate((*KINDS, ""))}
+        self.sources = sorted(filled, key=lambda s: (not s.has_budgets, places[_kind(s).partition(",")[0]]))
         self.known = codecs
         self.pictured = {
             job["material"] for s in self.sources for job in s.run.jobs if {"pictures", "drawing"} & {*job}
@@ -85,6 +87,8 @@ class Board:
             kind = _kind(source)
             yield f'<h2 id="{page_name("s", source.name)}">{kind[:1].upper()}{kind[1:]}: {escape(source.name)}</h2>'
             yield note(next((material.split for material in source.materials if material.measured), ""))
+            for figure in fronts(source.run) if source.has_budgets else ():
+                yield f'<div class="scroll">{image(figure)}</div>'
             found = [(table.kind, table.title, table_html(table, self._to_codec)) for table in _overview(source)]
             yield from (html for kind, _, html in found if kind == "budgets")
             yield _plots_of(source)
@@ -249,5 +253,6 @@ def _together(sources: Sequence[Source]) -> Run:
 
 
 def _kind(source: Source, material: str = "") -> str:
-    jobs = [job for job in source.run.jobs if job["status"] == "ok" and material in ("", job["material"])]
-    return kind_of(jobs[0]) if jobs else ""
+    """The kinds of truth of a source or of one of its materials, in words."""
+    jobs = (job for job in source.run.jobs if job["status"] == "ok" and material in ("", job["material"]))
+    return ", ".join(sorted({kind_of(job) for job in jobs}, key=KINDS.index))

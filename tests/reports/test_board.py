@@ -99,7 +99,9 @@ def test_the_front_has_budgets_first_and_those_of_measured_materials_before_othe
         run("c", "rock", drawn),
         run("d", "wool", {}),
     ]
-    text = text_of(write(tmp_path / "site", *runs)["index.html"])
+    front = write(tmp_path / "site", *runs)["index.html"]
+    assert front.count('class="figure" alt="Quality within budgets') == 3
+    text = text_of(front)
     places = [text.index(f"surface ({name})") for name in ("wool", "rock", "satin")] + [text.index("Summary over")]
     assert places == sorted(places)
     assert "results write --site" not in text
