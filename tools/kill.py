@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench import records, timing
-from bench.runs import executors, runner
+from bench.runs import evaluation, executors, runner
 from bench.runs.executors import Workers
 from bench.runs.job import FACTS
 from bench.runs.runner import Options
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 # Worker processes import this file, too.
 training.KEEP_EVERY, training.SAVE_SECONDS = 20, 0.0  # so that short fits are killed with a state to go on from
 timing.TURNS = 3  # what is timed does not matter here
+evaluation.DRAWN_FLOATS = 0  # to record a program for a page takes a second a job
 
 SUITE = """
 threads = 1
@@ -49,16 +50,10 @@ codecs = [
     {codec = "rainer2019", steps = 200},
 ]
 """  # 24 jobs
-QUICK = SUITE.replace("[0, 1, 2]", "[0]").replace(', "leather"', "")  # 4 jobs
-OWN = (
-    "run",
-    "fit_seconds",
-    "history",
-    "fit_cached",
-    "machine",
-    "fitted",
-    "scored",
-)  # of a record: what two runs need not share
+QUICK = SUITE.replace("[0, 1, 2]", "[0]").replace(', "leather"', "").replace("steps = 300", "steps = 100")
+QUICK = QUICK.replace('    {codec = "rainer2019", steps = 200},\n', "")  # 3 jobs
+# Of a record: what two runs need not share.
+OWN = ("run", "fit_seconds", "history", "fit_cached", "machine", "fitted", "scored")
 
 Place = Callable[[], AbstractContextManager[Workers]]
 
@@ -195,7 +190,7 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--workers", choices=["here", "processes", "dask"], default="here")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--quick", action="store_true", help="4 jobs instead of 24")
+    parser.add_argument("--quick", action="store_true", help="3 jobs instead of 24")
     parser.add_argument("--coordinate", nargs=2, help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     suite, rng = parse_suite("kill", QUICK if chosen.quick else SUITE), random.Random(chosen.seed)
