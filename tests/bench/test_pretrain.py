@@ -26,6 +26,7 @@ def measured(tmp_path):
     return [str(path) for path in paths]
 
 
+@pytest.mark.long
 def test_pretrain_encode_info_and_decode(measured, tmp_path, capsys):
     one, two = measured
     encode = ["encode", two, "--codec", "rainer2020", "-o", "two.nbtf"]

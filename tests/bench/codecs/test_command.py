@@ -84,6 +84,7 @@ def test_programs_are_scored_as_a_codec_is(tmp_path, capsys):
     assert f"mine: its program took {mine['program']['ns_per_query']:,.0f} ns" in " ".join(shown.split())
 
 
+@pytest.mark.long
 def test_a_changed_program_is_not_answered_from_earlier_files(tmp_path):
     assert cli.main(["run", suite(tmp_path), "--out", str(tmp_path / "run")]) == 0
     before = load_run(tmp_path / "run").job("satin/mine/0")

@@ -13,7 +13,6 @@ from bench.codecs import container, loading
 from bench.codecs.registry import make_codec
 from bench.demand.mitsuba.lobes import NAME, Lobe
 from bench.errors import InputError
-from tests.tiers import short_for
 
 mi = pytest.importorskip("mitsuba", reason='Mitsuba 3 is not installed: pip install "neubtf-bench[mitsuba]"')
 pytestmark = pytest.mark.usefixtures("plugin")
@@ -117,7 +116,8 @@ def sampled(file):
     return path
 
 
-@pytest.mark.parametrize("kind", short_for(["file", "sampled"], "file"))
+@pytest.mark.long
+@pytest.mark.parametrize("kind", ["file", "sampled"])
 def test_directions_are_drawn_as_the_density_says(kind, request):
     name = request.getfixturevalue(kind)
     sample, pdf = mi.chi2.BSDFAdapter("neubtf", f'<string name="filename" value="{name}"/>')
@@ -135,6 +135,7 @@ def test_directions_are_drawn_as_the_density_says(kind, request):
     np.testing.assert_allclose(np.asarray(weight) * density, value, rtol=1e-4, atol=1e-6)
 
 
+@pytest.mark.long
 def test_lobes_are_those_that_were_fitted(sampled):
     """The density in the renderer is the one that the fit minimised."""
     bsdf = mi.load_dict({"type": "neubtf", "filename": str(sampled)})
