@@ -20,7 +20,6 @@ from bench.records.meaning import (
     CONDITIONS,
     FLIP,
     KINDS,
-    LOG_PSNR,
     MOST_DB,
     OUTSIDE,
     PSNR,

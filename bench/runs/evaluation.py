@@ -73,7 +73,9 @@ def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Pro
     """
     shared.refuse(file.network, bench.btf)
     figures = scored(bench, unreported(file.material), file.header.path.stem, threads, keep, show)
-    return {"settings": file.header.settings, "bytes": _bytes(file)} | figures
+    sizes = file.header.part_bytes() | {"total": file.header.file_bytes}
+    sizes |= {"shared": file.network.file_bytes} if file.network else {}
+    return {"settings": file.header.settings, "bytes": sizes} | figures
 
 
 def scored(bench: Workbench, material: Material, name: str, threads: int, keep: Keep, show: Progress) -> Record:
@@ -110,7 +112,7 @@ def scored(bench: Workbench, material: Material, name: str, threads: int, keep: 
         "footprints": {"1": one} | summarise_footprints(coarse),
         **({"scene": scene} if scene else {}),
         **program,
-        "slices": keep(f"slices/{name}.npz", _slices(bench, scores) | _footprints(bench, coarse)),
+        "slices": keep(f"slices/{name}.npz", _slices(bench, scores, coarse)),
         "angular": keep(f"angular/{name}.json", angular),
         "pictures": keep(f"pictures/{name}.npz", pictures),
     }
@@ -155,24 +157,17 @@ class Slices:
         return self.slice(pair)
 
 
-def _bytes(file: Loaded) -> dict[str, int]:
-    """Bytes of the file, by part and in total, and of the shared network's file if it needs one."""
-    sizes = file.header.part_bytes() | {"total": file.header.file_bytes}
-    return sizes | ({"shared": file.network.file_bytes} if file.network else {})
+def _slices(bench: Workbench, scores: Scores, coarse: dict[int, np.ndarray]) -> dict[str, np.ndarray]:
+    """The scores of every slice, with its directions in degrees.
 
-
-def _slices(bench: Workbench, scores: Scores) -> dict[str, np.ndarray]:
-    """The scores of every slice, with its directions in degrees."""
+    `footprint_2`, …: the errors at larger footprints; NaN where none was measured.
+    """
     heldout = np.isin(scores.pairs, bench.groups.get("heldout", []))
-    angles = {f"{w}_deg": np.stack(to_degrees(getattr(bench.btf, w)[scores.pairs]), 1) for w in ("wo", "wi")}
-    return {"pairs": scores.pairs, "heldout": heldout, "abrdf": scores.abrdf} | scores.raw | angles
-
-
-def _footprints(bench: Workbench, errors: dict[int, np.ndarray]) -> dict[str, np.ndarray]:
-    """The errors of slices by pair at larger footprints (`footprint_2`, …); NaN where none was measured."""
-    decides = np.isin(bench.scored, bench.groups[gate(bench.groups)])
-    arrays = {f"footprint_{factor}": np.full(len(decides), np.nan) for factor in errors}
-    for factor, raw in errors.items():
+    arrays = {"pairs": scores.pairs, "heldout": heldout, "abrdf": scores.abrdf} | scores.raw
+    arrays |= {f"{w}_deg": np.stack(to_degrees(getattr(bench.btf, w)[scores.pairs]), 1) for w in ("wo", "wi")}
+    decides = np.isin(bench.scored, bench.deciding)
+    for factor, raw in coarse.items():
+        arrays[f"footprint_{factor}"] = np.full(len(decides), np.nan)
         arrays[f"footprint_{factor}"][decides] = raw
     return arrays
 
