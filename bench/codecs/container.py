@@ -216,11 +216,9 @@ def _whole(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 48
 
 
-def _settings(value: object) -> bool:
+def _settings(value: Any) -> bool:
     """Plain values by name, every number finite."""
-    if not isinstance(value, dict):
-        return False
-    plain = all(isinstance(setting, str | int | float) for setting in value.values())
+    plain = isinstance(value, dict) and all(isinstance(setting, str | int | float) for setting in value.values())
     return plain and all(math.isfinite(setting) for setting in value.values() if isinstance(setting, float))
 
 

@@ -22,7 +22,7 @@ from bench.data.bake.naming import looks_like_maps
 from bench.data.open import draw_of, outlined
 from bench.data.spec import MaterialSpec, Preparation
 from bench.errors import InputError
-from bench.records import FILE, NAMES, PSNR, Record, Run, kept, metrics_of
+from bench.records import FILE, NAMES, PSNR, Record, Records, Run, kept, metrics_of
 from bench.runs import claims
 from bench.runs.evaluation import evaluate, score_key
 from bench.runs.job import keep, machine, stamp
@@ -42,7 +42,7 @@ AGREES, DIFFERS, NOT_VERIFIED = "agrees", "differs", "not verified"
 
 def chosen(run: Run, codecs: list[str]) -> Run:
     """The jobs of a run with a result, of all or some codecs, and their timings. `InputError` if there are none."""
-    part = dataclasses.replace(run, jobs=records.Records(), timings=records.Records())
+    part = dataclasses.replace(run, jobs=Records(), timings=Records())
     for job in run.jobs:
         if job["status"] == "ok" and (not codecs or job["codec"] in codecs):
             part.jobs.put(job["job"], job)

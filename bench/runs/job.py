@@ -117,18 +117,11 @@ class Job:
 
     @cached_property
     def fit_key(self) -> dict[str, Any]:
-        key = {
-            "codec": self.codec.name,
-            "version": self.codec.version,
-            "store": stored_texture.VERSION,
-            "settings": settings_dict(self.codec),
-            "training": self.bench.training.fingerprint,
-            "seed": self.seed,
-            "device": torch.device(self.task.device).type,
-            "threads": self.task.threads,
-            "torch": torch.__version__,
-            **identity(self.codec),
-        } | ({"shared": self.network.sha256} if self.network else {})
+        key = {"codec": self.codec.name, "version": self.codec.version, "store": stored_texture.VERSION}
+        key |= {"settings": settings_dict(self.codec), "training": self.bench.training.fingerprint, "seed": self.seed}
+        key |= {"device": torch.device(self.task.device).type, "threads": self.task.threads}
+        key |= {"torch": torch.__version__} | identity(self.codec)
+        key |= {"shared": self.network.sha256} if self.network else {}
         if isinstance(self.codec, Programs):
             key |= {"programs": self.codec.digest}
         require_demand(self.codec, self.bench.demand)

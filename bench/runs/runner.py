@@ -169,9 +169,6 @@ class _Session:
         gone = record["status"] == "ok" and not (options.folder / record["file"]).exists()
         return None if gone else record
 
-    def record(self, record: Record) -> None:
-        records.append(self.options.folder, record)
-
     def start(self) -> None:
         """Record the start of the run: suite, machine, and the names of its jobs, which may end in another order."""
         suite = self.suite
@@ -179,7 +176,7 @@ class _Session:
         record |= {"device": self.options.device, "threads": suite.threads, "seeds": list(suite.seeds)}
         record |= {"data": dataclasses.asdict(suite.data)}
         record |= {"materials": [dataclasses.asdict(material) for material in suite.materials]}
-        self.record(record | {"jobs": [task.name for task in self.tasks]} | provenance())
+        records.append(self.options.folder, record | {"jobs": [task.name for task in self.tasks]} | provenance())
 
     def jobs(self, faults: dict[str, str]) -> Iterator[Outcome]:
         """Run the jobs; records and yields the outcome of each as it ends. `faults`: see `_make_codecs`."""
@@ -189,7 +186,7 @@ class _Session:
         self.options.show("jobs", 0, len(self.tasks))
         for count, outcome in enumerate(self._outcomes(faults), 1):
             if outcome.cached != "record":
-                self.record(outcome.record)
+                records.append(self.options.folder, outcome.record)
             if outcome.record["status"] == "ok":
                 self.done[outcome.record["job"]] = outcome.record
             estimate.ended(outcome.record, outcome.cached)
@@ -220,7 +217,7 @@ class _Session:
             if jobs := [self.done[name] for name in names if name in self.done]:
                 show = partial(self._show, material.name)
                 for record in timings(self.options.folder, jobs, self.options.device, self.suite.threads, show):
-                    self.record(record | {"run": self.run_id})
+                    records.append(self.options.folder, record | {"run": self.run_id})
 
     def _show(self, material: str, label: str, done: int, total: int) -> None:
         self.options.show(f"{material}: {label}", done, total)

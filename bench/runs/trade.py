@@ -27,20 +27,8 @@ from bench.metrics.angular import as_number
 from bench.metrics.display import display_error
 from bench.metrics.psnr import psnr as decibels
 from bench.metrics.scoring import summarise
-from bench.records import (
-    FLIP,
-    PSNR,
-    TRADE,
-    TRADE_FORMAT,
-    VALIDATION,
-    Record,
-    Run,
-    gate,
-    load_run,
-    load_trade,
-    metric_of,
-    metrics_of,
-)
+from bench.records import FLIP, PSNR, VALIDATION, Record, Run, gate, metric_of, metrics_of
+from bench.records.lines import TRADE, TRADE_FORMAT, load_run, load_trade
 from bench.runs import runner
 from bench.runs.evaluation import Slices, recorded
 from bench.runs.suite import Suite, canonical
@@ -172,9 +160,9 @@ def _choices(
     for job in jobs:
         material = recorded(run.folder, job, device)
         for variant in (Variant(), *_variants(suite, job, material)):
-            row = {name: job[name] for name in ("material", "job", "label", "codec", "settings", "parameters")}
-            row |= {"execution": variant.execution, "precision": variant.precision, "device": device}
-            row |= {"bytes": job["bytes"]["total"], "sha256": job["score_key"]["sha256"]}
+            row = {name: job[name] for name in ("material", "job", "label", "codec", "settings")}
+            row |= {"execution": variant.execution, "precision": variant.precision, "bytes": job["bytes"]["total"]}
+            row |= {"parameters": job["parameters"], "device": device, "sha256": job["score_key"]["sha256"]}
             row |= {"emulated": True} if native.emulated(variant.precision, material.device) else {}
             try:
                 ready = prepared(material, variant)
