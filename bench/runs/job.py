@@ -183,10 +183,12 @@ class Job:
             file = loading.load(header.path, "cpu", self.network)
         truth = f"drawings/truth-{self.bench.btf.fingerprint[:16]}.npz"  # that a page draws live, once a material
         try:
-            if not (self.task.folder / truth).exists() and (program := sparse_truth(self.bench.btf)):
-                self.keep(truth, program.arrays())
+            program = None if (self.task.folder / truth).exists() else sparse_truth(self.bench.btf)
         except Exception as error:  # a drawing for the report must not cost the job
             log.warning("%s: its truth is not drawn: %s", self.bench.btf.name, error)
+            program = None
+        if program:
+            self.keep(truth, program.arrays())
         return scores | drawing(file, self.keep)
 
     def _file(self) -> tuple[container.Header, Record]:

@@ -37,6 +37,7 @@ The path of a material is tried as written, then under `$NEUBTF_DATA`; that of a
 import dataclasses
 import itertools
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -137,7 +138,7 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
         **fields(file, Suite, entries, without=("name", "text")),
     )
     labels, names = [spec.label for spec in suite.codecs], [spec.name for spec in suite.materials]
-    if twice := next((name for each in (labels, names) for name in each if each.count(name) > 1), ""):
+    if twice := next((name for each in (labels, names) for name, count in Counter(each).items() if count > 1), ""):
         raise InputError(f"{file}: {twice!r} appears twice")
     if foreign := {name for spec in suite.codecs for name in spec.materials} - {*names}:
         raise InputError(f"{file}: codecs.materials names {min(foreign)!r}, which is not a material of this suite")
