@@ -41,11 +41,10 @@ def row_of(job: Record) -> tuple[Any, ...]:
 
 
 def _differences(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> str:
-    words = [
-        f"{what} version {mine.get(key)} instead of {theirs[key]}"
-        for key, what in (("version", "codec"), ("store", "store"))
-        if mine and key in theirs and mine.get(key) != theirs[key]
-    ]
+    words = []
+    for key, what in (("version", "codec"), ("store", "store")):
+        if mine and key in theirs and mine.get(key) != theirs[key]:
+            words.append(f"{what} version {mine.get(key)} instead of {theirs[key]}")
     return ", ".join(words)
 
 

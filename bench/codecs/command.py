@@ -64,16 +64,6 @@ class Programs(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Run the program that encodes. `CodecError` says how it failed."""
-        self._check()
-        with tempfile.TemporaryDirectory(prefix="neubtf-command-") as scratch:
-            btf_file, files = Path(scratch) / "training.npz", Path(scratch) / "files"
-            files.mkdir()
-            write_npz(btf, btf_file)
-            given = {"btf": btf_file, "files": files, "seed": fit.seed % 2**31, "threads": fit.threads}
-            self._run(_words(self.settings.encode, given))
-            return _stored(files, btf.shape, self.settings.encode)
-
-    def _check(self) -> None:
         for setting, needed in (("encode", ("{btf}", "{files}")), ("decode", ("{files}",))):
             command = getattr(self.settings, setting)
             if absent := [word for word in needed if word not in command]:
@@ -81,6 +71,13 @@ class Programs(Codec):
                     f"setting {setting} of codec command must be a program's command line with {' and '.join(needed)}; "
                     f"{command!r} has no {absent[0]}"
                 )
+        with tempfile.TemporaryDirectory(prefix="neubtf-command-") as scratch:
+            btf_file, files = Path(scratch) / "training.npz", Path(scratch) / "files"
+            files.mkdir()
+            write_npz(btf, btf_file)
+            given = {"btf": btf_file, "files": files, "seed": fit.seed % 2**31, "threads": fit.threads}
+            self._run(_words(self.settings.encode, given))
+            return _stored(files, btf.shape, self.settings.encode)
 
     def _run(self, words: list[str]) -> None:
         try:

@@ -90,13 +90,8 @@ def to_bytes(codec: "Codec | SharedNetwork", parts: "Parts", provenance: dict[st
     if codec.zstd:
         by_part = {part: {ZSTD: compressed(serialise(named))} for part, named in by_part.items() if named}
     tensors = {f"{part}/{name}": tensor for part, named in by_part.items() for name, tensor in named.items()}
-    metadata = {
-        "format": FORMAT,
-        "codec": codec.name,
-        "version": codec.version,
-        "settings": settings_dict(codec),
-        "sha256": ZEROS.decode(),
-    }
+    metadata = {"format": FORMAT, "codec": codec.name, "version": codec.version, "settings": settings_dict(codec)}
+    metadata |= {"sha256": ZEROS.decode()}
     metadata |= {"provenance": provenance} if provenance else {}
     metadata |= {"kind": SHARED} if isinstance(codec, SharedNetwork) else {}
     metadata |= {"shared": parts.network.sha256} if parts.network else {}
@@ -172,19 +167,10 @@ def _parse(path: Path, data: bytes) -> Header:
     digits = str(metadata["sha256"]).encode()
     if hashlib.sha256(data.replace(digits, ZEROS, 1)).hexdigest().encode() != digits:
         raise ContainerError(f"{path}: altered or damaged since it was written (its hash differs): copy it again")
-    return Header(
-        path,
-        metadata["codec"],
-        metadata["version"],
-        metadata["settings"],
-        metadata["sha256"],
-        {name: _tensor(path, name, entry) for name, entry in header.items()},
-        len(data),
-        metadata.get("kind", MATERIAL),
-        metadata.get("scene", {}),
-        metadata.get("shared", ""),
-        metadata.get("provenance", {}),
-    )
+    tensors = {name: _tensor(path, name, entry) for name, entry in header.items()}
+    names = ("codec", "version", "settings", "sha256", "kind", "scene", "provenance")
+    known = {name: metadata[name] for name in names if name in metadata}
+    return Header(path=path, tensors=tensors, file_bytes=len(data), network=metadata.get("shared", ""), **known)
 
 
 def _json_header(path: Path, data: bytes) -> dict[str, Any]:
@@ -193,9 +179,8 @@ def _json_header(path: Path, data: bytes) -> dict[str, Any]:
     if not 2 <= length <= HEADER_LIMIT or data[8:9] != b"{":
         raise ContainerError(f"{path}: not a codec file (no safetensors header)")
     if 8 + length > len(data):
-        raise ContainerError(
-            f"{path}: truncated: it has {len(data)} bytes, but its header needs {8 + length}: copy it again"
-        )
+        short = f"it has {len(data)} bytes, but its header needs {8 + length}"
+        raise ContainerError(f"{path}: truncated: {short}: copy it again")
     try:
         header = json.loads(data[8 : 8 + length])
         offsets = [entry["data_offsets"] for name, entry in header.items() if name != "__metadata__"]
@@ -212,30 +197,28 @@ def _json_header(path: Path, data: bytes) -> dict[str, Any]:
 
 def _metadata(path: Path, header: dict[str, Any]) -> dict[str, Any]:
     try:
-        fields = json.loads(header.pop("__metadata__")[KEY])
-        newer = isinstance(fields["format"], int) and fields["format"] > FORMAT
+        found = json.loads(header.pop("__metadata__")[KEY])
+        newer = isinstance(found["format"], int) and found["format"] > FORMAT
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ContainerError(f"{path}: a safetensors file, but not one of this suite (no {KEY!r} metadata)") from error
     if newer:
-        raise ContainerError(f"{path}: format {fields['format']} is newer than this version reads ({FORMAT}): upgrade")
-    if wrong := next((name for name, sound in _FIELDS.items() if name in fields and not sound(fields[name])), ""):
-        raise ContainerError(f"{path}: its {KEY!r} metadata is not sound: {wrong} is {fields[wrong]!r:.60}")
-    if fault := described.fault_of(FileScene, fields["scene"]) if fields.get("scene") else "":
+        raise ContainerError(f"{path}: format {found['format']} is newer than this version reads ({FORMAT}): upgrade")
+    if wrong := next((name for name, sound in _FIELDS.items() if name in found and not sound(found[name])), ""):
+        raise ContainerError(f"{path}: its {KEY!r} metadata is not sound: {wrong} is {found[wrong]!r:.60}")
+    if fault := described.fault_of(FileScene, found["scene"]) if found.get("scene") else "":
         raise ContainerError(f"{path}: the scene that it was fitted to is not sound: {fault}: encode it again")
-    if missing := {"format", "codec", "version", "settings", "sha256"} - fields.keys():
+    if missing := {"format", "codec", "version", "settings", "sha256"} - found.keys():
         raise ContainerError(f"{path}: its {KEY!r} metadata is incomplete: no {', '.join(sorted(missing))}")
-    return fields
+    return found
 
 
 def _whole(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 48
 
 
-def _settings(value: object) -> bool:
+def _settings(value: Any) -> bool:
     """Plain values by name, every number finite."""
-    if not isinstance(value, dict):
-        return False
-    plain = all(isinstance(setting, str | int | float) for setting in value.values())
+    plain = isinstance(value, dict) and all(isinstance(setting, str | int | float) for setting in value.values())
     return plain and all(math.isfinite(setting) for setting in value.values() if isinstance(setting, float))
 
 

@@ -44,9 +44,9 @@ def make_codec(name: str, settings: dict[str, Any]) -> "Codec":
     outside_codecs.check(entry, called(entry), _made_in_child, settings)
     try:
         return _loaded(entry)(**settings)
+    except InputError:
+        raise
     except (Exception, SystemExit) as error:
-        if isinstance(error, InputError):
-            raise
         raise CodecError(f"{called(entry)} fails with the settings {settings}: {_kind(error)}") from error
 
 
@@ -110,8 +110,7 @@ def origin(entry: EntryPoint) -> str:
 
 def describe(entry: EntryPoint) -> str:
     """The first line of a codec's docstring, read from its source, so that listing imports no PyTorch."""
-    module, _, attribute = entry.value.partition(":")
-    return first_line(module, attribute)
+    return first_line(*entry.value.split(":"))
 
 
 def listed(entry: EntryPoint) -> str:
@@ -128,17 +127,15 @@ def reference(entry: EntryPoint) -> dict[str, str]:
 
     The paper's link is the entry's doi or url; the code's follows "Code: ". "" where there is none.
     """
-    module, _, attribute = entry.value.partition(":")
-    text = _docstring(module, attribute)
-    bibtex = _found(r"^@\w+\{.*?^\}$", text)
-    doi = _found(r"\bdoi = \{([^{}\s]+)\}", bibtex)
-    paper = f"https://doi.org/{doi}" if doi else _found(r"\burl = \{(https://[^{}\s]+)\}", bibtex)
-    return {"bibtex": bibtex, "paper": paper, "code": _found(r"^Code: (https://\S+)$", text)}
 
+    def found(pattern: str, text: str) -> str:
+        return next(iter(re.findall(pattern, text, re.M | re.S)), "")
 
-def _found(pattern: str, text: str) -> str:
-    found = re.search(pattern, text, re.M | re.S)
-    return found[found.re.groups] if found else ""
+    text = _docstring(*entry.value.split(":"))
+    bibtex = found(r"^@\w+\{.*?^\}$", text)
+    doi = found(r"\bdoi = \{([^{}\s]+)\}", bibtex)
+    paper = f"https://doi.org/{doi}" if doi else found(r"\burl = \{(https://[^{}\s]+)\}", bibtex)
+    return {"bibtex": bibtex, "paper": paper, "code": found(r"^Code: (https://\S+)$", text)}
 
 
 def first_line(module: str, class_name: str = "") -> str:
@@ -152,12 +149,11 @@ def current_versions(codec: str) -> dict[str, int]:
     Empty if no such codec is installed, or if its source does not state its version as a number.
     """
     entry = codec_entries().get(codec)
-    module, _, name = entry.value.partition(":") if entry else ("", "", "")
-    own = _number(module, name, "version") if entry else None
-    return {} if own is None else {"version": own, "store": _number(STORE, "", "VERSION") or 0}
+    own = _number(*entry.value.split(":"), wanted="version") if entry else None
+    return {} if own is None else {"version": own, "store": _number(STORE, wanted="VERSION") or 0}
 
 
-def _number(module: str, class_name: str, wanted: str) -> int | None:
+def _number(module: str, class_name: str = "", *, wanted: str) -> int | None:
     """A whole number that a module or a class assigns to a name, alone or among others: `name, version = "pca", 4`."""
     node = _definition(module, class_name)
     for statement in node.body if node else []:
@@ -173,7 +169,7 @@ def _number(module: str, class_name: str, wanted: str) -> int | None:
     return None
 
 
-def _docstring(module: str, class_name: str) -> str:
+def _docstring(module: str, class_name: str = "") -> str:
     node = _definition(module, class_name)
     if node is None and _definition(module, "") is None:
         return f"not importable: {module}"

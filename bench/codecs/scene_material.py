@@ -54,13 +54,9 @@ class SceneMaterial(Around):
         self.queried, self.outside = self.queried + len(uv), self.outside + count
         if count and self.reports:
             self.reports = False
-            log.warning(
-                "%s: %d of %d queries lie far outside the scene that it was fitted to, and more may follow: take the "
-                "full model, or fit it to the demand of this scene",
-                self.name,
-                count,
-                len(uv),
-            )
+            outside = f"{count} of {len(uv)} queries lie far outside the scene that it was fitted to"
+            remedy = "take the full model, or fit it to the demand of this scene"
+            log.warning("%s: %s, and more may follow: %s", self.name, outside, remedy)
 
 
 def unreported(material: Material) -> Material:

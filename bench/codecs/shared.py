@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch import Tensor
 
 from bench.atomic import cache_dir
 from bench.btf import BAKED, BTF, RENDERED
@@ -105,25 +104,18 @@ def make(network: SharedNetwork, btfs: Sequence[BTF], fit: Fit, path: Path) -> c
     path.parent.mkdir(parents=True, exist_ok=True)
     fingerprints, origins = [btf.fingerprint for btf in btfs], [origin(btf) for btf in btfs]
     seen = [*fingerprints, *(btf.fingerprint for btf in fit.unseen)]
-    state = path.with_name(f"{path.stem}-{_key(network, fit, seen)[:12]}.state")
+    known = [network.name, network.version, settings_dict(network), fit.seed, fit.device.type]
+    known += [fit.threads, torch.__version__, seen]  # what determines the file
+    key = hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()[:12]
+    state = path.with_name(f"{path.stem}-{key}.state")
     parts = network.train(btfs, dataclasses.replace(fit, checkpoint=state))
-    parts.other.update(fingerprints=_digests(fingerprints), origins=_digests(origins))
+    for name, digests in (("fingerprints", fingerprints), ("origins", origins)):
+        parts.other[name] = torch.tensor([list(bytes.fromhex(digest)) for digest in digests], dtype=torch.uint8)
     if before:
         shutil.copyfile(path, path.with_name(hashed_name(before.codec, before.sha256)))
     header = container.save(path, network, parts)
     state.unlink(missing_ok=True)
     return header
-
-
-def _key(network: SharedNetwork, fit: Fit, fingerprints: list[str]) -> str:
-    """A hash of everything that determines a shared file."""
-    known = [network.name, network.version, settings_dict(network), fit.seed, fit.device.type]
-    known += [fit.threads, torch.__version__, fingerprints]
-    return hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
-
-
-def _digests(digests: list[str]) -> Tensor:
-    return torch.tensor([list(bytes.fromhex(digest)) for digest in digests], dtype=torch.uint8)
 
 
 def origin(btf: BTF) -> str:

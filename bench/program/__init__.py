@@ -6,7 +6,7 @@ runs a program with Dr.Jit, `reports.shaders` writes it as text.
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,6 @@ import numpy as np
 from bench.btf import periods
 
 INPUTS = ("uv", "wo", "wi", "footprint")
-PRODUCTS = ("mm", "addmm", "bmm")
 
 
 @dataclass(frozen=True)
@@ -33,15 +32,14 @@ class Step:
 
     def names(self) -> set[str]:
         """The inputs, constants and results that its arguments name."""
-        return set(_names(self.arguments))
-
-
-def _names(arguments: Any) -> Iterator[str]:
-    if isinstance(arguments, dict):
-        yield arguments["of"]
-    elif isinstance(arguments, list):
-        for each in arguments:
-            yield from _names(each)
+        found, waiting = set(), list(self.arguments)
+        while waiting:
+            match waiting.pop():
+                case {"of": name}:
+                    found.add(name)
+                case [*inner]:
+                    waiting += inner
+        return found
 
 
 @dataclass(frozen=True)
@@ -65,7 +63,7 @@ class Program:
         return sum(
             math.prod(step.shape) * shapes[step.arguments[-1]["of"]][-2]
             for step in self.steps
-            if step.operation in PRODUCTS
+            if step.operation in ("mm", "addmm", "bmm")
         )
 
     def arrays(self) -> dict[str, np.ndarray]:

@@ -106,10 +106,7 @@ class Kernel(Backend):
         key = (table.__array_interface__["data"][0], table.size)
         if key not in self.tables:
             array = self.kind.Float if kind == "float" else self.kind.Int
-            self.tables[key] = (
-                table,
-                array(np.ascontiguousarray(table).reshape(-1)),
-            )  # keeps memory and key alive
+            self.tables[key] = table, array(np.ascontiguousarray(table).reshape(-1))  # keeps memory and key alive
         # An altered file must not read other memory.
         stored, first = self.tables[key][1], dr.minimum(self.kind.UInt(index), len(table) - 1) * table.shape[1]
         return [dr.gather(type(stored), stored, first + channel) for channel in range(table.shape[1])]

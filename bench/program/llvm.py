@@ -54,8 +54,7 @@ def drjit() -> ModuleType:
     """Dr.Jit with an LLVM that compiles the suite's kernels. `InputError` says what to install."""
     with installed("fused on the CPU needs Dr.Jit: pip install neubtf-bench[mitsuba]"):
         import drjit as dr
-    reason = unusable()
-    if reason:
+    if reason := unusable():
         raise InputError(reason)
     return dr
 
@@ -74,12 +73,11 @@ def unusable(plugins: bool = False) -> str:
 @cache
 def _tried(choice: str) -> tuple[str, tuple[str, ...], str]:
     """The version of LLVM ("" without one), the names of the trials that it passed, and how the trial ended."""
-    command = [sys.executable, "-c", _TRIAL]
     try:
         # Dr.Jit caches kernels, and would load those that another LLVM compiled for the same processor.
         with TemporaryDirectory() as empty:
             done = subprocess.run(
-                command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=LIMIT,
+                [sys.executable, "-c", _TRIAL], stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=LIMIT,
                 env=os.environ | {"DRJIT_CACHE_DIR": empty},
             )  # fmt: skip
     except subprocess.TimeoutExpired:

@@ -104,11 +104,9 @@ def _clamp(m: Backend, step: Step, source: Value, low: Any = None, high: Any = N
 
 @operation("pow")
 def _pow(m: Backend, step: Step, base: Value, exponent: Any) -> Array:
-    if exponent == 2:
-        return _each(m, step, "{0} * {0}", base).items
-    if exponent == 0.5:
-        return _each(m, step, FORMULAS["sqrt"], base).items
-    return _each(m, step, "pow({0}, {1})", base, exponent).items
+    if isinstance(exponent, Value) or exponent not in (2, 0.5):
+        return _each(m, step, "pow({0}, {1})", base, exponent).items
+    return _each(m, step, "{0} * {0}" if exponent == 2 else FORMULAS["sqrt"], base).items
 
 
 @operation("where")

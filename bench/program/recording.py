@@ -25,7 +25,6 @@ MOST_RANKED = 256  # numbers of which a program finds the first few: 54 statemen
 # Operations that only assert a property of their argument.
 SAME = ("alias", "detach", "clone", "contiguous", "lift_fresh_copy")
 
-
 _RECORDING = threading.Lock()  # PyTorch's state while recording is global, so two recordings would disturb each other
 
 
@@ -102,20 +101,14 @@ def program_of(material: Material) -> Program:
 
 
 def _written(exported: torch.export.ExportedProgram, size: tuple[int, int]) -> Program:
-    known = {**exported.state_dict, **exported.constants}
-    signature = exported.graph_signature
-    named = {
-        **signature.inputs_to_parameters,
-        **signature.inputs_to_buffers,
-        **signature.inputs_to_lifted_tensor_constants,
-    }
+    known, given = {**exported.state_dict, **exported.constants}, exported.graph_signature
+    named = {**given.inputs_to_parameters, **given.inputs_to_buffers, **given.inputs_to_lifted_tensor_constants}
     recorder = _Recorder({name: known[target].detach() for name, target in named.items()})
-    for name, wanted in zip(signature.user_inputs, INPUTS, strict=True):
-        recorder.values[str(name)] = wanted
+    recorder.values |= zip(map(str, given.user_inputs), INPUTS, strict=True)
     for node in exported.graph.nodes:
         if node.op == "call_function":
             recorder.record(node)
-    (result,) = signature.user_outputs
+    (result,) = given.user_outputs
     return recorder.program(str(result), size)
 
 
@@ -139,9 +132,8 @@ class _Recorder:
             source, number = arguments
             self.values[node.name] = source[number] if isinstance(source, (list, tuple)) else f"{source}.{number}"
         elif operation == "full_like":  # depends only on the shape
-            self.values[node.name] = torch.full(
-                tuple(node.meta["val"].shape), arguments[1], dtype=node.meta["val"].dtype
-            )
+            value = node.meta["val"]
+            self.values[node.name] = torch.full(tuple(value.shape), arguments[1], dtype=value.dtype)
         elif not _names(arguments):
             self.values[node.name] = target(*arguments, **{k: self._argument(v) for k, v in node.kwargs.items()})
         else:
@@ -154,7 +146,7 @@ class _Recorder:
             if mode != 0:
                 raise InputError("an embedding bag that is not a sum")
             arguments, value = [table, index, len(offsets), *weights[:1]], value[0]
-            self.values[node.name] = [f"{node.name}"]
+            self.values[node.name] = [node.name]
         elif operation in ("split_with_sizes", "split", "unbind"):
             self._split(node, operation, arguments)
             return
@@ -162,11 +154,14 @@ class _Recorder:
             self.values[node.name] = node.name
         if not isinstance(value, Tensor):
             raise InputError(f"{operation} gives several tensors")
-        foreign = set(node.kwargs) - {"dtype", "layout", "device", "memory_format", "pin_memory"}
-        if foreign:
+        if foreign := set(node.kwargs) - {"dtype", "layout", "device", "memory_format", "pin_memory"}:
             raise InputError(f"{operation} with {min(foreign)}")
+        self._step(node.name, operation, arguments, value)
+
+    def _step(self, name: str, operation: str, arguments: list[Any], result: Tensor) -> None:
+        kind = "float" if result.dtype.is_floating_point else "bool" if result.dtype == torch.bool else "int"
         plain = [_plain(argument, self._keep) for argument in arguments]
-        self.steps.append(Step(node.name, operation, plain, tuple(value.shape), _kind(value.dtype)))
+        self.steps.append(Step(name, operation, plain, tuple(result.shape), kind))
 
     def _split(self, node: torch.fx.Node, operation: str, arguments: list[Any]) -> None:
         """The parts of a tensor as slices, or selections, of it."""
@@ -174,15 +169,12 @@ class _Recorder:
         axis = int(rest[-1]) if operation == "unbind" and rest else int(rest[1]) if len(rest) > 1 else 0
         parts, start, names = node.meta["val"], 0, []
         for number, part in enumerate(parts):
-            name = f"{node.name}.{number}"
+            names.append(f"{node.name}.{number}")
             if operation == "unbind":
-                step = ("select", [source, axis, number])
+                self._step(names[-1], "select", [source, axis, number], part)
             else:
-                step = ("slice", [source, axis, start, start + part.shape[axis]])
+                self._step(names[-1], "slice", [source, axis, start, start + part.shape[axis]], part)
                 start += part.shape[axis]
-            plain = [_plain(argument, self._keep) for argument in step[1]]
-            self.steps.append(Step(name, step[0], plain, tuple(part.shape), _kind(part.dtype)))
-            names.append(name)
         self.values[node.name] = names
 
     def _argument(self, value: Any) -> Any:
@@ -192,12 +184,9 @@ class _Recorder:
 
     def _keep(self, tensor: Tensor) -> str:
         """Store a constant and return its name; equal objects share one."""
-        for name, value in self.values.items():
-            if value is tensor:
-                return name
-        name = f"constant{len(self.values)}"
-        self.values[name] = tensor
-        return name
+        known = next((name for name, value in self.values.items() if value is tensor), f"constant{len(self.values)}")
+        self.values[known] = tensor
+        return known
 
     def program(self, result: str, size: tuple[int, int]) -> Program:
         """The program, reduced to the steps and constants that the result needs."""
@@ -227,7 +216,3 @@ def _plain(argument: Any, keep: Callable[[Tensor], str]) -> Any:
     if isinstance(argument, str):
         return {"of": argument}
     return argument if argument is None or isinstance(argument, (int, float, bool)) else str(argument)
-
-
-def _kind(dtype: torch.dtype) -> str:
-    return "float" if dtype.is_floating_point else "bool" if dtype == torch.bool else "int"

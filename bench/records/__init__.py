@@ -4,23 +4,11 @@ Imports neither PyTorch nor pandas.
 """
 
 from bench.records.fields import field_names, kept, require, shown_columns
-from bench.records.lines import (
-    FILE,
-    STRESS,
-    TRADE,
-    TRADE_FORMAT,
-    Records,
-    Run,
-    append,
-    load_run,
-    load_together,
-    load_trade,
-)
+from bench.records.lines import FILE, STRESS, TRADE, Records, Run, append, load_run, load_together, load_trade
 from bench.records.meaning import (
     CONDITIONS,
     FLIP,
     KINDS,
-    LOG_PSNR,
     MOST_DB,
     OUTSIDE,
     PSNR,

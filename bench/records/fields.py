@@ -7,7 +7,7 @@ from typing import Any, Literal, Required, get_args, get_origin, get_type_hints,
 
 from bench.errors import InputError
 from bench.records import kinds
-from bench.records.kinds import Each, Fields, Kind, Several
+from bench.records.kinds import Each, Fields, Kind, Plain, Several
 from bench.records.schema import Facts, FileScene, Job, Needed, Record, Shown, Start, Stress, Timing, Trade, Use
 
 _MEASURED = ("scores", "metrics", "bytes", "parameters")  # the fields of a job that has a result
@@ -28,20 +28,19 @@ def kind_of(hint: Any) -> Kind:
     arguments = get_args(hint)
     match get_origin(hint):
         case kind if kind is Literal:
-            return kinds.one_of(*arguments)
+            return Plain(" or ".join(map(repr, arguments)), lambda value: isinstance(value, str) and value in arguments)
         case kind if kind is dict:
             return Each(kind_of(arguments[1]))
         case kind if kind is list:
             return Several(kind_of(arguments[0]))
     if type(None) in arguments:
-        return kinds.maybe(kind_of(arguments[0]))
+        plain: Any = kind_of(arguments[0])
+        return Plain(f"{plain.words} or null", lambda value: value is None or plain.test(value))
     return {bool: kinds.FLAG, Any: kinds.ANYTHING}[hint]
 
 
-KINDS = {"run": Start, "job": Job, "timing": Timing, "stress": Stress}
-FIELDS: dict[str, Kind] = {name: kind_of(described) for name, described in KINDS.items()}
-_TRADE = kind_of(Trade)
-_OTHERS: dict[type, Kind] = {described: kind_of(described) for described in (Facts, FileScene)}
+FIELDS = {name: kind_of(each) for name, each in {"run": Start, "job": Job, "timing": Timing, "stress": Stress}.items()}
+_OTHERS: dict[type, Kind] = {described: kind_of(described) for described in (Facts, FileScene, Trade)}
 
 
 def fault(record: Mapping[str, Any]) -> str:
@@ -49,23 +48,23 @@ def fault(record: Mapping[str, Any]) -> str:
     needed: tuple[str, ...] = ()
     if record["kind"] == "job" and "status" in record:
         needed = _MEASURED if record["status"] == "ok" else ("error",)
-    return kinds.in_words(kinds.missing(record, needed) or kinds.fault_of(FIELDS[record["kind"]], record))
+    return kinds.missing(record, needed) or kinds.fault_of(FIELDS[record["kind"]], record)
 
 
 def fault_of_trade(trade: Mapping[str, Any]) -> str:
     """The same for the measurements of `neubtf-bench trade`."""
-    if wrong := kinds.fault_of(_TRADE, trade):
-        return kinds.in_words(wrong)
+    if wrong := fault_of(Trade, trade):
+        return wrong
     for row in trade["choices"]:
         needed = () if "error" in row else (*_TIMED, *(_CHOSEN if "bytes" in row else ()))
-        if wrong := kinds.missing(row, needed):
-            return kinds.in_words((f"choices/{row['label']:.60}/{wrong[0]}", wrong[1]))
+        if wrong := kinds.missing(row, needed, f"choices/{row['label']:.60}"):
+            return wrong
     return ""
 
 
 def fault_of(described: type, value: Any) -> str:
     """The same for the facts of a fit, or for the scene that a codec file was fitted to."""
-    return kinds.in_words(kinds.fault_of(_OTHERS[described], value))
+    return kinds.fault_of(_OTHERS[described], value)
 
 
 def kept(record: Record, use: Use) -> Record:

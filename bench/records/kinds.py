@@ -5,10 +5,8 @@ Fields that are not listed are free, but plain: no deep nesting, and finite numb
 """
 
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
-from itertools import chain
 from typing import Any
 
 from bench.errors import shown
@@ -68,18 +66,6 @@ def _is_text(value: Any) -> bool:
     return isinstance(value, str) and len(value) <= LONGEST
 
 
-def one_of(*words: str) -> Plain:
-    """One of these texts."""
-    return Plain(" or ".join(map(repr, words)), lambda value: isinstance(value, str) and value in words)
-
-
-@cache
-def maybe(kind: Plain) -> Plain:
-    """The kind, or null."""
-    test = kind.test
-    return Plain(f"{kind.words} or null", lambda value: value is None or test(value))
-
-
 NUMBER = Plain("a finite number", _is_number)
 POSITIVE = Plain("a finite number > 0", lambda value: _is_number(value) and value > 0)
 NOT_NEGATIVE = Plain("a finite number ≥ 0", lambda value: _is_number(value) and value >= 0)
@@ -87,9 +73,7 @@ COUNT = Plain("a whole number ≥ 0", _is_count)
 TEXT = Plain("a text", _is_text)
 NAME = Plain("a name", lambda value: _is_text(value) and bool(value.strip()))
 SIDE = Plain("a whole number > 0", lambda value: _is_count(value) and value > 0)
-DIGITS = Plain(
-    "64 hexadecimal digits", lambda value: _is_text(value) and re.fullmatch("[0-9a-f]{64}", value) is not None
-)
+DIGITS = Plain("64 hexadecimal digits", lambda value: _is_text(value) and bool(re.fullmatch("[0-9a-f]{64}", value)))
 FLAG = Plain("true or false", lambda value: isinstance(value, bool))
 SETTING = Plain(
     "a finite number, a text, true or false",
@@ -100,68 +84,40 @@ TEXT_OR_TEXTS = Plain(
     lambda value: all(map(_is_text, value.values() if isinstance(value, dict) else [value])),
 )
 ANYTHING = Plain("", lambda value: True)
-NUMBER_OR_NULL = maybe(NUMBER)
-
-Fault = tuple[str, str]  # the place of a field, `scores/heldout`, and what it must be
 
 
-def in_words(fault: Fault | None) -> str:
-    """A fault in words; "" for none."""
-    return f"{fault[0].lstrip('/')} {fault[1]}" if fault else ""
+def missing(value: Mapping[str, Any], needed: tuple[str, ...], place: str = "") -> str:
+    """The first needed field that is missing, in words; "" if none is."""
+    return next((f"{place}/{name} is missing".lstrip("/") for name in needed if name not in value), "")
 
 
-def missing(value: Mapping[str, Any], needed: tuple[str, ...]) -> Fault | None:
-    """The first needed field that is missing."""
-    return next(((name, "is missing") for name in needed if name not in value), None)
-
-
-def fault_of(kind: Kind, value: Any, depth: int = 0) -> Fault | None:
-    """The first fault of a value, and its place within the value."""
-    if kind.__class__ is Plain and kind is not ANYTHING:
-        return None if kind.test(value) else ("", f"must be {kind.words}, not {_shown(value)}")
-    if depth > DEEPEST:
-        return "", "is nested too deeply"
-    if isinstance(kind, Several) and (not isinstance(value, list) or kind.length not in (None, len(value))):
-        return "", f"must be a list{f' of {kind.length}' if kind.length else ''}, not {_shown(value)}"
-    if isinstance(kind, Each | Fields) and not isinstance(value, dict):
-        return "", f"must be an object, not {_shown(value)}"
-    if isinstance(value, dict):
-        return _fault_of_object(kind, value, depth)
-    if isinstance(value, list):
-        each = kind.item if isinstance(kind, Several) else ANYTHING
-        if _all_of_kind(NUMBER if each is ANYTHING else each, value):
-            return None
-        return next((fault for item in value if (fault := fault_of(each, item, depth + 1))), None)
-    return None if value is None else fault_of(SETTING, value, depth)
-
-
-def _fault_of_object(kind: Kind, value: Mapping[str, Any], depth: int) -> Fault | None:
-    if isinstance(kind, Each) and _all_of_kind(kind.item, value.values()):
-        return None  # the common case, tested thousands of times a run
-    known: Mapping[str, Kind] = {}
-    others: Kind = kind.item if isinstance(kind, Each) else ANYTHING
-    if isinstance(kind, Fields):
-        known = kind.known
-        if absent := missing(value, kind.needed):
+def fault_of(kind: Kind, value: Any, place: str = "", depth: int = 0) -> str:
+    """The first fault of a value at a place, in words: `scores/heldout must be …`; "" for none."""
+    known: Mapping[str, Kind] = kind.known if isinstance(kind, Fields) else {}
+    others = kind.item if isinstance(kind, Each | Several) else ANYTHING
+    wrong = ""
+    if isinstance(kind, Plain) and kind is not ANYTHING:
+        wrong = "" if kind.test(value) else f"must be {kind.words}, not {_shown(value)}"
+    elif depth > DEEPEST:
+        wrong = "is nested too deeply"
+    elif isinstance(kind, Several) and (not isinstance(value, list) or kind.length not in (None, len(value))):
+        wrong = f"must be a list{f' of {kind.length}' if kind.length else ''}, not {_shown(value)}"
+    elif isinstance(kind, Each | Fields) and not isinstance(value, dict):
+        wrong = f"must be an object, not {_shown(value)}"
+    elif isinstance(value, dict):
+        if isinstance(kind, Fields) and (absent := missing(value, kind.needed, place)):
             return absent
-    for name, item in value.items():
-        each = known.get(name, others)
-        if each.__class__ is Plain and each is not ANYTHING and each.test(item):
-            continue
-        if fault := fault_of(each, item, depth + 1):
-            return f"{name:.60}/{fault[0]}".rstrip("/"), fault[1]
-    return None
-
-
-def _all_of_kind(kind: Kind, values: Collection[Any]) -> bool:
-    """Whether all values are of a kind, by a fast test; False only says that this test cannot tell."""
-    if isinstance(kind, Each):
-        objects = {*map(type, values)} == {dict}
-        return objects and _all_of_kind(kind.item, [*chain.from_iterable(map(dict.values, values))])
-    if kind is NUMBER or kind is NUMBER_OR_NULL:
-        known = {float, int} if kind is NUMBER else {float, int, type(None)}
-        return {*map(type, values)} <= known and all(abs(value or 0) <= LARGEST for value in values)
-    return isinstance(kind, Plain) and kind is not ANYTHING and all(map(kind.test, values))
+        for name, item in value.items():
+            each = known.get(name, others)
+            if each.__class__ is Plain and each is not ANYTHING and each.test(item):
+                continue  # the common case, tested thousands of times a run
+            if fault := fault_of(each, item, f"{place}/{name:.60}", depth + 1):
+                return fault
+    elif isinstance(value, list):
+        return next((fault for item in value if (fault := fault_of(others, item, place, depth + 1))), "")
+    elif value is not None:
+        return fault_of(SETTING, value, place, depth)
+    return f"{place} {wrong}".lstrip("/ ") if wrong else ""
 
 
 def _shown(value: Any) -> str:

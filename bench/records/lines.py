@@ -15,6 +15,7 @@ import os
 import re
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, overload
@@ -46,17 +47,13 @@ def append(folder: Path, record: Record) -> None:
                 if written.read(1) != b"\n":  # an earlier process was killed while writing its line
                     line = b"\n" + line
         try:
-            _write(file.fileno(), line)
+            rest = memoryview(line)
+            while rest:
+                rest = rest[os.write(file.fileno(), rest) :]
+            os.fsync(file.fileno())
         except OSError:
             os.truncate(file.fileno(), start)
             raise
-
-
-def _write(file: int, data: bytes) -> None:
-    rest = memoryview(data)
-    while rest:
-        rest = rest[os.write(file, rest) :]
-    os.fsync(file)
 
 
 def _line(record: Record) -> bytes:
@@ -223,22 +220,11 @@ def _add_line(run: Run, line: Line) -> bool:
     sealed = _SEALED.match(text)
     if sealed and int(sealed[1], 16) != zlib.crc32(text[sealed.end() :].rstrip(b"\n")):
         return False
-    if sealed and (named := _NAMED.match(text)) and (name := _name(named[2])) is not None:
-        kind = run.jobs if named[1] == b"job" else run.timings
-        kind.put(name, line)
-        return True
-    return _add_record(run, _record_of(line))
-
-
-def _name(quoted: bytes) -> str | None:
-    """The name in quotes; None if the text is not a name."""
-    try:
-        return str(json.loads(quoted))
-    except ValueError:
-        return None
-
-
-def _add_record(run: Run, record: Record) -> bool:
+    if sealed and (named := _NAMED.match(text)):
+        with suppress(ValueError):  # not a name
+            (run.jobs if named[1] == b"job" else run.timings).put(str(json.loads(named[2])), line)
+            return True
+    record = _record_of(line)
     match record:
         case {"kind": "run"}:
             run.starts.append(record)

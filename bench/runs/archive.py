@@ -22,7 +22,7 @@ from bench.data.bake.naming import looks_like_maps
 from bench.data.open import draw_of, outlined
 from bench.data.spec import MaterialSpec, Preparation
 from bench.errors import InputError
-from bench.records import FILE, NAMES, Record, Run, kept
+from bench.records import FILE, NAMES, PSNR, Record, Records, Run, kept, metrics_of
 from bench.runs import claims
 from bench.runs.evaluation import evaluate, score_key
 from bench.runs.job import keep, machine, stamp
@@ -36,14 +36,13 @@ MOST_BYTES, LEAST_BYTES, RATIO = 4 << 30, 256 << 20, 64  # limits of all unpacke
 MOST_BAKED = 4 << 30  # bytes of radiance that an archive may make us bake, before we know whether its data are the same
 SHOWN = 4  # reasons that a verdict lists
 _STARTED = ("kind", "run", "suite", "data", "materials", "jobs")  # fields taken from the start of a submitted run
-_HERE = {"text": "", "device": "cpu", "threads": 1}
 _OTHER = "the data of {} here differ from the submitted data"
 AGREES, DIFFERS, NOT_VERIFIED = "agrees", "differs", "not verified"
 
 
 def chosen(run: Run, codecs: list[str]) -> Run:
     """The jobs of a run with a result, of all or some codecs, and their timings. `InputError` if there are none."""
-    part = dataclasses.replace(run, jobs=records.Records(), timings=records.Records())
+    part = dataclasses.replace(run, jobs=Records(), timings=Records())
     for job in run.jobs:
         if job["status"] == "ok" and (not codecs or job["codec"] in codecs):
             part.jobs.put(job["job"], job)
@@ -125,7 +124,8 @@ def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, st
     """
     starts = {start["run"]: start for start in run.starts}
     for start in starts.values():
-        records.append(out, {key: start[key] for key in _STARTED if key in start} | _HERE | provenance())
+        here = {"text": "", "device": "cpu", "threads": 1} | provenance()
+        records.append(out, {key: start[key] for key in _STARTED if key in start} | here)
     for job in run.jobs:
         name = str(job.get("job"))
         try:
@@ -150,7 +150,7 @@ def _verified(
         libraries = ", ".join(f"{each} {version}" for each, version in job["fit_key"].get("libraries", {}).items())
         codec = f"codec {job['codec']} version {job['fit_key']['version']}, code {str(job['fit_key']['code'])[:12]}"
         return Verdict(name, NOT_VERIFIED, f"{codec} is not installed here ({libraries})")
-    if not claims.compared(job):
+    if "pooled" not in metrics_of(job).get(PSNR, {}):
         return Verdict(name, NOT_VERIFIED, "its record has no scores to compare")
     spec = _material(job, start, places)
     data = table(f"data of {name}", Preparation, start.get("data"))

@@ -9,14 +9,9 @@ from bench.codec import settings_dict
 from bench.codecs.container import Header
 from bench.codecs.registry import COMMAND, make_codec
 from bench.errors import InputError
-from bench.records import CLAIM, OUTSIDE, PSNR, Record, gate, kept, metrics_of
+from bench.records import CLAIM, OUTSIDE, Record, kept
 
 DECIBELS, RELATIVE = 0.01, 1e-3  # the largest change by rounding on another processor
-
-
-def compared(claimed: Record) -> bool:
-    """Whether a record has the score by which jobs are compared."""
-    return "pooled" in metrics_of(claimed, gate(claimed["scores"])).get(PSNR, {})
 
 
 def differences(claimed: Record, here: Record) -> Iterator[str]:
@@ -32,15 +27,14 @@ def _unlike(place: str, claimed: Any, measured: Any) -> Iterator[str]:
             if place in ("scores", "pairs") and name in ("scene", OUTSIDE):
                 continue  # scores in a scene: archives hold no demand, and these are not published
             yield from _unlike(f"{place}/{name}", value, measured.get(name))
-    elif not _close(place, claimed, measured):
+        return
+    close = claimed == measured
+    if float in (type(claimed), type(measured)) and None not in (claimed, measured):
+        decibels = "/psnr" in place or place.startswith("footprints/")
+        limit = DECIBELS if decibels else RELATIVE * abs(measured)
+        close = math.isclose(claimed, measured, rel_tol=0, abs_tol=limit)
+    if not close:
         yield f"{place} is {measured}, not {claimed}"
-
-
-def _close(place: str, claimed: Any, measured: Any) -> bool:
-    if not (isinstance(claimed, float) or isinstance(measured, float)) or None in (claimed, measured):
-        return bool(claimed == measured)
-    decibels = "/psnr" in place or place.startswith("footprints/")
-    return math.isclose(claimed, measured, rel_tol=0, abs_tol=DECIBELS if decibels else RELATIVE * abs(measured))
 
 
 def misnamed(claimed: Record, header: Header) -> Iterator[str]:

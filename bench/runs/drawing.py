@@ -1,7 +1,5 @@
 """Decoded materials as programs with an exposure, so that `reports` draws them without PyTorch."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import torch
 
@@ -21,16 +19,8 @@ SPARSE_FLOATS = 1_000_000  # of it, at most
 BAKED = 13  # views, and lights, of a material that cannot be a program: 5.5 MB at 64² texels
 
 
-@dataclass(frozen=True)
-class Drawable:
-    """The program of a material, and the exposure that its picture needs."""
-
-    program: Program
-    exposure: float
-
-
-def drawable(material: Material) -> Drawable:
-    """A material's program. The exposure is that of random queries up to 75°.
+def drawable(material: Material) -> tuple[Program, float]:
+    """A material's program, and the exposure that its picture needs: that of random queries up to 75°.
 
     Raises `InputError` if the material cannot be recorded as a program.
     """
@@ -38,7 +28,7 @@ def drawable(material: Material) -> Drawable:
     rng = np.random.default_rng(0)
     uv = torch.from_numpy(rng.random((QUERIES, 2), np.float32))
     wo, wi = (torch.from_numpy(uniform(rng, QUERIES).astype(np.float32)) for _ in range(2))
-    return Drawable(program, exposure_of(material.query(uv, wo, wi).numpy()))
+    return program, exposure_of(material.query(uv, wo, wi).numpy())
 
 
 def baked(material: Material, name: str, show: Progress = silent) -> BTF:
@@ -48,9 +38,9 @@ def baked(material: Material, name: str, show: Progress = silent) -> BTF:
     return BTF(name, wo, wi, ArraySource(np.stack([material.slice(*pair).numpy() for pair in pairs])))
 
 
-def drawable_truth(btf: BTF, show: Progress = silent) -> Drawable:
-    """A BTF itself as a program: the interpolated table of its training pairs, at the BTF's own exposure."""
-    return Drawable(_interpolated(btf.subset(btf.split().train), show), exposure(btf))
+def drawable_truth(btf: BTF, show: Progress = silent) -> tuple[Program, float]:
+    """A BTF itself as a program, the interpolated table of its training pairs, and the BTF's own exposure."""
+    return _interpolated(btf.subset(btf.split().train), show), exposure(btf)
 
 
 def sparse_truth(btf: BTF) -> Program | None:

@@ -16,37 +16,30 @@ class Estimate:
     def ended(self, record: Record, cached: str) -> None:
         """Count a job that ended, given its record and what was reused for it."""
         self.waiting.discard(record["job"])
-        if cached == "record":
-            return
-        self.done += record["status"] == "ok"
-        if record["job"] in self.holds:  # the code or the data changed: the other records will not hold either
-            self.holds = set()
+        if cached != "record":
+            self.done += record["status"] == "ok"
+            if record["job"] in self.holds:  # the code or the data changed: the other records will not hold either
+                self.holds = set()
 
     @property
     def first(self) -> str:
         """The message before the run starts."""
-        if not self._jobs_left:
-            return f"{_jobs(self.total)}, all recorded; what changed since is done again"
+        jobs, left = f"{self.total} job" + "s" * (self.total != 1), len(self.waiting - self.holds)
         recorded = f", {len(self.holds)} of them recorded" if self.holds else ""
-        return f"{_jobs(self.total)}{recorded}: {self._jobs_left} left"
+        return f"{jobs}{recorded}: {left} left" if left else f"{jobs}, all recorded; what changed since is done again"
 
     @property
     def left(self) -> str:
-        """The message during the run: the time left; "" before this run has done a job, and after the last."""
-        if not self._jobs_left or not self.done:
-            return ""
-        mean = (time.monotonic() - self.start) / self.done
-        return f"about {duration(mean * self._jobs_left)} left"
+        """The time left at the mean time of done jobs; "" before this run has done a job, and after the last."""
+        left = len(self.waiting - self.holds)
+        mean = (time.monotonic() - self.start) / max(1, self.done)
+        return f"about {duration(mean * left)} left" if left and self.done else ""
 
     @property
     def progress(self) -> str:
         """How many jobs have ended, and the time left."""
-        ended = f"{self.total - len(self.waiting)} of {_jobs(self.total)}"
+        ended = f"{self.total - len(self.waiting)} of {self.total} job" + "s" * (self.total != 1)
         return f"{ended}, {self.left}" if self.left else ended
-
-    @property
-    def _jobs_left(self) -> int:
-        return len(self.waiting - self.holds)
 
 
 def duration(seconds: float) -> str:
@@ -55,7 +48,3 @@ def duration(seconds: float) -> str:
         return "half a minute"
     hours, rest = divmod(max(1, round(seconds / 60)), 60)
     return f"{hours} h {rest} min" if hours and rest else f"{hours} h" if hours else f"{rest} min"
-
-
-def _jobs(count: int) -> str:
-    return f"{count} job" + "s" * (count != 1)

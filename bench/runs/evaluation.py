@@ -1,4 +1,4 @@
-"""Scores one codec file against its material: figures go into the record, large arrays into files beside it."""
+"""scoring.Scores one codec file against its material: figures go into the record, large arrays into files beside it."""
 
 import dataclasses
 from collections.abc import Callable
@@ -19,17 +19,9 @@ from bench.errors import ContainerError, InputError
 from bench.hemisphere import to_degrees
 from bench.material import Material, parameters, resident_bytes
 from bench.metrics import get as get_metric
+from bench.metrics import scoring
 from bench.metrics.display import to_display
 from bench.metrics.magma import magma
-from bench.metrics.scoring import (
-    FOOTPRINTS_VERSION,
-    Scores,
-    footprint_errors,
-    polar_maps,
-    summarise,
-    summarise_footprints,
-    weighted,
-)
 from bench.program.recording import program_of
 from bench.records import FLIP, PSNR, Record, gate, metric_of
 from bench.runs.identity import identity
@@ -51,12 +43,9 @@ def score_key(bench: Workbench, header: Header) -> dict[str, Any]:
 
 def conditions(bench: Workbench) -> dict[str, Any]:
     """Everything besides the file that scores depend on: the part of a score key that comparable rows share."""
-    key = {
-        "btf": bench.btf.fingerprint,
-        "exposure": bench.exposure,
-        "metrics": {name: get_metric(name).version for name in bench.scorer.names},
-        "footprints": FOOTPRINTS_VERSION,
-    }
+    versions = {name: get_metric(name).version for name in bench.scorer.names}
+    key = {"btf": bench.btf.fingerprint, "exposure": bench.exposure}
+    key |= {"metrics": versions, "footprints": scoring.FOOTPRINTS_VERSION}
     if bench.demand:
         key |= {"demand": bench.demand.fingerprint}
     if len(bench.scored) < len(bench.btf):
@@ -73,7 +62,9 @@ def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Pro
     """
     shared.refuse(file.network, bench.btf)
     figures = scored(bench, unreported(file.material), file.header.path.stem, threads, keep, show)
-    return {"settings": file.header.settings, "bytes": _bytes(file)} | figures
+    sizes = file.header.part_bytes() | {"total": file.header.file_bytes}
+    sizes |= {"shared": file.network.file_bytes} if file.network else {}
+    return {"settings": file.header.settings, "bytes": sizes} | figures
 
 
 def scored(bench: Workbench, material: Material, name: str, threads: int, keep: Keep, show: Progress) -> Record:
@@ -84,16 +75,16 @@ def scored(bench: Workbench, material: Material, name: str, threads: int, keep: 
         del groups["all"]  # if only some training pairs are scored, a mean over all scored pairs represents neither set
     with torch_threads(threads):
         scores = bench.scorer.score(bench.scored, decoder.watched)
-        coarse = footprint_errors(bench.btf, bench.deciding, decoder.slice, bench.exposure, COARSE)
+        coarse = scoring.footprint_errors(bench.btf, bench.deciding, decoder.slice, bench.exposure, COARSE)
         pictures = _pictures(bench, decoder)
         scene = bench.judge.record(material) if bench.judge else {}
-    summary = summarise(scores, bench.btf.wo, bench.btf.wi, groups)
+    summary = scoring.summarise(scores, bench.btf.wo, bench.btf.wi, groups)
     finest = summary[decides]["metrics"][PSNR]
     one = {PSNR: finest["pooled"]} | {key: finest[key] for key in ("mean", "exact", "slices")}
     if bench.scene_shares is not None:
-        summary["scene"] = weighted(scores, bench.scene_shares)
+        summary["scene"] = scoring.weighted(scores, bench.scene_shares)
     angular: dict[str, Any] = {"bins": {name: group.pop("bins", {}) for name, group in summary.items()}}
-    angular["polar"] = polar_maps(scores, bench.btf.wo, bench.btf.wi)
+    angular["polar"] = scoring.polar_maps(scores, bench.btf.wo, bench.btf.wi)
     program: Record = {}
     if isinstance(material, ProgramMaterial):  # its time would include exchanging files
         nanoseconds = 1e9 * material.waited / max(1, material.queries)
@@ -107,10 +98,10 @@ def scored(bench: Workbench, material: Material, name: str, threads: int, keep: 
         "cost": dataclasses.asdict(material.cost),
         "metrics": {name: {word: getattr(get_metric(name), word) for word in DESCRIBED} for name in bench.scorer.names},
         "scores": summary,
-        "footprints": {"1": one} | summarise_footprints(coarse),
+        "footprints": {"1": one} | scoring.summarise_footprints(coarse),
         **({"scene": scene} if scene else {}),
         **program,
-        "slices": keep(f"slices/{name}.npz", _slices(bench, scores) | _footprints(bench, coarse)),
+        "slices": keep(f"slices/{name}.npz", _slices(bench, scores, coarse)),
         "angular": keep(f"angular/{name}.json", angular),
         "pictures": keep(f"pictures/{name}.npz", pictures),
     }
@@ -155,24 +146,17 @@ class Slices:
         return self.slice(pair)
 
 
-def _bytes(file: Loaded) -> dict[str, int]:
-    """Bytes of the file, by part and in total, and of the shared network's file if it needs one."""
-    sizes = file.header.part_bytes() | {"total": file.header.file_bytes}
-    return sizes | ({"shared": file.network.file_bytes} if file.network else {})
+def _slices(bench: Workbench, scores: scoring.Scores, coarse: dict[int, np.ndarray]) -> dict[str, np.ndarray]:
+    """The scores of every slice, with its directions in degrees.
 
-
-def _slices(bench: Workbench, scores: Scores) -> dict[str, np.ndarray]:
-    """The scores of every slice, with its directions in degrees."""
+    `footprint_2`, …: the errors at larger footprints; NaN where none was measured.
+    """
     heldout = np.isin(scores.pairs, bench.groups.get("heldout", []))
-    angles = {f"{w}_deg": np.stack(to_degrees(getattr(bench.btf, w)[scores.pairs]), 1) for w in ("wo", "wi")}
-    return {"pairs": scores.pairs, "heldout": heldout, "abrdf": scores.abrdf} | scores.raw | angles
-
-
-def _footprints(bench: Workbench, errors: dict[int, np.ndarray]) -> dict[str, np.ndarray]:
-    """The errors of slices by pair at larger footprints (`footprint_2`, …); NaN where none was measured."""
-    decides = np.isin(bench.scored, bench.groups[gate(bench.groups)])
-    arrays = {f"footprint_{factor}": np.full(len(decides), np.nan) for factor in errors}
-    for factor, raw in errors.items():
+    arrays = {"pairs": scores.pairs, "heldout": heldout, "abrdf": scores.abrdf} | scores.raw
+    arrays |= {f"{w}_deg": np.stack(to_degrees(getattr(bench.btf, w)[scores.pairs]), 1) for w in ("wo", "wi")}
+    decides = np.isin(bench.scored, bench.deciding)
+    for factor, raw in coarse.items():
+        arrays[f"footprint_{factor}"] = np.full(len(decides), np.nan)
         arrays[f"footprint_{factor}"][decides] = raw
     return arrays
 

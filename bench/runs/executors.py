@@ -56,10 +56,9 @@ def processes(count: int, threads: int, device: str = "cpu", limit: float | None
         raise InputError(f"--max-seconds {limit:g}: must be above 0")
     if count < 1:
         raise InputError(f"--jobs {count}: must be at least 1")
-    if is_gpu(device) and ":" in device:
-        raise InputError(
-            f"--device {device}: with --jobs each job has its own GPU: give --device {device.partition(':')[0]}"
-        )
+    kind, numbered, _ = device.partition(":")
+    if is_gpu(device) and numbered:
+        raise InputError(f"--device {device}: with --jobs each job has its own GPU: give --device {kind}")
     pool = Processes(count, threads, _gpus(count, device) if is_gpu(device) else [], limit)
     try:
         yield Workers(pool, count)
@@ -184,15 +183,15 @@ def _prepare(threads: int, gpu: dict[str, str], leash: Connection) -> None:
     """Prepare a worker process: set environment variables before NumPy and PyTorch are imported and read them."""
     os.environ.update(dict.fromkeys(THREAD_COUNTS, str(threads)) | gpu)
     os.environ[EXPENDABLE] = "1"
-    threading.Thread(target=_follow, args=(leash,), daemon=True).start()
 
+    def follow() -> None:
+        """End this process when the parent closes its end of the pipe, or dies."""
+        try:
+            leash.poll(None)
+        finally:
+            os._exit(1)
 
-def _follow(leash: Connection) -> None:
-    """End this process when the parent closes its end of the pipe, or dies."""
-    try:
-        leash.poll(None)
-    finally:
-        os._exit(1)
+    threading.Thread(target=follow, daemon=True).start()
 
 
 def _gpus(count: int, device: str) -> list[dict[str, str]]:

@@ -12,7 +12,6 @@ import importlib.util
 import sys
 import uuid
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from functools import cache
 from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.metadata import PackageNotFoundError, packages_distributions, version
@@ -61,37 +60,30 @@ def _reached(roots: Iterable[str], own: set[str]) -> tuple[dict[str, str], set[s
         if top not in own and ((file := _top_file(top)) is None or INSTALLED & set(file.parts)):
             libraries.add(top)
         elif path := _file(name):
-            source = _source(path, name)
-            sources[name] = source.digest
-            waiting += source.imported
+            sources[name], imported, by_name = _source(path, name)
+            waiting += imported
             waiting += [name.rpartition(".")[0]] if "." in name else []  # a package runs before its modules
-            waiting += _everything_in(top) if source.by_name and top != "bench" else []
+            waiting += _everything_in(top) if by_name and top != "bench" else []
     # Code typed into a shell has no source. It gets a new digest in each process, so its files are never reused.
     return sources | {root: str(uuid.uuid4()) for root in roots if root not in sources}, libraries
 
 
-@dataclass(frozen=True)
-class _Source:
-    """A module's file: a digest of its syntax, the modules it imports, and whether it imports by computed names."""
-
-    digest: str
-    imported: tuple[str, ...] = ()
-    by_name: bool = False
-
-
 @cache
-def _source(path: Path, module: str) -> _Source:
+def _source(path: Path, module: str) -> tuple[str, tuple[str, ...], bool]:
+    """Of a module's file: a digest of its syntax, the modules it imports, and whether it imports by computed names."""
     content = path.read_bytes()
     try:
         tree = ast.parse(content)
     except (SyntaxError, ValueError):  # compiled
-        return _Source(hashlib.sha256(content).hexdigest())
+        return hashlib.sha256(content).hexdigest(), (), False
     nodes = list(ast.walk(tree))  # once: walking is what takes the time
-    imported, by_name = tuple(_imported(nodes, module, path)), _imports_by_name(nodes)
+    calls = (node.func for node in nodes if isinstance(node, ast.Call))
+    by_name = {f.attr if isinstance(f, ast.Attribute) else getattr(f, "id", "") for f in calls} & BY_NAME
+    imported = tuple(_imported(nodes, module, path))
     for node in nodes:
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             node.body = node.body[ast.get_docstring(node, clean=False) is not None :]
-    return _Source(hashlib.sha256(ast.dump(tree).encode()).hexdigest(), imported, by_name)
+    return hashlib.sha256(ast.dump(tree).encode()).hexdigest(), imported, bool(by_name)
 
 
 @cache
@@ -101,12 +93,11 @@ def _file(module: str) -> Path | None:
     if loaded:
         return Path(loaded)
     top, *parts = module.split(".")
-    top_file = _top_file(top)
-    if top_file is None or not parts:
-        return top_file if top_file and top_file.is_file() else None
+    if (top_file := _top_file(top)) is None:
+        return None
     inside = top_file.parent.joinpath(*parts)
-    compiled = (inside.with_name(inside.name + suffix) for suffix in EXTENSION_SUFFIXES)
-    candidates = (inside.with_name(f"{inside.name}.py"), inside / "__init__.py", *compiled)
+    endings = (".py", "/__init__.py", *EXTENSION_SUFFIXES)
+    candidates = [Path(f"{inside}{ending}") for ending in endings] if parts else [top_file]
     return next((path for path in candidates if path.is_file()), None)
 
 
@@ -139,13 +130,6 @@ def _imported(nodes: list[ast.AST], module: str, path: Path) -> Iterator[str]:
             base = ".".join([*parents, *([node.module] if node.module else [])])
             yield base
             yield from (f"{base}.{alias.name}" for alias in node.names)
-
-
-def _imports_by_name(nodes: list[ast.AST]) -> bool:
-    """Whether a module imports others by a name that is known only when it runs."""
-    calls = (node.func for node in nodes if isinstance(node, ast.Call))
-    names = (f.attr if isinstance(f, ast.Attribute) else f.id for f in calls if isinstance(f, ast.Attribute | ast.Name))
-    return bool(BY_NAME & set(names))
 
 
 def _everything_in(top: str) -> Iterator[str]:

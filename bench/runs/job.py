@@ -117,18 +117,11 @@ class Job:
 
     @cached_property
     def fit_key(self) -> dict[str, Any]:
-        key = {
-            "codec": self.codec.name,
-            "version": self.codec.version,
-            "store": stored_texture.VERSION,
-            "settings": settings_dict(self.codec),
-            "training": self.bench.training.fingerprint,
-            "seed": self.seed,
-            "device": torch.device(self.task.device).type,
-            "threads": self.task.threads,
-            "torch": torch.__version__,
-            **identity(self.codec),
-        } | ({"shared": self.network.sha256} if self.network else {})
+        key = {"codec": self.codec.name, "version": self.codec.version, "store": stored_texture.VERSION}
+        key |= {"settings": settings_dict(self.codec), "training": self.bench.training.fingerprint, "seed": self.seed}
+        key |= {"device": torch.device(self.task.device).type, "threads": self.task.threads}
+        key |= {"torch": torch.__version__} | identity(self.codec)
+        key |= {"shared": self.network.sha256} if self.network else {}
         if isinstance(self.codec, Programs):
             key |= {"programs": self.codec.digest}
         require_demand(self.codec, self.bench.demand)
@@ -166,9 +159,8 @@ class Job:
             more |= {"fit_key": self.fit_key}
         except InputError:  # a codec that cannot be made has no key
             pass
-        text = (
-            str(error) if isinstance(error, CodecError) else attributed(self.task, f"{type(error).__name__}: {error}")
-        )
+        named = isinstance(error, CodecError)
+        text = str(error) if named else attributed(self.task, f"{type(error).__name__}: {error}")
         return failed(self.task, text, more)
 
     def _outcome(self, earlier: Record) -> Outcome:
@@ -189,21 +181,15 @@ class Job:
             return scores
         if is_gpu(self.task.device):
             file = loading.load(header.path, "cpu", self.network)
-        self._keep_truth()
-        return scores | drawing(file, self.keep)
-
-    def _keep_truth(self) -> None:
-        """Store the truth that a page draws live, once for each material."""
-        name = f"drawings/truth-{self.bench.btf.fingerprint[:16]}.npz"
-        if (self.task.folder / name).exists():
-            return
+        truth = f"drawings/truth-{self.bench.btf.fingerprint[:16]}.npz"  # that a page draws live, once a material
         try:
-            program = sparse_truth(self.bench.btf)
+            program = None if (self.task.folder / truth).exists() else sparse_truth(self.bench.btf)
         except Exception as error:  # a drawing for the report must not cost the job
             log.warning("%s: its truth is not drawn: %s", self.bench.btf.name, error)
-            return
+            program = None
         if program:
-            self.keep(name, program.arrays())
+            self.keep(truth, program.arrays())
+        return scores | drawing(file, self.keep)
 
     def _file(self) -> tuple[container.Header, Record]:
         """The codec file and the facts of its fit: from an earlier run with the same key, else encoded now."""

@@ -39,8 +39,14 @@ def locked(folder: Path, run: str) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
         file = _acquire(folder, run)
     done = threading.Event()
-    renewal = threading.Thread(target=_renew, args=(folder, run, done), daemon=True)
-    renewal.start()
+
+    def renew() -> None:
+        while not done.wait(RENEWED_EVERY):
+            with suppress(OSError):  # a file system that is unavailable for a moment must not stop the run
+                if _is_ours(folder, run):
+                    os.utime(folder / FILE)
+
+    threading.Thread(target=renew, daemon=True).start()
     try:
         yield
     finally:
@@ -73,7 +79,13 @@ def _acquire(folder: Path, run: str) -> int:
     while True:
         file = os.open(folder / FILE, os.O_RDWR | os.O_CREAT, 0o644)
         try:
-            kept_by_kernel = _flock(file)
+            kept_by_kernel = True
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:  # another process holds it
+                raise
+            except OSError:  # the file system cannot
+                kept_by_kernel = False
             if is_still(file, folder / FILE):
                 _check(folder, kept_by_kernel)
                 since = f"{datetime.now(UTC):%F %T} UTC"
@@ -89,17 +101,6 @@ def _acquire(folder: Path, run: str) -> int:
             os.close(file)
             raise
         os.close(file)  # its holder removed it after we opened it and before we locked it
-
-
-def _flock(file: int) -> bool:
-    """Lock the file; False if its file system cannot. `BlockingIOError` if another process holds the lock."""
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise
-    except OSError:
-        return False
-    return True
 
 
 def _check(folder: Path, kept_by_kernel: bool) -> None:
@@ -130,18 +131,9 @@ def _holder(path: Path) -> dict[str, Any]:
 def _runs(process: int) -> bool:
     try:
         os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        pass
+    except OSError as error:
+        return not isinstance(error, ProcessLookupError)
     return True
-
-
-def _renew(folder: Path, run: str, done: threading.Event) -> None:
-    while not done.wait(RENEWED_EVERY):
-        with suppress(OSError):  # a file system that is unavailable for a moment must not stop the run
-            if _is_ours(folder, run):
-                os.utime(folder / FILE)
 
 
 def _named(holder: dict[str, Any]) -> str:

@@ -14,11 +14,8 @@ def restored_process_state() -> Iterator[None]:
     """Restore the working directory, settings and global generators of PyTorch and NumPy when the block ends."""
     folder, dtype, device = os.getcwd(), torch.get_default_dtype(), torch.get_default_device()
     threads, gradients = torch.get_num_threads(), torch.is_grad_enabled()
-    exact, precision, complaints = (
-        torch.get_deterministic_debug_mode(),
-        torch.get_float32_matmul_precision(),
-        np.geterr(),
-    )
+    exact, precision = torch.get_deterministic_debug_mode(), torch.get_float32_matmul_precision()
+    complaints = np.geterr()
     drawn = torch.get_rng_state(), np.random.get_state(), random.getstate()
     try:
         yield

@@ -16,17 +16,10 @@ PACKAGES = ("neubtf-bench", "torch", "numpy", "scipy", "scikit-image", "OpenEXR"
 
 def provenance() -> dict[str, Any]:
     """Git revision of the suite (None outside a checkout), package versions, processor and operating system."""
-    return {
-        "git": revision(),
-        "packages": {name: version(name) for name in PACKAGES},
-        "python": sys.version.split()[0],
-        "machine": {
-            "system": platform.platform(),
-            "processor": processor(),
-            "capability": torch.backends.cpu.get_cpu_capability(),
-            "cores": os.cpu_count(),
-        },
-    }
+    capability, cores = torch.backends.cpu.get_cpu_capability(), os.cpu_count()
+    here = {"system": platform.platform(), "processor": processor(), "capability": capability, "cores": cores}
+    packages = {name: version(name) for name in PACKAGES}
+    return {"git": revision(), "packages": packages, "python": sys.version.split()[0], "machine": here}
 
 
 @cache

@@ -66,8 +66,11 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
         _tidy(options.folder)
         networks = _networks(codecs, options.folder)
         try:
-            with (options.workers or _workers(suite))() as workers:
-                _require_folder(workers, options.folder.absolute(), run_id)
+            with _workers(suite, options)() as workers:
+                if workers.everywhere:
+                    seen = workers.everywhere(lock.reaches, options.folder.absolute(), run_id)
+                    if blind := [worker for worker, reaches in seen.items() if not reaches]:
+                        raise lock.unseen(options.folder.absolute(), ", ".join(blind[:5]))
                 session = _Session(suite, options, run_id, networks, workers)
                 session.start()
                 yield from session.jobs(faults)
@@ -91,11 +94,10 @@ def _make_codecs(suite: Suite) -> tuple[list[Codec], dict[str, str]]:
     return codecs, faults
 
 
-def _workers(suite: Suite) -> Callable[[], AbstractContextManager[Workers]]:
-    """The default workers: this process, or a worker process if a codec of another distribution might crash."""
-    if any(from_outside(spec.codec) for spec in suite.codecs):
-        return partial(processes, 1, suite.threads)
-    return in_process
+def _workers(suite: Suite, options: Options) -> Callable[[], AbstractContextManager[Workers]]:
+    """By default this process, or a worker process if a codec of another distribution might crash."""
+    outside = any(from_outside(spec.codec) for spec in suite.codecs)
+    return options.workers or (partial(processes, 1, suite.threads) if outside else in_process)
 
 
 def _networks(codecs: list[Codec], folder: Path) -> dict[str, str]:
@@ -115,15 +117,6 @@ def _networks(codecs: list[Codec], folder: Path) -> dict[str, str]:
     return networks
 
 
-def _require_folder(workers: Workers, folder: Path, run_id: str) -> None:
-    """Raise `InputError` if some of the present workers do not see the run's folder."""
-    if workers.everywhere is None:
-        return
-    answers = workers.everywhere(lock.reaches, folder, run_id)
-    if blind := [worker for worker, seen in answers.items() if not seen]:
-        raise lock.unseen(folder, ", ".join(blind[:5]))
-
-
 def _tidy(folder: Path) -> None:
     """Remove the temporary files of killed processes, and checkpoints that no fit resumes from."""
     for left in (*folder.glob(f"*/*{atomic.SUFFIX}"), *folder.glob(f"files/*{FRESH_STATE}")):
@@ -138,16 +131,22 @@ class _Session:
 
     def __init__(self, suite: Suite, options: Options, run_id: str, networks: dict[str, str], workers: Workers):
         self.suite, self.options, self.run_id, self.networks, self.workers = suite, options, run_id, networks, workers
-        self.before = _before(options.folder)
+        self.before = records.load_run(options.folder) if (options.folder / records.FILE).exists() else Run(Path())
+        if bad := self.before.unreadable:
+            lines = ", ".join(map(str, bad[:10])) + (", …" if len(bad) > 10 else "")
+            path = options.folder / records.FILE
+            log.warning("%s: skipped %d line(s) that are not records: %s", path, len(bad), lines)
         self.tasks = [self._task(*cell) for cell in suite.cells]  # in the order of the suite
         self.done: dict[str, Record] = {}  # jobs that have a file, by name
 
     def _task(self, material: MaterialSpec, codec: CodecSpec, repetition: int) -> Task:
         suite, options = self.suite, self.options
+        if (place := Path(material.path)).exists() and material.path:  # a worker may have another working directory
+            material = dataclasses.replace(material, path=str(place.absolute()))
         task = Task(
             run=self.run_id,
             folder=options.folder.absolute(),
-            material=_anywhere(material),
+            material=material,
             data=suite.data,
             codec=codec,
             repetition=repetition,
@@ -164,17 +163,11 @@ class _Session:
 
     def _earlier(self, name: str) -> Record | None:
         """The latest record of a job, if it may still hold."""
-        record = self.before.job(name)
-        if record is None or self.options.fresh:
+        options, record = self.options, self.before.job(name)
+        if record is None or options.fresh or (record["status"] == "failed" and options.retry_failed):
             return None
-        if record["status"] == "failed" and self.options.retry_failed:
-            return None
-        if record["status"] == "ok" and not (self.options.folder / record["file"]).exists():
-            return None
-        return record
-
-    def record(self, record: Record) -> None:
-        records.append(self.options.folder, record)
+        gone = record["status"] == "ok" and not (options.folder / record["file"]).exists()
+        return None if gone else record
 
     def start(self) -> None:
         """Record the start of the run: suite, machine, and the names of its jobs, which may end in another order."""
@@ -183,7 +176,7 @@ class _Session:
         record |= {"device": self.options.device, "threads": suite.threads, "seeds": list(suite.seeds)}
         record |= {"data": dataclasses.asdict(suite.data)}
         record |= {"materials": [dataclasses.asdict(material) for material in suite.materials]}
-        self.record(record | {"jobs": [task.name for task in self.tasks]} | provenance())
+        records.append(self.options.folder, record | {"jobs": [task.name for task in self.tasks]} | provenance())
 
     def jobs(self, faults: dict[str, str]) -> Iterator[Outcome]:
         """Run the jobs; records and yields the outcome of each as it ends. `faults`: see `_make_codecs`."""
@@ -193,7 +186,7 @@ class _Session:
         self.options.show("jobs", 0, len(self.tasks))
         for count, outcome in enumerate(self._outcomes(faults), 1):
             if outcome.cached != "record":
-                self.record(outcome.record)
+                records.append(self.options.folder, outcome.record)
             if outcome.record["status"] == "ok":
                 self.done[outcome.record["job"]] = outcome.record
             estimate.ended(outcome.record, outcome.cached)
@@ -222,28 +215,12 @@ class _Session:
         for material in self.suite.materials:
             names = [task.name for task in self.tasks if task.material.name == material.name]
             if jobs := [self.done[name] for name in names if name in self.done]:
-                self._time(jobs)
+                show = partial(self._show, material.name)
+                for record in timings(self.options.folder, jobs, self.options.device, self.suite.threads, show):
+                    records.append(self.options.folder, record | {"run": self.run_id})
 
-    def _time(self, jobs: list[Record]) -> None:
-        material, options = jobs[0]["material"], self.options
-        show: Progress = lambda label, done, total: options.show(f"{material}: {label}", done, total)  # noqa: E731
-        for record in timings(options.folder, jobs, options.device, self.suite.threads, show):
-            self.record(record | {"run": self.run_id})
-
-
-def _before(folder: Path) -> Run:
-    """The records of earlier runs in a folder."""
-    before = records.load_run(folder) if (folder / records.FILE).exists() else Run(folder)
-    if bad := before.unreadable:
-        lines = ", ".join(map(str, bad[:10])) + (", …" if len(bad) > 10 else "")
-        log.warning("%s: skipped %d line(s) that are not records: %s", folder / records.FILE, len(bad), lines)
-    return before
-
-
-def _anywhere(material: MaterialSpec) -> MaterialSpec:
-    """The material with an absolute path, which does not depend on a process's working directory."""
-    here = Path(material.path)
-    return dataclasses.replace(material, path=str(here.absolute())) if material.path and here.exists() else material
+    def _show(self, material: str, label: str, done: int, total: int) -> None:
+        self.options.show(f"{material}: {label}", done, total)
 
 
 def _watched(tasks: list[Task], workers: Workers, call: Callable[[Task], Outcome]) -> Iterator[Outcome]:

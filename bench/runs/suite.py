@@ -126,7 +126,10 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
     """Parse a suite from TOML text; errors name it `file`. All is checked before anything is opened."""
     file = file or f"suite {name}"
     entries = parse_toml(file, text)
-    materials, codecs = (_entries(f"{file}: {key}", entries.pop(key, [])) for key in ("materials", "codecs"))
+    materials, codecs = (entries.pop(key, []) for key in ("materials", "codecs"))
+    for key, value in (("materials", materials), ("codecs", codecs)):
+        if not isinstance(value, list):
+            raise InputError(f"{file}: {key} must be a list, not {shown(value)}")
     suite = Suite(
         name,
         text,
@@ -134,23 +137,13 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
         codecs=tuple(_swept(f"{file}: codecs", codecs)),
         **fields(file, Suite, entries, without=("name", "text")),
     )
-    _check(file, suite)
-    return dataclasses.replace(suite, metrics=_metrics(f"{file}: metrics", suite.metrics))
-
-
-def _entries(what: str, value: Any) -> list[Any]:
-    if not isinstance(value, list):
-        raise InputError(f"{what} must be a list, not {shown(value)}")
-    return value
-
-
-def _check(file: str, suite: Suite) -> None:
-    """Check the names in a suite against each other, and the number of its jobs."""
-    if twice := _repeated([spec.label for spec in suite.codecs]) or _repeated([m.name for m in suite.materials]):
+    labels, names = [spec.label for spec in suite.codecs], [spec.name for spec in suite.materials]
+    if twice := next((name for each in (labels, names) for name, count in Counter(each).items() if count > 1), ""):
         raise InputError(f"{file}: {twice!r} appears twice")
-    if foreign := {name for spec in suite.codecs for name in spec.materials} - {spec.name for spec in suite.materials}:
+    if foreign := {name for spec in suite.codecs for name in spec.materials} - {*names}:
         raise InputError(f"{file}: codecs.materials names {min(foreign)!r}, which is not a material of this suite")
-    _check_jobs(file, len(suite.materials) * len(suite.codecs) * len(suite.seeds))
+    _check_jobs(file, len(names) * len(labels) * len(suite.seeds))
+    return dataclasses.replace(suite, metrics=_metrics(f"{file}: metrics", suite.metrics))
 
 
 def _check_jobs(file: str, jobs: int) -> None:
@@ -271,9 +264,8 @@ def _set(spec: CodecSpec, setting: str, value: str) -> CodecSpec:
 
 
 def _material(where: str, entry: Any) -> MaterialSpec:
-    if isinstance(entry, str):
-        return named(converted(where, str, entry))
-    spec: MaterialSpec = table(where, MaterialSpec, entry)
+    text = isinstance(entry, str)
+    spec: MaterialSpec = named(converted(where, str, entry)) if text else table(where, MaterialSpec, entry)
     return spec
 
 
@@ -286,20 +278,11 @@ def _swept(where: str, entries: list[Any]) -> Iterator[CodecSpec]:
         settings = dict(entry)
         codec = converted(f"{where}.codec", str, settings.pop("codec", None))
         materials = converted(f"{where}.materials", Words, settings.pop("materials", []))
-        lists = [_values(f"{where}.{key}", value) for key, value in settings.items()]
+        swept = {key: value for key, value in settings.items() if isinstance(value, list)}
+        lists = [swept.get(key, [value]) for key, value in settings.items()]
+        for key, values in zip(settings, lists, strict=True):
+            for each in values:  # the codec checks more
+                converted(f"{where}.{key}", type(each) if isinstance(each, str | bool) else float, each)
         _check_jobs(where, jobs := jobs + math.prod(map(len, lists)))
-        swept = tuple(key for key, value in settings.items() if isinstance(value, list))
-        for values in itertools.product(*lists):
-            yield CodecSpec(codec, dict(zip(settings, values, strict=True)), swept, materials)
-
-
-def _values(what: str, value: Any) -> list[Any]:
-    """The values of a setting, given as a list or a single value; the codec checks each value."""
-    values = value if isinstance(value, list) else [value]
-    for each in values:
-        converted(what, str if isinstance(each, str) else bool if isinstance(each, bool) else float, each)
-    return values
-
-
-def _repeated(names: list[str]) -> str | None:
-    return next((name for name, count in Counter(names).items() if count > 1), None)
+        for chosen in itertools.product(*lists):
+            yield CodecSpec(codec, dict(zip(settings, chosen, strict=True)), tuple(swept), materials)

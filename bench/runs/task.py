@@ -38,14 +38,6 @@ class Task:
     @property
     def base(self) -> Record:
         """The fields with which each record of this job begins."""
-        return {
-            "kind": "job",
-            "job": self.name,
-            "run": self.run,
-            "material": self.material.name,
-            "codec": self.codec.codec,
-            "label": self.codec.label,
-            "curve": self.codec.curve,
-            "seed": self.repetition,
-            "split": self.data.split,
-        }
+        row = {"kind": "job", "job": self.name, "run": self.run, "material": self.material.name}
+        row |= {"codec": self.codec.codec, "label": self.codec.label, "curve": self.codec.curve}
+        return row | {"seed": self.repetition, "split": self.data.split}

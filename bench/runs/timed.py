@@ -20,34 +20,30 @@ log = logging.getLogger(__name__)
 def timings(folder: Path, jobs: list[Record], device: str, threads: int, show: Progress = silent) -> list[Record]:
     """The timing of each job's decoder. If a decoder from outside crashes its process, the others are timed again."""
     ours = [job for job in jobs if not from_outside(job["codec"])]
-    if len(ours) == len(jobs):
-        return measured(folder, jobs, device, threads, show)
-    with processes(1, threads) as workers:
-        try:
-            return workers.executor.submit(measured, folder, jobs, device, threads).result()
-        except BrokenExecutor:
-            others = ", ".join(job["job"] for job in jobs if job not in ours)
-            log.warning("not timed, because one of them ended the timing process: %s", others)
-    return measured(folder, ours, device, threads, show) if ours else []
+    if len(ours) < len(jobs):
+        with processes(1, threads) as workers:
+            try:
+                return workers.executor.submit(measured, folder, jobs, device, threads).result()
+            except BrokenExecutor:
+                others = ", ".join(job["job"] for job in jobs if job not in ours)
+                log.warning("not timed, because one of them ended the timing process: %s", others)
+    return measured(folder, ours, device, threads, show)
 
 
 def measured(folder: Path, jobs: list[Record], device: str, threads: int, show: Progress = silent) -> list[Record]:
     """The timing of each job's decoder, measured in this process; also at one texel a query if it can."""
-    decoded, ones = {}, {}
+    materials = {}
     for job in jobs:
         material = unreported(recorded(folder, job, device))
         if not material.opaque:
-            decoded[job["job"]] = material
-            if one := material.at_one_texel():
-                ones[job["job"] + ONE_TEXEL] = one
-    if not decoded:
-        return []
-    found = timing.time_materials(decoded | ones, threads, show=show)
+            materials[job["job"]] = material
+    ones = {name + ONE_TEXEL: one for name, each in materials.items() if (one := each.at_one_texel())}
+    found = timing.time_materials(materials | ones, threads, show=show) if materials else {}
     records = []
-    for name in decoded:
-        times = found[name]
-        record: Record = {"kind": "timing", "job": name} | timing.conditions(threads, device) | times.summary()
-        if at_one := found.get(name + ONE_TEXEL):
-            record["ratio_at_one_texel"] = at_one.summary()["ratio_to_floor"]
-        records.append(record | {"samples_ns": times.samples.tolist(), "floor_ratios": times.ratios.tolist()})
+    for name in materials:
+        record: Record = {"kind": "timing", "job": name} | timing.conditions(threads, device) | found[name].summary()
+        if name + ONE_TEXEL in found:
+            record["ratio_at_one_texel"] = found[name + ONE_TEXEL].summary()["ratio_to_floor"]
+        samples = {"samples_ns": found[name].samples.tolist(), "floor_ratios": found[name].ratios.tolist()}
+        records.append(record | samples)
     return records

@@ -27,20 +27,8 @@ from bench.metrics.angular import as_number
 from bench.metrics.display import display_error
 from bench.metrics.psnr import psnr as decibels
 from bench.metrics.scoring import summarise
-from bench.records import (
-    FLIP,
-    PSNR,
-    TRADE,
-    TRADE_FORMAT,
-    VALIDATION,
-    Record,
-    Run,
-    gate,
-    load_run,
-    load_trade,
-    metric_of,
-    metrics_of,
-)
+from bench.records import FLIP, PSNR, VALIDATION, Record, Run, gate, metric_of, metrics_of
+from bench.records.lines import TRADE, TRADE_FORMAT, load_run, load_trade
 from bench.runs import runner
 from bench.runs.evaluation import Slices, recorded
 from bench.runs.suite import Suite, canonical
@@ -55,8 +43,6 @@ from bench.timing.roofline import limit_ns, roofline
 
 BATCH = 65_536  # whole chunks of every execution
 BATCHES = (1, 64, 1024, timing.BATCH, 1 << 18)
-ALL_BATCHES = (*BATCHES, 1 << 20, 1 << 22)
-_BY_MATERIAL = ("choices", "profiles")
 
 
 def run_and_measure(
@@ -103,7 +89,8 @@ def measure(
     precisions that the processor only emulates; `noise` measures the noise of a path tracer with each file as material.
     """
     suite = canonical(suite)  # jobs are recorded under its names
-    on, cores, batches = torch.device(device), torch.get_num_threads(), ALL_BATCHES if full else BATCHES
+    on, cores = torch.device(device), torch.get_num_threads()
+    batches = (*BATCHES, 1 << 20, 1 << 22) if full else BATCHES
     there = [text for text in suite.variants if exists_on(Variant.parse(text), on)]
     left_out = [text for text in there if not emulated and native.emulated(Variant.parse(text).precision, on)]
     suite = replace(suite, variants=tuple(text for text in there if text not in left_out))
@@ -113,9 +100,8 @@ def measure(
     for spec in suite.materials:
         recorded_jobs = [run.job(f"{spec.name}/{codec.label}/{suite.seeds[0]}") for codec in suite.codecs]
         if jobs := [job for job in recorded_jobs if job and job["status"] == "ok"]:
-            task = Task(
-                "trade", run.folder, spec, suite.data, suite.codecs[0], suite.seeds[0], 1, metrics=suite.metrics
-            )
+            first = suite.codecs[0], suite.seeds[0], 1
+            task = Task("trade", run.folder, spec, suite.data, *first, metrics=suite.metrics)
             with workbench(task, show) as bench:
                 choices = _choices(bench, jobs, suite, run, device, ceilings, show)
             result["choices"] += [row | _noise(run, row, show) for row in choices] if noise else choices
@@ -129,9 +115,11 @@ def measure(
 
 def merged(earlier: dict[str, Any] | None, result: dict[str, Any]) -> dict[str, Any]:
     """A result, extended by the materials and settings of codecs that only an earlier result holds."""
-    here = {key: {_place(row) for row in result[key]} for key in _BY_MATERIAL}
-    others = {key: [row for row in (earlier or {}).get(key, ()) if _place(row) not in here[key]] for key in here}
-    together = {key: [*rows, *result[key]] for key, rows in others.items()}
+    together = {}
+    for key in ("choices", "profiles"):
+        here = {_place(row) for row in result[key]}
+        others = [row for row in (earlier or {}).get(key, ()) if _place(row) not in here]
+        together[key] = [*others, *result[key]]
     names = dict.fromkeys(row["material"] for row in together["choices"])
     return result | together | {"answers": [text for name in names for text in answers(name, together["choices"])]}
 
@@ -165,28 +153,23 @@ def _plain(suite: Suite, job: Record) -> bool:
 
 
 def _choices(
-    bench: Workbench,
-    jobs: list[Record],
-    suite: Suite,
-    run: Run,
-    device: str,
-    ceilings: list[dict[str, Any]],
-    show: Progress,
-) -> list[dict[str, Any]]:
+    bench: Workbench, jobs: list[Record], suite: Suite, run: Run, device: str, ceilings: list[Record], show: Progress
+) -> list[Record]:
     """Every choice of one material: quality, bytes, time in turns with all others, and whether it is on a front."""
     rows, timed = [], {}
     for job in jobs:
         material = recorded(run.folder, job, device)
         for variant in (Variant(), *_variants(suite, job, material)):
-            row = {"material": bench.name, "job": job["job"], "label": job["label"], "codec": job["codec"]}
-            row |= {"settings": job["settings"], "execution": variant.execution, "precision": variant.precision}
-            row |= {"bytes": job["bytes"]["total"], "parameters": job["parameters"], "device": device}
-            row |= {"sha256": job["score_key"]["sha256"]}
+            row = {name: job[name] for name in ("material", "job", "label", "codec", "settings")}
+            row |= {"execution": variant.execution, "precision": variant.precision, "bytes": job["bytes"]["total"]}
+            row |= {"parameters": job["parameters"], "device": device, "sha256": job["score_key"]["sha256"]}
             row |= {"emulated": True} if native.emulated(variant.precision, material.device) else {}
             try:
                 ready = prepared(material, variant)
                 if variant == Variant():
-                    row |= _quality(bench, job, run)
+                    slices = read_arrays(run.folder / job["slices"], MAX_FILE)
+                    decide = slices["heldout"] if gate(job["scores"]) == "heldout" else slice(None)
+                    row |= _figures(job, slices[PSNR][decide])
                 else:
                     row |= _score(bench, ready, suite.threads, show) | _deviation(bench, ready, material, show)
             except Exception as error:  # an error in one variant must not lose the figures of the others
@@ -224,15 +207,8 @@ def _limit(material: Material, ceilings: list[dict[str, Any]]) -> float:
     return min(limit_ns(cost, c) for c in ceilings if c["threads"] == threads and c["dtype"] in usable)
 
 
-def _quality(bench: Workbench, job: Record, run: Run) -> dict[str, Any]:
-    """PSNR, FLIP and worst-slice PSNR of the held-out pairs, and PSNR of validation pairs, from a job's record."""
-    slices = read_arrays(run.folder / job["slices"], MAX_FILE)
-    raw = slices[PSNR][slices["heldout"]] if gate(job["scores"]) == "heldout" else slices[PSNR]
-    return _figures(job, raw)
-
-
 def _score(bench: Workbench, material: Material, threads: int, show: Progress) -> dict[str, Any]:
-    """The same for a material in another execution or precision, scored now."""
+    """The figures of a material in another execution or precision, scored now."""
     groups = {gate(bench.groups): bench.deciding} | {
         name: np.intersect1d(bench.scored, pairs) for name, pairs in bench.groups.items() if name == VALIDATION
     }
@@ -251,13 +227,12 @@ def _deviation(bench: Workbench, ours: Material, plain: Material, show: Progress
 
 
 def _figures(job: Record, squared: np.ndarray) -> dict[str, Any]:
+    """PSNR, FLIP and worst-slice PSNR of the deciding pairs, and PSNR of validation pairs, if a record has them."""
     metrics, validation = metrics_of(job), validation_of(job)
     flip = metric_of(metrics, FLIP)
-    return {
-        "psnr": metrics[PSNR]["mean"],
-        "flip": metrics[flip]["mean"] if flip else None,
-        "worst": as_number(float(decibels(squared.max()))),
-    } | ({"validation": dict(validation)} if validation else {})
+    figures = {"psnr": metrics[PSNR]["mean"], "flip": metrics[flip]["mean"] if flip else None}
+    figures |= {"worst": as_number(float(decibels(squared.max())))}
+    return figures | ({"validation": dict(validation)} if validation else {})
 
 
 def _path_tracer() -> ModuleType:

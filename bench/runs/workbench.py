@@ -97,15 +97,11 @@ class Workbench:
         """
         if self.demand or not self.most_scored:
             return self.groups["all"]
-        apart = [self.groups.get(name, np.empty(0, int)) for name in ("heldout", VALIDATION)]
-        if self.btf.heldout is None:
-            apart = list(map(self._drawn, apart))
-        return np.unique(np.concatenate([self._drawn(self.split.train), *apart]))
-
-    def _drawn(self, pairs: np.ndarray) -> np.ndarray:
-        if len(pairs) <= self.most_scored:
-            return pairs
-        return np.random.default_rng(0).choice(pairs, self.most_scored, replace=False)
+        sets = [self.groups.get(name, np.empty(0, int)) for name in ("train", "heldout", VALIDATION)]
+        for at, pairs in enumerate(sets):
+            if len(pairs) > self.most_scored and (at == 0 or self.btf.heldout is None):
+                sets[at] = np.random.default_rng(0).choice(pairs, self.most_scored, replace=False)
+        return np.unique(np.concatenate(sets))
 
     @cached_property
     def sheet(self) -> np.ndarray:

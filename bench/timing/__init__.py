@@ -10,7 +10,7 @@ waits for memory and a network multiplies, and these speeds change by different 
 floor on one processor and 23 to 28 times on another.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -80,16 +80,9 @@ def hardware(device: torch.device | str) -> dict[str, str]:
 
 def conditions(threads: int, device: str) -> dict[str, Any]:
     """The conditions under which `time_materials` measures, to be published with its figures."""
-    return {
-        "batch": batch_on(device),
-        "dtype": "float32",
-        "threads": threads,
-        "device": device,
-        "execution": "eager",
-        "queries": "random uv and directions up to 75°, footprint 0",
-        "texture_fetch": True,
-        **hardware(device),
-    }
+    computed = {"batch": batch_on(device), "dtype": "float32", "threads": threads, "device": device}
+    computed |= {"execution": "eager", "queries": "random uv and directions up to 75°, footprint 0"}
+    return computed | {"texture_fetch": True} | hardware(device)
 
 
 def time_materials(
@@ -116,10 +109,8 @@ def in_turns(
     samples, floors = np.empty((TURNS, len(calls))), np.empty((TURNS, len(calls) + 1))
     ratios = np.empty_like(samples)
     with torch_threads(threads):
-        everyone: list[Callable[[], Any]] = [floor, *calls.values()]
-        floored, *timed = [
-            calibrated(call, device, clock) for call in followed(show, everyone, "warming up", len(everyone))
-        ]
+        everyone: Iterator[Callable[[], Any]] = followed(show, [floor, *calls.values()], "warming up", len(calls) + 1)
+        floored, *timed = [calibrated(call, device, clock) for call in everyone]
         for turn in followed(show, range(TURNS), "timing decoders", TURNS):
             floors[turn, 0] = floored()
             for at, i in enumerate(order.permutation(len(timed))):

@@ -31,12 +31,7 @@ from bench.program.llvm import drjit, unusable
 from bench.training.decoder import Decoder
 
 EXECUTIONS = ("eager", "compiled", "fused")
-DTYPES = {
-    "float32": torch.float32,
-    "tf32": torch.float32,
-    "bfloat16": torch.bfloat16,
-    "float16": torch.float16,
-}
+DTYPES = {"float32": torch.float32, "tf32": torch.float32, "bfloat16": torch.bfloat16, "float16": torch.float16}
 # |answer − float64's| ≤ absolute + relative · the largest |float64's| of the batch, for every execution. Half
 # precisions promise it only for networks with a layer norm or without a sine: they cannot hold a phase of many turns.
 TOLERANCES = {"float32": (1e-5, 1e-4), "tf32": (1e-2, 2e-2), "float16": (1e-2, 2e-2), "bfloat16": (5e-2, 1e-1)}
@@ -99,18 +94,13 @@ def networks(material: Material) -> list[Decoder]:
 
 def _replaced(material: Material, make: Callable[[Decoder], nn.Module]) -> int:
     """Replace each decoder network by `make(network)`; returns the number of networks."""
-    count = 0
-    for name, value in list(vars(material).items()):
-        if isinstance(value, Decoder):
-            setattr(material, name, make(value))
-            count += 1
-        elif isinstance(value, nn.Module):
-            for module in list(value.modules()):
-                for child, network in list(module.named_children()):
-                    if isinstance(network, Decoder):
-                        setattr(module, child, make(network))
-                        count += 1
-    return count
+    roots = [value for value in vars(material).values() if isinstance(value, nn.Module)]
+    inner = [(module, *child) for root in roots for module in root.modules() for child in module.named_children()]
+    own: list[tuple[Any, str, Any]] = [(material, *each) for each in vars(material).items()]
+    found = [each for each in (*own, *inner) if isinstance(each[2], Decoder)]
+    for holder, name, network in found:
+        setattr(holder, name, make(network))
+    return len(found)
 
 
 def _fused(material: Material, variant: Variant) -> Material:

@@ -5,7 +5,7 @@ GPU of `GPU_BATCH`.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
@@ -34,13 +34,10 @@ class Condition:
 
 def conditions(batches: tuple[int, ...], all_threads: int, batch: int = BATCH) -> list[Condition]:
     """Every condition of a profile, the common one first."""
-    common = Condition(batch=batch)
-    every = [common, *(replace(common, part=part) for part in ("decoder", "evaluate"))]
-    every += [replace(common, batch=batch) for batch in batches]
-    every += [replace(common, coherent=True)]
-    every += [replace(common, footprint=side) for side in FOOTPRINTS]
-    every += [replace(common, threads=all_threads)]
-    return list(dict.fromkeys(every))
+    changes: list[dict[str, Any]] = [{}, {"part": "decoder"}, {"part": "evaluate"}]
+    changes += [{"batch": size} for size in batches]
+    changes += [{"coherent": True}, *({"footprint": side} for side in FOOTPRINTS), {"threads": all_threads}]
+    return list(dict.fromkeys(Condition(**{"batch": batch} | change) for change in changes))
 
 
 def profile(

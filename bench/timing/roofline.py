@@ -26,13 +26,8 @@ def roofline(device: torch.device, threads: int, dtype: torch.dtype = torch.floa
         multiply = calibrated(lambda: torch.mm(a, b, out=product), device)
         copy = calibrated(lambda: target.copy_(source), device)
         best = [min(call() for _ in range(ROUNDS)) for call in (multiply, copy)]
-    return {
-        "flops_per_ns": 2 * SIDE**3 / best[0],
-        "bytes_per_ns": 2 * COPIED / best[1],
-        "threads": threads,
-        "device": str(device),
-        "dtype": str(dtype).removeprefix("torch."),
-    }
+    rates = {"flops_per_ns": 2 * SIDE**3 / best[0], "bytes_per_ns": 2 * COPIED / best[1]}
+    return rates | {"threads": threads, "device": str(device), "dtype": str(dtype).removeprefix("torch.")}
 
 
 def limit_ns(cost: DecoderCost, ceiling: dict[str, Any]) -> float:

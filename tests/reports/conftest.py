@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from bench.records import MOST_DB, TRADE_FORMAT, append
+from bench.records import MOST_DB, append
+from bench.records.lines import TRADE_FORMAT
 from tests.reports.browser import chromium
 
 METRICS = {

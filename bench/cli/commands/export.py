@@ -25,7 +25,7 @@ def run(options: argparse.Namespace) -> int:
 
     material = load(options.file).material
     try:
-        files, held = export(drawable(material).program, options.file.stem, options.format, options.out)
+        files, held = export(drawable(material)[0], options.file.stem, options.format, options.out)
     except InputError as error:
         raise InputError(f"{options.file}: {error}") from error
     print("\n".join(f"wrote {path}" for path in files))

@@ -18,7 +18,7 @@ from bench.errors import FINE, InputError
 if TYPE_CHECKING:
     from bench.codec import Progress
     from bench.codecs.loading import Loaded
-    from bench.runs.drawing import Drawable
+    from bench.program import Program
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,17 +43,17 @@ def run(options: argparse.Namespace) -> int:
         raise InputError("--set: it says how --truth is prepared: give --truth, too")
     changes = assignments(options.set)
     with Console() as console:
-        models, shown = [], None
+        models, shown = [], 0.0
         if options.truth:
             btf = open_named(options.truth, changes, console.show)
-            truth = drawable_truth(btf, console.show)
+            program, shown = drawable_truth(btf, console.show)
             note = "truth: the training pairs, interpolated between directions"
-            models, shown = [Model(f"{btf.name}, truth", truth.program, truth.exposure, note)], truth.exposure
+            models = [Model(f"{btf.name}, truth", program, shown, note)]
         for file in map(load, options.files):
-            drawing, note = _drawn(file, console.show)
-            shown = shown or drawing.exposure  # one exposure for all, so that brightness can be compared
+            (program, exposure), note = _drawn(file, console.show)
+            shown = shown or exposure  # one exposure for all, so that brightness can be compared
             label = f"{file.header.path.stem}: {file.header.codec}, {file.header.file_bytes:,} bytes"
-            models.append(Model(label, drawing.program, shown, note))
+            models.append(Model(label, program, shown, note))
         text = page(models[0].label.removesuffix(", truth") if options.truth else options.files[0].stem, models)
     out = options.out or Path(tempfile.mkdtemp(prefix="neubtf-view-")) / "view.html"
     atomic.write(out, text.encode())
@@ -63,15 +63,15 @@ def run(options: argparse.Namespace) -> int:
     return FINE
 
 
-def _drawn(file: "Loaded", show: "Progress") -> "tuple[Drawable, str]":
-    """The material of a file and a note on it; its baked slices if no shader can evaluate it."""
+def _drawn(file: "Loaded", show: "Progress") -> "tuple[tuple[Program, float], str]":
+    """The material of a file, its exposure, and a note on it; its baked slices if no shader can evaluate it."""
     from bench.runs.drawing import BAKED, baked, drawable, drawable_truth
     from reports.shaders.dialects import GLSL
     from reports.shaders.generator import shader
 
     try:
         drawing = drawable(file.material)
-        shader(drawing.program, GLSL)
+        shader(drawing[0], GLSL)
     except InputError as error:
         name = file.header.path.stem
         note = f"{name} is baked to slices at {BAKED} × {BAKED} pairs, interpolated between directions, because {error}"

@@ -13,7 +13,6 @@ from bench.material import HALF_MAX, at_least_float32
 from bench.timing.fused.layers import Array, Layer, Norm, layers_of, sine_of_turns
 from bench.training.decoder import LEAK, Decoder, Network, smelu
 
-_CONTRACT = "cpp.enable_floating_point_contract_flag"
 _BITS = {"default": 1, "avx2": 256, "avx512": 512}  # of a vector, by ATEN_CPU_CAPABILITY
 _SINE = sine_of_turns()[::-1]  # from the highest power down
 
@@ -39,7 +38,7 @@ def compiled(call: Callable[..., Tensor], dynamic: bool) -> Callable[..., Tensor
 
     # The option is a word in newer versions of PyTorch, and a bool in older ones.
     contract = "fast" if isinstance(config.cpp.enable_floating_point_contract_flag, str) else True
-    options: dict[str, Any] = {_CONTRACT: contract}
+    options: dict[str, Any] = {"cpp.enable_floating_point_contract_flag": contract}
     # PyTorch's cache of compiled code depends on options, not on the capability. Without this option, a process
     # restricted to AVX2 could load cached AVX-512 code.
     if bits := _BITS.get(os.environ.get("ATEN_CPU_CAPABILITY", "").lower()):

@@ -27,7 +27,6 @@ from bench.training.decoder import BEND, LEAK, PARABOLA, Decoder, Network
 MOST_PARAMETERS = 10_000  # with more, the code exceeds every cache, and compiling takes minutes
 BLOCK, LARGE_BLOCK = 12, 24  # sums that grow together, for 16 registers and for the 32 of AVX-512
 
-
 RecordedCalls = dict[int, Callable[..., Any]]  # recorded calls by the size they hold for
 
 
@@ -57,17 +56,14 @@ def batched(
 
     if size not in kernels:
         kernels[size] = dr.freeze(recorded, state_fn=lambda *_: list(tables))
-    padded = [x if size == n else torch.cat([x, _filler(x).expand(size - n, -1)]) for x in queries]
-    out = kernels[size](*(dr.llvm.Float(x.float().contiguous().reshape(-1)) for x in (*padded, *whole)))
+    if size > n:  # padded by the last row, because zeros are not directions; an empty batch by zeros
+        last = [x[-1:] if n else x.new_zeros(1, *x.shape[1:]) for x in queries]
+        queries = tuple(torch.cat([x, row.expand(size - n, -1)]) for x, row in zip(queries, last, strict=True))
+    out = kernels[size](*(dr.llvm.Float(x.float().contiguous().reshape(-1)) for x in (*queries, *whole)))
     dr.eval(out)
     dr.sync_thread()
     answers: Tensor = out.torch().reshape(size, -1)[:n].to(queries[0].dtype)
     return answers
-
-
-def _filler(x: Tensor) -> Tensor:
-    """The row that pads a batch (n, …): its last one, because zeros are not directions; zeros for an empty batch."""
-    return x[-1:] if len(x) else x.new_zeros(1, *x.shape[1:])
 
 
 class DrJitNetwork(Network):

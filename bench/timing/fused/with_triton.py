@@ -6,6 +6,7 @@ A block of samples goes through all layers in registers; weights come from the i
 
 from typing import Any
 
+import numpy as np
 import torch
 import triton
 import triton.language as tl
@@ -138,24 +139,19 @@ class TritonNetwork(Network):
         inputs, width, last = (_padded(k) for k in (architecture.inputs, architecture.widths[0], architecture.outputs))
         sides = [inputs, *[width] * len(architecture.widths), last]
         weights = torch.cat([_matrix(layer.weight.T, *sides[i : i + 2]) for i, layer in enumerate(layers)])
-        scalars = torch.cat([_scalars(layer, width) for layer in layers[:-1]] + [_vector(layers[-1].bias, last)])
+        *hidden, end = layers
+        scalars = torch.cat([*(_scalars(layer, width) for layer in hidden), _matrix(end.bias[None], 1, last)])
         self.weights = torch.nn.Parameter(weights.to(parameter), requires_grad=False)
         self.scalars = torch.nn.Parameter(scalars.to(parameter.device), requires_grad=False)
         self.outputs, self.shape = architecture.outputs, (inputs, width, last)
         norm = layers[0].norm
-        self.options: dict[str, Any] = {
-            "USED": architecture.widths[0],
-            "LAYERS": len(architecture.widths),
-            "NORM": norm is not None,
-            "ACTIVATION": architecture.activation,
-            "RESIDUAL": architecture.residual,
-            "SLOPE": 0.0 if architecture.activation == "relu" else LEAK,
-            "BEND": BEND,
-            "PARABOLA": PARABOLA if architecture.activation == "smelu" else 0.0,
-            "PRECISION": "tf32" if tf32 else "ieee",
-            "WIDEN": not is_gpu(parameter.device),
-            **{f"C{i}": c for i, c in enumerate(sine_of_turns())},
-        }
+        used, activation = len(layers[0].bias), architecture.activation
+        parabola = PARABOLA if activation == "smelu" else 0.0
+        self.options: dict[str, Any] = {"USED": used, "LAYERS": len(hidden), "NORM": norm is not None}
+        self.options |= {"ACTIVATION": activation, "RESIDUAL": architecture.residual}
+        self.options |= {"SLOPE": 0.0 if activation == "relu" else LEAK, "BEND": BEND, "PARABOLA": parabola}
+        self.options |= {"PRECISION": "tf32" if tf32 else "ieee", "WIDEN": not is_gpu(parameter.device)}
+        self.options |= {f"C{i}": c for i, c in enumerate(sine_of_turns())}
         self.eps = norm.eps if norm else 0.0
 
     def forward(self, inputs: Tensor) -> Tensor:
@@ -186,12 +182,6 @@ def _padded(count: int) -> int:
     return max(SMALLEST, triton.next_power_of_2(count))
 
 
-def _vector(values: Array, size: int) -> Tensor:
-    vector = torch.zeros(size)
-    vector[: len(values)] = torch.from_numpy(values)
-    return vector
-
-
 def _matrix(values: Array, rows: int, columns: int) -> Tensor:
     """A matrix filled up with zeros, row by row."""
     matrix = torch.zeros(rows, columns)
@@ -201,7 +191,5 @@ def _matrix(values: Array, rows: int, columns: int) -> Tensor:
 
 def _scalars(layer: Layer, width: int) -> Tensor:
     """Bias, gain and offset of one layer, one after the other."""
-    bias, norm = _vector(layer.bias, width), layer.norm
-    if norm is None:
-        return torch.cat([bias, torch.zeros(2 * width)])
-    return torch.cat([bias, _vector(norm.gain, width), _vector(norm.offset, width)])
+    rows = [layer.bias, *([layer.norm.gain, layer.norm.offset] if layer.norm else [])]
+    return _matrix(np.stack(rows), 3, width)

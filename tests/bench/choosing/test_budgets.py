@@ -6,7 +6,8 @@ import pytest
 
 from bench.choosing import Limits, Rung, chosen, has_validation
 from bench.choosing.budgets import BYTES, EAGER, FIT, FUSED, Budget, budgets, line_of, rung_of, setting_of, shown
-from bench.records import PSNR, TRADE, TRADE_FORMAT, append, load_run, load_together
+from bench.records import PSNR, TRADE, append, load_run, load_together
+from bench.records.lines import TRADE_FORMAT
 
 SIDE = 64
 METRICS = {PSNR: {"unit": "dB", "direction": "higher", "space": "display", "version": 1}}
