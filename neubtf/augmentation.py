@@ -27,13 +27,7 @@ class Window:
 
     @classmethod
     def drawn(
-        cls,
-        shape: tuple[int, int],
-        largest: int,
-        scale: float,
-        periodic: bool,
-        generator: torch.Generator,
-        around: int,
+        cls, shape: tuple[int, int], largest: int, scale: float, periodic: bool, generator: torch.Generator, around: int
     ) -> "Window":
         """A random window in pictures of a shape (H, W), rescaled by `scale`.
 

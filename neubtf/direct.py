@@ -43,14 +43,7 @@ class NeuBTFDirect(Codec):
     name, version = "neubtf-direct", 4
     sizes = ("latents", "width")
     recipes: ClassVar = {
-        "paper": {
-            "bits": 8,
-            "directions": "xy",
-            "start": "random",
-            "optimiser": "adam",
-            "loss": "l1",
-            "steps": 10_000,
-        }
+        "paper": {"bits": 8, "directions": "xy", "start": "random", "optimiser": "adam", "loss": "l1", "steps": 10_000}
     }
 
     @dataclass(frozen=True)

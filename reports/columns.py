@@ -92,11 +92,7 @@ def _whole(value: float) -> str:
 _four = partial(significant, digits=4)
 _PARAMETERS = Column("decoder", "param.", lambda row: row.job["parameters"], _whole)
 _CHANNELS = Column(
-    "tex.",
-    "chan.",
-    lambda row: row.job["cost"]["texture_channels"],
-    _whole,
-    lambda job: integer(_native(job)["rank"]),
+    "tex.", "chan.", lambda row: row.job["cost"]["texture_channels"], _whole, lambda job: integer(_native(job)["rank"])
 )
 TOTAL = Column("total", "bytes ↓", _bytes("total"), _whole, lambda job: integer(_native(job)["bytes"]))
 _SHARED = Column("shared", "bytes", _bytes("shared"), _whole, sparse=True)
