@@ -30,6 +30,8 @@ ANSWERED = 1_024  # queries at a time, of 81 places each
 SOBEL = ((1.0, 0.0, -1.0), (2.0, 0.0, -2.0), (1.0, 0.0, -1.0))
 GRADIENT_FROM = 0.25  # of the steps: from there on the loss has its term on gradients
 DARKEST = 1e-7  # radiance of which a root is still taken
+PAPER = {"steps": 30_000, "batch": 30_000, "patch": 64, "rate": 5e-4, "bits": 8, "directions": "xy", "octaves": 4}
+PAPER |= {"start": "random", "optimiser": "adam", "blur": True, "loss": "root", "gradient": 1.0}
 
 Octaves = Annotated[int, Range(0, 16)]
 
@@ -50,22 +52,7 @@ class Hierarchical(NeuMIP):
 
     name, version = "hierarchical", 2
     sizes = ("channels",)
-    recipes: ClassVar = {
-        "paper": {
-            "steps": 30_000,
-            "batch": 30_000,
-            "patch": 64,
-            "rate": 5e-4,
-            "bits": 8,
-            "directions": "xy",
-            "octaves": 4,
-            "start": "random",
-            "optimiser": "adam",
-            "blur": True,
-            "loss": "root",
-            "gradient": 1.0,
-        }
-    }
+    recipes: ClassVar = {"paper": PAPER}
 
     @dataclass(frozen=True)
     class Settings:

@@ -51,6 +51,7 @@ HALF_OPEN = SHUT + 0.5
 YUV_TO_RGB = ((1.0, 0.0, 1.13983), (1.0, -0.39465, -0.58060), (1.0, 2.03211, 0.0))
 # Weights of the loss: squared error of log radiance, its absolute error, absolute error of radiance.
 LOSSES = {"balanced": (1.0, 0.0, 0.01), "highlights": (1.0, 0.0, 0.1), "l1": (0.0, 1.0, 0.0), "both": (1.0, 1.0, 0.0)}
+PAPER = {"bits": 8, "directions": "xy", "start": "random", "optimiser": "adam", "blur": True, "loss": "balanced"}
 
 
 class NeuMIP(Codec):
@@ -72,16 +73,7 @@ class NeuMIP(Codec):
 
     name, version = "neumip", 5
     sizes = ("channels",)
-    recipes: ClassVar = {
-        "paper": {
-            "bits": 8,
-            "directions": "xy",
-            "start": "random",
-            "optimiser": "adam",
-            "blur": True,
-            "loss": "balanced",
-        }
-    }
+    recipes: ClassVar = {"paper": PAPER}
 
     @dataclass(frozen=True)
     class Settings:

@@ -35,6 +35,8 @@ from bench.training.decoder import Architecture, Decoder, load_network
 from bench.training.quantise import WeightPrecision
 
 WIDTHS = (32, 32, 32)
+PAPER = {"bits": 8, "difference": "rusinkiewicz", "blur": 0.0, "start": "random", "optimiser": "adam", "loss": "l1"}
+PAPER |= {"steps": 10_000}
 
 
 class TriplePlane(Codec):
@@ -56,17 +58,7 @@ class TriplePlane(Codec):
 
     name, version = "triple-plane", 2
     sizes = ("channels", "resolution")
-    recipes: ClassVar = {
-        "paper": {
-            "bits": 8,
-            "difference": "rusinkiewicz",
-            "blur": 0.0,
-            "start": "random",
-            "optimiser": "adam",
-            "loss": "l1",
-            "steps": 10_000,
-        }
-    }
+    recipes: ClassVar = {"paper": PAPER}
 
     @dataclass(frozen=True)
     class Settings:

@@ -1,7 +1,6 @@
 """NeuBTF's neural texture and renderer fitted to the data directly, without the autoencoder.
 
-With `recipe=paper` the decoder is the paper's; by default it also sees half vectors. Without a guidance image, no new
-textures can be made.
+With `recipe=paper` the decoder is the paper's; by default it also sees half vectors. It makes no new textures.
 """
 
 from dataclasses import dataclass
@@ -25,6 +24,8 @@ from bench.training import (
 )
 from neubtf.renderer import RendererSettings, load
 
+PAPER = {"bits": 8, "directions": "xy", "start": "random", "optimiser": "adam", "loss": "l1", "steps": 10_000}
+
 
 class NeuBTFDirect(Codec):
     """NeuBTF's texture and renderer, fitted without the autoencoder: faster to fit, cannot be re-textured.
@@ -42,9 +43,7 @@ class NeuBTFDirect(Codec):
 
     name, version = "neubtf-direct", 4
     sizes = ("latents", "width")
-    recipes: ClassVar = {
-        "paper": {"bits": 8, "directions": "xy", "start": "random", "optimiser": "adam", "loss": "l1", "steps": 10_000}
-    }
+    recipes: ClassVar = {"paper": PAPER}
 
     @dataclass(frozen=True)
     class Settings(FitSettings, RendererSettings):

@@ -19,21 +19,9 @@ from neubtf.training import Guided, StagedSettings, pictures
 
 DARKEST = 1e-4  # least mean of a slice, in a display's range; darker slices are shown as if they had it
 
-PAPER = {
-    "bits": 8,
-    "directions": "xy",
-    "loss": "l1",
-    "keep_scale": 0.0,
-    "init": "published",
-    "optimiser": "adam",
-    # Left open, and chosen:
-    "steps": 30_000,
-    "crop": 16,
-    "around": 0,
-    "smallest": 0.75,
-    "blur": 0.5,
-    "noise": 0.02,
-}
+PAPER = {"bits": 8, "directions": "xy", "loss": "l1", "keep_scale": 0.0, "init": "published", "optimiser": "adam"}
+# Left open, and chosen:
+PAPER |= {"steps": 30_000, "crop": 16, "around": 0, "smallest": 0.75, "blur": 0.5, "noise": 0.02}
 
 
 class Element(NamedTuple):

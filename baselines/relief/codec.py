@@ -13,8 +13,7 @@ from torch import Tensor
 
 from baselines.relief import sweep
 from baselines.relief.fitting import HIGHEST, ReliefObjective
-from baselines.relief.geometry import Surface
-from baselines.relief.height import restored, stepped
+from baselines.relief.geometry import Surface, restored, stepped
 from baselines.relief.material import ReliefMaterial
 from baselines.relief.network import Network
 from baselines.relief.pyramid import level_count

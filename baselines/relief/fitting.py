@@ -7,8 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from baselines.relief.geometry import Surface, slope, wrapped
-from baselines.relief.height import smoothed, stepped
+from baselines.relief.geometry import Surface, slope, smoothed, stepped, wrapped
 from baselines.relief.material import answer
 from baselines.relief.network import Network
 from baselines.relief.planes import REACH

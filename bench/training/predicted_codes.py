@@ -53,7 +53,8 @@ def decode(data: bytes, bits: Ints, sizes: Sequence[Size]) -> Codes:
     codes = np.zeros((len(canvas.cells), len(bits)), np.uint8)
 
     def read(texel: Ints, channel: Ints, curve: Curve) -> Ints:
-        found = np.concatenate([reader.codes(curve.part(each)) for each in _rounds(len(texel), len(reader.state))])
+        parts = (Curve(*(x[each] for x in curve)) for each in _rounds(len(texel), len(reader.state)))
+        found = np.concatenate(list(map(reader.codes, parts)))
         codes[texel, channel] = found
         return found
 
