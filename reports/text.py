@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 
 from tabulate import tabulate
 
-from reports.best_cells import legend
 from reports.table import BOLD, UNDERLINED, Table
 
 WIDTH = 120
@@ -65,7 +64,7 @@ def markdown(tables: Sequence[Table]) -> str:
     blocks = [
         block
         for table in tables
-        for block in (f"### {escaped(table.title)}", grid(table), *map(escaped, [*table.notes, *legend(table)]))
+        for block in (f"### {escaped(table.title)}", grid(table), *map(escaped, table.footnotes))
     ]
     return "\n\n".join(blocks) + "\n"
 
