@@ -18,7 +18,8 @@ def plain(tables: Sequence[Table]) -> str:
 
 
 def _plain(table: Table) -> str:
-    heads = [_split(*header) for header in table.headers]
+    # Words first, on lines of their own if the name is long, the unit last.
+    heads = [[*textwrap.wrap(name, 9, break_long_words=False), *textwrap.wrap(unit, 8)] for name, unit in table.headers]
     height = max(map(len, heads))
     lines = list(zip(*(head + [""] * (height - len(head)) for head in heads), strict=True))
     body = [line for row in table.rows for line in _folded(row, table)]
@@ -38,11 +39,6 @@ def _width(text: str) -> int:
     """The columns that a text takes in a terminal: wide characters take two, combining accents none."""
     wide = sum(unicodedata.east_asian_width(character) in "WF" for character in text)
     return len(text) + wide - sum(bool(unicodedata.combining(character)) for character in text)
-
-
-def _split(name: str, unit: str) -> list[str]:
-    """A header on two or three lines: words first if the name is long, the unit last."""
-    return [*textwrap.wrap(name, 9, break_long_words=False), *textwrap.wrap(unit, 8)]
 
 
 def _folded(row: list[str], table: Table) -> Iterator[tuple[str, ...]]:
