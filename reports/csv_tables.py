@@ -20,9 +20,18 @@ def results_csv(run: Run) -> str:
     There are also `metric_version/NAME` and `timing/…`; `not_comparable` says why a row must not be compared. Nothing
     is rounded. An empty field has no finite value or was not measured: `…/exact` counts slices without error.
     """
-    rows = [dict(_fields(row)) for material in materials(run) for row in material.rows]
-    names = dict.fromkeys(name for row in rows for name in row)  # in the order of appearance
-    return as_csv([list(names) or ["job"], *(list(map(row.get, names)) for row in rows)])
+    places: dict[str, int] = {}  # the place of each column, in the order of appearance
+    rows = []
+    for row in (row for material in materials(run) for row in material.rows):
+        cells: list[Any] = [None] * len(places)
+        for name, value in _fields(row):
+            place = places.setdefault(name, len(places))
+            if place < len(cells):
+                cells[place] = value
+            else:
+                cells.append(value)
+        rows.append(cells)
+    return as_csv([list(places) or ["job"], *(cells + [None] * (len(places) - len(cells)) for cells in rows)])
 
 
 def table_csv(tables: Sequence[Table]) -> str:
