@@ -2,8 +2,7 @@
 
 Three levels of the texture are fetched at one uv and concatenated. A second, small network moves this uv first; a
 learned factor, the gate, scales its output and starts at 0. Both directions enter as spherical harmonics. Facts are
-from the authors' code, mandyxmq/NeuralBTF-release; see docs/recipes.md for what differs. With half a million parameters
-it is the largest network of the suite.
+from the authors' code, mandyxmq/NeuralBTF-release; see docs/recipes.md for what differs. It has half a million weights.
 """
 
 import math

@@ -131,8 +131,7 @@ class Coder(torch.nn.Module):
     """Log ABRDFs (n, N, 3) of one material → its texture's channels (n, D + 6): latents, means, deviations.
 
     If the decoder's answer at the material's own pairs is worse than their mean, the mean is stored, with a deviation
-    of 0. The network may not have seen such a material. Also, interpolation follows the cosine, so a constant ABRDF
-    appears to vary at the canonical pairs.
+    of 0: the network may not know such a material, and interpolation by cosine makes a constant ABRDF vary.
     """
 
     def __init__(self, network: TrainedNetwork, samples: Samples):

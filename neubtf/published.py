@@ -1,8 +1,7 @@
 """The training of NeuBTF as its paper describes it: autoencoder and renderer end to end.
 
 Each element of a batch has a random slice as its input and another as its target, in a window and at a scale of their
-own; only the input is turned in hue, blurred and noisy. docs/neubtf.md has each statement of the paper, what it leaves
-open, and how that was chosen.
+own; only the input is turned in hue, blurred and noisy. docs/neubtf.md has what the paper says and leaves open.
 """
 
 from typing import NamedTuple

@@ -41,8 +41,7 @@ class Atlases:
     def slices_of(self, material: MaterialRows) -> dict[str, Any]:
         """The data of a material for the slice viewer; `codecs` is empty if nothing is stored.
 
-        Pictures are data URLs of all pairs in a grid, `columns` wide; FLIP maps are grey levels of `MAGMA`. `left_out`
-        lists codecs without the same pairs.
+        Pictures are data URLs of all pairs in a grid; FLIP maps: levels of `MAGMA`; `left_out`: codecs of other pairs.
         """
         known = [each for each in of_shown(self.run, material, "pictures") if "pairs" in each[1]]
         if not known:
