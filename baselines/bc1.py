@@ -30,8 +30,7 @@ def between(first: Tensor, second: Tensor, step: Tensor) -> Tensor:
 def write(ends: Tensor, steps: Tensor) -> Tensor:
     """Blocks (n, 8), uint8, of colours (n, 2, 3) of 5, 6, 5 bits and steps (n, 16), int64.
 
-    A block has four colours only if its first colour is the larger number, so the two may change places. If both are
-    equal, all texels take the first.
+    A block has four colours only if its first is the larger number, so they may change places; if equal, all take it.
     """
     colours = sum(ends[..., i] << place for i, place in enumerate(PLACES))
     assert isinstance(colours, Tensor)

@@ -1,6 +1,6 @@
 """Clusters of texels, found by k-means among the principal components of their log ABRDFs, and their index."""
 
-from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 import torch
@@ -24,16 +24,11 @@ def reduced(btf: BTF, gain: float, components: int, fit: Fit) -> tuple[Tensor, T
 
     Returns the mean (3 · pairs,), the directions (3 · pairs, k) of that space, and the texels (H · W, k) in it.
     """
-
-    def read(label: str) -> Iterator[Tensor]:
-        return blocks(btf, fit, label, gain, BLOCK_BYTES)
-
+    read = partial(blocks, btf, fit, gain=gain, block_bytes=BLOCK_BYTES)
     shape = (3 * len(btf), btf.shape[0] * btf.shape[1])
     factors = truncated_svd(read, shape, components, PASSES, fit.generator(), fit.device, fit.row_weights)
-    weighted = (
-        factors.basis if fit.row_weights is None else factors.basis * fit.row_weights.to(fit.device).sqrt()[:, None]
-    )
-    lengths = torch.linalg.vector_norm(weighted, dim=0)
+    weight = 1 if fit.row_weights is None else fit.row_weights.to(fit.device).sqrt()[:, None]
+    lengths = torch.linalg.vector_norm(factors.basis * weight, dim=0)
     points: Array = (factors.coefficients.T * lengths).cpu().numpy()
     return factors.mean.cpu(), (factors.basis / lengths).cpu(), points
 

@@ -21,8 +21,7 @@ def probed(btf: BTF, fit: Fit, gain: float | None) -> tuple[Tensor, Tensor]:
 
 
 def rounded_coefficients(texture: Tensor, bits: int, mean: Tensor, rows: Tensor, values: Tensor) -> Rounding:
-    """The rounding of coefficients (H, W, C), so that mean (F, 1) + rows (F, C) · coefficients gives values (F,
-    texels)."""
+    """The rounding of coefficients (H, W, C): mean (F, 1) + rows (F, C) · coefficients are values (F, texels)."""
     flat = texture.flatten(0, 1)
     some = slice(None, None, -(-len(flat) // PROBED_TEXELS))
     rounding = round_after(flat[some], bits, lambda each: mean + rows @ each.T, values[:, some])

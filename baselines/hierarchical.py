@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from baselines.neumip import COARSE_SHARE, Networks, NeuMIP, NeuMIPObjective, Pyramid, _log
+from baselines.pyramids import queries_of
 from bench.material import DecoderCost, Material, sample_texture, saturated, to_radiance
 from bench.metrics.display import LOG_SCALE
 from bench.settings import BatchSize, Natural, NotNegative, Positive, Range, Width
@@ -30,6 +31,8 @@ ANSWERED = 1_024  # queries at a time, of 81 places each
 SOBEL = ((1.0, 0.0, -1.0), (2.0, 0.0, -2.0), (1.0, 0.0, -1.0))
 GRADIENT_FROM = 0.25  # of the steps: from there on the loss has its term on gradients
 DARKEST = 1e-7  # radiance of which a root is still taken
+PAPER = {"steps": 30_000, "batch": 30_000, "patch": 64, "rate": 5e-4, "bits": 8, "directions": "xy", "octaves": 4}
+PAPER |= {"start": "random", "optimiser": "adam", "blur": True, "loss": "root", "gradient": 1.0}
 
 Octaves = Annotated[int, Range(0, 16)]
 
@@ -50,22 +53,7 @@ class Hierarchical(NeuMIP):
 
     name, version = "hierarchical", 2
     sizes = ("channels",)
-    recipes: ClassVar = {
-        "paper": {
-            "steps": 30_000,
-            "batch": 30_000,
-            "patch": 64,
-            "rate": 5e-4,
-            "bits": 8,
-            "directions": "xy",
-            "octaves": 4,
-            "start": "random",
-            "optimiser": "adam",
-            "blur": True,
-            "loss": "root",
-            "gradient": 1.0,
-        }
-    }
+    recipes: ClassVar = {"paper": PAPER}
 
     @dataclass(frozen=True)
     class Settings:
@@ -230,7 +218,7 @@ class HierarchicalObjective(NeuMIPObjective):
     networks: HierarchicalNetworks
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        textures, queries = self.textures(progress), self._queries(self.samples, batch, 0)
+        textures, queries = self.textures(progress), queries_of(self.levels, 0, batch)
         parts = zip(*(each.split(ANSWERED) for each in queries), strict=True)
         answers = [self.networks.pictures(self.pyramid, textures, part) for part in parts]
         return _log(torch.cat(answers)[:, 0, 0])
@@ -259,7 +247,7 @@ class HierarchicalObjective(NeuMIPObjective):
         samples, patch = self.levels[level], self.settings.patch
         height, width = samples.shape
         corner = samples.draw(count, generator)
-        uv, wo, wi, levels = self._queries(samples, corner, level)
+        uv, wo, wi, levels = queries_of(self.levels, level, corner)
         across, down = ((patch - 1) / 2 * (2**level / self.pyramid.sizes[0].flip(0))).unbind()
         middle = torch.stack([uv[:, 0] + across, uv[:, 1] - down], 1)
         along = torch.arange(patch, device=uv.device)

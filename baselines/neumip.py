@@ -13,6 +13,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from baselines.pyramids import Levels, drawn, fitted_levels, queries_of
 from bench.btf import BTF, periods
 from bench.codec import Codec, Fit, Parts
 from bench.devices import is_gpu
@@ -22,21 +23,17 @@ from bench.metrics.display import LOG_SCALE
 from bench.settings import BatchSize, Natural, Positive, Width
 from bench.training import (
     RANDOM_SPREAD,
-    Batch,
     Bits,
-    Objective,
     Optimiser,
     Rounding,
-    Samples,
     Start,
     first_latents,
-    gain_of,
     groups_of,
     load_texture,
     store_texture,
-    train,
 )
 from bench.training.decoder import Architecture, Decoder, load_network, store_network
+from bench.training.fitting import Batch, Objective, Samples, gain_of, train
 from bench.training.inputs import COUNTS, Directions, direction_inputs
 from bench.training.quantise import WeightPrecision
 
@@ -51,6 +48,7 @@ HALF_OPEN = SHUT + 0.5
 YUV_TO_RGB = ((1.0, 0.0, 1.13983), (1.0, -0.39465, -0.58060), (1.0, 2.03211, 0.0))
 # Weights of the loss: squared error of log radiance, its absolute error, absolute error of radiance.
 LOSSES = {"balanced": (1.0, 0.0, 0.01), "highlights": (1.0, 0.0, 0.1), "l1": (0.0, 1.0, 0.0), "both": (1.0, 1.0, 0.0)}
+PAPER = {"bits": 8, "directions": "xy", "start": "random", "optimiser": "adam", "blur": True, "loss": "balanced"}
 
 
 class NeuMIP(Codec):
@@ -72,16 +70,7 @@ class NeuMIP(Codec):
 
     name, version = "neumip", 5
     sizes = ("channels",)
-    recipes: ClassVar = {
-        "paper": {
-            "bits": 8,
-            "directions": "xy",
-            "start": "random",
-            "optimiser": "adam",
-            "blur": True,
-            "loss": "balanced",
-        }
-    }
+    recipes: ClassVar = {"paper": PAPER}
 
     @dataclass(frozen=True)
     class Settings:
@@ -109,9 +98,7 @@ class NeuMIP(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)
-        count = level_count(btf.shape)
-        if fit.density:  # leave out levels that the scene never sees
-            count = min(count, fit.density.levels(max(btf.shape)))
+        count = fitted_levels(btf, fit, level_count(btf.shape))
         levels = Samples.levels(btf, count, gain, fit)
         objective = self.objective(levels, fit.generator())
         progress = train(objective, fit, self.settings.steps, self.settings.patience)
@@ -153,25 +140,14 @@ def level_count(size: tuple[int, int]) -> int:
     return max(1, min(int(math.log2(max(size))), int(math.log2(min(size))) + 1))
 
 
-class Pyramid(nn.Module):
-    """The layout of the levels in one table, the finest first: level i is (H // 2ⁱ, W // 2ⁱ)."""
+class Pyramid(Levels):
+    """The latents of all levels in one table, and the reach of an offset."""
 
     def __init__(self, size: tuple[int, int], levels: int | None = None):
-        super().__init__()
-        self.levels = [(size[0] >> level, size[1] >> level) for level in range(levels or level_count(size))]
-        self.counts = counts = [height * width for height, width in self.levels]
-        self.side = max(size)
-        self.register_buffer("sizes", torch.tensor(self.levels), persistent=False)
-        self.register_buffer("starts", torch.tensor([sum(counts[:i]) for i in range(len(counts))]), persistent=False)
+        super().__init__(size, levels or level_count(size))
         self.register_buffer("reach", OFFSET_SCALE * torch.tensor(periods(size)), persistent=False)
 
-    sizes: Tensor
-    starts: Tensor
     reach: Tensor  # (2,), of an offset of 1 along u and v: equally far on the surface
-
-    def level(self, footprint: Tensor) -> Tensor:
-        """The level (n,) of footprints (n,) in texture units: log2 of texels, within the pyramid."""
-        return (footprint.float() * self.side).log2().clamp(0, len(self.levels) - 1)
 
     def sample(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
         """As `fetch` at real levels, without a gradient: one bilinear fetch if all levels are the finest."""
@@ -192,29 +168,14 @@ class Pyramid(nn.Module):
 
     def _around(self, uv: Tensor, level: Tensor) -> tuple[Tensor, Tensor]:
         """Rows of the table and weights of a fetch, both (n, 4) at whole levels and (n, 8) at real ones."""
-        lower = level.long()
-        index, weight = self._corners(uv, lower)
+        lower = level.int()
+        index, weight = self.corners(uv, lower)
         if level.is_floating_point():
             share = (level - lower)[:, None]
-            upper, upper_weight = self._corners(uv, (lower + 1).clamp_max(len(self.levels) - 1))
+            upper, upper_weight = self.corners(uv, (lower + 1).clamp_max(len(self.levels) - 1))
             index = torch.cat([index, upper], 1)
             weight = torch.cat([weight * (1 - share), upper_weight * share], 1)
         return index, weight
-
-    def _corners(self, uv: Tensor, level: Tensor) -> tuple[Tensor, Tensor]:
-        """Rows of the table (n, 4) and bilinear weights (n, 4) around uv, at one level a query; see `bench.btf`."""
-        size = self.sizes[level]
-        # Half precision cannot address texels, so places are computed in float32 for any dtype.
-        place = torch.stack([1 - uv[:, 1].float(), uv[:, 0].float()], 1) * size - 0.5
-        first = place.detach().floor()
-        after = place - first
-        first = first.long()
-        (top, left), (bottom, right) = first.remainder(size).unbind(1), (first + 1).remainder(size).unbind(1)
-        (down, across), start, width = after.unbind(1), self.starts[level], size[:, 1]
-        upper, lower = start + top * width, start + bottom * width
-        index = torch.stack([upper + left, upper + right, lower + left, lower + right], 1)
-        above, before = 1 - down, 1 - across
-        return index, torch.stack([above * before, above * across, down * before, down * across], 1)
 
 
 class Networks(nn.Module):
@@ -316,33 +277,17 @@ class NeuMIPObjective(Objective):
         return self.rounded_table(table), offset
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        queries = self._queries(self.samples, batch, 0)
+        queries = queries_of(self.levels, 0, batch)
         return _log(answer(self.networks, self.pyramid, *self.textures(progress), queries))
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        coarse = self.settings.batch // COARSE_SHARE if len(self.levels) > 1 else 0
-        batch = self.samples.draw(self.settings.batch - coarse, generator)
-        queries, target = self._queries(self.samples, batch, 0), batch.target
-        if coarse:
-            level = int(torch.randint(1, len(self.levels), (), generator=generator))
-            batch = self.levels[level].draw(coarse, generator)
-            further = self._queries(self.levels[level], batch, level)
-            queries = tuple(torch.cat(both) for both in zip(queries, further, strict=True))
-            target = torch.cat([target, batch.target])
+        batches = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)
+        each = zip(*(queries_of(self.levels, *batch) for batch in batches), strict=True)
+        queries, target = tuple(map(torch.cat, each)), torch.cat([batch.target for _, batch in batches])
         ours = answer(self.networks, self.pyramid, *self.textures(progress), queries)
         squared, log, linear = LOSSES[self.settings.loss]
         loss = squared * functional.mse_loss(_log(ours), target) + log * functional.l1_loss(_log(ours), target)
         return loss + linear * functional.l1_loss(ours, target.expm1()) / LOG_SCALE
-
-    def _queries(self, samples: Samples, batch: Batch, level: int) -> tuple[Tensor, ...]:
-        """uv, wo, wi and level of a batch. Texels of a coarser level are boxes of finest texels, which may be
-        incomplete."""
-        factor, (height, width) = 2**level, self.samples.shape
-        row = batch.texel.div(samples.shape[1], rounding_mode="floor")
-        col = batch.texel - row * samples.shape[1]
-        uv = torch.stack([(col + 0.5) * (factor / width), 1 - (row + 0.5) * (factor / height)], 1)
-        levels = torch.full_like(batch.texel, level)
-        return uv, samples.wo[batch.pair], samples.wi[batch.pair], levels
 
 
 def _log(values: Tensor) -> Tensor:

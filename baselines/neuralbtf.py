@@ -2,8 +2,7 @@
 
 Three levels of the texture are fetched at one uv and concatenated. A second, small network moves this uv first; a
 learned factor, the gate, scales its output and starts at 0. Both directions enter as spherical harmonics. Facts are
-from the authors' code, mandyxmq/NeuralBTF-release; see docs/recipes.md for what differs. With half a million parameters
-it is the largest network of the suite.
+from the authors' code, mandyxmq/NeuralBTF-release; see docs/recipes.md for what differs. It has half a million weights.
 """
 
 import math
@@ -21,12 +20,10 @@ from bench.material import DecoderCost, Material, at_least_float32, sample_textu
 from bench.metrics.display import LOG_SCALE
 from bench.settings import BatchSize, Layers, Natural, Positive, Width
 from bench.training import (
-    Batch,
     Bits,
     FitSettings,
     Optimiser,
     Rounding,
-    Samples,
     TextureObjective,
     first_latents,
     fitted,
@@ -34,6 +31,7 @@ from bench.training import (
     store_texture,
 )
 from bench.training.decoder import Architecture, Decoder, load_network
+from bench.training.fitting import Batch, Samples
 from bench.training.inputs import COUNTS, direction_inputs
 from bench.training.quantise import WeightPrecision
 

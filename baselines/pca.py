@@ -1,7 +1,7 @@
 """Principal components of the ABRDFs: a texture of coefficients times a few eigen-ABRDFs."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Literal
 
 import numpy as np
@@ -54,7 +54,6 @@ class PCA(Codec):
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         log = self.settings.domain == "log"
         gain = LOG_GAIN * exposure(btf, fit.seed) if log else 1.0
-
         large = 12 * len(btf) * btf.shape[0] * btf.shape[1] > LARGE and not fit.density
         level, count = gain if log else None, self.settings.components
         factors = self._of_part(btf, fit, level) if large else self._of_all(btf, fit, level, count)
@@ -78,13 +77,9 @@ class PCA(Codec):
         )
 
     def _of_all(self, btf: BTF, fit: Fit, gain: float | None, components: int) -> Factors:
-        def read(label: str) -> Iterator[Tensor]:
-            return blocks(btf, fit, label, gain)
-
-        shape = (3 * len(btf), btf.shape[0] * btf.shape[1])
-        return truncated_svd(
-            read, shape, components, self.settings.passes, fit.generator(), fit.device, fit.row_weights
-        )
+        read, shape = partial(blocks, btf, fit, gain=gain), (3 * len(btf), btf.shape[0] * btf.shape[1])
+        passes = self.settings.passes
+        return truncated_svd(read, shape, components, passes, fit.generator(), fit.device, fit.row_weights)
 
     def _of_part(self, btf: BTF, fit: Fit, gain: float | None) -> Factors:
         """The components of a whole measurement, for which four readings would take a quarter of an hour.

@@ -12,8 +12,7 @@ Difference = Literal["rusinkiewicz", "nearest"]
 def half_and_difference(wo: Tensor, wi: Tensor, kind: Difference) -> tuple[Tensor, Tensor]:
     """The half vector, and the light in a frame about it: unit vectors (n, 3) of the upper hemisphere.
 
-    As published (Rusinkiewicz 1998) the half vector is turned to z about z and then y, which jumps when it passes z.
-    The shortest turn does not jump.
+    As published (Rusinkiewicz 1998) h is turned to z about z and then y, which jumps at z; the shortest turn does not.
     """
     h = functional.normalize(wo + wi, dim=1)
     if kind == "nearest":

@@ -1,8 +1,7 @@
 """Common parts of Rainer's two codecs: the encoder of ABRDFs, the decoder's inputs and output, the fit, the material.
 
 An encoder maps a texel's ABRDF to latents. Six further channels hold the mean and the deviation of its log radiance in
-each colour. The decoder maps latents and two directions to a colour, which is scaled by the deviation and shifted by
-the mean.
+each colour. The decoder maps latents and two directions to a colour, scaled by the deviation and shifted by the mean.
 """
 
 from dataclasses import dataclass

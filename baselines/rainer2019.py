@@ -12,38 +12,15 @@ from typing import ClassVar, Literal
 import torch
 from torch import Tensor, nn
 
-from baselines.rainer import (
-    STATISTICS,
-    WIDTH,
-    Activation,
-    Autoencoder,
-    Directions,
-    Encoder,
-    Fitted,
-    RainerMaterial,
-    RainerSettings,
-    architecture,
-    coordinates,
-)
+from baselines import rainer
+from baselines.rainer import Directions
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.material import Material
 from bench.settings import Natural, Positive, Width
-from bench.training import (
-    Batch,
-    Bits,
-    Rounding,
-    Samples,
-    distance,
-    first_latents,
-    gain_of,
-    load_texture,
-    round_after,
-    store_texture,
-    train,
-)
+from bench.training import Bits, Rounding, first_latents, load_texture, round_after, store_texture
 from bench.training.decoder import Architecture, Decoder, load_network
-from bench.training.fitting import ROUNDING_SAMPLES
+from bench.training.fitting import ROUNDING_SAMPLES, Batch, Samples, distance, gain_of, train
 from bench.training.quantise import WeightPrecision
 
 
@@ -69,22 +46,22 @@ class Rainer2019(Codec):
     }
 
     @dataclass(frozen=True)
-    class Settings(RainerSettings):
+    class Settings(rainer.RainerSettings):
         steps: Natural = 2_500  # steps of the fit
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, the encoder, only Adam
         start: Literal["components", "encoder"] = "components"  # latents: free from principal components, or encoded
         directions: Directions = "xyzh"  # inputs: each stereographic as published, or all of both and of their half
         patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
         latents: Width = 8  # channels that the encoder makes
-        width: Width = WIDTH  # of the decoder's hidden layers
+        width: Width = rainer.WIDTH  # of the decoder's hidden layers
         latent_rate: Positive = 1e-2  # highest learning rate of latents that no encoder makes
-        activation: Activation = "leaky-relu"  # activation of the decoder's hidden layers
+        activation: rainer.Activation = "leaky-relu"  # activation of the decoder's hidden layers
         bits: Bits = 0  # bits of a stored latent, mean or deviation on average; 0: chosen by the fit; 16, 32: floats
         weights: WeightPrecision = "half"  # precision of the stored decoder
 
         @property
         def architecture(self) -> Architecture:
-            return architecture(self.latents, self.activation, self.directions, self.width)
+            return rainer.architecture(self.latents, self.activation, self.directions, self.width)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         samples = Samples(btf, gain_of(btf, fit), fit)
@@ -96,19 +73,19 @@ class Rainer2019(Codec):
     def decode(self, parts: Parts, device: torch.device) -> Material:
         decoder = load_network(Decoder(self.settings.architecture), parts.decoder)
         texture, gain = load_texture("latents", parts.texture), float(parts.other["gain"])
-        return RainerMaterial(decoder, texture, gain, self.settings.directions).to(device)
+        return rainer.RainerMaterial(decoder, texture, gain, self.settings.directions).to(device)
 
 
-class Encoded(Autoencoder):
+class Encoded(rainer.Autoencoder):
     """Encoder and decoder of one material, as published."""
 
     settings: Rainer2019.Settings
 
     def __init__(self, samples: Samples, settings: Rainer2019.Settings, fit: Fit):
         generator = fit.generator()
-        encoder = Encoder(samples.pairs, settings.latents, generator)
+        encoder = rainer.Encoder(samples.pairs, settings.latents, generator)
         super().__init__(samples, encoder, Decoder(settings.architecture, generator), settings, fit)
-        self.coordinates = coordinates(samples.wo, samples.wi, settings.directions)
+        self.coordinates = rainer.coordinates(samples.wo, samples.wi, settings.directions)
 
     def stored(self, fit: Fit) -> tuple[Tensor, Rounding]:
         """The final texture (texels, D + 6) of the encoder, and its rounding."""
@@ -119,7 +96,7 @@ class Encoded(Autoencoder):
         return texture, round_after(texture, bits, lambda values: self.answers(values, batch), batch.target)
 
 
-class Free(Fitted):
+class Free(rainer.Fitted):
     """The decoder and free latents, without an encoder; the file holds no encoder in either case."""
 
     settings: Rainer2019.Settings
@@ -128,8 +105,8 @@ class Free(Fitted):
         generator = fit.generator()
         super().__init__(samples, Decoder(settings.architecture, generator), settings, fit)
         self.texture = nn.Parameter(first_latents(samples, settings.latents, "components", generator))
-        self.coordinates = coordinates(samples.wo, samples.wi, settings.directions)
-        self.rounding = Rounding(settings.latents + STATISTICS, settings.bits)
+        self.coordinates = rainer.coordinates(samples.wo, samples.wi, settings.directions)
+        self.rounding = Rounding(settings.latents + rainer.STATISTICS, settings.bits)
 
     def whole(self) -> Tensor:
         """The texture (texels, D + 6) of latents and statistics."""

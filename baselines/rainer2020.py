@@ -14,20 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from baselines.rainer import (
-    BLOCK,
-    STATISTICS,
-    Activation,
-    Autoencoder,
-    Encoder,
-    RainerMaterial,
-    RainerSettings,
-    architecture,
-    coordinates,
-    encoded,
-    radiance,
-    statistics,
-)
+from baselines import rainer
 from bench.btf import BTF, Layout
 from bench.codec import Codec, Fit, Parts, SharedNetwork, TrainedNetwork
 from bench.directions import PairInterpolator, pack_layout, unpack_layout
@@ -52,12 +39,12 @@ class Rainer2020Network(SharedNetwork):
     shipped = Path(__file__).parent / "networks/rainer2020.nbtf"
 
     @dataclass(frozen=True)
-    class Settings(RainerSettings):
+    class Settings(rainer.RainerSettings):
         steps: Natural = 40_000  # steps of the training
         optimiser: Optimiser = "adam"  # of all; with "muon" the decoder's hidden matrices are stepped by Muon
         kept: Count = 512  # training ABRDFs of each material
         latents: Width = 32  # channels that the encoder makes
-        activation: Activation = "leaky-relu"  # activation of the decoder's hidden layers
+        activation: rainer.Activation = "leaky-relu"  # activation of the decoder's hidden layers
         weights: WeightPrecision = "half"  # precision of the stored networks
 
     def train(self, btfs: Sequence[BTF], fit: Fit) -> Parts:
@@ -97,15 +84,15 @@ class Rainer2020(Codec):
         network, gain = fit.shared(self.name), gain_of(btf, fit)
         samples = Samples(btf, gain, fit)
         coder = Coder(network, samples).to(fit.device)
-        blocks = torch.arange(samples.texels, device=fit.device).split(BLOCK)
+        blocks = torch.arange(samples.texels, device=fit.device).split(rainer.BLOCK)
         rows = [coder(samples.abrdfs(block)) for block in fit.progress(blocks, "encoding")]
         texture = torch.cat(rows)
         batch = samples.draw(ROUNDING_SAMPLES, fit.generator())
-        where = coordinates(samples.wo, samples.wi)[batch.pair]
+        where = rainer.coordinates(samples.wo, samples.wi)[batch.pair]
 
         def answers(texture: Tensor) -> Tensor:
-            latents, stats = texture.index_select(0, batch.texel).tensor_split([-STATISTICS], dim=1)
-            return radiance(coder.decoder, latents, stats, where)
+            latents, stats = texture.index_select(0, batch.texel).tensor_split([-rainer.STATISTICS], dim=1)
+            return rainer.radiance(coder.decoder, latents, stats, where)
 
         rounding = round_after(texture, self.settings.bits, answers, batch.target)
         return Parts(
@@ -117,8 +104,8 @@ class Rainer2020(Codec):
     def decode(self, parts: Parts, device: torch.device) -> Material:
         if parts.network is None:
             raise ValueError("it names no shared network")
-        decoder = decoder_of(parts.network)
-        return RainerMaterial(decoder, load_texture("latents", parts.texture), float(parts.other["gain"])).to(device)
+        texture, gain = load_texture("latents", parts.texture), float(parts.other["gain"])
+        return rainer.RainerMaterial(decoder_of(parts.network), texture, gain).to(device)
 
 
 def canonical_pairs() -> Layout:
@@ -127,25 +114,24 @@ def canonical_pairs() -> Layout:
     return Layout.of(np.repeat(side, CANONICAL, 0), np.tile(side, (CANONICAL, 1)))
 
 
-def encoder_of(network: TrainedNetwork) -> tuple[Encoder, Layout]:
+def encoder_of(network: TrainedNetwork) -> tuple[rainer.Encoder, Layout]:
     """The encoder of a trained network, and the pairs that it sees."""
     settings = Rainer2020Network(**network.settings).settings
     canonical = unpack_layout(network.parts.encoder)
-    return load_network(Encoder(len(canonical.view), settings.latents), network.parts.encoder), canonical
+    return load_network(rainer.Encoder(len(canonical.view), settings.latents), network.parts.encoder), canonical
 
 
 def decoder_of(network: TrainedNetwork) -> Decoder:
     """The decoder of a trained network."""
     settings = Rainer2020Network(**network.settings).settings
-    return load_network(Decoder(architecture(settings.latents, settings.activation)), network.parts.decoder)
+    return load_network(Decoder(rainer.architecture(settings.latents, settings.activation)), network.parts.decoder)
 
 
 class Coder(torch.nn.Module):
     """Log ABRDFs (n, N, 3) of one material → its texture's channels (n, D + 6): latents, means, deviations.
 
     If the decoder's answer at the material's own pairs is worse than their mean, the mean is stored, with a deviation
-    of 0. The network may not have seen such a material. Also, interpolation follows the cosine, so a constant ABRDF
-    appears to vary at the canonical pairs.
+    of 0: the network may not know such a material, and interpolation by cosine makes a constant ABRDF vary.
     """
 
     def __init__(self, network: TrainedNetwork, samples: Samples):
@@ -155,16 +141,16 @@ class Coder(torch.nn.Module):
         self.resampled = Resampler(samples.btf.layout, canonical)
         count = min(samples.pairs, CHECKED)
         self.register_buffer("checked", torch.linspace(0, samples.pairs - 1, count).round().long())
-        self.register_buffer("where", coordinates(samples.wo, samples.wi).cpu()[self.checked])
+        self.register_buffer("where", rainer.coordinates(samples.wo, samples.wi).cpu()[self.checked])
 
     checked: Tensor  # (P,)
     where: Tensor  # (P, 4)
 
     @torch.no_grad()
     def forward(self, abrdfs: Tensor) -> Tensor:
-        canonical, own = self.resampled(abrdfs), statistics(abrdfs)
-        stats = statistics(canonical)
-        latents = encoded(self.encoder, canonical, stats)
+        canonical, own = self.resampled(abrdfs), rainer.statistics(abrdfs)
+        stats = rainer.statistics(canonical)
+        latents = rainer.encoded(self.encoder, canonical, stats)
         answers, truth, mean = self.answers(latents, stats), abrdfs[:, self.checked], own[:, :1]
         usable = (answers - truth).square().mean(1) <= (mean - truth).square().mean(1)
         usable &= answers.amax(1).expm1() <= FIREFLY * abrdfs.amax(1).expm1()
@@ -175,7 +161,7 @@ class Coder(torch.nn.Module):
         """The decoder's answers at the queried pairs, (n, P, 3)."""
         count, where = len(self.where), self.where.repeat(len(latents), 1)
         latent, statistic = (x.repeat_interleave(count, 0) for x in (latents, stats.flatten(1)))
-        return radiance(self.decoder, latent, statistic, where).unflatten(0, (-1, count))
+        return rainer.radiance(self.decoder, latent, statistic, where).unflatten(0, (-1, count))
 
 
 class Resampler(torch.nn.Module):
@@ -228,9 +214,9 @@ def _drawn(
     given, queried = btf.subset(btf.split().train), btf.subset(_target_pairs(btf, generator))
     gain = gain_of(given, fit)
     resampled, samples = Resampler(given.layout, canonical).to(fit.device), Samples(given, gain, fit)
-    inputs = torch.cat([resampled(samples.abrdfs(block)).half() for block in texel.split(BLOCK)])
+    inputs = torch.cat([resampled(samples.abrdfs(block)).half() for block in texel.split(rainer.BLOCK)])
     targets = Samples(queried, gain, fit)
-    return inputs, targets.abrdfs(texel).half(), coordinates(targets.wo, targets.wi)
+    return inputs, targets.abrdfs(texel).half(), rainer.coordinates(targets.wo, targets.wi)
 
 
 def _target_pairs(btf: BTF, generator: torch.Generator) -> np.ndarray:
@@ -239,15 +225,15 @@ def _target_pairs(btf: BTF, generator: torch.Generator) -> np.ndarray:
     return pairs[np.resize(torch.randperm(len(pairs), generator=generator).numpy(), TARGETS)]
 
 
-class Rainer2020Objective(Autoencoder):
+class Rainer2020Objective(rainer.Autoencoder):
     """Encoder and decoder of all materials."""
 
     samples: Pool
 
     def __init__(self, pool: Pool, settings: Rainer2020Network.Settings, fit: Fit):
         generator = fit.generator()
-        encoder = Encoder(pool.inputs.shape[1], settings.latents, generator)
-        decoder = Decoder(architecture(settings.latents, settings.activation), generator)
+        encoder = rainer.Encoder(pool.inputs.shape[1], settings.latents, generator)
+        decoder = Decoder(rainer.architecture(settings.latents, settings.activation), generator)
         super().__init__(pool, encoder, decoder, settings, fit)
 
     def where(self, batch: Batch) -> Tensor:

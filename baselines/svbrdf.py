@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from baselines.relief.pyramid import Pyramid
+from baselines.pyramids import Pyramid
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.data.materials import brdf

@@ -18,12 +18,9 @@ from bench.material import DecoderCost, Material, sample_texture, saturated, tex
 from bench.settings import Count, Natural, NotNegative, Positive
 from bench.training import (
     RANDOM_SPREAD,
-    Batch,
     Bits,
-    Loss,
     Optimiser,
     Rounding,
-    Samples,
     Start,
     TextureObjective,
     first_latents,
@@ -32,9 +29,12 @@ from bench.training import (
     store_texture,
 )
 from bench.training.decoder import Architecture, Decoder, load_network
+from bench.training.fitting import Batch, Loss, Samples
 from bench.training.quantise import WeightPrecision
 
 WIDTHS = (32, 32, 32)
+PAPER = {"bits": 8, "difference": "rusinkiewicz", "blur": 0.0, "start": "random", "optimiser": "adam", "loss": "l1"}
+PAPER |= {"steps": 10_000}
 
 
 class TriplePlane(Codec):
@@ -56,17 +56,7 @@ class TriplePlane(Codec):
 
     name, version = "triple-plane", 2
     sizes = ("channels", "resolution")
-    recipes: ClassVar = {
-        "paper": {
-            "bits": 8,
-            "difference": "rusinkiewicz",
-            "blur": 0.0,
-            "start": "random",
-            "optimiser": "adam",
-            "loss": "l1",
-            "steps": 10_000,
-        }
-    }
+    recipes: ClassVar = {"paper": PAPER}
 
     @dataclass(frozen=True)
     class Settings:

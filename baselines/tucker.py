@@ -6,8 +6,8 @@ SIGGRAPH 2005) continue with alternating least squares, known as HOOI. Here the 
 decomposition of the matrix of ABRDFs, which is small enough to alternate in memory. The three colours stay whole.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar, Literal
 
 import torch
@@ -61,10 +61,7 @@ class Tucker(Codec):
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         settings, layout = self.settings, btf.layout
         gain = gain_of(btf, fit)
-
-        def read(label: str) -> Iterator[Tensor]:
-            return blocks(btf, fit, label, gain if settings.domain == "log" else None)
-
+        read = partial(blocks, btf, fit, gain=gain if settings.domain == "log" else None)
         shape, rank = (3 * len(btf), btf.shape[0] * btf.shape[1]), OVERSAMPLED * settings.components
         factors = truncated_svd(read, shape, rank, PASSES, fit.generator(), fit.device, fit.row_weights)
         tensor, turn = _tensor(factors, layout)

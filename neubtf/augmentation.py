@@ -27,13 +27,7 @@ class Window:
 
     @classmethod
     def drawn(
-        cls,
-        shape: tuple[int, int],
-        largest: int,
-        scale: float,
-        periodic: bool,
-        generator: torch.Generator,
-        around: int,
+        cls, shape: tuple[int, int], largest: int, scale: float, periodic: bool, generator: torch.Generator, around: int
     ) -> "Window":
         """A random window in pictures of a shape (H, W), rescaled by `scale`.
 
@@ -85,8 +79,7 @@ class Window:
         return self.source == self.size
 
     def rescaled(self, pictures: Tensor) -> Tensor:
-        """The source's pictures (B, C, *source) at the window's size: each texel is a weighted mean of those it
-        covers."""
+        """The source's pictures (B, C, *source) at the window's size: each texel is a mean of those it covers."""
         if self.keeps_scale:
             return pictures
         return functional.interpolate(pictures, self.size, mode="bilinear", antialias=True)
@@ -148,8 +141,7 @@ class Disturbance:
     def disturbed(self, pictures: Tensor, generator: torch.Generator) -> Tensor:
         """Pictures (B, 3, H, W) in [0, 1], disturbed at random, within [0, 1]."""
         hue, blur, noise = torch.rand(3, generator=generator, dtype=torch.float64).tolist()
-        pictures = turned(pictures, self.hue * hue)
-        pictures = blurred(pictures, self.blur * blur)
+        pictures = blurred(turned(pictures, self.hue * hue), self.blur * blur)
         grain = torch.randn(pictures.shape, generator=generator).to(pictures.device, non_blocking=True)
         return (pictures + self.noise * noise * grain).clamp(0, 1)
 
@@ -157,8 +149,7 @@ class Disturbance:
 def turned(pictures: Tensor, turn: float) -> Tensor:
     """Pictures (B, 3, H, W) with their hue turned by a share of the wheel, around the grey axis: grey stays grey.
 
-    A third of a turn makes red green, green blue, and blue red. The mean of the channels stays; values outside [0, 1]
-    are clipped.
+    A third of a turn makes red green, green blue, and blue red. The channels' mean stays; values are clipped to [0, 1].
     """
     angle = 2 * math.pi * turn
     # Rodrigues' rotation around (1, 1, 1)/√3: cos + (1 − cos)/3 on the diagonal, (1 − cos)/3 ± sin/√3 beside it.

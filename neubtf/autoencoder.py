@@ -67,8 +67,7 @@ class Pooled:
 class Autoencoder(nn.Module):
     """Guidance (B, 3, H, W) → neural texture (B, D, H, W), any H and W, both periodic. About 200,000 parameters.
 
-    The first texture is `FAINT` times what orthogonal weights make. If `rectified`, CBAM's perceptron has its authors'
-    ReLU; otherwise GELU.
+    The first texture is `FAINT` times what orthogonal weights make. `rectified`: CBAM's perceptron has ReLU, not GELU.
 
     Shifting the guidance by multiples of STRIDE, around its borders, shifts the texture. A side that is not a multiple
     of STRIDE is padded circularly, so its far border still sees the near one, but the cells do not fit the period.

@@ -5,7 +5,6 @@ autoencoder and renderer end to end; `neubtf.training` fits in stages, with bett
 holds the autoencoder (`keep_encoder`) can be re-textured.
 """
 
-import dataclasses
 import logging
 from dataclasses import dataclass
 from typing import ClassVar
@@ -16,11 +15,12 @@ from torch import Tensor
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.material import Material
-from bench.training import Samples, gain_of, round_after, train
+from bench.training import Samples, gain_of, round_after, store_texture, train
+from bench.training.decoder import store_network
 from neubtf.autoencoder import STRIDE, Autoencoder
 from neubtf.encoder import Encoder, as_guidance, displayed, eight_bits, load_encoder, store_encoder
 from neubtf.published import PAPER, Published
-from neubtf.renderer import load, store
+from neubtf.renderer import load
 from neubtf.training import Staged, StagedSettings, slice_of
 
 TELLING = 0.1  # least contrast of the guidance, as a share of the best slice's
@@ -69,8 +69,12 @@ class NeuBTF(Codec):
             return fitting.rendered(texture.flatten(0, 1), batch.texel, batch.pair)
 
         rounding = round_after(texture, settings.bits, answers, batch.target)
-        parts = store(fitting.renderer, texture, rounding, gain, settings)
-        return dataclasses.replace(parts, encoder=stored if settings.keep_encoder else {})
+        return Parts(
+            decoder=store_network(fitting.renderer, settings.weights),
+            texture=store_texture("latents", texture, rounding),
+            encoder=stored if settings.keep_encoder else {},
+            other={"gain": torch.tensor([gain])},
+        )
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         return load(parts, self.settings).to(device)

@@ -1,7 +1,6 @@
 """NeuBTF's neural texture and renderer fitted to the data directly, without the autoencoder.
 
-With `recipe=paper` the decoder is the paper's; by default it also sees half vectors. Without a guidance image, no new
-textures can be made.
+With `recipe=paper` the decoder is the paper's; by default it also sees half vectors. It makes no new textures.
 """
 
 from dataclasses import dataclass
@@ -13,17 +12,11 @@ from torch import Tensor, nn
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.material import Material
-from bench.training import (
-    Batch,
-    DirectedObjective,
-    FitSettings,
-    Rounding,
-    Samples,
-    first_latents,
-    fitted,
-    store_texture,
-)
+from bench.training import DirectedObjective, FitSettings, Rounding, first_latents, fitted, store_texture
+from bench.training.fitting import Batch, Samples
 from neubtf.renderer import RendererSettings, load
+
+PAPER = {"bits": 8, "directions": "xy", "start": "random", "optimiser": "adam", "loss": "l1", "steps": 10_000}
 
 
 class NeuBTFDirect(Codec):
@@ -42,16 +35,7 @@ class NeuBTFDirect(Codec):
 
     name, version = "neubtf-direct", 4
     sizes = ("latents", "width")
-    recipes: ClassVar = {
-        "paper": {
-            "bits": 8,
-            "directions": "xy",
-            "start": "random",
-            "optimiser": "adam",
-            "loss": "l1",
-            "steps": 10_000,
-        }
-    }
+    recipes: ClassVar = {"paper": PAPER}
 
     @dataclass(frozen=True)
     class Settings(FitSettings, RendererSettings):

@@ -40,19 +40,14 @@ class Encoder(nn.Module):
         """An encoder to which a guidance image (1, 3, H, W) has mean 0 and deviation 1, the mean of its channels'.
 
         The deviation over all slices would include the differences between slices, and a slice of little contrast would
-        then be nearly constant. The bias of the autoencoder's head changes, see `_centre`.
+        then be nearly constant. The bias of the autoencoder's head changes: each channel's mean becomes 0.
         """
         spread = guidance[0].flatten(1).std(1, correction=0).mean().item()
-        encoder = cls(autoencoder, guidance.mean().item(), max(spread, LEAST_SPREAD))
-        encoder._centre(guidance)
-        return encoder
-
-    @torch.no_grad()
-    def _centre(self, guidance: Tensor) -> None:
-        """Remove each channel's mean from the first texture: it separates no texels, and outweighs the directions."""
-        bias = self.autoencoder.head.bias
+        encoder, bias = cls(autoencoder, guidance.mean().item(), max(spread, LEAST_SPREAD)), autoencoder.head.bias
         assert bias is not None
-        bias.sub_(self(guidance).mean((0, 2, 3)))
+        with torch.no_grad():  # a mean of the first texture would separate no texels, and outweigh the directions
+            bias.sub_(encoder(guidance).mean((0, 2, 3)))
+        return encoder
 
     def prepared(self, guidance: Tensor) -> Tensor:
         """The autoencoder's input for a guidance image, in the same shape; each texel is normalised by itself."""

@@ -51,26 +51,24 @@ class Treatment:
         return max(1, round(height * self.scale)), max(1, round(width * self.scale))
 
 
-@dataclass(frozen=True)
-class Guidance:
-    """A guidance image (1, 3, H, W), sRGB in [0, 1], and its provenance for a file."""
+def read_guidance(path: Path, treatment: Treatment, own: Tensor, exposure: float) -> tuple[Tensor, dict[str, Any]]:
+    """The guidance image (1, 3, H, W), sRGB in [0, 1], of a picture file, and its provenance for a file.
 
-    image: Tensor
-    provenance: dict[str, Any]
-
-
-def read_guidance(path: Path, treatment: Treatment, own: Tensor, exposure: float) -> Guidance:
-    """The guidance image in a picture file, for a material with a guidance image of its `own`, bytes (H, W, 3).
-
-    `exposure` is the material's, from radiance to the display. JPEG and PNG of 8 or 16 bits are decoded as sRGB; EXR
-    and Radiance `.hdr` are linear. Grey is repeated, alpha is left out. Raises `InputError` if it cannot be read, and
-    before reading if the texture would have more than `LARGEST` texels.
+    The material has a guidance image of its `own`, bytes (H, W, 3), and `exposure`, from radiance to the display. JPEG
+    and PNG of 8 or 16 bits are decoded as sRGB; EXR and Radiance `.hdr` are linear. Grey is repeated, alpha is left
+    out. `InputError` if it cannot be read, and before reading if the texture would have more than `LARGEST` texels.
     """
     files = FolderFiles(path.parent)
     if not path.is_file():
         raise InputError(f"{path}: there is no such file: give a picture")
     size = picture_size(files, path.name)
-    _check_size(path, size, treatment)
+    height, width = treatment.size(*size)
+    if height * width > LARGEST:
+        fits = np.floor(np.sqrt(LARGEST / (size[0] * size[1])) * 1000) / 1000
+        raise InputError(
+            f"{path}: it gives a texture of {width} × {height} texels, but the limit is {LARGEST:,}: "
+            f"cut it, or give --scale {fits:g}"
+        )
     image, factor = guidance_of(read_picture(files, path.name), treatment, own, exposure)
     provenance = {
         "guidance": path.name,
@@ -80,7 +78,7 @@ def read_guidance(path: Path, treatment: Treatment, own: Tensor, exposure: float
         "scale": treatment.scale,
         "blended": treatment.margin,
     }
-    return Guidance(image, provenance)
+    return image, provenance
 
 
 def guidance_of(picture: Array, treatment: Treatment, own: Tensor, exposure: float) -> tuple[Tensor, float]:
@@ -112,13 +110,3 @@ def _number(text: str) -> float:
         return float(text)
     except ValueError:
         return 0.0
-
-
-def _check_size(path: Path, size: tuple[int, int], treatment: Treatment) -> None:
-    height, width = treatment.size(*size)
-    if height * width > LARGEST:
-        fits = np.floor(np.sqrt(LARGEST / (size[0] * size[1])) * 1000) / 1000
-        raise InputError(
-            f"{path}: it gives a texture of {width} × {height} texels, but the limit is {LARGEST:,}: "
-            f"cut it, or give --scale {fits:g}"
-        )

@@ -55,8 +55,7 @@ class Style(nn.Module):
 
 
 def _gram(pictures: Tensor, filters: Tensor, periodic: tuple[bool, bool]) -> Tensor:
-    """(B, F, F): the mean over texels of the products of rectified responses; without border texels if the picture is
-    not periodic."""
+    """(B, F, F): the mean over texels of products of rectified responses; of inner texels if it does not repeat."""
     half = KERNEL // 2
     for dim, wraps in zip((2, 3), periodic, strict=True):
         size = pictures.shape[dim]

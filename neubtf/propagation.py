@@ -36,8 +36,7 @@ class FittedMaterial:
 
     @classmethod
     def read(cls, path: Path) -> "FittedMaterial":
-        """Raises `InputError` for a file without autoencoder, `ContainerError` if it is damaged or of another
-        version."""
+        """`InputError` for a file without autoencoder, `ContainerError` if it is damaged or of another version."""
         encoder, guidance = read_encoder(path)
         header = loading.load(path).header  # refuse a file that does not decode
         return cls(header, container.read_parts(path)[1], encoder, guidance)
@@ -65,11 +64,11 @@ def propagate(
     if out.exists() and out.samefile(path):
         raise InputError(f"{out}: it would replace the file that it is made from: give another name")
     source = FittedMaterial.read(path)
-    guidance = read_guidance(picture, treatment, source.guidance, source.exposure)
-    texture = textured(source.encoder.to(device), guidance.image.to(device), show)
+    guidance, provenance = read_guidance(picture, treatment, source.guidance, source.exposure)
+    texture = textured(source.encoder.to(device), guidance.to(device), show)
     codec, parts = source.guided(texture)
     del texture
-    return container.save(out, codec, parts, {"file_sha256": source.header.sha256} | guidance.provenance)
+    return container.save(out, codec, parts, {"file_sha256": source.header.sha256} | provenance)
 
 
 @torch.no_grad()
@@ -79,8 +78,7 @@ def textured(encoder: Encoder, guidance: Tensor, show: Progress = silent, tile: 
     Memory beyond inputs and outputs depends only on the tile.
     """
     height, width = guidance.shape[2:]
-    network = encoder.autoencoder
-    windows = list(_windows(height, width, tile))
+    network, windows = encoder.autoencoder, list(_windows(height, width, tile))
     pooled, inner = None, slice(HALO // STRIDE, -(HALO // STRIDE))
     for corner, size in followed(show, windows, "pooling", len(windows)):
         window = encoder.prepared(surrounded(guidance, corner, size))

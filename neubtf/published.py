@@ -1,8 +1,7 @@
 """The training of NeuBTF as its paper describes it: autoencoder and renderer end to end.
 
 Each element of a batch has a random slice as its input and another as its target, in a window and at a scale of their
-own; only the input is turned in hue, blurred and noisy. docs/neubtf.md has each statement of the paper, what it leaves
-open, and how that was chosen.
+own; only the input is turned in hue, blurred and noisy. docs/neubtf.md has what the paper says and leaves open.
 """
 
 from typing import NamedTuple
@@ -19,21 +18,9 @@ from neubtf.training import Guided, StagedSettings, pictures
 
 DARKEST = 1e-4  # least mean of a slice, in a display's range; darker slices are shown as if they had it
 
-PAPER = {
-    "bits": 8,
-    "directions": "xy",
-    "loss": "l1",
-    "keep_scale": 0.0,
-    "init": "published",
-    "optimiser": "adam",
-    # Left open, and chosen:
-    "steps": 30_000,
-    "crop": 16,
-    "around": 0,
-    "smallest": 0.75,
-    "blur": 0.5,
-    "noise": 0.02,
-}
+PAPER = {"bits": 8, "directions": "xy", "loss": "l1", "keep_scale": 0.0, "init": "published", "optimiser": "adam"}
+# Left open, and chosen:
+PAPER |= {"steps": 30_000, "crop": 16, "around": 0, "smallest": 0.75, "blur": 0.5, "noise": 0.02}
 
 
 class Element(NamedTuple):

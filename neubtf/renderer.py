@@ -12,8 +12,8 @@ from torch import Tensor
 
 from bench.codec import Parts
 from bench.settings import Layers, Positive, Width
-from bench.training import Bits, Rounding, TextureMaterial, load_texture, store_texture
-from bench.training.decoder import Architecture, Decoder, load_network, store_network
+from bench.training import Bits, TextureMaterial, load_texture
+from bench.training.decoder import Architecture, Decoder, load_network
 from bench.training.inputs import COUNTS, Directions, direction_inputs
 from bench.training.quantise import WeightPrecision
 
@@ -50,17 +50,8 @@ def render(renderer: Decoder, latents: Tensor, wo: Tensor, wi: Tensor, direction
     return renderer(torch.cat([latents, *direction_inputs(wo, wi, directions)], 1))
 
 
-def store(renderer: Decoder, texture: Tensor, rounding: Rounding, gain: float, settings: RendererSettings) -> Parts:
-    """A NeuBTF file: the weights as one vector, the neural texture (H, W, D), and the gain of its log radiance."""
-    return Parts(
-        decoder=store_network(renderer, settings.weights),
-        texture=store_texture("latents", texture, rounding),
-        other={"gain": torch.tensor([gain])},
-    )
-
-
 def load(parts: Parts, settings: RendererSettings) -> "NeuBTFMaterial":
-    """The material of parts from `store`."""
+    """The material of a file: the renderer's weights, the neural texture (H, W, D), the gain of its log radiance."""
     renderer = load_network(Decoder(settings.architecture), parts.decoder)
     texture, gain = load_texture("latents", parts.texture), float(parts.other["gain"])
     return NeuBTFMaterial(renderer, texture, gain, settings.directions)

@@ -155,11 +155,10 @@ class Staged(Guided):
         exploring = float(torch.rand((), generator=generator)) < settings.explore
         scale = draw_scale(smallest, settings.keep_scale, generator) if exploring else 1.0
         window = Window.drawn(samples.shape, settings.crop, scale, samples.btf.periodic, generator, settings.around)
-        if not exploring:
-            window = window.aligned()
-            texels = window.texels(samples.shape).to(samples.device, non_blocking=True)
-            return Example(window, texels, pictures(by_texel(self.guidance)[texels], window.size), None)
+        window = window if exploring else window.aligned()
         texels = window.texels(samples.shape).to(samples.device, non_blocking=True)
+        if not exploring:
+            return Example(window, texels, pictures(by_texel(self.guidance)[texels], window.size), None)
         pair = int(torch.randint(samples.pairs, (), generator=generator))
         picture = displayed(self.radiance(window, texels, torch.tensor([pair])))
         return Example(window, texels, self.disturbance.disturbed(picture, generator), pair)
@@ -175,22 +174,17 @@ class Staged(Guided):
         return (error / texture.std(0, correction=0).clamp_min(1e-3)).square().mean()
 
     def _guided(self, generator: torch.Generator) -> Tensor:
-        example = self.example(self.settings.smallest, generator)
-        latents = by_texel(self.encoder(example.picture))
-        loss = self._samples(latents, example, generator)
-        return loss if example.pair is None else self.settings.explore_weight * loss
-
-    def _samples(self, latents: Tensor, example: Example, generator: torch.Generator) -> Tensor:
         """The loss of single random samples: a slice holds thousands of texels, but one pair only."""
-        size = (self.settings.batch,)
-        inner = example.inner
+        example, size = self.example(self.settings.smallest, generator), (self.settings.batch,)
+        latents, inner = by_texel(self.encoder(example.picture)), example.inner
         here = inner[torch.randint(len(inner), size, generator=generator).to(latents.device, non_blocking=True)]
         pair = torch.randint(self.samples.pairs, size, generator=generator).to(latents.device, non_blocking=True)
         index, weight = example.window.taps(here)
         each = pair.repeat_interleave(index.shape[1])
         values = self.samples.at(example.texels[index].flatten(), each).target.expm1().unflatten(0, index.shape)
         truth = (values * weight[..., None]).sum(1).log1p()
-        return distance(self.rendered(latents, here, pair), truth, self.settings.loss)
+        loss = distance(self.rendered(latents, here, pair), truth, self.settings.loss)
+        return loss if example.pair is None else self.settings.explore_weight * loss
 
 
 def by_texel(picture: Tensor) -> Tensor:

@@ -113,8 +113,7 @@ def _written(tables: Iterable["Table | None"], format: str, choice: "Choice | No
 
 
 def score_text(record: "Record") -> str:
-    """The tables of one codec file that was scored outside a run: bytes and quality, and errors by direction and
-    footprint."""
+    """The tables of a codec file that was scored outside a run: bytes, quality, errors by direction and footprint."""
     from bench.records import Records, Run
     from reports.terminal import scored
 
@@ -133,9 +132,8 @@ def stress_text(records: Sequence["Record"], format: str = "text") -> str:
 def write_report(run_folder: str | Path, vector: bool = False) -> Report:
     """Write `tables/`, `figures/` and `report.html` into a run's folder, each file completely or not at all.
 
-    With `vector`, every figure is also written as SVG and PDF.
-
-    The same records give the same files. Raises `InputError` if the folder holds no run.
+    With `vector`, every figure is also written as SVG and PDF. The same records give the same files. Raises
+    `InputError` if the folder holds no run.
     """
     from reports.write import write
 
@@ -143,10 +141,7 @@ def write_report(run_folder: str | Path, vector: bool = False) -> Report:
 
 
 def write_history(runs: Sequence["Run"], folder: Path) -> list[Path]:
-    """Draw quality, bytes and time of each codec over the revisions of runs: figures, and `history.html` with all.
-
-    Returns the files written, the page last.
-    """
+    """Draw quality, bytes and time of each codec over the revisions of runs; returns the files, `history.html` last."""
     from reports.write import write_history
 
     return write_history(runs, folder)

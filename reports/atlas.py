@@ -29,7 +29,6 @@ class Atlases:
 
     def __init__(self, run: Run, materials: Sequence[MaterialRows], share: float = 1):
         self.run, budget = run, share * BUDGET
-        self.quality, self.step = None, 1
         pixels = sum(self._pixels(material) for material in materials)
         self.quality, per_pixel = next((q for q in QUALITIES if q[1] * pixels <= budget), QUALITIES[-1])
         self.step = max(1, -int(-per_pixel * pixels // budget))  # show every n-th pair
@@ -42,8 +41,7 @@ class Atlases:
     def slices_of(self, material: MaterialRows) -> dict[str, Any]:
         """The data of a material for the slice viewer; `codecs` is empty if nothing is stored.
 
-        Pictures are data URLs of all pairs in a grid, `columns` wide; FLIP maps are grey levels of `MAGMA`. `left_out`
-        lists codecs without the same pairs.
+        Pictures are data URLs of all pairs in a grid; FLIP maps: levels of `MAGMA`; `left_out`: codecs of other pairs.
         """
         known = [each for each in of_shown(self.run, material, "pictures") if "pairs" in each[1]]
         if not known:
@@ -92,20 +90,17 @@ class Atlases:
             top, left = i // columns * height, i % columns * width
             sheet[top : top + height, left : left + width] = picture
         out = io.BytesIO()
-        how: dict[str, Any] = {"lossless": True, "quality": 0, "method": 0}
-        if self.quality is not None:
-            how = {"quality": min(most, self.quality), "method": 4}
-        Image.fromarray(sheet).save(out, "webp", **how)
+        exact = self.quality is None
+        quality, method = (0, 0) if self.quality is None else (min(most, self.quality), 4)
+        Image.fromarray(sheet).save(out, "webp", lossless=exact, quality=quality, method=method)
         return "data:image/webp;base64," + base64.b64encode(out.getvalue()).decode()
 
 
 def _levels(maps: np.ndarray) -> np.ndarray:
     """Pictures in magma as the level that each colour stands for, grey, (n, H, W, 3) uint8: it is the brighter one."""
-    brightness = np.maximum.accumulate(MAGMA @ _LUMA)
-    return np.minimum(np.searchsorted(brightness, maps @ _LUMA - 1e-6), 255).astype(np.uint8)[..., None].repeat(3, -1)
-
-
-_LUMA = np.array([0.299, 0.587, 0.114])
+    luma = np.array([0.299, 0.587, 0.114])
+    brightness = np.maximum.accumulate(MAGMA @ luma)
+    return np.minimum(np.searchsorted(brightness, maps @ luma - 1e-6), 255).astype(np.uint8)[..., None].repeat(3, -1)
 
 
 def _columns(count: int) -> int:

@@ -1,7 +1,6 @@
 """Tables of each codec's quality within budgets of bytes and time; `bench.choosing.budgets` chooses the rungs.
 
-`budgets` compares the codecs over all materials, `rungs` lists the choices on each material, and `when` answers which
-codec to use, one line a question.
+`budgets` compares the codecs over all materials, `rungs` lists the choices on each, `when` says which codec to use.
 """
 
 from collections import Counter
@@ -12,9 +11,8 @@ from bench.choosing import NEAR_DB, Rung
 from bench.choosing.budgets import BITS, BYTES, ENOUGH, FIT, Budget, Budgets, budgets, most_bytes, setting_of, shown
 from bench.compare.paired import AGAINST, FEWEST
 from bench.records import FLIP, KINDS, MOST_DB, PSNR, SSIM, Record, Run, kind_of
-from reports.best_cells import best_cells
 from reports.numbers import EXACT, NONE, fixed, integer, significant
-from reports.table import Table
+from reports.table import Table, best_cells
 
 _DIGITS = {PSNR: 2, SSIM: 3, FLIP: 3}
 _METRICS = [("PSNR", "dB"), ("SSIM", ""), ("FLIP", "")]

@@ -22,9 +22,8 @@ class Choice:
         if not self.codecs:
             return run
         jobs = Records()
-        for job in run.jobs:
-            if self._has(job):
-                jobs.put(job["job"], job)
+        for job in filter(self._has, run.jobs):
+            jobs.put(job["job"], job)
         known = {str(job.get("codec") or job["label"]) for job in run.jobs} | {shown_label(job) for job in run.jobs}
         for wanted in self.codecs:
             if not any(wanted in _called(job) for job in jobs):
@@ -68,8 +67,7 @@ class Choice:
             for header in table.headers
         ]
         notes = [self._said(note, inside) for note in table.notes]
-        material = self.names.get(table.material, table.material)
-        title = self._said(table.title)
+        material, title = self.names.get(table.material, table.material), self._said(table.title)
         return replace(table, headers=headers, rows=rows, title=title, notes=notes, material=material)
 
     def _said(self, text: str, old: set[str] | None = None) -> str:

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable
 from html import escape
 
-from reports.best_cells import legend
 from reports.table import BOLD, UNDERLINED, Table
 
 TERMS = {  # of headers, explained above the tables that have them
@@ -30,7 +29,7 @@ def table_html(table: Table, place: Place) -> str:
     )
     title, words = escape(table.title), {word.rstrip(" ↑↓") for header in table.headers for word in header}
     terms = "; ".join(f"<b>{escape(term)}</b>: {escape(says)}" for term, says in TERMS.items() if term in words)
-    notes = "\n".join(map(note, [*table.notes, *legend(table)]))
+    notes = "\n".join(map(note, table.footnotes))
     return (
         f"<h3>{title}</h3>\n"
         + (f'<p class="notes">{terms}.</p>\n' if terms else "")

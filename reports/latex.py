@@ -7,30 +7,16 @@ import re
 import unicodedata
 from collections.abc import Sequence
 
-from reports.best_cells import legend
 from reports.table import BOLD, UNDERLINED, Table
 
 PACKAGES = r"% needs \usepackage{booktabs,graphicx}"
+_MATH = {"<": "<", ">": ">", "|": "|", "−": "-", "±": r"\pm", "×": r"\times", "θ": r"\theta", "φ": r"\varphi"}
+_MATH |= {"°": r"^\circ", "↑": r"\uparrow", "↓": r"\downarrow"}
 _SPECIAL = {
     **{character: f"\\{character}" for character in "&%$#_{}"},
-    "\\": r"\textbackslash{}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-    "<": r"\ensuremath{<}",
-    ">": r"\ensuremath{>}",
-    "|": r"\ensuremath{|}",
-    "±": r"\ensuremath{\pm}",
-    "×": r"\ensuremath{\times}",
-    "θ": r"\ensuremath{\theta}",
-    "φ": r"\ensuremath{\varphi}",
-    "°": r"\ensuremath{^\circ}",
-    "↑": r"\ensuremath{\uparrow}",
-    "↓": r"\ensuremath{\downarrow}",
-    "−": r"\ensuremath{-}",
-    "—": "---",
-    "…": r"\ldots{}",
-    "“": "``",
-    "”": "''",
+    **{character: rf"\ensuremath{{{math}}}" for character, math in _MATH.items()},
+    **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"},
+    **{"—": "---", "…": r"\ldots{}", "“": "``", "”": "''"},
 }
 
 
@@ -64,8 +50,7 @@ def _latex(table: Table, called: str) -> str:
     lines += [r"\footnotesize", r"\setlength{\tabcolsep}{3pt}", r"\sbox0{%", rf"\begin{{tabular}}{{@{{}}{align}@{{}}}}"]
     lines += [r"\toprule", *heads, r"\midrule", *(_row(row, i, table) for i, row in enumerate(table.rows))]
     lines += [r"\bottomrule", r"\end{tabular}}%", _FITTED]
-    if table.notes or table.marks:
-        notes = " ".join(map(escaped, [*table.notes, *legend(table)]))
+    if notes := " ".join(map(escaped, table.footnotes)):
         lines += [r"\par\smallskip\begin{minipage}{\linewidth}\raggedright\scriptsize", notes, r"\end{minipage}"]
     return "\n".join([*lines, r"\end{table*}", ""])
 

@@ -1,5 +1,4 @@
-"""Finds planned codecs and materials for which a run, or a part of one, has no numbers, and numbers that cannot be
-compared."""
+"""Finds planned codecs and materials for which a run has no numbers, and numbers that cannot be compared."""
 
 from collections.abc import Iterator
 
@@ -25,7 +24,7 @@ def missing_note(run: Run) -> str:
     """The codecs and materials without any result, and those that lack some seeds; "" if there are none."""
     done = {(job["material"], shown_label(job)) for job in run.jobs if job["status"] == "ok"}
     lacking = [(job["material"], shown_label(job)) for job in run.jobs if job["status"] != "ok"]
-    lacking += [(material, label) for material, label, _ in not_run(run)]
+    lacking += [cell[:2] for cell in not_run(run)]
     without = _grouped([cell for cell in lacking if cell not in done])
     fewer = _grouped([cell for cell in lacking if cell in done])
     words = [f"No result: {without}." if without else "", f"Fewer seeds: {fewer}." if fewer else ""]

@@ -19,7 +19,7 @@ from reports import series
 from reports.atlas import MAGMA, Atlases
 from reports.figures import Figure
 from reports.html_tables import contents, details, note, table_html
-from reports.live import Live, live
+from reports.live import Live, live, pack
 from reports.missing import missing_note
 from reports.notes import run_notes
 from reports.numbers import EXACT, fixed, integer
@@ -114,7 +114,7 @@ class Page:
     def body(self) -> Iterator[str]:
         """All that stands in `main`; when it is done, `data` holds all that it refers to."""
         yield from self._body()
-        self.data.append(_packed("records-data", self.records.packed()))
+        self.data.append(_packed("records-data", pack(self.records.records)))
 
     def _body(self) -> Iterator[str]:
         if not any(table.kind == "main" for table in self.tables):
@@ -149,9 +149,7 @@ class Page:
         )
 
     def _strip(self, number: int) -> str:
-        """The truth of a material and what the run's three best codecs make of it, each with PSNR and bytes, and
-        the best of the reader's own.
-        """
+        """The truth of a material, and what the run's three best codecs and the reader's own best make of it."""
         material = self.materials[number]
         shown = {row.label: row for row in material.shown}
         known = {codec["label"] for codec in self.slices[number]["codecs"]}

@@ -7,7 +7,6 @@ from typing import Any
 
 from bench.records import ARTEFACT, RESULTS, Run, field_names, kept
 from reports.html_tables import note
-from reports.live import pack
 from reports.rows import CodecRows, MaterialRows
 
 BUDGET = 6_000_000  # characters of JSON; deflated, a quarter of it
@@ -18,7 +17,7 @@ class PageRecords:
 
     def __init__(self, run: Run, materials: Sequence[MaterialRows]):
         self.run = run
-        self.records: list[Any] = list(run.starts[-1:])
+        self.records: list[Any] = list(run.starts[-1:])  # in the order of their elements
         self.places: dict[tuple[str, str], str] = {}
         self.names: list[tuple[str, str, str]] = []  # id, title, the fit in words
         self.left_out = 0
@@ -40,19 +39,12 @@ class PageRecords:
             return self.places.get((material, label), "")
         return next((place for (_, other), place in self.places.items() if other == label), "")
 
-    def packed(self) -> str:
-        """All records, in the order of their elements."""
-        return pack(self.records)
-
     def html(self) -> Iterator[str]:
         """An element for each record, filled when it is opened."""
         yield '<h2 id="records">Records and provenance</h2>'
         yield note("The records behind each row, as in records.jsonl, without the raw timing samples.")
-        first = 0
-        if self.run.starts:
-            yield _folded("provenance", "the run: machine, packages, revision, suite", "", 0)
-            first = 1
-        yield from (_folded(*name, number) for number, name in enumerate(self.names, first))
+        start = [("provenance", "the run: machine, packages, revision, suite", "")] if self.run.starts else []
+        yield from (_folded(*name, number) for number, name in enumerate([*start, *self.names]))
         if self.left_out:
             yield note(
                 f"{self.left_out} more rows have their records only in records.jsonl: this page has no room for them."

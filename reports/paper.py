@@ -1,7 +1,6 @@
 """The quality in the NeuBTF paper beside ours: its Table 1, mean ± deviation over the slices of all pairs.
 
-Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces: "NeuBTF", Computers & Graphics 114 (2023). For its Table 2 see
-`reports.parameters`.
+Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces: "NeuBTF", Computers & Graphics 114 (2023); Table 2: `parameters`.
 """
 
 from collections.abc import Iterator, Mapping

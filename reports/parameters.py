@@ -5,6 +5,7 @@ Those of NeuBTF, NeuMIP and both of Rainer's are from Table 2 of Rodriguez-Pardo
 """
 
 from collections.abc import Iterable
+from itertools import chain
 from typing import NamedTuple
 
 from bench.records import Record, shown_label
@@ -69,10 +70,8 @@ def _published(job: Record) -> Published:
 def _cells(job: Record) -> list[str]:
     paper = _published(job)
     ours = [(job["parameters"], paper.parameters), (job["cost"]["texture_channels"], paper.channels)]
-    numbers = [
-        [integer(mine), integer(theirs), f"{mine - theirs:+,}" if mine != theirs else "0"] for mine, theirs in ours
-    ]
-    return [paper.method, shown_label(job), *numbers[0], *numbers[1]]
+    numbers = ([integer(a), integer(b), f"{a - b:+,}" if a != b else "0"] for a, b in ours)
+    return [paper.method, shown_label(job), *chain.from_iterable(numbers)]
 
 
 def _notes(jobs: list[Record], counted: bool) -> list[str]:

@@ -84,8 +84,7 @@ def _time(row: Row) -> list[float] | None:
 
 
 def _points(material: MaterialRows, of_row: Callable[[Row], list[float] | None]) -> Series:
-    """One point a codec, [x, PSNR] or [x, PSNR, low, high], the mean of its seeds; the interval contains those of all
-    seeds.
+    """One point a codec, [x, PSNR] or [x, PSNR, low, high], the mean of its seeds; the interval contains all of theirs.
 
     `curve` joins the points of a ladder of rates.
     """

@@ -1,9 +1,13 @@
-"""One table as text in cells."""
+"""One table as text in cells, the best of each column bold, the second underlined."""
 
+import re
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 BOLD, UNDERLINED = "bold", "underlined"  # marks of a cell, if a format can show them
+FEW = 3
+LEGEND = "Bold: the best of a column. Underlined: the second best."
 
 
 class Note(str):
@@ -40,6 +44,11 @@ class Table:
     fold: int = 22  # the width at which a terminal folds the first column, if only that holds words
     marks: dict[tuple[int, int], str] = field(default_factory=dict)  # by row and column: `BOLD` or `UNDERLINED`
 
+    @property
+    def footnotes(self) -> list[str]:
+        """The notes, and the legend of the marks, if it has any."""
+        return [*self.notes, LEGEND] if self.marks else self.notes
+
     def of_columns(self, kept: Sequence[int]) -> "Table":
         """The table with these columns alone, in this order, and the notes about them."""
         marks = {(row, kept.index(i)): mark for (row, i), mark in self.marks.items() if i in kept}
@@ -48,3 +57,21 @@ class Table:
         names = [name for name, _ in headers[self.words :]]
         notes = [note.of(names) if isinstance(note, Note) else note for note in self.notes]
         return replace(self, headers=headers, rows=rows, notes=list(filter(None, notes)), marks=marks)
+
+
+def best_cells(rows: Sequence[Sequence[str]], scores: Sequence[Sequence[float | None]]) -> dict[tuple[int, int], str]:
+    """The marks of cells by row and column, from a score of each cell (more is better); None gets no mark.
+
+    Cells with equal numbers as shown, whatever deviation follows, are equally good. A column has no mark if all its
+    cells are equal or only one has a score. A value shared by more than `FEW` rows is not marked, nor a second of zero.
+    """
+    marks: dict[tuple[int, int], str] = {}
+    for column in range(len(scores[0]) if scores else 0):
+        raced = [(row[column], re.split(r" [±(]", rows[i][column])[0], i) for i, row in enumerate(scores)]
+        order = sorted(((score, text, i) for score, text, i in raced if score is not None), key=lambda item: -item[0])
+        texts = list(dict.fromkeys(text for _, text, _ in order))
+        if len(texts) > 1:
+            look = {texts[0]: BOLD} | ({} if re.fullmatch("[0.]+", texts[1]) else {texts[1]: UNDERLINED})
+            shared = Counter(text for _, text, _ in order)
+            marks |= {(i, column): look[text] for _, text, i in order if text in look and shared[text] <= FEW}
+    return marks

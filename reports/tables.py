@@ -1,12 +1,13 @@
 """Builds the tables of a run as cells of text: columns, rows and footnotes. Other modules format them."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 
 from bench.choosing import has_validation
+from bench.codecs.alike import stale
 from bench.records import Record, Run
 from reports import BY_BUDGET, KINDS, columns
 from reports.ablation import ablation_table
-from reports.best_cells import best_cells
 from reports.columns import Column
 from reports.fits import fit_tables
 from reports.missing import not_run
@@ -15,11 +16,12 @@ from reports.numbers import NONE, NOT_COMPARABLE
 from reports.paper import paper_table
 from reports.parameters import parameters_table
 from reports.rows import CodecRows, MaterialRows, materials
-from reports.stale import marked
 from reports.stress import stress_tables
 from reports.summary import summary_table
-from reports.table import Table
+from reports.table import Table, best_cells
 from reports.trade import trade_tables
+
+_STALE = " †"  # after a codec whose records are of an older version than the installed one
 
 
 def all_tables(run: Run, narrow: bool = False, kind: str | None = None) -> list[Table]:
@@ -31,7 +33,20 @@ def all_tables(run: Run, narrow: bool = False, kind: str | None = None) -> list[
     main: Maker = lambda run, rows: [*_QUALITY(run, rows), *_COST(run, rows)]  # noqa: E731
     makers = _OF_KIND | ({"main": main} if narrow else {})
     found = (table for name in KINDS if kind in (None, name) for table in makers[name](run, rows) if table)
-    return list(marked(run, found))
+    return list(_marked(run, found))
+
+
+def _marked(run: Run, tables: Iterable[Table]) -> Iterator[Table]:
+    """The tables, each row of a stale codec with a mark, and a note on it."""
+    finished = [job for job in run.jobs if job["status"] == "ok"]
+    reasons = {(job["material"], job["codec"]): why for job in finished if (why := stale(job))}
+    for table in tables:
+        mine = {codec: why for (material, codec), why in reasons.items() if table.material in ("", material)}
+        old = {i: codec for i, row in enumerate(table.rows) if (codec := row[0].partition(" ")[0].rstrip(",")) in mine}
+        rows = [[row[0] + _STALE, *row[1:]] if i in old else row for i, row in enumerate(table.rows)]
+        words = "; ".join(f"{codec}: {mine[codec]}" for codec in dict.fromkeys(old.values()))
+        notes = [f"†: stale, its numbers cannot be made again by the installed version: {words}."] if old else []
+        yield replace(table, rows=rows, notes=[*table.notes, *notes])
 
 
 def main_table(material: MaterialRows, chosen: Sequence[Column] = ()) -> Table | None:

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 
 from tabulate import tabulate
 
-from reports.best_cells import legend
 from reports.table import BOLD, UNDERLINED, Table
 
 WIDTH = 120
@@ -19,7 +18,8 @@ def plain(tables: Sequence[Table]) -> str:
 
 
 def _plain(table: Table) -> str:
-    heads = [_split(*header) for header in table.headers]
+    # Words first, on lines of their own if the name is long, the unit last.
+    heads = [[*textwrap.wrap(name, 9, break_long_words=False), *textwrap.wrap(unit, 8)] for name, unit in table.headers]
     height = max(map(len, heads))
     lines = list(zip(*(head + [""] * (height - len(head)) for head in heads), strict=True))
     body = [line for row in table.rows for line in _folded(row, table)]
@@ -41,11 +41,6 @@ def _width(text: str) -> int:
     return len(text) + wide - sum(bool(unicodedata.combining(character)) for character in text)
 
 
-def _split(name: str, unit: str) -> list[str]:
-    """A header on two or three lines: words first if the name is long, the unit last."""
-    return [*textwrap.wrap(name, 9, break_long_words=False), *textwrap.wrap(unit, 8)]
-
-
 def _folded(row: list[str], table: Table) -> Iterator[tuple[str, ...]]:
     """The lines of one row: long words are folded."""
     widths = (20, 24, 13, 57)[: table.words] if table.words > 1 else (table.fold,)
@@ -65,7 +60,7 @@ def markdown(tables: Sequence[Table]) -> str:
     blocks = [
         block
         for table in tables
-        for block in (f"### {escaped(table.title)}", grid(table), *map(escaped, [*table.notes, *legend(table)]))
+        for block in (f"### {escaped(table.title)}", grid(table), *map(escaped, table.footnotes))
     ]
     return "\n\n".join(blocks) + "\n"
 

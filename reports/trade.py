@@ -96,15 +96,6 @@ def _conditions(rows: Sequence[dict[str, Any]]) -> str:
     )
 
 
-_STABILITY = [
-    ("choice", ""),
-    ("time", "× floor"),
-    ("worst slice", "from float32, dB ↑"),
-    ("gained", "dB"),
-    ("FLIP", "↓"),
-]
-
-
 def _stability(material: str, rows: Sequence[dict[str, Any]]) -> Table:
     """What each execution and precision changes of the answers of eager float32, and its time."""
     plain = {row["label"]: row["psnr"] for row in rows if named(row) == row["label"] and "psnr" in row}
@@ -119,7 +110,9 @@ def _stability(material: str, rows: Sequence[dict[str, Any]]) -> Table:
         "mean PSNR against the truth."
     )
     title = f"{material}: stability of executions and precisions"
-    return Table("trade", title, _STABILITY, cells, [note], material=material)
+    headers = [("choice", ""), ("time", "× floor"), ("worst slice", "from float32, dB ↑")]
+    headers += [("gained", "dB"), ("FLIP", "↓")]
+    return Table("trade", title, headers, cells, [note], material=material)
 
 
 _CONDITION = ("part", "batch", "coherent", "footprint", "threads")
@@ -152,10 +145,8 @@ def _ceilings(ceilings: Sequence[dict[str, Any]], left_out: Sequence[str]) -> Ta
         [c["device"], str(c["threads"]), c["dtype"], significant(c["flops_per_ns"]), significant(c["bytes_per_ns"])]
         for c in ceilings
     ]
-    notes = []
-    if left_out:
-        notes.append(
-            f"Left out, because this processor only emulates their precision: {', '.join(left_out)}. "
-            "`neubtf-bench trade --emulated` measures them too."
-        )
-    return Table("trade", "ceilings: measured rates of this machine", headers, rows, notes)
+    note = (
+        f"Left out, because this processor only emulates their precision: {', '.join(left_out)}. "
+        "`neubtf-bench trade --emulated` measures them too."
+    )
+    return Table("trade", "ceilings: measured rates of this machine", headers, rows, [note] if left_out else [])

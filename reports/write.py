@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from html import escape
+from itertools import chain
 from pathlib import Path
 
 from bench.atomic import replacing
@@ -86,13 +87,8 @@ def _write_tables(run: Run, folder: Path, tables: Sequence[Table], narrow: Seque
 def _remove_old_figures(folder: Path, files: Sequence[Path]) -> None:
     """Remove the figures of an earlier report that this one does not draw; files of other names stay."""
     for kind in figures.ALL:
-        old = {
-            path
-            for suffix in ("png", *VECTOR)
-            for name in (kind, f"{kind}-*")
-            for path in folder.glob(f"{name}.{suffix}")
-        }
-        for path in old - set(files):
+        names = (f"{name}.{suffix}" for name in (kind, f"{kind}-*") for suffix in ("png", *VECTOR))
+        for path in set(chain.from_iterable(map(folder.glob, names))) - set(files):
             path.unlink()
 
 

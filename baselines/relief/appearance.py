@@ -4,8 +4,7 @@ A sweep that compares views with one another mistakes a highlight, which moves w
 ABRDFs of the surface points at a first height give principal components, which describe how the reflectance of this
 material changes with the view. A second sweep looks for the height at which they explain most of a point's ABRDF.
 
-If much of the surface hides behind itself, the first height stays: the samples of a hidden point belong to others, and
-the components would learn them too.
+If much of the surface hides behind itself, the first height stays: components would learn other points' samples too.
 """
 
 import torch

@@ -9,15 +9,13 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import torch
-from torch import Tensor
 
+from baselines.pyramids import fitted_levels, level_count
 from baselines.relief import sweep
 from baselines.relief.fitting import HIGHEST, ReliefObjective
-from baselines.relief.geometry import Surface
-from baselines.relief.height import restored, stepped
+from baselines.relief.geometry import Surface, restored, stepped
 from baselines.relief.material import ReliefMaterial
 from baselines.relief.network import Network
-from baselines.relief.pyramid import level_count
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.material import Material
@@ -56,8 +54,10 @@ class Relief(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)
-        levels = Samples.levels(btf, _levels(btf, fit), gain, fit)
-        fitting = ReliefObjective(levels, self._height(btf, gain, fit), self.settings, fit)
+        levels = Samples.levels(btf, fitted_levels(btf, fit, level_count(btf.shape)), gain, fit)
+        swept = sweep.find(btf, gain, fit) if self.settings.relief else None
+        height = swept.height if swept is not None and swept.stands else None
+        fitting = ReliefObjective(levels, height, self.settings, fit)
         train(fitting, fit, self.settings.steps)
         rounding = fitting.rounding
         codes = compress(rounding.codes(fitting.latents).unflatten(0, btf.shape), rounding.bits.tolist())
@@ -68,11 +68,6 @@ class Relief(Codec):
             texture |= {"height": compress(codes[..., None], [bits]), "height.range": extent}
         other = {"gain": torch.tensor([gain]), "size": torch.tensor(btf.shape, dtype=torch.int32)}
         return Parts(store_network(fitting.network, self.settings.weights), texture, other=other)
-
-    def _height(self, btf: BTF, gain: float, fit: Fit) -> Tensor | None:
-        """The height (H, W) that the slices show, or none."""
-        swept = sweep.find(btf, gain, fit) if self.settings.relief else None
-        return swept.height if swept is not None and swept.stands else None
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         height, width = parts.other["size"].tolist()
@@ -86,9 +81,3 @@ class Relief(Codec):
         latents = load_texture("latents", {**parts.texture, **steps, "latents.size": parts.other["size"]})
         gain = float(parts.other["gain"])
         return ReliefMaterial(network, (height, width), latents.flatten(0, 1), surface, gain).to(device)
-
-
-def _levels(btf: BTF, fit: Fit) -> int:
-    """Levels of detail that are fitted: all, or those that a scene sees."""
-    count = level_count(btf.shape)
-    return min(count, fit.density.levels(max(btf.shape))) if fit.density else count

@@ -1,18 +1,16 @@
 """The fit of `relief`: latents, frames and network, by random samples of every level of detail."""
 
-from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 
-from baselines.relief.geometry import Surface, slope, wrapped
-from baselines.relief.height import smoothed, stepped
+from baselines.pyramids import Pyramid, drawn, queries_of
+from baselines.relief.geometry import Surface, slope, smoothed, stepped, wrapped
 from baselines.relief.material import answer
 from baselines.relief.network import Network
 from baselines.relief.planes import REACH
-from baselines.relief.pyramid import Pyramid
 from bench.codec import Fit
 from bench.material import sample_texture
 from bench.training import Batch, Objective, Rounding, Samples, distance, first_latents, groups_of
@@ -83,33 +81,17 @@ class ReliefObjective(Objective):
     def predict(self, batch: Batch, progress: float) -> Tensor:
         if progress == 1 and self.offset is not None:
             self.renew()
-        queries = next(self._queries([(0, batch)]))
-        return answer(self.network, self.pyramid, self.relief, self.table(), queries)
+        return answer(self.network, self.pyramid, self.relief, self.table(), queries_of(self.levels, 0, batch))
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        coarse = self.settings.batch // COARSE_SHARE if len(self.levels) > 1 else 0
-        batches = [(0, self.samples.draw(self.settings.batch - coarse, generator))]
-        if coarse:
-            level = int(torch.randint(1, len(self.levels), (), generator=generator))
-            batches.append((level, self.levels[level].draw(coarse, generator)))
-        queries = [torch.cat(parts) for parts in zip(*self._queries(batches), strict=True)]
-        uv, wo, wi, level_of = queries
+        batches = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)
+        each = zip(*(queries_of(self.levels, *batch) for batch in batches), strict=True)
+        uv, wo, wi, level = (torch.cat(parts) for parts in each)
         height = self.height if self.offset is not None and progress >= REFINED_FROM else None
         # By the number of the step, so that a resumed fit marches the same surface. A fit that was set back to before
         # the height moved marches the found height.
         if (height is not None or self.moved) and round(progress * self.settings.steps) % RENEWED == 0:
             self.renew()
             self.moved = height is not None
-        ours = answer(self.network, self.pyramid, self.relief, self.table(), (uv, wo, wi, level_of), height)
+        ours = answer(self.network, self.pyramid, self.relief, self.table(), (uv, wo, wi, level), height)
         return distance(ours, torch.cat([batch.target for _, batch in batches]), self.settings.loss)
-
-    def _queries(self, batches: list[tuple[int, Batch]]) -> Iterator[tuple[Tensor, Tensor, Tensor, Tensor]]:
-        """uv, wo, wi and level of batches. Texels of a coarser level are boxes of finest texels, which may be
-        incomplete."""
-        height, width = self.samples.shape
-        for level, batch in batches:
-            samples, factor = self.levels[level], 2**level
-            row = batch.texel.div(samples.shape[1], rounding_mode="floor")
-            col = batch.texel - row * samples.shape[1]
-            uv = torch.stack([(col + 0.5) * (factor / width), 1 - (row + 0.5) * (factor / height)], 1)
-            yield uv, samples.wo[batch.pair], samples.wi[batch.pair], torch.full_like(batch.texel, level)

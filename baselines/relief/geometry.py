@@ -1,4 +1,4 @@
-"""A height per texel: its intersection with a view ray, and how much it blocks a light.
+"""A height per texel: where a view ray meets it, how much it blocks a light, and its steps in a file.
 
 Heights are in units of the picture's width above the reference plane z = 0; texels are square. The plane repeats with
 the picture. Seen along ω_o, a texel p of a slice shows the surface point p + z · ω_o.xy / ω_o.z, where z is its height;
@@ -20,6 +20,8 @@ LIGHT_STEPS = 12  # of the search toward the light
 LEAST_FACING = 0.3  # least 1 − ∇h · along, which is 0 if a ray grazes the surface and a hit would move without bound
 MOST_FINE = 1 << 25  # samples of the finer copy, padding included
 BLOCK = 1 << 20  # samples of it that are made at once
+STEP = 2 / 3  # texels by which a step of the height moves a look-up at the steepest slope; rounding moves half of it
+MOST_CODES = 256
 MOST_PADDED = 32  # largest growth of a copy by padding; a picture far wider than high would grow by thousands
 
 
@@ -34,8 +36,8 @@ def slope(direction: Tensor, shape: tuple[int, int]) -> Tensor:
 class Surface(nn.Module):
     """A height (H, W), prepared for searching.
 
-    The search reads the nearest sample of a finer copy, either padded so that no ray leaves it, or wrapped around; the
-    last steps interpolate.
+    The search reads the nearest sample of a finer copy, padded so that no ray leaves it, or wrapped around; the last
+    steps interpolate.
     """
 
     def __init__(self, height: Tensor):
@@ -142,3 +144,28 @@ def wrapped(uv: Tensor) -> Tensor:
     # A tiny negative number rounds to 1, which is 0 again.
     inside = uv - uv.floor()
     return torch.where(inside < 1, inside, 0)
+
+
+def stepped(height: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """The codes of a height (H, W) from 0, the lowest height and the step (2,), and the height as read back.
+
+    Steps are counted from z = 0, so a height that moves slightly keeps most of its codes.
+    """
+    low, high = height.aminmax()
+    step = torch.maximum(height.new_tensor(STEP * LOWEST / height.shape[1]), (high - low) / (MOST_CODES - 2))
+    codes = (height / step).round()
+    least = codes.min()
+    codes, extent = codes - least, torch.stack([least * step, step])
+    return codes, extent, restored(codes, extent)
+
+
+def restored(codes: Tensor, extent: Tensor) -> Tensor:
+    """The height (H, W) of its codes, and of its lowest value and step (2,)."""
+    return codes * extent[1] + extent[0]
+
+
+def smoothed(picture: Tensor) -> Tensor:
+    """A periodic picture (H, W) blurred with σ = 1 texel: neighbours share the few samples that move a height."""
+    for axis in (0, 1, 0, 1):
+        picture = (picture.roll(1, axis) + 2 * picture + picture.roll(-1, axis)) / 4
+    return picture

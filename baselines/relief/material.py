@@ -3,9 +3,9 @@
 import torch
 from torch import Tensor
 
+from baselines.pyramids import Pyramid
 from baselines.relief.geometry import LIGHT_STEPS, SECANTS, VIEW_STEPS, Surface
 from baselines.relief.network import Network
-from baselines.relief.pyramid import Pyramid
 from bench.material import DecoderCost, Material, to_radiance
 
 Queries = tuple[Tensor, Tensor, Tensor, Tensor]  # uv (n, 2) in [0, 1], wo and wi (n, 3), level of detail (n,)

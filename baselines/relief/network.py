@@ -50,8 +50,7 @@ class Network(nn.Module):
         self.decoder.start_at(outputs)
 
     def forward(self, latents: Tensor, level: Tensor, wo: Tensor, wi: Tensor, excess: Tensor | None) -> Tensor:
-        """Log radiance (n, 3); `level` (n, 1) is the level of detail, `excess` (n, 1) is in texels, if there is a
-        relief."""
+        """Log radiance (n, 3); `level` (n, 1) is that of detail, `excess` (n, 1) in texels, if there is a relief."""
         directions = torch.stack([wo, wi, functional.normalize(wo + wi, dim=1)], 1)
         inputs = [latents, level.to(latents.dtype) / DEEPEST, directions.flatten(1).to(latents.dtype)]
         if self.frames is not None:

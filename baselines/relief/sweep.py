@@ -3,8 +3,7 @@
 At the right height z, the slices of every view, shifted by −z · ω_o.xy / ω_o.z, agree with those of the most frontal
 view under the same light (Collins, "A space-sweep approach to true multi-image matching", CVPR 1996); `refine` then
 improves it. Reflectance that changes with the view imitates a relief, so the two halves of the views test each other:
-with a true relief, the components of the surface points explain more of the other half than without a relief, and both
-halves find the same height.
+with a true relief, the components of surface points explain more of the other half, and both find the same height.
 """
 
 from dataclasses import dataclass

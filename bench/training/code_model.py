@@ -219,9 +219,6 @@ class Curve(NamedTuple):
         """The frequencies (n,) of all codes below these, 0 and the number of codes among them."""
         return np.where(code <= 0, 0, np.where(code >= self.codes, TOTAL, self.inside(code)))
 
-    def part(self, some: slice) -> "Curve":
-        return Curve(*(each[some] for each in self))
-
 
 @functools.cache
 def cumulative() -> Ints:

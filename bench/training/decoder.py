@@ -98,8 +98,7 @@ class Decoder(Network):
     def start_at(self, outputs: Tensor, everywhere: bool = True) -> None:
         """Set the last layer's bias to `outputs` (outputs,); `everywhere`, its weights to 0: the output for any input.
 
-        A fit that starts at the mean of its data converges sooner than from random outputs, and a constant material is
-        exact from the start.
+        A fit from the mean of its data converges sooner than from random outputs; a constant material is exact at once.
         """
         last = self.layers[-1]
         assert isinstance(last, nn.Linear)
@@ -124,8 +123,7 @@ class Decoder(Network):
     def _normed(self, x: Tensor, depth: int) -> Tensor:
         """Apply a linear layer and its norm; without gradients, in fewer passes over the samples.
 
-        Without gradients the mean is removed from the weights beforehand instead of from each output, where half
-        precision would round it.
+        Then the mean is removed from the weights, not from each output, where half precision would round it.
         """
         assert self.norms is not None
         layer, norm = self.layers[depth], self.norms[depth]

@@ -88,21 +88,14 @@ class Optimisers:
         self.each: dict[str, torch.optim.Optimizer] = {}
         adams, muons = ([g for g, h in zip(given, hidden, strict=True) if h is which] for which in (False, True))
         if adams:
-            self.each["adam"] = self._adam(adams, device)
+            adam = self.each["adam"] = torch.optim.Adam(adams, lr=0.0, fused=True)
+            for p in (p for group in adam.param_groups for p in group["params"]):
+                moments = {name: torch.zeros_like(p) for name in ("exp_avg", "exp_avg_sq")}
+                adam.state[p] = {"step": torch.zeros((), device=device), **moments}
         if muons:
             self.each["muon"] = Muon(muons)
         turns = {name: iter(optimiser.param_groups) for name, optimiser in self.each.items()}
         self.groups = [next(turns["muon" if h else "adam"]) for h in hidden]  # in the given order
-
-    def _adam(self, groups: list[dict[str, Any]], device: torch.device) -> torch.optim.Optimizer:
-        adam = torch.optim.Adam(groups, lr=0.0, fused=True)
-        for p in (p for group in adam.param_groups for p in group["params"]):
-            adam.state[p] = {
-                "step": torch.zeros((), device=device),
-                "exp_avg": torch.zeros_like(p),
-                "exp_avg_sq": torch.zeros_like(p),
-            }
-        return adam
 
     @property
     def parameters(self) -> list[nn.Parameter]:

@@ -1,8 +1,7 @@
 """Codes as bytes by a model of each: see `code_model`.
 
 All channels and rows are decoded side by side, step by step, by interleaved range coders (rANS: Duda 2013; Giesen 2014,
-"Interleaved entropy coders"), which take the symbols of a step in turn. A coder that does not end as it began was not
-given its own bytes.
+"Interleaved entropy coders"), which take a step's symbols in turn. One that ends otherwise than it began read others.
 """
 
 from collections.abc import Callable, Sequence
@@ -53,7 +52,8 @@ def decode(data: bytes, bits: Ints, sizes: Sequence[Size]) -> Codes:
     codes = np.zeros((len(canvas.cells), len(bits)), np.uint8)
 
     def read(texel: Ints, channel: Ints, curve: Curve) -> Ints:
-        found = np.concatenate([reader.codes(curve.part(each)) for each in _rounds(len(texel), len(reader.state))])
+        parts = (Curve(*(x[each] for x in curve)) for each in _rounds(len(texel), len(reader.state)))
+        found = np.concatenate(list(map(reader.codes, parts)))
         codes[texel, channel] = found
         return found
 

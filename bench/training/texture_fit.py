@@ -1,4 +1,4 @@
-"""Common parts of fits of a neural texture and a network by random samples: their settings, a step, and the file."""
+"""Common parts of a neural texture and a network: the settings of their fit, a step, the file, and the material."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,11 +9,12 @@ from torch import Tensor, nn
 
 from bench.btf import BTF
 from bench.codec import Fit, Parts
+from bench.material import DecoderCost, Material, to_radiance
 from bench.settings import BatchSize, Natural, Positive
 from bench.training.decoder import Decoder, store_network
 from bench.training.fitting import Loss, Objective, Samples, gain_of, train
 from bench.training.initial_latents import Start
-from bench.training.inputs import direction_inputs
+from bench.training.inputs import Directions, direction_inputs
 from bench.training.optimiser import Optimiser, groups_of
 
 
@@ -66,8 +67,7 @@ def fitted(objective: Callable[[Samples, Any, torch.Generator], Fitted], setting
 
 
 class DirectedObjective(TextureObjective):
-    """The same with a `Decoder` of `settings.architecture`, whose inputs are a texel's numbers and
-    `settings.directions`.
+    """The same with a `Decoder` of `settings.architecture`; inputs: a texel's numbers and `settings.directions`.
 
     The network starts at the mean of the data, or `about` it; its weights are the first numbers of the generator.
     """
@@ -85,3 +85,19 @@ class DirectedObjective(TextureObjective):
         """Log radiance (n, 3) of texels' numbers (n, D) at pairs (n,)."""
         level: Tensor = self.network(torch.cat([numbers, self.directions.index_select(0, pair)], 1))
         return level
+
+
+class TextureMaterial(Material):
+    """A texture (H, W, D) of latents, fetched bilinearly, and a network: latents, directions → log radiance (n, 3).
+
+    `gain` is that of the log radiance, see `to_radiance`. The footprint is ignored.
+    """
+
+    def __init__(self, network: Decoder, texture: Tensor, gain: float, directions: Directions):
+        architecture = network.architecture
+        cost = DecoderCost.of_texture(texture, architecture.parameters, architecture.flops)
+        super().__init__((texture.shape[0], texture.shape[1]), cost)
+        self.network, self.texture, self.gain, self.directions = network, texture, gain, directions
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        return to_radiance(self.network.at(self.texture, uv, *direction_inputs(wo, wi, self.directions)), self.gain)

@@ -37,8 +37,7 @@ CELL = 176  # the least side of a map in pixels
 
 
 def _scale(maps: list[tuple[str, np.ndarray]]) -> LogNorm:
-    """From the smallest to the largest error of any codec, at most five decades; texels without error are off the
-    scale."""
+    """From the smallest to the largest error of any codec, at most five decades; no error is off the scale."""
     positive = np.concatenate([error[error > 0] for _, error in maps])
     if not len(positive):
         return LogNorm(1e-6, 1)

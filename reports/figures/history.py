@@ -25,15 +25,13 @@ def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
         with style():
             title = f"{material}: from revision to revision"
             drawing = new(8.2, 7.5)
-            for number, (axes, quantity) in enumerate(
-                zip(drawing.subplots(3, 1, sharex=True), QUANTITIES, strict=True)
-            ):
+            for number, axes in enumerate(drawing.subplots(3, 1, sharex=True)):
                 handles = []
                 for (label, pairs), by_start in codecs.items():
                     values = [_mean(number, by_start.get(when, [])) for when in order]
                     drawn = styles.of_codec(label) | ({"linestyle": ":"} if pairs == "validation" else {})
                     handles += axes.plot(range(len(order)), values, **drawn, markersize=4, linewidth=1)
-                axes.set_ylabel(quantity, fontsize=8)
+                axes.set_ylabel(QUANTITIES[number], fontsize=8)
                 if number:
                     axes.set_yscale("log")
                     log_ticks(axes.yaxis, "B" if number == 1 else "")
@@ -88,12 +86,11 @@ def _names(codecs: Codecs) -> list[str]:
 def _ticks(order: Sequence[str], starts: dict[str, Record]) -> list[str]:
     """The names of starts on an axis: the revision, or the day, with the time of day if several are equal."""
     names = [str(starts.get(when, {}).get("git") or when[:8])[:12] for when in order]
-    return [
-        f"{name}, {_time(when)}" if names.count(name) > 1 else name for name, when in zip(names, order, strict=True)
-    ]
+    both = zip(names, order, strict=True)
+    return [f"{name}, {_time(when)}" if names.count(name) > 1 else name for name, when in both]
 
 
 def _time(when: str) -> str:
     """The day and time of a start's name: 11-23 09:31 of 20251123T093106."""
-    digits = "".join(character for character in when[:16] if character.isdigit())
+    digits = "".join(filter(str.isdigit, when[:16]))
     return f"{digits[4:6]}-{digits[6:8]} {digits[8:10]}:{digits[10:12]}" if len(digits) >= 12 else when

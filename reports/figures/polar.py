@@ -24,7 +24,7 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
     if not maps:
         return None
     title = f"{material.name}: FLIP over the hemispheres"
-    values = {(side, i): _values(stored[side]) for side in _SIDES for i, (_, stored) in enumerate(maps)}
+    values = {(side, i): np.array(each[side]["value"], float) for side in _SIDES for i, (_, each) in enumerate(maps)}
     top = max((np.nanmax(value) for value in values.values() if np.isfinite(value).any()), default=1.0)
     scale = Normalize(0, top)
     blocks, per_line = grid_of(len(maps), 6)
@@ -46,10 +46,6 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
 
 _SIDE = 140  # side of a disc in pixels
 _EDGE, _CELL, _BLOCK, _BAR, _TOP = 14, _SIDE + 24, 2 * _SIDE + 80, 100, 76
-
-
-def _values(stored: dict[str, Any]) -> np.ndarray:
-    return np.array([[np.nan if x is None else x for x in row] for row in stored["value"]], float)
 
 
 def _disc(stored: dict[str, Any], value: np.ndarray, scale: Normalize) -> np.ndarray:

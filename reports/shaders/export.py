@@ -38,9 +38,7 @@ levels and no colour conversion.
 
 
 def export(program: Program, name: str, language: str, folder: Path) -> tuple[list[Path], int]:
-    """Write shader, textures and README of a program into a new folder.
-
-    Returns the files, and the bytes of the textures on a GPU.
+    """Write shader, textures and README of a program into a new folder; returns them, and the textures' bytes on a GPU.
 
     Raises `InputError` if no shader can compute the program.
     """

@@ -38,8 +38,7 @@ class Shader:
 def shader(program: Program, dialect: Dialect, weights: WeightStore | None = None) -> Shader:
     """The shader of a program; by default its weights are literals, or in a texture if there are many.
 
-    Raises `InputError` if it has an operation that no shader can do, is too long, or has too many weights for a uniform
-    buffer.
+    `InputError` for an operation that no shader can do, too long a text, or too many weights for a uniform buffer.
     """
     tables = Tables()
     writer = Writer(dialect, tables, weights or ("literal" if _weights(program) <= LITERALS else "texture"))

@@ -1,6 +1,6 @@
 """A program as statements of one shader: names, vectors, rows of tables, products with constant matrices."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any, Literal
 
 import numpy as np
@@ -103,13 +103,11 @@ class Writer(Backend):
                 return self._weighted(right.T, listed(left), bias)
             left, right = left[None], right[None]
         pairs = [(row, column) for a, b in zip(left, right, strict=True) for row in a for column in b.T]
-        totals = [self.name("float", self._dot(row, column)) for row, column in pairs]
+        dots = (zip(map(self._float, row), map(self._float, column), strict=True) for row, column in pairs)
+        totals = [self.name("float", " + ".join(f"{a} * {b}" for a, b in dot)) for dot in dots]
         if bias is None:
             return totals
         return [self.name("float", f"{a} + {self._float(b)}") for a, b in zip(totals, bias, strict=True)]
-
-    def _dot(self, left: Iterable[Scalar], right: Iterable[Scalar]) -> str:
-        return " + ".join(f"{self._float(a)} * {self._float(b)}" for a, b in zip(left, right, strict=True))
 
     def _float(self, value: Scalar) -> str:
         return self.scalar(value, "float")

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.biplane import PAIRS, Biplane, BiplaneNetwork, BiplaneObjective, Pool
-from baselines.biplane_decoder import BiplaneDecoder
+from baselines.biplane import PAIRS, Biplane, BiplaneDecoder, BiplaneNetwork, BiplaneObjective, Pool
 from bench import hemisphere
 from bench.codec import Fit, TrainedNetwork
 from bench.codecs import shared

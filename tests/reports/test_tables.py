@@ -3,7 +3,7 @@ import pytest
 from bench.errors import InputError
 from bench.records import append, load_run
 from reports import table_text
-from reports.best_cells import best_cells
+from reports.table import best_cells
 from reports.tables import all_tables
 
 

@@ -1,0 +1,111 @@
+"""A texture and its coarser levels in one table, fetched trilinearly, and a step of a fit to all levels of detail."""
+
+import math
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from bench.btf import BTF
+from bench.codec import Fit
+from bench.training import Batch, Samples
+
+
+def level_count(size: tuple[int, int]) -> int:
+    """Levels over a picture (H, W): each halves both sides, and none of them goes below a texel."""
+    return int(math.log2(min(size))) + 1
+
+
+def fitted_levels(btf: BTF, fit: Fit, count: int) -> int:
+    """Levels of detail that are fitted: all, or those that a scene sees."""
+    return min(count, fit.density.levels(max(btf.shape))) if fit.density else count
+
+
+def drawn(levels: Sequence[Samples], count: int, share: int, generator: torch.Generator) -> list[tuple[int, Batch]]:
+    """`count` random samples, by level: one of `share` is of a random coarser level, if there is one."""
+    coarse = count // share if len(levels) > 1 else 0
+    batches = [(0, levels[0].draw(count - coarse, generator))]
+    if coarse:
+        level = int(torch.randint(1, len(levels), (), generator=generator))
+        batches.append((level, levels[level].draw(coarse, generator)))
+    return batches
+
+
+def queries_of(levels: Sequence[Samples], level: int, batch: Batch) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """uv, wo, wi and level of a batch of a level. Its texels are boxes of finest texels, which may be incomplete."""
+    samples, factor, (height, width) = levels[level], 2**level, levels[0].shape
+    row = batch.texel.div(samples.shape[1], rounding_mode="floor")
+    col = batch.texel - row * samples.shape[1]
+    uv = torch.stack([(col + 0.5) * (factor / width), 1 - (row + 0.5) * (factor / height)], 1)
+    return uv, samples.wo[batch.pair], samples.wi[batch.pair], torch.full_like(batch.texel, level)
+
+
+class Levels(nn.Module):
+    """The layout of some levels in one table, the finest first: level i is (H // 2ⁱ, W // 2ⁱ)."""
+
+    def __init__(self, size: tuple[int, int], levels: int):
+        super().__init__()
+        self.levels = [(size[0] >> level, size[1] >> level) for level in range(levels)]
+        self.counts = counts = [height * width for height, width in self.levels]
+        self.side = max(size)
+        self.register_buffer("sizes", torch.tensor(self.levels, dtype=torch.int32), persistent=False)
+        starts = torch.tensor([sum(counts[:i]) for i in range(levels)], dtype=torch.int32)
+        self.register_buffer("starts", starts, persistent=False)
+
+    sizes: Tensor
+    starts: Tensor
+
+    def level(self, footprint: Tensor) -> Tensor:
+        """The level (n,) of footprints (n,) in texture units: log2 of texels, within the pyramid."""
+        return (footprint.float() * self.side).log2().clamp(0, len(self.levels) - 1)
+
+    def corners(self, uv: Tensor, level: Tensor) -> tuple[Tensor, Tensor]:
+        """Rows of the table (n, 4) and bilinear weights (n, 4) around uv, at one level a query; see `bench.btf`."""
+        height, width = self.sizes[level].unbind(1)
+        # Half precision cannot address texels, so places are computed in float32 for any dtype.
+        col, row = uv[:, 0].float() * width - 0.5, (1 - uv[:, 1].float()) * height - 0.5
+        west, north = col.floor(), row.floor()
+        right, below = col - west, row - north
+        west, north = west.int().remainder(width), north.int().remainder(height)
+        east, south = torch.where(west == width - 1, 0, west + 1), torch.where(north == height - 1, 0, north + 1)
+        start = self.starts[level]
+        upper, lower = start + north * width, start + south * width
+        left, above = 1 - right, 1 - below
+        index = torch.stack([upper + west, upper + east, lower + west, lower + east], 1)
+        return index, torch.stack([above * left, above * right, below * left, below * right], 1)
+
+
+class Pyramid(Levels):
+    """A texture and its box-filtered levels; a file holds only the finest."""
+
+    def __init__(self, size: tuple[int, int]):
+        super().__init__(size, level_count(size))
+
+    def table(self, finest: Tensor) -> Tensor:
+        """All levels (rows, C) of a texture (H · W, C)."""
+        picture = finest.reshape(1, *self.levels[0], -1).permute(0, 3, 1, 2)
+        tables = [finest]
+        for _ in self.levels[1:]:
+            picture = functional.avg_pool2d(picture, 2)
+            tables.append(picture[0].flatten(1).T)
+        return torch.cat(tables)
+
+    def fetch(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
+        """Values (n, C) of a table at uv (n, 2) in [0, 1], bilinear, periodic, and linear between two levels.
+
+        A fit asks for whole numbers as levels: only these one levels are then read.
+        """
+        lower = level.int()
+        share = (level - lower)[:, None]
+        near, near_weight = self.corners(uv, lower)
+        if table.requires_grad and not level.is_floating_point():
+            # The gradient of a bag or a matrix product takes longer than that of this sum.
+            corners = table.index_select(0, near.flatten()).unflatten(0, near.shape)
+            return (near_weight.to(table.dtype)[:, :, None] * corners).sum(1)
+        far, far_weight = self.corners(uv, (lower + 1).clamp_max(len(self.levels) - 1))
+        index = torch.cat([near, far], 1)
+        weight = torch.cat([near_weight * (1 - share), far_weight * share], 1).to(table.dtype)
+        if not table.requires_grad:
+            return functional.embedding_bag(index, table, per_sample_weights=weight, mode="sum")
+        return torch.einsum("nk,nkc->nc", weight, table[index])
