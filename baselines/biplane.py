@@ -22,9 +22,21 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts, SharedNetwork
 from bench.material import HALF_MAX, DecoderCost, Material, sample_texture, saturated, texel_corners, to_radiance
 from bench.settings import BatchSize, Count, Natural, NotNegative, Positive
-from bench.training import RANDOM_SPREAD, Bits, Rounding, TextureObjective, load_texture, store_texture
+from bench.training import (
+    RANDOM_SPREAD,
+    Batch,
+    Bits,
+    Loss,
+    Rounding,
+    Samples,
+    TextureObjective,
+    distance,
+    gain_of,
+    load_texture,
+    store_texture,
+    train,
+)
 from bench.training.decoder import LEAK, load_network, store_network
-from bench.training.fitting import Batch, Loss, Samples, distance, gain_of, train
 from bench.training.quantise import WeightPrecision
 
 FEATURES = 6  # of each plane

@@ -23,17 +23,21 @@ from bench.metrics.display import LOG_SCALE
 from bench.settings import BatchSize, Natural, Positive, Width
 from bench.training import (
     RANDOM_SPREAD,
+    Batch,
     Bits,
+    Objective,
     Optimiser,
     Rounding,
+    Samples,
     Start,
     first_latents,
+    gain_of,
     groups_of,
     load_texture,
     store_texture,
+    train,
 )
 from bench.training.decoder import Architecture, Decoder, load_network, store_network
-from bench.training.fitting import Batch, Objective, Samples, gain_of, train
 from bench.training.inputs import COUNTS, Directions, direction_inputs
 from bench.training.quantise import WeightPrecision
 

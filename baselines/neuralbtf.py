@@ -20,10 +20,12 @@ from bench.material import DecoderCost, Material, at_least_float32, sample_textu
 from bench.metrics.display import LOG_SCALE
 from bench.settings import BatchSize, Layers, Natural, Positive, Width
 from bench.training import (
+    Batch,
     Bits,
     FitSettings,
     Optimiser,
     Rounding,
+    Samples,
     TextureObjective,
     first_latents,
     fitted,
@@ -31,7 +33,6 @@ from bench.training import (
     store_texture,
 )
 from bench.training.decoder import Architecture, Decoder, load_network
-from bench.training.fitting import Batch, Samples
 from bench.training.inputs import COUNTS, direction_inputs
 from bench.training.quantise import WeightPrecision
 

@@ -18,9 +18,21 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.material import Material
 from bench.settings import Natural, Positive, Width
-from bench.training import Bits, Rounding, first_latents, load_texture, round_after, store_texture
+from bench.training import (
+    Batch,
+    Bits,
+    Rounding,
+    Samples,
+    distance,
+    first_latents,
+    gain_of,
+    load_texture,
+    round_after,
+    store_texture,
+    train,
+)
 from bench.training.decoder import Architecture, Decoder, load_network
-from bench.training.fitting import ROUNDING_SAMPLES, Batch, Samples, distance, gain_of, train
+from bench.training.fitting import ROUNDING_SAMPLES
 from bench.training.quantise import WeightPrecision
 
 

@@ -18,9 +18,12 @@ from bench.material import DecoderCost, Material, sample_texture, saturated, tex
 from bench.settings import Count, Natural, NotNegative, Positive
 from bench.training import (
     RANDOM_SPREAD,
+    Batch,
     Bits,
+    Loss,
     Optimiser,
     Rounding,
+    Samples,
     Start,
     TextureObjective,
     first_latents,
@@ -29,7 +32,6 @@ from bench.training import (
     store_texture,
 )
 from bench.training.decoder import Architecture, Decoder, load_network
-from bench.training.fitting import Batch, Loss, Samples
 from bench.training.quantise import WeightPrecision
 
 WIDTHS = (32, 32, 32)

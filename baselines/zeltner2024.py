@@ -20,17 +20,19 @@ from bench.codec import Codec, Fit, Parts
 from bench.material import HIGHEST_LEVEL, DecoderCost, Material, at_least_float32, sample_texture, to_radiance
 from bench.settings import Count, Natural
 from bench.training import (
+    Batch,
     Bits,
     FitSettings,
     Rounding,
+    Samples,
     TextureObjective,
+    distance,
     first_latents,
     fitted,
     load_texture,
     store_texture,
 )
 from bench.training.decoder import Activation, Architecture, Decoder, load_network
-from bench.training.fitting import Batch, Samples, distance
 from bench.training.frames import Frames
 from bench.training.quantise import WeightPrecision
 
