@@ -176,11 +176,11 @@ def draw_propagation(bench: Bench) -> None:
     for name in ("brick", "gravel", "satin", "ubo2003_local_pca/wool"):
         btf = bench.btf(name)
         material = guided(bench.quarter(name), frontal(btf), Treatment(exposure=RADIANCE))
-        found = [f"{value:.2f}" for value in propagated(btf, material)]
-        print(f"| {Path(name).name} | " + " | ".join(found) + " |", flush=True)
+        found = propagated(btf, material)
+        print(f"| {Path(name).name} | " + " | ".join(f"{value:.2f}" for value in found) + " |", flush=True)
         if "/" in name:  # pictures of measured data are not published
             continue
-        labels.append(f"{name}\n{found[0][:-1]} | {found[1][:-1]} dB")
+        labels.append(f"{name}\n{found[0]:.1f} | {found[1]:.1f} dB")
         shown = exposure(btf)
         row = [to_display(frontal(btf), shown)]
         for pair in _near(btf, PAIRS[1]), _near(btf, PAIRS[3]):
