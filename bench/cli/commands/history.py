@@ -104,11 +104,14 @@ def _heldout(frame: "pd.DataFrame") -> "dict[str, tuple[pd.Series[float], str]]"
     """The numbers of held-out pairs and their format, by the metric's label, for whichever variant was measured."""
     from bench.metrics import label_of
 
-    by_label: dict[str, list[str]] = {}
+    chosen: dict[str, str] = {}  # the mean over slices where a metric has one
     for column in map(str, frame.columns):
-        match = re.fullmatch("scores/heldout/metrics/(.*)/pooled", column)
-        if match and not match[1].startswith(RMSE):
-            by_label.setdefault(label_of(match[1]), []).append(column)
+        match = re.fullmatch("scores/heldout/metrics/(.*)/(mean|pooled)", column)
+        if match and not match[1].startswith(RMSE) and (match[2] == "mean" or match[1] not in chosen):
+            chosen[match[1]] = column
+    by_label: dict[str, list[str]] = {}
+    for name, column in chosen.items():
+        by_label.setdefault(label_of(name), []).append(column)
     return {
         label: (frame[columns].bfill(axis=1).iloc[:, 0], ".2f" if label.endswith("PSNR") else ".4f")
         for label, columns in by_label.items()
