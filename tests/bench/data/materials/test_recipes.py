@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bench.data import materials
-from bench.data.materials.renderer import Renderer, render
+from bench.data.materials.renderer import render
 from bench.hemisphere import from_degrees, uniform
 
 ALL = materials.names()
@@ -46,25 +46,12 @@ def test_the_seed_decides_and_nothing_else(name):
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_another_size_is_the_same_pattern(name):
-    """The large rendering averaged down resembles the small one; they differ where sub-points miss detail."""
-    small, large = rendered(name, 8, 32), rendered(name, 8, 64)
-    mean = large.reshape(8, 32, 2, 32, 2, 3).mean((2, 4))
-    assert np.corrcoef(small.ravel(), mean.ravel())[0, 1] > 0.9
-
-
-@pytest.mark.parametrize("name", ALL)
 def test_values_are_finite_and_not_negative_and_their_mean_colour_is_no_answer(name):
     """Each texel's mean over pairs stays below 20 dB: what is seen depends on the directions."""
     slices = rendered(name)
     assert np.isfinite(slices).all()
     assert slices.min() >= 0
     assert psnr(slices.mean(0, keepdims=True), slices) < 20
-
-
-def test_brushed_metal_has_highlights_far_above_one():
-    wo, wi = from_degrees([0, 45, 60], [0, 270, 270]), from_degrees([0, 45, 60], [0, 90, 90])
-    assert render(materials.recipe("brushed-metal").maps(0), wo, wi, (32, 32)).max() > 10
 
 
 def test_satin_warp_and_weft_shine_in_turn():
@@ -74,15 +61,6 @@ def test_satin_warp_and_weft_shine_in_turn():
     wi = from_degrees([50, 50], [0, 90])
     ratio = [s[is_warp].mean() / s[~is_warp].mean() for s in render(maps, from_degrees([0, 0], 0), wi, (64, 64))]
     assert ratio[0] > 1.5 * ratio[1]
-
-
-def test_cable_knit_shifts_by_many_texels_and_hides_much_of_itself():
-    """At 75° the relief moves the surface by up to a quarter of the tile, and over 15 % of it is out of sight."""
-    maps = materials.recipe("cable-knit").maps(0)
-    renderer = Renderer(maps, (64, 64))
-    tilted, upright = (len(np.unique(renderer.view(from_degrees(t, 0)).cell)) for t in (75, 0))
-    assert tilted < 0.85 * upright
-    assert np.ptp(maps.height) * np.tan(np.radians(75)) > 0.5
 
 
 GOLDEN = {
