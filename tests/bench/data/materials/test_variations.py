@@ -7,11 +7,6 @@ from bench.data.materials.renderer import render
 from bench.data.materials.variations import variation
 
 
-@pytest.fixture(autouse=True)
-def cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path))
-
-
 def test_a_number_always_gives_the_same_surface_and_no_two_are_alike():
     kinds, recipes = zip(*(variation(number) for number in range(48)), strict=True)
     assert set(kinds) == {"satin", "brushed-metal", "leather", "cable-knit", "patchwork"}

@@ -8,18 +8,6 @@ from fuzz_readers import READERS
 from bench.data import readers
 from bench.data.readers import open_btf
 
-READERS += [
-    "ubo2014-yuv",
-    "ubo2014-log",
-    "ubo2014-fmf",
-    "ubo2003",
-    "atrium-hdr",
-    "utia-png",
-    "utia-exr",
-    "ubo2003-pca",
-    "hdf5",
-]
-
 
 @pytest.mark.parametrize("name", READERS)
 def test_a_reader_is_chosen_by_content_and_splits_are_disjoint(samples, tmp_path, monkeypatch, name):
