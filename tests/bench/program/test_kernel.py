@@ -88,5 +88,5 @@ def test_an_operation_that_no_kernel_knows_is_named(tmp_path, btf):
     bench.encode(btf, "mean-colour", file)
     program = program_of(bench.load(file))
     strange = replace(program, steps=(replace(program.steps[0], operation="erfinv"), *program.steps[1:]))
-    with pytest.raises(InputError, match="no kernel can do 'erfinv' yet"):
+    with pytest.raises(InputError, match="erfinv"):
         Kernel(strange, None)
