@@ -56,7 +56,7 @@ def test_a_recipe_changes_defaults_and_what_is_named_changes_the_recipe():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"coumt": 3}, "no setting 'coumt'; did you mean 'count'?"),
+        ({"coumt": 3}, "did you mean 'count'?"),
         ({"count": "many"}, "a whole number ≥ 1, not 'many'"),
         ({"count": 2.5}, "a whole number ≥ 1, not 2.5"),
         ({"count": True}, "a whole number ≥ 1, not True"),
@@ -73,7 +73,7 @@ def test_a_recipe_changes_defaults_and_what_is_named_changes_the_recipe():
     ],
 )
 def test_bad_settings_are_named(settings, message):
-    with pytest.raises(InputError, match=rf"{next(iter(settings))}\b.*{re.escape(message)}|{re.escape(message)}"):
+    with pytest.raises(InputError, match=rf"{next(iter(settings))}\b.*{re.escape(message)}"):
         Sample(**settings)
 
 

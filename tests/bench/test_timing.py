@@ -67,17 +67,6 @@ def test_a_ratio_is_to_the_mean_of_the_floors_timed_before_and_after_it(monkeypa
     assert found[FLOOR].summary()["ratio_to_floor"] == 1.0
 
 
-def test_what_slows_both_leaves_the_ratio_alone(monkeypatch):
-    """A machine that is twice and thrice as slow at times, for longer than a turn."""
-    step = iter(range(100_000))
-    speed = lambda: 1 + (next(step) // 9) % 3  # noqa: E731
-    monkeypatch.setattr("bench.timing.calibrated", lambda call, device, clock: lambda: (call() or 1.0) * speed())
-    monkeypatch.setattr("bench.timing._Floor.query", lambda *_: None)
-    found = in_turns({"a": lambda: 5.0}, 1, (4, 4), 1, torch.device("cpu"))
-    assert found["a"].summary()["ratio_to_floor"] == pytest.approx(5.0)
-    assert found["a"].summary()["iqr_ns"] > 4
-
-
 class Texels(Sleeper):
     """Can answer by one texel, too."""
 

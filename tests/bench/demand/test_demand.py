@@ -35,16 +35,6 @@ def test_a_plane_seen_from_above_has_the_picture_s_own_frame():
     np.testing.assert_allclose(demand.footprint, pixel / 2, rtol=1e-5)
 
 
-def test_a_texture_keeps_its_shape_on_the_surface_and_a_footprint_is_in_its_longer_sides():
-    demand = demand_of(ABOVE + SUN)
-    square, wide, high = (demand.uv(size) for size in ((8, 8), (4, 8), (8, 4)))
-    np.testing.assert_allclose(wide, np.stack([square[:, 0], 2 * square[:, 1] % 1], 1), atol=1e-5)
-    np.testing.assert_allclose(high, np.stack([2 * square[:, 0] % 1, square[:, 1]], 1), atol=1e-5)
-    # One demand is asked of textures of any shape: the footprint, in longer sides, is as many texels of each.
-    pixel = 2 * np.tan(np.radians(20)) / 40 * 2
-    np.testing.assert_allclose(demand.footprint * 8, pixel / (2 / 8), rtol=1e-5)
-
-
 @pytest.mark.parametrize("text", [ABOVE, BALL])
 def test_frames_follow_the_surface_and_a_footprint_is_the_step_to_the_next_pixel(text):
     tilted = text.replace("[0, 0, 2]", "[0.3, -1.5, 0.9]").replace("up = [0, 1, 0]", "up = [0, 0, 1]")

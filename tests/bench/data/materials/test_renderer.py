@@ -87,28 +87,6 @@ def test_a_raised_spot_is_seen_nearer_to_the_far_side_of_the_view(phi_deg):
     np.testing.assert_allclose(seen, expected, atol=1 / 64)  # a texel
 
 
-@pytest.mark.parametrize("phi_deg", [0, 90, 180, 270])
-def test_shadows_fall_away_from_the_light(phi_deg):
-    maps = Maps(bump(height=0.3, width=0.05), 0.5, 0.5, specular=0)
-    picture = luminance(maps, (0, 0), (70, phi_deg))
-    x, y = np.cos(np.radians(phi_deg)), np.sin(np.radians(phi_deg))
-
-    def at(distance):
-        return picture[round(15.5 - 32 * y * distance), round(15.5 + 32 * x * distance)]
-
-    assert at(-0.25) < 0.02 * at(0.25)
-
-
-def test_a_raised_spot_hides_what_is_behind_it():
-    """Seen from the right at 75°, the ground to the left of a dark wall is not visible; seen from above it is."""
-    u, _ = grid(64)
-    wall = np.where(np.abs(u - 0.5) < 0.05, 0.1, 0)
-    ground = np.where((u > 0.25) & (u < 0.4), 0.9, 0.0)[..., None] * np.ones(3)
-    maps = Maps(wall, ground, 0.5, specular=0)
-    assert luminance(maps, (0, 0), (0, 0), (64, 64)).max() > 0.2
-    assert luminance(maps, (75, 0), (0, 0), (64, 64)).max() < 1e-6
-
-
 def test_highlights_stretch_along_the_angle_of_the_map():
     for angle in (0.0, np.pi / 2, np.pi / 4):
         maps = Maps(0, 0.9, 0.4, metalness=1, anisotropy=0.9, angle=angle)

@@ -104,12 +104,3 @@ def test_nan_pixels_are_named_when_the_slice_is_read(tmp_path):
     btf = open_btf(folder)
     with pytest.raises(InputError, match=r"bad\.exr: 3 of 48 .* \(2, 1, 0\)"):
         btf[0]
-
-
-def test_scattered_reads_agree_with_slices(tmp_path, monkeypatch, btf):
-    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
-    write_folder(btf, tmp_path / "x")
-    again = open_btf(tmp_path / "x")
-    # The scratch file is half float: a relative error of 2^-11.
-    np.testing.assert_allclose(again.texels([4], [5])[0], [s[4, 5] for s in btf], rtol=5e-4, atol=1e-6)
-    np.testing.assert_allclose(again.gather([3], [1], [2])[0], btf[3][1, 2], rtol=5e-4, atol=1e-6)

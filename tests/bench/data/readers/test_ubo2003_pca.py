@@ -6,7 +6,6 @@ import pytest
 from PIL import Image
 from ubo2003_pca_write import random_codes, save, write_ubo2003_pca
 
-from bench.data.frame import mean_lobe
 from bench.data.readers import open_btf
 from bench.data.readers.ubo2003_pca import PIXELS
 from bench.errors import InputError
@@ -89,15 +88,6 @@ def test_measured_materials_decode_as_expected(data, name):
                 np.testing.assert_allclose(codes[row, col], value, atol=1e-5)
                 linear = decode_srgb(np.clip(value, 0, 1))
                 np.testing.assert_allclose(btf.gather([pair], [row], [col])[0], linear, atol=5e-5)
-
-
-@pytest.mark.parametrize("name", MEASURED)
-def test_the_lobe_of_measured_materials_lies_in_the_mirror_direction(data, name):
-    lobe = mean_lobe(open_btf(data / "ubo2003_local_pca" / name))
-    assert lobe.given > 0.7
-    assert lobe.mirrored < 0.15
-    assert abs(lobe.peak_deg - 180) <= 5
-    assert round(lobe.theta_deg) == 75
 
 
 @pytest.mark.parametrize(

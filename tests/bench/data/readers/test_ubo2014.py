@@ -2,9 +2,8 @@ import struct
 
 import numpy as np
 import pytest
-from ubo2014_write import factorise, write_ubo2014
+from ubo2014_write import write_ubo2014
 
-from bench.btf import BTF, ArraySource
 from bench.data.readers import open_btf, ubo2014
 from bench.errors import InputError
 from bench.hemisphere import from_angles
@@ -84,20 +83,6 @@ def test_large_factors_are_not_expanded_and_give_the_same_values(tmp_path, monke
     np.testing.assert_allclose([*large], [*small], rtol=1e-5)
     np.testing.assert_allclose(large.texels([0, 3], [4, 1]), small.texels([0, 3], [4, 1]), rtol=1e-5)
     np.testing.assert_allclose(large.gather([5], [0], [4]), small.gather([5], [0], [4]), rtol=1e-5)
-
-
-def test_factorising_a_btf_keeps_it(tmp_path):
-    rng = np.random.default_rng(3)
-    view, light = np.divmod(np.arange(6), 2)
-    values = rng.gamma(1.0, 2.0, (6, *SHAPE, 3)).astype(np.float32)
-    btf = BTF("random", from_angles(*VIEWS.T)[view], from_angles(*LIGHTS.T)[light], ArraySource(values))
-    factorise(btf, tmp_path / "a.btf", rank=6)
-    again = open_btf(tmp_path / "a.btf")
-    np.testing.assert_allclose(again.wo, btf.wo, atol=1e-6)
-    # Half-float factors of log luminance: a few times 2^-11, relative to the brightest channel.
-    assert np.abs(np.stack([*again]) - values).max() <= 0.01 * values.max()
-    with pytest.raises(InputError, match="no product of views and lights"):
-        factorise(btf.subset([0, 3]), tmp_path / "b.btf")
 
 
 def changed(path, offset, data):
