@@ -34,7 +34,7 @@ def test_a_header_of_the_second_version_is_read_and_one_of_a_later_is_refused(tm
         ):
             np.lib.format.write_array(entry, np.arange(5), version)
     np.testing.assert_array_equal(read_arrays(tmp_path / "2.npz", MAX_FILE)["plain"], np.arange(5))
-    with pytest.raises(InputError, match=r"plain\.npy: .npy version \(3, 0\) is not read"):
+    with pytest.raises(InputError, match=r"plain\.npy: .*\(3, 0\)"):
         read_arrays(tmp_path / "3.npz", MAX_FILE)
 
 

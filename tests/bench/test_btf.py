@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from bench.btf import BTF, ArraySource, Layout, Source, box_filter
+from bench.btf import BTF, ArraySource, Layout, Source
 from bench.hemisphere import from_degrees, thin, ubo2003
 
 
@@ -34,14 +34,21 @@ def product(views=5, lights=5, size=(4, 6), source=ArraySource, top=1.0):
 
 
 @pytest.mark.parametrize("source", [ArraySource, Slices])
-def test_slices_texels_and_scattered_values_are_the_same_table(source):
+@pytest.mark.parametrize("together", [None, 10])
+def test_slices_texels_and_scattered_values_are_the_same_table(source, together, monkeypatch):
+    if together:
+        monkeypatch.setattr("bench.btf.scratch.TOGETHER", together)  # fewer than there are pairs
     btf, values = product(source=source)
-    rows, cols, pairs = np.array([0, 3, 2]), np.array([5, 0, 1]), np.array([24, 0, 7])
     # Half precision of the scratch file: 11 bits of significand.
     tolerance = 0 if source is ArraySource else 2**-11
     np.testing.assert_array_equal(np.stack(list(btf)), values)
+    rows, cols = np.array([0, 3, 2]), np.array([5, 0, 1])
     np.testing.assert_allclose(btf.texels(rows, cols), values[:, rows, cols].swapaxes(0, 1), rtol=tolerance)
-    np.testing.assert_allclose(btf.gather(pairs, rows, cols), values[pairs, rows, cols], rtol=tolerance)
+    pairs = np.arange(len(btf))
+    places = pairs, pairs % 4, pairs % 6
+    np.testing.assert_allclose(btf.gather(*places), values[places], rtol=tolerance)
+    with pytest.raises(ValueError, match="wo and wi"):
+        BTF("short", btf.wo[:-1], btf.wi[:-1], btf.source)
 
 
 def test_a_subset_reads_only_its_own_pairs():
@@ -93,17 +100,10 @@ def test_downsampling_averages_boxes_however_it_is_read():
     assert half.provenance["downsampled"] == 2
     with pytest.raises(ValueError, match="factor"):
         btf.downsample(6)
-
-
-@pytest.mark.parametrize(("size", "periodic"), [((4, 6), True), ((5, 6), False), ((4, 7), False)])
-def test_a_period_that_is_cut_is_none(size, periodic):
-    btf, _ = product(size=size)
-    btf.periodic = True
-    assert btf.downsample(2).periodic == periodic
-
-
-def test_box_filter_of_a_constant_is_that_constant():
-    np.testing.assert_array_equal(box_filter(np.full((7, 9, 3), 2.5), 4), np.full((1, 2, 3), 2.5))
+    for size in ((4, 6), (5, 6), (4, 7)):  # a period that is cut is none
+        btf, _ = product(size=size)
+        btf.periodic = True
+        assert btf.downsample(2).periodic == (size == (4, 6))
 
 
 def test_layout_finds_views_lights_and_their_product():
@@ -114,11 +114,7 @@ def test_layout_finds_views_lights_and_their_product():
     np.testing.assert_array_equal(layout.grid, np.arange(15).reshape(5, 3))
     np.testing.assert_array_equal(layout.views[layout.view], btf.wo)
     assert btf.subset(np.arange(14)).layout.grid is None
-
-
-def test_a_pair_that_stands_twice_makes_no_product():
-    wo = from_degrees([0, 0, 30, 30], [0, 0, 0, 0])
-    assert Layout.of(wo, from_degrees([10, 10, 10, 20], [0] * 4)).grid is None
+    assert Layout.of(from_degrees([0, 0, 30, 30], 0), from_degrees([10, 10, 10, 20], 0)).grid is None  # one pair twice
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -137,15 +133,11 @@ def test_a_drawn_split_is_disjoint_complete_and_keeps_the_product(seed):
     assert not any(tuple(btf.wo[i]) in views or tuple(btf.wi[i]) in lights for i in split.heldout["both new"])
 
 
-def test_one_view_holds_out_lights_only():
-    btf, _ = product(1, 12)
-    assert set(btf.split().heldout) == {"new light"}
-
-
 def test_a_declared_split_is_kept():
     btf, _ = product()
     mask = np.arange(25) >= 20
     btf = BTF("declared", btf.wo, btf.wi, btf.source, heldout=mask)
+    assert set(product(1, 12)[0].split().heldout) == {"new light"}
     split = btf.split()
     np.testing.assert_array_equal(split.train, np.arange(20))
     np.testing.assert_array_equal(split.heldout["heldout"], np.arange(20, 25))
@@ -165,22 +157,6 @@ def test_the_fingerprint_follows_content_pairs_directions_and_split():
         btf.downsample(2),
     ]
     assert len({btf.fingerprint, *(other.fingerprint for other in others)}) == 6
-
-
-def test_directions_must_match_the_pairs():
-    btf, _ = product()
-    with pytest.raises(ValueError, match="wo and wi must be"):
-        BTF("short", btf.wo[:-1], btf.wi[:-1], btf.source)
-
-
-def test_the_scratch_file_of_more_pairs_than_a_block_holds_is_the_same_table(monkeypatch):
-    monkeypatch.setattr("bench.btf.scratch.TOGETHER", 10)
-    btf, values = product(source=Slices)
-    pairs = np.arange(len(btf))
-    np.testing.assert_allclose(
-        btf.gather(pairs, pairs % 4, pairs % 6), values[pairs, pairs % 4, pairs % 6], rtol=2**-11
-    )
-    np.testing.assert_allclose(btf.texels([3, 1], [0, 5]), values[:, [3, 1], [0, 5]].swapaxes(0, 1), rtol=2**-11)
 
 
 def test_a_block_of_the_scratch_file_stays_small_whatever_the_picture(monkeypatch):

@@ -6,7 +6,6 @@ import torch
 
 from bench import hemisphere
 from bench.btf import Layout
-from bench.conformance.check import tiny_btf
 from bench.directions import Hemisphere, PairInterpolator, stereographic
 
 SETS = {
@@ -49,13 +48,11 @@ class TestHemisphere:
         # Float32 barycentric coordinates in triangles of a few degrees.
         torch.testing.assert_close(weights, torch.eye(len(directions)), atol=5e-5, rtol=0)
 
-    def test_weights_are_shares_of_one(self, name: str) -> None:
-        _, weight = Hemisphere(SETS[name])(queries(5000))
-        assert weight.min() >= 0
-        torch.testing.assert_close(weight.sum(1), torch.ones(5000), atol=1e-6, rtol=0)
-
     def test_inside_the_hull_the_weights_reproduce_the_place_in_the_plane(self, name: str) -> None:
         side, wanted = Hemisphere(SETS[name]), queries(5000)
+        _, weight = side(wanted)
+        assert weight.min() >= 0
+        torch.testing.assert_close(weight.sum(1), torch.ones(5000), atol=1e-6, rtol=0)
         wanted = wanted[~side.outside(wanted)]
         sample, weight = side(wanted)
         places = (side.points[sample] * weight[..., None]).sum(1)
@@ -106,23 +103,13 @@ def test_one_or_two_directions_answer_with_the_nearest(count: int) -> None:
     sample, weight = Hemisphere(directions)(wanted)
     assert sample[:, 0].tolist() == [0, count - 1, 0]
     assert (weight == 1).all()
-
-
-def test_an_arc_through_the_zenith_answers_with_the_nearest() -> None:
-    arc = hemisphere.from_degrees([60.0, 30, 0, 30, 60], [180.0, 180, 0, 0, 0])
+    arc = hemisphere.from_degrees([60.0, 30, 0, 30, 60], [180.0, 180, 0, 0, 0])  # through the zenith
     sample, _ = Hemisphere(arc)(tensor(hemisphere.from_degrees([28.0, 55.0], [20.0, 170.0])))
     assert sample[:, 0].tolist() == [3, 0]
 
 
 class TestPairs:
     views, lights = SETS["thinned"], SETS["random"]
-
-    def test_shares_add_up_to_one(self) -> None:
-        wo, wi = queries(2000, seed=6), queries(2000, seed=7)
-        for pairs in (PairInterpolator(Layout.of(*product(self.views, self.lights))), scattered()[2]):
-            _, share = pairs.shares(wo, wi)
-            assert share.min() >= 0
-            torch.testing.assert_close(share.sum(1), torch.ones(2000), atol=1e-6, rtol=0)
 
     def test_a_lambertian_surface_is_reproduced_everywhere(self) -> None:
         """Radiance / cos θ_i is interpolated: a diffuse surface, radiance a/π · cos θ_i, comes out exactly."""
@@ -134,6 +121,10 @@ class TestPairs:
         _, swi, pairs = scattered()
         index, weight = pairs(wo, wi)
         torch.testing.assert_close((swi[:, 2][index] * weight).sum(1), wi[:, 2], atol=1e-6, rtol=1e-5)
+        for each in (PairInterpolator(layout), pairs):
+            _, share = each.shares(wo, wi)
+            assert share.min() >= 0
+            torch.testing.assert_close(share.sum(1), torch.ones(2000), atol=1e-6, rtol=0)
 
     def test_exact_at_the_pairs_of_a_product(self) -> None:
         wo, wi = product(self.views, self.lights)
@@ -143,19 +134,11 @@ class TestPairs:
         # Two sides at 5e-5, times a ratio of cosines of at most 4 (θ ≤ 75°).
         torch.testing.assert_close(weights, torch.eye(len(wo)), atol=4e-4, rtol=0)
 
-    def test_the_order_of_the_pairs_does_not_matter(self) -> None:
-        # Random directions: their triangulation is unique, unlike that of rings.
-        wo, wi = product(SETS["random"][:12], self.lights)
-        order = np.random.default_rng(8).permutation(len(wo))
-        query = queries(500, seed=6), queries(500, seed=7)
-        straight = dense(PairInterpolator(Layout.of(wo, wi)).shares(*query), len(wo))
-        shuffled = dense(PairInterpolator(Layout.of(wo[order], wi[order])).shares(*query), len(wo))
-        torch.testing.assert_close(straight[:, order], shuffled, atol=1e-4, rtol=0)
-
     def test_exact_at_scattered_pairs(self) -> None:
-        wo, wi, pairs = scattered()
-        assert not pairs.product
-        torch.testing.assert_close(dense(pairs(wo, wi), len(wo)), torch.eye(len(wo)), atol=1e-6, rtol=0)
+        for count in (60, 3):
+            wo, wi, pairs = scattered(count)
+            assert not pairs.product
+            torch.testing.assert_close(dense(pairs(wo, wi), len(wo)), torch.eye(len(wo)), atol=1e-6, rtol=0)
 
     def test_scattered_weights_do_not_jump(self) -> None:
         _, _, pairs = scattered()
@@ -165,11 +148,6 @@ class TestPairs:
         weights = dense(pairs(*path), 60)
         # A path of length about 2 in 4,000 steps: a jump would be of the size of a weight, 0.1.
         assert (weights[1:] - weights[:-1]).abs().max() < 0.01
-
-    def test_few_scattered_pairs_all_answer(self) -> None:
-        wo, wi, pairs = scattered(3)
-        assert pairs.reads == 3
-        torch.testing.assert_close(dense(pairs(wo, wi), 3), torch.eye(3), atol=1e-6, rtol=0)
 
     def test_one_view_interpolates_the_lights_alone(self) -> None:
         wo, wi = product(np.array([[0.0, 0, 1]], np.float32), self.lights)
@@ -187,12 +165,3 @@ class TestPairs:
         wo, wi = torch.cat([high, low, high, low]), torch.cat([high, high, low, low])
         assert pairs.outside(wo, wi).tolist() == [False, True, True, True]
         assert not scattered()[2].outside(wo, wi).any()
-
-
-@pytest.mark.parametrize("pairs", [81, 80])  # a product, and a scattered set
-def test_one_direction_expanded_to_many_rows_answers_as_its_copies_do(pairs):
-    btf = tiny_btf().subset(np.arange(pairs))
-    interpolator = PairInterpolator(btf.layout)
-    wo, wi = (torch.from_numpy(hemisphere.uniform(np.random.default_rng(seed), 1)).expand(5, 3) for seed in (1, 2))
-    for ours, theirs in zip(interpolator(wo, wi), interpolator(wo.clone(), wi.clone()), strict=True):
-        assert torch.equal(ours, theirs)

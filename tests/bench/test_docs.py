@@ -69,13 +69,3 @@ def test_levels_and_sizes_stand_in_generated_tables_alone(page: str) -> None:
     """Another test holds the tables to the records; a sentence with a level or a file's size would grow old unseen."""
     text = re.sub(r"<!-- neubtf-bench.*?<!-- end -->", "", (ROOT / page).read_text(), flags=re.S)
     assert re.findall(r"\d{2,}\.\d+ dB|\d[\d,]+ (?:B|kB|bytes)\b", text) == []
-
-
-def test_the_page_of_trade_gives_it_no_option_that_it_lacks(capsys):
-    text = (ROOT / "docs" / "trade.md").read_text(encoding="utf-8")
-    found = re.findall(r"((?:`--\w+`(?: and )?)+) (?:is that|are those) of `(\w+)`", text)
-    assert found
-    for names, command in found:
-        with pytest.raises(SystemExit):
-            cli.parser([command]).parse_args([command, "--help"])
-        assert set(re.findall(r"--\w+", names)) <= set(re.findall(r"--\w+", capsys.readouterr().out))

@@ -21,13 +21,6 @@ def test_the_frame_is_right_handed_with_x_right_and_y_up():
     np.testing.assert_allclose(from_degrees(0, 123), [0, 0, 1], atol=1e-7)
 
 
-def test_angles_and_vectors_are_inverse():
-    rng = np.random.default_rng(0)
-    theta, phi = rng.uniform(1, 89, 100), rng.uniform(0, 360, 100)
-    # float32 vectors hold angles to about 1e-5 degrees.
-    np.testing.assert_allclose(to_degrees(from_degrees(theta, phi)), (theta, phi), atol=1e-4)
-
-
 @pytest.mark.parametrize("name", DIRECTION_SETS)
 def test_thinning_keeps_the_zenith_and_spreads_the_rest(name):
     directions = DIRECTION_SETS[name]()
@@ -39,12 +32,9 @@ def test_thinning_keeps_the_zenith_and_spreads_the_rest(name):
     # 25 caps that share the solid angle up to 75° evenly have a radius near 0.24; the spacing is about twice that.
     assert apart.min() > 0.24
     np.testing.assert_array_equal(thin(directions, len(directions)), np.arange(len(directions)))
-
-
-@pytest.mark.parametrize("count", [0, 82])
-def test_thinning_to_an_impossible_count_is_refused(count):
-    with pytest.raises(ValueError, match="between 1 and 81"):
-        thin(ubo2003(), count)
+    for count in (0, len(directions) + 1):
+        with pytest.raises(ValueError, match="between 1 and"):
+            thin(directions, count)
 
 
 def test_uniform_directions_are_uniform_in_solid_angle():

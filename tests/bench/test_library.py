@@ -61,22 +61,6 @@ def test_a_plain_script_with_a_codec_from_outside_runs_once(tmp_path):
     assert done.stdout.count("(32, 32) 101") == 1
 
 
-def test_a_fit_to_a_scene_without_a_demand_is_refused(folder, tmp_path, capsys):
-    with pytest.raises(InputError, match="codec pca: scene = true needs the demand of a scene"):
-        bench.encode(bench.open(folder), "pca", tmp_path / "a.nbtf", scene=True)
-    assert cli.main(["encode", str(folder), "--codec", "pca", "--set", "scene=true", "-o", "a.nbtf"]) == 2
-    assert "scene = true needs the demand of a scene" in capsys.readouterr().err
-    assert not (tmp_path / "a.nbtf").exists()
-
-
-def test_every_name_of_the_page_is_there():
-    for name in re.findall(r"^\| `bench\.(\w+)", PAGE.read_text(encoding="utf-8"), re.M):
-        assert name in dir(bench)
-        assert getattr(bench, name)
-    with pytest.raises(AttributeError, match="no attribute 'scores'"):
-        _ = bench.scores
-
-
 def test_a_file_of_a_run_scores_what_its_record_says(tmp_path, folder):
     words = ["run", "quick", "--out", "run", "--material", str(folder), "--codec", "pca", "--set", "components=3"]
     assert cli.main(words) == 0
@@ -87,23 +71,31 @@ def test_a_file_of_a_run_scores_what_its_record_says(tmp_path, folder):
         assert found[part] == job[part], part
 
 
-def test_encoding_takes_a_name_with_settings_or_a_codec(folder):
+def test_encoding_takes_a_name_with_settings_or_a_codec(folder, capsys):
     btf = bench.open(folder)
     header = bench.encode(btf, "pca", "a.nbtf", components="3")
     assert header.settings["components"] == 3
     made = load_codec("pca")(components=3)
     assert bench.encode(btf, made, "b.nbtf").sha256 == header.sha256
-    with pytest.raises(InputError, match="already has its settings: give components"):
+    with pytest.raises(InputError, match="components"):
         bench.encode(btf, made, "c.nbtf", components=4)
     with pytest.raises(InputError, match="did you mean 'size'"):
         bench.open("satin", sise=8)
+    with pytest.raises(InputError, match="scene = true needs the demand"):
+        bench.encode(btf, "pca", "c.nbtf", scene=True)
+    assert cli.main(["encode", str(folder), "--codec", "pca", "--set", "scene=true", "-o", "c.nbtf"]) == 2
+    assert "scene = true needs the demand" in capsys.readouterr().err
+    assert not Path("c.nbtf").exists()
 
 
 def test_a_file_of_another_resolution_is_not_scored(folder):
     btf = bench.open(folder)
     bench.encode(btf, "mean-colour", "a.nbtf")
-    with pytest.raises(InputError, match=r"decodes to 12 × 12 texels, but .* has 6 × 6"):
+    with pytest.raises(InputError, match=r"12 × 12 texels, but .* has 6 × 6"):
         bench.score("a.nbtf", btf.downsample(2))
+    write_folder(btf.subset(range(5, len(btf))), "few")
+    with pytest.raises(InputError, match=f"no slice for 5 of the {len(btf)} pairs"):
+        bench.score("few", btf)
     Path("a.nbtf").write_bytes(b"no codec file")
     with pytest.raises(ContainerError):
         bench.score("a.nbtf", btf)
@@ -120,23 +112,19 @@ def test_arrays_become_a_btf_that_is_encoded_and_scored(folder):
     for i in range(len(btf)):
         np.testing.assert_array_equal(own[i], btf[i])
     radiance, wo, wi = names["radiance"], btf.wo, btf.wi
-    for arrays, message in (
-        ((radiance[0], wo, wi), r"radiance is \(8, 8, 3\) float32: it must be \(N, H, W, 3\) floats"),
-        ((radiance.transpose(0, 3, 1, 2), wo, wi), r"floats: give radiance.transpose\(0, 2, 3, 1\)"),
-        (((255 * radiance).astype(np.uint8), wo, wi), "divide codes by 255, and convert sRGB to linear"),
+    for (values, views, lights, *heldout), message in (
+        ((radiance[0], wo, wi), r"radiance is \(8, 8, 3\)"),
+        ((radiance.transpose(0, 3, 1, 2), wo, wi), r"radiance.transpose\(0, 2, 3, 1\)"),
+        (((255 * radiance).astype(np.uint8), wo, wi), "divide codes by 255"),
         ((np.where(radiance == radiance[3, 0, 0, 0], np.nan, radiance), wo, wi), r"radiance\[3\]: .* repair=True"),
-        ((radiance, wo[:, [0, 2, 1]], wi), "is y up in your data"),
-        ((radiance, wo[:-1], wi), r"wo is \(\d+, 3\): it must be"),
-        ((radiance, wo, 2 * wi), r"wi\[0\]: .* is not a unit vector"),
-        (
-            (radiance, wo[:1].repeat(len(wo), 0), wi[:1].repeat(len(wo), 0)),
-            "pair 1: it has the same view and light as pair 0",
-        ),
+        ((radiance, wo[:, [0, 2, 1]], wi), "is y up"),
+        ((radiance, wo[:-1], wi), "wo is"),
+        ((radiance, wo, 2 * wi), r"wi\[0\]: .* unit vector"),
+        ((radiance, 0 * wo + wo[0], 0 * wi + wi[0]), "pair 1: .* pair 0"),
+        ((radiance, wo, wi, np.ones(len(wo), bool)), "heldout must be a mask"),
     ):
         with pytest.raises(InputError, match=message):
-            bench.from_arrays(*arrays)
-    with pytest.raises(InputError, match="heldout must be a mask"):
-        bench.from_arrays(radiance, wo, wi, heldout=np.ones(len(wo), bool))
+            bench.from_arrays(values, views, lights, **({"heldout": heldout[0]} if heldout else {}))
 
 
 def test_negative_radiance_and_radians_are_warned_of(tmp_path, caplog):
@@ -144,7 +132,7 @@ def test_negative_radiance_and_radians_are_warned_of(tmp_path, caplog):
     values = np.stack(list(made))
     values[:, 0, 0] = -0.5
     btf = bench.from_arrays(values, made.wo, made.wi)
-    said = "arrays: 1.56% of the values are negative, the least -0.5: radiance cannot be"
+    said = "arrays: 1.56% of the values are negative, the least -0.5"
     assert said in caplog.text
     caplog.clear()
     bench.encode(btf, "mean-colour", tmp_path / "a.nbtf")
@@ -154,7 +142,7 @@ def test_negative_radiance_and_radians_are_warned_of(tmp_path, caplog):
     bench.from_arrays(np.maximum(values, -1e-6), small, made.wi)
     assert caplog.text == "", "only one side is small"
     bench.from_arrays(np.maximum(values, -1e-6), small, small)
-    assert "wo and wi: every theta is below 1.6 degrees and every phi below 6.3, so these seem" in caplog.text
+    assert "wo and wi: every theta is below 1.6 degrees" in caplog.text
 
 
 def test_what_is_no_name_or_path_is_told_where_arrays_go_and_not_printed():
@@ -195,16 +183,7 @@ def test_a_material_and_a_folder_of_slices_score_as_the_file_they_come_from(fold
     psnr = from_slices["scores"]["heldout"]["metrics"]["psnr_display"]["mean"]
     capsys.readouterr()
     assert cli.main(["score", "slices", str(folder)]) == 0
-    shown = capsys.readouterr().out
-    assert f"{psnr:.2f}" in shown
-    assert "bytes" not in shown
-
-
-def test_slices_that_lack_pairs_are_refused(folder, tmp_path):
-    btf = bench.open(folder)
-    write_folder(btf.subset(range(5, len(btf))), tmp_path / "few")
-    with pytest.raises(InputError, match=rf"has no slice for 5 of the {len(btf)} pairs .* decode every pair of"):
-        bench.score(tmp_path / "few", btf)
+    assert f"{psnr:.2f}" in capsys.readouterr().out
 
 
 def test_the_command_prints_the_table_of_a_run_and_writes_json(folder, capsys):

@@ -37,16 +37,6 @@ def neubtf_bench(environment, *words):
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
 
 
-def test_the_example_is_whole_and_at_most_forty_lines():
-    lines = [line for line in blocks("python")[0].splitlines() if line.strip()]
-    assert len(lines) <= 40
-
-
-def test_the_package_is_listed_with_its_description(installed):
-    listed = neubtf_bench(installed, "list", "codecs").stdout
-    assert re.search(r"^  ptm +Polynomial texture map: a quadratic of the light a texel", listed, re.M)
-
-
 @pytest.mark.long
 def test_the_package_passes_the_conformance_test(installed):
     done = neubtf_bench(installed, "check", "ptm")
@@ -62,6 +52,7 @@ def test_its_files_are_refused_by_name_where_it_is_not_installed(installed, tmp_
     size = [part for key in ("size=8", "views=4", "lights=4", "heldout=2") for part in ("--set", f"data.{key}")]
     done = neubtf_bench(installed, "encode", "satin", "--codec", "ptm", "-o", file, *size)
     assert done.returncode == 0, done.stderr
+    assert re.search(r"^  ptm +Polynomial texture map", neubtf_bench(installed, "list", "codecs").stdout, re.M)
     without = neubtf_bench(installed | {"PYTHONPATH": ""}, "info", file)
     assert without.returncode == 2
     assert "no codec named 'ptm' is installed" in without.stderr
@@ -93,8 +84,6 @@ def test_new_files_of_ci_are_a_suite_and_a_workflow(tmp_path, capsys):
     suite = load_suite(str(tmp_path / "tracking.toml"))
     assert [spec.codec for spec in suite.codecs] == ["mean-colour", "pca"]
     flow = (tmp_path / ".github" / "workflows" / "quality.yml").read_text()
-    assert "neubtf-bench run tracking.toml --fresh" in flow
-    assert "neubtf-bench compare reference.jsonl run" in flow
     assert "${{ !cancelled() }}" in flow
     steps = re.findall(r"run: (?:>-\n)?((?:.|\n {10})*)", flow)
     (installs,) = (step.split()[2:] for step in steps if step.startswith("pip install"))

@@ -1,6 +1,6 @@
 """What records say is read in one way, whoever reads them."""
 
-from bench import records, timing
+from bench import records
 
 STATS = {"pooled": 30.0}
 
@@ -24,10 +24,6 @@ def test_a_family_is_its_own_name_or_a_variant_and_no_other_word():
     assert records.metric_of(names, records.PSNR) == ""
     assert records.stats_of(job(heldout=names), "ssim") == STATS
     assert records.stats_of(job(heldout=names), records.PSNR) == {}
-
-
-def test_every_condition_of_a_timing_is_compared():
-    assert set(records.CONDITIONS) == set(timing.conditions(1, "cpu"))
 
 
 def test_a_record_is_flattened_to_numbers_by_path():

@@ -36,14 +36,6 @@ def test_records_come_back_the_latest_of_each_job(tmp_path):
     assert run.unreadable == []
 
 
-def test_a_file_of_records_is_read_by_its_own_name(tmp_path):
-    append(tmp_path, job("x", "ok"))
-    (tmp_path / FILE).rename(tmp_path / "reference.jsonl")
-    assert [job["job"] for job in load_run(tmp_path / "reference.jsonl").jobs] == ["x"]
-    with pytest.raises(InputError, match=r"gone\.jsonl: no such file: give the folder"):
-        load_run(tmp_path / "gone.jsonl")
-
-
 def test_a_line_cut_by_a_kill_is_counted_and_costs_only_itself(tmp_path):
     append(tmp_path, job("x", "ok"))
     with open(tmp_path / FILE, "ab") as file:
@@ -54,23 +46,6 @@ def test_a_line_cut_by_a_kill_is_counted_and_costs_only_itself(tmp_path):
     assert run.unreadable == [2]
 
 
-@pytest.mark.parametrize("line", [b"\xff\xfe\n", b"[1, 2]\n", b'"job"\n', b'{"kind": "job"}\n'])
-def test_a_line_that_is_no_record_is_counted(tmp_path, line):
-    (tmp_path / FILE).write_bytes(line)
-    assert load_run(tmp_path).unreadable == [1]
-
-
-def test_a_number_that_is_not_finite_is_never_recorded(tmp_path):
-    with pytest.raises(ValueError, match="Out of range"):
-        append(tmp_path, {"kind": "job", "job": "x", "psnr": float("inf")})
-    assert not (tmp_path / FILE).exists()
-
-
-def test_a_folder_without_a_run_is_named(tmp_path):
-    with pytest.raises(InputError, match="nothing: no such folder: give the folder"):
-        load_run(tmp_path / "nothing")
-
-
 def test_a_line_that_was_altered_is_no_record_though_it_reads_as_one(tmp_path):
     append(tmp_path, job("x", psnr=31.5))
     append(tmp_path, job("y", psnr=32.5))
@@ -79,12 +54,6 @@ def test_a_line_that_was_altered_is_no_record_though_it_reads_as_one(tmp_path):
     run = load_run(tmp_path)
     assert [job["job"] for job in run.jobs] == ["y"]
     assert run.unreadable == [1]
-
-
-def test_a_line_without_a_checksum_is_a_record_too(tmp_path):
-    (tmp_path / FILE).write_text(json.dumps(job("x")) + "\n")
-    append(tmp_path, job("y"))
-    assert list(load_run(tmp_path).jobs) == [job("x"), job("y")]
 
 
 @pytest.mark.parametrize("name", ['a "quoted" \\ name', "ümlaut/π components=4/0", "", '", "'])
@@ -153,40 +122,33 @@ def line(record):
     return json.dumps(record) + "\n"
 
 
+STRESS = {"kind": "stress", "subject": "pca", "extreme": "dark", "group": "data", "order": 0}
+STRESS |= {"detail": "", "figure": ""}
 BAD = [
-    (job("x", seed="0"), "seed must be a whole number ≥ 0, not '0'"),
-    (job("x", seed=True), "seed must be a whole number ≥ 0, not True"),
-    (job("x", label=" "), "label must be a name, not ' '"),
-    (job("x", "done"), "status must be 'ok' or 'failed' or 'unavailable', not 'done'"),
-    (job("x", parameters=10**400), "parameters must be a whole number ≥ 0 or null, not a number of absurd size"),
-    (job("x", parameters=-1), "parameters must be a whole number ≥ 0 or null, not -1"),
-    (job("x", bytes={"total": 1e300}), "bytes/total must be a whole number ≥ 0, not 1e\\+300"),
+    (job("x", seed="0"), "seed"),
+    (job("x", seed=True), "seed"),
+    (job("x", label=" "), "label"),
+    (job("x", "done"), "status"),
+    (job("x", parameters=10**400), "parameters must be .* absurd size"),
+    (job("x", parameters=-1), "parameters"),
+    (job("x", bytes={"total": 1e300}), "bytes/total"),
     (job("x", bytes={}), "bytes/total is missing"),
-    (job("x", bytes=[1]), "bytes must be an object, not a list of 1"),
-    (job("x", shape=[8]), "shape must be a list of 2, not a list of 1"),
-    (job("x", fit_seconds=float("nan")), "fit_seconds must be a finite number ≥ 0, not nan"),
-    (job("x", mine=float("inf")), "mine must be .*, not inf"),
-    (
-        job("x", scores={"heldout": {"metrics": {"psnr_display": {"pooled": "31"}}}}),
-        "metrics/psnr_display/pooled must be",
-    ),
+    (job("x", bytes=[1]), "bytes"),
+    (job("x", shape=[8]), "shape"),
+    (job("x", fit_seconds=float("nan")), "fit_seconds"),
+    (job("x", mine=float("inf")), "mine"),
+    (job("x", mine=[[[[[[[[[[[[[[[1]]]]]]]]]]]]]]]), "mine is nested too deeply"),
+    (job("x", scores={"heldout": {"metrics": {"psnr_display": {"pooled": "31"}}}}), "metrics/psnr_display/pooled"),
     (job("x", scores={"heldout": {}}), "scores/heldout/metrics is missing"),
-    (
-        job("x", metrics={"psnr": {"unit": "dB", "direction": "up", "version": 1}}),
-        "direction must be 'higher' or 'lower'",
-    ),
+    (job("x", metrics={"psnr": {"unit": "dB", "direction": "up", "version": 1}}), "direction"),
     (job("x", history=[{"step": 1}, {"psnr": 3}]), "step is missing"),
     ({"kind": "job", "job": "x"}, "material is missing"),
-    ({"kind": "job", "job": ["x"]} | DONE, "job must be a text, not a list of 1"),
-    (timing("x", 0), "ns_per_sample must be a finite number > 0, not 0"),
-    (timing("x", 1) | {"interval95_ns": [1]}, "interval95_ns must be a list of 2"),
-    ({"kind": "run", "seeds": 3}, "seeds must be a list, not 3"),
-    ({"kind": "run", "packages": [1]}, "packages must be an object, not a list of 1"),
-    (
-        {"kind": "stress", "subject": "pca", "extreme": "dark", "group": "data", "detail": "", "figure": "", "order": 0}
-        | {"verdict": "perhaps"},
-        "verdict must be 'pass' or 'fail' or 'n/a', not 'perhaps'",
-    ),
+    ({"kind": "job", "job": ["x"]} | DONE, "job must be a text"),
+    (timing("x", 0), "ns_per_sample"),
+    (timing("x", 1) | {"interval95_ns": [1]}, "interval95_ns"),
+    ({"kind": "run", "seeds": 3}, "seeds"),
+    ({"kind": "run", "packages": [1]}, "packages"),
+    (STRESS | {"verdict": "perhaps"}, "verdict"),
 ]
 
 
@@ -203,36 +165,30 @@ def test_one_bad_number_among_many_good_ones_is_named(value, tmp_path):
             load_run(tmp_path)
 
 
-@pytest.mark.parametrize(("record", "message"), BAD, ids=[message[:40] for _, message in BAD])
+@pytest.mark.parametrize(("record", "message"), BAD, ids=range(len(BAD)))
 def test_a_record_written_by_hand_is_refused_by_file_line_and_field(record, message, tmp_path):
     (tmp_path / FILE).write_text(line(job("fine")) + line(record))
     with pytest.raises(InputError, match=rf"records\.jsonl, line 2: .*({message}).*: mend the line or remove it"):
         load_run(tmp_path)
 
 
-def test_a_bad_record_with_a_sound_checksum_is_refused_when_it_is_asked_for(tmp_path):
-    append(tmp_path, job("x", seed="0"))
-    run = load_run(tmp_path)
-    with pytest.raises(InputError, match=r"records\.jsonl, line 1: seed must be a whole number"):
-        list(run.jobs)
-
-
 @pytest.mark.parametrize(
     "text", ["[" * 9999, '{"kind": ["job"]}', '{"kind": "job", "job": "x", "a": ' + "9" * 9999 + "}"]
 )
 def test_what_no_json_holds_is_no_record(text, tmp_path):
-    (tmp_path / FILE).write_text(text + "\n" + line(job("x")))
+    fine = job("x", mine={"a": [1, None, "b"]})  # a field that is not listed, and no checksum
+    others = b'\xff\xfe\n[1, 2]\n"job"\n{"kind": "job"}\n'
+    (tmp_path / FILE).write_bytes(text.encode() + b"\n" + line(fine).encode() + others)
+    append(tmp_path, job("y"))
+    with pytest.raises(ValueError, match="Out of range"):
+        append(tmp_path, job("z", psnr=float("inf")))
     run = load_run(tmp_path)
-    assert (run.unreadable, [job["job"] for job in run.jobs]) == ([1], ["x"])
-
-
-def test_fields_that_are_not_listed_are_free_but_not_deep(tmp_path):
-    deep = [[[[[[[[[[[[[[[1]]]]]]]]]]]]]]]
-    (tmp_path / FILE).write_text(line(job("x", mine={"a": [1, None, "b"]})))
-    assert load_run(tmp_path).jobs[0]["mine"] == {"a": [1, None, "b"]}
-    (tmp_path / FILE).write_text(line(job("x", mine=deep)))
-    with pytest.raises(InputError, match="line 1: mine is nested too deeply"):
-        load_run(tmp_path)
+    assert (run.unreadable, list(run.jobs)) == ([1, 3, 4, 5, 6], [fine, job("y")])
+    (tmp_path / FILE).rename(tmp_path / "reference.jsonl")
+    assert list(load_run(tmp_path / "reference.jsonl").jobs) == [fine, job("y")]
+    for gone in ("gone.jsonl", "nothing"):
+        with pytest.raises(InputError, match=f"{gone}: no such"):
+            load_run(tmp_path / gone)
 
 
 @pytest.mark.parametrize("words", [["compare", "RUN", "RUN"], ["report", "RUN"], ["table", "RUN"], ["history", "RUN"]])

@@ -37,6 +37,7 @@ from bench.runs.suite import builtin_suites, canonical, load_suite, parse_suite
 NUMBERS = (-1, 0, 1, 2, 255, 100_000, 10**8, 10**9, 2**62, -(2**63), 10**30, 1.5, -0.5, 1e-300, 1e308, -1e308)
 PLAIN = (*NUMBERS, True, False, "", "x", "8", "nan", "é" * 99, "x" * 70_000, "../..", "\0", float("nan"), float("inf"))
 HOSTILE = (*PLAIN, [], {}, [[]], [1, "x"], {"a": {"b": {}}}, list(range(1000)), [[1.0, 2.0]] * 50)
+TOKENS = (b"nan", b"1e400", b"-", b"9" * 5000, b"0x" + b"f" * 5000, b"\0", b"\xff", b'"', b"\n")
 DEEP = 2000
 
 
@@ -96,9 +97,7 @@ def damaged(text: bytes, rng: random.Random) -> bytes:
         elif kind == 2:
             out[at:at] = out[at : at + rng.randint(1, 40)]
         elif kind == 3:
-            out[at:at] = rng.choice(
-                (b"nan", b"1e400", b"-", b"9" * 5000, b"0x" + b"f" * 5000, b"\0", b"\xff", b'"', b"\n")
-            )
+            out[at:at] = rng.choice(TOKENS)
         elif kind == 4 and rng.random() < 0.2:
             opening, closing = rng.choice(((b"[", b"]"), (b'{"a":', b"}")))
             out[at:at] = opening * DEEP + b"1" + closing * DEEP

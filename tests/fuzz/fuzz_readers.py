@@ -15,6 +15,7 @@ import zipfile
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from fuzzing import Reading, Target, main
@@ -136,25 +137,10 @@ def make_mean_abrdf(root: Path) -> Path:
 def make_ubo2014(root: Path, model: int = 11, fmf: bool = False, scalar: int = 2, version: int = 4) -> Path:
     rng = np.random.default_rng(model)
     rows, rank = len(ANGLES) ** 2 * (3 if fmf else 1), 4
-    factors = [
-        (rng.standard_normal((rows, rank)) * 0.4, rng.standard_normal((H * W, rank)) * 0.4)
-        for _ in range(1 if fmf else 3)
-    ]
-    angles = np.radians(ANGLES)
-    path = root / "small.btf"
-    write_ubo2014(
-        path,
-        angles,
-        angles,
-        (H, W),
-        factors,
-        colour_model=model,
-        scalar=scalar,
-        version=version,
-        rotations=2,
-        xml="<a/>",
-    )
-    return path
+    factors = [tuple(rng.standard_normal((n, rank)) * 0.4 for n in (rows, H * W)) for _ in range(1 if fmf else 3)]
+    kind: dict[str, Any] = {"colour_model": model, "scalar": scalar, "version": version, "rotations": 2, "xml": "<a/>"}
+    write_ubo2014(root / "small.btf", np.radians(ANGLES), np.radians(ANGLES), (H, W), factors, **kind)
+    return root / "small.btf"
 
 
 def make_hdf5(root: Path) -> Path:

@@ -8,7 +8,6 @@ import numpy as np
 
 from bench.btf import BTF
 from bench.data.readers.ubo2014 import DFMF, EPSILON, FMF, SCALARS, YUV_TO_RGB
-from bench.errors import InputError
 
 Array = np.ndarray
 
@@ -61,22 +60,16 @@ def write_ubo2014(
 def factorise(btf: BTF, path: str | Path, rank: int = 100) -> None:
     """Write a BTF whose pairs are a product as a DFMF of colour model 11 in half floats: what the native codec does.
 
-    The decorrelated channels are held in memory (12 bytes a texel and pair) and factorised by SVD. Raises
-    `InputError` where the pairs are no product.
+    The decorrelated channels are held in memory (12 bytes a texel and pair) and factorised by SVD.
     """
     grid = btf.layout.grid
-    if grid is None:
-        raise InputError(f"{btf.name}: its pairs are no product of views and lights: a DFMF cannot hold them")
+    assert grid is not None
     table = np.stack([btf[int(i)][::-1].reshape(-1, 3) for i in grid.reshape(-1)])
-    factors = [_svd(channel, rank) for channel in np.moveaxis(decorrelated(table), -1, 0)]
-    write_ubo2014(path, radians(btf.layout.views), radians(btf.layout.lights), btf.shape, factors)
-
-
-def decorrelated(radiance: Array) -> Array:
-    """log Y, U / Y and V / Y (…, 3) float32 of radiance (…, 3): what a DFMF of colour model 11 factorises."""
-    y, u, v = np.moveaxis(np.maximum(radiance, 0) @ np.linalg.inv(YUV_TO_RGB).T, -1, 0)
+    y, u, v = np.moveaxis(np.maximum(table, 0) @ np.linalg.inv(YUV_TO_RGB).T, -1, 0)
     y = np.maximum(y, 0) + EPSILON
-    return np.stack([np.log(y), (u - EPSILON) / y, (v - EPSILON) / y], -1).astype(np.float32)
+    channels = (np.log(y), (u - EPSILON) / y, (v - EPSILON) / y)
+    factors = [_svd(channel.astype(np.float32), rank) for channel in channels]
+    write_ubo2014(path, radians(btf.layout.views), radians(btf.layout.lights), btf.shape, factors)
 
 
 def _svd(matrix: Array, rank: int) -> tuple[Array, Array]:

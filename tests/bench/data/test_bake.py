@@ -57,37 +57,23 @@ def downwards(normal):
 
 
 NAMES = {
-    "Bricks102_1K_Color.jpg": "albedo",
-    "Bricks102_1K_Displacement.jpg": "displacement",
-    "Bricks102_1K_NormalGL.jpg": "normal_gl",
-    "Bricks102_1K_Roughness.jpg": "roughness",
-    "Bricks102_1K_Metalness.jpg": "metalness",
-    "rusty_metal_02_diff_1k.jpg": "albedo",
-    "rusty_metal_02_nor_gl_1k.exr": "normal_gl",
-    "rusty_metal_02_arm_1k.jpg": "packed",
-    "rusty_metal_02_disp_1k.png": "displacement",
-    "rusty_metal_02_rough_1k.png": "roughness",
-    "rough_wood_col_1_1k.jpg": "albedo",
-    "rough_wood_nor_dx_1k.jpg": "normal_dx",
-    "Chair_baseColor.png": "albedo",
-    "Chair_occlusionRoughnessMetallic.png": "packed",
-    "Chair_metallicRoughness.png": "packed",
-    "Chair_normal.png": "normal",
-    "lambert1_Base_Color.png": "albedo",
-    "lambert1_Normal_OpenGL.png": "normal_gl",
-    "lambert1_Normal_DirectX.png": "normal_dx",
-    "lambert1_Metallic.png": "metalness",
-    "lambert1_Height.png": "displacement",
-    "lambert1_anisotropyangle.png": "anisotropy_angle",
+    "albedo": "Bricks102_1K_Color.jpg rusty_metal_02_diff_1k.jpg rough_wood_col_1_1k.jpg Chair_baseColor.png",
+    "displacement": "Bricks102_1K_Displacement.jpg rusty_metal_02_disp_1k.png lambert1_Height.png",
+    "normal_gl": "Bricks102_1K_NormalGL.jpg rusty_metal_02_nor_gl_1k.exr lambert1_Normal_OpenGL.png",
+    "normal_dx": "rough_wood_nor_dx_1k.jpg lambert1_Normal_DirectX.png",
+    "normal": "Chair_normal.png",
+    "roughness": "Bricks102_1K_Roughness.jpg rusty_metal_02_rough_1k.png",
+    "metalness": "Bricks102_1K_Metalness.jpg lambert1_Metallic.png",
+    "packed": "rusty_metal_02_arm_1k.jpg Chair_occlusionRoughnessMetallic.png Chair_metallicRoughness.png",
+    "anisotropy_angle": "lambert1_anisotropyangle.png",
 }
 
 
-@pytest.mark.parametrize(("name", "role"), NAMES.items())
+@pytest.mark.parametrize(("name", "role"), [(name, role) for role in NAMES for name in NAMES[role].split()])
 def test_the_usual_names_are_recognised(tmp_path, name, role):
-    prefix = name.split("_")[0]
     (tmp_path / name).touch()
     if role != "albedo":
-        (tmp_path / f"{prefix}_albedo.png").touch()
+        (tmp_path / f"{name.split('_')[0]}_albedo.png").touch()
     assert recognise(tmp_path).files[role] == name
 
 
@@ -101,28 +87,19 @@ def test_what_tells_the_same_is_left_out_and_said(tmp_path):
 
 def test_folders_that_cannot_be_baked_are_explained(tmp_path):
     (tmp_path / "x_normal.png").touch()
-    (tmp_path / "x_picture.png").touch()
-    with pytest.raises(InputError, match=r"no albedo among its files \(x_normal\.png, x_picture\.png\)"):
+    with pytest.raises(InputError, match=r"no albedo .*x_normal\.png"):
         recognise(tmp_path)
     for name in ("x_col_1.png", "x_col_2.png"):
         (tmp_path / name).touch()
-    with pytest.raises(InputError, match=r"x_col_1\.png and x_col_2\.png are all albedo"):
+    with pytest.raises(InputError, match=r"x_col_1\.png and x_col_2\.png"):
         recognise(tmp_path)
     with pytest.raises(InputError, match="cannot be read"):
         recognise(tmp_path / "nothing")
-
-
-def test_lists_of_pairs_and_lights_are_no_maps(tmp_path):
-    for name in ("albedo.png", "normal.png"):
-        (tmp_path / name).touch()
     assert looks_like_maps(tmp_path)
     (tmp_path / "dirs.lp").touch()
     assert not looks_like_maps(tmp_path)
-
-
-def test_maps_of_different_proportion_are_refused(tmp_path):
     folder = save(tmp_path / "m", albedo=flat((0.5, 0.5, 0.5)), roughness=np.ones((8, 16)))
-    with pytest.raises(InputError, match=r"roughness\.png: 16 x 8 pixels have another proportion"):
+    with pytest.raises(InputError, match=r"roughness\.png: .*proportion"):
         read_surface(recognise(folder), 8)
 
 
@@ -320,42 +297,17 @@ def test_bake_from_the_command_line(tmp_path, capsys):
     assert cli.main(["bake", str(folder), "-o", str(tmp_path / "x.npz"), "--views", "0"]) == 2
 
 
-STYLES = {  # what three sites call their maps
-    "plain": ("albedo", "ao", "displacement", "normal", "roughness"),
-    "ambientcg": ("Made1_1K_Color", "Made1_1K_AmbientOcclusion", "Made1_1K_Displacement", "Made1_1K_NormalGL"),
-    "polyhaven": ("made_07_col_1_1k", "made_07_arm_1k", "made_07_nor_gl_1k"),
-}
-
-
-def make_scan(folder, style):
-    """The maps of a relief with a random albedo, twice as wide as high in the style of ambientCG."""
-    height, normal = hills()
-    blocks = np.kron(np.random.default_rng(0).uniform(0.1, 0.9, (8, 8)), np.ones((8, 8)))
-    one = np.ones_like(height)
-    maps = {"ao": one, "ambientocclusion": one, "displacement": height, "roughness": 0.7 * one}
-    maps |= {"arm": np.stack([one, 0.7 * one, 0 * one], -1)}
-    maps |= dict.fromkeys(("albedo", "color", "col"), np.stack([blocks, 0.8 * blocks, 0.5 * blocks], -1))
-    maps |= dict.fromkeys(("normal", "normalgl", "nor"), normal)
-    pictures = {}
-    for name in STYLES[style]:
-        role = next(word for word in reversed(name.lower().split("_")) if word in maps)
-        pictures[name] = np.concatenate([maps[role]] * 2, 1) if style == "ambientcg" else maps[role]
-    return save(folder, **pictures)
-
-
 REAL = ("bark", "bricks", "fabric_pattern", "rock", "rosewood", "rustymetal")
 
 
-@pytest.mark.parametrize("name", [*STYLES, *REAL])
-def test_scanned_materials_bake_upright(tmp_path, name):
-    if name in STYLES:
-        folder = make_scan(tmp_path / name, name)
-    elif "NEUBTF_DATA" not in os.environ:
+@pytest.mark.parametrize("name", REAL)
+def test_scanned_materials_bake_upright(name):
+    if "NEUBTF_DATA" not in os.environ:
         pytest.skip("NEUBTF_DATA names no folder of real materials")
-    elif not (folder := Path(os.environ["NEUBTF_DATA"]) / "svbrdf" / name).is_dir():
+    if not (folder := Path(os.environ["NEUBTF_DATA"]) / "svbrdf" / name).is_dir():
         pytest.skip(f"{folder} is not there")
     surface = read_surface(recognise(folder), 16)
-    assert surface.shape == ((8, 16) if name in ("bricks", "ambientcg") else (16, 16))
+    assert surface.shape == ((8, 16) if name == "bricks" else (16, 16))
     assert not any("DX" in text or "dark is high" in text for text in surface.notes.values())
     up = np.array([[0.0, 0.0, 1.0]])
     albedo = box_filter(surface.maps.base_colour, SUB_POINTS)

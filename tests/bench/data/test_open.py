@@ -10,43 +10,13 @@ from bench.data.spec import MaterialSpec, Preparation
 from bench.errors import InputError, MissingDataError
 
 
-def test_built_in_and_measured_materials_open(tmp_path, monkeypatch):
-    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
-    small = Preparation(size=8, views=4, lights=4, heldout=3)
-    btf = open_material(MaterialSpec("satin"), small, silent)
-    assert isinstance(btf, BTF)
-    assert (btf.shape, len(btf)) == ((8, 8), 19)
-    np.savez(tmp_path / "a.npz", radiance=np.ones((2, 4, 4, 3), "f4"), wo=btf.wo[:2], wi=btf.wi[:2])
-    assert len(open_material(MaterialSpec("a", str(tmp_path / "a.npz")), small, silent)) == 2
-
-
 def test_measured_data_that_are_not_there_say_where_to_get_them(monkeypatch):
     monkeypatch.setenv("NEUBTF_DATA", "/no/such/data")
-    with pytest.raises(
-        MissingDataError, match=r"f\.btf: there is no such file, nor under NEUBTF_DATA=/no/such/data: ask UBO"
-    ):
+    with pytest.raises(MissingDataError, match=r"f\.btf: .*NEUBTF_DATA=/no/such/data: ask UBO"):
         open_material(MaterialSpec("f", "f.btf", "ask UBO"), Preparation(), silent)
-    with pytest.raises(InputError, match=r"f\.btf: there is no such file.*check the path"):
+    with pytest.raises(InputError, match=r"f\.btf: "):
         open_material(MaterialSpec("f", "f.btf"), Preparation(), silent)
-
-
-def test_validation_pairs_of_measured_data_are_other_whole_views_and_lights_than_the_test_pairs(tmp_path):
-    convert.write_btf(tiny_btf(4, 9, 9), tmp_path / "a.npz")
-    spec = MaterialSpec("a", str(tmp_path / "a.npz"))
-    tests, choosing = (open_material(spec, Preparation(split=split), silent) for split in ("test", "validation"))
-
-    def directions(btf, pairs):
-        return {tuple(w) for w in btf.wo[pairs]}, {tuple(w) for w in btf.wi[pairs]}
-
-    split = tests.split()
-    left = directions(tests, split.train)
-    seen = directions(choosing, np.arange(len(choosing)))
-    assert seen == left  # nothing of the new views and lights of the test pairs is there to choose by
-    again = choosing.split()
-    assert again.heldout.keys() == {"new view", "new light", "both new"}
-    views, lights = directions(choosing, again.train)
-    assert len(views) < len(left[0])
-    assert len(lights) < len(left[1])
+    assert MaterialSpec("a", "x" * 4000).existing() is None  # too long for a file
 
 
 def test_what_the_data_declare_held_out_are_test_pairs(tmp_path):
@@ -56,10 +26,6 @@ def test_what_the_data_declare_held_out_are_test_pairs(tmp_path):
     choosing = open_material(MaterialSpec("a", str(tmp_path / "a.npz")), Preparation(split="validation"), silent)
     assert len(choosing) == 72
     assert sum(map(len, choosing.split().heldout.values())) > 0
-
-
-def test_a_name_too_long_for_a_file_is_no_path():
-    assert MaterialSpec("a", "x" * 4000).existing() is None
 
 
 def pairs_of(btf, pairs):
@@ -72,7 +38,17 @@ def test_validation_pairs_of_measured_data_stand_beside_the_test_pairs_and_no_fi
     plain, both, choosing = (
         open_material(spec, Preparation(**more), silent) for more in ({}, {"validation": True}, {"split": "validation"})
     )
+
+    def directions(btf, pairs):
+        return {tuple(w) for w in btf.wo[pairs]}, {tuple(w) for w in btf.wi[pairs]}
+
     split, other = both.split(), choosing.split()
+    # Nothing of the new views and lights of the test pairs is there to choose by; more whole ones the fit never sees.
+    left, seen = directions(plain, plain.split().train), directions(choosing, slice(None))
+    assert seen == left
+    assert other.heldout.keys() == {"new view", "new light", "both new"}
+    for fitted, all_of_them in zip(directions(choosing, other.train), left, strict=True):
+        assert len(fitted) < len(all_of_them)
     assert split.heldout.keys() == plain.split().heldout.keys()
     for name, pairs in split.heldout.items():
         np.testing.assert_array_equal(pairs, plain.split().heldout[name])
@@ -101,5 +77,5 @@ def test_validation_pairs_of_rendered_materials_change_neither_training_nor_test
 
 @pytest.mark.parametrize("wrong", [{"split": "validation"}, {"heldout": 0}])
 def test_validation_beside_nothing_is_refused(wrong):
-    with pytest.raises(InputError, match="validation = true scores further pairs"):
+    with pytest.raises(InputError, match="validation"):
         Preparation(validation=True, **wrong)

@@ -3,11 +3,10 @@ import pytest
 from PIL import Image
 
 from bench import cli
-from bench.btf import BTF, ArraySource, Source
+from bench.btf import BTF, ArraySource
 from bench.conformance.check import tiny_btf
 from bench.data.convert import write_btf
 from bench.data.portrait import draw, look
-from bench.hemisphere import ubo2014
 
 
 def values_of(btf):
@@ -70,29 +69,12 @@ def test_a_seam_is_named_with_its_border(btf, axis, border):
     assert "although the data call it periodic" in warning
 
 
-def test_a_large_btf_is_looked_at_by_a_few_slices():
-    class Large(Source):
-        shape, count, read = (400, 400), 22801, 0
-
-        def slice(self, pair):
-            Large.read += 1
-            return np.full((400, 400, 3), 0.1, np.float32)
-
-    side = ubo2014()
-    look(BTF("large", np.repeat(side, 151, 0), np.tile(side, (151, 1)), Large()))
-    assert Large.read <= 84
-
-
 @pytest.mark.parametrize("size", [(6, 1, 9), (6, 9, 9)])
 def test_the_picture_is_drawn(tmp_path, size):
     draw(look(tiny_btf(*size)), tmp_path / "a.png")
     with Image.open(tmp_path / "a.png") as picture:
         assert picture.size[0] == 1200
         assert np.asarray(picture).std() > 10
-    btf = tiny_btf(1, 4, 4)
-    dark = look(like(btf, 0 * values_of(btf)))
-    assert dark.warnings() == []
-    draw(dark, tmp_path / "a.png")
 
 
 def test_info_warns_and_draws(tmp_path, btf, capsys):
@@ -100,7 +82,6 @@ def test_info_warns_and_draws(tmp_path, btf, capsys):
     assert cli.main(["info", str(tmp_path / "a.npz"), "--picture", str(tmp_path / "a.png")]) == 0
     out = capsys.readouterr().out
     assert "warning: " in out
-    assert "highlights are clipped" in out
     assert (tmp_path / "a.png").stat().st_size > 10_000
     assert cli.main(["info", str(tmp_path / "a.npz"), "--picture", str(tmp_path / "no" / "a.png")]) == 2
     assert "cannot be written" in capsys.readouterr().err

@@ -47,6 +47,10 @@ def test_they_are_masked_by_the_mean_of_their_pair_and_channel(caplog):
     np.testing.assert_array_equal(mended[4][good], raw[4][good])
     assert mended[4][0, 0, 1] == pytest.approx(raw[4][..., 1][good[..., 1]].mean(), rel=1e-6)
     assert mended.fingerprint != btf.fingerprint
+    assert repaired(truth) is truth
+    btf.source.values[9, ..., 2] = np.nan
+    with pytest.raises(InputError, match="pair 9"):
+        repaired(btf)
 
 
 def test_scattered_reads_give_the_same_values(tmp_path, monkeypatch):
@@ -55,18 +59,6 @@ def test_scattered_reads_give_the_same_values(tmp_path, monkeypatch):
     # The scratch file holds halves.
     np.testing.assert_allclose(mended.texels([0, 5], [1, 5])[:, 1], [mended[1][0, 1], mended[1][5, 5]], rtol=5e-4)
     np.testing.assert_allclose(mended.gather([4], [2], [3]), mended[4][2, 3][None], rtol=5e-4)
-
-
-def test_finite_data_come_back_as_they_are():
-    btf = tiny_btf()
-    assert repaired(btf) is btf
-
-
-def test_a_channel_without_any_finite_value_is_refused():
-    btf = spoiled()
-    btf.source.values[9, ..., 2] = np.nan
-    with pytest.raises(InputError, match="pair 9: a channel without finite values"):
-        repaired(btf)
 
 
 def test_repair_from_the_command_line(tmp_path, capsys, caplog, monkeypatch):

@@ -6,29 +6,22 @@ from bench.conformance.check import tiny_btf
 from bench.data.thinning import shrunk, thinned
 
 
-def test_thinning_measured_data_keeps_the_product():
-    thin = thinned(tiny_btf(4, 20, 30), 100)
+def test_thinning_measured_data_keeps_the_product_and_draws_other_pairs_by_seed():
+    btf = tiny_btf(4, 20, 30)
+    assert thinned(btf, 0) is thinned(btf, 600) is btf
+    thin = thinned(btf, 100)
     assert len(thin) == 100
     assert thin.layout.grid is not None
     assert thin.layout.views.shape == (10, 3)
+    some = btf.subset(np.arange(35))
+    assert len(thinned(some, 10)) == 10
+    np.testing.assert_array_equal(thinned(some, 10).pairs, thinned(some, 10).pairs)
 
 
 @pytest.mark.parametrize(("views", "lights", "expected"), [(1, 40, (1, 20)), (3, 40, (3, 6)), (40, 2, (10, 2))])
 def test_a_side_of_few_directions_keeps_them_all(views, lights, expected):
     layout = thinned(tiny_btf(4, views, lights), 20).layout
     assert (len(layout.views), len(layout.lights)) == expected
-
-
-def test_no_thinning_where_none_is_asked_or_needed():
-    btf = tiny_btf(4, 5, 5)
-    assert thinned(btf, 0) is btf
-    assert thinned(btf, 25) is btf
-
-
-def test_pairs_that_are_no_product_are_drawn_by_seed():
-    btf = tiny_btf(4, 6, 6).subset(np.arange(35))
-    assert len(thinned(btf, 10)) == 10
-    np.testing.assert_array_equal(thinned(btf, 10).pairs, thinned(btf, 10).pairs)
 
 
 def test_declared_heldout_pairs_keep_their_share_and_the_training_pairs_their_product():

@@ -4,8 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from skimage.metrics import mean_squared_error, peak_signal_noise_ratio
 
 from bench.metrics.display import to_display, to_log1p
@@ -51,16 +49,3 @@ def test_pooled_psnr_is_that_of_all_slices_as_one():
         tall = metric.prepare(np.concatenate([r for r, _ in pairs]), 0.5)
         whole = metric.score(tall, np.concatenate([t for _, t in pairs]))
         assert metric.pool(raw) == pytest.approx(metric.values(whole), rel=1e-12)
-
-
-@settings(derandomize=True, max_examples=30, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.floats(1e-4, 0.2), st.floats(1.01, 3))
-def test_psnr_falls_as_noise_grows(seed, amplitude, factor):
-    rng = np.random.default_rng(seed)
-    # Kept where nothing clips: a clipped texel could hide the growth.
-    reference = 0.5 + 0.1 * rng.random((9, 8, 3))
-    noise = rng.uniform(-0.5, 0.5, reference.shape)
-    for metric in METRICS:
-        state = metric.prepare(reference, 1.0)
-        less, more = (metric.score(state, reference + scale * noise) for scale in (amplitude, amplitude * factor))
-        assert less < more

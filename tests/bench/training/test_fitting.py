@@ -53,7 +53,10 @@ def objective(btf: BTF, **settings: Any) -> Mean:
 @pytest.mark.parametrize("memory_limit", [1 << 20, 0])
 def test_samples_are_the_log_of_the_data(btf: BTF, memory_limit: int) -> None:
     samples = Samples(btf, 2.5, Fit(), memory_limit)
-    batch = samples.draw(500, torch.Generator().manual_seed(1))
+    batch, again, many = (samples.draw(count, torch.Generator().manual_seed(1)) for count in (500, 500, 20_000))
+    assert torch.equal(batch.target, again.target)
+    assert many.texel.unique().tolist() == list(range(64))
+    assert many.pair.unique().tolist() == list(range(len(btf)))
     truth = btf.gather(batch.pair.numpy(), *np.divmod(batch.texel.numpy(), btf.shape[1]))
     # Values in memory are half floats: 2⁻¹¹ of each.
     np.testing.assert_allclose(batch.target, np.log1p(2.5 * truth), rtol=5e-4, atol=1e-6)
@@ -62,19 +65,6 @@ def test_samples_are_the_log_of_the_data(btf: BTF, memory_limit: int) -> None:
     assert every.shape == (2, len(btf), 3)
     one = samples.at(texels, torch.tensor([7, 8])).target
     torch.testing.assert_close(every[[0, 1], [7, 8]], one, rtol=1e-6, atol=1e-6)
-
-
-def test_samples_are_drawn_by_seed_and_cover_everything(btf: BTF) -> None:
-    samples = Samples(btf, 1.0, Fit())
-    ours, again = (samples.draw(20_000, torch.Generator().manual_seed(5)) for _ in range(2))
-    assert torch.equal(ours.target, again.target)
-    assert ours.texel.unique().tolist() == list(range(64))
-    assert ours.pair.unique().tolist() == list(range(len(btf)))
-
-
-def test_texel_centres_follow_the_frame(btf: BTF) -> None:
-    uv = Samples(btf, 1.0, Fit()).centres(torch.tensor([0, 9]))
-    assert uv.tolist() == [[0.5 / 8, 1 - 0.5 / 8], [1.5 / 8, 1 - 1.5 / 8]]
 
 
 def test_a_fit_finds_the_mean_and_says_how(btf: BTF) -> None:
@@ -125,6 +115,8 @@ def test_the_state_of_another_fit_is_refused(btf: BTF, tmp_path: Path, monkeypat
     state.write_bytes(b"nonsense")
     with pytest.raises(InputError, match="not the state of a fit"):
         train(objective(btf), Fit(checkpoint=state), 400)
+    with pytest.raises(InputError, match="at least 1 step"):
+        train(objective(btf), Fit(), 0)
 
 
 def test_a_fit_that_diverges_once_goes_back_and_slows_down(btf: BTF, caplog: pytest.LogCaptureFixture) -> None:
@@ -135,12 +127,8 @@ def test_a_fit_that_diverges_once_goes_back_and_slows_down(btf: BTF, caplog: pyt
     assert mean.colour.isfinite().all()
     assert mean.calls == 500  # steps 200 to 300 were taken twice
     assert "back to step 200 with half the learning rate" in caplog.text
-
-
-def test_a_fit_that_keeps_diverging_gives_up(btf: BTF) -> None:
-    mean = objective(btf)
-    mean.bad_calls = set(range(1000))
-    with pytest.raises(DivergedError, match="diverged 4 times"):
+    mean.bad_calls = set(range(2000))
+    with pytest.raises(DivergedError, match="4 times"):
         train(mean, Fit(), 400)
 
 
@@ -160,17 +148,7 @@ def test_a_patient_fit_ends_where_its_curve_is_flat_and_says_so(btf: BTF, monkey
         assert train(mean, fit, 2000, patience) == steps / 2000
         assert fit.history[-1]["step"] == steps
         assert ("ended" in fit.history[-1]) == (patience > 0)
-
-
-def test_a_fit_that_gains_is_not_ended(btf: BTF) -> None:
-    fit = Fit()
-    assert train(objective(btf, lr=1e-3), fit, 400, patience=100) == 1
-    assert "ended" not in fit.history[-1]
-
-
-def test_a_budget_of_nothing_is_refused(btf: BTF) -> None:
-    with pytest.raises(InputError, match="at least 1 step"):
-        train(objective(btf), Fit(), 0)
+    assert train(objective(btf, lr=1e-3), Fit(), 400, patience=100) == 1  # it still gains
 
 
 def test_the_rate_warms_up_and_ends_at_nothing() -> None:
@@ -178,13 +156,6 @@ def test_the_rate_warms_up_and_ends_at_nothing() -> None:
     assert rates[0] < 0.011
     assert max(rates) == pytest.approx(rates[100], rel=1e-6)
     assert rates[-1] < 1e-5
-
-
-def test_distances_of_log_radiance() -> None:
-    ours, target = torch.tensor([0.0, 1.0, 3.0]), torch.tensor([0.0, 2.0, 1.0])
-    assert training.distance(ours, target, "l1").item() == pytest.approx(1)
-    assert training.distance(ours, target, "l2").item() == pytest.approx(5 / 3)
-    assert training.distance(ours, target, "both").item() == pytest.approx(8 / 3)
 
 
 def test_the_levels_of_detail_are_made_in_one_reading_and_are_those_made_one_by_one(btf: BTF) -> None:

@@ -7,7 +7,6 @@ import torch
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.conformance.check import tiny_btf
-from bench.training import initial_latents
 from bench.training.fitting import Samples, gain_of
 from bench.training.initial_latents import (
     COMPONENT_SPREAD,
@@ -41,10 +40,6 @@ def test_latents_start_at_whitened_principal_components(btf: BTF, memory_limit: 
     turn = latents.numpy().T @ truth / (COMPONENT_SPREAD * 64)
     np.testing.assert_allclose(np.abs(turn), np.eye(3), atol=0.02)
     torch.testing.assert_close(latents.mean(0), torch.zeros(3), atol=1e-5, rtol=0)
-
-
-def test_a_mixed_start_has_as_much_of_each_component_as_of_noise(btf: BTF) -> None:
-    samples = Samples(btf, gain_of(btf, Fit()), Fit())
     mixed, alone, noise = (
         first_latents(samples, 3, start, Fit().generator()) / spread
         for start, spread in (("mixed", MIXED_SPREAD), ("components", COMPONENT_SPREAD), ("random", RANDOM_SPREAD))
@@ -61,17 +56,6 @@ def test_channels_beyond_the_rank_are_random(btf: BTF) -> None:
     latents = first_latents(samples, 4, "mixed", Fit().generator())
     assert torch.equal(latents, first_latents(samples, 4, "random", Fit().generator()))
     assert 0.05 < latents.std() < 0.2
-
-
-def test_components_are_those_of_some_pairs_where_there_are_many(btf: BTF, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(initial_latents, "MOST_PAIRS", len(btf) // 2)
-    samples = Samples(btf, 4.0, Fit())
-    read: list[int] = []
-    slices = samples.slices
-    monkeypatch.setattr(samples, "slices", lambda pair: read.extend(pair.tolist()) or slices(pair))
-    assert components(samples, 3, Fit().generator()).shape == (64, 3)
-    assert len(set(read)) == len(btf) // 2
-    assert first_latents(samples, 3, "components", Fit().generator()).isfinite().all()
 
 
 def test_a_scene_weighs_the_pairs(btf: BTF) -> None:

@@ -80,37 +80,27 @@ def stored() -> tuple[bytes, np.ndarray]:
     return predicted_codes.encode(codes, np.array([4, 4, 4]), [(16, 16)]), codes
 
 
-def test_bytes_that_are_cut_or_too_many_are_refused() -> None:
-    data, codes = stored()
+def test_bytes_that_are_cut_too_many_or_altered_are_refused() -> None:
+    (data, codes), bits, size = stored(), np.array([4, 4, 4]), [(16, 16)]
     assert data == stored()[0]
-    np.testing.assert_array_equal(predicted_codes.decode(data, np.array([4, 4, 4]), [(16, 16)]), codes)
+    np.testing.assert_array_equal(predicted_codes.decode(data, bits, size), codes)
     for wrong in (*(data[:end] for end in range(0, len(data), 41)), data + b"\0", data + b"\0\0", b"", b"\xff" * 500):
         with pytest.raises(InputError, match="encode it again"):
-            predicted_codes.decode(wrong, np.array([4, 4, 4]), [(16, 16)])
-
-
-def test_altered_bytes_end_and_most_are_noticed() -> None:
-    data, codes = stored()
-    noticed = 0
-    places = range(0, len(data), 13)
+            predicted_codes.decode(wrong, bits, size)
+    noticed, places = 0, range(0, len(data), 13)
     for place in places:
         altered = bytearray(data)
         altered[place] ^= 1 << place % 8
         try:
-            found = predicted_codes.decode(bytes(altered), np.array([4, 4, 4]), [(16, 16)])
-            assert found.shape == codes.shape
+            assert predicted_codes.decode(bytes(altered), bits, size).shape == codes.shape
         except InputError:
             noticed += 1
     assert noticed > 0.9 * len(places)
 
 
-def test_a_term_cannot_reach_before_the_first_channel() -> None:
-    head = bytes([0, 0, 0, 0, 1])
-    with pytest.raises(InputError, match="how its codes are predicted"):
-        code_model.Model.from_bytes(head + bytes([len(code_model.OWN), 1]), np.array([4]))
-
-
 def test_few_bytes_claim_no_more_codes_than_can_be_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match="how its codes are predicted"):  # a term before the first channel
+        code_model.Model.from_bytes(bytes([0, 0, 0, 0, 1, len(code_model.OWN), 1]), np.array([4]))
     codes = torch.zeros(64, 64, 2)
     predicted = torch.tensor([PREDICTED, 4, 4, *bytes(40)], dtype=torch.uint8)
     with pytest.raises(InputError, match="40 bytes for"):

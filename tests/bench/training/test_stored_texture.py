@@ -28,14 +28,9 @@ def test_codes_survive_and_take_no_more_than_their_bits(bits: list[int]) -> None
     data = compress(codes, bits)
     torch.testing.assert_close(expand(data, (32, 24, 5)), codes)
     assert len(data) <= 32 * 24 * sum(bits) / 8 + 1 + len(bits)
-
-
-@pytest.mark.parametrize("bits", [[4, 4, 4], [2, 4, 8]], ids=str)
-def test_what_repeats_takes_less(bits: list[int]) -> None:
-    smooth = (torch.arange(4096).reshape(64, 64, 1) // 1024).float().expand(64, 64, 3)
-    data = compress(smooth, bits)
-    assert len(data) < 200
-    torch.testing.assert_close(expand(data, (64, 64, 3)), smooth)
+    repeated = codes[:1].expand(32, -1, -1)
+    assert len(compress(repeated, bits)) < len(data) / 4
+    torch.testing.assert_close(expand(compress(repeated, bits), (32, 24, 5)), repeated)
 
 
 def test_a_damaged_texture_says_so() -> None:
@@ -102,15 +97,10 @@ def test_rounding_lets_the_gradient_pass() -> None:
     torch.testing.assert_close(values.grad, torch.ones_like(values))
 
 
-def test_a_constant_channel_survives() -> None:
-    bits = all_of(4, 1)
-    low, step = steps_for(torch.full((5, 1), 0.7), bits)
-    torch.testing.assert_close(rounded(torch.full((5, 1), 0.7), low, step, bits), torch.full((5, 1), 0.7))
-
-
 @pytest.mark.parametrize("bits", [0, 1, 5, 8, 16, 32])
 def test_a_stored_texture_comes_back_as_the_fit_saw_it(bits: int) -> None:
     values = torch.randn(6, 5, 3, generator=torch.Generator().manual_seed(0))
+    values[..., 2] = 0.7  # one channel is constant
     rounding = round_after(values, bits, lambda texture: texture.sum(-1), torch.zeros(6, 5))
     stored = store_texture("x", values, rounding)
     seen = values.half().float() if bits == 16 else rounding(values)
@@ -126,14 +116,10 @@ def test_textures_of_one_fit_share_their_bits_by_what_they_add() -> None:
     assert (first.bits > second.bits).all()
     assert first.bits.sum() + second.bits.sum() == 16
     choose_bits([first, second], lambda: 1 / 0, torch.zeros(64, 2))  # once only
-
-
-def test_an_unfinished_rounding_changes_nothing_and_floats_are_never_rounded() -> None:
-    values = torch.randn(10, 2)
-    assert Rounding(2, 0)(values) is values
-    rounding = Rounding(2, 32)
-    choose_bits([rounding], lambda: rounding(values), values)
-    assert rounding(values) is values
+    for bits in (0, 32):  # unfinished, and floats, which are never rounded
+        rounding = Rounding(2, bits)
+        choose_bits([rounding], lambda: rounding(weak), torch.zeros(64, 2)) if bits else None  # noqa: B023
+        assert rounding(weak) is weak
 
 
 def test_another_texture_takes_the_same_bits_a_channel() -> None:
@@ -163,9 +149,3 @@ def test_an_altered_texture_is_refused(name: str, altered: torch.Tensor) -> None
     stored = store_texture("x", values, round_after(values, 4, lambda texture: texture, values))
     with pytest.raises(InputError, match="encode it again"):
         load_texture("x", stored | {name: altered})
-
-
-def test_an_empty_texture_is_stored() -> None:
-    values = torch.zeros(4, 4, 0)
-    stored = store_texture("x", values, round_after(values, 0, lambda texture: texture.sum(-1), torch.zeros(4, 4)))
-    assert load_texture("x", stored).shape == (4, 4, 0)

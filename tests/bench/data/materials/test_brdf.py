@@ -41,11 +41,6 @@ def random_pairs(count, seed=0):
     return tuple(d / np.linalg.norm(d, axis=0) for d in drawn)
 
 
-def test_without_specular_it_is_lambert():
-    o, i = random_pairs(1000)
-    np.testing.assert_allclose(reflectance(o, i, specular=0, base=0.6), 0.6 / math.pi * i[2], rtol=1e-12)
-
-
 def test_it_equals_the_published_formulas_written_out_one_pair_at_a_time():
     """Walter's D, Heitz's Λ and G₂ = 1 / (1 + Λ(o) + Λ(i)), Schlick's F: the textbook form, which is not the code's."""
 
@@ -61,15 +56,6 @@ def test_it_equals_the_published_formulas_written_out_one_pair_at_a_time():
     expected = [textbook(a, b, 0.4**2 / stretch, 0.4**2 * stretch, 0.8) for a, b in zip(o.T, i.T, strict=True)]
     got = reflectance(o, i, roughness=0.4, metalness=1, anisotropy=0.7, base=0.8)
     np.testing.assert_allclose(got, expected, rtol=1e-9)
-
-
-@pytest.mark.parametrize("metalness", [0.0, 0.4, 1.0])
-@pytest.mark.parametrize("anisotropy", [0.0, 0.9])
-def test_swapping_view_and_light_changes_nothing(metalness, anisotropy):
-    o, i = random_pairs(2000, 2)
-    material = {"roughness": 0.35, "metalness": metalness, "anisotropy": anisotropy, "base": 0.7}
-    there, back = reflectance(o, i, **material) / i[2], reflectance(i, o, **material) / o[2]
-    np.testing.assert_allclose(there, back, rtol=1e-10)
 
 
 @pytest.mark.parametrize("theta_deg", [0, 45, 75, 85])
@@ -88,17 +74,6 @@ def test_a_smooth_white_metal_reflects_nearly_everything(theta_deg):
 def test_the_roughest_metal_has_its_closed_form_albedo():
     """At α = 1 and normal incidence D = 1/π and the integral is ∫ μ / (1 + μ) dμ = 1 − ln 2."""
     assert albedo(0, roughness=1, metalness=1) == pytest.approx(1 - math.log(2), rel=1e-4)
-
-
-def test_highlights_stretch_along_the_tangent():
-    material = {"roughness": 0.4, "metalness": 1, "anisotropy": 0.8}
-    o = from_degrees(0, 0)[:, None]
-    along, across = (reflectance(o, from_degrees(40, phi)[:, None], **material)[0] for phi in (0, 90))
-    assert along > 5 * across
-
-
-def test_light_below_the_tangent_plane_adds_nothing():
-    assert reflectance(from_degrees(10, 0)[:, None], np.array([[0.8], [0.0], [-0.6]]))[0] == 0
 
 
 def test_float32_in_gives_float32_out():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from bench.data.materials.heightfield import HeightField, shift
+from bench.data.materials.heightfield import HeightField
 from bench.data.materials.noise import smooth
 from bench.hemisphere import from_degrees
 
@@ -50,10 +50,6 @@ def test_shadows_fall_where_a_fine_march_finds_an_occluder(hills, angles):
     assert abs(got.mean() - lit.mean()) < 0.06
 
 
-def test_a_light_overhead_casts_no_shadow(hills):
-    assert (hills.visibility(from_degrees(0, 0)) == 255).all()
-
-
 def test_a_plane_shades_nothing_and_stops_every_ray():
     plane = HeightField(np.full((8, 12), 0.7), aspect=8 / 12)
     assert (plane.visibility(from_degrees(89, 10)) == 255).all()
@@ -68,8 +64,3 @@ def test_normals_point_up_the_picture_where_rows_fall_off_upwards():
     assert normal[1, 0, 0] > 0.3
     assert normal[1, 16, 0] < -0.3
     assert np.abs(normal[0]).max() < 1e-6
-
-
-def test_shifting_by_whole_cells_is_a_roll():
-    picture = np.random.default_rng(0).random((6, 8)).astype(np.float32)
-    np.testing.assert_array_equal(shift(picture, 2, -3), np.roll(picture, (-2, 3), (0, 1)))

@@ -4,26 +4,10 @@ import numpy as np
 import pytest
 
 from bench.data import materials
-from bench.data.materials.renderer import Renderer, render
-from bench.hemisphere import from_degrees, uniform
+from bench.data.materials.renderer import render
+from bench.hemisphere import uniform
 
 ALL = materials.names()
-
-
-def rendered(name, pairs=24, size=32, seed=0):
-    rng = np.random.default_rng(7)
-    wo, wi = uniform(rng, pairs), uniform(rng, pairs)
-    return render(materials.recipe(name).maps(seed), wo, wi, (size, size))
-
-
-def displayed(slices, reference):
-    """Exposed to 0.8 at the 99th percentile, clipped, sRGB."""
-    x = np.clip(0.8 / np.percentile(reference, 99) * slices, 0, 1)
-    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
-
-
-def psnr(a, b):
-    return -10 * np.log10(np.square(displayed(a, b) - displayed(b, b)).mean())
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -34,55 +18,6 @@ def test_the_picture_wraps_around(name):
         for axis in (0, 1):
             steps = np.abs(picture - np.roll(picture, 1, axis)).mean(1 - axis)
             assert steps[0] <= 1.05 * steps[1:].max() + 1e-9
-
-
-@pytest.mark.parametrize("name", ALL)
-def test_the_seed_decides_and_nothing_else(name):
-    recipe = materials.recipe(name)
-    one, same, other = recipe.maps(3), recipe.maps(3), recipe.maps(4)
-    np.testing.assert_array_equal(one.height, same.height)
-    np.testing.assert_array_equal(one.base_colour, same.base_colour)
-    assert not np.array_equal(one.height, other.height) or not np.array_equal(one.base_colour, other.base_colour)
-
-
-@pytest.mark.parametrize("name", ALL)
-def test_another_size_is_the_same_pattern(name):
-    """The large rendering averaged down resembles the small one; they differ where sub-points miss detail."""
-    small, large = rendered(name, 8, 32), rendered(name, 8, 64)
-    mean = large.reshape(8, 32, 2, 32, 2, 3).mean((2, 4))
-    assert np.corrcoef(small.ravel(), mean.ravel())[0, 1] > 0.9
-
-
-@pytest.mark.parametrize("name", ALL)
-def test_values_are_finite_and_not_negative_and_their_mean_colour_is_no_answer(name):
-    """Each texel's mean over pairs stays below 20 dB: what is seen depends on the directions."""
-    slices = rendered(name)
-    assert np.isfinite(slices).all()
-    assert slices.min() >= 0
-    assert psnr(slices.mean(0, keepdims=True), slices) < 20
-
-
-def test_brushed_metal_has_highlights_far_above_one():
-    wo, wi = from_degrees([0, 45, 60], [0, 270, 270]), from_degrees([0, 45, 60], [0, 90, 90])
-    assert render(materials.recipe("brushed-metal").maps(0), wo, wi, (32, 32)).max() > 10
-
-
-def test_satin_warp_and_weft_shine_in_turn():
-    """Warp runs up the picture and scatters light along x, weft along y: turning the light by 90° favours the other."""
-    maps = materials.recipe("satin").maps(0)
-    is_warp = np.cos(2 * maps.resized((64, 64)).angle) > 0
-    wi = from_degrees([50, 50], [0, 90])
-    ratio = [s[is_warp].mean() / s[~is_warp].mean() for s in render(maps, from_degrees([0, 0], 0), wi, (64, 64))]
-    assert ratio[0] > 1.5 * ratio[1]
-
-
-def test_cable_knit_shifts_by_many_texels_and_hides_much_of_itself():
-    """At 75° the relief moves the surface by up to a quarter of the tile, and over 15 % of it is out of sight."""
-    maps = materials.recipe("cable-knit").maps(0)
-    renderer = Renderer(maps, (64, 64))
-    tilted, upright = (len(np.unique(renderer.view(from_degrees(t, 0)).cell)) for t in (75, 0))
-    assert tilted < 0.85 * upright
-    assert np.ptp(maps.height) * np.tan(np.radians(75)) > 0.5
 
 
 GOLDEN = {
@@ -101,6 +36,9 @@ GOLDEN = {
 @pytest.mark.parametrize("name", ALL)
 def test_a_changed_value_asks_for_a_new_renderer_version(name):
     """Cached renderings are found by `RENDERER_VERSION`: where this fails on purpose, raise it and renew these."""
-    slices = rendered(name, 8, 16)
+    rng = np.random.default_rng(7)
+    wo, wi = uniform(rng, 8), uniform(rng, 8)
+    slices = render(materials.recipe(name).maps(0), wo, wi, (16, 16))
+    assert slices.min() >= 0
     got = [slices.mean(), slices.std(), (slices * np.linspace(0, 1, 16)[:, None]).mean()]
     np.testing.assert_allclose(got, GOLDEN[name], rtol=2e-3)  # rounding differs by machine at shadow edges

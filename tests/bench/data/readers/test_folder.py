@@ -29,12 +29,14 @@ def test_written_folder_reads_back_without_loss(tmp_path, btf):
     assert (again.name, again.periodic) == ("sample", True)
     assert again.provenance["note"] == "kept"
     assert again[0].max() > 1
-
-
-def test_a_folder_is_never_overwritten(tmp_path, btf):
-    write_folder(btf, tmp_path)
-    with pytest.raises(InputError, match=r"already holds pairs\.csv: choose another"):
-        write_folder(btf, tmp_path)
+    before = again.fingerprint
+    write_exr(tmp_path / "out" / again.source.names[0], np.ones((5, 6, 3), np.float32))
+    assert open_btf(tmp_path / "out").fingerprint != before
+    with pytest.raises(InputError, match=r"pairs\.csv"):
+        write_folder(btf, tmp_path / "out")
+    (tmp_path / "out" / "btf.json").write_text("[1]")
+    with pytest.raises(InputError, match=r"btf\.json"):
+        open_btf(tmp_path / "out")
 
 
 def test_columns_in_any_order_and_pairs_sorted_by_view_then_light(tmp_path):
@@ -60,57 +62,38 @@ def test_angles_that_seem_to_be_radians_are_warned_of(tmp_path, caplog):
     assert caplog.text == ""
 
 
-def test_split_column_declares_what_is_held_out(tmp_path):
-    lines = ["a.png,0,0,0,0,train", "b.png,0,0,10,0,heldout", "c.png,0,0,20,0,train"]
-    btf = open_btf(make(tmp_path / "x", lines, HEADER + ",split"))
-    assert btf.heldout.tolist() == [False, True, False]
-    assert btf.split().heldout["heldout"].tolist() == [1]
-
-
 A, B = "a.png,0,0,0,0", "b.png,0,0,10,0"
-BAD = {
-    "missing image": ([A, "d.png,0,0,10,0"], r"pairs\.csv, line 3: d\.png is missing: add the picture"),
-    "theta": ([A, "b.png,0,0,95,0"], r"line 3: theta_i_deg = 95 degrees is outside \[0, 90\)"),
-    "horizon": ([A, "b.png,90,0,0,0"], r"line 3: theta_o_deg = 90 degrees is outside"),
-    "phi": ([A, "b.png,0,0,10,4000"], r"line 3: phi_i_deg = 4000 degrees is outside"),
-    "nan angle": ([A, "b.png,nan,0,10,0"], r"line 3: theta_o_deg = nan degrees is outside"),
-    "duplicate": ([A, B, "c.png,0,0,10,360"], r"line 4: it has the same view and light as .*line 3: leave one"),
-    "duplicate at the pole": ([A, "b.png,0,90,0,180"], r"line 3: it has the same view and light as .*line 2"),
-    "no number": ([A, "b.png,0,0,ten,0"], r"line 3: theta_i_deg = 'ten' is not a number: give degrees"),
-    "cells": ([A, "b.png,0,0"], r"line 3: 3 cells under 5 columns"),
-    "no rows": ([], r"pairs\.csv: it lists no picture"),
-    "outside": ([A, "../b.png,0,0,10,0"], r"line 3: the name '\.\./b\.png' leads out of the folder"),
-    "absolute": ([A, "/etc/passwd,0,0,10,0"], r"line 3: the name '/etc/passwd' leads out"),
-    "no picture": ([A, "pairs.csv,0,0,10,0"], r"pairs\.csv: it begins with b'file,the', like no known picture"),
-}
+BAD = [
+    ([A, "d.png,0,0,10,0"], r"line 3: d\.png is missing"),
+    ([A, "b.png,0,0,95,0"], "line 3: theta_i_deg"),
+    ([A, "b.png,90,0,0,0"], "line 3: theta_o_deg"),
+    ([A, "b.png,0,0,10,4000"], "line 3: phi_i_deg"),
+    ([A, "b.png,nan,0,10,0"], "line 3: theta_o_deg"),
+    ([A, B, "c.png,0,0,10,360"], "line 4: .*line 3"),
+    ([A, "b.png,0,90,0,180"], "line 3: .*line 2"),
+    ([A, "b.png,0,0,ten,0"], "line 3: theta_i_deg"),
+    ([A, "b.png,0,0"], "line 3: 3 cells"),
+    ([], r"pairs\.csv: it lists no picture"),
+    ([A, "../b.png,0,0,10,0"], "line 3: .*leads out"),
+    ([A, "/etc/passwd,0,0,10,0"], "line 3: .*leads out"),
+    ([A, "pairs.csv,0,0,10,0"], r"pairs\.csv: it begins with"),
+    ([A, "d5.png,0,0,10,0"], r"line 3: d5\.png is 5 x 3"),
+    (b"", "empty"),
+    (b"\xff\xfe\x00\x01", "UTF-8"),
+    (b"file,theta_o_deg\n", "phi_o_deg, theta_i_deg, phi_i_deg"),
+    (f"{HEADER},file\n{A},a.png\n".encode(), "twice"),
+    (f"{HEADER},split\n{A},test\n".encode(), "line 2: split"),
+    (f"{HEADER},split\n{A},heldout\n".encode(), "heldout"),
+]
 
 
-@pytest.mark.parametrize(("lines", "message"), BAD.values(), ids=BAD.keys())
-def test_bad_lists_name_the_file_and_the_line(refused, tmp_path, lines, message):
-    refused(make(tmp_path / "x", lines), message)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", r"pairs\.csv: it is empty"),
-        (b"\xff\xfe\x00\x01", "comma-separated text in UTF-8"),
-        ("file,theta_o_deg\n", r"without column phi_o_deg, theta_i_deg, phi_i_deg"),
-        (HEADER + ",file\na.png,0,0,0,0,a.png\n", "with a column twice"),
-        (HEADER + ",split\na.png,0,0,0,0,test\n", r"line 2: split = 'test': write train or heldout"),
-        (HEADER + ",split\na.png,0,0,0,0,heldout\n", "every line is heldout"),
-    ],
-)
-def test_bad_headers_say_what_is_needed(refused, tmp_path, text, message):
-    folder = make(tmp_path / "x", [])
-    (folder / "pairs.csv").write_bytes(text if isinstance(text, bytes) else text.encode())
+@pytest.mark.parametrize(("given", "message"), BAD)
+def test_bad_lists_name_the_file_and_the_line(refused, tmp_path, given, message):
+    folder = make(tmp_path / "x", given if isinstance(given, list) else [])
+    Image.new("RGB", (5, 3)).save(folder / "d5.png")
+    if isinstance(given, bytes):
+        (folder / "pairs.csv").write_bytes(given)
     refused(folder, message)
-
-
-def test_sizes_that_differ_name_both_pictures(refused, tmp_path):
-    folder = make(tmp_path / "x", [A, B])
-    Image.new("RGB", (5, 3)).save(folder / "b.png")
-    refused(folder, r"line 3: b\.png is 5 x 3 pixels, but a\.png is 4 x 3: give all")
 
 
 def test_nan_pixels_are_named_when_the_slice_is_read(tmp_path):
@@ -119,28 +102,5 @@ def test_nan_pixels_are_named_when_the_slice_is_read(tmp_path):
     picture[2, 1] = np.nan
     write_exr(folder / "bad.exr", picture)
     btf = open_btf(folder)
-    with pytest.raises(InputError, match=r"bad\.exr: 3 of 48 values are not finite .* \(2, 1, 0\): mend"):
+    with pytest.raises(InputError, match=r"bad\.exr: 3 of 48 .* \(2, 1, 0\)"):
         btf[0]
-
-
-def test_fingerprint_follows_the_pictures(tmp_path):
-    folder = make(tmp_path / "x", [A, B])
-    before = open_btf(folder).fingerprint
-    assert open_btf(folder).fingerprint == before
-    Image.new("RGB", (4, 3), (1, 2, 3)).save(folder / "b.png")
-    assert open_btf(folder).fingerprint != before
-
-
-def test_scattered_reads_agree_with_slices(tmp_path, monkeypatch, btf):
-    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
-    write_folder(btf, tmp_path / "x")
-    again = open_btf(tmp_path / "x")
-    # The scratch file is half float: a relative error of 2^-11.
-    np.testing.assert_allclose(again.texels([4], [5])[0], [s[4, 5] for s in btf], rtol=5e-4, atol=1e-6)
-    np.testing.assert_allclose(again.gather([3], [1], [2])[0], btf[3][1, 2], rtol=5e-4, atol=1e-6)
-
-
-def test_notes_that_are_no_object_are_refused(refused, tmp_path, btf):
-    write_folder(btf, tmp_path / "x")
-    (tmp_path / "x" / "btf.json").write_text("[1]")
-    refused(tmp_path / "x", r"btf\.json: it must hold an object")

@@ -41,20 +41,6 @@ def test_ubo2003_pictures_are_flat_codes_of_their_angles(request, tmp_path, made
         assert np.abs(decoded - codes[index]).max() <= 5
 
 
-def test_an_extracted_ubo2003_folder_reads_like_its_zip(tmp_path, samples):
-    zipped = open_btf(samples.make_named(tmp_path, samples.UBO2003 + ".jpg", True))
-    folder = open_btf(samples.make_named(tmp_path / "b", samples.UBO2003 + ".jpg", False))
-    assert np.array_equal([*zipped], [*folder])
-    assert np.array_equal(zipped.wi, folder.wi)
-    assert folder.provenance["format"] == "UBO2003"
-
-
-def test_bonn_names_with_a_prefix_and_underscores(tmp_path, samples):
-    pattern = "set/WOOL_{index:05d}_tl{tl:03d}_pl{pl:03d}_tv{tv:03d}_pv{pv:03d}.jpg"
-    btf = open_btf(samples.make_named(tmp_path, pattern, True))
-    assert (len(btf), btf.provenance["format"]) == (4, "UBO2003")
-
-
 def test_atrium_hdr_keeps_highlights_and_stands_upright(tmp_path, samples):
     btf = open_btf(samples.make_named(tmp_path, samples.UBO2003 + ".hdr", True))
     for index, name in enumerate(samples.named_names(samples.UBO2003)):
@@ -72,9 +58,15 @@ def test_utia_exr_is_xyz_and_png_is_srgb(tmp_path, samples):
     assert np.array_equal(png.wo, exr.wo)
 
 
-def test_a_set_that_was_measured_in_part_keeps_its_pairs(tmp_path, samples):
-    folder = samples.make_named(tmp_path, samples.UTIA + ".png", False)
-    next(folder.rglob("tl015*tv000*")).unlink()
+def test_names_of_bonn_and_sets_that_were_measured_in_part_are_read(tmp_path, samples):
+    pattern = "set/WOOL_{index:05d}_tl{tl:03d}_pl{pl:03d}_tv{tv:03d}_pv{pv:03d}.jpg"
+    zipped = open_btf(samples.make_named(tmp_path / "a", pattern, True))
+    folder = samples.make_named(tmp_path / "b", samples.UBO2003 + ".jpg", False)
+    btf = open_btf(folder)
+    assert np.array_equal([*zipped], [*btf])
+    assert np.array_equal(zipped.wi, btf.wi)
+    assert btf.provenance["format"] == zipped.provenance["format"] == "UBO2003"
+    next(folder.rglob("*tl015*tv000*")).unlink()
     btf = open_btf(folder)
     assert len(btf) == 3
     assert btf.layout.grid is None
@@ -98,41 +90,32 @@ NAME = "set/tv000_pv000/00000 tl000 pl000 tv000 pv000.jpg"
 @pytest.mark.parametrize(
     ("names", "message"),
     [
-        (["../" + NAME], r"the name '\.\./set.*leads out of the folder"),
-        (["/" + NAME], "leads out of the folder"),
-        ([NAME, NAME.replace("tl000", "tl091")], r"tl091 .*jpg: theta of the light = 91 degrees is outside"),
-        ([NAME, NAME.replace("pv000.jpg", "pv999.jpg")], "phi of the view = 999 degrees is outside"),
-        ([NAME, NAME.replace("set/", "copy/")], "the same view and light as .*copy"),
-        (["a.txt", "b.txt"], r"not an archive of a known BTF \(it holds a\.txt, b\.txt\)"),
+        (["../" + NAME], "leads out"),
+        (["/" + NAME], "leads out"),
+        ([NAME, NAME.replace("tl000", "tl091")], "tl091 .*theta of the light"),
+        ([NAME, NAME.replace("pv000.jpg", "pv999.jpg")], "phi of the view"),
+        ([NAME, NAME.replace("set/", "copy/")], "copy"),
+        (["a.txt", "b.txt"], r"a\.txt, b\.txt"),
     ],
 )
 def test_bad_archives_name_the_entry(refused, tmp_path, samples, names, message):
-    path = write(tmp_path / "a.zip", dict.fromkeys(names, jpeg(samples, tmp_path)))
-    refused(path, message)
+    refused(write(tmp_path / "a.zip", dict.fromkeys(names, jpeg(samples, tmp_path))), message)
 
 
-def test_zip_bombs_are_refused_by_their_claim(refused, tmp_path):
-    path = write(tmp_path / "a.zip", {NAME: bytes(100_000)}, compression=zipfile.ZIP_DEFLATED)
-    path.write_bytes(path.read_bytes().replace((100_000).to_bytes(4, "little"), (1 << 30).to_bytes(4, "little")))
-    refused(path, r"claims 1073741824 bytes from \d+, far too many")
+def test_archives_that_are_damaged_or_claim_what_they_do_not_hold_are_refused(refused, tmp_path, samples):
+    def resized(data, claim):
+        path = write(tmp_path / "a.zip", {NAME: data}, compression=zipfile.ZIP_DEFLATED)
+        path.write_bytes(path.read_bytes().replace(len(data).to_bytes(4, "little"), claim.to_bytes(4, "little")))
+        return path
 
-
-def test_an_entry_that_is_larger_than_it_claims_is_refused(tmp_path, samples):
+    refused(resized(bytes(100_000), 1 << 30), "claims 1073741824 bytes")
     data = jpeg(samples, tmp_path)
-    path = write(tmp_path / "a.zip", {NAME: data}, compression=zipfile.ZIP_DEFLATED)
-    raw = path.read_bytes()
-    small = len(data) - 100
-    path.write_bytes(raw.replace(len(data).to_bytes(4, "little"), small.to_bytes(4, "little")))
-    with pytest.raises(InputError, match="size or checksum is wrong"):
-        open_btf(path)[0]
-
-
-def test_truncated_archives_and_exr_entries_are_refused(refused, tmp_path, samples):
-    path = write(tmp_path / "a.zip", {NAME: jpeg(samples, tmp_path)})
+    with pytest.raises(InputError, match="size or checksum"):
+        open_btf(resized(data, len(data) - 100))[0]
+    path = write(tmp_path / "a.zip", {NAME: data})
     path.write_bytes(path.read_bytes()[:-30])
-    refused(path, "the archive is damaged or incomplete")
+    refused(path, "damaged or incomplete")
     samples.save(tmp_path / "p.exr", samples.picture(0))
-    name = "tl000_pl000_tv000_pv000.exr"
-    path = write(tmp_path / "b.zip", {name: (tmp_path / "p.exr").read_bytes()})
-    with pytest.raises(InputError, match="extract the archive and give the folder"):
+    path = write(tmp_path / "b.zip", {"tl000_pl000_tv000_pv000.exr": (tmp_path / "p.exr").read_bytes()})
+    with pytest.raises(InputError, match="extract"):
         open_btf(path)[0]

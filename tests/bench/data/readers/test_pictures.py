@@ -11,7 +11,7 @@ from skimage.color import xyz2rgb
 
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.folder import write_exr
-from bench.data.readers.pictures import XYZ_TO_REC709, PictureSource, picture_size, read_picture, srgb_table
+from bench.data.readers.pictures import XYZ_TO_REC709, PictureSource, picture_size, read_picture
 from bench.errors import InputError
 
 RNG = np.random.default_rng(0)
@@ -35,11 +35,6 @@ def decode(codes, top):
 def exr(path, channels, header=None):
     base = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     OpenEXR.File(base | (header or {}), channels).write(str(path))
-
-
-def test_srgb_decoding_is_the_standards():
-    assert srgb_table(256)[[0, 255]].tolist() == [0, 1]
-    np.testing.assert_allclose(srgb_table(256)[128], 0.215861, atol=1e-6)
 
 
 @pytest.mark.parametrize("mode", ["RGB", "RGBA", "L", "LA", "P", "1"])
@@ -69,12 +64,6 @@ def test_jpeg_agrees_with_another_decoder(tmp_path):
         np.testing.assert_allclose(read(tmp_path / name), decode(codes, 255), atol=1e-6)
 
 
-def test_cmyk_jpeg_is_refused(tmp_path):
-    Image.new("CMYK", (9, 7)).save(tmp_path / "a.jpg")
-    with pytest.raises(InputError, match=r"a\.jpg: this JPEG has 4 channels \(CMYK\?\): save it as RGB"):
-        read(tmp_path / "a.jpg")
-
-
 @pytest.mark.parametrize("noted", range(1, 9))
 @pytest.mark.parametrize("name", ["a.jpg", "a.png"])
 def test_a_picture_is_turned_as_its_exif_notes_say(tmp_path, name, noted):
@@ -85,13 +74,14 @@ def test_a_picture_is_turned_as_its_exif_notes_say(tmp_path, name, noted):
         shown = np.asarray(ImageOps.exif_transpose(stored))  # another implementation
     assert shown.shape == ((9, 7, 3) if noted > 4 else (7, 9, 3))
     np.testing.assert_allclose(read(tmp_path / name), decode(shown, 255), atol=1e-6)
+    files = FolderFiles(tmp_path)
+    assert (PictureSource(files, [name]).fingerprint() == files.digest([name])) == (noted == 1)
 
 
 def with_notes(content, payload):
     """A PNG with an EXIF chunk before its pixels."""
     at = content.index(b"IDAT") - 4
-    chunk = struct.pack(">I", len(payload)) + b"eXIf" + payload
-    return content[:at] + chunk + struct.pack(">I", zlib.crc32(chunk[4:])) + content[at:]
+    return content[:at] + chunk(b"eXIf", payload) + content[at:]
 
 
 def test_a_16_bit_png_is_turned_too_and_notes_far_from_the_start_or_damaged_are_met(tmp_path):
@@ -103,8 +93,7 @@ def test_a_16_bit_png_is_turned_too_and_notes_far_from_the_start_or_damaged_are_
     plain, notes = (tmp_path / "a.png").read_bytes(), exif.tobytes().removeprefix(b"Exif\0\0")
     (tmp_path / "a.png").write_bytes(with_notes(plain, notes))
     np.testing.assert_allclose(read(tmp_path / "a.png"), decode(np.rot90(codes, -1), 65535), atol=1e-6)
-    text = struct.pack(">I", 9999) + b"tEXt" + b"x" * 9999
-    far = plain[:33] + text + struct.pack(">I", zlib.crc32(text[4:])) + plain[33:]
+    far = plain[:33] + chunk(b"tEXt", b"x" * 9999) + plain[33:]
     (tmp_path / "b.png").write_bytes(with_notes(far, notes))
     assert read(tmp_path / "b.png").shape == (9, 7, 3)
     for damaged in (notes[:9], b"\xff" * 99, notes.replace(b"\x06", b"\x63")):
@@ -112,33 +101,15 @@ def test_a_16_bit_png_is_turned_too_and_notes_far_from_the_start_or_damaged_are_
         np.testing.assert_allclose(read(tmp_path / "c.png"), decode(codes, 65535), atol=1e-6)
 
 
-def test_turned_pictures_have_a_fingerprint_of_their_own_and_one_size(tmp_path):
-    exif = Image.Exif()
-    exif[0x0112] = 6
-    Image.fromarray(CODES).save(tmp_path / "a.png", exif=exif)
-    Image.fromarray(np.rot90(CODES, -1)).save(tmp_path / "b.png")
-    files = FolderFiles(tmp_path)
-    source = PictureSource(files, ["a.png", "b.png"])
-    assert source.shape == (9, 7)
-    assert np.array_equal(source.slice(0), source.slice(1))
-    assert source.fingerprint() != files.digest(["a.png", "b.png"])
-    assert PictureSource(files, ["b.png"]).fingerprint() == files.digest(["b.png"])
-
-
 @pytest.mark.parametrize("dtype", [np.float16, np.float32])
 def test_exr_keeps_highlights(tmp_path, dtype):
     picture = RNG.gamma(0.5, 20, (7, 9, 3)).astype(dtype)
-    exr(tmp_path / "a.exr", {"RGB": picture})
-    assert np.array_equal(read(tmp_path / "a.exr"), picture.astype(np.float32))
+    plane = np.ascontiguousarray(picture[..., 0])
+    for channels in ({"RGB": picture}, dict.fromkeys("RGBA", plane), {"Y": plane}):
+        exr(tmp_path / "a.exr", channels)
+        expected = picture if "RGB" in channels else np.repeat(plane[..., None], 3, 2)
+        assert np.array_equal(read(tmp_path / "a.exr"), expected.astype(np.float32))
     assert picture.max() > 1
-
-
-def test_exr_with_alpha_and_grey(tmp_path):
-    plane = RNG.random((7, 9), np.float32)
-    exr(tmp_path / "a.exr", dict.fromkeys("RGBA", plane))
-    exr(tmp_path / "y.exr", {"Y": plane})
-    assert np.array_equal(read(tmp_path / "a.exr"), np.repeat(plane[..., None], 3, 2))
-    assert np.array_equal(read(tmp_path / "y.exr"), np.repeat(plane[..., None], 3, 2))
 
 
 def test_exr_in_xyz_becomes_rec709(tmp_path):
@@ -158,8 +129,7 @@ ACES = {"chromaticities": (0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.077, 0.32168, 0.
 @pytest.mark.parametrize(
     ("channels", "dtype", "header", "message"),
     [
-        ("RG", np.float32, {}, r"no channel B \(it holds G, R\)"),
-        ("A", np.float32, {}, r"no channel R, G, B \(it holds A\)"),
+        ("RG", np.float32, {}, "no channel B "),
         ("RGB", np.uint32, {}, "not full-size half or float"),
         ("RGB", np.float32, ACES, "chromaticities"),
     ],
@@ -199,45 +169,38 @@ def test_hdr_with_runs(tmp_path):
     np.testing.assert_allclose(picture[1, :, 1] * 128, [1, 2, 3, 4, 5, 9, 9, 9, 9, 9])
 
 
-def damaged(kind):
-    chunk = b"IHDR" + struct.pack(">IIBBBBB", 60000, 60000, 8, 2, 0, 0, 0)
-    huge_png = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk))
-    return {
-        "huge png": huge_png + b"\0\0\0\0IDAT",
-        "huge hdr": b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1000000000 +X 1000000000\n\0\0\0\0",
-        "xyze": b"#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 1 +X 1\n\0\0\0\0",
-        "short jpeg": b"\xff\xd8\xff\xe0\0\x10JFIF",
-        "text": b"hello world, no picture",
-        "empty": b"",
-    }[kind]
+def chunk(kind, data):
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def header(side, bits):
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", side, side, bits, 2, 0, 0, 0))
+
+
+HDR = b"#?RADIANCE\nFORMAT=32-bit_rle_%s\n\n-Y %d +X %d\n\0\0\0\0"
 
 
 @pytest.mark.parametrize(
-    ("kind", "message"),
+    ("content", "message"),
     [
-        ("huge png", "its header says .* pixels, but it has"),
-        ("huge hdr", "its header says .* pixels, but it has"),
-        ("xyze", "only 32-bit_rle_rgbe is read"),
-        ("short jpeg", "the header ends early: the picture is truncated"),
-        ("text", r"begins with b'hello wo', like no known picture: JPEG, PNG, OpenEXR and Radiance"),
-        ("empty", "begins with b''"),
+        (header(60000, 8) + b"\0\0\0\0IDAT", "pixels, but it has"),
+        (header(64, 16) + chunk(b"IDAT", zlib.compress(bytes(50_000_000), 9)) + chunk(b"IEND", b""), "inflate beyond"),
+        (HDR % (b"rgbe", 1000000000, 1000000000), "pixels, but it has"),
+        (HDR % (b"xyze", 1, 1), "32-bit_rle_rgbe"),
+        (b"\xff\xd8\xff\xe0\0\x10JFIF", "truncated"),
+        (b"hello world, no picture", "begins with b'hello wo'"),
+        (b"", "begins with b''"),
+        ("CMYK", "4 channels"),
     ],
+    ids=range(8),
 )
-def test_damaged_headers_are_refused_before_anything_is_allocated(tmp_path, kind, message):
-    (tmp_path / "a").write_bytes(damaged(kind))
-    with pytest.raises(InputError, match=message):
+def test_damaged_headers_are_refused_before_anything_is_allocated(tmp_path, content, message):
+    if content == "CMYK":
+        Image.new("CMYK", (9, 7)).save(tmp_path / "a", "JPEG")
+    else:
+        (tmp_path / "a").write_bytes(content)
+    with pytest.raises(InputError, match=f"a: .*{message}"):
         read(tmp_path / "a")
-
-
-def test_16_bit_png_that_inflates_without_end_is_refused(tmp_path):
-    def chunk(kind, data):
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-    header = struct.pack(">IIBBBBB", 64, 64, 16, 2, 0, 0, 0)
-    bomb = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(bytes(50_000_000), 9)) + chunk(b"IEND", b"")
-    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bomb)
-    with pytest.raises(InputError, match="inflate beyond"):
-        read(tmp_path / "a.png")
 
 
 def test_truncated_pictures_are_refused(tmp_path):

@@ -6,7 +6,6 @@ import pytest
 from PIL import Image
 from ubo2003_pca_write import random_codes, save, write_ubo2003_pca
 
-from bench.data.frame import mean_lobe
 from bench.data.readers import open_btf
 from bench.data.readers.ubo2003_pca import PIXELS
 from bench.errors import InputError
@@ -36,6 +35,7 @@ def copy(clone, tmp_path):
 def test_slices_and_scattered_reads_are_the_sums_of_the_codes(clone, tmp_path, monkeypatch):
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path))
     btf = open_btf(clone[0])
+    assert not {"components", "weights"} & set(vars(btf.source))  # opening decodes no picture
     codes = clone[1].reshape(-1, SIZE, SIZE, 3)
     assert codes.min() < 0 < 1 < codes.max()  # what is clipped is there
     expected = decode_srgb(np.clip(codes, 0, 1))
@@ -61,10 +61,6 @@ def test_views_and_lights_are_those_of_ubo2003_in_its_order(clone):
     assert btf.provenance["source"] == "measured, re-coded by local PCA"
     assert btf.provenance["native"]["bytes"] == sum(p.stat().st_size for p in clone[0].glob("*.png"))
     assert btf.provenance["native"]["rank"] == 8
-
-
-def test_opening_decodes_no_picture(clone):
-    assert not {"components", "weights"} & set(vars(open_btf(clone[0]).source))
 
 
 def test_a_material_has_one_name_and_fingerprint_wherever_it_lies(clone, copy):
@@ -94,49 +90,29 @@ def test_measured_materials_decode_as_expected(data, name):
                 np.testing.assert_allclose(btf.gather([pair], [row], [col])[0], linear, atol=5e-5)
 
 
-@pytest.mark.parametrize("name", MEASURED)
-def test_the_lobe_of_measured_materials_lies_in_the_mirror_direction(data, name):
-    lobe = mean_lobe(open_btf(data / "ubo2003_local_pca" / name))
-    assert lobe.given > 0.7
-    assert lobe.mirrored < 0.15
-    assert abs(lobe.peak_deg - 180) <= 5
-    assert round(lobe.theta_deg) == 75
-
-
-def noted(folder, **changes):
-    notes = json.loads((folder / "meta.json").read_text()) | changes
-    (folder / "meta.json").write_text(json.dumps(notes))
-
-
 @pytest.mark.parametrize(
     ("notes", "message"),
     [
-        ({"blockSize": "9"}, "blockSize = '9'"),
-        ({"numComp": "4"}, "numComp = '4'"),
-        ({"numDirections": 151}, "numDirections = 151"),
-        ({"numDirections": None}, "numDirections = None: it must be a whole number"),
-        ({"imageSize": "0"}, "imageSize = 0: it must be 1 to 1024"),
-        ({"imageSize": "1" * 3000}, "imageSize = 1111.*: it must be a whole number"),
-        ({"imageSize": [[4]]}, r"imageSize = \[\[4\]\]: it must be a whole number"),
-        ({"imageSize": "-4"}, "imageSize = -4: it must be a whole number"),
-        (b'{"numComp": "8"', "cannot be read"),
+        ({"blockSize": "9"}, "blockSize"),
+        ({"numComp": "4"}, "numComp"),
+        ({"numDirections": 151}, "numDirections"),
+        ({"numDirections": None}, "numDirections"),
+        ({"imageSize": "0"}, "imageSize"),
+        ({"imageSize": "1" * 3000}, "imageSize"),
+        ({"imageSize": [[4]]}, "imageSize"),
+        ({"imageSize": "-4"}, "imageSize"),
         (b"[" * 60000, "cannot be read"),
-        (b"[8]", "it must hold an object"),
-        (b'{"numComp": "' + b"8" * (1 << 16) + b'"}', "it is larger than 64 KiB"),
+        (b"[8]", "object"),
+        (b'{"numComp": "' + b"8" * (1 << 16) + b'"}', "larger than 64 KiB"),
         (b"\xff\xfe\x00", "cannot be read"),
     ],
+    ids=range(12),
 )
 def test_notes_that_lie_or_are_damaged_are_named_with_their_field(refused, copy, notes, message):
     if isinstance(notes, dict):
-        noted(copy, **notes)
-    else:
-        (copy / "meta.json").write_bytes(notes)
-    refused(copy, rf"felt/meta\.json: {message}")
-
-
-def test_a_size_that_the_pictures_do_not_have_is_an_error(refused, copy):
-    noted(copy, imageSize="8")
-    refused(copy, r"felt/0\.png: .* pixels are not 27 blocks of 8 x 8 texels, as imageSize in ")
+        notes = json.dumps(json.loads((copy / "meta.json").read_text()) | notes).encode()
+    (copy / "meta.json").write_bytes(notes)
+    refused(copy, rf"felt/meta\.json: .*{message}")
 
 
 def test_other_numbered_pictures_with_a_meta_json_are_not_taken_for_this_format(refused, tmp_path):
@@ -145,20 +121,20 @@ def test_other_numbered_pictures_with_a_meta_json_are_not_taken_for_this_format(
     refused(tmp_path, "not a BTF folder")
 
 
-@pytest.mark.parametrize("name", ["5.png", "R.png"])
-def test_a_missing_picture_is_named(refused, copy, name):
-    (copy / name).unlink()
-    refused(copy, rf"felt/{name}: it is missing: the material has 0\.png, 1\.png")
-
-
 def test_pictures_of_another_kind_are_refused(refused, copy):
     Image.new("RGB", (4, 27)).save(copy / "3.png")
-    refused(copy, r"3\.png: it is not a PNG of 8 bits with red, green, blue and alpha")
+    refused(copy, r"3\.png: .* red, green, blue and alpha")
     (copy / "3.png").write_bytes(b"GIF89a")
     refused(copy, r"3\.png: it begins with b'GIF89a'")
+    (copy / "3.png").unlink()
+    refused(copy, r"felt/3\.png: it is missing")
     shutil.copy(copy / "2.png", copy / "3.png")
+    notes = (copy / "meta.json").read_text()
+    (copy / "meta.json").write_text(json.dumps(json.loads(notes) | {"imageSize": "8"}))
+    refused(copy, r"felt/0\.png: .*imageSize")
+    (copy / "meta.json").write_text(notes)
     save(copy / "R.png", np.zeros((10, 40), np.uint8))
-    refused(copy, rf"R\.png: 10 x 10 pixels are too few: {PIXELS} hold the weights")
+    refused(copy, rf"R\.png: .*{PIXELS}")
 
 
 @pytest.mark.parametrize("name", ["7.png", "R.png"])

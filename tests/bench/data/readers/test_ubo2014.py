@@ -2,9 +2,8 @@ import struct
 
 import numpy as np
 import pytest
-from ubo2014_write import factorise, write_ubo2014
+from ubo2014_write import write_ubo2014
 
-from bench.btf import BTF, ArraySource
 from bench.data.readers import open_btf, ubo2014
 from bench.errors import InputError
 from bench.hemisphere import from_angles
@@ -34,30 +33,15 @@ def decoded(model, given, fmf, dtype):
     return np.moveaxis(c, 0, -1).reshape(6, *SHAPE, 3)[:, ::-1]
 
 
-MADE = {"tiny_rgb": (0, False), "tiny_yuvlog": (11, False), "tiny_fmf": (12, True)}  # colour model, whether an FMF
+MADE = ("tiny_rgb", "tiny_yuvlog", "tiny_fmf")
 
 
-def make_tiny(path, name):
-    """A file like the one of that name, what it decodes to [view, light, row, column, rgb], its views and lights."""
-    model, fmf = MADE[name]
-    given = [(2 * u, sv) for u, sv in factors(np.random.default_rng(1), fmf)]
-    views, lights = VIEWS.astype(np.float32), LIGHTS.astype(np.float32)
-    write_ubo2014(path, views, lights, SHAPE, given, colour_model=model, scalar=4)
-    return decoded(model, given, fmf, np.float32).reshape(len(views), len(lights), *SHAPE, 3), views, lights
-
-
-@pytest.mark.parametrize("made", [True, False], ids=["made", "real"])
 @pytest.mark.parametrize("name", MADE)
-def test_tiny_files_decode_as_expected(request, tmp_path, name, made):
-    if made:
-        path = tmp_path / "a.btf"
-        expected, views, lights = make_tiny(path, name)
-    else:
-        folder = request.getfixturevalue("data") / "tiny_formats"
-        path = folder / f"{name}.btf"
-        with np.load(folder / "expected.npz", allow_pickle=False) as stored:
-            expected, views, lights = (stored[name + part] for part in ("", "_views", "_lights"))
-    btf = open_btf(path)
+def test_tiny_files_decode_as_expected(data, name):
+    folder = data / "tiny_formats"
+    with np.load(folder / "expected.npz", allow_pickle=False) as stored:
+        expected, views, lights = (stored[name + part] for part in ("", "_views", "_lights"))
+    btf = open_btf(folder / f"{name}.btf")
     shape = expected.shape
     flat = expected.reshape(-1, *shape[2:])
     assert np.abs(np.stack([*btf]) - flat).max() <= 1e-6
@@ -76,21 +60,13 @@ def test_tiny_files_decode_as_expected(request, tmp_path, name, made):
 @pytest.mark.parametrize(("model", "fmf"), [(0, False), (11, False), (12, False), (0, True), (12, True)])
 def test_every_colour_model_scalar_and_version(tmp_path, version, scalar, dtype, model, fmf):
     given = factors(np.random.default_rng(model), fmf)
-    path = tmp_path / "a.btf"
-    write_ubo2014(
-        path,
-        VIEWS,
-        LIGHTS,
-        SHAPE,
-        given,
-        colour_model=model,
-        scalar=scalar,
-        version=version,
-        rotations=2,
-        xml="<setup/>",
-    )
+    path, more = tmp_path / "a.btf", {"version": version, "rotations": 2, "xml": "<setup/>"}
+    write_ubo2014(path, VIEWS, LIGHTS, SHAPE, given, colour_model=model, scalar=scalar, **more)
     btf = open_btf(path)
-    np.testing.assert_allclose([*btf], decoded(model, given, fmf, dtype), rtol=2e-5, atol=2e-6)
+    expected = decoded(model, given, fmf, dtype)
+    np.testing.assert_allclose([*btf], expected, rtol=2e-5, atol=2e-6)
+    np.testing.assert_allclose(btf.texels([1], [3])[0], expected[:, 1, 3], rtol=2e-5, atol=2e-6)
+    np.testing.assert_allclose(btf.gather([4], [2], [0])[0], expected[4, 2, 0], rtol=2e-5, atol=2e-6)
     assert btf.provenance["native"] == {"bytes": path.stat().st_size, "rank": 3, "ranks": [3, 3, 3]}
     assert btf.provenance["rotations"] == 2
     assert btf.provenance["ppmm"] == 10.0
@@ -109,20 +85,6 @@ def test_large_factors_are_not_expanded_and_give_the_same_values(tmp_path, monke
     np.testing.assert_allclose(large.gather([5], [0], [4]), small.gather([5], [0], [4]), rtol=1e-5)
 
 
-def test_factorising_a_btf_keeps_it(tmp_path):
-    rng = np.random.default_rng(3)
-    view, light = np.divmod(np.arange(6), 2)
-    values = rng.gamma(1.0, 2.0, (6, *SHAPE, 3)).astype(np.float32)
-    btf = BTF("random", from_angles(*VIEWS.T)[view], from_angles(*LIGHTS.T)[light], ArraySource(values))
-    factorise(btf, tmp_path / "a.btf", rank=6)
-    again = open_btf(tmp_path / "a.btf")
-    np.testing.assert_allclose(again.wo, btf.wo, atol=1e-6)
-    # Half-float factors of log luminance: a few times 2^-11, relative to the brightest channel.
-    assert np.abs(np.stack([*again]) - values).max() <= 0.01 * values.max()
-    with pytest.raises(InputError, match="no product of views and lights"):
-        factorise(btf.subset([0, 3]), tmp_path / "b.btf")
-
-
 def changed(path, offset, data):
     raw = bytearray(path.read_bytes())
     raw[offset : offset + len(data)] = data
@@ -138,9 +100,7 @@ BODY = SIZE + 12
 @pytest.mark.parametrize(
     ("offset", "data", "message"),
     [
-        (0, b"!PVF06FCRx", r"the signature !PVF06FC is known but not read: only !DFMF08FCR and !FMF12FCER are"),
-        (0, b"!FMF06FC\0\0", "the signature !FMF06FC is known but not read"),
-        (0, b"!BDIF06R2!", "the signature !BDIF06R2! is known but not read"),
+        (0, b"!PVF06FCRx", "!PVF06FC is known but not read"),
         (0, b"!NEWFORMAT", r"unknown signature b'!NEWFORMAT'"),
         (HEAD, struct.pack("<I", 7), "the header says it has 7 bytes, but it has 291"),
         (HEAD + 4, struct.pack("<I", 5), "header version 5: versions 1 to 4 are read"),
@@ -174,37 +134,31 @@ def test_truncated_files_say_so(refused, tmp_path):
         with pytest.raises(InputError):
             open_btf(path)
     path.write_bytes(whole[:-1])
-    refused(path, r"offset \d+: channel 2: SV needs 120 bytes, but 119 are left: the file is truncated")
+    refused(path, r"offset \d+: channel 2: .*truncated")
 
 
 def test_values_that_overflow_are_named_when_read(tmp_path):
-    path = tmp_path / "a.btf"
-    write_ubo2014(path, VIEWS, LIGHTS, SHAPE, [(np.full((6, 1), 200), np.ones((20, 1)))] * 3)
-    btf = open_btf(path)
-    with pytest.raises(InputError, match=r"slice of pair 4: 60 of 60 values are not finite"):
-        btf[4]
-    with pytest.raises(InputError, match=r"texels from 0: .* not finite"):
-        btf.texels([0], [0])
-    with pytest.raises(InputError, match=r"samples from 0: .* not finite"):
-        btf.gather([0], [0], [0])
+    write_ubo2014(tmp_path / "a.btf", VIEWS, LIGHTS, SHAPE, [(np.full((6, 1), 200), np.ones((20, 1)))] * 3)
+    btf = open_btf(tmp_path / "a.btf")
+    for reading in (lambda: btf[4], lambda: btf.texels([0], [0]), lambda: btf.gather([0], [0], [0])):
+        with pytest.raises(InputError, match="not finite"):
+            reading()
+    given = factors(np.random.default_rng(1))
+    given[0][0][4] = 1e4  # log luminance of the fifth pair
+    write_ubo2014(tmp_path / "a.btf", VIEWS, LIGHTS, SHAPE, given, scalar=4)
+    with pytest.raises(InputError, match="slice of pair 4"):  # though others are read with it
+        list(open_btf(tmp_path / "a.btf"))
 
 
 @pytest.mark.parametrize("dense", [1 << 30, 0])
 def test_slices_that_are_multiplied_together_are_those_read_one_by_one(tmp_path, monkeypatch, dense):
     monkeypatch.setattr(ubo2014, "MULTIPLIED", 24 * 20 * 4)  # four of the six pairs
     monkeypatch.setattr(ubo2014, "DENSE_BYTES", dense)
-    expected, _, _ = make_tiny(tmp_path / "a.btf", "tiny_yuvlog")
+    given = factors(np.random.default_rng(1))
+    write_ubo2014(tmp_path / "a.btf", VIEWS, LIGHTS, SHAPE, given, scalar=4)
     btf = open_btf(tmp_path / "a.btf")
     assert btf.source.at_once == 4
     for each, level in ((btf, 1), (btf.downsample(2), 2), (btf.crop(1, 1, 3, 4), 0)):
         one_by_one = np.stack([each[i] for i in range(len(each))])
         np.testing.assert_allclose(np.stack(list(each)), one_by_one, rtol=1e-5, err_msg=str(level))
-    np.testing.assert_allclose(np.stack(list(btf)), expected.reshape(6, *SHAPE, 3), rtol=1e-4, atol=1e-5)
-
-
-def test_a_slice_that_is_not_finite_is_named_though_others_are_read_with_it(tmp_path):
-    given = factors(np.random.default_rng(1))
-    given[0][0][4] = 1e4  # log luminance of the fifth pair
-    write_ubo2014(tmp_path / "a.btf", VIEWS, LIGHTS, SHAPE, given, scalar=4)
-    with pytest.raises(InputError, match="slice of pair 4"):
-        list(open_btf(tmp_path / "a.btf"))
+    np.testing.assert_allclose(np.stack(list(btf)), decoded(11, given, False, np.float32), rtol=1e-4, atol=1e-5)

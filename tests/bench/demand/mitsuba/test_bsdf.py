@@ -41,24 +41,20 @@ def surface(uv, wo):
     return si
 
 
-def test_its_radiance_is_the_materials(file):
-    bsdf = mi.load_dict({"type": "neubtf", "filename": str(file), "repeat": 2.0})
+def answered(file, uv, wo, wi, **more):
+    bsdf = mi.load_dict({"type": "neubtf", "filename": str(file), **more})
+    return np.asarray(bsdf.eval(mi.BSDFContext(), surface(uv, wo), mi.Vector3f(wi.T))).T
+
+
+def test_its_radiance_is_the_materials(file, tmp_path):
     uv, wo, wi = queries(10_000)
-    radiance = np.asarray(bsdf.eval(mi.BSDFContext(), surface(uv, wo), mi.Vector3f(wi.T))).T
     wanted = bench.load(file).query(2 * uv, wo, wi)
-    np.testing.assert_allclose(radiance, wanted, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(answered(file, uv, wo, wi, repeat=2.0), wanted, rtol=1e-4, atol=1e-5)
     assert 0.15 < (wanted > 0).any(1).mean() < 0.35  # black below the horizon, of either direction
-
-
-def test_a_texture_that_is_not_square_is_not_squeezed(tmp_path):
-    path = tmp_path / "wide.nbtf"
-    bench.encode(
-        bench.open("satin", size=16, views=9, lights=9, heldout=8).crop(0, 0, 8, 16), "pca", path, components=6
-    )
-    bsdf = mi.load_dict({"type": "neubtf", "filename": str(path), "repeat": 2.0})
-    uv, wo, wi = queries(1_000)
-    radiance = np.asarray(bsdf.eval(mi.BSDFContext(), surface(uv, wo), mi.Vector3f(wi.T))).T
-    np.testing.assert_allclose(radiance, bench.load(path).query(uv * np.float32([2, 4]), wo, wi), rtol=1e-3, atol=1e-5)
+    wide = bench.open("satin", size=16, views=9, lights=9, heldout=8).crop(0, 0, 8, 16)
+    bench.encode(wide, "pca", tmp_path / "wide.nbtf", components=6)
+    wanted = bench.load(tmp_path / "wide.nbtf").query(uv * np.float32([2, 4]), wo, wi)
+    np.testing.assert_allclose(answered(tmp_path / "wide.nbtf", uv, wo, wi, repeat=2.0), wanted, rtol=1e-3, atol=1e-5)
 
 
 def test_a_back_is_black_or_mirrors_the_front(file):
@@ -66,8 +62,7 @@ def test_a_back_is_black_or_mirrors_the_front(file):
     wo[:, 2], wi[:, 2] = -abs(wo[:, 2]), -abs(wi[:, 2])
     up = np.float32([1, 1, -1])
     for two_sided in (False, True):
-        bsdf = mi.load_dict({"type": "neubtf", "filename": str(file), "two_sided": two_sided})
-        radiance = np.asarray(bsdf.eval(mi.BSDFContext(), surface(uv, wo), mi.Vector3f(wi.T))).T
+        radiance = answered(file, uv, wo, wi, two_sided=two_sided)
         wanted = bench.load(file).query(uv, wo * up, wi * up) if two_sided else 0 * radiance
         np.testing.assert_allclose(radiance, wanted, rtol=1e-4, atol=1e-5)
 
@@ -154,7 +149,7 @@ def test_a_variant_that_cannot_run_it_is_refused():
 
     mi.set_variant("scalar_rgb")
     try:
-        with pytest.raises(InputError, match="scalar_rgb cannot run a codec: set llvm_ad_rgb or cuda_ad_rgb"):
+        with pytest.raises(InputError, match="scalar_rgb"):
             register()
     finally:
         mi.set_variant("llvm_ad_rgb")

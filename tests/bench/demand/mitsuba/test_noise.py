@@ -42,14 +42,6 @@ def test_as_many_samples_reach_the_noise_that_is_stated(file, monkeypatch):
     assert spread == pytest.approx(0.2, rel=0.15)  # of 24 pictures of 36 pixels, some of which are far noisier
 
 
-@pytest.mark.long
-def test_each_way_to_draw_is_measured_for_itself(file):
-    cosine, lobes, again = measured(file, [None, NARROW, None], 16)
-    assert cosine.samples == again.samples
-    assert abs(lobes.samples / cosine.samples - 1) > 0.2
-    assert min(cosine.seconds, lobes.seconds) >= 0
-
-
 def test_a_black_picture_has_no_noise():
     from bench.demand.mitsuba import noise
 

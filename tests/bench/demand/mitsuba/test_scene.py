@@ -1,4 +1,5 @@
 import importlib.util
+import sys
 
 import numpy as np
 import pytest
@@ -167,8 +168,8 @@ def test_each_sensor_is_a_frame(tmp_path):
 def test_what_will_not_do_says_why(tmp_path):
     away = CAMERA.replace('target="0,0,0"', 'target="0.3,-3,0.9"')
     for parts, bsdf, message in [
-        ((CAMERA, CLOTH, PLANE, LAMP), "clot", "no shape has a BSDF with the id 'clot'; did you mean 'cloth'"),
-        ((away, CLOTH, PLANE, LAMP), "cloth", "no ray of the camera finds the material: it is behind the camera"),
+        ((CAMERA, CLOTH, PLANE, LAMP), "clot", "did you mean 'cloth'"),
+        ((away, CLOTH, PLANE, LAMP), "cloth", "behind the camera"),
         ((CLOTH, PLANE, LAMP), "cloth", "no sensor|no ray of the camera"),
         ((CAMERA, CLOTH, PLANE), "cloth", "no emitter|no light reaches the side"),
         ((CAMERA, "<bsdf>"), "cloth", "Mitsuba cannot load it"),
@@ -201,21 +202,18 @@ def test_an_llvm_that_ends_the_process_is_refused(tmp_path, capsys, monkeypatch)
     monkeypatch.setattr(llvm, "_tried", lambda choice: ("LLVM 15.0.6", ("kernels",), "Cannot select: fmaximum"))
     path = written(tmp_path, CAMERA, CLOTH, PLANE, LAMP)
     assert cli.main(["demand", str(path), "--bsdf", "cloth", "-o", str(tmp_path / "a.npz")]) == 2
-    message = " ".join(capsys.readouterr().err.split())
-    assert "LLVM 15.0.6, which ended a trial process (Cannot select: fmaximum)" in message
-    assert "apt-get install libllvm19" in message
-    assert "DRJIT_LIBLLVM_PATH" in message
+    assert "DRJIT_LIBLLVM_PATH" in capsys.readouterr().err
 
 
 def test_the_command_says_what_it_lacks(tmp_path, capsys, monkeypatch):
-    path, out = written(tmp_path), str(tmp_path / "a.npz")
-    assert cli.main(["demand", str(path), "-o", out]) == 2
-    assert "with --bsdf ID" in capsys.readouterr().err
-    assert cli.main(["demand", str(tmp_path / "no.xml"), "--bsdf", "a", "-o", out]) == 2
-    assert "there is no such file" in capsys.readouterr().err
-    assert cli.main(["demand", "wall", "--bsdf", "a", "-o", out]) == 2
-    assert "only for a Mitsuba scene" in capsys.readouterr().err
-    monkeypatch.setitem(__import__("sys").modules, "mitsuba", None)
-    monkeypatch.delitem(__import__("sys").modules, "bench.demand.mitsuba.scene", raising=False)
-    assert cli.main(["demand", str(path), "--bsdf", "a", "-o", out]) == 2
-    assert "needs Mitsuba 3" in capsys.readouterr().err
+    monkeypatch.setitem(sys.modules, "mitsuba", None)
+    monkeypatch.delitem(sys.modules, "bench.demand.mitsuba.scene", raising=False)
+    path = str(written(tmp_path))
+    for words, message in (
+        ([path], "--bsdf ID"),
+        ([str(tmp_path / "no.xml"), "--bsdf", "a"], "no such file"),
+        (["wall", "--bsdf", "a"], "Mitsuba scene"),
+        ([path, "--bsdf", "a"], "needs Mitsuba 3"),
+    ):
+        assert cli.main(["demand", *words, "-o", str(tmp_path / "a.npz")]) == 2
+        assert message in capsys.readouterr().err
