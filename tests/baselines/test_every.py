@@ -234,19 +234,6 @@ def test_a_material_of_one_colour_is_coded(name: str, settings: dict[str, Any], 
     assert (answer / colour - 1).abs().max() < tolerance
 
 
-@pytest.mark.parametrize(
-    ("name", "settings"), [("rainer2019", FEW | {"bits": 32, "start": "encoder"}), ("rainer2020", {"bits": 32})]
-)
-def test_texels_that_are_alike_share_their_latents(name: str, settings: dict[str, Any]) -> None:
-    """The encoder sees the ABRDF and nothing else."""
-    values = table(tiny_btf())
-    values[:, 4:] = values[:, :4]
-    codec = make_codec(name, settings)
-    latents = codec.encode(at_tiny_pairs(values), Fit(network=shared.find_for(codec))).texture["latents"]
-    torch.testing.assert_close(latents[4:], latents[:4], rtol=1e-5, atol=1e-5)
-    assert (latents[0, 0] - latents[0, 3]).abs().max() > 1e-3
-
-
 # rainer2020: 32 latents beside mean and deviation. biplane: 14 · 256 + 256, two blocks of 256 · 128 + 128 and
 # 128 · 256 + 256, and 256 · 3 + 3; six features, a matrix of nine and an offset of three a texel, and a plane over half
 # vectors that is the material's own.

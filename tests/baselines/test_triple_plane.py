@@ -8,22 +8,11 @@ from baselines.triple_plane import TriplePlane, half_and_difference
 from bench import hemisphere
 from bench.btf import BTF, ArraySource
 from bench.conformance.check import tiny_btf
-from bench.material import parameters
-from bench.training import load_texture
 from tests.baselines.made import coded, decoded, dense, fetch, oracle_difference, split
 
 
 def codec(**settings: Any) -> TriplePlane:
     return TriplePlane(**{"steps": 10, "batch": 256} | settings)
-
-
-def test_the_decoder_and_the_planes_are_the_published_ones() -> None:
-    parts, material = coded(codec(recipe="paper", steps=2))
-    # 24 → 32 → 32 → 32 → 3 with biases; without, as the authors' kernel in eight bits has it, 2,912.
-    assert parts.decoder["weights"].shape == (3_011,)
-    assert parameters(material) == material.cost.parameters == 3_011
-    assert load_texture("planes", parts.decoder).shape == (2, 50, 50, 8)
-    assert load_texture("latents", parts.texture).shape == (8, 8, 8)
 
 
 @pytest.mark.parametrize("kind", ["rusinkiewicz", "nearest"])
@@ -80,9 +69,3 @@ def test_between_the_pairs_a_blurred_plane_answers_better() -> None:
         answers = np.stack([material.slice(o.tolist(), i.tolist()).numpy() for o, i in zip(wo, wi, strict=True)])
         errors.append(np.abs(answers - lobe(wo, wi)[:, None, None, None] * albedo).mean())
     assert errors[1] < 0.7 * errors[0]
-
-
-@pytest.mark.parametrize("resolution", [1, 2])
-def test_the_smallest_planes_work(resolution: int) -> None:
-    ours = codec(resolution=resolution, channels=1)
-    assert decoded(ours, tiny_btf()).slice([0, 0, 1], [0, 0, 1]).isfinite().all()

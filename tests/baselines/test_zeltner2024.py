@@ -129,14 +129,6 @@ def test_the_paper_s_loss_is_of_cube_roots() -> None:
     assert fitting.predict(batch, 0.0).amax().item() == pytest.approx(np.log1p(1e5))
 
 
-def test_the_first_frames_are_the_surface_s_own() -> None:
-    """Latents of 0 leave the normal at z and the tangent at x, so that turned directions are the directions."""
-    network = codec().decode(codec(steps=1).encode(tiny_btf(), Fit()), torch.device("cpu")).network
-    directions = torch.tensor([[[0.6, 0.0, 0.8], [0.0, -0.6, 0.8]]])
-    turned = network.frames.turned(torch.zeros(1, 8), directions)
-    torch.testing.assert_close(turned.reshape(2, 2, 3), directions[0][:, None].expand(2, 2, 3))
-
-
 def turned_lobes() -> BTF:
     """Texels with one lobe each, about a normal of its own: what frames are for."""
     like, rng = tiny_btf(), np.random.default_rng(0)

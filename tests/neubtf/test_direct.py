@@ -20,16 +20,6 @@ def fitted(**settings: Any) -> tuple[NeuBTFDirect, Parts, Material]:
     return codec, parts, codec.decode(parts, torch.device("cpu"))
 
 
-def test_the_decoder_of_the_papers_recipe_is_the_papers() -> None:
-    _, parts, material = fitted(recipe="paper")
-    assert parts.decoder["weights"].shape == (3011,)
-    assert parts.decoder["weights"].dtype == torch.float16
-    assert parts.texture["latents.size"].tolist() == [8, 8]
-    assert parts.texture["latents"][1:15].tolist() == [8] * 14
-    assert parameters(material) == material.cost.parameters == 3011
-    assert material.cost.texture_channels == 14
-
-
 @pytest.mark.parametrize("recipe", ["ours", "paper"])
 def test_it_comes_near_the_data(recipe: str) -> None:
     fit = Fit()

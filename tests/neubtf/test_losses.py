@@ -58,10 +58,6 @@ def test_the_filters_are_the_same_for_everyone() -> None:
     assert Style().bank.equal(first)
 
 
-def test_style_takes_any_size() -> None:
-    assert Style().double()(pictures(1, (1, 3)), pictures(2, (1, 3))).isfinite()
-
-
 def test_focal_frequency_weighs_what_is_far_off() -> None:
     ours, theirs = pictures(1), pictures(2)
     found = []

@@ -1,6 +1,6 @@
 import pytest
 
-from reports.numbers import fixed, integer, significant
+from reports.numbers import significant
 
 
 @pytest.mark.parametrize(
@@ -21,8 +21,3 @@ from reports.numbers import fixed, integer, significant
 )
 def test_three_digits_count(value, text):
     assert significant(value) == text
-
-
-def test_other_numbers():
-    assert (integer(1234567), integer(None)) == ("1,234,567", "—")
-    assert (fixed(1234.5678, 2), fixed(None, 2)) == ("1,234.57", "—")

@@ -2,11 +2,9 @@
 
 import json
 
-import pytest
-
 from bench.choosing import Limits, Rung, chosen, has_validation
-from bench.choosing.budgets import BYTES, EAGER, FIT, FUSED, Budget, budgets, line_of, rung_of, setting_of, shown
-from bench.records import PSNR, TRADE, append, load_run, load_together
+from bench.choosing.budgets import BYTES, EAGER, FUSED, Budget, budgets, line_of, rung_of, setting_of, shown
+from bench.records import PSNR, TRADE, append, load_run
 from bench.records.lines import TRADE_FORMAT
 
 SIDE = 64
@@ -58,11 +56,6 @@ def test_the_best_that_fits_is_chosen_and_one_that_is_a_byte_too_large_is_not(tm
     assert picks(run, Budget(BYTES, 32)) == {"a": "x=2"}
 
 
-def test_a_line_without_a_rung_that_fits_has_none(tmp_path):
-    run = run_of(tmp_path / "run", job("a", 10**6, 30.0), job("b", 10, 10.0))
-    assert picks(run, Budget(BYTES, 128)) == {"b": "default"}
-
-
 def test_records_without_validation_are_never_chosen_and_are_told(tmp_path):
     run = run_of(tmp_path / "run", job("a x=1", 10, None, test=99.0), job("a x=2", 10, 10.0))
     assert picks(run, Budget(BYTES, 16)) == {"a": "x=2"}
@@ -86,11 +79,6 @@ def test_equals_go_to_the_smaller_file_then_to_the_faster_then_to_the_first():
     several = [rung("large", 3, 30.0, time=1.0), rung("slow", 2, 30.0, time=9.0), rung("fast", 2, 30.0, time=5.0)]
     assert chosen([*several, rung("unknown", 2, 30.0)], Limits(size=9)).of == "fast"
     assert chosen([rung("first", 2, 30.0), rung("second", 2, 30.0)], Limits(size=9)).of == "first"
-
-
-def test_an_exact_rung_beats_every_other():
-    exact = rung_of([job("a exact", 2, 100.0)], {})
-    assert chosen([rung("near", 0, 99.0), exact], Limits(size=2)) is exact
 
 
 def test_seeds_make_one_rung_of_their_means_that_fits_where_the_largest_file_does(tmp_path):
@@ -138,12 +126,6 @@ def test_a_rung_fits_a_time_if_the_upper_end_of_its_interval_does(tmp_path):
     assert budgets(run).times[EAGER]["satin/a x=1/0"] == 4.1
 
 
-def test_budgets_of_fits_are_of_processor_seconds(tmp_path):
-    jobs = [job("a x=1", 10, 30.0, fit_seconds=9.0), job("a x=2", 10, 50.0, fit_seconds=11.0), job("a x=3", 10, 60.0)]
-    run = run_of(tmp_path / "run", *jobs)
-    assert [picks(run, Budget(FIT, seconds)) for seconds in (10, 100)] == [{"a": "x=1"}, {"a": "x=2"}]
-
-
 def test_fused_times_have_budgets_of_their_own(tmp_path):
     run = run_of(tmp_path / "run", job("a", 10, 30.0), timing("satin/a/0", 9.0))
     fused = {"material": "satin", "label": "a", "job": "satin/a/0", "execution": "fused", "precision": "float32"}
@@ -168,17 +150,3 @@ def test_what_was_measured_on_other_data_than_last_is_left_out(tmp_path):
     run = run_of(tmp_path / "run", old, newest)
     assert picks(run, Budget(BYTES, 16)) == {"a": "x=2"}
     assert [each["label"] for each in budgets(run).unlike] == ["a x=1"]
-
-
-def test_runs_without_validation_stand_in_nobodys_place(tmp_path):
-    other = job("a", 10, None) | {"score_key": {"btf": "other"}}
-    run_of(tmp_path / "new", job("a", 10, 30.0), timing("satin/a/0", 3.0))
-    run_of(tmp_path / "old", other, timing("satin/a/0", 99.0, run="0"))
-    together = load_together([tmp_path / "new", tmp_path / "old"], has_validation)
-    assert picks(together, Budget(EAGER, 4)) == {"a": "default"}
-    assert len(budgets(together).without) == 1
-
-
-@pytest.mark.parametrize("limits", [Limits(size=1), Limits(time=1)])
-def test_nothing_fits_nothing_is_chosen(limits):
-    assert chosen([rung("a", 2, 30.0)], limits) is None

@@ -10,14 +10,12 @@ from importlib.metadata import EntryPoint
 import numpy as np
 import pytest
 
-import bench
 from bench import cli
 from bench.cli import commands
 from bench.codecs import loading
 from bench.conformance.check import tiny_btf
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_folder
-from bench.records import load_run
 
 SMALL = [part for key in ("size=12", "views=6", "lights=6", "heldout=4") for part in ("--set", f"data.{key}")]
 
@@ -55,15 +53,6 @@ def test_run_prints_a_table_writes_reports_and_is_cached_the_second_time(tmp_pat
     monkeypatch.chdir(tmp_path)
     assert cli.main(["table", "footprints"]) == 0
     assert "mean-colour" in capsys.readouterr().out
-
-
-def test_all_pairs_lifts_the_suite_s_limit(tmp_path, folder, capsys):
-    suite = tmp_path / "some.toml"
-    suite.write_text(f'materials = ["{folder}"]\n[data]\npairs = 9\n[[codecs]]\ncodec = "mean-colour"\n')
-    for words, pairs in (([], 9), (["--all-pairs"], 36)):
-        run = tmp_path / str(pairs)
-        assert cli.main(["run", str(suite), "--out", str(run), *words]) == 0
-        assert load_run(run).jobs[0]["pairs"]["all"] == pairs
 
 
 def test_a_command_of_another_package_is_found_by_its_entry_point(tmp_path, monkeypatch, capsys):
@@ -241,20 +230,6 @@ def test_what_is_light_imports_nothing_heavy(code, heavy):
     assert done.stdout.splitlines()[-1] == "[]"
 
 
-@pytest.mark.parametrize(
-    ("words", "shown"),
-    [
-        (["--version"], f"neubtf-bench {bench.__version__}\n"),
-        (["run", "--help"], "\nexamples:\n  neubtf-bench run quick\n"),  # as they stand
-    ],
-)
-def test_the_version_and_the_examples_are_shown(words, shown, capsys):
-    with pytest.raises(SystemExit) as ended:
-        cli.main(words)
-    assert ended.value.code == 0
-    assert shown in capsys.readouterr().out
-
-
 def test_every_example_of_every_help_text_is_a_command_that_parses(capsys):
     shown = [*cli.EVERYDAY.splitlines()]
     for module in commands.modules().values():
@@ -278,15 +253,6 @@ def test_without_a_command_all_are_listed_in_groups(capsys):
         assert all(re.search(rf"^  {name} +\w", block, re.M) for name in names), group
     assert {name for names in commands.GROUPS.values() for name in names} <= set(commands.modules())
     assert all(re.search(rf"^  {name} +\w", out, re.M) for name in commands.modules())
-
-
-def test_the_settings_of_a_codec_are_listed(capsys):
-    assert cli.main(["list", "codecs", "rainer2020"]) == 0
-    out = capsys.readouterr().out
-    assert "of neubtf-bench" in out
-    assert re.search(r"^  bits +0 +0 or 1 .* or 8 or 16 or 32 +bits of a stored latent", out, re.M)
-    assert re.search(r"^  steps +40000 +a whole number ≥ 0 +steps of the training", out, re.M)
-    assert re.search(r"^  zstd +false", out, re.M)
 
 
 def test_a_full_disk_is_one_line_that_names_the_file(tmp_path, folder, monkeypatch, capsys):

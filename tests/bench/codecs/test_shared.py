@@ -82,14 +82,6 @@ def test_a_material_is_two_files_and_the_second_is_found_by_its_hash(tmp_path):
     assert loading.load(header.path)[1].texture.equal(material.texture)
 
 
-def test_what_another_network_took_the_place_of_still_decodes(tmp_path):
-    make()
-    header = encoded(tmp_path / "file.nbtf")
-    before = loading.load(header.path)[1]
-    assert make(bright=0.5).sha256 != header.network
-    assert loading.load(header.path)[1].texture.equal(before.texture)
-
-
 def test_a_missing_network_is_explained_when_encoding_and_when_decoding(tmp_path):
     with pytest.raises(MissingDataError, match=r"missing.*neubtf-bench pretrain tinted"):
         encoded(tmp_path / "file.nbtf")
@@ -216,16 +208,6 @@ def test_a_record_has_two_sizes_and_its_run_decodes_without_the_place_of_network
     assert record["bytes"]["total"] == (tmp_path / "run" / record["file"]).stat().st_size
     network.path.unlink()
     loading.load(tmp_path / "run" / record["file"])
-
-
-@pytest.mark.usefixtures("tiny")
-@pytest.mark.long
-def test_another_network_is_another_file(tmp_path):
-    make()
-    first = job(tmp_path / "run")
-    assert job(tmp_path / "run") == first
-    make(bright=0.5)
-    assert job(tmp_path / "run")["file"] != first["file"]
 
 
 @pytest.mark.usefixtures("tiny")

@@ -72,20 +72,6 @@ def test_a_gain_beside_a_loss_is_no_finding_against_the_row(make):
     assert "FLIP" not in error
 
 
-def test_two_equal_runs_need_few_words(base):
-    text = terminal(compare(base, base))
-    assert "ssim" not in text
-    assert text.splitlines()[-1] == "7 rows: 7 same"
-
-
-def test_an_empty_comparison_has_a_text_too(make):
-    empty = compare(make.run("a"), make.run("b"))
-    assert terminal(empty) == "0 rows: no rows"
-    assert "no rows" in markdown(empty)
-    assert JUnitXml.fromstring(junit(empty).encode()).tests == 0
-    assert annotations(empty) == ""
-
-
 def test_markdown_keeps_its_tables_whole_and_shows_names_as_they_stand(mixed):
     text = markdown(mixed)
     assert text.startswith("### neubtf-bench: 8 rows: 1 failed")

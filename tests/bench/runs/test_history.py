@@ -1,4 +1,3 @@
-import subprocess
 import sys
 
 import pandas as pd
@@ -47,12 +46,6 @@ def test_many_runs_are_one_frame(runs):
     assert (first["settings"], first["metric_version/psnr_display"]) == ('{"k": 8}', 3)
     assert (first["timing/ns_per_sample"], first["timing/interval95_ns/1"]) == (12.5, 13.0)
     assert (frame["status"][2], frame["error"][2]) == ("failed", "no luck")
-
-
-def test_one_path_a_file_and_text_are_paths_too(runs, tmp_path):
-    (runs[0] / FILE).rename(tmp_path / "reference.jsonl")
-    for paths in (tmp_path / "reference.jsonl", str(tmp_path / "reference.jsonl"), [tmp_path / "reference.jsonl"]):
-        assert len(bench.load_runs(paths)) == 1
 
 
 def test_nothing_measured_is_an_empty_frame(tmp_path):
@@ -109,13 +102,6 @@ def test_without_pyarrow_parquet_says_what_to_install(runs, tmp_path, monkeypatc
 def test_bad_usage_is_one_line_and_2(runs, words, message, capsys):
     assert cli.main(["history", *map(str, runs), *words]) == 2
     assert message in capsys.readouterr().err
-
-
-def test_the_package_offers_it_without_importing_it():
-    probe = "import sys, bench; assert 'pandas' not in sys.modules; bench.load_runs; assert 'torch' not in sys.modules"
-    subprocess.run([sys.executable, "-c", probe], check=True)
-    with pytest.raises(AttributeError, match="load_run"):
-        bench.load_run  # noqa: B018
 
 
 def test_plots_show_quality_bytes_and_time_over_the_revisions(runs, tmp_path, capsys):
