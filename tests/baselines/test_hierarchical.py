@@ -161,15 +161,6 @@ def test_a_patch_of_the_fit_is_what_its_texels_answer_one_by_one(level: int) -> 
         torch.testing.assert_close(target[each], wanted)
 
 
-def test_octaves_that_a_footprint_hides_are_left_out() -> None:
-    material, _ = fitted(places=4)
-    uv = torch.rand(20, 2)
-    level = torch.tensor([0.0, 1.0, 1.5, 9.0]).repeat_interleave(5)
-    octaves = material.networks.placed(uv, level, 8).unflatten(1, (4, 4)).square().sum(1)  # sine² + cosine², twice
-    shares = [[2, 2, 2, 0], [2, 2, 0, 0], [2, 0.5, 0, 0], [0, 0, 0, 0]]
-    torch.testing.assert_close(octaves[::5], torch.tensor(shares, dtype=torch.float32))
-
-
 def test_gradients_are_sobels() -> None:
     picture = np.random.default_rng(0).standard_normal((2, 6, 6, 3))
     found = gradients(torch.from_numpy(picture)).unflatten(0, (2, 3)).numpy()
@@ -177,15 +168,6 @@ def test_gradients_are_sobels() -> None:
         smooth, along = [1.0, 2.0, 1.0], [-1.0, 0.0, 1.0]
         expected = convolve1d(convolve1d(picture, along, axis), smooth, 3 - axis)[:, 1:-1, 1:-1]
         np.testing.assert_allclose(np.moveaxis(found[:, :, direction], 1, -1), expected, atol=1e-12)
-
-
-@pytest.mark.parametrize(("away", "seen"), [(2, True), (4, True), (5, False)])
-def test_neighbours_up_to_four_texels_away_are_seen(away: int, seen: bool) -> None:
-    material, _ = fitted(tiny_btf(12, 3, 3), steps=30, **EXACT)
-    up, middle = torch.tensor([[0.0, 0.0, 1.0]]), torch.tensor([[6.5 / 12, 1 - 6.5 / 12]])  # the centre of texel 6, 6
-    before = material.query(middle, up, up)
-    material.table[6 * 12 + 6 + away] += 100.0
-    assert bool((material.query(middle, up, up) - before).abs().max() > 1e-6) == seen
 
 
 def test_the_term_on_gradients_begins_after_a_quarter() -> None:

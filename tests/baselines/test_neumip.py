@@ -52,13 +52,6 @@ def test_a_level_is_fetched_as_a_texture_of_its_own() -> None:
             torch.testing.assert_close(found, expected, rtol=1e-5, atol=1e-5)
 
 
-def test_a_decoded_level_is_that_of_the_fit() -> None:
-    pyramid = Pyramid((8, 12))
-    table, uv = torch.randn(sum(pyramid.counts), CHANNELS), torch.rand(50, 2) * 4 - 2
-    for level in (torch.zeros(50), torch.rand(50) * 3):
-        torch.testing.assert_close(pyramid.sample(table, uv, level), pyramid.fetch(table, uv, level))
-
-
 def test_a_point_reads_the_finest_level_alone() -> None:
     """What has no weight is not read: a second level would be half of the time of a fetch."""
     material = fitted()

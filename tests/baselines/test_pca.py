@@ -84,22 +84,6 @@ def test_the_parts_are_of_the_stated_sizes() -> None:
                 assert kept.nbytes <= numbers * (bits or 8) / 8 + 7
 
 
-@pytest.mark.parametrize(("values", "rank"), [(np.full((9, 4, 4, 3), 0.7), 0), (np.arange(4.0), 1)])
-def test_components_beyond_the_rank_are_not_stored(tmp_path: Path, values: np.ndarray, rank: int) -> None:
-    if values.ndim == 1:
-        values = np.ones((9, 1, 1, 3)) * values.reshape(1, 2, 2, 1)
-    material = stored(PCA(components=16, domain="rgb"), btf_of(values, 3), tmp_path)
-    assert material.cost.texture_channels == rank
-    assert material.cost.texture_floats == rank * material.size[0] * material.size[1]
-
-
-@pytest.mark.parametrize("bits", [16, 8])
-def test_tables_beyond_halves_keep_a_power_of_two(tmp_path: Path, bits: int) -> None:
-    btf = btf_of(np.random.default_rng(0).random((9, 3, 3, 3)) * 1e6, 3)
-    got = slices(stored(PCA(domain="rgb", bits=bits), btf, tmp_path), btf)
-    assert np.linalg.norm(got - table(btf)) <= 2e-2 * np.linalg.norm(table(btf))
-
-
 def test_negative_noise_reads_as_black_in_logarithms(tmp_path: Path) -> None:
     values = table(made())
     values[:, 0, 0] = -0.01

@@ -6,7 +6,6 @@ import torch
 
 from baselines.zeltner2024 import Zeltner2024, Zeltner2024Objective
 from bench import hemisphere
-from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.conformance.check import tiny_btf
 from bench.material import parameters
@@ -127,23 +126,3 @@ def test_the_paper_s_loss_is_of_cube_roots() -> None:
     fitting.loss(torch.Generator().manual_seed(1), 0.0).backward()
     assert all(p.grad is None or p.grad.isfinite().all() for p in fitting.parameters())
     assert fitting.predict(batch, 0.0).amax().item() == pytest.approx(np.log1p(1e5))
-
-
-def turned_lobes() -> BTF:
-    """Texels with one lobe each, about a normal of its own: what frames are for."""
-    like, rng = tiny_btf(), np.random.default_rng(0)
-    normal = np.concatenate([rng.uniform(-0.4, 0.4, (8, 8, 2)), np.ones((8, 8, 1))], 2)
-    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
-    h = like.wo + like.wi
-    h /= np.linalg.norm(h, axis=1, keepdims=True)
-    lobe = np.einsum("hwc,nc->nhw", normal, h).clip(0) ** 40
-    return BTF("lobes", like.wo, like.wi, ArraySource(np.repeat(lobe[..., None], 3, 3).astype(np.float32)))
-
-
-def test_frames_come_nearer_to_lobes_that_turn() -> None:
-    errors = []
-    for frames in (0, 2):
-        fit = Fit()
-        codec(steps=300, batch=512, frames=frames).encode(turned_lobes(), fit)
-        errors.append(-fit.history[-1]["psnr"])
-    assert errors[1] < errors[0] - 0.5

@@ -69,12 +69,6 @@ def test_a_crop_is_coded_as_in_the_whole_picture() -> None:
     assert errors[0] < 0.01 < 0.05 < errors[1]
 
 
-def test_a_window_of_a_tiny_picture_lies_inside() -> None:
-    for window in windows((3, 1), 32, False):
-        assert min(window.size) >= 1
-        assert all(a + b <= c for a, b, c in zip(window.corner, window.source, (3, 1), strict=True))
-
-
 def test_a_window_beyond_the_border_goes_on_at_the_other() -> None:
     whole = picture()
     window = Window((20, 30), (8, 4), (8, 4))

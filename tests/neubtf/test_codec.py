@@ -19,7 +19,7 @@ from bench.training import Samples, load_texture
 from bench.training import fitting as training
 from neubtf.autoencoder import Autoencoder
 from neubtf.codec import NeuBTF, guiding_pair
-from neubtf.encoder import Encoder, as_guidance, load_encoder, read_encoder
+from neubtf.encoder import Encoder, as_guidance, read_encoder
 from neubtf.published import Published
 
 FEW: dict[str, Any] = {"steps": 24, "batch": 256}
@@ -172,13 +172,6 @@ def test_the_published_start_is_neither_faint_nor_the_mean() -> None:
     assert errors[0] < 0.01 < errors[1]
 
 
-def test_the_renderer_is_the_first_stages() -> None:
-    ours, theirs = (fitted(explore_weight=weight)[1] for weight in (1.0, 0.5))
-    assert ours.decoder["weights"].equal(theirs.decoder["weights"])
-    ours, theirs = (fitted(direct=0.0, taught=0.0, explore_weight=weight)[1] for weight in (1.0, 0.5))
-    assert not ours.decoder["weights"].equal(theirs.decoder["weights"])
-
-
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
@@ -227,10 +220,3 @@ def test_the_papers_recipe_shows_every_slice_at_the_guidances_brightness() -> No
     generator = torch.Generator().manual_seed(0)
     means = [decode_srgb(fitting.element(generator).picture.numpy()).mean() for _ in range(20)]
     np.testing.assert_allclose(means, np.broadcast_to(decode_srgb(np.full(1, 0.3)), 20), rtol=0.1)
-
-
-def test_the_papers_perceptron_is_rectified_and_files_without_the_word_are_as_they_were() -> None:
-    kept = {recipe: fitted(keep_encoder=True, recipe=recipe)[1].encoder for recipe in ("ours", "paper")}
-    assert kept["ours"].keys() == {"weights", "normal", "guidance"}
-    assert isinstance(load_encoder(kept["ours"], 14).autoencoder.attention.perceptron[1], torch.nn.GELU)
-    assert isinstance(load_encoder(kept["paper"], 14).autoencoder.attention.perceptron[1], torch.nn.ReLU)

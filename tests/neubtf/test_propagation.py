@@ -130,10 +130,7 @@ def test_what_is_too_large_is_refused_with_a_scale_that_fits(file: Path, tmp_pat
 
 @pytest.mark.parametrize(
     ("codec", "told"),
-    [
-        (NeuBTF(steps=1), "keep_encoder=true"),
-        (NeuBTFDirect(steps=1), "codec is neubtf-direct: only neubtf"),
-    ],
+    [(NeuBTF(steps=1), "keep_encoder=true"), (NeuBTFDirect(steps=1), "codec is neubtf-direct: only neubtf")],
 )
 def test_a_file_without_autoencoder_is_refused(
     codec: NeuBTF | NeuBTFDirect, told: str, own: Path, tmp_path: Path, capsys

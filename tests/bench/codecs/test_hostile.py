@@ -53,12 +53,7 @@ def two_stages(parts):
 @pytest.mark.parametrize(
     ("name", "settings", "change", "message"),
     [
-        (
-            "vq",
-            {"codes": 5},
-            lambda p: p.texture.update(index0=p.texture["index0"][:-1]),
-            "a texture of this file",
-        ),
+        ("vq", {"codes": 5}, lambda p: p.texture.update(index0=p.texture["index0"][:-1]), "a texture of this file"),
         ("vq", {"codes": 1}, lambda p: p.other.update(size=HUGE), "an index of"),
         ("vq", {"codes": 1}, two_stages, r"an index of \d+ bytes for 4096 × 4096 texels and 2 stages"),
         ("neumip", {"steps": 1, "batch": 16}, lambda p: p.other.update(size=HUGE), "not what codec neumip wrote"),

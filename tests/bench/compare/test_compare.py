@@ -224,17 +224,6 @@ def test_training_pairs_show_a_worse_fit_where_held_out_pairs_are_too_hard_to_te
     assert change(comparison, "PSNR").verdict == "same"
 
 
-def test_pooled_psnr_is_shown_and_does_not_decide(make):
-    def jobs(pooled):
-        for job in make.seeds([30.0] * 3):
-            stats = {PSNR: {"mean": 30.0, "pooled": pooled, "exact": 0, "slices": 4}}
-            yield job | {"scores": job["scores"] | {"heldout": {"metrics": stats}}}
-
-    comparison = compare(make.run("base", *jobs(25.0)), make.run("new", *jobs(20.0)))
-    assert comparison.exit_code == 0
-    assert next(c for c in comparison.rows[0].shown if c.quantity.name == "PSNR pooled").difference == -5.0
-
-
 def test_a_row_is_found_again_under_another_spelling(make):
     base = make.run("base", *make.three("vq components=16"))
     new = make.run("new", *make.three("vq"))

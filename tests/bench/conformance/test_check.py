@@ -277,27 +277,15 @@ def decodes_to_a_tensor(self, parts, device):
 
 
 MISTAKES = [
-    (
-        type("Mine", (Broken,), {"material": Flat}),
-        Flat.evaluate,
-        r"a tensor \(4,\), but must return a tensor \(4, 3\)",
-    ),
+    (type("Mine", (Broken,), {"material": Flat}), Flat.evaluate, r"a tensor \(4,\), but must return a tensor \(4, 3\)"),
     (type("Mine", (Broken,), {"material": Draws}), Draws.evaluate, "other answers to the same queries .* no random"),
     (
         with_method("encode", gives_arrays),
         gives_arrays,
         "Parts whose texture/mean is of type ndarray, but must return a tensor",
     ),
-    (
-        with_method("encode", gives_a_dictionary),
-        gives_a_dictionary,
-        "a dict, but must return Parts of tensors",
-    ),
-    (
-        with_method("encode", gives_a_tensor),
-        gives_a_tensor,
-        "texture is of type Tensor, but must return a dictionary",
-    ),
+    (with_method("encode", gives_a_dictionary), gives_a_dictionary, "a dict, but must return Parts of tensors"),
+    (with_method("encode", gives_a_tensor), gives_a_tensor, "texture is of type Tensor, but must return a dictionary"),
     (with_method("decode", decodes_to_a_tensor), decodes_to_a_tensor, "returned a Tensor, but must return a Material"),
 ]
 

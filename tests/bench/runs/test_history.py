@@ -65,17 +65,6 @@ def test_a_line_that_cannot_be_read_is_warned_of(runs, capsys):
     assert "run20: 1 line(s) could not be read: 4" in capsys.readouterr().err
 
 
-def test_history_shows_how_each_codec_did_from_run_to_run(runs, capsys):
-    assert cli.main(["history", *map(str, reversed(runs))]) == 0
-    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert [line[0] for line in lines[:1]] == ["material"]
-    assert lines[2][:3] == ["satin", "pca", "k=8"]
-    assert lines[2][4:] == ["2025-11-20", "08:00", "rev20", "1", "of", "1", "7", "1,020", "30.25"]
-    assert lines[3][6] == "rev21"
-    assert lines[4][1] == "vq"
-    assert lines[4][6:9] == ["0", "of", "1"]
-
-
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 def test_a_file_holds_the_frame_to_the_last_digit(runs, tmp_path, suffix):
     out = tmp_path / f"all{suffix}"

@@ -7,12 +7,10 @@ import pytest
 from PIL import Image
 
 from bench.choosing.budgets import BYTES, budgets
-from bench.compare.paired import Interval
 from bench.records import kind_of, load_run
 from reports import figures
 from reports.artefacts import arrays, program
 from reports.figures import contact, latents
-from reports.figures.significance import _caption as caption
 from reports.series import plots_of
 
 
@@ -114,26 +112,6 @@ def test_what_is_not_comparable_is_not_drawn(made, draw):
     made.__init__(made.folder)
     other = drawn(run_of(made.start().job("pca").job("neumip").timing("pca").trade("pca")), draw)
     np.testing.assert_array_equal(other[name], picture)
-
-
-def test_intervals_are_drawn_over_all_materials_and_on_each_and_say_of_what_they_are(made):
-    for material in ("satin", "brick"):
-        for seed in (0, 1):
-            made.job("pca", material=material, seed=seed).job("vq", material=material, seed=seed, psnr=28.0)
-    found = list(figures.significance(run_of(made)))
-    assert [figure.name for figure in found] == [
-        "significance.png",
-        "significance-satin.png",
-        "significance-brick.png",
-    ]
-    assert found[0].title == "all 2 materials: mean paired difference to pca"
-    both = {"a": Interval(-1.0, -2.0, 0.5, 2, 3, 900), "b": Interval(1.0, 0.5, 2.0, 1, 3, 450)}
-    assert "by Student's t over material means: 2 materials, 3 seeds, 900 slices." in caption(both)
-    alone = caption({"a": Interval(-1.0, -2.0, 0.5, 1, 1, 150)})
-    assert (
-        "a bootstrap over pairs, of this material only: 150 slices. With one seed, it does not include the scatter"
-        in alone
-    )
 
 
 def test_channels_are_those_of_textures_that_are_looked_up_by_the_place(made):
