@@ -6,7 +6,7 @@ import torch
 from PIL import Image
 
 from baselines import bc1
-from baselines.bcf import BCF, BCFObjective, decoded, lines, members
+from baselines.bcf import BCF, BCFObjective, decoded, lines
 from bench import hemisphere
 from bench.codec import Fit, Parts
 from bench.training import Samples, gain_of
@@ -64,15 +64,6 @@ def test_the_fit_sees_what_the_file_gives_back(size: tuple[int, int]) -> None:
     first, second = fitting.ends.detach()
     seen = fitting.rounded(first[fitting.block], second[fitting.block], fitting.share.detach())
     torch.testing.assert_close(stored.flatten(0, 1), seen.flatten(1), rtol=0, atol=0)
-
-
-def test_a_picture_that_fills_no_block_repeats_in_it() -> None:
-    within = members((5, 7)).reshape(2, 2, 4, 4)
-    padded = np.pad(np.arange(35).reshape(5, 7), ((0, 3), (0, 1)), mode="wrap")
-    for row in range(2):
-        for col in range(2):
-            block = padded[4 * row : 4 * row + 4, 4 * col : 4 * col + 4]
-            np.testing.assert_array_equal(within[row, col], block)
 
 
 def answer(parts: Parts, row: int, col: int, wo: np.ndarray, wi: np.ndarray) -> np.ndarray:

@@ -168,16 +168,3 @@ def test_gradients_are_sobels() -> None:
         smooth, along = [1.0, 2.0, 1.0], [-1.0, 0.0, 1.0]
         expected = convolve1d(convolve1d(picture, along, axis), smooth, 3 - axis)[:, 1:-1, 1:-1]
         np.testing.assert_allclose(np.moveaxis(found[:, :, direction], 1, -1), expected, atol=1e-12)
-
-
-def test_the_term_on_gradients_begins_after_a_quarter() -> None:
-    btf, fit = tiny_btf(), Fit()
-    samples = [Samples(btf, training.gain_of(btf, fit), fit)]
-
-    def loss(progress: float, gradient: float) -> float:
-        settings = Hierarchical.Settings(gradient=gradient, batch=256)
-        fitting = HierarchicalObjective(samples, settings, fit.generator())
-        return float(fitting.loss(fit.generator(), progress).detach())
-
-    assert loss(0.2, 1.0) == loss(0.2, 0.0)
-    assert loss(0.3, 1.0) > loss(0.3, 0.0)

@@ -52,14 +52,6 @@ def test_a_level_is_fetched_as_a_texture_of_its_own() -> None:
             torch.testing.assert_close(found, expected, rtol=1e-5, atol=1e-5)
 
 
-def test_a_point_reads_the_finest_level_alone() -> None:
-    """What has no weight is not read: a second level would be half of the time of a fetch."""
-    material = fitted()
-    material.table[material.pyramid.counts[0] :] = torch.nan
-    up = torch.tensor([[0.0, 0.0, 1.0]]).expand(20, 3)
-    assert material.query(torch.rand(20, 2), up, up).isfinite().all()
-
-
 @pytest.mark.parametrize("size", [(16, 16), (15, 8)])
 def test_the_blur_is_a_periodic_gaussian(size: tuple[int, int]) -> None:
     texture = np.random.default_rng(0).standard_normal((*size, 3))

@@ -84,13 +84,6 @@ def test_the_parts_are_of_the_stated_sizes() -> None:
                 assert kept.nbytes <= numbers * (bits or 8) / 8 + 7
 
 
-def test_negative_noise_reads_as_black_in_logarithms(tmp_path: Path) -> None:
-    values = table(made())
-    values[:, 0, 0] = -0.01
-    got = slices(stored(PCA(components=1000, **FLOAT32), btf_of(values, 5), tmp_path), btf_of(values, 5))
-    assert np.abs(got[:, 0, 0]).max() < 1e-5
-
-
 @pytest.mark.usefixtures("streamed")
 def test_the_same_seed_gives_the_same_bytes() -> None:
     btf = made(100, 20, 20, views=10)

@@ -42,13 +42,6 @@ def test_parameters_without_relief(settings: dict[str, Any], count: int) -> None
     assert parameters(material) == material.cost.parameters == count
 
 
-def test_parameters_with_relief() -> None:
-    """One input more, the visibility of the light, and three outputs, its mask."""
-    material = fitted(bumps()[0])
-    assert parameters(material) == material.cost.parameters == 3_959 + 32 + 3 * 33
-    assert material.cost.texture_channels == 15
-
-
 @pytest.mark.parametrize("btf", [tiny_btf(), bumps()[0]], ids=["flat", "with a height"])
 def test_the_numbers_that_are_declared_are_those_that_its_decoder_holds(btf: BTF) -> None:
     """The levels of its latents and the finer copy of its height too."""

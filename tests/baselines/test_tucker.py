@@ -77,11 +77,6 @@ def test_pairs_that_are_no_product_are_one_mode() -> None:
     assert error(btf, codec.decode(parts, torch.device("cpu"))) < 1e-3
 
 
-def test_one_view_is_coded() -> None:
-    btf = tiny_btf().subset(np.arange(9))
-    assert decoded(Tucker(), btf).slice(btf.wo[0].tolist(), btf.wi[0].tolist()).isfinite().all()
-
-
 def test_eight_bits_of_a_core_hold_zero() -> None:
     """Most numbers of a core are nearly 0: they must not all be off to one side."""
     rng = np.random.default_rng(0)

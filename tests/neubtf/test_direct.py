@@ -8,7 +8,7 @@ from bench.codec import Fit, Parts
 from bench.codecs import container
 from bench.conformance.check import tiny_btf
 from bench.errors import InputError
-from bench.material import Material, parameters, resident_bytes
+from bench.material import Material, parameters
 from bench.training import Samples, load_texture, store_texture, train
 from neubtf.direct import Direct, NeuBTFDirect
 from neubtf.renderer import render
@@ -91,8 +91,3 @@ def test_the_file_holds_the_texture_that_the_fit_looked_up(patience: int) -> Non
     stored = store_texture("x", direct.texture.reshape(8, 8, -1), direct.rounding)
     torch.testing.assert_close(load_texture("x", stored), seen)
     assert not torch.equal(seen, direct.texture.reshape(8, 8, -1))
-
-
-def test_resident_bytes_are_those_of_texture_and_network() -> None:
-    _, _, material = fitted()
-    assert resident_bytes(material) == 4 * (8 * 8 * 14 + parameters(material))

@@ -73,15 +73,8 @@ def test_each_kind_of_surface_has_a_table_and_all_together_have_one(made):
     ):
         for label, psnr in (("pca", 25.0), ("neubtf-direct", 28.0)):
             scores = {"heldout": made._group(psnr), "validation": made._group(psnr)}
-            made.job(
-                label,
-                material,
-                bytes={"total": 8 * SIZE},
-                scores=scores,
-                provenance=provenance,
-                psnr=psnr,
-                fit_seconds=0.0,
-            )
+            size = {"total": 8 * SIZE}
+            made.job(label, material, bytes=size, scores=scores, provenance=provenance, psnr=psnr, fit_seconds=0.0)
     tables = list(TABLES["budgets"](load_run(made.folder)))
     assert [table.title.split(":")[0] for table in tables] == [
         "Budgets on 1 measured surface (wool)",

@@ -167,20 +167,6 @@ def test_a_table_is_sorted_by_click_and_key(opened):
     assert table.locator("[aria-sort=descending]").inner_text().startswith("PSNR pooled")
 
 
-def test_nothing_moves_when_what_comes_near_is_drawn(browser, opened):
-    """Else a click that had begun would end beside its button."""
-    tab = browser.new_page(viewport={"width": 1000, "height": 800})
-    tab.goto(opened.url)
-    last = 'table[aria-label^="brick: quality"]'
-    place = f"document.querySelector('{last}').getBoundingClientRect().top + scrollY"
-    before = tab.evaluate(place)
-    for root in tab.locator("[data-slices]").all():
-        root.scroll_into_view_if_needed()
-        wait(tab, f"document.querySelector('[data-slices={root.get_attribute('data-slices')}]').slices?.sides")
-    assert tab.evaluate(place) == before
-    tab.close()
-
-
 def test_rows_are_filtered_and_columns_hidden(opened):
     table = opened.locator('table[aria-label^="satin: quality"]')
     tools = opened.locator(".tools").filter(has=opened.get_by_label(re.compile("rows: satin: quality")))
@@ -282,12 +268,6 @@ def test_a_record_opens_where_a_number_leads(opened):
     (found,) = json.loads(record.locator("pre").inner_text())
     assert found["job"]["parameters"] == 3011
     assert found["timing"]["ns_per_sample"] == 123.4
-
-
-def test_nothing_sticks_out_of_a_narrow_window(opened):
-    opened.set_viewport_size({"width": 390, "height": 800})
-    assert opened.evaluate("document.documentElement.scrollWidth") == 390
-    opened.set_viewport_size({"width": 1000, "height": 800})
 
 
 @pytest.mark.timeout(300)

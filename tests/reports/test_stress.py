@@ -6,19 +6,9 @@ from reports.stress import stress_tables, summary, tables
 
 
 def record(subject, extreme, verdict="pass", figure="", detail="", order=0, group="data", version=1):
-    return {
-        "kind": "stress",
-        "subject": subject,
-        "extreme": extreme,
-        "verdict": verdict,
-        "figure": figure,
-        "detail": detail,
-        "order": order,
-        "group": group,
-        "version": version,
-        "holds": "finite",
-        "seconds": 0.1,
-    }
+    known = {"kind": "stress", "subject": subject, "extreme": extreme, "verdict": verdict, "figure": figure}
+    known |= {"detail": detail, "order": order, "group": group, "version": version}
+    return known | {"holds": "finite", "seconds": 0.1}
 
 
 RECORDS = [

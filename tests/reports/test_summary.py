@@ -62,16 +62,3 @@ def test_one_codec_timed_again_leaves_the_times_of_the_others_and_has_a_star(mad
     assert table.notes[-1] == "Times with a star: mine on satin (timed in another start than the other rows)."
     (speed,) = (plot for plot in plots_of(run) if plot["kind"] == "speed")
     assert len(speed["series"]) == 3
-
-
-def test_a_summary_says_what_it_leaves_out_and_why(made):
-    for material in ("satin", "brick"):
-        made.job("pca", material=material).job("mine", material=material)
-        made.job("old", material=material, psnr=40.0, run="0", exposure=9.0)
-    made.job("older", psnr=41.0, run="0", btf="g")
-    table = summary_table(load_run(made.folder))
-    assert [row[0] for row in table.rows] == ["pca", "mine"]
-    assert table.notes[-1] == (
-        "Left out, as not comparable with the newest job: old on brick, satin (another exposure); older on satin "
-        "(other data (their fingerprint differs))."
-    )

@@ -3,7 +3,6 @@ import pytest
 from bench.errors import InputError
 from bench.records import load_run
 from reports import table_text
-from reports.table import best_cells
 from reports.tables import all_tables
 
 
@@ -94,12 +93,6 @@ def test_seeds_are_one_row_mean_and_deviation_where_they_differ(made):
     assert rows["pca"]["time ns ↓"] == "123"
     assert rows["half"]["PSNR pooled dB ↑"] == "28.00"
     assert any(note.startswith("Seeds 0, 1: a number is their mean; “± seeds”") for note in table.notes)
-
-
-def test_ties_are_marked_alike_and_no_zero_is_second():
-    rows = [["3", "30.5 ± 0.1"], ["0", "30.5 ± 0.7"], ["0", "29.0"]]
-    scores = [[3.0, 30.51], [0.0, 30.49], [0.0, 29.0]]
-    assert best_cells(rows, scores) == {(0, 0): "bold", (0, 1): "bold", (1, 1): "bold", (2, 1): "underlined"}
 
 
 def test_pairs_that_are_drawn_anew_for_each_seed_are_no_obstacle_but_older_ones_of_a_seed_are(made):

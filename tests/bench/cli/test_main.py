@@ -79,14 +79,6 @@ def run(options):
     assert "two commands are named 'run'" in capsys.readouterr().err
 
 
-def test_a_folder_of_pictures_runs_like_any_material(tmp_path, folder, capsys):
-    words = ["run", "quick", "--out", str(tmp_path / "run"), "--material", str(folder), "--codec", "pca"]
-    assert cli.main([*words, "--set", "components=3"]) == 0
-    out = capsys.readouterr().out
-    assert "btf/pca components=3/0" in out
-    assert "--set components=3 changes pca\n" in out
-
-
 def test_encode_info_and_decode_agree(tmp_path, folder, capsys):
     file = tmp_path / "a.nbtf"
     assert cli.main(["encode", str(folder), "--codec", "pca", "--set", "components=3", "-o", str(file)]) == 0
@@ -115,14 +107,6 @@ def test_info_shows_the_layers_that_add_up_to_the_parameters(tmp_path, folder, c
     counted = [int(match[1].replace(",", "")) for match in matches if match]
     assert sum(counted) == int(decoder.split()[0].replace(",", ""))
     assert ("layers of the decoder and their trainable parameters, counted by torchinfo:" in lines) == (codec != "pca")
-
-
-def test_info_of_a_btf_says_what_it_is(folder, capsys):
-    assert cli.main(["info", str(folder)]) == 0
-    out = capsys.readouterr().out
-    assert "12 × 12 texels, 36 pairs" in out
-    assert re.search(r"^training: 25 pairs, 5 views up to .*°, 5 lights up to .*° \(their product\)$", out, re.M)
-    assert re.search(r"^held out, new view: 5 pairs, 1 view up to [\d.]+°, 5 lights", out, re.M)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """A network that a codec shares over materials: a file of its own, found by hash, that says what it was trained on."""
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,19 +95,6 @@ def test_a_missing_network_is_explained_when_encoding_and_when_decoding(tmp_path
     make(bright=2.0)
     with pytest.raises(ContainerError, match="is another one"):
         loading.load(header.path)
-
-
-def test_a_network_that_is_at_hand_is_not_read_again(tmp_path, monkeypatch):
-    make()
-    network, header = shared.find("tinted"), encoded(tmp_path / "file.nbtf")
-    read = []
-    monkeypatch.setattr("bench.codecs.container._read", lambda path: read.append(path) or path.read_bytes())
-    loading.load(header.path, network=network)
-    assert read == [header.path]
-    loading.load(header.path)
-    assert read[1:] == [header.path, network.path]
-    other = dataclasses.replace(network, sha256="0" * 64, parts=Parts())
-    assert loading.load(header.path, network=other)[1].texture.equal(loading.load(header.path)[1].texture)
 
 
 def test_a_network_is_no_material_and_a_material_no_network(tmp_path):

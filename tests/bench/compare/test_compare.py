@@ -190,11 +190,6 @@ def test_another_codec_version_or_other_data_cannot_be_compared(make, changes, r
     assert reason in comparison.rows[0].why
 
 
-def test_an_exposure_that_differs_in_its_last_digits_is_the_same(make):
-    base, new = make.run("base", make.job(exposure=1.5)), make.run("new", make.job(exposure=1.5000001))
-    assert compare(base, new).rows[0].deciding
-
-
 def test_another_metric_version_spares_the_other_numbers(make):
     base = make.run("base", *make.three())
     new = make.run("new", *make.three(flip=0.9, versions={FLIP: 2}))

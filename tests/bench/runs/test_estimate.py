@@ -38,12 +38,3 @@ def test_jobs_that_did_nothing_tell_nothing_of_the_others(clock):
     assert run.progress == "2 of 4 jobs"
     run.ended(ended("c"), "")
     assert run.progress == "3 of 4 jobs, about 1 min left"
-
-
-def test_jobs_on_record_are_not_counted_until_one_is_done_again(clock):
-    run = Estimate("abcd", "abc")
-    clock[0] = 60
-    run.ended(ended("d"), "")
-    assert run.left == ""
-    run.ended(ended("a"), "")  # its code has changed
-    assert run.progress == "2 of 4 jobs, about 1 min left"
