@@ -2,7 +2,6 @@ import pytest
 
 from bench import cli
 from bench.codecs.registry import load_codec, make_codec
-from bench.data.spec import named
 from bench.errors import InputError
 from bench.runs.suite import builtin_suites, canonical, load_suite, parse_suite, with_changes, with_metrics
 
@@ -133,15 +132,6 @@ def test_the_command_line_chooses_materials_codecs_settings_and_seed(tmp_path):
     assert chosen.codecs[0].curve == "pca"
     assert chosen.seeds == (7,)
     assert with_changes(suite, [], [], {"data.size": "8"}, None).data.size == 8
-
-
-def test_a_path_is_looked_up_under_the_data_folder(tmp_path, monkeypatch):
-    monkeypatch.setenv("NEUBTF_DATA", str(tmp_path))
-    (tmp_path / "rti" / "icon").mkdir(parents=True)
-    spec = named("rti/icon")
-    assert (spec.name, spec.path) == ("icon", "rti/icon")
-    assert spec.existing() == tmp_path / "rti" / "icon"
-    assert named("satin").path == ""
 
 
 def test_a_suite_may_name_the_demand_of_a_scene_and_codecs_that_are_fitted_to_it():
