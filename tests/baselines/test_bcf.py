@@ -6,27 +6,15 @@ import torch
 from PIL import Image
 
 from baselines import bc1
-from baselines.bcf import BCF, BCFObjective, decoded, lines, members
+from baselines.bcf import BCF, BCFObjective, decoded, lines
 from bench import hemisphere
 from bench.codec import Fit, Parts
-from bench.material import parameters
 from bench.training import Samples, gain_of
 from tests.baselines.made import coded, cropped, normed_sines
 
 
 def codec(**settings: Any) -> BCF:
     return BCF(**{"steps": 10, "batch": 256} | settings)
-
-
-def test_network_and_blocks_have_the_stated_sizes() -> None:
-    parts, material = coded(codec(steps=2))
-    # 33 → 32 → 32 → 32 → 3 with biases, and 2 · 32 of each of three layer norms.
-    assert parts.decoder["weights"].shape == (3_491,)
-    assert parameters(material) == material.cost.parameters == 3_491
-    assert material.cost.texture_channels == 24
-    # 8 × 8 texels are four blocks; eight textures of eight bytes a block.
-    assert parts.texture["blocks"].dtype == torch.uint8
-    assert parts.texture["blocks"].shape == (256,)
 
 
 def oracle_block(data: bytes) -> np.ndarray:
@@ -64,15 +52,6 @@ def test_another_decoder_reads_the_same_colours() -> None:
     assert np.abs(ours.std()) > 50
 
 
-def test_what_is_written_is_read_back() -> None:
-    generator = torch.Generator().manual_seed(2)
-    ends = torch.stack([torch.randint(0, 2**b, (300, 2), generator=generator) for b in bc1.BITS], -1)
-    ends[0, 1] = ends[0, 0]
-    steps = torch.randint(0, 4, (300, 16), generator=generator)
-    first, second = (end[:, None] for end in bc1.widened(ends).unbind(1))
-    assert torch.equal(bc1.read(bc1.write(ends, steps)), bc1.between(first, second, steps))
-
-
 @pytest.mark.parametrize("size", [(8, 8), (5, 7), (1, 1), (3, 8)])
 def test_the_fit_sees_what_the_file_gives_back(size: tuple[int, int]) -> None:
     btf = cropped(*size)
@@ -85,15 +64,6 @@ def test_the_fit_sees_what_the_file_gives_back(size: tuple[int, int]) -> None:
     first, second = fitting.ends.detach()
     seen = fitting.rounded(first[fitting.block], second[fitting.block], fitting.share.detach())
     torch.testing.assert_close(stored.flatten(0, 1), seen.flatten(1), rtol=0, atol=0)
-
-
-def test_a_picture_that_fills_no_block_repeats_in_it() -> None:
-    within = members((5, 7)).reshape(2, 2, 4, 4)
-    padded = np.pad(np.arange(35).reshape(5, 7), ((0, 3), (0, 1)), mode="wrap")
-    for row in range(2):
-        for col in range(2):
-            block = padded[4 * row : 4 * row + 4, 4 * col : 4 * col + 4]
-            np.testing.assert_array_equal(within[row, col], block)
 
 
 def answer(parts: Parts, row: int, col: int, wo: np.ndarray, wi: np.ndarray) -> np.ndarray:

@@ -13,11 +13,10 @@ from baselines.neumip import LOSSES, NeuMIPObjective
 from baselines.neuralbtf import NeuralBTF, names
 from bench import hemisphere
 from bench.codec import Codec, Fit
-from bench.codecs import container, loading, shared
+from bench.codecs import shared
 from bench.codecs.registry import load_codec, make_codec
 from bench.conformance.check import tiny_btf
 from bench.errors import InputError
-from bench.material import parameters
 from bench.training import Samples
 from bench.training import fitting as training
 from tests.baselines.made import CPU, at_tiny_pairs, btf_of, decoded, noise, slices, stored, table
@@ -232,42 +231,6 @@ def test_a_material_of_one_colour_is_coded(name: str, settings: dict[str, Any], 
     codec = make_codec(name, settings)
     answer = decoded(codec, btf, Fit(network=shared.find_for(codec))).slice(btf.wo[0].tolist(), btf.wi[0].tolist())
     assert (answer / colour - 1).abs().max() < tolerance
-
-
-@pytest.mark.parametrize(
-    ("name", "settings"), [("rainer2019", FEW | {"bits": 32, "start": "encoder"}), ("rainer2020", {"bits": 32})]
-)
-def test_texels_that_are_alike_share_their_latents(name: str, settings: dict[str, Any]) -> None:
-    """The encoder sees the ABRDF and nothing else."""
-    values = table(tiny_btf())
-    values[:, 4:] = values[:, :4]
-    codec = make_codec(name, settings)
-    latents = codec.encode(at_tiny_pairs(values), Fit(network=shared.find_for(codec))).texture["latents"]
-    torch.testing.assert_close(latents[4:], latents[:4], rtol=1e-5, atol=1e-5)
-    assert (latents[0, 0] - latents[0, 3]).abs().max() > 1e-3
-
-
-# rainer2020: 32 latents beside mean and deviation. biplane: 14 · 256 + 256, two blocks of 256 · 128 + 128 and
-# 128 · 256 + 256, and 256 · 3 + 3; six features, a matrix of nine and an offset of three a texel, and a plane over half
-# vectors that is the material's own.
-@pytest.mark.parametrize(
-    ("name", "count", "steps"),
-    [
-        ("rainer2020", 38_269, {"texture/latents.step": 38}),
-        ("biplane", 136_451, {"texture/texels.step": 18, "decoder/half.step": 6}),
-    ],
-)
-def test_a_shared_decoder_is_the_published_one(name: str, count: int, steps: dict[str, int], tmp_path: Any) -> None:
-    codec = make_codec(name, SMALL if name == "biplane" else {})
-    network = shared.find_for(codec)
-    assert network is not None
-    assert network.parts.decoder["weights"].shape == (count,)
-    header = container.save(tmp_path / "a.nbtf", codec, codec.encode(tiny_btf(), Fit(network=network)))
-    material = loading.load(header.path)[1]
-    assert parameters(material) == material.cost.parameters == count
-    assert material.cost.texture_channels == next(iter(steps.values()))
-    assert {part: header.tensors[part][1] for part in steps} == {part: (number,) for part, number in steps.items()}
-    assert (header.part_bytes()["decoder"] == 0) == (name == "rainer2020")
 
 
 @pytest.mark.parametrize("name", ["neumip", "relief"])

@@ -11,7 +11,6 @@ from bench import hemisphere
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit, Parts
 from bench.conformance.check import tiny_btf
-from bench.material import layers, parameters
 from bench.training import Samples
 from bench.training import fitting as training
 from tests.baselines.made import bilinear, coded
@@ -31,16 +30,6 @@ def fitted(btf: BTF | None = None, **settings: Any) -> tuple[HierarchicalMateria
     parts, material = coded(Hierarchical(**SMALL | settings), btf or tiny_btf())
     assert isinstance(material, HierarchicalMaterial)
     return material, parts
-
-
-@pytest.mark.parametrize(("recipe", "first"), [("paper", (32 + 40 + 7 + 1) * 25), ("ours", (9 + 40 + 7 + 1) * 25)])
-def test_layers_have_the_published_parameters(recipe: str, first: int) -> None:
-    material, _ = fitted(recipe=recipe, steps=1, patch=4)
-    module = [182, 312, 1_308, 78, 228, 78]  # 25 → 7; 25 → 12, 3² · 12 → 12; 25 → 3, 5² · 3 → 3; 25 → 3
-    assert [count for _, _, count in layers(material)] == [first, *module, *module, 78, 250, 650, 650, 26]
-    total = {"paper": 8_026, "ours": 7_451}[recipe]
-    assert parameters(material) == material.cost.parameters == total
-    assert material.cost.texture_channels == 14
 
 
 class Oracle:
@@ -172,15 +161,6 @@ def test_a_patch_of_the_fit_is_what_its_texels_answer_one_by_one(level: int) -> 
         torch.testing.assert_close(target[each], wanted)
 
 
-def test_octaves_that_a_footprint_hides_are_left_out() -> None:
-    material, _ = fitted(places=4)
-    uv = torch.rand(20, 2)
-    level = torch.tensor([0.0, 1.0, 1.5, 9.0]).repeat_interleave(5)
-    octaves = material.networks.placed(uv, level, 8).unflatten(1, (4, 4)).square().sum(1)  # sine² + cosine², twice
-    shares = [[2, 2, 2, 0], [2, 2, 0, 0], [2, 0.5, 0, 0], [0, 0, 0, 0]]
-    torch.testing.assert_close(octaves[::5], torch.tensor(shares, dtype=torch.float32))
-
-
 def test_gradients_are_sobels() -> None:
     picture = np.random.default_rng(0).standard_normal((2, 6, 6, 3))
     found = gradients(torch.from_numpy(picture)).unflatten(0, (2, 3)).numpy()
@@ -188,25 +168,3 @@ def test_gradients_are_sobels() -> None:
         smooth, along = [1.0, 2.0, 1.0], [-1.0, 0.0, 1.0]
         expected = convolve1d(convolve1d(picture, along, axis), smooth, 3 - axis)[:, 1:-1, 1:-1]
         np.testing.assert_allclose(np.moveaxis(found[:, :, direction], 1, -1), expected, atol=1e-12)
-
-
-@pytest.mark.parametrize(("away", "seen"), [(2, True), (4, True), (5, False)])
-def test_neighbours_up_to_four_texels_away_are_seen(away: int, seen: bool) -> None:
-    material, _ = fitted(tiny_btf(12, 3, 3), steps=30, **EXACT)
-    up, middle = torch.tensor([[0.0, 0.0, 1.0]]), torch.tensor([[6.5 / 12, 1 - 6.5 / 12]])  # the centre of texel 6, 6
-    before = material.query(middle, up, up)
-    material.table[6 * 12 + 6 + away] += 100.0
-    assert bool((material.query(middle, up, up) - before).abs().max() > 1e-6) == seen
-
-
-def test_the_term_on_gradients_begins_after_a_quarter() -> None:
-    btf, fit = tiny_btf(), Fit()
-    samples = [Samples(btf, training.gain_of(btf, fit), fit)]
-
-    def loss(progress: float, gradient: float) -> float:
-        settings = Hierarchical.Settings(gradient=gradient, batch=256)
-        fitting = HierarchicalObjective(samples, settings, fit.generator())
-        return float(fitting.loss(fit.generator(), progress).detach())
-
-    assert loss(0.2, 1.0) == loss(0.2, 0.0)
-    assert loss(0.3, 1.0) > loss(0.3, 0.0)

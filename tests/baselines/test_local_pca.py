@@ -30,13 +30,6 @@ def test_clusters_with_components_of_their_own_are_found(tmp_path: Path) -> None
     assert np.linalg.norm(local - truth) < 0.02 * np.linalg.norm(globally - truth)
 
 
-def test_one_cluster_is_pca(tmp_path: Path) -> None:
-    btf = two_kinds()
-    one = slices(stored(LocalPCA(clusters=1, components=3, bits=32), btf, tmp_path), btf)
-    pca = slices(stored(PCA(components=3, bits=32), btf, tmp_path), btf)
-    np.testing.assert_allclose(one, pca, rtol=2e-3, atol=2e-4)
-
-
 def test_a_texel_is_decoded_by_its_own_cluster(tmp_path: Path) -> None:
     """The stored numbers, put together by NumPy at a pair that was fitted and a texel's centre."""
     btf = two_kinds()

@@ -10,7 +10,6 @@ from bench import hemisphere
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.codecs import container, loading
-from tests.baselines.made import decoded
 
 
 def made() -> BTF:
@@ -28,10 +27,3 @@ def test_every_slice_is_the_mean(tmp_path: Path, half: bool, tolerance: float) -
     for pair in (0, 40, 80):
         np.testing.assert_allclose(material.slice(btf.wo[pair], btf.wi[pair]), mean, rtol=tolerance)
     assert header.part_bytes()["texture"] == 5 * 7 * 3 * (2 if half else 4)
-
-
-def test_the_cost_is_one_bilinear_fetch() -> None:
-    codec = MeanColour()
-    material = decoded(codec, made())
-    assert (material.cost.parameters, material.cost.texture_channels, material.cost.texture_floats) == (0, 3, 105)
-    assert material.modules() == []

@@ -5,7 +5,7 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
-from baselines.neumip import Networks, NeuMIP, NeuMIPMaterial, NeuMIPObjective, Pyramid, blur, level_count
+from baselines.neumip import Networks, NeuMIP, NeuMIPMaterial, NeuMIPObjective, Pyramid, blur
 from bench.btf import BTF
 from bench.codec import Fit
 from bench.conformance.check import tiny_btf
@@ -41,11 +41,6 @@ def test_parameters_are_those_published_and_our_inputs(settings: dict[str, Any],
     assert material.cost.texture_channels == channels
 
 
-def test_levels_halve_until_a_side_is_one_texel() -> None:
-    assert [level_count(size) for size in ((512, 512), (64, 64), (1, 1), (8, 64), (5, 5))] == [9, 6, 1, 4, 2]
-    assert Pyramid((10, 6)).levels == [(10, 6), (5, 3), (2, 1)]
-
-
 def test_a_level_is_fetched_as_a_texture_of_its_own() -> None:
     pyramid = Pyramid((8, 12))
     table = torch.randn(sum(pyramid.counts), CHANNELS)
@@ -55,33 +50,6 @@ def test_a_level_is_fetched_as_a_texture_of_its_own() -> None:
         for kind in (torch.long, torch.float32):
             found = pyramid.fetch(table, uv, torch.full((50,), level, dtype=kind))
             torch.testing.assert_close(found, expected, rtol=1e-5, atol=1e-5)
-
-
-def test_a_decoded_level_is_that_of_the_fit() -> None:
-    pyramid = Pyramid((8, 12))
-    table, uv = torch.randn(sum(pyramid.counts), CHANNELS), torch.rand(50, 2) * 4 - 2
-    for level in (torch.zeros(50), torch.rand(50) * 3):
-        torch.testing.assert_close(pyramid.sample(table, uv, level), pyramid.fetch(table, uv, level))
-
-
-def test_a_point_reads_the_finest_level_alone() -> None:
-    """What has no weight is not read: a second level would be half of the time of a fetch."""
-    material = fitted()
-    material.table[material.pyramid.counts[0] :] = torch.nan
-    up = torch.tensor([[0.0, 0.0, 1.0]]).expand(20, 3)
-    assert material.query(torch.rand(20, 2), up, up).isfinite().all()
-
-
-def test_between_levels_it_is_linear() -> None:
-    pyramid = Pyramid((8, 8))
-    table, uv = torch.randn(sum(pyramid.counts), CHANNELS), torch.rand(20, 2)
-    fine, coarse, between = (pyramid.fetch(table, uv, torch.full((20,), level)) for level in (1.0, 2.0, 1.25))
-    torch.testing.assert_close(between, 0.75 * fine + 0.25 * coarse)
-
-
-def test_the_level_is_the_footprint_in_texels() -> None:
-    level = Pyramid((64, 32)).level(torch.tensor([0.0, 1 / 64, 2 / 64, 3 / 64, 8 / 64, 100.0]))
-    assert level.tolist() == pytest.approx([0, 0, 1, np.log2(3), 3, 5], abs=1e-6)
 
 
 @pytest.mark.parametrize("size", [(16, 16), (15, 8)])

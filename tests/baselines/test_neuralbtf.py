@@ -4,34 +4,16 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.neuralbtf import Networks, NeuralBTF, NeuralBTFObjective
+from baselines.neuralbtf import NeuralBTF, NeuralBTFObjective
 from bench import hemisphere
-from bench.btf import BTF, ArraySource
 from bench.codec import Fit, Parts
 from bench.conformance.check import tiny_btf
-from bench.material import layers, parameters
-from bench.training import Samples, gain_of, load_texture
+from bench.training import Samples, gain_of
 from tests.baselines.made import bilinear, coded, cropped, dense, split
 
 
 def codec(**settings: Any) -> NeuralBTF:
     return NeuralBTF(**{"steps": 10, "batch": 256, "width": 32} | settings)
-
-
-def test_layers_and_textures_are_those_of_the_authors_code() -> None:
-    parts, material = coded(codec(recipe="paper", steps=1, batch=8, width=512, bits=32), tiny_btf(32))
-    # 3 · 8 latents and 2 · 9 harmonics → 512 → 512 → 512 → 3, 8 latents and the view → 512 → 2, and the gate.
-    counts = [22_016, 262_656, 262_656, 1_539, 6_144, 1_026, 1]
-    assert sorted(count for _, _, count in layers(material)) == sorted(counts)
-    assert parameters(material) == material.cost.parameters == sum(counts) == 556_038
-    shapes = [tuple(load_texture(name, parts.texture).shape) for name in ("level0", "level1", "level2", "offset")]
-    assert shapes == [(32, 32, 8), (16, 16, 8), (8, 8, 8), (2, 2, 8)]
-    assert material.cost.texture_channels == 8
-
-
-def test_ours_sees_half_the_numbers_of_directions() -> None:
-    networks = Networks(NeuralBTF().settings)
-    assert sum(p.numel() for p in networks.parameters()) == 556_038 - 9 * 512
 
 
 def basis(x: float, y: float, z: float) -> list[float]:
@@ -99,24 +81,3 @@ def test_the_published_loss_is_relative_to_the_answer() -> None:
     expected = ((found - truth) ** 2 / (found**2 + 0.01)).mean()
     # The suite keeps log radiance in halves, of 11 bits.
     assert fitting.loss(torch.Generator().manual_seed(3), 0.0).item() == pytest.approx(expected, rel=5e-3)
-
-
-def shifted_by_the_view() -> BTF:
-    """Random texels that lie one texel below the plane, so that a view along x sees them moved."""
-    rng, side = np.random.default_rng(1), 16
-    wo, wi = (hemisphere.uniform(rng, 80, 60.0).astype(np.float32) for _ in range(2))
-    texels = rng.uniform(0.1, 0.9, (side, side, 3))
-    at = np.arange(side) + (wo[:, 0] / wo[:, 2])[:, None]
-    left, part = np.floor(at).astype(int), (at % 1)[:, None, :, None]
-    one, next_one = (texels[:, columns % side].swapaxes(0, 1) for columns in (left, left + 1))
-    return BTF("shifted", wo, wi, ArraySource(((1 - part) * one + part * next_one).astype(np.float32)), periodic=True)
-
-
-@pytest.mark.long
-def test_the_offset_finds_what_moves_with_the_view() -> None:
-    found = []
-    for reduction in (0, 4):
-        fit = Fit()
-        codec(steps=400, batch=512, width=64, reduction=reduction).encode(shifted_by_the_view(), fit)
-        found.append(fit.history[-1]["psnr"])
-    assert found[1] > found[0] + 5

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.rainer2020 import Pool, Rainer2020, Rainer2020Network, Rainer2020Objective, Resampler, canonical_pairs
+from baselines.rainer2020 import Pool, Rainer2020, Rainer2020Network, Rainer2020Objective, canonical_pairs
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit, TrainedNetwork
 from bench.codecs import shared
@@ -93,12 +93,6 @@ def test_what_it_would_tell_worse_than_the_mean_is_stored_as_the_mean(trained: T
     ours = np.log1p(parts.other["gain"].numpy() * torch.stack(slices).numpy())
     # Halves round the logs by 5e-4.
     assert (np.square(ours - logs).mean(0) <= 1.01 * logs.var(0) + 1e-6).all()
-
-
-def test_resampling_to_the_pairs_that_are_there_changes_nothing() -> None:
-    btf = tiny_btf()
-    abrdfs = torch.rand(5, len(btf), 3)
-    torch.testing.assert_close(Resampler(btf.layout, btf.layout)(abrdfs), abrdfs, rtol=1e-3, atol=1e-3)
 
 
 def test_what_is_asked_in_training_are_the_pairs_declared_held_out() -> None:

@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from baselines.relief import fitting, sweep
+from baselines.relief import sweep
 from baselines.relief.codec import Relief
 from baselines.relief.fitting import ReliefObjective
 from baselines.relief.material import ReliefMaterial
@@ -40,13 +40,6 @@ def fitted(btf: BTF, **settings: Any) -> ReliefMaterial:
 def test_parameters_without_relief(settings: dict[str, Any], count: int) -> None:
     material = fitted(tiny_btf(), **settings)
     assert parameters(material) == material.cost.parameters == count
-
-
-def test_parameters_with_relief() -> None:
-    """One input more, the visibility of the light, and three outputs, its mask."""
-    material = fitted(bumps()[0])
-    assert parameters(material) == material.cost.parameters == 3_959 + 32 + 3 * 33
-    assert material.cost.texture_channels == 15
 
 
 @pytest.mark.parametrize("btf", [tiny_btf(), bumps()[0]], ids=["flat", "with a height"])
@@ -108,17 +101,6 @@ def test_bits_are_what_is_paid() -> None:
         sizes[bits] = len(parts.texture["latents"])
         assert sizes[bits] <= 32 * 32 * 14 * bits / 8 + 1 + 14
     assert sizes[2] < sizes[4] < sizes[8]
-
-
-def test_bits_are_fewer_where_more_is_unexplained() -> None:
-    """Left to the fit, rounding may add a small share of the error: noise that no fit explains hides coarse latents."""
-    like = tiny_btf()
-    noise = BTF("noise", like.wo, like.wi, ArraySource(np.random.default_rng(0).random((81, *like.shape, 3))))
-    taken = []
-    for btf in (noise, like):
-        data = Relief(steps=100, batch=512).encode(btf, Fit()).texture["latents"]
-        taken.append(int(data[1:15].sum()))
-    assert taken[0] < taken[1]
 
 
 def test_a_height_is_stored_as_finely_as_it_is_felt() -> None:
@@ -195,26 +177,3 @@ def test_a_refined_height_that_diverges_is_set_back(monkeypatch: pytest.MonkeyPa
     parts = codec.encode(btf, Fit())
     assert poisoned
     assert codec.decode(parts, torch.device("cpu")).slice(btf.wo[:1], btf.wi[:1]).isfinite().all()
-
-
-def test_a_fit_that_is_set_back_before_the_height_moved_marches_the_found_height(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(training, "KEEP_EVERY", 20)
-    monkeypatch.setattr(fitting, "HEIGHT_RATE", 1.0)
-    marched, found = dict[int, list[Tensor]](), ReliefObjective.loss
-
-    def loss(self: ReliefObjective, generator: torch.Generator, progress: float) -> Tensor:
-        step = round(progress * 50)
-        if step == 32 and len(marched[step - 1]) == 1:
-            self.latents.data[0, 0] = torch.nan  # the fit goes back to step 20; the height moves from 25 on
-        answer = found(self, generator, progress)
-        assert self.relief is not None
-        marched.setdefault(step, []).append(self.relief.height.clone())
-        return answer
-
-    monkeypatch.setattr(ReliefObjective, "loss", loss)
-    Relief(steps=50, batch=64, bits=4).encode(bumps()[0], Fit())
-    before, again = marched[20]
-    assert not torch.equal(marched[31][0], before)
-    assert torch.equal(again, before)

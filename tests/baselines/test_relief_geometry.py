@@ -6,7 +6,6 @@ import torch
 
 from baselines.relief.geometry import Surface, slope
 from baselines.relief.planes import shifted
-from bench.data.materials.heightfield import HeightField
 from bench.hemisphere import from_degrees, uniform
 from bench.material import texel_centres
 
@@ -24,15 +23,6 @@ def test_a_plane_is_met_at_its_height() -> None:
     # Toward the eye a ray rises: it meets what is higher nearer to the eye.
     expected = [[0.5, 0.5], [0.55, 0.5], [0.5, 0.5 + 0.05 * 3**0.5]]
     torch.testing.assert_close(uv, torch.tensor(expected), rtol=1e-5, atol=1e-6)
-
-
-def test_a_strip_is_searched_without_a_copy_that_fills_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert Surface(waves((3, 1001))).padded.numel() < 1_000_000
-    rng = np.random.default_rng(0)
-    uv, wo = torch.from_numpy(rng.random((500, 2))).float(), torch.from_numpy(uniform(rng, 500, 75))
-    padded = Surface(waves((32, 64))).meet(uv, wo)
-    monkeypatch.setattr("baselines.relief.geometry.MOST_PADDED", 0)
-    torch.testing.assert_close(Surface(waves((32, 64))).meet(uv, wo), padded)
 
 
 @pytest.mark.parametrize("size", [(64, 64), (32, 64)])
@@ -80,16 +70,6 @@ def test_where_a_ray_hits_follows_the_height(size: tuple[int, int]) -> None:
     # The change is finite, texels are bilinear and a secant ends near the surface: most rays must agree.
     apart = (torch.stack(found) - torch.stack(expected)).abs()
     assert apart.median() < 0.05 * torch.stack(expected).abs().median()
-
-
-def test_the_march_agrees_with_the_renderers() -> None:
-    height = waves((64, 64))
-    wo = from_degrees([60], [30])
-    truth = HeightField(height.numpy(), 1.0).trace(wo[0], (1, 1))
-    _, found = Surface(height).meet(texel_centres(64, 64), torch.from_numpy(wo).float().expand(4096, 3))
-    apart = np.abs(found.reshape(64, 64).numpy() - truth)
-    assert np.median(apart) < 5e-4
-    assert (apart < 3e-3).mean() > 0.97
 
 
 def test_a_wall_stands_in_the_way_of_a_low_light_from_its_side_alone() -> None:

@@ -17,7 +17,6 @@ from bench.data.bake import read_surface, recognise
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import render
 from bench.hemisphere import thin, ubo2003, uniform
-from bench.metrics.display import exposure, to_display
 
 SIZE = 8
 
@@ -80,17 +79,6 @@ def test_it_finds_the_maps_of_a_flat_material(fitted: Parts) -> None:
     off = (found - truth).abs().amax(0)
     # Half a code is 0.002, of normals 0.004, and of the brightest sRGB codes 0.005; the others are the fit's.
     assert (off <= torch.tensor([*[0.02] * 3, *[0.01] * 3, 0.01, 0.03])).all(), off
-
-
-def test_it_answers_as_the_flat_material_between_the_pairs(fitted: Parts) -> None:
-    rng = np.random.default_rng(2)
-    wo, wi = uniform(rng, 50, 70.0), uniform(rng, 50, 70.0)
-    truth, material = rendered(flat_maps(), wo, wi), decoded(fitted)
-    ours = np.stack([material.slice(o, i).numpy() for o, i in zip(wo.tolist(), wi.tolist(), strict=True)])
-    exposed = exposure(truth)
-    errors = to_display(ours, exposed) - to_display(np.stack(list(truth)), exposed)
-    # 8-bit codes alone leave about 50 dB; a map that is off by a tenth leaves 25.
-    assert -10 * np.log10(np.square(errors).mean()) > 42
 
 
 def test_a_larger_footprint_sees_averages_of_the_maps() -> None:

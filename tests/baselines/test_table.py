@@ -44,13 +44,6 @@ def test_bilinear_and_periodic_between_texels(tmp_path: Path) -> None:
     np.testing.assert_allclose(material.query(uv + 7, wo, wi), material.query(uv, wo, wi), atol=1e-4)
 
 
-def test_the_cost_counts_the_whole_table(tmp_path: Path) -> None:
-    material = stored(Table(), btf_of(np.ones((24, 5, 7, 3)), 4), tmp_path)
-    assert material.cost.texture_floats == 24 * 5 * 7 * 3
-    # Four texels at 3 × 3 pairs, three floats each: stored as halves, and held as what a fetch adds up.
-    assert material.cost.bytes_per_sample == 4 * 9 * 3 * 4
-
-
 def test_half_tables_answer_nearly_as_float32_ones(tmp_path: Path) -> None:
     btf = btf_of(np.random.default_rng(0).random((24, 5, 7, 3)) * 6e4, 4)
     material = stored(Table(), btf, tmp_path)

@@ -69,44 +69,12 @@ def test_the_factors_are_those_of_an_independent_hooi(rounds: int) -> None:
     np.testing.assert_allclose(ours, oracle(table, (3, 2, 4), rounds), atol=1e-8)
 
 
-def test_alternating_never_loses() -> None:
-    table = torch.from_numpy(np.random.default_rng(1).normal(size=(9, 8, 8, 3)))
-    kept = [float(factored(table, (3, 3, 3), rounds)[3].square().sum()) for rounds in (0, 1, 4, 16)]
-    assert kept == sorted(kept)
-    assert kept[-1] > kept[0]
-
-
-def test_all_components_answer_as_the_table() -> None:
-    btf = tiny_btf()
-    material = decoded(Tucker(components=64, views=9, lights=9, bits=32), btf)
-    peak = max(float(picture.max()) for picture in btf)
-    assert error(btf, material) < 1e-4 * peak
-
-
-def test_what_is_stored_is_counted_literally() -> None:
-    parts = Tucker(components=5, views=4, lights=3).encode(tiny_btf(), Fit())
-    assert load_texture("coefficients", parts.texture).shape == (8, 8, 5)
-    assert load_texture("core", parts.decoder).shape == (4, 3, 3, 6)  # the mean has a slice of its own
-    assert parts.decoder["view"].shape == (9, 4)
-    assert parts.decoder["light"].shape == (9, 3)
-
-
-def test_ranks_above_what_there_is_are_cut() -> None:
-    material = decoded(Tucker(components=500, views=99, lights=99), tiny_btf())
-    assert material.cost.texture_channels <= 63
-
-
 def test_pairs_that_are_no_product_are_one_mode() -> None:
     btf = tiny_btf().subset(np.delete(np.arange(81), [3, 40, 77]))
     codec = Tucker(components=64, views=9, lights=9, bits=32)
     parts = codec.encode(btf, Fit())
     assert parts.decoder["light"].shape == (1, 1)
     assert error(btf, codec.decode(parts, torch.device("cpu"))) < 1e-3
-
-
-def test_one_view_is_coded() -> None:
-    btf = tiny_btf().subset(np.arange(9))
-    assert decoded(Tucker(), btf).slice(btf.wo[0].tolist(), btf.wi[0].tolist()).isfinite().all()
 
 
 def test_eight_bits_of_a_core_hold_zero() -> None:

@@ -7,7 +7,6 @@ from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.conformance.check import tiny_btf
 from bench.material import Material
-from bench.training import load_texture
 from tests.baselines.made import decoded, slices, table
 
 
@@ -33,31 +32,12 @@ def test_kinds_of_texels_are_found_exactly() -> None:
     assert error(btf, codec.decode(parts, torch.device("cpu"))) < 2e-3
 
 
-def test_codes_beyond_what_differs_are_not_stored() -> None:
-    btf, _ = clustered_btf(3)
-    parts = VQ(codes=32).encode(btf, Fit())
-    assert load_texture("codebook", parts.decoder).shape == (3, len(btf), 3)
-
-
 def test_more_codes_and_more_stages_come_nearer() -> None:
     btf = tiny_btf()
     errors = [
         error(btf, decoded(VQ(bits=16, **s), btf)) for s in ({"codes": 4}, {"codes": 16}, {"codes": 16, "stages": 2})
     ]
     assert errors[0] > errors[1] > errors[2]
-
-
-def test_the_codebook_is_stored_in_eight_bits() -> None:
-    assert VQ(codes=5).encode(clustered_btf()[0], Fit()).decoder["codebook"].dtype == torch.uint8
-
-
-def test_one_code_is_the_mean_in_the_log_domain() -> None:
-    btf = tiny_btf()
-    codec = VQ(codes=1, bits=16)
-    parts = codec.encode(btf, Fit())
-    assert parts.texture["index0"].numel() == 2 + 64 // 8
-    logs = np.log1p(parts.other["gain"].numpy() * np.stack(list(btf)))
-    np.testing.assert_allclose(parts.decoder["codebook"][0].float(), logs.mean((1, 2)), rtol=1e-3)
 
 
 @pytest.mark.parametrize("codes", [1, 2, 3, 32, 33, 1000])
@@ -72,10 +52,3 @@ def test_an_index_takes_the_bits_it_needs(codes: int) -> None:
 def test_an_index_beyond_the_codebook_is_refused() -> None:
     with pytest.raises(ValueError, match="beyond the codebook of 6"):
         unpack_index(pack_index(np.array([7]), 8), 1, 6)
-
-
-def test_as_many_codes_as_texels_differ_are_exact_even_for_one_pair() -> None:
-    like = tiny_btf(5)
-    btf = BTF("one pair", like.wo[40:41], like.wi[40:41], ArraySource(np.stack(list(like))[40:41]))
-    # Half floats of a log value of up to 2.
-    assert error(btf, decoded(VQ(codes=25, bits=16), btf)) < 1e-3 * btf[0].max()

@@ -17,11 +17,9 @@ from bench.material import parameters
 from bench.metrics.display import decode_srgb
 from bench.training import Samples, load_texture
 from bench.training import fitting as training
-from neubtf.augmentation import Disturbance
-from neubtf.autoencoder import FAINT, Autoencoder
+from neubtf.autoencoder import Autoencoder
 from neubtf.codec import NeuBTF, guiding_pair
-from neubtf.direct import NeuBTFDirect
-from neubtf.encoder import Encoder, as_guidance, displayed, eight_bits, load_encoder, read_encoder
+from neubtf.encoder import Encoder, as_guidance, read_encoder
 from neubtf.published import Published
 
 FEW: dict[str, Any] = {"steps": 24, "batch": 256}
@@ -106,16 +104,6 @@ def test_the_autoencoder_is_a_part_of_its_own_and_left_out_unless_wanted(tmp_pat
     assert container.save(tmp_path / "plain.nbtf", codec, without).file_bytes < 20_000
 
 
-def test_a_file_that_cannot_be_re_textured_says_why(tmp_path: Path) -> None:
-    path = container.save(tmp_path / "plain.nbtf", *fitted()).path
-    with pytest.raises(InputError, match=r"plain.nbtf: it holds no autoencoder.*keep_encoder=true"):
-        read_encoder(path)
-    direct = NeuBTFDirect(steps=1)
-    path = container.save(tmp_path / "direct.nbtf", direct, direct.encode(tiny_btf(), Fit())).path
-    with pytest.raises(InputError, match="neubtf-direct: only neubtf"):
-        read_encoder(path)
-
-
 def test_it_comes_near_the_data() -> None:
     fit = Fit()
     NeuBTF(steps=240, batch=1024).encode(tiny_btf(), fit)
@@ -157,32 +145,11 @@ def test_every_weight_matters() -> None:
     assert len(set(found)) == len(found)
 
 
-def test_the_papers_recipe_is_what_it_states() -> None:
-    settings = NeuBTF(recipe="paper").settings
-    assert settings.architecture.parameters == 3011
-    assert (settings.keep_scale, settings.loss, settings.optimiser, settings.init) == (0, "l1", "adam", "published")
-    assert NeuBTF(recipe="paper", loss="both").settings.loss == "both"
-
-
 def published(guidance: torch.Tensor, **settings: Any) -> Published:
     samples = Samples(tiny_btf(), 2.0, Fit())
     encoder = Encoder.for_guidance(guidance, Autoencoder(14))
     chosen = NeuBTF(recipe="paper", **settings).settings
     return Published(samples, chosen, encoder, guidance, torch.Generator().manual_seed(0))
-
-
-def test_each_element_of_a_batch_has_its_own_view_window_scale_disturbance_and_target(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    fitting, generator = published(torch.full((1, 3, 16, 16), 0.3), crop=4), torch.Generator().manual_seed(0)
-    elements = [fitting.element(generator) for _ in range(20)]
-    assert len({element.view for element in elements}) > 10
-    assert len({element.pair for element in elements}) > 10
-    assert len({(element.window.corner, element.window.source) for element in elements}) > 10
-    disturbed = list[torch.Tensor]()
-    monkeypatch.setattr(Disturbance, "disturbed", lambda self, picture, generator: disturbed.append(picture) or picture)
-    fitting.loss(generator, 0.0)
-    assert [len(picture) for picture in disturbed] == [1] * 16
 
 
 def test_a_batch_of_two_windows_is_the_mean_of_each() -> None:
@@ -191,30 +158,6 @@ def test_a_batch_of_two_windows_is_the_mean_of_each() -> None:
     assert len({element.window.size for element in elements}) > 1
     each = torch.stack([fitting.losses([element]) for element in elements]).mean(0)
     torch.testing.assert_close(fitting.losses(elements)[0], each[0])
-
-
-def test_the_published_start_is_neither_faint_nor_the_mean() -> None:
-    like = tiny_btf()
-    grey = BTF("grey", like.wo, like.wi, ArraySource(np.full((len(like), 8, 8, 3), 0.3, np.float32)))
-    settings: dict[str, Any] = {"steps": 1, "rate": 1e-9, "encoder_rate": 1e-9, "hidden_rate": 1e-9}
-    errors = []
-    for recipe in ("ours", "paper"):
-        codec, parts = fitted(grey, recipe=recipe, **settings)
-        shown = codec.decode(parts, torch.device("cpu")).slice([0, 0, 1], [0, 0, 1])
-        errors.append((shown - 0.3).abs().max().item())
-    assert errors[0] < 0.01 < errors[1]
-
-
-def test_the_renderer_is_the_first_stages() -> None:
-    ours, theirs = (fitted(explore_weight=weight)[1] for weight in (1.0, 0.5))
-    assert ours.decoder["weights"].equal(theirs.decoder["weights"])
-    ours, theirs = (fitted(direct=0.0, taught=0.0, explore_weight=weight)[1] for weight in (1.0, 0.5))
-    assert not ours.decoder["weights"].equal(theirs.decoder["weights"])
-
-
-def test_a_single_pair_is_fitted() -> None:
-    _, parts = fitted(cut(8, 8, pairs=1))
-    assert parts.texture["latents.size"].tolist() == [8, 8]
 
 
 @pytest.mark.parametrize(
@@ -251,12 +194,6 @@ def test_a_killed_fit_gives_the_same_file(stop: int, tmp_path: Path, monkeypatch
     assert container.to_bytes(codec, resumed) == container.to_bytes(codec, codec.encode(tiny_btf(), Fit()))
 
 
-def test_guidance_survives_as_bytes() -> None:
-    picture = torch.randint(0, 256, (5, 7, 3), dtype=torch.uint8)
-    assert eight_bits(as_guidance(picture)).equal(picture)
-    assert displayed(torch.tensor([0.0, 99.0])).tolist() == [0.0, 1.0]
-
-
 def test_the_encoder_sees_its_own_guidance_with_mean_0_and_deviation_1() -> None:
     faint = 0.5 + 0.01 * torch.randn(1, 3, 16, 16, generator=torch.Generator().manual_seed(0))
     seen = Encoder.for_guidance(faint, Autoencoder(2)).prepared(faint)
@@ -271,18 +208,3 @@ def test_the_papers_recipe_shows_every_slice_at_the_guidances_brightness() -> No
     generator = torch.Generator().manual_seed(0)
     means = [decode_srgb(fitting.element(generator).picture.numpy()).mean() for _ in range(20)]
     np.testing.assert_allclose(means, np.broadcast_to(decode_srgb(np.full(1, 0.3)), 20), rtol=0.1)
-
-
-def test_the_papers_perceptron_is_rectified_and_files_without_the_word_are_as_they_were() -> None:
-    kept = {recipe: fitted(keep_encoder=True, recipe=recipe)[1].encoder for recipe in ("ours", "paper")}
-    assert kept["ours"].keys() == {"weights", "normal", "guidance"}
-    assert isinstance(load_encoder(kept["ours"], 14).autoencoder.attention.perceptron[1], torch.nn.GELU)
-    assert isinstance(load_encoder(kept["paper"], 14).autoencoder.attention.perceptron[1], torch.nn.ReLU)
-
-
-@pytest.mark.parametrize("size", [1, 3, 16])
-def test_the_first_texture_is_faint_and_every_channel_has_mean_0(size: int) -> None:
-    guidance = torch.rand(1, 3, size, size, generator=torch.Generator().manual_seed(0))
-    texture = Encoder.for_guidance(guidance, Autoencoder(5, torch.Generator().manual_seed(1)))(guidance)
-    assert texture.mean((0, 2, 3)).abs().max() < 1e-6
-    assert size == 1 or 0.5 * FAINT < texture.std() < 2 * FAINT

@@ -38,10 +38,6 @@ def test_exposure_by_radiance_and_by_a_factor() -> None:
     np.testing.assert_array_equal(image_of(PICTURE, exposure="99"), 1)
 
 
-def test_black_guides_as_black() -> None:
-    np.testing.assert_array_equal(image_of(np.zeros((5, 5, 3), np.float32)), 0)
-
-
 def test_shrinking_averages_linear_light() -> None:
     checks = np.indices((8, 8)).sum(0)[..., None] % 2 * np.ones(3)
     image = image_of(checks.astype(np.float32), scale=0.5, exposure="1")

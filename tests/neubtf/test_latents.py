@@ -34,17 +34,6 @@ def test_the_sheet_shows_every_channel(size: tuple[int, int]) -> None:
     assert inked > 0
 
 
-def test_channels_lie_row_by_row() -> None:
-    texture = torch.zeros(64, 64, 4)
-    for channel in range(4):
-        texture[: 8 * (channel + 1), :, channel] = 1  # the bright part is larger from channel to channel
-    page = sheet(texture)
-    halves = [half for rows in np.array_split(page, 2) for half in np.array_split(rows, 2, 1)]
-    bright = [int(((half > 127) & (half < 255)).sum()) for half in halves]
-    assert bright == [bright[0], 2 * bright[0], 3 * bright[0], 4 * bright[0]]
-    assert bright[0] > 0
-
-
 def test_the_command_draws_a_file(tmp_path: Path, capsys) -> None:
     codec = load_codec("neubtf-direct")(steps=1, latents=3)
     container.save(tmp_path / "file.nbtf", codec, codec.encode(tiny_btf(), Fit()))

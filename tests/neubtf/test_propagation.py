@@ -62,14 +62,6 @@ def test_tiles_give_what_the_whole_gives(size: tuple[int, int]) -> None:
     torch.testing.assert_close(textured(encoder, guidance, tile=32), whole, rtol=0, atol=ROUNDING)
 
 
-def test_progress_ends_at_the_number_of_tiles() -> None:
-    seen = []
-    encoder = Encoder(Autoencoder(2), 0.4, 0.2)
-    textured(encoder, picture(40, 20), lambda *told: seen.append(told), tile=16)
-    assert ("pooling", 6, 6) in seen
-    assert ("making the texture", 6, 6) in seen
-
-
 def test_its_own_guidance_gives_the_same_material(file: Path, own: Path, tmp_path: Path) -> None:
     out = tmp_path / "again.nbtf"
     assert propagate(file, own, out) == 0
@@ -126,12 +118,6 @@ def test_pictures_of_every_kind_guide(file: Path, tmp_path: Path, kind: str) -> 
     assert loading.load(tmp_path / "new.nbtf")[1].size == (9, 8)
 
 
-def test_a_picture_of_nine_texels_guides(file: Path, tmp_path: Path) -> None:
-    Image.fromarray(np.arange(27, dtype=np.uint8).reshape(3, 3, 3) * 9).save(tmp_path / "small.png")
-    assert propagate(file, tmp_path / "small.png", tmp_path / "new.nbtf") == 0
-    assert loading.load(tmp_path / "new.nbtf")[1].size == (3, 3)
-
-
 def test_what_is_too_large_is_refused_with_a_scale_that_fits(file: Path, tmp_path: Path, capsys) -> None:
     Image.new("1", (8192, 4096)).save(tmp_path / "wide.png")
     assert propagate(file, tmp_path / "wide.png", tmp_path / "new.nbtf") == 2
@@ -142,18 +128,9 @@ def test_what_is_too_large_is_refused_with_a_scale_that_fits(file: Path, tmp_pat
     assert not (tmp_path / "new.nbtf").exists()
 
 
-def test_a_picture_8k_wide_guides_at_a_scale(file: Path, tmp_path: Path) -> None:
-    Image.new("L", (8192, 64), 99).save(tmp_path / "wide.png")
-    assert propagate(file, tmp_path / "wide.png", tmp_path / "new.nbtf", "--scale", "0.0625") == 0
-    assert loading.load(tmp_path / "new.nbtf")[1].size == (4, 512)
-
-
 @pytest.mark.parametrize(
     ("codec", "told"),
-    [
-        (NeuBTF(steps=1), "keep_encoder=true"),
-        (NeuBTFDirect(steps=1), "codec is neubtf-direct: only neubtf"),
-    ],
+    [(NeuBTF(steps=1), "keep_encoder=true"), (NeuBTFDirect(steps=1), "codec is neubtf-direct: only neubtf")],
 )
 def test_a_file_without_autoencoder_is_refused(
     codec: NeuBTF | NeuBTFDirect, told: str, own: Path, tmp_path: Path, capsys

@@ -40,7 +40,3 @@ def test_a_step_at_the_border_is_a_seam_at_that_border_alone() -> None:
     beside, below = ratios(np.tile(cell, (3, 5)) + np.linspace(0, 0.5, 20))
     assert beside.of_largest > 3
     assert below.of_largest == pytest.approx(1, abs=0.01)
-
-
-def test_a_texture_without_structure_inside_has_no_ratio() -> None:
-    assert ratios(np.full((8, 8), 0.5)) == (Seam(np.inf, np.inf), Seam(np.inf, np.inf))

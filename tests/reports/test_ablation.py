@@ -1,7 +1,6 @@
 """The table of the suite `ablation`: each change of a codec, against the codec as it is."""
 
 from bench.records import load_run
-from reports import table_text
 from reports.ablation import ablation_table
 
 
@@ -26,8 +25,3 @@ def test_each_change_is_held_against_the_codec_as_it_is_on_every_material(made):
     assert rows[1][4:] == ["28.75", "−1.25", "0.750", "23.75", "−1.25", "0.750"]
     assert rows[2][4:] == ["29.00", "−1.00", "0.750", "—", "", "—"]
     assert rows[4][4:] == ["28.50", "+0.50", "0.750", "—", "", "—"]
-
-
-def test_a_run_of_another_suite_has_no_such_table(made):
-    made.start().job("neubtf-direct steps=9")
-    assert table_text(made.folder, kind="ablation") == ""

@@ -84,57 +84,6 @@ def test_the_site_of_the_committed_records_is_whole_small_and_has_no_dead_link(w
     assert {"index.html", "material-satin.html", "codec-neumip.html"} <= names
 
 
-def test_the_front_has_budgets_first_and_those_of_measured_materials_before_others(made, run_maker, tmp_path):
-    def run(name, material, provenance, validation=True):
-        maker = run_maker(tmp_path / name).start()
-        groups = {"heldout": maker._group(30.0)} | ({"validation": maker._group(30.0)} if validation else {})
-        for label in ("pca", "vq"):
-            maker.job(label, material, scores=groups, bytes={"total": 8}, provenance=provenance)
-        return load_run(maker.folder)
-
-    rendered, drawn = {"renderer_version": 3}, {"renderer_version": 3, "path_version": 1}
-    runs = [
-        run("a", "brick", rendered, False),
-        run("b", "satin", rendered),
-        run("c", "rock", drawn),
-        run("d", "wool", {}),
-    ]
-    front = write(tmp_path / "site", *runs)["index.html"]
-    assert front.count('class="figure" alt="Quality within budgets') == 3
-    text = text_of(front)
-    places = [text.index(f"surface ({name})") for name in ("wool", "rock", "satin")] + [text.index("Summary over")]
-    assert places == sorted(places)
-    assert "results write --site" not in text
-
-
-def test_a_codec_s_page_says_what_to_cite_both_recipes_and_where_it_stands(whole):
-    page = (whole / "codec-neumip.html").read_text(encoding="utf-8")
-    assert 'href="https://doi.org/10.1145/3450626.3459795"' in page
-    assert "@article{kuznetsov2021neumip," in page
-    text = " ".join(text_of(page).split())
-    assert "as published" in text
-    for run in ("quick", "as-published"):
-        (job,) = [j for j in load_run(ROOT / f"docs/results/{run}.jsonl").jobs if j["codec"] == "neumip"][:1]
-        assert job["score_key"]["sha256"][:12] in text
-    assert "satin quick neumip" in text
-
-
-def test_a_codec_s_page_draws_its_published_fit_over_steps_and_over_seconds(whole):
-    page = (whole / "codec-neubtf.html").read_text(encoding="utf-8")
-    assert 'data-plots="as published and ours" data-kinds="fits"' in page
-    data = json.loads(re.search(r'id="data"[^>]*>(.*?)</script>', page, re.S)[1])
-    fits = {plot["title"]: plot["series"] for plot in data["plots"] if plot["kind"] == "fits"}
-    (job,) = (
-        j
-        for j in load_run(ROOT / "docs/results/as-published.jsonl").jobs
-        if j["codec"] == "neubtf" and j["material"] == "satin" and j["settings"]["recipe"] == "paper"
-    )
-    for unit, name in (("steps", "step"), ("seconds", "seconds")):
-        drawn = fits[f"satin of as-published: quality over {unit}"]
-        (points,) = (each["points"] for each in drawn if each["label"] == job["label"])
-        assert points == [[pytest.approx(at[name], 1e-4), pytest.approx(at["psnr"], 1e-4)] for at in job["history"]]
-
-
 def test_no_picture_of_a_material_is_written_whose_licence_is_not_stated(made, tmp_path):
     """UBO2003 and UBO2014 state none; so of all that is not built in, or made of maps that are CC0."""
     where = {"one": "somewhere, CC0", "two": "somewhere, CC0", "three": "somewhere", "four": "", "five": "CC0"}
@@ -168,11 +117,6 @@ def test_records_get_the_pictures_of_a_run_at_hand_of_the_same_files_alone(made,
     assert pages["material-brick.html"].count('id="slices') == 1, "of the run, whose vq is of other data"
     assert ": quick</h2>" in pages["index.html"], "vq of other data is in no records, so the run stands by itself, too"
     assert "data:image" not in write(tmp_path / "site", published)["material-satin.html"]
-
-
-def test_a_run_that_the_records_hold_whole_stands_once(made, tmp_path):
-    run = load_run(made.job().folder)
-    assert "found here" not in write(tmp_path / "site", run, runs=[Source("found here", run)])["index.html"]
 
 
 def test_each_row_says_whose_word_it_is_and_claims_count_nowhere(made, run_maker, tmp_path):
@@ -228,13 +172,6 @@ def test_two_names_never_share_a_page():
     pages = {page_name("material", name) for name in names}
     assert len(pages) == len(names)
     assert all(re.fullmatch(r"material-[a-z0-9-]{0,80}\.html", page) for page in pages)
-
-
-def test_two_sources_of_one_name_are_told_apart(made, run_maker, tmp_path):
-    other = run_maker(tmp_path / "other").start().job("vq")
-    runs = [Source("mine", load_run(each.folder)) for each in (made.job("pca").job("vq", btf="g"), other)]
-    page = text_of(write(tmp_path / "site", runs=runs)["index.html"])
-    assert "mine (2)" in page
 
 
 def test_pages_that_are_not_made_anew_are_removed_and_other_files_stay(made, tmp_path):

@@ -44,20 +44,6 @@ def test_columns_stand_in_the_order_given_and_are_renamed(folder):
     assert [row[1:3] for row in rows] == [["vq", ""], ["pca", "123"]]
 
 
-def test_notes_about_other_columns_are_left_out(folder):
-    said = lambda *choice: " ".join(table_text(folder, *choice).split())  # noqa: E731
-    every = said("text", "main")
-    assert all(words in every for words in ("Metrics:", "Time a sample", "Bytes are"))
-    quality = said("text", "main", Choice(columns=["PSNR"]))
-    assert "Quality is measured" in quality
-    assert "psnr_display version" in quality
-    assert not any(words in quality for words in ("flip", "ssim", "Time a", "Bytes are"))
-    total = said("text", "main", Choice(columns=["total"]))
-    assert "Bytes are those of the whole file" in total
-    assert not any(words in total for words in ("Metrics", "Quality", "Time a sample"))
-    assert "“won”" not in said("text", "summary", Choice(columns=["SSIM"]))
-
-
 def test_a_codec_or_column_that_is_not_there_is_an_error_that_says_which_are(folder, capsys):
     with pytest.raises(InputError, match="--codec pcb: this run does not have it; did you mean 'pca'"):
         table_text(folder, choice=Choice(["pcb"]))

@@ -27,20 +27,3 @@ def test_every_job_has_a_row_whatever_became_of_it(made):
     assert [row["status"] for row in rows] == ["ok", "ok", "failed", "unavailable"]
     assert [row["not_comparable"] for row in rows] == ["another exposure", "", "", ""]
     assert rows[2]["error"] == "why"
-
-
-def test_a_run_without_jobs_is_a_header(made):
-    assert table_text(made.folder, "raw") == "job\n"
-
-
-def test_the_csv_of_a_table_has_the_columns_that_it_shows(made):
-    made.job("vq", psnr=30.125).job("pca", psnr=31.0).job("vq", material="brick").timing("vq")
-    shown = table_text(made.folder, "csv", "main")
-    assert shown.count("codec") == 1, "tables of the same columns are one"
-    rows = list(csv.DictReader(io.StringIO(shown)))
-    assert [(row["material"], row["codec"]) for row in rows] == [("satin", "vq"), ("satin", "pca"), ("brick", "vq")]
-    assert len(rows[0]) < 30
-    assert (rows[0]["PSNR pooled dB ↑"], rows[0]["total bytes ↓"]) == ("30.12", "36110")
-    assert (rows[0]["time ns ↓"], rows[1]["time ns ↓"]) == ("123", "")
-    rows = csv.DictReader(io.StringIO(table_text(made.folder, "csv", "summary")))
-    assert {row["codec"]: row["PSNR dB ↑"] for row in rows}["pca"] == "31.00"

@@ -1,13 +1,7 @@
 from bench.records import load_run
-from reports.fits import FitCurve, fit_tables
+from reports.fits import fit_tables
 
 CURVE = [(10, 1.0, 29.0), (20, 2.5, 31.0), (30, 3.5, 30.5)]
-
-
-def test_a_goal_is_reached_at_the_first_point_that_is_so_good():
-    fit = FitCurve("c", CURVE)
-    assert fit.reached(30) == (20, 2.5)
-    assert fit.reached(35) is None
 
 
 def test_the_table_says_steps_and_seconds_to_each_goal(made):

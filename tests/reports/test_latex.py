@@ -27,24 +27,6 @@ def test_every_row_has_as_many_cells_as_the_table_has_columns(made):
         assert {len(re.split(r"(?<!\\)&", row)) for row in rows} == {count}
 
 
-def test_braces_and_environments_are_balanced(made):
-    text = table_text(made.job("a{b").folder, "latex")
-    bare = re.sub(r"\\[{}]", "", text)
-    assert bare.count("{") == bare.count("}")
-    assert text.count(r"\begin{") == text.count(r"\end{")
-
-
-def test_nothing_but_latin_letters_is_left_of_what_the_suite_writes(made):
-    assert table_text(made.job().timing().folder, "latex").isascii()
-
-
-def test_a_table_is_of_booktabs_with_a_label(made):
-    text = table_text(made.job(material="wool & silk").folder, "latex", "main")
-    assert text.count(r"\toprule") == text.count(r"\midrule") == text.count(r"\bottomrule") == 2
-    assert re.findall(r"\\label\{(.*)\}", text) == ["tab:main-wool-silk-quality", "tab:main-wool-silk-size-and-time"]
-    assert r"\hline" not in text
-
-
 @pytest.mark.skipif(not shutil.which("pdflatex"), reason="pdflatex is not installed")
 @pytest.mark.parametrize("options", ["", "twocolumn"])
 def test_every_table_fits_an_article(made, tmp_path, options):
@@ -57,11 +39,3 @@ def test_every_table_fits_an_article(made, tmp_path, options):
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout[-2000:]
     assert "Overfull \\hbox" not in done.stdout
-
-
-def test_a_table_over_all_materials_has_a_short_label_and_names_its_packages(made):
-    text = table_text(made.job("a").job("b").folder, "latex")
-    assert text.splitlines()[0] == r"% needs \usepackage{booktabs,graphicx}"
-    labels = re.findall(r"\\label\{(.*)\}", text)
-    assert labels[0] == "tab:summary"
-    assert len(set(labels)) == len(labels)

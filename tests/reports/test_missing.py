@@ -28,9 +28,3 @@ def test_what_was_planned_and_has_no_result_is_named_by_codec_and_material(made)
         ["satin", "vq components=4", "not run", "seeds 0, 1"],
         ["satin", "table", "not run", "seed 1"],
     ]
-
-
-def test_a_whole_run_lacks_nothing(made):
-    planned(made, "satin/pca/0", "satin/vq/0").job("pca").job("vq")
-    assert missing_note(load_run(made.folder)) == ""
-    assert table_text(made.folder, kind="unfinished") == ""

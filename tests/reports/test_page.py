@@ -1,13 +1,11 @@
 """The page of a run: what it holds, and how it behaves in a real browser."""
 
-import io
 import json
 import re
 from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from bench.codec import Fit
 from bench.codecs.registry import load_codec
@@ -16,7 +14,6 @@ from bench.metrics.display import to_display
 from bench.records import load_run
 from bench.runs.drawing import sparse_truth
 from reports import write_report
-from reports.figures import Figure
 
 HOSTILE = ('"><script>bad()</script>', "</script><script>bad()</script>", "' onerror='bad()", "名 ünï‮code")
 
@@ -49,53 +46,6 @@ def test_scripts_run_by_their_hash_alone(made):
     assert policy.count("'sha256-") == page.count("<script>") + page.count("<style>")
     assert "unsafe" not in policy
     assert not re.search(r"\son\w+=|\sstyle=", page.partition("<script>")[0])
-
-
-def test_an_own_codec_joins_the_first_row_of_pictures_and_is_drawn_above_the_others(made):
-    made.job("mine", psnr=20.0).timing("mine")
-    for i, label in enumerate(("pca", "vq", "hsh", "table")):
-        made.job(label, psnr=30.0 + i).timing(label)
-    page = page_of(made)
-    (strip,) = re.findall(r'<div class="strip" data-strip.*?</div>', page)
-    assert re.findall(r'data-codec="(.*?)"', strip) == ["", "table", "hsh", "vq", "mine"]
-    plots = {plot["kind"]: plot["series"] for plot in data_of(page)["plots"]}
-    assert plots["rate"][-1]["label"] == plots["speed"][-1]["label"] == "mine"
-
-
-def test_gaps_are_explained(made):
-    page = page_of(made.job("table", psnr=100.0, history=[]).unfinished("failed", "ValueError: why"))
-    for words in (
-        "The plot of speed and accuracy is omitted",
-        "The plot of quality over seconds is omitted",
-        "The plot of rate and distortion is omitted",
-        "The summary is omitted",
-        "why",
-    ):
-        assert words in page
-
-
-def test_a_codec_without_any_result_is_named_once(made):
-    for material in ("satin", "brick"):
-        made.job(material=material).job("vq", psnr=20.0, material=material)
-        made.unfinished("failed", "why", label="broken", material=material)
-    page = page_of(made)
-    shown, _, unfinished = re.sub(r"<script.*?</script>", "", page, flags=re.S).partition("Jobs without a result")
-    assert "broken" not in shown
-    assert unfinished.count("broken") == 2, "once for each material"
-    assert "broken" not in str(data_of(page))
-
-
-def test_the_first_screen_shows_the_truth_beside_the_best(made):
-    made.job("pca").job("vq", psnr=33.0).job("neumip", psnr=20.0).job("ntc", psnr=10.0)
-    first = page_of(made).partition('id="summary"')[0]
-    assert "4 codecs on satin (8 × 8 texels, 8 training pairs, 4 held out)" in first
-    assert re.findall(r'data-codec="(.*?)"', first) == ["", "vq", "pca", "neumip"]
-    assert "vq: 33.0 dB, 36,110 bytes" in first
-
-
-def test_slices_are_shown_by_their_quantiles(made):
-    (plot,) = (each for each in data_of(page_of(made.job(psnr=30.0)))["plots"] if each["kind"] == "slices")
-    assert plot["series"] == [{"label": "pca components=8", "points": [[30.0] * 5]}]
 
 
 def test_every_number_leads_to_its_record(made):
@@ -143,33 +93,6 @@ def test_codecs_that_were_seen_at_other_pairs_are_left_out_of_the_slices(made):
     np.savez(path, **changed)
     found = data_of(page_of(made), "slices0")
     assert ([codec["label"] for codec in found["codecs"]], found["left_out"]) == (["one"], ["two"])
-
-
-def test_level_of_detail_has_a_tick_at_each_footprint(made):
-    plots = data_of(page_of(made.job()), "data")["plots"]
-    (found,) = [plot for plot in plots if plot["kind"] == "footprints"]
-    assert found["x"]["ticks"] == [1, 2, 4, 8]
-    assert [each["points"] for each in found["series"]] == [[[1, 30.0], [2, 30.0], [4, 30.0], [8, 30.0]]]
-
-
-def test_what_is_over_all_materials_stands_before_them(made):
-    for material in ("satin", "brick"):
-        made.job("pca", material=material).job("vq", material=material, psnr=28.0)
-    write_report(made.folder)
-    page = (made.folder / "report.html").read_text()
-    assert 0 < page.index("all 2 materials: mean paired difference to pca") < page.index('id="m0"')
-
-
-def test_figures_that_the_page_draws_itself_are_not_in_it_twice(made):
-    from reports.page import page
-
-    run = load_run(made.job().folder)
-    out = io.BytesIO()
-    Image.new("RGB", (4, 4)).save(out, "png")
-    pictures = [Figure("satin", kind, f"a {kind}", out.getvalue()) for kind in ("rate", "polar")]
-    text = "".join(page(run, [], pictures))
-    assert text.count("<img") == 1
-    assert "a polar" in text
 
 
 @pytest.mark.long
@@ -242,20 +165,6 @@ def test_a_table_is_sorted_by_click_and_key(opened):
     opened.keyboard.press("Enter")
     expect_first_cells(table, "pca", "<b>mine</b>", "vq")
     assert table.locator("[aria-sort=descending]").inner_text().startswith("PSNR pooled")
-
-
-def test_nothing_moves_when_what_comes_near_is_drawn(browser, opened):
-    """Else a click that had begun would end beside its button."""
-    tab = browser.new_page(viewport={"width": 1000, "height": 800})
-    tab.goto(opened.url)
-    last = 'table[aria-label^="brick: quality"]'
-    place = f"document.querySelector('{last}').getBoundingClientRect().top + scrollY"
-    before = tab.evaluate(place)
-    for root in tab.locator("[data-slices]").all():
-        root.scroll_into_view_if_needed()
-        wait(tab, f"document.querySelector('[data-slices={root.get_attribute('data-slices')}]').slices?.sides")
-    assert tab.evaluate(place) == before
-    tab.close()
 
 
 def test_rows_are_filtered_and_columns_hidden(opened):
@@ -359,23 +268,6 @@ def test_a_record_opens_where_a_number_leads(opened):
     (found,) = json.loads(record.locator("pre").inner_text())
     assert found["job"]["parameters"] == 3011
     assert found["timing"]["ns_per_sample"] == 123.4
-
-
-def test_the_theme_is_the_system_s_and_can_be_changed(opened):
-    paper = "getComputedStyle(document.body).backgroundColor"
-    opened.emulate_media(color_scheme="dark")
-    dark = opened.evaluate(paper)
-    opened.locator("#theme").click()
-    light = opened.evaluate(paper)
-    opened.emulate_media(color_scheme="light")
-    assert (dark, light) == ("rgb(22, 24, 28)", "rgb(255, 255, 255)")
-    assert opened.evaluate(paper) == light
-
-
-def test_nothing_sticks_out_of_a_narrow_window(opened):
-    opened.set_viewport_size({"width": 390, "height": 800})
-    assert opened.evaluate("document.documentElement.scrollWidth") == 390
-    opened.set_viewport_size({"width": 1000, "height": 800})
 
 
 @pytest.mark.timeout(300)

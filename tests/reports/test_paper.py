@@ -2,9 +2,7 @@
 
 from bench import cli
 from bench.records import PSNR, load_run
-from bench.runs.suite import load_suite
-from reports import table_text
-from reports.paper import NEAREST, NEAREST_SUITE, PUBLISHED, paper_table
+from reports.paper import PUBLISHED, paper_table
 
 
 def test_ours_stand_beside_the_papers_over_all_pairs_and_apart(made):
@@ -37,22 +35,3 @@ def test_without_any_data_the_command_says_what_is_missing_and_where_to_get_it(t
     text = capsys.readouterr().out
     assert all(material in text and figures[PSNR] in text for material, figures in PUBLISHED.items())
     assert "http://btf.utia.cas.cz/" in text
-
-
-def test_the_default_of_a_codec_with_recipes_is_called_ours(made):
-    made.start().job("neubtf steps=9", settings={"recipe": "ours"})
-    made.job("neubtf recipe=paper", settings={"recipe": "paper"})
-    text = table_text(made.folder, "markdown", "main")
-    names = [line.split("|")[1].strip() for line in text.splitlines() if line.startswith("| neubtf")]
-    assert names == ["neubtf (our recipe) steps=9", "neubtf recipe=paper"]
-
-
-def test_a_run_of_other_materials_has_no_such_table(made):
-    made.start().job("neubtf")
-    assert paper_table(load_run(made.folder)) is None
-    assert table_text(made.folder, kind="paper") == ""
-
-
-def test_every_material_of_the_paper_is_in_its_suites():
-    assert {spec.name for spec in load_suite("paper").materials} == set(PUBLISHED) == set(NEAREST.values())
-    assert {spec.name for spec in load_suite(NEAREST_SUITE).materials} == set(NEAREST)

@@ -1,8 +1,6 @@
 from pathlib import Path
 
 from bench import cli
-from bench.records import load_run
-from reports import parameters_text, table_text
 from reports.parameters import parameters_table
 
 
@@ -27,33 +25,6 @@ def test_ours_stand_beside_the_paper_s_with_the_difference():
     )
 
 
-def test_the_paper_s_recipe_comes_first_and_the_page_says_why_ours_differs():
-    ours = job("neumip", 3_457, 14, recipe="ours", directions="xyzh")
-    paper = job("neumip", 3_332, 14, "neumip recipe=paper", run=None, recipe="paper", directions="xy")
-    measured = job("neumip", 3_332, 14, "neumip recipe=paper steps=9", recipe="paper", directions="xy")
-    table = parameters_table([ours, measured, paper])
-    assert [(row[1], row[4]) for row in table.rows] == [("neumip recipe=paper", "0"), ("neumip (our recipe)", "+125")]
-    notes = " ".join(table.notes)
-    page = (Path(__file__).parents[2] / "docs" / "metrics.md").read_text(encoding="utf-8")
-    assert "inputs more than published, z of both directions and the half vector" in " ".join(page.split())
-    assert "counted in a file of a single step" in notes
-    assert "single step" not in " ".join(parameters_table([ours, measured]).notes)
-
-
-def test_the_code_of_zeltner_s_authors_is_held_against_its_own_count():
-    jobs = [job("zeltner2024", 819, 8, recipe="paper", edition="code"), job("zeltner2024", 2_115, 8, recipe="ours")]
-    assert [row[3:5] for row in parameters_table(jobs).rows] == [["819", "0"], ["1,923", "+192"]]
-
-
-def test_decoders_that_differ_are_told_apart_and_equal_ones_are_one_row():
-    jobs = [
-        job("neumip", 3_332, 14, "neumip steps=9"),
-        job("neumip", 3_332, 14),
-        job("neumip", 3_254, 14, "neumip outputs=3"),
-    ]
-    assert [row[1:3] for row in parameters_table(jobs).rows] == [["neumip", "3,332"], ["neumip outputs=3", "3,254"]]
-
-
 def test_every_count_of_the_papers_is_met_by_a_recipe_as_published(monkeypatch, capsys):
     monkeypatch.chdir(Path(__file__).parents[2])
     files = map(str, Path("docs/results").glob("*.jsonl"))
@@ -71,19 +42,3 @@ def test_every_count_of_the_papers_is_met_by_a_recipe_as_published(monkeypatch, 
         "Hierarchical": "8026",
         "NeuralBTF": "556038",
     }
-
-
-def test_it_is_one_of_a_run_s_tables_and_has_every_format(made):
-    made.start().job("neubtf-direct").job("pca components=8")
-    text = table_text(made.folder, kind="parameters")
-    assert text.count("3,011") == 2
-    jobs = load_run(made.folder).jobs
-    assert parameters_text(jobs) == text
-    assert parameters_text(jobs, "csv").splitlines()[1] == "NeuBTF,neubtf-direct,3011,3011,0,14,14,0"
-    assert "| NeuBTF" in parameters_text(jobs, "markdown")
-    assert "3,011" in parameters_text(jobs, "latex")
-
-
-def test_a_run_without_such_codecs_has_no_such_table(made):
-    made.start().job()
-    assert table_text(made.folder, kind="parameters").strip() == ""

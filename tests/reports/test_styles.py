@@ -68,10 +68,7 @@ def test_every_colour_is_seen_on_light_and_on_dark_paper(paper):
 
 def test_markers_tell_apart_what_colours_do_not():
     """Distances of the colours as a viewer without one kind of cone sees them (Viénot, Brettel, Mollon, 1999)."""
-    mixed = {
-        "protan": lambda r, g, b: (0.11 * r + 0.89 * g, b),
-        "deutan": lambda r, g, b: (0.29 * r + 0.71 * g, b),
-    }
+    mixed = {"protan": lambda r, g, b: (0.11 * r + 0.89 * g, b), "deutan": lambda r, g, b: (0.29 * r + 0.71 * g, b)}
     looks = [(linear(colour), MARKERS[place % len(MARKERS)]) for place, colour in enumerate(COLOURS)]
     for see in mixed.values():
         for (one, marker), (other, another) in itertools.combinations(looks, 2):

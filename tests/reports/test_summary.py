@@ -1,5 +1,3 @@
-import json
-
 from bench.records import load_run
 from reports import table_text
 from reports.series import plots_of
@@ -35,34 +33,6 @@ def test_a_codec_without_error_ranks_first_and_one_alone_has_no_summary(made):
     ]
 
 
-def test_the_summary_comes_first_in_every_report(made):
-    made.job("pca").job("vq", psnr=28.0)
-    text = table_text(made.folder, "markdown")
-    assert text.startswith("### Summary over 1 material: satin")
-    assert "as papers report it" in text
-
-
-def test_papers_report_mean_and_deviation_over_slices(made):
-    text = table_text(made.job("pca").job("vq", psnr=28.0).folder, "markdown", "slices")
-    assert "| pca" in text
-    assert "**30.00 ± 1.50**" in text
-    assert "0.750 ± 0.125" in text
-
-
-def test_times_have_a_column_fused(made):
-    made.job("pca").timing("pca").job("vq", psnr=28.5).timing("vq")
-    table = summary_table(load_run(made.folder))
-    assert [head for head in table.headers if head[1] == "× floor ↓"] == [("time", "× floor ↓")]
-    made.trade("pca")
-    trade = json.loads((made.folder / "trade.json").read_text())
-    fused = trade["choices"][0] | {"execution": "fused", "job": "satin/pca/0", "ratio_to_floor": 0.5}
-    trade["choices"].append(fused)
-    (made.folder / "trade.json").write_text(json.dumps(trade))
-    table = summary_table(load_run(made.folder))
-    column = [name for name, _ in table.headers].index("fused")
-    assert [row[column] for row in table.rows] == ["0.500", "—"]
-
-
 def test_codecs_are_told_apart_by_paired_differences_with_an_interval(made):
     for material in ("satin", "brick"):
         made.job("pca", material=material, psnr=30.0).job("vq", material=material, psnr=28.5)
@@ -80,21 +50,6 @@ def test_codecs_are_told_apart_by_paired_differences_with_an_interval(made):
     assert "1 of 2 told apart (*), by Holm's correction over the rows" in note
 
 
-def test_on_one_material_the_interval_is_of_its_pairs_and_tells_nothing_apart(made):
-    for seed in (0, 1):
-        made.job("pca", seed=seed).job("vq", seed=seed, psnr=28.5)
-    table = summary_table(load_run(made.folder))
-    assert table.rows[1][-1] == "−1.50 (−1.50 to −1.50)"
-    assert any("by a bootstrap over seeds and pairs." in note for note in table.notes)
-
-
-def test_published_records_whose_exposure_is_rounded_stand_beside_a_new_run(made):
-    made.job("pca", exposure=1.525512, run="0").job("mine", psnr=28.0, exposure=1.5255121042830542)
-    table = summary_table(load_run(made.folder))
-    assert [row[0] for row in table.rows] == ["pca", "mine"]
-    assert not any("left out" in note for note in table.notes)
-
-
 def test_one_codec_timed_again_leaves_the_times_of_the_others_and_has_a_star(made):
     for name in ("pca", "vq", "mine"):
         made.job(name).timing(name, run="0")
@@ -107,28 +62,3 @@ def test_one_codec_timed_again_leaves_the_times_of_the_others_and_has_a_star(mad
     assert table.notes[-1] == "Times with a star: mine on satin (timed in another start than the other rows)."
     (speed,) = (plot for plot in plots_of(run) if plot["kind"] == "speed")
     assert len(speed["series"]) == 3
-
-
-def test_a_summary_says_what_it_leaves_out_and_why(made):
-    for material in ("satin", "brick"):
-        made.job("pca", material=material).job("mine", material=material)
-        made.job("old", material=material, psnr=40.0, run="0", exposure=9.0)
-    made.job("older", psnr=41.0, run="0", btf="g")
-    table = summary_table(load_run(made.folder))
-    assert [row[0] for row in table.rows] == ["pca", "mine"]
-    assert table.notes[-1] == (
-        "Left out, as not comparable with the newest job: old on brick, satin (another exposure); older on satin "
-        "(other data (their fingerprint differs))."
-    )
-
-
-def test_times_say_where_a_file_holds_a_height(made):
-    settings = {"relief": True, "latents": 14}
-    for material, channels in (("brick", 15), ("satin", 14), ("rock", 15)):
-        made.job("relief", material, settings=settings, cost={"texture_channels": channels}).timing("relief", material)
-        made.job("vq", material, settings={"latents": 13}).timing("vq", material)
-    made.job("relief seed", "satin", settings=settings)  # not timed
-    (note,) = [note for note in summary_table(load_run(made.folder)).notes if "height" in note]
-    end = "; rays are marched through a height, which takes time."
-    assert note == f"relief: its file stores a height on brick, rock; none on satin{end}"
-    assert f"relief: its file stores a height on brick{end}" in table_text(made.folder, "markdown", "main")

@@ -1,9 +1,8 @@
 import pytest
 
 from bench.errors import InputError
-from bench.records import append, load_run
+from bench.records import load_run
 from reports import table_text
-from reports.table import best_cells
 from reports.tables import all_tables
 
 
@@ -31,51 +30,12 @@ def test_the_main_table_shows_the_numbers_of_the_record(made):
     assert table.title == "satin (8 × 8 texels, 8 training pairs, 4 held out)"
 
 
-def test_metrics_are_named_with_version_space_and_direction(made):
-    (table,) = tables(made.job(), "main")
-    assert any("flip_ldr_67ppd_periodic version 1, display, lower is better" in note for note in table.notes)
-
-
-def test_without_timing_there_is_a_dash(made):
-    (table,) = tables(made.job(), "main")
-    assert cells(table)["time ns ↓"] == "—"
-
-
-def test_what_pairs_were_scored_is_said(made):
-    text = table_text(made.start().job(split="test").folder, "markdown", "main")
-    assert "Quality is measured at the test pairs" in text
-
-
 def test_a_codec_that_answers_texels_has_its_time_at_one_of_them(made):
     made.start().job("ntc").timing("ntc", ratio_to_floor=44.0, ratio_at_one_texel=12.5).job("pca").timing("pca")
     (table,) = tables(made, "main")
     assert [note for note in table.notes if "one texel" in note] == [
         "ntc with stochastic filtering, one texel a query: 12.5 × floor."
     ]
-
-
-def test_exact_slices_are_counted_openly(made):
-    (table,) = tables(made.job("table", psnr=100.0), "main")
-    assert cells(table)["PSNR pooled dB ↑"] == cells(table)["PSNR dB ↑"] == "exact"
-    assert any(note.startswith("table: 4 of 4 slices have no error") for note in table.notes)
-
-
-def test_a_metric_that_applies_to_no_slice_is_not_applicable(made):
-    nothing = {"mean": None, "std": None, "pooled": None, "exact": 0, "slices": 0}
-    scores = {group: {"slices": 4, "metrics": {"ssim": nothing}} for group in ("train", "heldout")}
-    (table,) = tables(made.job(scores=scores), "main")
-    assert cells(table)["SSIM ↑"] == "n/a"
-    assert cells(table)["PSNR pooled dB ↑"] == "—"
-
-
-def test_without_held_out_pairs_all_pairs_decide_and_the_table_says_so(made):
-    made.job()
-    job = load_run(made.folder).jobs[0]
-    scores = {group: job["scores"][group] for group in ("all", "train")}
-    (table,) = tables(made.job(scores=scores, pairs={"all": 8, "train": 8}), "main")
-    assert cells(table)["PSNR pooled dB ↑"] == "30.00"
-    assert "none held out" in table.title
-    assert "all pairs, none being held out" in table.notes[0]
 
 
 def test_failed_jobs_stay_in_their_material_and_give_a_reason(made):
@@ -89,13 +49,6 @@ def test_a_codec_without_any_result_is_named_by_the_unfinished_jobs_alone(made):
     made.job().job(material="brick").unfinished("failed", "no").unfinished("failed", "no", material="brick")
     named = [(table.kind, row) for table in all_tables(load_run(made.folder)) for row in table.rows if "vq" in row]
     assert [kind for kind, _ in named] == ["unfinished", "unfinished"]
-
-
-def test_an_unavailable_material_says_where_to_get_it(made):
-    made.unfinished("unavailable", "fabric01: download it from its home", material="fabric01")
-    assert not tables(made, "main")
-    assert tables(made, "unfinished")[0].rows[0][2:] == ["not available", "fabric01: download it from its home"]
-    assert "Nothing was measured" in table_text(made.folder)
 
 
 @pytest.mark.parametrize(
@@ -126,29 +79,6 @@ def test_times_of_other_conditions_are_not_compared_and_those_of_other_runs_are_
     assert "123*" in times
 
 
-def test_a_shared_network_s_bytes_stand_apart_where_a_codec_has_one(made):
-    made.job()
-    assert "shared bytes" not in cells(tables(made, "main")[0])
-    made.job("rainer2020", bytes={"decoder": 0, "texture": 90, "other": 4, "header": 6, "total": 100, "shared": 1234})
-    (table,) = tables(made, "main")
-    assert [cells(table, row)["shared bytes"] for row in (0, 1)] == ["—", "1,234"]
-    assert (cells(table, 1)["other bytes"], cells(table, 1)["total bytes ↓"]) == ("10", "100")
-    assert any("rainer2020: the decoder also needs the shared network, 1,234 bytes" in note for note in table.notes)
-
-
-def test_bands_follow_the_groups_of_the_record(made):
-    made.job()
-    (angular,), (radiance,) = tables(made, "angular"), tables(made, "radiance")
-    assert [name for name, _ in angular.headers] == ["codec", "held out", "θ_o>60°", "new view"]
-    assert angular.headers[1][1] == "dB ↑ (4)"
-    assert radiance.rows[0][1] == "0.0250 (33.3 %)"
-
-
-def test_footprints_have_a_column_each(made):
-    (table,) = tables(made.job(), "footprints")
-    assert [name for name, _ in table.headers] == ["codec", "1 texel", "2 texels", "4 texels", "8 texels"]
-
-
 def test_seeds_are_one_row_mean_and_deviation_where_they_differ(made):
     made.job("vq", psnr=30.0).job("vq", seed=1, psnr=31.0).job("table", psnr=100.0).job("table", seed=1, psnr=100.0)
     made.job("pca").job("pca", seed=1).timing("pca").job("half", psnr=100.0).job("half", seed=1, psnr=28.0)
@@ -163,25 +93,6 @@ def test_seeds_are_one_row_mean_and_deviation_where_they_differ(made):
     assert rows["pca"]["time ns ↓"] == "123"
     assert rows["half"]["PSNR pooled dB ↑"] == "28.00"
     assert any(note.startswith("Seeds 0, 1: a number is their mean; “± seeds”") for note in table.notes)
-
-
-def test_a_row_has_one_kind_of_deviation_which_its_header_says(made):
-    made.job("vq", psnr=30.0).job("table", psnr=100.0)
-    units = lambda kind: dict(tables(made, kind)[0].headers)  # noqa: E731
-    assert (units("main")["PSNR"], units("main")["PSNR pooled"]) == ("dB ↑ ± slices", "dB ↑")
-    assert r"\ensuremath{\pm} slices" in table_text(made.folder, "latex", "main")
-    made.job("vq", seed=1, psnr=31.0).job("table", seed=1, psnr=100.0)
-    assert (units("main")["PSNR"], units("main")["PSNR pooled"]) == ("dB ↑ ± seeds", "dB ↑ ± seeds")
-    assert "± slices" not in " ".join(units("main").values())
-    assert "± seeds" not in " ".join(units("slices").values())
-    assert units("slices")["PSNR"] == "dB ↑ ± slices"
-    assert r"\ensuremath{\pm} seeds" in table_text(made.folder, "latex", "main")
-
-
-def test_ties_are_marked_alike_and_no_zero_is_second():
-    rows = [["3", "30.5 ± 0.1"], ["0", "30.5 ± 0.7"], ["0", "29.0"]]
-    scores = [[3.0, 30.51], [0.0, 30.49], [0.0, 29.0]]
-    assert best_cells(rows, scores) == {(0, 0): "bold", (0, 1): "bold", (1, 1): "bold", (2, 1): "underlined"}
 
 
 def test_pairs_that_are_drawn_anew_for_each_seed_are_no_obstacle_but_older_ones_of_a_seed_are(made):
@@ -219,15 +130,6 @@ def test_an_unknown_format_is_refused(made):
         table_text(made.folder, "word")
 
 
-def test_the_measured_file_itself_is_a_row_of_reference(made):
-    (table,) = tables(made.job(provenance={"native": {"bytes": 800, "rank": 100}}), "main")
-    shown = cells(table, -1)
-    assert shown["codec"] == "dfmf (native)"
-    assert (shown["total bytes ↓"], shown["tex. chan."]) == ("800", "100")
-    assert shown["bits per texel ↓"] == "100.0"  # 8 · 800 / 64
-    assert shown["PSNR pooled dB ↑"] == "—"
-
-
 def test_a_run_judged_by_a_scene_has_a_table_of_it(made):
     says = {"name": "wall", "frames": [2, 30, 40], "queries": 9, "exposure": 1.0}
     says["metrics"] = {"psnr_display": 28.125, "psnr_log1p": 27.0, "ssim": None, "flip_ldr_67ppd": 0.0625}
@@ -244,21 +146,3 @@ def test_a_run_judged_by_a_scene_has_a_table_of_it(made):
     assert (shown["weighted PSNR dB ↑"], shown["outside PSNR dB ↑"]) == ("31.50", "—")
     assert cells(table, 1)["frames PSNR dB ↑"] == "n/c"
     assert any("another demand" in note for note in table.notes)
-
-
-def test_without_a_scene_there_is_no_such_table(made):
-    assert tables(made.job(), "scene") == []
-
-
-def test_a_metric_that_a_suite_chose_is_a_column_and_a_gap_where_it_was_not_measured(made):
-    made.job()
-    job = load_run(made.folder).jobs[0]
-    name = "flip_hdr_67ppd_periodic"
-    described = job["metrics"] | {name: {"unit": "1", "direction": "lower", "space": "HDR, ACES", "version": 1}}
-    stats = {"mean": 0.125, "std": 0.25, "pooled": 0.125, "exact": 0, "slices": 4}
-    scores = {group: found | {"metrics": found["metrics"] | {name: stats}} for group, found in job["scores"].items()}
-    assert "HDR FLIP ↓" not in cells(tables(made, "main")[0])
-    append(made.folder, job | {"metrics": described, "scores": scores, "job": "satin/b/0", "label": "b"})
-    (table,) = tables(made, "main")
-    assert [cells(table, row)["HDR FLIP ↓"] for row in (0, 1)] == ["—", "0.125 ± 0.250"]
-    assert any("flip_hdr_67ppd_periodic version 1, HDR, ACES, lower is better" in note for note in table.notes)

@@ -14,27 +14,6 @@ def test_the_main_table_fits_a_terminal(made):
     assert "15,375,476" in main
 
 
-def test_several_seeds_fit_a_terminal_too(made):
-    for seed in (0, 1, 2):
-        for label in ("mean-colour", LONG):
-            made.job(label, seed=seed, psnr=20.0 + 3 * seed, fit_seconds=100.0 * seed).timing(label)
-    shown = terminal(load_run(made.folder))
-    assert max(map(len, shown.splitlines())) <= 120
-    assert "23.00 ± 3.00" in shown
-    assert "Bold" not in shown  # a terminal shows no marks
-
-
-def test_long_labels_are_folded_and_lose_nothing(made):
-    main = terminal(load_run(made.job(LONG).folder)).split("where the error lies")[0]
-    for word in LONG.split():
-        assert word in main
-
-
-def test_notes_that_hold_for_every_material_are_printed_once(made):
-    text = table_text(made.job().job(material="brick").folder)
-    assert text.count("Metrics: ") == 1
-
-
 def test_lines_that_could_not_be_read_are_counted(made):
     with open(made.job().folder / "records.jsonl", "a") as file:
         file.write("{cut\n")
@@ -47,12 +26,6 @@ def test_markdown_keeps_labels_as_they_are(made):
     assert r"### \<b>" in text
     lines = [line for line in text.splitlines() if line.startswith("|")]
     assert len({line.replace(r"\|", "").count("|") for line in lines}) == 1
-
-
-def test_labels_of_any_script_pass_through(made):
-    made.job("编码 ünï", material="布 / ткань")
-    for format in ("text", "markdown", "latex", "csv"):
-        assert "ünï" in table_text(made.folder, format)
 
 
 def test_rows_that_another_revision_made_are_named(made):

@@ -1,4 +1,3 @@
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -46,20 +45,6 @@ def test_a_run_without_a_result_says_so(made):
     assert not list(made.folder.glob("figures/*"))
 
 
-def test_the_page_stands_alone_and_shows_labels_as_text(made):
-    write_report(made.job("<script>x</script>", material="a & b").folder)
-    page = (made.folder / "report.html").read_text()
-    assert "<script>x" not in page
-    assert "&lt;script&gt;" in page
-    assert ">a &amp; b</h2>" in page
-    assert not re.search("(src|href)=.?(http|//)", page)
-
-
-def test_two_materials_never_share_a_file(made):
-    write_report(made.job(material="a b").job(material="a/b").folder)
-    assert len(list(made.folder.glob("figures/contact-*.png"))) == 2
-
-
 def test_figures_and_choices_of_an_earlier_report_go(made):
     from reports import figures
 
@@ -74,13 +59,6 @@ def test_figures_and_choices_of_an_earlier_report_go(made):
     assert drawn < before
     assert {path.name for path in made.folder.glob("figures/*")} == drawn | {"mine.png"}
     assert not (made.folder / "tables" / "trade.csv").exists()
-
-
-def test_a_table_that_lost_its_rows_goes(made):
-    write_report(made.unfinished("failed", "no", label="pca components=8").folder)
-    assert (made.folder / "tables/unfinished.md").exists()
-    write_report(made.job().folder)
-    assert not (made.folder / "tables/unfinished.md").exists()
 
 
 def test_a_table_needs_no_figures_and_no_torch(made):

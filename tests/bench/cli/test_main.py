@@ -10,14 +10,12 @@ from importlib.metadata import EntryPoint
 import numpy as np
 import pytest
 
-import bench
 from bench import cli
 from bench.cli import commands
 from bench.codecs import loading
 from bench.conformance.check import tiny_btf
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_folder
-from bench.records import load_run
 
 SMALL = [part for key in ("size=12", "views=6", "lights=6", "heldout=4") for part in ("--set", f"data.{key}")]
 
@@ -57,15 +55,6 @@ def test_run_prints_a_table_writes_reports_and_is_cached_the_second_time(tmp_pat
     assert "mean-colour" in capsys.readouterr().out
 
 
-def test_all_pairs_lifts_the_suite_s_limit(tmp_path, folder, capsys):
-    suite = tmp_path / "some.toml"
-    suite.write_text(f'materials = ["{folder}"]\n[data]\npairs = 9\n[[codecs]]\ncodec = "mean-colour"\n')
-    for words, pairs in (([], 9), (["--all-pairs"], 36)):
-        run = tmp_path / str(pairs)
-        assert cli.main(["run", str(suite), "--out", str(run), *words]) == 0
-        assert load_run(run).jobs[0]["pairs"]["all"] == pairs
-
-
 def test_a_command_of_another_package_is_found_by_its_entry_point(tmp_path, monkeypatch, capsys):
     (tmp_path / "shout.py").write_text(
         '''"""say a word loudly"""
@@ -88,14 +77,6 @@ def run(options):
     monkeypatch.setattr(commands, "entry_points", lambda group: [EntryPoint("run", "shout", group)])
     assert cli.main(["list"]) == 2
     assert "two commands are named 'run'" in capsys.readouterr().err
-
-
-def test_a_folder_of_pictures_runs_like_any_material(tmp_path, folder, capsys):
-    words = ["run", "quick", "--out", str(tmp_path / "run"), "--material", str(folder), "--codec", "pca"]
-    assert cli.main([*words, "--set", "components=3"]) == 0
-    out = capsys.readouterr().out
-    assert "btf/pca components=3/0" in out
-    assert "--set components=3 changes pca\n" in out
 
 
 def test_encode_info_and_decode_agree(tmp_path, folder, capsys):
@@ -126,14 +107,6 @@ def test_info_shows_the_layers_that_add_up_to_the_parameters(tmp_path, folder, c
     counted = [int(match[1].replace(",", "")) for match in matches if match]
     assert sum(counted) == int(decoder.split()[0].replace(",", ""))
     assert ("layers of the decoder and their trainable parameters, counted by torchinfo:" in lines) == (codec != "pca")
-
-
-def test_info_of_a_btf_says_what_it_is(folder, capsys):
-    assert cli.main(["info", str(folder)]) == 0
-    out = capsys.readouterr().out
-    assert "12 × 12 texels, 36 pairs" in out
-    assert re.search(r"^training: 25 pairs, 5 views up to .*°, 5 lights up to .*° \(their product\)$", out, re.M)
-    assert re.search(r"^held out, new view: 5 pairs, 1 view up to [\d.]+°, 5 lights", out, re.M)
 
 
 @pytest.mark.parametrize(
@@ -241,20 +214,6 @@ def test_what_is_light_imports_nothing_heavy(code, heavy):
     assert done.stdout.splitlines()[-1] == "[]"
 
 
-@pytest.mark.parametrize(
-    ("words", "shown"),
-    [
-        (["--version"], f"neubtf-bench {bench.__version__}\n"),
-        (["run", "--help"], "\nexamples:\n  neubtf-bench run quick\n"),  # as they stand
-    ],
-)
-def test_the_version_and_the_examples_are_shown(words, shown, capsys):
-    with pytest.raises(SystemExit) as ended:
-        cli.main(words)
-    assert ended.value.code == 0
-    assert shown in capsys.readouterr().out
-
-
 def test_every_example_of_every_help_text_is_a_command_that_parses(capsys):
     shown = [*cli.EVERYDAY.splitlines()]
     for module in commands.modules().values():
@@ -278,15 +237,6 @@ def test_without_a_command_all_are_listed_in_groups(capsys):
         assert all(re.search(rf"^  {name} +\w", block, re.M) for name in names), group
     assert {name for names in commands.GROUPS.values() for name in names} <= set(commands.modules())
     assert all(re.search(rf"^  {name} +\w", out, re.M) for name in commands.modules())
-
-
-def test_the_settings_of_a_codec_are_listed(capsys):
-    assert cli.main(["list", "codecs", "rainer2020"]) == 0
-    out = capsys.readouterr().out
-    assert "of neubtf-bench" in out
-    assert re.search(r"^  bits +0 +0 or 1 .* or 8 or 16 or 32 +bits of a stored latent", out, re.M)
-    assert re.search(r"^  steps +40000 +a whole number ≥ 0 +steps of the training", out, re.M)
-    assert re.search(r"^  zstd +false", out, re.M)
 
 
 def test_a_full_disk_is_one_line_that_names_the_file(tmp_path, folder, monkeypatch, capsys):

@@ -36,11 +36,6 @@ def test_versions_of_a_codec_do_not_mix_over_seeds_or_settings_and_the_newest_st
     assert alike.obstacles(jobs) == {"satin/pca components=8/0/1": "codec version 3 instead of 4"}
 
 
-def test_metrics_do_not_mix():
-    (why,) = alike.obstacles([job("vq", run="1", metric=1), job(run="2")]).values()
-    assert why == "psnr_display version 1 instead of version 2"
-
-
 def test_code_of_one_s_own_codec_does_not_mix_between_seeds(monkeypatch):
     """The suite's own codecs have a version for that; their code changes with every word of `bench`."""
     jobs = [job("mine", seed=0, code="old"), job("mine", seed=1, run="2"), job("mine x=1", code="old")]

@@ -27,13 +27,6 @@ def scene_file(tmp_path, **changes):
     return tmp_path / "a.nbtf", load_codec("mean-colour")(), parts
 
 
-def test_a_file_of_a_scene_is_described(tmp_path):
-    path, codec, parts = scene_file(tmp_path)
-    assert "fitted to the scene table, demand 111111111111: 2 × 2 texels of 8 × 8" in file_lines(
-        container.save(path, codec, parts)
-    )
-
-
 @pytest.mark.parametrize("field", SCENE)
 @pytest.mark.parametrize("value", [None, -1, [], {}, [[]], [1, 2.5], 1e308])
 def test_no_field_of_a_scene_is_trusted(field, value, tmp_path):

@@ -93,31 +93,20 @@ def test_a_changed_program_is_not_answered_from_earlier_files(tmp_path):
     assert after["score_key"]["sha256"] != before["score_key"]["sha256"]
 
 
+ANSWER = "mean[rows, columns]"
+FAILURES = [
+    ({"encode": "import sys; sys.exit('no licence')"}, "ended with code 1: no licence"),
+    ({"decode": DECODE.replace(ANSWER, f"{ANSWER} / 0.0")}, "finite"),
+    ({"encode": "pass"}, "wrote no file"),
+    ({"encode": "import os, sys; os.mkdir(sys.argv[2] + '/inner')"}, "inner in {files} is not a regular file"),
+    ({"decode": "raise SystemExit('no licence')"}, "ended without an answer: no licence"),
+    ({"decode": DECODE.replace(ANSWER, "mean[rows, columns, :2]")}, "instead of"),
+    ({"decode": DECODE.replace("np.save(answers", "open(answers, 'w').write('text'), (lambda *_: 0)(answers")}, "read"),
+]
+
+
 @pytest.mark.parametrize(
-    ("programs", "why"),
-    [
-        ({"encode": "import sys; sys.exit('no licence')"}, "ended with code 1: no licence"),
-        pytest.param({"encode": "pass"}, "wrote no file into {files}", marks=pytest.mark.long),
-        pytest.param(
-            {"encode": "import os, sys; os.mkdir(sys.argv[2] + '/inner')"},
-            "inner in {files} is not a regular file",
-            marks=pytest.mark.long,
-        ),
-        pytest.param(
-            {"decode": "raise SystemExit('no licence')"}, "ended without an answer: no licence", marks=pytest.mark.long
-        ),
-        pytest.param(
-            {"decode": DECODE.replace("mean[rows, columns]", "mean[rows, columns, :2]")},
-            "instead of",
-            marks=pytest.mark.long,
-        ),
-        ({"decode": DECODE.replace("mean[rows, columns]", "mean[rows, columns] / 0.0")}, "finite"),
-        pytest.param(
-            {"decode": DECODE.replace("np.save(answers", "open(answers, 'w').write('text'), (lambda *_: 0)(answers")},
-            "read",
-            marks=pytest.mark.long,
-        ),
-    ],
+    ("programs", "why"), [*FAILURES[:2], *(pytest.param(*each, marks=pytest.mark.long) for each in FAILURES[2:])]
 )
 def test_a_program_that_fails_is_a_failed_job_that_says_why(tmp_path, programs, why):
     assert cli.main(["run", suite(tmp_path, **programs), "--out", str(tmp_path / "run")]) == 3

@@ -5,7 +5,6 @@ import fuzz_codec_files
 import pytest
 import torch
 
-from bench.cli.console import file_lines
 from bench.codec import Codec, Fit, Parts
 from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
@@ -25,41 +24,6 @@ def test_the_header_says_what_was_written_and_parts_add_up_to_the_file(encoded):
     header, data = encoded
     assert (header.codec, header.version, header.settings["components"]) == ("pca", load_codec("pca").version, 4)
     assert sum(header.part_bytes().values()) == header.file_bytes == len(data) == header.path.stat().st_size
-
-
-def test_an_encoder_is_a_part_of_its_own(encoded, tmp_path):
-    header, _ = encoded
-    assert "encoder" not in header.part_bytes()
-    parts = Parts(texture={"t": torch.ones(5)}, encoder={"weights": torch.arange(7.0)})
-    header = container.save(tmp_path / "file", load_codec("pca")(), parts)
-    sizes = {"decoder": 0, "texture": 20, "other": 0, "encoder": 28, "header": header.file_bytes - 48}
-    assert header.part_bytes() == sizes
-    assert container.read_parts(header.path)[1].encoder["weights"].equal(torch.arange(7.0))
-
-
-def test_a_file_may_say_what_it_was_made_from(encoded, tmp_path):
-    header, _ = encoded
-    assert header.provenance == {}
-    codec, parts = container.read_parts(header.path)
-    sources = {"file": header.sha256, "scale": 0.5}
-    again = container.save(tmp_path / "made", load_codec("pca")(**codec.settings), parts, sources)
-    assert again.provenance == container.read_header(again.path).provenance == sources
-    assert f"provenance: file = {header.sha256}" in file_lines(again)
-
-
-def test_every_dtype_and_shape_comes_back():
-    codec = load_codec("mean-colour")()
-    tensors = {
-        str(dtype): torch.ones(2, 3, dtype=dtype)
-        for dtype in (torch.float32, torch.float16, torch.bfloat16, torch.float64, torch.uint8, torch.int8, torch.int64)
-    } | {"empty": torch.zeros(0, 3), "scalar": torch.tensor(1.0)}
-    data = container.to_bytes(codec, Parts(other=tensors))
-    from safetensors.torch import load
-
-    back = load(data)
-    assert {name: (t.dtype, t.shape) for name, t in tensors.items()} == {
-        name.removeprefix("other/"): (t.dtype, t.shape) for name, t in back.items()
-    }
 
 
 def test_a_thousand_mutations_are_each_refused(encoded, tmp_path):

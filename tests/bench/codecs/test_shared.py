@@ -1,6 +1,5 @@
 """A network that a codec shares over materials: a file of its own, found by hash, that says what it was trained on."""
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,14 +81,6 @@ def test_a_material_is_two_files_and_the_second_is_found_by_its_hash(tmp_path):
     assert loading.load(header.path)[1].texture.equal(material.texture)
 
 
-def test_what_another_network_took_the_place_of_still_decodes(tmp_path):
-    make()
-    header = encoded(tmp_path / "file.nbtf")
-    before = loading.load(header.path)[1]
-    assert make(bright=0.5).sha256 != header.network
-    assert loading.load(header.path)[1].texture.equal(before.texture)
-
-
 def test_a_missing_network_is_explained_when_encoding_and_when_decoding(tmp_path):
     with pytest.raises(MissingDataError, match=r"missing.*neubtf-bench pretrain tinted"):
         encoded(tmp_path / "file.nbtf")
@@ -104,19 +95,6 @@ def test_a_missing_network_is_explained_when_encoding_and_when_decoding(tmp_path
     make(bright=2.0)
     with pytest.raises(ContainerError, match="is another one"):
         loading.load(header.path)
-
-
-def test_a_network_that_is_at_hand_is_not_read_again(tmp_path, monkeypatch):
-    make()
-    network, header = shared.find("tinted"), encoded(tmp_path / "file.nbtf")
-    read = []
-    monkeypatch.setattr("bench.codecs.container._read", lambda path: read.append(path) or path.read_bytes())
-    loading.load(header.path, network=network)
-    assert read == [header.path]
-    loading.load(header.path)
-    assert read[1:] == [header.path, network.path]
-    other = dataclasses.replace(network, sha256="0" * 64, parts=Parts())
-    assert loading.load(header.path, network=other)[1].texture.equal(loading.load(header.path)[1].texture)
 
 
 def test_a_network_is_no_material_and_a_material_no_network(tmp_path):
@@ -216,16 +194,6 @@ def test_a_record_has_two_sizes_and_its_run_decodes_without_the_place_of_network
     assert record["bytes"]["total"] == (tmp_path / "run" / record["file"]).stat().st_size
     network.path.unlink()
     loading.load(tmp_path / "run" / record["file"])
-
-
-@pytest.mark.usefixtures("tiny")
-@pytest.mark.long
-def test_another_network_is_another_file(tmp_path):
-    make()
-    first = job(tmp_path / "run")
-    assert job(tmp_path / "run") == first
-    make(bright=0.5)
-    assert job(tmp_path / "run")["file"] != first["file"]
 
 
 @pytest.mark.usefixtures("tiny")

@@ -11,7 +11,7 @@ from bench.codec import Fit, Parts, settings_dict
 from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.codecs.zstd import compressed, expanded
-from bench.conformance.check import CodecUnderTest, batches, same_bytes, tiny_btf
+from bench.conformance.check import tiny_btf
 from bench.errors import ContainerError, InputError
 from bench.runs.suite import parse_suite, with_changes
 
@@ -31,12 +31,6 @@ def test_a_compressed_file_is_smaller_and_decodes_to_the_same(tmp_path):
     assert one.equal(other)
     names = [sorted(container.read_parts(header.path)[1].other) for header in (plain, packed)]
     assert names[0] == names[1]
-
-
-def test_it_keeps_the_promises_and_the_bytes(tmp_path):
-    tested = CodecUnderTest(load_codec("mean-colour")(zstd=True), tmp_path)
-    same_bytes(tested)
-    batches(tested)
 
 
 def test_a_suite_may_sweep_it_and_the_command_line_set_it():

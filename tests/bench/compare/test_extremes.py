@@ -37,11 +37,6 @@ def test_a_cell_that_held_must_hold(after, code, message, tmp_path, capsys):
     assert message in capsys.readouterr().out
 
 
-def test_what_is_allowed_may_go(tmp_path):
-    base, new = stress(tmp_path / "base", dark="pass", bright="pass"), stress(tmp_path / "new", dark="pass")
-    assert main(["compare", base, new, "--allow", "pca: bright"]) == 0
-
-
 def test_a_codec_that_neither_has_is_named_and_others_are_not_counted(held, tmp_path, capsys):
     assert main(["compare", held, held, "--codec", "pcaa"]) == 2
     assert "--codec pcaa: neither run has it; did you mean 'pca'?" in capsys.readouterr().err

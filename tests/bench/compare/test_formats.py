@@ -58,34 +58,6 @@ def test_a_run_of_a_part_is_told_how_to_compare_what_is_there(make):
     assert text.splitlines().count(said) == text.count("no such job") == 1
 
 
-def test_a_gain_beside_a_loss_is_no_finding_against_the_row(make):
-    base = make.run("base", *make.three())
-    comparison = compare(base, make.run("new", *make.three(psnr=29.0, flip=0.05)))
-    (row,) = comparison.rows
-    assert row.verdict == "WORSE"
-    text = terminal(comparison)
-    assert re.search(r"^better +satin/pca: FLIP 0\.1000 → 0\.0500", text, re.M)
-    assert not re.search(r"^WORSE +satin/pca: FLIP", text, re.M)
-    assert "- ✅ better: **satin/pca**: FLIP" in markdown(comparison)
-    (error,) = annotations(comparison).splitlines()
-    assert "PSNR 30.00 → 29.00" in error
-    assert "FLIP" not in error
-
-
-def test_two_equal_runs_need_few_words(base):
-    text = terminal(compare(base, base))
-    assert "ssim" not in text
-    assert text.splitlines()[-1] == "7 rows: 7 same"
-
-
-def test_an_empty_comparison_has_a_text_too(make):
-    empty = compare(make.run("a"), make.run("b"))
-    assert terminal(empty) == "0 rows: no rows"
-    assert "no rows" in markdown(empty)
-    assert JUnitXml.fromstring(junit(empty).encode()).tests == 0
-    assert annotations(empty) == ""
-
-
 def test_markdown_keeps_its_tables_whole_and_shows_names_as_they_stand(mixed):
     text = markdown(mixed)
     assert text.startswith("### neubtf-bench: 8 rows: 1 failed")

@@ -18,9 +18,3 @@ def test_the_critical_difference_is_that_of_the_paper_s_table(codecs, materials,
     found = ranks({str(i): [float(i)] * materials for i in range(codecs)})
     assert found is not None
     assert found.critical == pytest.approx(quantile * (codecs * (codecs + 1) / (6 * materials)) ** 0.5, rel=2e-4)
-
-
-def test_few_surfaces_or_codecs_have_no_ranks():
-    assert ranks({"a": (1.0, 2.0), "b": (2.0, 3.0)}) is None
-    assert ranks({"a": (1.0, 2.0, 3.0)}) is None
-    assert ranks({}) is None

@@ -7,7 +7,7 @@ from scipy import stats
 
 from bench import cli
 from bench.compare import compare
-from bench.compare.reference import few_seeds, reference
+from bench.compare.reference import reference
 from bench.compare.verdicts import Verdict
 from bench.errors import InputError
 from bench.records import load_run
@@ -74,10 +74,6 @@ def test_further_seeds_are_kept_while_the_others_give_the_same(make, tmp_path):
         *(f"satin/vq/{seed}" for seed in range(4)),
         *(f"satin/pca/{seed}" for seed in range(3)),  # it changed: what its fourth seed gave is not true any more
     ]
-
-
-def test_rows_that_scatter_over_few_seeds_are_named(run):
-    assert few_seeds(run) == ["satin/vq"]
 
 
 def test_update_prints_what_losses_it_can_tell_from_chance(make, tmp_path, capsys):

@@ -19,12 +19,3 @@ def test_ranks_are_means_over_materials_and_what_reads_alike_shares_one():
     assert (x.label, x.rank, x.wins, x.psnr, x.materials) == ("x", 1.25, 2, 28.0, 2)
     assert (y.label, y.rank, y.wins) == ("y", 2.25, 1)
     assert (z.label, z.rank, z.wins) == ("z", 2.5, 0)
-
-
-def test_no_error_is_the_best_and_who_lacks_a_material_is_not_ranked():
-    cells = {"a": {"pca": jobs(30.0), "table": jobs(100.0)}}
-    cells["b"] = {"part": jobs(9.0), "table": jobs(100.0), "pca": jobs(8.0), "none": []}
-    table, pca, part = standings(cells)
-    assert (table.label, table.psnr, table.rank, table.wins) == ("table", 100.0, 1.0, 2)
-    assert (pca.label, pca.rank, part.label, part.rank, part.materials) == ("pca", 2.0, "part", None, 1)
-    assert standings({}) == []

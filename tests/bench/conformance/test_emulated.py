@@ -19,7 +19,6 @@ from bench.conformance.emulated import counted
 from bench.data.materials import load
 from bench.errors import InputError
 from bench.hemisphere import uniform
-from bench.material import CHUNK, DecoderCost, Material
 from bench.training import fitting, optimiser
 from bench.training.decoder import Architecture, Decoder
 from tests.tiers import short_for
@@ -28,19 +27,6 @@ PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text
 CODECS = sorted(PROJECT["entry-points"]["neubtf_bench.codecs"])
 # Few kernels: each takes long on an emulated GPU. Textures are rounded from half of the steps on, channel by channel.
 SMALL = {"steps": 4, "batch": 32, "patch": 2, "channels": 2, "latents": 2, "components": 2, "fine": 2, "coarse": 2}
-
-
-def test_it_computes_as_the_cpu_does(gpu: torch.device) -> None:
-    values = torch.arange(6.0).reshape(2, 3)
-    ours = values.to(gpu)
-    assert ours.device == gpu
-    assert torch.equal((ours.T @ ours).cpu(), values.T @ values)
-    ours[0].zero_()  # a view shares its memory
-    assert ours.sum().item() == 12
-    network = torch.nn.Linear(3, 2).to(gpu)
-    network(ours).square().mean().backward()
-    assert network.weight.grad is not None
-    assert network.weight.grad.device == gpu
 
 
 def test_it_refuses_what_cuda_refuses(gpu: torch.device) -> None:
@@ -161,11 +147,6 @@ def test_a_time_on_a_gpu_names_it_and_is_of_many_queries(gpu: torch.device) -> N
     found = timing.conditions(1, str(gpu))
     assert found["batch"] == 1 << 20
     assert re.search("driver .*, CUDA ", found["gpu"])
-
-
-def test_a_chunk_is_longer_on_a_gpu(gpu: torch.device) -> None:
-    flat = Material((2, 2), DecoderCost())
-    assert [flat.to(device).chunk for device in (gpu, gpu, "cpu")] == [1 << 20, 1 << 20, CHUNK]
 
 
 def test_a_network_that_no_gpu_has_room_for_is_refused(gpu: torch.device) -> None:

@@ -1,7 +1,6 @@
 """An archive of results: what is packed, what is found out about it, what is refused."""
 
 import copy
-import hashlib
 import json
 import shutil
 import zipfile
@@ -79,17 +78,6 @@ def test_an_honest_archive_agrees_and_makes_a_run_that_tables_read(packed, tmp_p
     assert cli.main(["compare", str(packed / "run"), str(tmp_path / "verified")]) == 0
 
 
-def test_submit_ends_with_the_text_to_hand_the_archive_in_with(packed, tmp_path, capsys):
-    archive = tmp_path / "of pca.zip"
-    assert cli.main(["submit", str(packed / "run"), "--codec", "pca", "-o", str(archive)]) == 0
-    text = capsys.readouterr().out.partition("send it with this text:\n\n")[2]
-    assert text.startswith("Results for the board: of pca.zip, 2 jobs of the suite small\n")
-    assert hashlib.sha256(archive.read_bytes()).hexdigest() in text
-    key = load_run(packed / "run").jobs[2]["fit_key"]
-    assert f"- pca version {key['version']}, code {key['code'][:12]}\nMaterials: satin\n" in text
-    assert "neubtf-bench verify 'of pca.zip'\n" in text
-
-
 def test_a_flattered_number_is_found(packed, tmp_path, capsys):
     def flatter(line):
         line["scores"]["heldout"]["metrics"]["psnr_display"]["pooled"] += 0.05
@@ -122,24 +110,16 @@ def put(path, value):
     ("path", "value"),
     [
         ("scores/heldout/metrics/psnr_display/mean", lambda x: x + 1),
-        ("scores/train/metrics/psnr_display/pooled", lambda x: x + 1),
-        ("scores/heldout, inside hull/metrics/psnr_display/pooled", lambda x: x + 1),
         ("scores/heldout/slices", lambda x: x + 1),
         ("scores/heldout/metrics/another", {"pooled": 1.0}),
         ("footprints/4/psnr_display", lambda x: x + 1),
         ("score_key/sha256", "0" * 64),
-        ("score_key/exposure", lambda x: 2 * x),
-        ("cost/flops_per_sample", lambda x: x - 1),
-        ("settings/components", 5),
         ("fit_key/settings/components", 5),
         ("fit_key/training", "0" * 64),
         ("metrics/psnr_display/version", 9),
         ("parameters", 5),
-        ("split", "validation"),
-        ("label", "vq"),
         ("label", "pca"),
         ("curve", "vq"),
-        ("job", "satin/pca components=4/7"),
         ("seed", 7),
     ],
 )
@@ -223,13 +203,6 @@ def test_answers_that_are_not_finite_are_said_to_be(packed, tmp_path, capsys, mo
     assert "not whole" not in text
 
 
-def test_messages_name_the_archive(packed, tmp_path, capsys):
-    files = {job["file"]: b"cut" for job in load_run(packed / "run").jobs}
-    code, text = verified(altered(packed, tmp_path / "a.zip", files=files), tmp_path, capsys)
-    assert (code, text.count(f"{tmp_path / 'a.zip'}: files/")) == (4, 4)
-    assert "neubtf-verify-" not in text
-
-
 @pytest.mark.parametrize("where", ["absolute", "../secret", "link", "network", "other"])
 def test_only_files_of_a_run_whose_hash_is_recorded_are_packed(packed, tmp_path, capsys, where):
     shutil.copytree(packed / "run", tmp_path / "run")
@@ -271,14 +244,6 @@ def test_a_large_archive_is_refused_by_what_it_unpacks_to(tmp_path, monkeypatch)
         unpack(tmp_path / "a.zip", tmp_path / "inside")
 
 
-def test_another_codecs_file_is_found(packed, tmp_path, capsys):
-    names = {job["codec"]: job["file"] for job in load_run(packed / "run").jobs}
-    swapped = {names["pca"]: (packed / "run" / names["mean-colour"]).read_bytes()}
-    code, text = verified(altered(packed, tmp_path / "a.zip", files=swapped), tmp_path, capsys)
-    assert code == 1
-    assert "the file is of codec mean-colour" in text
-
-
 @pytest.mark.parametrize(
     ("change", "why"),
     [
@@ -314,7 +279,8 @@ def test_what_is_no_archive_is_refused(tmp_path, capsys):
 
 
 def test_kept_records_make_the_tables_of_the_run(packed, tmp_path, capsys):
-    assert cli.main(["results", "add", str(packed / "run"), str(tmp_path / "kept.jsonl")]) == 0
+    for _ in range(2):  # adding keeps what is there
+        assert cli.main(["results", "add", str(packed / "run"), str(tmp_path / "kept.jsonl")]) == 0
     for kind in ("main", "slices", "angular", "footprints"):
         capsys.readouterr()
         tables = []
@@ -323,14 +289,6 @@ def test_kept_records_make_the_tables_of_the_run(packed, tmp_path, capsys):
             tables.append(capsys.readouterr().out)
         assert tables[0] == tables[1]
     assert str(packed) not in (tmp_path / "kept.jsonl").read_text()
-
-
-def test_adding_keeps_what_is_there(packed, tmp_path):
-    file = tmp_path / "kept.jsonl"
-    assert cli.main(["results", "add", str(packed / "run"), str(file)]) == 0
-    once = file.read_text()
-    assert cli.main(["results", "add", str(packed / "run"), str(file)]) == 0
-    assert file.read_text() == once
 
 
 def test_runs_on_other_data_are_not_put_together(packed, tmp_path):

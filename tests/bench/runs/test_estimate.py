@@ -3,7 +3,7 @@
 import pytest
 
 from bench.runs import estimate
-from bench.runs.estimate import Estimate, duration
+from bench.runs.estimate import Estimate
 
 
 @pytest.fixture
@@ -15,13 +15,6 @@ def clock(monkeypatch):
 
 def ended(name, status="ok"):
     return {"job": name, "status": status}
-
-
-def test_before_the_first_job_it_says_how_many_are_left(clock):
-    assert Estimate("abc", "").first == "3 jobs: 3 left"
-    assert Estimate("abcd", "abc").first == "4 jobs, 3 of them recorded: 1 left"
-    assert Estimate("abc", "abc").first == "3 jobs, all recorded; what changed since is done again"
-    assert Estimate("a", "").progress == "0 of 1 job"
 
 
 def test_after_each_job_it_says_how_long_the_others_take_at_the_mean(clock):
@@ -45,20 +38,3 @@ def test_jobs_that_did_nothing_tell_nothing_of_the_others(clock):
     assert run.progress == "2 of 4 jobs"
     run.ended(ended("c"), "")
     assert run.progress == "3 of 4 jobs, about 1 min left"
-
-
-def test_jobs_on_record_are_not_counted_until_one_is_done_again(clock):
-    run = Estimate("abcd", "abc")
-    clock[0] = 60
-    run.ended(ended("d"), "")
-    assert run.left == ""
-    run.ended(ended("a"), "")  # its code has changed
-    assert run.progress == "2 of 4 jobs, about 1 min left"
-
-
-@pytest.mark.parametrize(
-    ("seconds", "words"),
-    [(4, "half a minute"), (50, "1 min"), (40, "1 min"), (3600, "1 h"), (4200, "1 h 10 min"), (89, "1 min")],
-)
-def test_a_time_is_told_in_minutes_and_hours(seconds, words):
-    assert duration(seconds) == words

@@ -85,24 +85,6 @@ def test_of_many_training_pairs_a_few_tell_and_every_held_out_pair_counts(tmp_pa
     assert score_key(whole, file.header) != score_key(some, file.header)
 
 
-def test_of_whole_views_and_lights_that_a_measurement_holds_out_a_few_tell_too():
-    btf = tiny_btf(16, 12, 12)
-    whole, some = (Workbench(btf, "tiny", most_scored=count) for count in (0, 5))
-    assert len(some.scored) == 10
-    for group in ("train", "heldout"):
-        assert len(np.intersect1d(some.scored, some.groups[group])) == 5 < len(whole.groups[group])
-    assert set(some.shown.tolist()) <= set(some.scored.tolist())
-    assert Workbench(btf, "tiny", most_scored=len(btf)).scored.tolist() == whole.scored.tolist()
-
-
-def test_which_held_out_pairs_decide_is_in_the_key_where_not_all_do(tmp_path):
-    codec, btf = load_codec("mean-colour")(), tiny_btf(16, 12, 12)
-    header = loading.load(container.save(tmp_path / "file", codec, codec.encode(btf, Fit())).path).header
-    keys = [score_key(Workbench(btf, "tiny", most_scored=count), header).get("deciding") for count in (0, 5, 5, 6)]
-    assert keys[0] is None
-    assert keys[1] == keys[2] != keys[3]
-
-
 def loaded(material):
     return SimpleNamespace(material=material, header=SimpleNamespace(path=Path("files/waves.nbtf")))
 
@@ -130,10 +112,3 @@ def test_a_truth_to_draw_has_few_pairs_and_is_none_where_those_are_too_large(mon
     assert max(len(each) for each in truth.constants.values() if each.shape[1:] == (3,)) == 81 * 64
     monkeypatch.setattr("bench.runs.drawing.SPARSE_FLOATS", 8 * 64 * 3)
     assert sparse_truth(whole) is None
-
-
-def test_a_truth_of_scattered_pairs_is_drawn_of_few_of_them():
-    scattered = tiny_btf().subset(np.random.default_rng(0).choice(81, 40, replace=False))
-    truth = sparse_truth(scattered)
-    assert max(len(each) for each in truth.constants.values() if each.shape[1:] == (3,)) <= 40 * 64
-    assert truth.steps

@@ -8,13 +8,7 @@ from concurrent.futures import BrokenExecutor, CancelledError, wait
 import pytest
 
 from bench.errors import InputError
-from bench.runs.executors import THREAD_COUNTS, InProcess, dask, in_process, processes
-
-
-def test_in_process_runs_at_once_and_keeps_errors():
-    with in_process() as workers:
-        assert workers.executor.submit(divmod, 7, 2).result() == (3, 1)
-        assert isinstance(workers.executor.submit(divmod, 7, 0).exception(), ZeroDivisionError)
+from bench.runs.executors import THREAD_COUNTS, InProcess, dask, processes
 
 
 def test_an_interruption_is_no_error_of_a_job():

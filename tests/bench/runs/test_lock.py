@@ -65,14 +65,6 @@ def test_the_lock_of_a_killed_run_is_taken_over_and_said(tmp_path, holder, caplo
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_lock_that_ended_leaves_nothing_and_says_nothing(tmp_path, caplog):
-    for _ in range(2):
-        with locked(tmp_path / "run", "ours"):
-            pass
-    assert list((tmp_path / "run").iterdir()) == []
-    assert caplog.text == ""
-
-
 def test_a_lock_of_another_host_stands_while_it_is_renewed(tmp_path, caplog):
     signed(tmp_path, "elsewhere", 1, seconds_ago=20)
     with pytest.raises(InputError, match="process 1 on elsewhere"):

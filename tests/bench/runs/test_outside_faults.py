@@ -14,7 +14,7 @@ import torch
 
 from bench import cli
 from bench.codecs import outside_codecs
-from bench.codecs.registry import codec_entries, load_codec, make_codec
+from bench.codecs.registry import load_codec, make_codec
 from bench.conformance.check import tiny_btf
 from bench.data.readers.folder import write_folder
 from bench.errors import CodecError
@@ -264,20 +264,3 @@ def test_a_codec_of_this_suite_that_ends_its_process_is_no_success_and_the_same_
     went_on = subprocess.run(again, capture_output=True, text=True, check=False)
     assert went_on.returncode == 0, went_on.stderr
     assert "2 jobs: 2 ok; 1 from the cache" in went_on.stdout
-
-
-@pytest.mark.parametrize("value", ["inf", "nan", "-inf"])
-def test_a_setting_that_is_not_finite_names_the_codec_and_fits_nothing(value, capsys):
-    words = ["run", "quick", "--material", "btf", "--codec", "vq", "--set", f"vq.components={value}", "--out", "run"]
-    assert cli.main(words) == 2
-    error = capsys.readouterr().err
-    assert "components of codec vq must be a whole number" in error
-    assert error.count("\n") == 1
-    assert not Path("run").exists()
-
-
-def test_codecs_of_this_suite_are_loaded_here():
-    assert not any(
-        outside_codecs.is_outside(entry) for name, entry in codec_entries().items() if name in ("pca", "neubtf")
-    )
-    assert outside_codecs.is_outside(codec_entries()["quits"])

@@ -16,15 +16,13 @@ from bench.compare import compare
 from bench.conformance.check import tiny_btf
 from bench.data.open import open_material
 from bench.data.spec import MaterialSpec, Preparation
-from bench.errors import ContainerError, InputError, MissingDataError
+from bench.errors import ContainerError, InputError
 from bench.metrics import get
 from bench.records import FILE, load_run
 from bench.runs.evaluation import recorded
 from bench.runs.executors import InProcess, Workers
-from bench.runs.job import seed_of
 from bench.runs.runner import Options, run
 from bench.runs.suite import CodecSpec, Suite
-from bench.runs.workbench import demand_of
 
 SUITE = Suite(
     "test",
@@ -103,13 +101,6 @@ def test_a_changed_metric_scores_again_and_fits_nothing(tmp_path, monkeypatch):
     assert again[0].record["fit_seconds"] > 0
 
 
-def test_a_changed_setting_or_seed_fits_again(tmp_path):
-    outcomes(tmp_path)
-    changed = Suite("test", "", threads=1, materials=SUITE.materials, codecs=(CodecSpec("pca", {"components": 3}),))
-    assert [o.cached for o in outcomes(tmp_path, changed)] == [""]
-    assert len(load_run(tmp_path).jobs) == 3
-
-
 class Failing(MeanColour):
     """Fails while `broken`, whatever it is asked."""
 
@@ -152,16 +143,6 @@ def test_a_failure_is_a_record_and_is_retried_only_when_asked(tmp_path, monkeypa
     assert outcomes(tmp_path, only, retry_failed=True)[0].record["status"] == "ok"
 
 
-def test_material_that_is_not_there_is_a_row_that_says_where_to_get_it(tmp_path, monkeypatch):
-    def missing(*_):
-        raise MissingDataError("not there: ask the library")
-
-    monkeypatch.setattr("bench.runs.workbench.open_material", missing)
-    done = outcomes(tmp_path)
-    assert [o.record["status"] for o in done] == ["unavailable", "unavailable"]
-    assert done[0].record["error"] == "not there: ask the library"
-
-
 def test_a_bad_setting_stops_the_run_before_anything_is_written(tmp_path):
     bad = Suite("test", "", materials=SUITE.materials, codecs=(CodecSpec("pca", {"componentz": 4}),))
     with pytest.raises(InputError, match="componentz"):
@@ -184,39 +165,11 @@ def test_what_is_spoiled_in_the_cache_is_fitted_anew(suffix, spoil, tmp_path, ca
     assert outcomes(tmp_path)[0].cached == "record"
 
 
-def test_the_file_of_another_codec_under_the_right_name_is_not_taken_for_it(tmp_path, caplog):
-    mean, pca = (outcome.record for outcome in outcomes(tmp_path))
-    (tmp_path / pca["file"]).write_bytes((tmp_path / mean["file"]).read_bytes())
-    mean_again, pca_again = (outcome.record for outcome in outcomes(tmp_path))
-    assert "tiny/pca components=4/0 is fitted again" in caplog.text
-    assert (mean_again["score_key"], pca_again["score_key"]) == (mean["score_key"], pca["score_key"])
-    assert container.read_header(tmp_path / pca["file"]).codec == "pca"
-
-
 def test_what_was_put_in_a_files_place_is_not_timed(tmp_path):
     mean, pca = (outcome.record for outcome in outcomes(tmp_path))
     (tmp_path / pca["file"]).write_bytes((tmp_path / mean["file"]).read_bytes())
     with pytest.raises(ContainerError, match="not the file that tiny/pca components=4/0 recorded"):
         recorded(tmp_path, pca, "cpu")
-
-
-def test_a_record_says_which_revision_fitted_and_which_scored_it(tmp_path, monkeypatch):
-    monkeypatch.setattr("bench.runs.job.revision", lambda: "first")
-    before = outcomes(tmp_path)[0].record
-    monkeypatch.setattr("bench.runs.job.revision", lambda: "second")
-    monkeypatch.setattr("bench.runs.evaluation.get_metric", lambda name: replace(get(name), version=99))
-    after = outcomes(tmp_path)[0].record
-    assert (before["fitted"]["git"], before["scored"]["git"]) == ("first", "first")
-    assert (after["fitted"], after["scored"]["git"]) == (before["fitted"], "second")
-
-
-def test_groups_cover_training_heldout_and_the_hull(tmp_path):
-    job = outcomes(tmp_path)[0].record
-    pairs = job["pairs"]
-    assert pairs["all"] == 36
-    assert pairs["train"] + pairs["heldout"] == 36
-    assert pairs.get("heldout, inside hull", 0) + pairs.get("heldout, outside hull", 0) == pairs["heldout"]
-    assert {"heldout, new view", "heldout, new light", "heldout, both new"} <= pairs.keys()
 
 
 def test_each_seed_is_scored_at_test_pairs_of_its_own_and_fitted_to_the_same(tmp_path, monkeypatch):
@@ -235,12 +188,6 @@ def test_each_seed_is_scored_at_test_pairs_of_its_own_and_fitted_to_the_same(tmp
     assert [done.cached for done in again] == ["file", "file"]  # the same fits, scored at other pairs
     assert {done.record["split"] for done in again} == {"validation"}
     assert len({done.record["score_key"]["btf"] for done in again}) == 1
-
-
-def test_seeds_follow_their_named_parts_alone():
-    assert seed_of("satin", "pca", 0) == seed_of("satin", "pca", 0)
-    assert len({seed_of("satin", "pca", 0), seed_of("satin", "pca", 1), seed_of("satin", "vq", 0)}) == 3
-    assert 0 <= seed_of("x") < 2**63
 
 
 def test_a_failed_write_of_records_is_not_hidden(tmp_path):
@@ -461,27 +408,12 @@ def test_a_run_is_judged_by_a_scene_and_fitted_to_it_where_a_codec_says_so(tmp_p
     assert again[0].record["scene"]["name"] == "evening"
 
 
-def test_without_a_scene_no_record_speaks_of_one(tmp_path):
-    job = outcomes(tmp_path)[0].record
-    assert "scene" not in job
-    assert "demand" not in job["score_key"]
-    assert "scene" not in job["scores"]
-
-
 def test_a_fit_to_a_scene_needs_its_demand(tmp_path):
     suite = replace(SUITE, codecs=(CodecSpec("pca", {"scene": True}),))
     with pytest.raises(InputError, match="give it to `run` or `encode` with --demand"):
         outcomes(tmp_path, suite)
     with pytest.raises(InputError, match=r"none\.npz: there is no such file"):
         outcomes(tmp_path, replace(suite, demand=str(tmp_path / "none.npz")))
-
-
-def test_the_demand_of_a_run_is_read_once_a_process(tmp_path, monkeypatch):
-    read = []
-    monkeypatch.setattr("bench.runs.workbench.load_demand", lambda path: read.append(path) or object())
-    demands = [demand_of(run, str(tmp_path / "a.npz")) for run in ("one", "one", "two")]
-    assert demands[0] is demands[1]
-    assert read == [tmp_path / "a.npz"] * 2
 
 
 def test_a_truth_that_cannot_be_drawn_costs_no_job(tmp_path, monkeypatch, caplog):

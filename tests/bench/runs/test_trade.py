@@ -23,7 +23,7 @@ from bench.runs.runner import Options, run
 from bench.runs.suite import CodecSpec, Suite
 from bench.timing import native
 from bench.timing.execution import Variant
-from reports import table_text, write_report
+from reports import table_text
 
 SUITE = Suite(
     "test",
@@ -187,27 +187,6 @@ def test_a_job_that_failed_is_a_row_that_says_why(tmp_path):
     assert (row["label"], row["error"]) == ("mean-colour", "failed: no memory")
 
 
-def test_the_report_holds_tables_fronts_and_the_answer(measured):
-    folder, result = measured
-    names = {file.name for file in write_report(folder).files}
-    assert {"trade.md", "trade.tex", "trade.csv", "trade-tiny.png", "fits-tiny.png"} <= names
-    text = table_text(folder, kind="trade")
-    assert "within 0.5 dB of it, " in text
-    assert "floor" in text
-    assert "ceilings" in text
-    assert "within 0.5 dB of it, " in (folder / "report.html").read_text()
-    assert len((folder / "tables/trade.csv").read_text().splitlines()) == 1 + len(result["choices"])
-
-
-def test_time_is_told_by_part_batch_order_footprint_and_threads(measured):
-    records = [r for r in measured[1]["profiles"] if r["name"] == "neubtf-direct steps=20"]
-    assert {record["part"] for record in records} == {"decoder", "evaluate", "query"}
-    assert {record["batch"] for record in records} == {1, timing.BATCH}
-    assert {record["coherent"] for record in records} == {False, True}
-    assert {record["footprint"] for record in records} == {0.0, 1}
-    assert all(len(record["samples_ns"]) == 3 for record in records)  # as many as the fixture lets it take
-
-
 def ceiling(dtype, flops, copied=10.0, threads=1):
     return {"device": "cpu", "dtype": dtype, "flops_per_ns": flops, "bytes_per_ns": copied, "threads": threads}
 
@@ -227,13 +206,6 @@ def ceiling(dtype, flops, copied=10.0, threads=1):
 def test_the_limit_is_the_faster_of_the_precisions_that_could_be_used(dtype, ceilings, limit):
     material = SimpleNamespace(dtype=dtype, cost=DecoderCost(flops_per_sample=100, bytes_per_sample=8))
     assert trade._limit(material, ceilings) == pytest.approx(limit)
-
-
-def test_each_precision_of_a_suite_has_a_ceiling_and_each_choice_a_limit(measured):
-    assert {ceiling["dtype"] for ceiling in measured[1]["ceilings"]} == {"float32", "bfloat16"}
-    rows = by_name(measured[1])
-    for name in ("neubtf-direct steps=20 [eager bfloat16]", "neubtf-direct steps=20"):
-        assert rows[name]["of_limit"] == rows[name]["limit_ns"] / rows[name]["ns_per_sample"] > 0
 
 
 def test_precisions_that_the_processor_emulates_are_left_out_and_said_so(measured, quick, tmp_path, monkeypatch):
@@ -310,14 +282,6 @@ def test_another_material_is_measured_beside_those_that_are_there(measured):
     again = trade.merged(both, result)
     assert sorted(map(str, again["choices"])) == sorted(map(str, both["choices"]))
     assert trade.merged(None, result)["choices"] == result["choices"]
-
-
-def test_a_codec_that_is_measured_alone_leaves_the_others_of_its_material(measured):
-    result = measured[1]
-    alone = {key: [row for row in result[key] if row.get("label") == "mean-colour"] for key in ("choices", "profiles")}
-    assert alone["choices"]
-    kept = trade.merged(result, result | alone)["choices"]
-    assert sorted(map(str, kept)) == sorted(map(str, result["choices"]))
 
 
 def test_a_choice_whose_file_was_fitted_again_is_none(measured, tmp_path):
@@ -398,16 +362,6 @@ def test_a_setting_that_is_spelled_out_as_the_default_is_measured_once(measured,
     monkeypatch.delattr("bench.runs.trade.run_and_measure")
     spelled = replace(SUITE, codecs=(CodecSpec("pca", {"components": 2, "passes": 4}),))
     assert choosing(monkeypatch, measured[0], spelled, min_psnr=99.0) == 1
-
-
-def test_the_answer_says_whose_time_it_is_and_what_a_gpu_holds(measured, monkeypatch, capsys):
-    assert choosing(monkeypatch, measured[0], replace(SUITE, codecs=SUITE.codecs[1:2]), min_psnr=1.0) == 0
-    job = load_run(measured[0]).job("tiny/pca components=2/0")
-    held = 4 * job["cost"]["texture_floats"]
-    textures = f"time: the CPU's, 1 thread; on a GPU: {held:,} bytes of textures at 4 bytes a float, "
-    assert 0 < held < job["resident"]
-    line = f"{textures}{job['resident']:,} with tables and networks, of a file of {job['bytes']['total']:,}\n"
-    assert line in capsys.readouterr().out
 
 
 def test_the_command_that_choose_names_prepares_the_data_as_it_was_measured(measured, monkeypatch, capsys):

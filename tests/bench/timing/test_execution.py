@@ -10,7 +10,7 @@ from bench.errors import InputError
 from bench.hemisphere import uniform
 from bench.material import CHUNK, DecoderCost, Material
 from bench.timing import execution
-from bench.timing.execution import Variant, networks, prepared
+from bench.timing.execution import Variant, prepared
 from bench.timing.fused import lean
 from bench.training.decoder import Architecture, Decoder
 
@@ -97,19 +97,6 @@ def old_llvm(monkeypatch):
     """An LLVM for networks alone."""
     monkeypatch.setattr(execution, "drjit", lambda: None)
     monkeypatch.setattr(execution, "unusable", lambda plugins: "too old" if plugins else "")
-
-
-def test_fused_is_found_however_deep_the_network_is(old_llvm, monkeypatch):
-    material = Textured()
-    material.network = torch.nn.ModuleDict({"inner": torch.nn.ModuleList([material.network])})
-    assert len(networks(material)) == 1
-    replaced = []
-    monkeypatch.setattr(
-        "bench.timing.fused.with_drjit.DrJitNetwork", lambda network: replaced.append(network) or torch.nn.Identity()
-    )
-    fused = prepared(material, Variant("fused"))
-    assert len(replaced) == 1
-    assert isinstance(fused.network["inner"][0], torch.nn.Identity)
 
 
 def test_what_cannot_be_computed_is_refused_with_the_remedy(old_llvm, monkeypatch):

@@ -33,11 +33,6 @@ def test_what_a_processor_emulates(monkeypatch, machine, words, capability, expe
     assert {precision for precision in precisions if native.emulated(precision, CPU)} == expected
 
 
-def test_a_gpu_emulates_nothing(monkeypatch):
-    processor(monkeypatch, "x86_64", set(), "DEFAULT")
-    assert not native.emulated("bfloat16", torch.device("cuda"))
-
-
 def test_this_processor_tells_its_extensions_or_nothing(monkeypatch):
     assert native.features() is None or all(isinstance(word, str) for word in native.features())
     monkeypatch.setattr(native.Path, "read_text", lambda *_, **__: "processor\t: 0\nflags\t\t: fpu avx2 f16c\n")

@@ -68,25 +68,6 @@ def test_a_shader_answers_as_the_material_does(codec: str, tmp_path: Path) -> No
     np.testing.assert_allclose(np.maximum(ours, 0), truth, atol=1e-3 * truth.max(), rtol=1e-3)
 
 
-class Wide(Material):
-    """A product with more weights than a shader's text takes."""
-
-    def __init__(self) -> None:
-        super().__init__((2, 2), DecoderCost())
-        generator = torch.Generator().manual_seed(0)
-        self.first = torch.randn(3, 202, generator=generator)
-        self.second = torch.randn(202, 3 * 17, generator=generator) / 14
-
-    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        return (((wo @ self.first).sin() @ self.second)[:, :3]).abs()
-
-
-def test_a_large_network_is_read_from_the_texture(tmp_path: Path) -> None:
-    text = shader(stored(Wide(), tmp_path), GLSL).text
-    assert "for (int j = 0; j < 13; j++)" in text
-    assert len(text) < 20_000
-
-
 class Branching(Material):
     """Looks at the values of its queries in Python."""
 

@@ -148,30 +148,6 @@ def test_a_compiler_that_refuses_literals_is_given_a_uniform_buffer(
     opened.evaluate("document.querySelectorAll('.viewer')[1].remove()")
 
 
-@pytest.mark.timeout(300)
-def test_the_picture_follows_light_and_choice(opened: Any) -> None:
-    def picture() -> str:
-        return opened.evaluate(
-            "(viewer.state.scale = 0.2, viewer.draw(), document.querySelector('canvas').toDataURL())"
-        )
-
-    opened.select_option("[name=shape]", "plane")
-    opened.select_option("[name=left]", "1")
-    opened.select_option("[name=right]", "1")
-    first = picture()
-    opened.focus("canvas")
-    for _ in range(4):
-        opened.keyboard.press("Shift+ArrowRight")
-    second = picture()
-    opened.select_option("[name=left]", "2")
-    assert len({first, second, picture()}) == 3
-
-
-def test_names_are_text(opened: Any) -> None:
-    assert opened.locator("h1").inner_text() == "a <b>page</b>"
-    assert opened.locator("[name=left] option").first.inner_text() == "<b>mean-colour</b>"
-
-
 def test_the_wipe_follows_pointer_and_keys(opened: Any) -> None:
     opened.select_option("[name=left]", "1")
     opened.select_option("[name=right]", "3")
@@ -235,8 +211,3 @@ def test_one_finger_turns_the_camera_and_two_the_light(opened: Any) -> None:
             touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
         assert opened.evaluate("viewer.state.view") == pytest.approx(view)
         assert opened.evaluate("viewer.state.sun") == pytest.approx(sun)
-
-
-def test_a_narrow_window_needs_no_scrolling_sideways(opened: Any) -> None:
-    opened.set_viewport_size({"width": 390, "height": 844})
-    assert opened.evaluate("document.documentElement.scrollWidth") <= 390

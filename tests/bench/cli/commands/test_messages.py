@@ -23,9 +23,3 @@ def test_export_names_the_file_that_no_shader_can_do(
     monkeypatch.setattr("reports.shaders.export.shader", refused)
     assert cli.main(["export", str(path), "-o", str(tmp_path / "out")]) == 2
     assert f"{path}: no shader can do 'cumsum' yet" in capsys.readouterr().err
-
-
-def test_a_setting_out_of_range_names_the_suite(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "mine.toml").write_text('materials = ["satin"]\n[[codecs]]\ncodec = "pca"\ncomponents = -1\n')
-    assert cli.main(["run", str(tmp_path / "mine.toml"), "--out", str(tmp_path / "out")]) == 2
-    assert "suite mine: setting components of codec pca must be" in capsys.readouterr().err

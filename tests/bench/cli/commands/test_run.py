@@ -1,11 +1,8 @@
-import argparse
 import re
-from contextlib import nullcontext
 
 import pytest
 
 from bench import cli
-from bench.cli.commands import run as command
 from bench.records import load_run
 from bench.runs import runner
 
@@ -57,17 +54,6 @@ def test_a_metric_is_chosen_at_the_command_line_and_scored_from_the_cached_file(
 def test_jobs_run_in_so_many_processes_of_the_threads_of_the_suite(tmp_path, capsys):
     assert cli.main([*WORDS, "--out", str(tmp_path / "run"), "--jobs", "2"]) == 0
     assert "2 jobs: 2 ok" in capsys.readouterr().out
-
-
-def test_as_many_jobs_as_cores(monkeypatch):
-    counts = []
-    monkeypatch.setattr("bench.runs.executors.processes", lambda count, *_: counts.append(count) or nullcontext())
-    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1, 2, 3})
-    options = argparse.Namespace(jobs=0, resource=[], max_seconds=None, scheduler=None, device="cpu")
-    for threads in (1, 2):
-        command._workers(options, threads)()
-    assert counts == [4, 2]
-    assert command._workers(options, 4) is None  # one at a time: here, with bars
 
 
 @pytest.mark.parametrize(

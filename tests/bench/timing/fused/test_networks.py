@@ -15,7 +15,7 @@ from bench.errors import InputError
 from bench.material import sample_texture
 from bench.timing.execution import DTYPES, TOLERANCES
 from bench.timing.fused import with_drjit
-from bench.timing.fused.layers import layers_of, sine_of_turns
+from bench.timing.fused.layers import layers_of
 from bench.timing.fused.lean import Lean
 from bench.training.decoder import Architecture, Decoder
 
@@ -84,12 +84,6 @@ def test_the_folded_layers_are_the_network(name):
                 hidden = np.where(hidden < -0.5, 0.01 * hidden, np.where(hidden > 0.5, hidden, parabola))
         y = y + hidden if layer.residual else hidden
     np.testing.assert_allclose(y, network(x).numpy(), rtol=1e-10, atol=1e-10)
-
-
-def test_the_polynomial_is_a_sine():
-    t = np.linspace(-0.5, 0.5, 1001)
-    powers = t[:, None] ** (2 * np.arange(len(sine_of_turns())) + 1)
-    np.testing.assert_allclose(powers @ sine_of_turns(), np.sin(2 * np.pi * t), atol=2e-7)
 
 
 HALVES = [pair for pair in itertools.product(ARCHITECTURES, ["bfloat16", "float16"]) if pair[0] != "no norm"]
