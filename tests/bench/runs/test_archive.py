@@ -244,6 +244,14 @@ def test_a_large_archive_is_refused_by_what_it_unpacks_to(tmp_path, monkeypatch)
         unpack(tmp_path / "a.zip", tmp_path / "inside")
 
 
+def test_another_codecs_file_is_found(packed, tmp_path, capsys):
+    names = {job["codec"]: job["file"] for job in load_run(packed / "run").jobs}
+    swapped = {names["pca"]: (packed / "run" / names["mean-colour"]).read_bytes()}
+    code, text = verified(altered(packed, tmp_path / "a.zip", files=swapped), tmp_path, capsys)
+    assert code == 1
+    assert "the file is of codec mean-colour" in text
+
+
 @pytest.mark.parametrize(
     ("change", "why"),
     [

@@ -35,15 +35,15 @@ class Sorting(Material):
 def test_a_material_without_a_shader_is_baked_and_said_to_be() -> None:
     material = Sorting()
     file = SimpleNamespace(material=material, header=SimpleNamespace(path=Path("mine.nbtf")))
-    drawing, note = _drawn(file, silent)
+    (program, exposure), note = _drawn(file, silent)
     assert "mine is baked to slices at 13 × 13 pairs" in note
     assert "no shader can do 'cumsum' yet" in note
-    assert drawing.exposure > 0
+    assert exposure > 0
     directions = ubo2003()
     wo, wi = directions[thin(directions, 13)][[3, 7]].astype(np.float32)
     uv = np.array([0.375, 0.625], np.float32)  # a texel's centre
     truth = material.query(uv[None], wo[None], wi[None])[0]
-    np.testing.assert_allclose(answer(shader(drawing.program, GLSL), uv, wo, wi, 0.25), truth, rtol=2e-3)
+    np.testing.assert_allclose(answer(shader(program, GLSL), uv, wo, wi, 0.25), truth, rtol=2e-3)
 
 
 def test_the_page_is_headed_by_a_name_and_no_path(tmp_path: Path) -> None:

@@ -1,0 +1,126 @@
+"""How well the tests guard: planted mistakes, and the share of them that the short tier notices.
+
+    python tools/mutations.py [--count 80] [--seed 0] [--tests FOLDER]
+
+Each mistake is one change in one module of `GUARDED`: another operator, another constant, a dropped line, two
+arguments swapped. The tests of its room run in a copy of the repository until the first failure; a hang is one.
+`--tests` takes the tests of another revision, for comparison. Prints the mistakes that no test noticed, and the share.
+"""
+
+import argparse
+import ast
+import copy
+import os
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+GUARDED = {
+    "bench/metrics/*.py": ["bench/metrics"],
+    "bench/codecs/container.py": [
+        "bench/codecs/test_container.py",
+        "bench/codecs/test_bounds.py",
+        "bench/test_codec.py",
+    ],
+    "bench/training/stored_texture.py": ["bench/training"],
+    "bench/training/quantise.py": ["bench/training"],
+    "bench/records/*.py": ["bench/test_records.py", "bench/test_record_fields.py"],
+    "bench/compare/*.py": ["bench/compare"],
+    "bench/runs/identity.py": ["bench/runs/test_identity.py"],
+    "bench/runs/runner.py": ["bench/runs/test_runner.py"],
+    "bench/runs/job.py": ["bench/runs/test_runner.py"],
+    "bench/choosing/*.py": ["bench/choosing"],
+    "bench/data/readers/*.py": ["bench/data/readers"],
+}
+OTHER = {
+    **{ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.And: ast.Or, ast.Or: ast.And},
+    **{ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq},
+    **{ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In},
+}
+
+
+def changed(node: ast.AST) -> str:
+    """Change one node in place; says how, or "" where this kind of mistake does not apply."""
+    before = ast.unparse(node)
+    match node:
+        case ast.BinOp(op=op) | ast.BoolOp(op=op) if type(op) in OTHER:
+            node.op = OTHER[type(op)]()
+        case ast.Compare(ops=[op]) if type(op) in OTHER:
+            node.ops = [OTHER[type(op)]()]
+        case ast.Constant(value=bool(value)):
+            node.value = not value
+        case ast.Constant(value=int(value) | float(value)):
+            node.value = value + 1
+        case ast.Call(args=[first, second, *rest]) if not isinstance(first, ast.Starred | ast.Constant):
+            node.args = [second, first, *rest]
+        case ast.FunctionDef(body=[_, *_, last]) if isinstance(last, ast.Expr | ast.Assign | ast.AugAssign | ast.If):
+            node.body = [*node.body[:-1], ast.Pass()]
+            return f"{node.name}: dropped {ast.unparse(last).splitlines()[0]}"
+        case _:
+            return ""
+    return "" if isinstance(node, ast.Call) and ast.unparse(node) == before else f"{before} -> {ast.unparse(node)}"
+
+
+def planted(path: Path, rng: random.Random) -> tuple[str, str] | None:
+    """A module's text with one mistake, and what it is."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    inside = [each for scope in ast.walk(tree) if isinstance(scope, ast.FunctionDef) for each in ast.walk(scope)]
+    rng.shuffle(inside)
+    for node in inside:
+        old = copy.deepcopy(node)
+        if what := changed(node):
+            return ast.unparse(tree), f"{path.relative_to(ROOT)}:{getattr(old, 'lineno', 0)}: {what}"
+    return None
+
+
+def noticed(folder: Path, tests: list[str]) -> bool:
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-x",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        *(f"tests/{each}" for each in tests),
+    ]
+    environment = os.environ | {"PYTHONPATH": str(folder), "OMP_NUM_THREADS": "1"}
+    try:
+        done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, timeout=300, check=False)
+    except subprocess.TimeoutExpired:
+        return True
+    return done.returncode != 0
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--count", type=int, default=80)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--tests", type=Path, default=ROOT / "tests")
+    chosen = parser.parse_args()
+    rng, found = random.Random(chosen.seed), []
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) / "copy"
+        shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".git", ".venv", ".tox", "runs", "tests", "*.pyc"))
+        shutil.copytree(chosen.tests, folder / "tests")
+        assert not any(noticed(folder, tests) for tests in GUARDED.values()), "the tests fail without a mistake"
+        while len(found) < chosen.count:
+            pattern = rng.choice(list(GUARDED))
+            path = rng.choice(sorted(ROOT.glob(pattern)))
+            if (mistake := planted(path, rng)) is None:
+                continue
+            place = folder / path.relative_to(ROOT)
+            sound = place.read_text(encoding="utf-8")
+            place.write_text(mistake[0], encoding="utf-8")
+            found.append(noticed(folder, GUARDED[pattern]))
+            place.write_text(sound, encoding="utf-8")
+            print("noticed" if found[-1] else "MISSED ", mistake[1], flush=True)
+    print(f"{sum(found)} of {len(found)} noticed")
+
+
+if __name__ == "__main__":
+    main()
