@@ -172,7 +172,7 @@ class Pyramid(Levels):
 
     def _around(self, uv: Tensor, level: Tensor) -> tuple[Tensor, Tensor]:
         """Rows of the table and weights of a fetch, both (n, 4) at whole levels and (n, 8) at real ones."""
-        lower = level.int()
+        lower = level.long()
         index, weight = self.corners(uv, lower)
         if level.is_floating_point():
             share = (level - lower)[:, None]

@@ -49,8 +49,8 @@ class Levels(nn.Module):
         self.levels = [(size[0] >> level, size[1] >> level) for level in range(levels)]
         self.counts = counts = [height * width for height, width in self.levels]
         self.side = max(size)
-        self.register_buffer("sizes", torch.tensor(self.levels, dtype=torch.int32), persistent=False)
-        starts = torch.tensor([sum(counts[:i]) for i in range(levels)], dtype=torch.int32)
+        self.register_buffer("sizes", torch.tensor(self.levels), persistent=False)
+        starts = torch.tensor([sum(counts[:i]) for i in range(levels)])
         self.register_buffer("starts", starts, persistent=False)
 
     sizes: Tensor
@@ -62,18 +62,18 @@ class Levels(nn.Module):
 
     def corners(self, uv: Tensor, level: Tensor) -> tuple[Tensor, Tensor]:
         """Rows of the table (n, 4) and bilinear weights (n, 4) around uv, at one level a query; see `bench.btf`."""
-        height, width = self.sizes[level].unbind(1)
+        size = self.sizes[level]
         # Half precision cannot address texels, so places are computed in float32 for any dtype.
-        col, row = uv[:, 0].float() * width - 0.5, (1 - uv[:, 1].float()) * height - 0.5
-        west, north = col.floor(), row.floor()
-        right, below = col - west, row - north
-        west, north = west.int().remainder(width), north.int().remainder(height)
-        east, south = torch.where(west == width - 1, 0, west + 1), torch.where(north == height - 1, 0, north + 1)
-        start = self.starts[level]
-        upper, lower = start + north * width, start + south * width
-        left, above = 1 - right, 1 - below
-        index = torch.stack([upper + west, upper + east, lower + west, lower + east], 1)
-        return index, torch.stack([above * left, above * right, below * left, below * right], 1)
+        place = torch.stack([1 - uv[:, 1].float(), uv[:, 0].float()], 1) * size - 0.5
+        first = place.detach().floor()
+        after = place - first
+        first = first.long()
+        (top, left), (bottom, right) = first.remainder(size).unbind(1), (first + 1).remainder(size).unbind(1)
+        (down, across), start, width = after.unbind(1), self.starts[level], size[:, 1]
+        upper, lower = start + top * width, start + bottom * width
+        index = torch.stack([upper + left, upper + right, lower + left, lower + right], 1)
+        above, before = 1 - down, 1 - across
+        return index, torch.stack([above * before, above * across, down * before, down * across], 1)
 
 
 class Pyramid(Levels):
@@ -96,7 +96,7 @@ class Pyramid(Levels):
 
         A fit asks for whole numbers as levels: only these one levels are then read.
         """
-        lower = level.int()
+        lower = level.long()
         share = (level - lower)[:, None]
         near, near_weight = self.corners(uv, lower)
         if table.requires_grad and not level.is_floating_point():

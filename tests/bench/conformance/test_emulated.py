@@ -130,7 +130,7 @@ def test_kernels_waits_and_bytes_do_not_grow(
     codec = kind(**{key: value for key, value in {"steps": 8, "batch": 32}.items() if key in settings_dict(kind())})
     with counted() as traffic:
         parts = codec.encode(btf, Fit(device=gpu))
-    steps = [[now - before for now, before in zip(*pair, strict=True)] for pair in pairwise(totals)] or [[0, 0, 0]]
+    steps = [[now - before for before, now in zip(*pair, strict=True)] for pair in pairwise(totals)] or [[0, 0, 0]]
     material = loading.load(container.save(tmp_path / "a.nbtf", codec, parts).path, gpu).material
     uv, up = torch.rand(64, 2).to(gpu), torch.tensor([0.6, 0.0, 0.8]).repeat(64, 1).to(gpu)
     footprint = torch.full((64,), 0.3 / max(btf.shape)).to(gpu)
