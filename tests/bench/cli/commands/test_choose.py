@@ -41,6 +41,14 @@ def test_a_wish_that_none_meets_has_a_nearest():
     assert nearest(RUNGS, wishes).of["label"] == "good"
 
 
+def test_rows_of_other_materials_failed_ones_those_without_validation_and_the_floor_are_no_choices():
+    floor = {"material": "m", "label": "floor", "ns_per_sample": 1.0}
+    others = [row("other", 1.0, 1, 1.0, material="n"), row("failed", 1.0, 1, 1.0, error="why"), floor]
+    unseen = row("unseen", 99.0, 1, 1.0)
+    del unseen["validation"]
+    assert [rung.of for rung in usable([*ROWS, *others, unseen], "m")] == ROWS
+
+
 def test_a_suite_without_validation_pairs_is_refused(tmp_path, capsys):
     suite = tmp_path / "own.toml"
     suite.write_text('materials = ["satin"]\n[[codecs]]\ncodec = "pca"\n')
