@@ -105,3 +105,28 @@ def test_numbers_that_are_not_finite_are_never_written(tmp_path):
     with pytest.raises(ValueError, match="not finite: texture/mean"):
         container.save(tmp_path / "nan.nbtf", codec, parts)
     assert not list(tmp_path.iterdir())
+
+
+def test_an_encoder_is_a_part_of_its_own(encoded, tmp_path):
+    header, _ = encoded
+    assert "encoder" not in header.part_bytes()
+    parts = Parts(texture={"t": torch.ones(5)}, encoder={"weights": torch.arange(7.0)})
+    header = container.save(tmp_path / "file", load_codec("pca")(), parts)
+    sizes = {"decoder": 0, "texture": 20, "other": 0, "encoder": 28, "header": header.file_bytes - 48}
+    assert header.part_bytes() == sizes
+    assert container.read_parts(header.path)[1].encoder["weights"].equal(torch.arange(7.0))
+
+
+def test_every_dtype_and_shape_comes_back():
+    codec = load_codec("mean-colour")()
+    tensors = {
+        str(dtype): torch.ones(2, 3, dtype=dtype)
+        for dtype in (torch.float32, torch.float16, torch.bfloat16, torch.float64, torch.uint8, torch.int8, torch.int64)
+    } | {"empty": torch.zeros(0, 3), "scalar": torch.tensor(1.0)}
+    data = container.to_bytes(codec, Parts(other=tensors))
+    from safetensors.torch import load
+
+    back = load(data)
+    assert {name: (t.dtype, t.shape) for name, t in tensors.items()} == {
+        name.removeprefix("other/"): (t.dtype, t.shape) for name, t in back.items()
+    }
