@@ -1,5 +1,3 @@
-"""An archive of results: what is packed, what is found out about it, what is refused."""
-
 import copy
 import json
 import shutil
@@ -16,22 +14,13 @@ from bench.runs.archive import unpack
 SUITE = """
 materials = ["satin"]
 seeds = [0, 1]
-[data]
-size = 12
-views = 5
-lights = 5
-heldout = 8
-[[codecs]]
-codec = "mean-colour"
-[[codecs]]
-codec = "pca"
-components = 4
+data = {size = 12, views = 5, lights = 5, heldout = 8}
+codecs = [{codec = "mean-colour"}, {codec = "pca", components = 4}]
 """
 
 
 @pytest.fixture(scope="module")
 def packed(tmp_path_factory):
-    """The folder of a small run, with its archive beside it."""
     place = tmp_path_factory.mktemp("archive")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bench.timing.TURNS", 3)

@@ -1,5 +1,3 @@
-"""Where a decoder is asked for what it is scored on."""
-
 from pathlib import Path
 from types import SimpleNamespace
 

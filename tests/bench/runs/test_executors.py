@@ -89,7 +89,6 @@ def test_dask_that_is_not_there_is_said(monkeypatch):
 
 @pytest.fixture
 def cluster():
-    """A Dask cluster of one worker, in this process, that has a GPU to give."""
     distributed = pytest.importorskip("distributed", reason="needs Dask: pip install neubtf-bench[dask]")
     kinds = {"threads_per_worker": 1, "processes": False, "dashboard_address": ":0"}
     with distributed.LocalCluster(1, **kinds, resources={"GPU": 1}) as local:

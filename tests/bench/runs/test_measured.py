@@ -1,5 +1,3 @@
-"""The suite of budgets: what it names is there, opens at its size, keeps pairs apart, and asks every codec alike."""
-
 import os
 from dataclasses import replace
 from pathlib import Path

@@ -25,22 +25,14 @@ from bench.timing import native
 from bench.timing.execution import Variant
 from reports import table_text
 
-SUITE = Suite(
-    "test",
-    "",
-    data=Preparation(validation=True),
-    materials=(MaterialSpec("tiny"),),
-    codecs=(
-        CodecSpec("mean-colour"),
-        CodecSpec("pca", {"components": 2}, ("components",)),
-        CodecSpec("neubtf-direct", {"steps": 20}),
-    ),
-    variants=("eager bfloat16", "fused float32", "fused bfloat16", "compiled tf32"),  # the last two are of GPUs
+CODECS = (
+    CodecSpec("mean-colour"),
+    CodecSpec("pca", {"components": 2}, ("components",)),
+    CodecSpec("neubtf-direct", {"steps": 20}),
 )
-
-
-def opened(*_):
-    return with_validation(tiny_btf(12, 6, 6))
+VARIANTS = ("eager bfloat16", "fused float32", "fused bfloat16", "compiled tf32")  # the last two are of GPUs
+DATA = Preparation(validation=True)
+SUITE = Suite("test", "", data=DATA, materials=(MaterialSpec("tiny"),), codecs=CODECS, variants=VARIANTS)
 
 
 def without_drjit():
@@ -48,15 +40,20 @@ def without_drjit():
 
 
 @pytest.fixture(scope="module")
-def measured(tmp_path_factory):
-    """A run of the suite, and what was measured of it."""
-    folder = tmp_path_factory.mktemp("trade")
+def brief():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bench.runs.workbench.open_material", opened)
-        patch.setattr("bench.timing.execution.drjit", without_drjit)
         patch.setattr(timing, "TURNS", 3)
         patch.setattr("bench.timing.clock.SPAN_NS", 10_000)
         patch.setattr(trade, "BATCH", 256)
+        yield
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory, brief):
+    folder = tmp_path_factory.mktemp("trade")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bench.runs.workbench.open_material", lambda *_: with_validation(tiny_btf(12, 6, 6)))
+        patch.setattr("bench.timing.execution.drjit", without_drjit)
         patch.setattr(trade, "BATCHES", (1,))
         patch.setattr("bench.timing.profile.FOOTPRINTS", (1,))
         patch.setattr("bench.timing.roofline.COPIED", 1 << 20)
@@ -106,13 +103,9 @@ def test_what_cannot_be_computed_is_a_row_that_says_why(measured):
 
 @pytest.fixture
 def quick(measured, monkeypatch):
-    """Whatever is measured here takes no time."""
     monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6))
     monkeypatch.setattr(trade, "roofline", lambda device, threads, dtype=torch.float32: ceiling(str(dtype)[6:], 50.0))
     monkeypatch.setattr(trade, "profile", lambda *_: [])
-    monkeypatch.setattr(trade, "BATCH", 256)
-    monkeypatch.setattr(timing, "TURNS", 3)
-    monkeypatch.setattr("bench.timing.clock.SPAN_NS", 10_000)
 
 
 def test_a_variant_that_fails_unforeseen_is_a_row_that_says_so(measured, quick, monkeypatch):
@@ -296,7 +289,6 @@ def test_a_choice_whose_file_was_fitted_again_is_none(measured, tmp_path):
 
 
 def choosing(monkeypatch, out, suite=SUITE, **wish):
-    """`choose` with a wish, of the suite above."""
     monkeypatch.setattr("bench.runs.suite.load_suite", lambda name: suite)
     parser = argparse.ArgumentParser()
     choose_command.arguments(parser)
