@@ -20,9 +20,8 @@ def test_a_csv_holds_the_numbers_of_the_record_to_the_last_digit(made):
 
 
 def test_every_job_has_a_row_whatever_became_of_it(made):
-    made.job("old", run="0", exposure=3.0).job("new").unfinished("failed", "why").unfinished(
-        "unavailable", "where", material="far"
-    )
+    made.job("old", run="0", exposure=3.0).job("new").unfinished("failed", "why")
+    made.unfinished("unavailable", "where", material="far")
     rows = list(csv.DictReader(io.StringIO(table_text(made.folder, "raw"))))
     assert [row["status"] for row in rows] == ["ok", "ok", "failed", "unavailable"]
     assert [row["not_comparable"] for row in rows] == ["another exposure", "", "", ""]

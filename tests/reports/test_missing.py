@@ -1,5 +1,3 @@
-"""A part of a suite names what it has no results of."""
-
 from bench.records import append, load_run
 from reports import table_text
 from reports.missing import missing_note

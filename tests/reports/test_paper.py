@@ -1,5 +1,3 @@
-"""The paper's table of quality, beside ours: its values, ours of all pairs and apart, and what is missing."""
-
 from bench import cli
 from bench.records import PSNR, load_run
 from reports.paper import PUBLISHED, paper_table

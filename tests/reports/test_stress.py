@@ -1,5 +1,3 @@
-"""The stress test's tables: rows of extremes, columns of codecs, reasons and figures below."""
-
 from bench.records import append, load_run
 from reports import table_text, write_report
 from reports.stress import stress_tables, summary, tables

@@ -1,5 +1,3 @@
-"""The rung of each budget: chosen by validation pairs alone, on records made by hand."""
-
 import json
 
 from bench.choosing import Limits, Rung, chosen

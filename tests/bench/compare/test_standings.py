@@ -1,5 +1,3 @@
-"""How codecs stand over materials."""
-
 from bench.compare.standings import standings
 
 

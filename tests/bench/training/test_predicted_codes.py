@@ -19,14 +19,12 @@ GOLDEN = (
 
 
 def waves() -> np.ndarray:
-    """Codes (76, 4) of three pictures, of whole numbers alone."""
     texel = np.arange(sum(height * width for height, width in SIZES))[:, None]
     rough = (texel * texel * 7 + texel * np.arange(4) * 3) % 5
     return ((texel * 3 % 41 + rough) % 2**BITS).astype(np.uint8)
 
 
 def smooth(rng: np.random.Generator, sizes: list[tuple[int, int]], bits: np.ndarray) -> np.ndarray:
-    """Codes (N, C) of pictures whose channels are alike and change slowly."""
     found = []
     for height, width in sizes:
         y, x = np.mgrid[:height, :width][..., None] / 8

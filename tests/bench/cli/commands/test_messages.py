@@ -1,5 +1,3 @@
-"""Messages name the file that is wrong."""
-
 from pathlib import Path
 
 import pytest

@@ -1,5 +1,3 @@
-"""What `view` shows of a material that no shader can do."""
-
 import re
 from pathlib import Path
 from types import SimpleNamespace
