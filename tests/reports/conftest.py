@@ -1,5 +1,3 @@
-"""Small runs made by hand: records and artefacts as the runner writes them, without a codec and without PyTorch."""
-
 import json
 
 import numpy as np

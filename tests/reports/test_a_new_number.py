@@ -1,5 +1,3 @@
-"""A new number takes two edits: where it is measured, and its field."""
-
 import json
 from typing import Annotated
 

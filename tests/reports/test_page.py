@@ -87,7 +87,6 @@ def test_codecs_that_were_seen_at_other_pairs_are_left_out_of_the_slices(made):
 
 @pytest.fixture(scope="module")
 def opened(browser: Any, tmp_path_factory: pytest.TempPathFactory, run_maker: Any) -> Any:
-    """A page of three codecs, one of them live; no error may have reached the console at the end."""
     made = run_maker(tmp_path_factory.mktemp("run") / "run").start()
     (made.folder / "drawings").mkdir()
     codec = load_codec("pca")()
@@ -124,7 +123,7 @@ def expect_first_cells(table: Any, *texts: str) -> None:
     expect(table.locator("tbody tr:not([hidden]) td:first-child")).to_have_text(texts)
 
 
-def test_a_table_is_sorted_by_click_and_key(opened):
+def test_a_table_is_sorted_by_click_and_key_its_rows_are_filtered_and_columns_hidden(opened):
     table = opened.locator('table[aria-label^="satin: quality"]')
     header = table.get_by_role("button", name="PSNR pooled")
     header.click()
@@ -133,10 +132,6 @@ def test_a_table_is_sorted_by_click_and_key(opened):
     opened.keyboard.press("Enter")
     expect_first_cells(table, "pca", "<b>mine</b>", "vq")
     assert table.locator("[aria-sort=descending]").inner_text().startswith("PSNR pooled")
-
-
-def test_rows_are_filtered_and_columns_hidden(opened):
-    table = opened.locator('table[aria-label^="satin: quality"]')
     tools = opened.locator(".tools").filter(has=opened.get_by_label(re.compile("rows: satin: quality")))
     tools.locator("[type=search]").fill("mine")
     expect_first_cells(table, "<b>mine</b>")
@@ -209,8 +204,7 @@ def test_slices_are_wiped_and_chosen_by_mouse_and_key(opened):
     root.locator("[role=slider][aria-label^=view]").focus()
     opened.keyboard.press("ArrowRight")
     see_another()
-    assert root.locator("[name=pair]").input_value() == "1"
-    assert len(set(seen)) == len(seen)
+    assert (root.locator("[name=pair]").input_value(), len(set(seen))) == ("1", len(seen))
 
 
 def test_a_stored_slice_is_shown_as_it_is(opened):
@@ -231,8 +225,7 @@ def test_a_record_opens_where_a_number_leads(opened):
     record = opened.locator("#r0-0")
     wait(opened, "document.querySelector('#r0-0 pre').textContent.length > 100")
     (found,) = json.loads(record.locator("pre").inner_text())
-    assert found["job"]["parameters"] == 3011
-    assert found["timing"]["ns_per_sample"] == 123.4
+    assert (found["job"]["parameters"], found["timing"]["ns_per_sample"]) == (3011, 123.4)
 
 
 @pytest.mark.timeout(300)

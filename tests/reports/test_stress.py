@@ -57,8 +57,7 @@ def test_a_run_shows_its_own_records(made):
 
 def test_a_run_without_records_shows_those_beside_it_of_its_codecs_and_versions(made, tmp_path):
     made.job("pca components=8", fit_key={"version": 1})
-    assert stress_tables(load_run(made.folder)) == []
-    assert summary(load_run(made.folder)) == ""
+    assert (stress_tables(load_run(made.folder)), summary(load_run(made.folder))) == ([], "")
     (tmp_path / "stress").mkdir()
     for one in (*RECORDS, record("pca", "sine", order=2, version=2)):
         append(tmp_path / "stress", one)

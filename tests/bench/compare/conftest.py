@@ -27,9 +27,8 @@ class Maker:
         record["score_key"]["sha256"] = get("sha256", "0")
         record["score_key"] |= {"deciding": changes.pop("deciding")} if "deciding" in changes else {}
         versions = dict.fromkeys(METRICS, 1) | get("versions", {})
-        record["metrics"] = {
-            name: METRICS[name] | {"version": version} for name, version in versions.items() if version
-        }
+        measured = ((name, version) for name, version in versions.items() if version)
+        record["metrics"] = {name: METRICS[name] | {"version": version} for name, version in measured}
         numbers = {PSNR: psnr, FLIP: flip, SSIM: get("ssim", 0.9)}
         stats = {name: self._stats(numbers[name]) for name in record["metrics"]}
         record["scores"] = {name: {"slices": 4, "metrics": stats} for name in ("all", "train", "heldout")}

@@ -43,8 +43,7 @@ def test_what_was_exact_must_stay_so(make):
     assert change(compare(base, base), "PSNR").verdict == "same"
     new = make.run("new", *make.seeds([None, 130.0, None]))
     comparison = compare(base, new)
-    assert change(comparison, "PSNR").verdict == "WORSE"
-    assert comparison.exit_code == 1
+    assert (change(comparison, "PSNR").verdict, comparison.exit_code) == ("WORSE", 1)
 
 
 SPREAD = [30.0, 30.3, 29.8, 30.1, 29.7, 30.2, 29.9, 30.4, 29.6]
@@ -185,8 +184,7 @@ def test_another_metric_version_spares_the_other_numbers(make):
 def test_what_is_allowed_to_be_gone_does_not_hide_what_got_worse(make):
     base = make.run("base", *make.three())
     new = make.run("new", *(make.job(seed=seed, psnr=20.0) for seed in range(2)))
-    assert compare(base, new).rows[0].verdict == "GONE"
-    assert compare(base, new, allow=["*"]).exit_code == 1
+    assert (compare(base, new).rows[0].verdict, compare(base, new, allow=["*"]).exit_code) == ("GONE", 1)
 
 
 def test_training_pairs_show_a_worse_fit_where_held_out_pairs_are_too_hard_to_tell(make):
@@ -265,8 +263,7 @@ def test_a_failure_outweighs_a_regression(make):
 def test_changed_settings_are_compared_and_said(make):
     base, new = make.run("base", make.job()), make.run("new", make.job(settings={"components": 6}, size=50_000))
     (row,) = compare(base, new).rows
-    assert row.verdict == "better"
-    assert row.notes == ["settings: components 8 → 6"]
+    assert (row.verdict, row.notes) == ("better", ["settings: components 8 → 6"])
 
 
 def test_times_advise_as_multiples_of_mean_colour_in_the_same_start(make):

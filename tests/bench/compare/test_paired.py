@@ -90,9 +90,7 @@ def test_codecs_of_a_run_are_compared_at_the_slices_of_their_records(make, tmp_p
     difference = whole.over["vq"]
     # One of 41 slices has no error, so 100 dB in both.
     assert difference.mean == pytest.approx(-10 * np.log10(2) * 40 / 41)
-    assert difference.slices == 82
-    assert list(whole.over) == ["vq"]
-    assert whole.on == {"satin": {"vq": difference}}
+    assert (difference.slices, list(whole.over), whole.on) == (82, ["vq"], {"satin": {"vq": difference}})
     ours = make.run("ours", *(job | {"settings": {"recipe": "ours"}} if job["label"] == "vq" else job for job in jobs))
     assert against(ours, "pca", ["vq (our recipe)"]).over == {"vq (our recipe)": difference}  # as tables call it
 

@@ -107,6 +107,10 @@ def test_few_bytes_claim_no_more_codes_than_can_be_decoded(monkeypatch: pytest.M
         expand(predicted, (1, 1 << 15, 2))
     monkeypatch.setattr(texture_codes, "MOST_PREDICTED", 100)
     assert expand(compress(codes, [4, 4]), (64, 64, 2)).equal(codes)
+    monkeypatch.setattr(texture_codes, "MOST_CODES", 100)
+    data = compress(codes, [1, 2])
+    assert data[0] == texture_codes.PACKED  # what is beyond proportion can be read all the same
+    assert expand(data, (64, 64, 2)).equal(codes)
 
 
 def test_the_table_is_of_students_distributions() -> None:

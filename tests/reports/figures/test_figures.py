@@ -43,7 +43,6 @@ def test_fronts_hold_the_numbers_of_the_budgets():
 
 
 def store(path):
-    """A program that looks up a texture by the place, and a table with as many rows by the light."""
     lookup = {"operation": "embedding_bag_forward_only", "shape": [1, 2], "kind": "float"}
     steps = [
         {"name": "row", "operation": "mul", "arguments": [{"of": "uv"}, 8.0], "shape": [1, 2], "kind": "float"},
