@@ -62,7 +62,6 @@ def test_the_end_of_a_run_ends_its_workers_whatever_they_do():
 PARENT = """
 import os, time
 from bench.runs.executors import processes
-
 if __name__ == "__main__":
     with processes(1, 1) as workers:
         print(workers.executor.submit(os.getpid).result(), flush=True)
@@ -115,14 +114,11 @@ def test_jobs_of_a_scheduler_that_is_gone_are_cancelled(cluster):
 
 LACKING = """
 import importlib.metadata as metadata
-
 version = metadata.version
-
 def without_ours(name):
     if name == "neubtf-bench":
         raise metadata.PackageNotFoundError(name)
     return version(name)
-
 metadata.version = without_ours
 from distributed.cli.dask_worker import main
 main()

@@ -10,24 +10,15 @@ from bench.runs.identity import identity
 CODEC = """
     from mypackage.deep import helper
     from bench.codec import Codec
-
     class Mine(Codec):
         '''It is mine.'''
         name, version = "mine", 1
-
         def encode(self, btf, fit):
             from . import late
             return helper(btf) + late.more
 """
-FILES = {
-    "__init__.py": "",
-    "mine.py": CODEC,
-    "deep/__init__.py": "from .inner import helper",
-    "deep/inner.py": "def helper(x):\n    return x",
-    "late.py": "import sklearn.cluster\nmore = 1",
-    "unused.py": "word = 1",
-    "tables.bin": "1",
-}
+FILES = {"__init__.py": "", "mine.py": CODEC, "unused.py": "word = 1", "deep/__init__.py": "from .inner import helper"}
+FILES |= {"deep/inner.py": "def helper(x):\n    return x", "late.py": "import sklearn.cluster\nmore = 1"}
 
 
 @pytest.fixture

@@ -31,8 +31,7 @@ def test_lists_are_sweeps_and_labels_say_what_differs_from_the_defaults():
 def test_a_codec_may_be_run_on_some_of_the_materials_but_the_command_line_asks_for_all_of_its_own():
     suite = parse_suite("test", TEXT.replace('"mean-colour"', '"mean-colour"\nmaterials = ["fabric"]'))
     of_mean = [(m.name, seed) for m, codec, seed in suite.cells if codec.codec == "mean-colour"]
-    assert of_mean == [("fabric", 0), ("fabric", 1)]
-    assert len(suite.cells) == 2 + 2 * 4 * 2
+    assert (of_mean, len(suite.cells)) == ([("fabric", 0), ("fabric", 1)], 2 + 2 * 4 * 2)
     assert len(with_changes(suite, ["satin"], [], {}, None).cells) == 5 * 2
 
 
@@ -78,7 +77,6 @@ OURS += [("hsh", "cosine", True)]
 
 @pytest.mark.parametrize(("codec", "name", "value"), OURS)
 def test_no_setting_is_dropped_whose_default_the_recipe_has_changed(codec, name, value):
-    """One that is set back to the default of the class: what runs is what was asked for."""
     assert getattr(load_codec(codec)().settings, name) == value
     words = str(value).lower()
     changes = {f"{codec}.recipe": "paper", f"{codec}.{name}": words}

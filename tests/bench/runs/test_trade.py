@@ -109,13 +109,14 @@ def quick(measured, monkeypatch):
 
 
 def test_a_variant_that_fails_unforeseen_is_a_row_that_says_so(measured, quick, monkeypatch):
-    def fails(material, variant):
-        raise ValueError("zip() argument 2 is shorter\nthan argument 1")
-
     plain = trade.prepared
-    monkeypatch.setattr(
-        trade, "prepared", lambda material, variant: (plain if variant == Variant() else fails)(material, variant)
-    )
+
+    def prepared(material, variant):
+        if variant != Variant():
+            raise ValueError("zip() argument 2 is shorter\nthan argument 1")
+        return plain(material, variant)
+
+    monkeypatch.setattr(trade, "prepared", prepared)
     suite = replace(SUITE, codecs=SUITE.codecs[2:], variants=("fused float32",))
     rows = by_name(trade.measure(suite, load_run(measured[0]), "cpu"))
     error = "ValueError: zip() argument 2 is shorter than argument 1"
@@ -241,9 +242,8 @@ def path_traced(measured, quick, monkeypatch):
 
 def test_noise_is_of_each_file_and_stands_in_columns_of_its_own(measured, path_traced, tmp_path):
     rows = by_name(path_traced)
-    assert rows["neubtf-direct steps=20"]["noise"] == {
-        "scene": "ball, even sky", "samples": [40_000.0, 9_876.0], "seconds": [3.0, 1.5]
-    }  # fmt: skip
+    noise = {"scene": "ball, even sky", "samples": [40_000.0, 9_876.0], "seconds": [3.0, 1.5]}
+    assert rows["neubtf-direct steps=20"]["noise"] == noise
     assert rows["mean-colour"]["noise_error"] == "cannot be recorded"
     bare = ("neubtf-direct steps=20 [eager bfloat16]", timing.FLOOR)  # the same file, and none
     assert not any("noise" in rows[name] or "noise_error" in rows[name] for name in bare)
@@ -311,28 +311,15 @@ def test_choose_picks_from_what_was_measured_or_says_how_near_it_came(measured, 
     assert words in capsys.readouterr().out
 
 
-def test_choose_measures_what_is_missing_and_keeps_what_is_there(measured, tmp_path, monkeypatch, capsys):
+def test_choose_measures_what_is_missing(measured, tmp_path, monkeypatch, capsys):
     result = measured[1]
-    one = result | {"choices": [row for row in result["choices"] if row["label"] == "mean-colour"]}
     shutil.copy(measured[0] / "records.jsonl", tmp_path)
-    trade.write(tmp_path, one)
-    measured_materials = []
-
-    def measure(suite, options, tell):
-        measured_materials.append([material.name for material in suite.materials])
-        rows = [row | {"material": measured_materials[-1][0]} for row in result["choices"]]
-        trade.write(options.folder, trade.merged(one, result | {"choices": rows, "profiles": []}))
-
-    monkeypatch.setattr("bench.runs.trade.run_and_measure", measure)
+    trade.write(tmp_path, result | {"choices": [row for row in result["choices"] if row["label"] == "mean-colour"]})
+    monkeypatch.setattr(trade, "run_and_measure", lambda suite, options, tell: trade.write(options.folder, result))
     best = max(rung.score for rung in usable(result["choices"], "tiny"))
-    assert choosing(monkeypatch, tmp_path, min_psnr=1.0) == 0  # what is there meets it
-    assert measured_materials == []
-    assert choosing(monkeypatch, tmp_path, min_psnr=best - 0.01) == 0
-    assert choosing(monkeypatch, tmp_path, min_psnr=99.0) == 1  # all was tried
-    assert measured_materials == [["tiny"]]
-    assert "2 of 3 settings of test are not in" in capsys.readouterr().out
-    assert choosing(monkeypatch, tmp_path, material="brick", min_psnr=1.0) == 0
-    assert measured_materials == [["tiny"], ["brick"]]
+    for wish, code, measures in ((1.0, 0, False), (best - 0.01, 0, True), (99.0, 1, False)):  # at last all was tried
+        assert choosing(monkeypatch, tmp_path, min_psnr=wish) == code
+        assert ("2 of 3 settings of test are not in" in capsys.readouterr().out) == measures
 
 
 def test_what_choose_measures_is_of_the_codecs_steps_and_processes_asked_for(measured, tmp_path, monkeypatch, capsys):
