@@ -1,5 +1,3 @@
-"""Small runs made by hand: records and artefacts as the runner writes them, without a codec and without PyTorch."""
-
 import json
 
 import numpy as np
@@ -20,8 +18,6 @@ SIDE, PAIRS, SHOWN = 8, 12, (1, 6, 9)
 
 
 class RunMaker:
-    """Writes a run's folder, one record at a time."""
-
     def __init__(self, folder):
         self.folder = folder
         folder.mkdir(exist_ok=True)
@@ -74,14 +70,9 @@ class RunMaker:
         profile = {"material": material, "name": "floor", "part": "query", "batch": 1, "coherent": False}
         profile |= {"footprint": 0.0, "threads": 1, "ns_per_sample": 50.0}
         ceiling = {"device": "cpu", "threads": 1, "dtype": "float32", "flops_per_ns": 90.0, "bytes_per_ns": 9.0}
-        answers = [f"{material}: the best is {labels[0]}."]
-        found = {
-            "format": TRADE_FORMAT,
-            "choices": [*choices, row | {"label": "floor"}],
-            "profiles": [profile],
-            "ceilings": [ceiling],
-        }
-        (self.folder / "trade.json").write_text(json.dumps(found | {"answers": answers}))
+        found = {"format": TRADE_FORMAT, "choices": [*choices, row | {"label": "floor"}], "profiles": [profile]}
+        found |= {"ceilings": [ceiling], "answers": [f"{material}: the best is {labels[0]}."]}
+        (self.folder / "trade.json").write_text(json.dumps(found))
         return self
 
     def _group(self, psnr):
@@ -126,7 +117,6 @@ def run_maker():
 
 @pytest.fixture(scope="session")
 def browser():
-    """A real browser that draws WebGL without a graphics processor."""
     with chromium() as launched:
         yield launched
 

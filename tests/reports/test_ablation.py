@@ -1,5 +1,3 @@
-"""The table of the suite `ablation`: each change of a codec, against the codec as it is."""
-
 from bench.records import load_run
 from reports.ablation import ablation_table
 

@@ -1,5 +1,3 @@
-"""The tables of budgets, on records made by hand."""
-
 import pytest
 
 from bench.records import load_run
@@ -11,18 +9,14 @@ SIZE = 8 * 8 // 8  # bytes of one bit a texel
 
 @pytest.fixture
 def ladder(made):
-    """Two codecs with rungs on two materials, and one of them as published."""
-
     def job(label, material, size, validation, psnr):
         known = made._group(psnr)
         scores = {"heldout": known, "train": known}
         if validation:
             scores["validation"] = made._group(validation)
-        recipe = {"recipe": "paper"} if "recipe=paper" in label else {}
-        settings = {"label": label} | recipe
-        made.job(
-            label, material, psnr=psnr, bytes={"total": size * SIZE}, scores=scores, settings=settings, fit_seconds=0.0
-        )
+        settings = {"label": label} | ({"recipe": "paper"} if "recipe=paper" in label else {})
+        more = {"bytes": {"total": size * SIZE}, "scores": scores, "settings": settings, "fit_seconds": 0.0}
+        made.job(label, material, psnr=psnr, **more)
 
     for material, more in (("satin", 0.0), ("brick", 1.0)):  # measured, since nothing says that they were rendered
         job("pca components=2", material, 16, 25.0, 24.0 + more)
@@ -66,11 +60,8 @@ def test_the_rungs_are_named_by_material(ladder):
 
 
 def test_each_kind_of_surface_has_a_table_and_all_together_have_one(made):
-    for material, provenance in (
-        ("wool", {}),
-        ("rock", {"renderer_version": 3, "path_version": 1}),
-        ("satin", {"renderer_version": 3}),
-    ):
+    rendered = {"renderer_version": 3}
+    for material, provenance in (("wool", {}), ("rock", rendered | {"path_version": 1}), ("satin", rendered)):
         for label, psnr in (("pca", 25.0), ("neubtf-direct", 28.0)):
             scores = {"heldout": made._group(psnr), "validation": made._group(psnr)}
             size = {"total": 8 * SIZE}
@@ -95,12 +86,8 @@ def test_ranks_are_of_three_surfaces_and_name_who_is_not_told_apart(made):
             scores = {"heldout": made._group(psnr), "validation": made._group(psnr)}
             made.job(label, material, bytes={"total": 8 * SIZE}, scores=scores, psnr=psnr)
     (table,) = TABLES["ranks"](load_run(made.folder))
-    assert [row[:2] for row in table.rows] == [
-        ["relief", "1.00"],
-        ["neubtf-direct", "2.00"],
-        ["vq", "3.00"],
-        ["pca", "4.00"],
-    ]
+    ranks = {"relief": "1.00", "neubtf-direct": "2.00", "vq": "3.00", "pca": "4.00"}
+    assert {row[0]: row[1] for row in table.rows} == ranks
     assert table.rows[0][2] == "neubtf-direct, vq"  # the critical difference of four codecs on three surfaces is 2.71
     (figure,) = figures.ALL["ranks"](load_run(made.folder))
     assert figure.name == "ranks.png"

@@ -1,5 +1,3 @@
-"""Tables of some codecs and columns, under names of one's own."""
-
 import csv
 import io
 import re

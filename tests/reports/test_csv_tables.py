@@ -9,8 +9,7 @@ def test_a_csv_holds_the_numbers_of_the_record_to_the_last_digit(made):
     made.job('π=3, "4"', psnr=1 / 3, fit_seconds=0.1 + 0.2).timing('π=3, "4"', ns_per_sample=1e-17 + 2 / 3)
     (row,) = csv.DictReader(io.StringIO(table_text(made.folder, "raw")))
     job = load_run(made.folder).jobs[0]
-    assert row["label"] == job["label"]
-    assert float(row["bytes/total"]) == 36110
+    assert (row["label"], float(row["bytes/total"])) == (job["label"], 36110)
     assert float(row["fit_seconds"]) == job["fit_seconds"]
     assert float(row["scores/heldout/metrics/psnr_display/pooled"]) == 1 / 3
     assert float(row["scores/heldout, new view, grazing light/metrics/rmse_linear/relative"]) == 0.333
@@ -20,9 +19,8 @@ def test_a_csv_holds_the_numbers_of_the_record_to_the_last_digit(made):
 
 
 def test_every_job_has_a_row_whatever_became_of_it(made):
-    made.job("old", run="0", exposure=3.0).job("new").unfinished("failed", "why").unfinished(
-        "unavailable", "where", material="far"
-    )
+    made.job("old", run="0", exposure=3.0).job("new").unfinished("failed", "why")
+    made.unfinished("unavailable", "where", material="far")
     rows = list(csv.DictReader(io.StringIO(table_text(made.folder, "raw"))))
     assert [row["status"] for row in rows] == ["ok", "ok", "failed", "unavailable"]
     assert [row["not_comparable"] for row in rows] == ["another exposure", "", "", ""]

@@ -1,5 +1,3 @@
-"""The figures of a history: what stands where."""
-
 import numpy as np
 
 from bench.records import append, load_run

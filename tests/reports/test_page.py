@@ -1,19 +1,21 @@
-"""The page of a run: what it holds, and how it behaves in a real browser."""
-
 import json
 import re
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from bench.codec import Fit
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
 from bench.metrics.display import to_display
+from bench.program.recording import program_of
 from bench.records import load_run
 from bench.runs.drawing import sparse_truth
 from reports import write_report
+from reports.atlas import Atlases
+from reports.rows import materials
 
 HOSTILE = ('"><script>bad()</script>', "</script><script>bad()</script>", "' onerror='bad()", "名 ünï‮code")
 
@@ -48,12 +50,6 @@ def test_scripts_run_by_their_hash_alone(made):
     assert not re.search(r"\son\w+=|\sstyle=", page.partition("<script>")[0])
 
 
-def test_every_number_leads_to_its_record(made):
-    page = page_of(made.job().job("vq", psnr=20.0).job("vq", psnr=21.0, seed=1).timing())
-    places = set(re.findall(r'href="#(r\d[^"]*)"', page))
-    assert places == {"r0-0", "r0-1"} == set(re.findall(r'<details id="(r\d[^"]*)"', page))
-
-
 def test_records_that_have_no_room_are_said_to_be_elsewhere(made, monkeypatch):
     monkeypatch.setattr("reports.page_records.BUDGET", 9_000)
     page = page_of(made.job("one").job("two").job("three").job("four"))
@@ -71,9 +67,6 @@ def test_a_model_that_is_surely_too_large_is_not_read(made, monkeypatch):
 
 def test_slices_of_many_pairs_take_less_room_at_less_quality(made, monkeypatch):
     run = load_run(made.job().job("vq").folder)
-    from reports.atlas import Atlases
-    from reports.rows import materials
-
     whole = Atlases(run, materials(run)).slices_of(materials(run)[0])
     assert whole["quality"] is None
     assert len(whole["wo"]) == 3
@@ -84,42 +77,16 @@ def test_slices_of_many_pairs_take_less_room_at_less_quality(made, monkeypatch):
 
 
 def test_codecs_that_were_seen_at_other_pairs_are_left_out_of_the_slices(made):
-    import numpy as np
-
     made.job("one").job("two")
     path = made.folder / load_run(made.folder).jobs[1]["pictures"]
-    with np.load(path) as file:
-        changed = {**file, "pairs": file["pairs"] + 1}
-    np.savez(path, **changed)
+    pictures = dict(np.load(path))
+    np.savez(path, **pictures | {"pairs": pictures["pairs"] + 1})
     found = data_of(page_of(made), "slices0")
     assert ([codec["label"] for codec in found["codecs"]], found["left_out"]) == (["one"], ["two"])
 
 
-@pytest.mark.long
-def test_a_page_of_hostile_names_runs_nothing_of_them(browser, made):
-    for name in HOSTILE:
-        made.job(f"pca {name}", material=name).timing(f"pca {name}", material=name)
-    write_report(made.folder)
-    tab = browser.new_page()
-    said: list[str] = []
-    tab.on("console", lambda message: said.append(message.text))
-    tab.on("pageerror", lambda error: said.append(str(error)))
-    tab.goto((made.folder / "report.html").as_uri())
-    tab.wait_for_selector(".plot polygon")
-    assert said == []
-    assert [head.inner_text() for head in tab.locator("h2").all()][1:5] == list(HOSTILE)
-    ticks = tab.locator(".plot[data-kind=rate] text").all_text_contents()
-    assert any(text.endswith("kB") for text in ticks), "an axis of one point has numbers, too"
-    tab.close()
-
-
 @pytest.fixture(scope="module")
 def opened(browser: Any, tmp_path_factory: pytest.TempPathFactory, run_maker: Any) -> Any:
-    """A page of three codecs, one of them live; no error may have reached the console at the end."""
-    import torch
-
-    from bench.program.recording import program_of
-
     made = run_maker(tmp_path_factory.mktemp("run") / "run").start()
     (made.folder / "drawings").mkdir()
     codec = load_codec("pca")()
@@ -156,7 +123,7 @@ def expect_first_cells(table: Any, *texts: str) -> None:
     expect(table.locator("tbody tr:not([hidden]) td:first-child")).to_have_text(texts)
 
 
-def test_a_table_is_sorted_by_click_and_key(opened):
+def test_a_table_is_sorted_by_click_and_key_its_rows_are_filtered_and_columns_hidden(opened):
     table = opened.locator('table[aria-label^="satin: quality"]')
     header = table.get_by_role("button", name="PSNR pooled")
     header.click()
@@ -165,10 +132,6 @@ def test_a_table_is_sorted_by_click_and_key(opened):
     opened.keyboard.press("Enter")
     expect_first_cells(table, "pca", "<b>mine</b>", "vq")
     assert table.locator("[aria-sort=descending]").inner_text().startswith("PSNR pooled")
-
-
-def test_rows_are_filtered_and_columns_hidden(opened):
-    table = opened.locator('table[aria-label^="satin: quality"]')
     tools = opened.locator(".tools").filter(has=opened.get_by_label(re.compile("rows: satin: quality")))
     tools.locator("[type=search]").fill("mine")
     expect_first_cells(table, "<b>mine</b>")
@@ -231,7 +194,6 @@ def test_slices_are_wiped_and_chosen_by_mouse_and_key(opened):
     assert canvas.get_attribute("aria-valuenow") == "20"
 
     def see_another() -> None:
-        """Pictures are decoded beside: the canvas shows them a while later."""
         shown = json.dumps(seen[-1])
         wait(opened, f"document.querySelector('[data-slices=slices0] canvas').toDataURL() !== {shown}")
         seen.append(picture())
@@ -242,8 +204,7 @@ def test_slices_are_wiped_and_chosen_by_mouse_and_key(opened):
     root.locator("[role=slider][aria-label^=view]").focus()
     opened.keyboard.press("ArrowRight")
     see_another()
-    assert root.locator("[name=pair]").input_value() == "1"
-    assert len(set(seen)) == len(seen)
+    assert (root.locator("[name=pair]").input_value(), len(set(seen))) == ("1", len(seen))
 
 
 def test_a_stored_slice_is_shown_as_it_is(opened):
@@ -254,8 +215,6 @@ def test_a_stored_slice_is_shown_as_it_is(opened):
         "async (root) => { const all = []; for (let i = 0; i < 3; i++) { root.slices.state.pair = i;"
         "all.push(Array.from((await root.slices.slice(root.slices.data.truth)).data)); } return all; }"
     )
-    import numpy as np
-
     truth = np.random.default_rng(2).integers(0, 256, (3, 8, 8, 3), np.uint8)
     shown = np.array(found, np.uint8).reshape(3, 8, 8, 4)[..., :3]
     np.testing.assert_array_equal(shown, truth)
@@ -266,8 +225,7 @@ def test_a_record_opens_where_a_number_leads(opened):
     record = opened.locator("#r0-0")
     wait(opened, "document.querySelector('#r0-0 pre').textContent.length > 100")
     (found,) = json.loads(record.locator("pre").inner_text())
-    assert found["job"]["parameters"] == 3011
-    assert found["timing"]["ns_per_sample"] == 123.4
+    assert (found["job"]["parameters"], found["timing"]["ns_per_sample"]) == (3011, 123.4)
 
 
 @pytest.mark.timeout(300)

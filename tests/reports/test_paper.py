@@ -1,5 +1,3 @@
-"""The paper's table of quality, beside ours: its values, ours of all pairs and apart, and what is missing."""
-
 from bench import cli
 from bench.records import PSNR, load_run
 from reports.paper import PUBLISHED, paper_table
@@ -15,9 +13,7 @@ def test_ours_stand_beside_the_papers_over_all_pairs_and_apart(made):
     assert ours[4::2] == ["26.58 ± 1.820", "0.710 ± 0.108", "0.391 ± 0.047"]
     assert [row[2] for row in (fitted, held_out)] == ["fitted", "held out"]
     assert fitted[4::2] == held_out[4::2] == [""] * 3  # the paper does not tell them apart
-    assert pca[4::2] == ["—"] * 3
-    assert absent[3::2] == ["none yet"] * 3
-    assert absent[4] == "27.73 ± 4.711"
+    assert (pca[4::2], absent[3::2], absent[4]) == (["—"] * 3, ["none yet"] * 3, "27.73 ± 4.711")
     assert "none yet: fabric03: there is no such file: ask UTIA." in table.notes
 
 

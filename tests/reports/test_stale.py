@@ -1,5 +1,3 @@
-"""Stale rows are marked in every table, and none stands on the front page or among the budgets."""
-
 import re
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-"""The stress test's tables: rows of extremes, columns of codecs, reasons and figures below."""
-
 from bench.records import append, load_run
 from reports import table_text, write_report
 from reports.stress import stress_tables, summary, tables
@@ -59,8 +57,7 @@ def test_a_run_shows_its_own_records(made):
 
 def test_a_run_without_records_shows_those_beside_it_of_its_codecs_and_versions(made, tmp_path):
     made.job("pca components=8", fit_key={"version": 1})
-    assert stress_tables(load_run(made.folder)) == []
-    assert summary(load_run(made.folder)) == ""
+    assert (stress_tables(load_run(made.folder)), summary(load_run(made.folder))) == ([], "")
     (tmp_path / "stress").mkdir()
     for one in (*RECORDS, record("pca", "sine", order=2, version=2)):
         append(tmp_path / "stress", one)

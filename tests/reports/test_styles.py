@@ -11,12 +11,6 @@ from bench.records import load_run
 from reports.styles import COLOURS, KNOWN, MARKERS, OWN, Styles
 
 
-def look(styles, name):
-    """What tells codecs of a figure apart: colour and marker. Lines, and hollow markers, tell settings apart."""
-    style = styles.of_codec(name)
-    return style["color"], style["marker"]
-
-
 def test_a_codec_looks_the_same_in_every_run_and_material(made):
     made.job("vq").job("mine", material="brick").job("pca components=8").job("pca components=16")
     styles = Styles(load_run(made.folder))
@@ -34,13 +28,11 @@ def test_no_two_of_the_codecs_look_alike(made):
         made.job(f"outside{i}")
     styles = Styles(load_run(made.folder))
     names = [*KNOWN, *(f"outside{i}" for i in range(40))]
-    assert len({look(styles, name) for name in names}) == len(names)
+    looks = map(styles.of_codec, names)
+    assert len({(look["color"], look["marker"]) for look in looks}) == len(names)  # lines tell settings apart
     assert len({styles.of_codec(name)["color"] for name in KNOWN}) == len(KNOWN)
-
-
-def test_every_codec_that_is_installed_here_has_a_look_of_its_own_in_every_run():
-    with (Path(__file__).parents[2] / "pyproject.toml").open("rb") as file:
-        assert set(tomllib.load(file)["project"]["entry-points"]["neubtf_bench.codecs"]) <= set(KNOWN)
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert set(project["entry-points"]["neubtf_bench.codecs"]) <= set(KNOWN)
 
 
 def linear(colour):

@@ -16,10 +16,7 @@ def test_a_summary_ranks_codecs_over_materials(made):
     assert rows["pca"][1:5] == ["2 of 2", "1.5", "1", "28.50"]
     assert rows["vq"][1:5] == ["1 of 2", "—", "—", "40.00"]
     column = [name for name, _ in table.headers].index("PSNR")
-    assert {at: mark for at, mark in table.marks.items() if at[1] == column} == {
-        (0, column): "bold",
-        (1, column): "underlined",
-    }
+    assert {row: mark for (row, at), mark in table.marks.items() if at == column} == {0: "bold", 1: "underlined"}
     assert not any(row == 3 for row, _ in table.marks)  # vq is not in the race
     assert "Summary over 2 materials: satin, brick" in table_text(made.folder)
 
@@ -27,10 +24,8 @@ def test_a_summary_ranks_codecs_over_materials(made):
 def test_a_codec_without_error_ranks_first_and_one_alone_has_no_summary(made):
     assert summary_table(load_run(made.job("table", psnr=100.0).folder)) is None
     table = summary_table(load_run(made.job("pca").folder))
-    assert [row[:5] for row in table.rows] == [
-        ["table", "1 of 1", "1.0", "1", "exact"],
-        ["pca", "1 of 1", "2.0", "0", "30.00"],
-    ]
+    exact, other = table.rows
+    assert (exact[:5], other[:5]) == (["table", "1 of 1", "1.0", "1", "exact"], ["pca", "1 of 1", "2.0", "0", "30.00"])
 
 
 def test_codecs_are_told_apart_by_paired_differences_with_an_interval(made):

@@ -1,5 +1,3 @@
-"""The rung of each budget: chosen by validation pairs alone, on records made by hand."""
-
 import json
 
 from bench.choosing import Limits, Rung, chosen
@@ -52,8 +50,7 @@ def picks(run, budget, material="satin"):
 def test_the_best_that_fits_is_chosen_and_one_that_is_a_byte_too_large_is_not(tmp_path):
     fits = 16 * SIDE * SIDE // 8
     run = run_of(tmp_path / "run", job("a x=1", fits, 30.0), job("a x=2", fits + 1, 40.0), job("a x=3", 10, 20.0))
-    assert picks(run, Budget(BYTES, 16)) == {"a": "x=1"}
-    assert picks(run, Budget(BYTES, 32)) == {"a": "x=2"}
+    assert (picks(run, Budget(BYTES, 16)), picks(run, Budget(BYTES, 32))) == ({"a": "x=1"}, {"a": "x=2"})
 
 
 def test_records_without_validation_are_never_chosen_and_are_told(tmp_path):
@@ -85,8 +82,7 @@ def test_seeds_make_one_rung_of_their_means_that_fits_where_the_largest_file_doe
     fits = 16 * SIDE * SIDE // 8
     seeds = [job("a x=1", fits, 30.0, 20.0), job("a x=1", fits + 1, 40.0, 30.0, seed=1), job("a x=2", fits, 34.0)]
     run = run_of(tmp_path / "run", *seeds)
-    assert picks(run, Budget(BYTES, 16)) == {"a": "x=2"}
-    assert picks(run, Budget(BYTES, 32)) == {"a": "x=1"}
+    assert (picks(run, Budget(BYTES, 16)), picks(run, Budget(BYTES, 32))) == ({"a": "x=2"}, {"a": "x=1"})
     assert shown(budgets(run).picks[Budget(BYTES, 32)]["a"]["satin"], PSNR) == 25.0
 
 
@@ -103,8 +99,7 @@ def test_a_rung_fits_a_time_if_the_upper_end_of_its_interval_does(tmp_path):
     jobs = [job(f"a x={i}", 10, 30.0 + i) for i in range(3)]
     times = [timing(each["job"], 3.0 + i, ratio_interval95=[2.0, 3.9 + 0.2 * i]) for i, each in enumerate(jobs)]
     run = run_of(tmp_path / "run", *jobs, *times)
-    assert picks(run, Budget(EAGER, 4)) == {"a": "x=0"}
-    assert picks(run, Budget(EAGER, 8)) == {"a": "x=2"}
+    assert (picks(run, Budget(EAGER, 4)), picks(run, Budget(EAGER, 8))) == ({"a": "x=0"}, {"a": "x=2"})
     assert budgets(run).times[EAGER]["satin/a x=1/0"] == 4.1
 
 
@@ -115,8 +110,7 @@ def test_fused_times_have_budgets_of_their_own(tmp_path):
     fused |= {"ratio_to_floor": 2.8, "ratio_interval95": [2.5, 3.0]}
     trade = {"format": TRADE_FORMAT, "choices": [fused], "profiles": [], "ceilings": [], "answers": []}
     (run.folder / TRADE).write_text(json.dumps(trade))
-    assert picks(run, Budget(FUSED, 4)) == {"a": "default"}
-    assert picks(run, Budget(EAGER, 8)) == {}
+    assert (picks(run, Budget(FUSED, 4)), picks(run, Budget(EAGER, 8))) == ({"a": "default"}, {})
 
 
 def test_what_was_measured_on_other_data_than_last_is_left_out(tmp_path):

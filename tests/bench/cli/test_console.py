@@ -1,5 +1,3 @@
-"""What is told of work under way: bars on a terminal, a line now and then without one."""
-
 import pytest
 from rich.console import Console as RichConsole
 
@@ -8,7 +6,6 @@ from bench.cli import console
 
 @pytest.fixture
 def clock(monkeypatch):
-    """A clock that tests turn on: seconds in a list of one."""
     now = [100.0]
     monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
     return now

@@ -25,7 +25,6 @@ pytestmark = pytest.mark.usefixtures("brief", "undrawn")
 
 @pytest.fixture
 def folder(tmp_path):
-    """A BTF on disk: a folder of EXR pictures with pairs.csv."""
     write_folder(tiny_btf(12, 6, 6), tmp_path / "btf")
     return tmp_path / "btf"
 
@@ -56,17 +55,8 @@ def test_run_prints_a_table_writes_reports_and_is_cached_the_second_time(tmp_pat
 
 
 def test_a_command_of_another_package_is_found_by_its_entry_point(tmp_path, monkeypatch, capsys):
-    (tmp_path / "shout.py").write_text(
-        '''"""say a word loudly"""
-
-def arguments(parser):
-    parser.add_argument("word")
-
-def run(options):
-    print(options.word.upper())
-    return 0
-'''
-    )
+    says = '"""say a word loudly"""\narguments = lambda parser: parser.add_argument("word")\n'
+    (tmp_path / "shout.py").write_text(f"{says}run = lambda options: print(options.word.upper()) or 0\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(commands, "entry_points", lambda group: [EntryPoint("shout", "shout", group)])
     assert cli.main(["shout", "hello"]) == 0
@@ -113,7 +103,6 @@ def test_info_shows_the_layers_that_add_up_to_the_parameters(tmp_path, folder, c
     ("words", "message"),
     [
         (["encod"], "no command named 'encod'; did you mean 'encode'?"),
-        (["list", "codecs", "pcaa"], "did you mean 'pca'?"),
         (["list", "suites", "quick"], "only codecs have settings"),
         (["check", "pca", "--set", "components=0"], "must be a whole number ≥ 1, not '0'"),
         (["run", "quik"], "did you mean 'quick'?"),
@@ -123,7 +112,6 @@ def test_info_shows_the_layers_that_add_up_to_the_parameters(tmp_path, folder, c
         (["run", "--material", "/no/such/btf", "--codec", "mean-colour"], "/no/such/btf: there is no such file"),
         (["run", "--device", "abacus"], "no such device"),
         (["info", "/no/such/file"], "/no/such/file"),
-        (["check", "pca", "--set", "components=few"], "must be a whole number"),
         (["encode", "satin", "--codec", "pca", "-o", "/no/such/folder/a.nbtf"], "there is no such folder"),
         (["table", "/no/such/run"], "no such folder"),
         (["table", "budgets"], "there is no run under runs/"),
@@ -145,20 +133,9 @@ def test_a_material_that_is_not_there_means_nothing_was_measured(tmp_path, capsy
     assert "ask UBO" in capsys.readouterr().out
 
 
-def test_a_failed_job_is_exit_code_3(tmp_path, monkeypatch, capsys):
-    def fail(self, btf, fit):
-        raise RuntimeError("no such luck")
-
-    monkeypatch.setattr("baselines.mean_colour.MeanColour.encode", fail)
-    words = ["run", "--out", str(tmp_path / "run"), "--material", "satin", "--codec", "mean-colour", "--codec", "table"]
-    assert cli.main([*words, *SMALL]) == 3
-    assert "no such luck" in capsys.readouterr().out
-
-
 def test_check_fails_with_exit_code_1(monkeypatch, capsys):
-    monkeypatch.setattr(
-        "baselines.mean_colour.MeanColourMaterial.evaluate", lambda self, uv, *_: uv.new_zeros(len(uv), 3)
-    )
+    black = "baselines.mean_colour.MeanColourMaterial.evaluate", lambda self, uv, *_: uv.new_zeros(len(uv), 3)
+    monkeypatch.setattr(*black)
     assert cli.main(["check", "mean-colour"]) == 1
     assert "FAIL  it follows the data" in capsys.readouterr().out
 

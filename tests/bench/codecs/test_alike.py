@@ -1,5 +1,3 @@
-"""Which records may stand in one table, and which are stale."""
-
 import pytest
 
 from bench.codecs import alike

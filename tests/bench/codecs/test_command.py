@@ -1,5 +1,3 @@
-"""Anyone's programs as a codec: what they are given, what is counted, what may go wrong, and what never starts."""
-
 import json
 import sys
 import textwrap
@@ -32,18 +30,12 @@ DECODE = """
 
 
 def suite(place, encode=ENCODE, decode=DECODE):
-    """A suite of two small programs and of the codec that they imitate."""
     for name, text in (("encode", encode), ("decode", decode)):
         (place / f"{name}.py").write_text(textwrap.dedent(text))
     run = f"{sys.executable} {place}"
-    (place / "suite.toml").write_text(
-        textwrap.dedent(f"""
+    text = f"""
         materials = ["satin"]
-        [data]
-        size = 12
-        views = 5
-        lights = 5
-        heldout = 8
+        data = {{size = 12, views = 5, lights = 5, heldout = 8}}
         [[codecs]]
         codec = "command"
         called = "mine"
@@ -51,8 +43,8 @@ def suite(place, encode=ENCODE, decode=DECODE):
         decode = "{run}/decode.py {{files}}"
         [[codecs]]
         codec = "mean-colour"
-        """)
-    )
+    """
+    (place / "suite.toml").write_text(text)
     return str(place / "suite.toml")
 
 

@@ -4,6 +4,7 @@ import struct
 import fuzz_codec_files
 import pytest
 import torch
+from safetensors.torch import load
 
 from bench.codec import Codec, Fit, Parts
 from bench.codecs import container, loading
@@ -119,14 +120,9 @@ def test_an_encoder_is_a_part_of_its_own(encoded, tmp_path):
 
 def test_every_dtype_and_shape_comes_back():
     codec = load_codec("mean-colour")()
-    tensors = {
-        str(dtype): torch.ones(2, 3, dtype=dtype)
-        for dtype in (torch.float32, torch.float16, torch.bfloat16, torch.float64, torch.uint8, torch.int8, torch.int64)
-    } | {"empty": torch.zeros(0, 3), "scalar": torch.tensor(1.0)}
-    data = container.to_bytes(codec, Parts(other=tensors))
-    from safetensors.torch import load
-
-    back = load(data)
-    assert {name: (t.dtype, t.shape) for name, t in tensors.items()} == {
-        name.removeprefix("other/"): (t.dtype, t.shape) for name, t in back.items()
-    }
+    dtypes = torch.float32, torch.float16, torch.bfloat16, torch.float64, torch.uint8, torch.int8, torch.int64
+    tensors = {str(dtype): torch.ones(2, 3, dtype=dtype) for dtype in dtypes}
+    tensors |= {"empty": torch.zeros(0, 3), "scalar": torch.tensor(1.0)}
+    back = load(container.to_bytes(codec, Parts(other=tensors)))
+    expected = {f"other/{name}": (tensor.dtype, tensor.shape) for name, tensor in tensors.items()}
+    assert {name: (tensor.dtype, tensor.shape) for name, tensor in back.items()} == expected

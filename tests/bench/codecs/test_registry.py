@@ -12,8 +12,6 @@ MINE = 'class Mine:\n    """Says what it is."""\n\n    name, version = "mine", 1
 
 @pytest.fixture
 def installed(monkeypatch):
-    """Entry points that the test names, instead of what is installed."""
-
     def install(*entries):
         points = [EntryPoint(name, value, registry.GROUP) for name, value in entries]
         monkeypatch.setattr(registry, "entry_points", lambda group: points)
@@ -37,30 +35,21 @@ def test_two_codecs_of_one_name_are_an_error_and_the_same_one_twice_is_not(insta
         registry.codec_entries()
 
 
-def test_a_class_must_bear_the_name_of_its_entry_point(installed):
-    installed(("pcb", "baselines.pca:PCA"))
+def test_a_class_must_be_there_bear_the_name_of_its_entry_point_and_have_a_version(installed, monkeypatch):
+    installed(("pcb", "baselines.pca:PCA"), ("pca", "baselines.pca:PCA"), ("gone", "no_such_module:Codec"))
+    assert "not importable" in registry.describe(registry.codec_entries()["gone"])
     with pytest.raises(InputError, match="calls itself 'pca'"):
         registry.load_codec("pcb")
-
-
-def test_a_class_without_a_version_is_told_what_to_add(installed, monkeypatch):
-    installed(("pca", "baselines.pca:PCA"))
     monkeypatch.delattr(PCA, "version")
     with pytest.raises(InputError, match=r"codec pca of .* has no version: add `version = 1` to its class"):
         registry.load_codec("pca")
 
 
-def test_a_module_that_is_not_there_is_described_as_such(installed):
-    installed(("gone", "no_such_module:Codec"))
-    assert "not importable" in registry.describe(registry.codec_entries()["gone"])
-
-
 def test_an_unknown_codec_whose_folder_lies_here_is_told_how_to_install_it(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "pyproject.toml").write_text(
-        '[project.entry-points."neubtf_bench.codecs"]\nmine = "mine:Mine"\n'
-    )
+    text = '[project.entry-points."neubtf_bench.codecs"]\nmine = "mine:Mine"\n'
+    (tmp_path / "mine" / "pyproject.toml").write_text(text)
     with pytest.raises(InputError, match=r"no codec named 'mine' is installed: pip install \./mine"):
         registry.load_codec("mine")
 

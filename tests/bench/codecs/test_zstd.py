@@ -1,5 +1,3 @@
-"""The setting that every codec has: the same tensors in fewer bytes, and errors that say what is wrong."""
-
 import sys
 
 import numpy as np

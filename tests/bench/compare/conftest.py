@@ -1,5 +1,3 @@
-"""Runs made by hand: the records that a comparison reads, without a codec and without PyTorch."""
-
 import pytest
 
 from bench.records import append, load_run
@@ -13,8 +11,6 @@ METRICS = {
 
 
 class Maker:
-    """Makes records, and runs of them."""
-
     def __init__(self, folder):
         self.folder = folder
 
@@ -31,9 +27,8 @@ class Maker:
         record["score_key"]["sha256"] = get("sha256", "0")
         record["score_key"] |= {"deciding": changes.pop("deciding")} if "deciding" in changes else {}
         versions = dict.fromkeys(METRICS, 1) | get("versions", {})
-        record["metrics"] = {
-            name: METRICS[name] | {"version": version} for name, version in versions.items() if version
-        }
+        measured = ((name, version) for name, version in versions.items() if version)
+        record["metrics"] = {name: METRICS[name] | {"version": version} for name, version in measured}
         numbers = {PSNR: psnr, FLIP: flip, SSIM: get("ssim", 0.9)}
         stats = {name: self._stats(numbers[name]) for name in record["metrics"]}
         record["scores"] = {name: {"slices": 4, "metrics": stats} for name in ("all", "train", "heldout")}
@@ -44,11 +39,9 @@ class Maker:
         return record | changes
 
     def seeds(self, psnrs, label="vq", **changes):
-        """One job a number, of seeds 0, 1, 2 …"""
         return [self.job(label, seed=seed, psnr=psnr, **changes) for seed, psnr in enumerate(psnrs)]
 
     def three(self, label="pca", **changes):
-        """Jobs of three seeds that do not differ."""
         return [self.job(label, seed=seed, **changes) for seed in range(3)]
 
     def unfinished(self, status, label="pca", material="satin", seed=0, error="RuntimeError: no luck"):
@@ -61,7 +54,6 @@ class Maker:
         return record | {"device": "cpu", "execution": "eager", "samples_ns": [ns], "floor_ratios": [2.0]} | changes
 
     def run(self, name, *records, seeds=(0, 1, 2), **start):
-        """Records as the folder of a run, read again."""
         (self.folder / name).mkdir()
         first = {"kind": "run", "run": "1", "suite": "made", "device": "cpu", "threads": 1, "seeds": list(seeds)}
         first |= {"packages": {"torch": "2.13.0"}, "machine": {"processor": "P", "system": "Linux-host"}}

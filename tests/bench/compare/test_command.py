@@ -9,8 +9,8 @@ from bench import cli
 
 @pytest.fixture
 def runs(make):
-    base = make.run("base", *(make.job(label, seed=seed) for label in ("pca", "vq") for seed in range(3)))
-    worse = make.run("worse", *(make.job(label, seed=seed, psnr=29.0) for label in ("pca", "vq") for seed in range(3)))
+    base = make.run("base", *make.three("pca"), *make.three("vq"))
+    worse = make.run("worse", *make.three("pca", psnr=29.0), *make.three("vq", psnr=29.0))
     return str(base.folder), str(worse.folder)
 
 
@@ -24,17 +24,13 @@ def test_a_comparison_is_printed_and_written_in_every_format(runs, tmp_path, cap
     assert '<testcase classname="satin/pca" name="satin/pca/PSNR"' in (tmp_path / "a.xml").read_text()
     assert json.loads((tmp_path / "t" / "bigger-is-better.json").read_text())[0]["value"] == 29.0
     assert not list(tmp_path.rglob("*.partial"))
-
-
-def test_rows_are_chosen_by_material_and_codec(runs, capsys):
     assert cli.main(["compare", *runs, "--codec", "vq", "--material", "satin"]) == 1
     assert "1 rows: 1 worse" in capsys.readouterr().out
 
 
 def test_what_is_not_comparable_fails_unless_it_is_allowed(make, capsys):
-    base = make.run("old", *(make.job(label, seed=seed) for label in ("pca", "vq") for seed in range(3)))
-    jobs = make.three("pca")
-    newer = make.run("newer", *jobs, *make.three("vq", version=2, psnr=25.0))
+    base = make.run("old", *make.three("pca"), *make.three("vq"))
+    newer = make.run("newer", *make.three("pca"), *make.three("vq", version=2, psnr=25.0))
     words = ["compare", str(base.folder), str(newer.folder)]
     assert cli.main(words) == 1
     assert "fails like a regression" in capsys.readouterr().out

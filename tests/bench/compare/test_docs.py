@@ -1,5 +1,3 @@
-"""What docs/ci.md shows is checked as its readers would use it."""
-
 import re
 import subprocess
 import sys

@@ -1,5 +1,3 @@
-"""Two stress tests: an extreme that held must hold, and must be tried."""
-
 import json
 
 import pytest
@@ -18,7 +16,6 @@ def stress(folder, **verdicts):
 
 @pytest.fixture
 def held(tmp_path):
-    """A stress test that holds, under the path of its file."""
     return stress(tmp_path / "held", dark="pass", bright="pass") + "/records.jsonl"
 
 

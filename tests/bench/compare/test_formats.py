@@ -28,9 +28,8 @@ def mixed(make, base):
     jobs = make.three("mean-colour")
     jobs += make.three("pca", psnr=29.5, size=65_920, ssim=0.89)
     jobs += [make.job("vq", seed=seed, psnr=31.0 + 0.1 * seed) for seed in range(3)]
-    jobs += [
-        make.unfinished("failed", "fails", seed=seed, error="E: \x1b[31mred\x00\nsecond, line: 5 %") for seed in (0, 1)
-    ]
+    error = "E: \x1b[31mred\x00\nsecond, line: 5 %"
+    jobs += [make.unfinished("failed", "fails", seed=seed, error=error) for seed in (0, 1)]
     jobs += make.three("other", version=2)
     jobs += [make.job(AWKWARD, "a/material", seed, parameters=10**9) for seed in range(3)]
     jobs += [make.job("brand-new", "a/material", seed) for seed in range(3)]
@@ -47,7 +46,6 @@ def test_a_terminal_of_120_columns_shows_all_of_it(mixed):
     assert "n/c     satin/other: codec version 2 instead of 1" in text
     assert "GONE    satin/gone: no such job in the run" in text
     assert "advice  satin/pca: decodes slower, 3.00 → 6.00 × mean-colour (a time is only advice)" in text
-    assert "3.00 → 6.00" in text
     assert text.splitlines()[-1] == ("8 rows: 1 failed, 1 gone, 2 worse, 1 not comparable, 1 better, 1 same, 1 new")
 
 
@@ -83,8 +81,7 @@ def test_junit_is_read_by_another_program_as_it_was_meant(mixed):
     assert isinstance(failure, Failure)
     assert failure.type == "worse"
     assert failure.message.startswith("PSNR 30.00 → 29.50 dB (−0.50")
-    assert cases["satin/pca/PSNR"].classname == "satin/pca"
-    assert cases["satin/pca/FLIP"].result == []
+    assert (cases["satin/pca/PSNR"].classname, cases["satin/pca/FLIP"].result) == ("satin/pca", [])
     assert cases["satin/other/result"].result[0].type == "not comparable"
     assert isinstance(cases["a/material/brand-new/result"].result[0], Skipped)
     assert "[31mred" in cases["satin/fails/result"].result[0].message
@@ -103,7 +100,6 @@ def test_annotations_are_one_escaped_line_each(mixed):
 
 
 def test_a_workflow_command_is_taken_apart_as_it_was_put_together():
-    """What the runner does: the first :: ends the properties, commas part them, %XX are put back."""
     title, message = "a: b, 5 %0A", "c::d, 5 %\r\ne"
     kind, properties, data = re.fullmatch(r"::(\w+) (.*?)::(.*)", command("error", title, message)).groups()
     back = {"%0D": "\r", "%0A": "\n", "%3A": ":", "%2C": ",", "%25": "%"}
@@ -132,6 +128,4 @@ def test_the_tracker_gets_numbers_by_direction(make):
     assert (lower["satin/vq/time"]["value"], lower["satin/vq/time"]["unit"]) == (2.5, "× mean-colour")
     assert higher["satin/table/PSNR"]["value"] == MOST_DB  # every slice is exact
     assert not any("pca" in name for name in [*higher, *lower])
-    for entry in [*higher.values(), *lower.values()]:
-        assert isinstance(entry["value"], float | int)
-        assert isinstance(entry["unit"], str)
+    assert all(isinstance(entry["value"], float | int) for entry in [*higher.values(), *lower.values()])

@@ -1,5 +1,3 @@
-"""The mean of several rows states how much it scatters, though its weights come from few seeds of each row."""
-
 import math
 import random
 from statistics import fmean, stdev
@@ -11,13 +9,10 @@ from bench.compare.quantities import DECIBELS, Quantity
 from bench.compare.verdicts import Chance, Change, Verdict
 
 QUANTITY = Quantity("PSNR", "dB", "higher", 2, lambda job: None, DECIBELS, "psnr_display")
-
-
 MANY = (0.06, 0.18, 0.3, 0.3, 0.25, 0.02, 0.13, 0.13, 0.35, 0.03)  # dB, about those of the rows of `ci` with seeds
 
 
 def change(rng, deviation):
-    """What nine seeds of the base and three of new show of a row that lost nothing."""
     base, new = ([rng.gauss(30, deviation) for _ in range(count)] for count in (9, 3))
     chance = Chance(stdev(base) * math.sqrt(1 / 9 + 1 / 3), 8)
     return Change(QUANTITY, fmean(base), fmean(new), Verdict.SAME, chance=chance)

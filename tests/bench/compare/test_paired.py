@@ -43,19 +43,16 @@ def test_over_materials_it_is_student_s_of_their_means():
     difference = interval(cells)
     means = np.array([1.1, 2.1, 4.1])
     reach = 4.302653 * means.std(ddof=1) / np.sqrt(3)  # Student's t of two degrees of freedom
-    assert (difference.mean, difference.low, difference.high) == pytest.approx(
-        (means.mean(), means.mean() - reach, means.mean() + reach)
-    )
+    expected = means.mean(), means.mean() - reach, means.mean() + reach
+    assert (difference.mean, difference.low, difference.high) == pytest.approx(expected)
     ratio = means.mean() / (means.std(ddof=1) / np.sqrt(3))
     assert difference.chance == pytest.approx(1 - ratio / np.sqrt(ratio**2 + 2))  # in closed form
     assert interval(cells[:1]).chance == interval(cells[:2]).chance == 1  # which says nothing of others
 
 
 def test_codecs_are_told_apart_from_one_by_holm_over_the_rows():
-    rows = {
-        label: Interval(1.0, 0.0, 2.0, 9, 1, 900, chance)
-        for label, chance in zip("abc", (0.026, 0.016, 0.04), strict=True)
-    }
+    chances = {"a": 0.026, "b": 0.016, "c": 0.04}
+    rows = {label: Interval(1.0, 0.0, 2.0, 9, 1, 900, chance) for label, chance in chances.items()}
     assert {label: each.apart for label, each in told_apart(rows).items()} == {"a": False, "b": True, "c": False}
     assert list(told_apart(rows)) == ["a", "b", "c"]
     assert not told_apart({"a": Interval(1.0, 0.5, 2.0, 1, 1, 150)})["a"].apart
@@ -71,7 +68,6 @@ def test_an_interval_depends_on_no_other():
 
 
 def test_seeds_at_the_same_pairs_draw_the_same_ones():
-    """A slice that is worse in every seed is one hard slice, not as many as there are seeds."""
     rng = np.random.default_rng(3)
     shared = rng.normal(0, 1, 50)
     same = interval([Cell("m", seed, "a", shared) for seed in range(8)])
@@ -94,9 +90,7 @@ def test_codecs_of_a_run_are_compared_at_the_slices_of_their_records(make, tmp_p
     difference = whole.over["vq"]
     # One of 41 slices has no error, so 100 dB in both.
     assert difference.mean == pytest.approx(-10 * np.log10(2) * 40 / 41)
-    assert difference.slices == 82
-    assert list(whole.over) == ["vq"]
-    assert whole.on == {"satin": {"vq": difference}}
+    assert (difference.slices, list(whole.over), whole.on) == (82, ["vq"], {"satin": {"vq": difference}})
     ours = make.run("ours", *(job | {"settings": {"recipe": "ours"}} if job["label"] == "vq" else job for job in jobs))
     assert against(ours, "pca", ["vq (our recipe)"]).over == {"vq (our recipe)": difference}  # as tables call it
 

@@ -1,5 +1,3 @@
-"""Records that are kept beside a document."""
-
 import json
 from pathlib import Path
 

@@ -1,13 +1,9 @@
-"""How codecs stand over materials."""
-
 from bench.compare.standings import standings
 
 
 def jobs(*psnrs):
-    return [
-        {"scores": {"all": {"metrics": {"psnr_display": {"mean": psnr, "exact": 4 * (psnr == 100), "slices": 4}}}}}
-        for psnr in psnrs
-    ]
+    stats = [{"psnr_display": {"mean": psnr, "exact": 0, "slices": 4}} for psnr in psnrs]
+    return [{"scores": {"all": {"metrics": each}}} for each in stats]
 
 
 def test_ranks_are_means_over_materials_and_what_reads_alike_shares_one():

@@ -1,5 +1,3 @@
-"""The emulated GPU refuses what CUDA refuses, and counts; and every codec fits and answers on it as on the CPU."""
-
 import re
 import tomllib
 from itertools import pairwise
@@ -45,9 +43,7 @@ def test_it_counts_kernels_waits_and_bytes(gpu: torch.device) -> None:
     with counted() as traffic:
         ours = torch.ones(3).to(gpu)  # 12 bytes up
         total = (ours * 2)[1:].sum()
-    assert traffic.kernels.total() == 2
-    assert traffic.waits == {"up": 1}
-    assert traffic.copied == 12
+    assert (traffic.kernels.total(), traffic.waits, traffic.copied) == (2, {"up": 1}, 12)
     with counted() as traffic:
         float(total)
         ours[ours > 0]
@@ -56,7 +52,6 @@ def test_it_counts_kernels_waits_and_bytes(gpu: torch.device) -> None:
 
 
 def material_for(name: str) -> BTF:
-    """A material in which `relief` finds a height; a smaller one for all others."""
     return load("cable-knit", 16, views=9, lights=5, heldout=0) if name == "relief" else tiny_btf()
 
 

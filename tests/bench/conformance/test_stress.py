@@ -1,10 +1,4 @@
-"""The catalogue of extremes must fail where a codec breaks: what its verdicts, figures and commands say.
-
-That each row fails a codec that breaks in its way is shown by `test_broken_codecs.py`.
-"""
-
 import re
-from dataclasses import dataclass
 
 import pytest
 
@@ -12,44 +6,21 @@ from baselines.mean_colour import MeanColour, MeanColourMaterial
 from bench.cli import main
 from bench.codec import Parts
 from bench.codecs.registry import load_codec
-from bench.conformance import stress
 from bench.conformance.stress import metrics, properties
 from bench.conformance.stress.case import subject_of
 from bench.conformance.stress.invariants import wild_rates
 from bench.errors import InputError
-from bench.material import Material
 from bench.records import load_run
 from bench.training.fitting import DivergedError
-from bench.training.quantise import unpack
-
-CASES = {case.name: case for case in stress.CASES}
-
-
-def verdicts(codec, names, folder, monkeypatch):
-    """The verdicts on a codec named mean-colour, whose files decode with it."""
-    monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": codec)
-    subject = subject_of(codec, folder)
-    return {name: stress.judge(CASES[name], subject) for name in names}
-
-
-class Broken(MeanColour):
-    """The mean-colour codec with one fault in its material."""
-
-    material: type[Material] = MeanColourMaterial
-
-    def decode(self, parts, device):
-        return self.material(unpack("mean", parts.texture))
-
-
-def broken(material):
-    return type("Faulty", (Broken,), {"material": material})
+from tests.bench.conformance.test_broken_codecs import Rate, verdict, with_material
 
 
 def test_what_no_surface_looks_like_is_not_asked_of_a_model_of_reflectance(tmp_path, monkeypatch):
     unphysical = ["two constants", "65,504 beside zeros", "highlights of 1e6", "lights only at grazing"]
     physical = type("Physical", (MeanColour,), {"physical": True})
-    for name, verdict in verdicts(physical, [*unphysical, "all zero"], tmp_path, monkeypatch).items():
-        assert (verdict.verdict, name in unphysical) in (("n/a", True), ("pass", False))
+    for name in unphysical:
+        assert verdict(physical, name, tmp_path, monkeypatch).verdict == "n/a"
+    assert verdict(physical, "all zero", tmp_path, monkeypatch).verdict == "pass"
 
 
 class Dark(MeanColourMaterial):
@@ -57,46 +28,30 @@ class Dark(MeanColourMaterial):
         return super().evaluate(uv, wo, wi, footprint) * 0
 
 
-def test_a_codec_that_answers_0_everywhere_fails(tmp_path, monkeypatch):
-    names = [case.name for case in stress.CASES if case.group == "data" and "scaled" not in case.name]
-    by_case = verdicts(broken(Dark), names, tmp_path, monkeypatch)
-    passed = {name for name, verdict in by_case.items() if verdict.verdict == "pass"}
-    assert passed == {"all zero", "NaN and infinite texels"}
-    assert by_case["two constants"].figure == "100.0%"
-    assert "required" in by_case["one row"].detail
+def says_so(self, btf, fit):
+    if self.settings.rate > 1:
+        raise DivergedError("the fit diverged")
+    return MeanColour.encode(self, btf, fit)
 
 
-class Fitted(MeanColour):
-    """Has a learning rate; `fate` is what comes of a high one."""
-
-    fate = "says so"
-
-    @dataclass(frozen=True)
-    class Settings:
-        half: bool = True
-        rate: float = 1e-2
-
-    def encode(self, btf, fit):
-        parts = super().encode(btf, fit)
-        if self.settings.rate > 1 and self.fate == "says so":
-            raise DivergedError("the fit diverged")
-        return Parts(texture={"mean": parts.texture["mean"] * (float("nan") if self.fate == "not a number" else 1)})
+def gives_no_number(self, btf, fit):
+    return Parts(texture={"mean": MeanColour.encode(self, btf, fit).texture["mean"] * float("nan")})
 
 
-@pytest.mark.parametrize(("says", "verdict"), [("65,504 is the largest radiance it stores", "pass"), ("no", "fail")])
-def test_highlights_beyond_half_may_be_refused_by_name(says, verdict, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("says", "due"), [("65,504 is the largest radiance it stores", "pass"), ("no", "fail")])
+def test_highlights_beyond_half_may_be_refused_by_name(says, due, tmp_path, monkeypatch):
     class Refuses(MeanColour):
         def encode(self, btf, fit):
             raise InputError(says)
 
-    outcome = verdicts(Refuses, ["highlights of 1e6"], tmp_path, monkeypatch)["highlights of 1e6"]
-    assert (outcome.verdict, outcome.figure) == (verdict, "refused" if verdict == "pass" else "unclear")
+    outcome = verdict(Refuses, "highlights of 1e6", tmp_path, monkeypatch)
+    assert (outcome.verdict, outcome.figure) == (due, "refused" if due == "pass" else "unclear")
 
 
-@pytest.mark.parametrize("fate", ["says so", "not a number"])
-def test_a_fit_that_says_that_it_diverged_passes(fate, tmp_path, monkeypatch):
-    codec = type("Says", (Fitted,), {"fate": fate})
-    assert verdicts(codec, ["a fit that diverges"], tmp_path, monkeypatch)["a fit that diverges"].verdict == "pass"
+@pytest.mark.parametrize("encode", [says_so, gives_no_number])
+def test_a_fit_that_says_that_it_diverged_passes(encode, tmp_path, monkeypatch):
+    codec = type("Says", (Rate,), {"encode": encode})
+    assert verdict(codec, "a fit that diverges", tmp_path, monkeypatch).verdict == "pass"
 
 
 @pytest.mark.parametrize(("name", "rates"), [("zeltner2024", 3), ("rainer2019", 3), ("triple-plane", 3), ("pca", 0)])
@@ -110,13 +65,14 @@ class BrightToTheRight(MeanColourMaterial):
 
 
 def test_the_smallest_failing_query_is_printed_as_a_command_that_fails_again(tmp_path, monkeypatch):
-    outcome = verdicts(broken(BrightToTheRight), ["drawn queries"], tmp_path, monkeypatch)["drawn queries"]
+    codec = with_material(BrightToTheRight)
+    outcome = verdict(codec, "drawn queries", tmp_path, monkeypatch)
     assert outcome.verdict == "fail"
-    numbers = re.search(r'stress --codec mean-colour --query "([^"]+)"', outcome.detail)[1]
-    # Shrunk: both directions at the zenith, no footprint, v = 0.
-    assert [float(x) for x in numbers.split()][1:] == [0, 0, 0, 1, 0, 0, 1, 0]
+    found = re.search(r'stress --codec mean-colour --query "([^"]+)"', outcome.detail)[1]
+    numbers = [float(x) for x in found.split()]
+    assert numbers[1:] == [0, 0, 0, 1, 0, 0, 1, 0]  # shrunk: both directions at the zenith, no footprint, v = 0
     with pytest.raises(properties.CheckError, match="a firefly"):
-        properties.query_holds(subject_of(broken(BrightToTheRight), tmp_path), [float(x) for x in numbers.split()])
+        properties.query_holds(subject_of(codec, tmp_path), numbers)
 
 
 def test_metrics_and_losses_survive_extreme_pictures():
@@ -134,8 +90,8 @@ def test_the_command_records_prints_and_says_no(tmp_path, monkeypatch, capsys):
     assert re.search(r"^two constants +pass$", printed, re.M)
     assert re.search(r"^sine of 1e5 +n/a a$", printed, re.M)
     assert "a: has no sine" in printed
-    monkeypatch.setattr("bench.conformance.stress.run.load_codec", lambda name: broken(Dark))
-    monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": broken(Dark))
+    monkeypatch.setattr("bench.conformance.stress.run.load_codec", lambda name: with_material(Dark))
+    monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": with_material(Dark))
     assert main(command) == 1
     printed = capsys.readouterr().out
     assert re.search(r"^two constants +FAIL 100.0%$", printed, re.M)

@@ -1,5 +1,3 @@
-"""What a run says of the jobs and the time that are left. No test depends on how long anything took."""
-
 import pytest
 
 from bench.runs import estimate

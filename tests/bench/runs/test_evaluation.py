@@ -1,5 +1,3 @@
-"""Where a decoder is asked for what it is scored on."""
-
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -74,8 +72,7 @@ def test_of_many_training_pairs_a_few_tell_and_every_held_out_pair_counts(tmp_pa
     keep = lambda name, content: stored.update({name: content}) or name  # noqa: E731
     whole, some = (Workbench(btf, "tiny", most_scored=count) for count in (0, 5))
     every, few = (evaluate(bench, file, 1, keep, lambda *_: None) for bench in (whole, some))
-    assert few["scores"]["heldout"] == every["scores"]["heldout"]
-    assert few["footprints"] == every["footprints"]
+    assert (few["scores"]["heldout"], few["footprints"]) == (every["scores"]["heldout"], every["footprints"])
     assert few["pairs"] == every["pairs"]
     assert few["scores"]["train"]["slices"] == 5 < every["scores"]["train"]["slices"]
     assert "all" in every["scores"]

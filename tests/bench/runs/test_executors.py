@@ -62,7 +62,6 @@ def test_the_end_of_a_run_ends_its_workers_whatever_they_do():
 PARENT = """
 import os, time
 from bench.runs.executors import processes
-
 if __name__ == "__main__":
     with processes(1, 1) as workers:
         print(workers.executor.submit(os.getpid).result(), flush=True)
@@ -89,7 +88,6 @@ def test_dask_that_is_not_there_is_said(monkeypatch):
 
 @pytest.fixture
 def cluster():
-    """A Dask cluster of one worker, in this process, that has a GPU to give."""
     distributed = pytest.importorskip("distributed", reason="needs Dask: pip install neubtf-bench[dask]")
     kinds = {"threads_per_worker": 1, "processes": False, "dashboard_address": ":0"}
     with distributed.LocalCluster(1, **kinds, resources={"GPU": 1}) as local:
@@ -116,14 +114,11 @@ def test_jobs_of_a_scheduler_that_is_gone_are_cancelled(cluster):
 
 LACKING = """
 import importlib.metadata as metadata
-
 version = metadata.version
-
 def without_ours(name):
     if name == "neubtf-bench":
         raise metadata.PackageNotFoundError(name)
     return version(name)
-
 metadata.version = without_ours
 from distributed.cli.dask_worker import main
 main()

@@ -13,7 +13,6 @@ PSNR = "scores/heldout/metrics/psnr_display/pooled"
 
 @pytest.fixture
 def runs(tmp_path):
-    """Two runs of one codec a day apart; the second failed for one of its two codecs."""
     for day, psnr in ((20, 30.25), (21, 1 / 3)):
         run = f"202511{day}T080000.000000"
         folder = tmp_path / f"run{day}"
@@ -38,8 +37,7 @@ def test_many_runs_are_one_frame(runs):
     frame = bench.load_runs(runs)
     assert list(frame["job"]) == ["satin/pca k=8/0", "satin/pca k=8/0", "satin/vq/0"]
     assert list(frame["folder"]) == [str(runs[0]), str(runs[1]), str(runs[1])]
-    assert list(frame["git"]) == ["rev20", "rev21", "rev21"]
-    assert frame["started"].diff()[1] == pd.Timedelta(days=1)
+    assert (list(frame["git"]), frame["started"].diff()[1]) == (["rev20", "rev21", "rev21"], pd.Timedelta(days=1))
     assert list(frame[PSNR][:2]) == [30.25, 1 / 3]
     first = frame.iloc[0]
     assert (first["bytes/total"], first["parameters"], first["codec_version"], first["height"]) == (1020, 7, 1, 8)
@@ -71,8 +69,7 @@ def test_a_file_holds_the_frame_to_the_last_digit(runs, tmp_path, suffix):
     assert cli.main(["history", *map(str, runs), "--out", str(out)]) == 0
     back = pd.read_csv(out) if suffix == ".csv" else pd.read_parquet(out)
     frame = bench.load_runs(runs)
-    assert list(back.columns) == list(frame.columns)
-    assert list(back[PSNR][:2]) == [30.25, 1 / 3]
+    assert (list(back.columns), list(back[PSNR][:2])) == (list(frame.columns), [30.25, 1 / 3])
     assert list(back["settings"][:2]) == ['{"k": 8}'] * 2
 
 
@@ -84,13 +81,10 @@ def test_without_pyarrow_parquet_says_what_to_install(runs, tmp_path, monkeypatc
     assert not list(tmp_path.glob("*.parquet*"))
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [(["--out", "a.xlsx"], "must end in .csv or .parquet"), (["--out", "/proc/no/a.csv"], "cannot be written")],
-)
-def test_bad_usage_is_one_line_and_2(runs, words, message, capsys):
-    assert cli.main(["history", *map(str, runs), *words]) == 2
-    assert message in capsys.readouterr().err
+def test_bad_usage_is_one_line_and_2(runs, capsys):
+    for out, message in (("a.xlsx", "must end in .csv or .parquet"), ("/proc/no/a.csv", "cannot be written")):
+        assert cli.main(["history", *map(str, runs), "--out", out]) == 2
+        assert message in capsys.readouterr().err
 
 
 def test_plots_show_quality_bytes_and_time_over_the_revisions(runs, tmp_path, capsys):

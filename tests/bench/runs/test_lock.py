@@ -25,7 +25,6 @@ with locked(Path(sys.argv[1]), "theirs"):
 
 @pytest.fixture
 def holder(tmp_path):
-    """Another process that holds the lock of the folder."""
     process = subprocess.Popen([sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True)
     assert process.stdout.readline() == "held\n"
     yield process
@@ -34,14 +33,12 @@ def holder(tmp_path):
 
 
 def signed(folder, host, process, seconds_ago=0.0):
-    """The lock as another process left it."""
     (folder / FILE).write_text(json.dumps({"process": process, "host": host, "since": "noon", "run": "theirs"}))
     then = time.time() - seconds_ago
     os.utime(folder / FILE, (then, then))
 
 
 def no_process():
-    """A process id that was in use and is free."""
     done = subprocess.Popen([sys.executable, "-c", ""])
     done.wait()
     return done.pid

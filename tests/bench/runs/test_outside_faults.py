@@ -1,5 +1,3 @@
-"""Codecs of another distribution that end, crash, hang or disturb the process: failed jobs, no end of a suite."""
-
 import os
 import random
 import subprocess
@@ -32,20 +30,11 @@ from dataclasses import dataclass
 import torch
 from baselines.mean_colour import MeanColour
 
-class Quits(MeanColour):
-    name = "quits"
-    def encode(self, btf, fit):
-        sys.exit(0)
+def ending(name, end):
+    return type(name.title(), (MeanColour,), {"name": name, "encode": lambda self, btf, fit: end()})
 
-class Ends(MeanColour):
-    name = "ends"
-    def encode(self, btf, fit):
-        os._exit(0)
-
-class Crashes(MeanColour):
-    name = "crashes"
-    def encode(self, btf, fit):
-        os.abort()
+Quits, Ends = ending("quits", lambda: sys.exit(0)), ending("ends", lambda: os._exit(0))
+Crashes = ending("crashes", os.abort)
 
 class Leaves(MeanColour):
     name = "leaves"
@@ -78,22 +67,12 @@ MODULES = {
     "hostile_error": "import no_such_module_at_all",
     "hostile_hang": "import time; time.sleep(600)",
 }
-CODECS = {
-    "quits": "hostile:Quits",
-    "ends": "hostile:Ends",
-    "crashes": "hostile:Crashes",
-    "leaves": "hostile:Leaves",
-    "settings": "hostile:Settings",
-    "import-exit": "hostile_exit:Codec",
-    "import-end": "hostile_end:Codec",
-    "import-error": "hostile_error:Codec",
-    "import-hang": "hostile_hang:Codec",
-}
+CODECS = {name: f"hostile:{name.title()}" for name in ("quits", "ends", "crashes", "leaves", "settings")}
+CODECS |= {f"import-{how}": f"hostile_{how}:Codec" for how in ("exit", "end", "error", "hang")}
 
 
 @pytest.fixture(autouse=True)
 def hostile(tmp_path, monkeypatch):
-    """An installed distribution, `hostile 1.0`, of such codecs, and a BTF on disk."""
     monkeypatch.syspath_prepend(str(install(tmp_path / "site", "hostile", CODECS, MODULES)))
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(runner, "MOST_LOSSES", 1)
@@ -210,11 +189,8 @@ def test_settings_of_the_process_are_put_back_whatever_ends_the_block(tmp_path):
 
     with pytest.raises(SystemExit):
         disturb()
-    assert torch.get_default_dtype() == torch.float32
-    assert torch.is_grad_enabled()
-    assert torch.get_num_threads() == threads
-    assert not torch.are_deterministic_algorithms_enabled()
-    assert os.getcwd() == folder
+    assert (torch.get_default_dtype(), torch.get_num_threads(), os.getcwd()) == (torch.float32, threads, folder)
+    assert (torch.is_grad_enabled(), torch.are_deterministic_algorithms_enabled()) == (True, False)
     assert torch.equal(torch.get_rng_state(), drawn[0])
     assert np.array_equal(np.random.get_state()[1], drawn[1])
     assert random.getstate() == drawn[2]
@@ -236,10 +212,8 @@ OURS = """
 import os, sys
 from baselines.vq import VQ
 from bench.cli import main
-
 def ends(self, btf, fit):
     {how}
-
 if {armed}:
     VQ.encode = ends
 words = ["--material", "btf", "--codec", "mean-colour", "--codec", "vq", "--out", "run", "--retry-failed"]
@@ -251,12 +225,10 @@ sys.exit(main(["run", "quick", *words]))
     ("how", "code", "done"), [("os.abort()", -6, 1), pytest.param("sys.exit(0)", 3, 2, marks=pytest.mark.long)]
 )
 def test_a_codec_of_this_suite_that_ends_its_process_is_no_success_and_the_same_command_goes_on(how, code, done):
-    """They run in the process of the suite: a crash ends it, and what is finished is kept."""
     command = [sys.executable, "-c", OURS.format(how=how, armed=True)]
     assert subprocess.run(command, capture_output=True, check=False).returncode == code
     jobs = {job["codec"]: job for job in load_run("run").jobs}
-    assert jobs["mean-colour"]["status"] == "ok"
-    assert len(jobs) == done
+    assert (jobs["mean-colour"]["status"], len(jobs)) == ("ok", done)
     if done == 2:
         assert jobs["vq"]["status"] == "failed"
         assert "SystemExit: 0" in jobs["vq"]["error"]

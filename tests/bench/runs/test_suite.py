@@ -6,17 +6,13 @@ from bench.errors import InputError
 from bench.runs.suite import builtin_suites, canonical, load_suite, parse_suite, with_changes, with_metrics
 
 TEXT = """
-description = "a test"
 threads = 1
 seeds = [0, 1]
 materials = ["satin", {name = "fabric", path = "ubo/fabric.btf", where = "ask for it"}]
-
 [data]
 size = 16
-
 [[codecs]]
 codec = "mean-colour"
-
 [[codecs]]
 codec = "pca"
 components = [2, 4]
@@ -26,13 +22,8 @@ domain = ["log", "rgb"]
 
 def test_lists_are_sweeps_and_labels_say_what_differs_from_the_defaults():
     suite = parse_suite("test", TEXT)
-    assert [spec.label for spec in suite.codecs] == [
-        "mean-colour",
-        "pca components=2 domain=log",
-        "pca components=2 domain=rgb",
-        "pca components=4 domain=log",
-        "pca components=4 domain=rgb",
-    ]
+    swept = [f"pca components={count} domain={domain}" for count in (2, 4) for domain in ("log", "rgb")]
+    assert [spec.label for spec in suite.codecs] == ["mean-colour", *swept]
     assert (suite.threads, suite.seeds, suite.data.size, suite.data.views) == (1, (0, 1), 16, 25)
     assert [(m.name, m.path) for m in suite.materials] == [("satin", ""), ("fabric", "ubo/fabric.btf")]
 
@@ -40,8 +31,7 @@ def test_lists_are_sweeps_and_labels_say_what_differs_from_the_defaults():
 def test_a_codec_may_be_run_on_some_of_the_materials_but_the_command_line_asks_for_all_of_its_own():
     suite = parse_suite("test", TEXT.replace('"mean-colour"', '"mean-colour"\nmaterials = ["fabric"]'))
     of_mean = [(m.name, seed) for m, codec, seed in suite.cells if codec.codec == "mean-colour"]
-    assert of_mean == [("fabric", 0), ("fabric", 1)]
-    assert len(suite.cells) == 2 + 2 * 4 * 2
+    assert (of_mean, len(suite.cells)) == ([("fabric", 0), ("fabric", 1)], 2 + 2 * 4 * 2)
     assert len(with_changes(suite, ["satin"], [], {}, None).cells) == 5 * 2
 
 
@@ -64,12 +54,8 @@ def test_a_suite_is_scored_at_test_pairs_but_where_it_says_validation():
     assert suite.data.described(3).startswith("150 test pairs, draw 3")
     assert parse_suite("test", TEXT.replace("size = 16", 'split = "validation"')).data.split == "validation"
     assert with_changes(suite, [], [], {"data.split": "validation"}, None).data.split == "validation"
-    for wrong in (
-        lambda: parse_suite("test", TEXT.replace("size = 16", 'split = "tests"')),
-        lambda: with_changes(suite, [], [], {"data.split": "tests"}, None),
-    ):
-        with pytest.raises(InputError, match=r"split:? must be 'test' or 'validation', not 'tests'"):
-            wrong()
+    with pytest.raises(InputError, match=r"split:? must be 'test' or 'validation', not 'tests'"):
+        with_changes(suite, [], [], {"data.split": "tests"}, None)
 
 
 def test_a_row_has_one_name_however_it_is_spelled():
@@ -79,12 +65,8 @@ def test_a_row_has_one_name_however_it_is_spelled():
     assert [spec.label for spec in canonical(suite).codecs] == ["mean-colour", "pca", "pca domain=rgb"]
     assert [spec.materials for spec in canonical(suite).codecs] == [(), (), ()]
     swept = canonical(parse_suite("test", TEXT.replace("[2, 4]", "[8, 16]"))).codecs
-    assert [spec.label for spec in swept[1:]] == [
-        "pca components=8",
-        "pca components=8 domain=rgb",
-        "pca",
-        "pca domain=rgb",
-    ]
+    labels = ["pca components=8", "pca components=8 domain=rgb", "pca", "pca domain=rgb"]
+    assert [spec.label for spec in swept[1:]] == labels
     assert {spec.curve for spec in swept[1:]} == {"pca"}
 
 
@@ -95,7 +77,6 @@ OURS += [("hsh", "cosine", True)]
 
 @pytest.mark.parametrize(("codec", "name", "value"), OURS)
 def test_no_setting_is_dropped_whose_default_the_recipe_has_changed(codec, name, value):
-    """One that is set back to the default of the class: what runs is what was asked for."""
     assert getattr(load_codec(codec)().settings, name) == value
     words = str(value).lower()
     changes = {f"{codec}.recipe": "paper", f"{codec}.{name}": words}
@@ -123,11 +104,8 @@ def test_the_command_line_chooses_materials_codecs_settings_and_seed(tmp_path):
     chosen = with_changes(suite, ["brick", str(tmp_path)], ["pca", "table"], {"pca.components": "3"}, 7)
     assert [(m.name, m.path) for m in chosen.materials] == [("brick", ""), (tmp_path.name, str(tmp_path))]
     # The sweep over components has become one value: four jobs are two.
-    assert [spec.label for spec in chosen.codecs] == [
-        "pca components=3 domain=log",
-        "pca components=3 domain=rgb",
-        "table",
-    ]
+    labels = ["pca components=3 domain=log", "pca components=3 domain=rgb", "table"]
+    assert [spec.label for spec in chosen.codecs] == labels
     assert chosen.codecs[0].settings == {"components": 3, "domain": "log"}
     assert chosen.codecs[0].curve == "pca"
     assert chosen.seeds == (7,)
@@ -135,9 +113,8 @@ def test_the_command_line_chooses_materials_codecs_settings_and_seed(tmp_path):
 
 
 def test_a_suite_may_name_the_demand_of_a_scene_and_codecs_that_are_fitted_to_it():
-    text = (
-        'demand = "wall.npz"\nuniform = 0.25\nmaterials = ["satin"]\n[[codecs]]\ncodec = "pca"\nscene = [false, true]\n'
-    )
+    text = 'demand = "wall.npz"\nuniform = 0.25\nmaterials = ["satin"]\n'
+    text += '[[codecs]]\ncodec = "pca"\nscene = [false, true]\n'
     suite = parse_suite("a", text)
     assert (suite.demand, suite.uniform) == ("wall.npz", 0.25)
     assert [spec.settings["scene"] for spec in suite.codecs] == [False, True]
@@ -166,6 +143,7 @@ ATTACKS = [
     ("size = 16", 'size = "16"', "data: size must be"),
     ("size = 16", "sise = 16", "data: no key 'sise'; did you mean 'size'?"),
     ("size = 16", "repair = 1", "data: repair must be"),
+    ("size = 16", 'split = "tests"', "split"),
     ("[data]\nsize = 16", "data = [1]", "data must be a table"),
     ("threads = 1", "thraeds = 1", "no key 'thraeds'; did you mean 'threads'?"),
     ("threads = 1", "threads = 100000", "threads must be"),

@@ -25,22 +25,14 @@ from bench.timing import native
 from bench.timing.execution import Variant
 from reports import table_text
 
-SUITE = Suite(
-    "test",
-    "",
-    data=Preparation(validation=True),
-    materials=(MaterialSpec("tiny"),),
-    codecs=(
-        CodecSpec("mean-colour"),
-        CodecSpec("pca", {"components": 2}, ("components",)),
-        CodecSpec("neubtf-direct", {"steps": 20}),
-    ),
-    variants=("eager bfloat16", "fused float32", "fused bfloat16", "compiled tf32"),  # the last two are of GPUs
+CODECS = (
+    CodecSpec("mean-colour"),
+    CodecSpec("pca", {"components": 2}, ("components",)),
+    CodecSpec("neubtf-direct", {"steps": 20}),
 )
-
-
-def opened(*_):
-    return with_validation(tiny_btf(12, 6, 6))
+VARIANTS = ("eager bfloat16", "fused float32", "fused bfloat16", "compiled tf32")  # the last two are of GPUs
+DATA = Preparation(validation=True)
+SUITE = Suite("test", "", data=DATA, materials=(MaterialSpec("tiny"),), codecs=CODECS, variants=VARIANTS)
 
 
 def without_drjit():
@@ -48,15 +40,20 @@ def without_drjit():
 
 
 @pytest.fixture(scope="module")
-def measured(tmp_path_factory):
-    """A run of the suite, and what was measured of it."""
-    folder = tmp_path_factory.mktemp("trade")
+def brief():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bench.runs.workbench.open_material", opened)
-        patch.setattr("bench.timing.execution.drjit", without_drjit)
         patch.setattr(timing, "TURNS", 3)
         patch.setattr("bench.timing.clock.SPAN_NS", 10_000)
         patch.setattr(trade, "BATCH", 256)
+        yield
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory, brief):
+    folder = tmp_path_factory.mktemp("trade")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bench.runs.workbench.open_material", lambda *_: with_validation(tiny_btf(12, 6, 6)))
+        patch.setattr("bench.timing.execution.drjit", without_drjit)
         patch.setattr(trade, "BATCHES", (1,))
         patch.setattr("bench.timing.profile.FOOTPRINTS", (1,))
         patch.setattr("bench.timing.roofline.COPIED", 1 << 20)
@@ -106,23 +103,20 @@ def test_what_cannot_be_computed_is_a_row_that_says_why(measured):
 
 @pytest.fixture
 def quick(measured, monkeypatch):
-    """Whatever is measured here takes no time."""
     monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6))
     monkeypatch.setattr(trade, "roofline", lambda device, threads, dtype=torch.float32: ceiling(str(dtype)[6:], 50.0))
     monkeypatch.setattr(trade, "profile", lambda *_: [])
-    monkeypatch.setattr(trade, "BATCH", 256)
-    monkeypatch.setattr(timing, "TURNS", 3)
-    monkeypatch.setattr("bench.timing.clock.SPAN_NS", 10_000)
 
 
 def test_a_variant_that_fails_unforeseen_is_a_row_that_says_so(measured, quick, monkeypatch):
-    def fails(material, variant):
-        raise ValueError("zip() argument 2 is shorter\nthan argument 1")
-
     plain = trade.prepared
-    monkeypatch.setattr(
-        trade, "prepared", lambda material, variant: (plain if variant == Variant() else fails)(material, variant)
-    )
+
+    def prepared(material, variant):
+        if variant != Variant():
+            raise ValueError("zip() argument 2 is shorter\nthan argument 1")
+        return plain(material, variant)
+
+    monkeypatch.setattr(trade, "prepared", prepared)
     suite = replace(SUITE, codecs=SUITE.codecs[2:], variants=("fused float32",))
     rows = by_name(trade.measure(suite, load_run(measured[0]), "cpu"))
     error = "ValueError: zip() argument 2 is shorter than argument 1"
@@ -248,9 +242,8 @@ def path_traced(measured, quick, monkeypatch):
 
 def test_noise_is_of_each_file_and_stands_in_columns_of_its_own(measured, path_traced, tmp_path):
     rows = by_name(path_traced)
-    assert rows["neubtf-direct steps=20"]["noise"] == {
-        "scene": "ball, even sky", "samples": [40_000.0, 9_876.0], "seconds": [3.0, 1.5]
-    }  # fmt: skip
+    noise = {"scene": "ball, even sky", "samples": [40_000.0, 9_876.0], "seconds": [3.0, 1.5]}
+    assert rows["neubtf-direct steps=20"]["noise"] == noise
     assert rows["mean-colour"]["noise_error"] == "cannot be recorded"
     bare = ("neubtf-direct steps=20 [eager bfloat16]", timing.FLOOR)  # the same file, and none
     assert not any("noise" in rows[name] or "noise_error" in rows[name] for name in bare)
@@ -296,7 +289,6 @@ def test_a_choice_whose_file_was_fitted_again_is_none(measured, tmp_path):
 
 
 def choosing(monkeypatch, out, suite=SUITE, **wish):
-    """`choose` with a wish, of the suite above."""
     monkeypatch.setattr("bench.runs.suite.load_suite", lambda name: suite)
     parser = argparse.ArgumentParser()
     choose_command.arguments(parser)
@@ -319,28 +311,15 @@ def test_choose_picks_from_what_was_measured_or_says_how_near_it_came(measured, 
     assert words in capsys.readouterr().out
 
 
-def test_choose_measures_what_is_missing_and_keeps_what_is_there(measured, tmp_path, monkeypatch, capsys):
+def test_choose_measures_what_is_missing(measured, tmp_path, monkeypatch, capsys):
     result = measured[1]
-    one = result | {"choices": [row for row in result["choices"] if row["label"] == "mean-colour"]}
     shutil.copy(measured[0] / "records.jsonl", tmp_path)
-    trade.write(tmp_path, one)
-    measured_materials = []
-
-    def measure(suite, options, tell):
-        measured_materials.append([material.name for material in suite.materials])
-        rows = [row | {"material": measured_materials[-1][0]} for row in result["choices"]]
-        trade.write(options.folder, trade.merged(one, result | {"choices": rows, "profiles": []}))
-
-    monkeypatch.setattr("bench.runs.trade.run_and_measure", measure)
+    trade.write(tmp_path, result | {"choices": [row for row in result["choices"] if row["label"] == "mean-colour"]})
+    monkeypatch.setattr(trade, "run_and_measure", lambda suite, options, tell: trade.write(options.folder, result))
     best = max(rung.score for rung in usable(result["choices"], "tiny"))
-    assert choosing(monkeypatch, tmp_path, min_psnr=1.0) == 0  # what is there meets it
-    assert measured_materials == []
-    assert choosing(monkeypatch, tmp_path, min_psnr=best - 0.01) == 0
-    assert choosing(monkeypatch, tmp_path, min_psnr=99.0) == 1  # all was tried
-    assert measured_materials == [["tiny"]]
-    assert "2 of 3 settings of test are not in" in capsys.readouterr().out
-    assert choosing(monkeypatch, tmp_path, material="brick", min_psnr=1.0) == 0
-    assert measured_materials == [["tiny"], ["brick"]]
+    for wish, code, measures in ((1.0, 0, False), (best - 0.01, 0, True), (99.0, 1, False)):  # at last all was tried
+        assert choosing(monkeypatch, tmp_path, min_psnr=wish) == code
+        assert ("2 of 3 settings of test are not in" in capsys.readouterr().out) == measures
 
 
 def test_what_choose_measures_is_of_the_codecs_steps_and_processes_asked_for(measured, tmp_path, monkeypatch, capsys):

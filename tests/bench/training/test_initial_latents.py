@@ -8,13 +8,7 @@ from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.conformance.check import tiny_btf
 from bench.training.fitting import Samples, gain_of
-from bench.training.initial_latents import (
-    COMPONENT_SPREAD,
-    MIXED_SPREAD,
-    RANDOM_SPREAD,
-    components,
-    first_latents,
-)
+from bench.training.initial_latents import COMPONENT_SPREAD, MIXED_SPREAD, RANDOM_SPREAD, components, first_latents
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +42,6 @@ def test_latents_start_at_whitened_principal_components(btf: BTF, memory_limit: 
 
 
 def test_channels_beyond_the_rank_are_random(btf: BTF) -> None:
-    """Of a BTF whose texels are alike there is no component."""
     shades = np.linspace(1, 2, len(btf), dtype=np.float32)[:, None, None, None]
     flat = BTF("flat", btf.wo, btf.wi, ArraySource(np.broadcast_to(shades, (len(btf), 8, 8, 3))))
     samples = Samples(flat, 1.0, Fit())
@@ -59,8 +52,6 @@ def test_channels_beyond_the_rank_are_random(btf: BTF) -> None:
 
 
 def test_a_scene_weighs_the_pairs(btf: BTF) -> None:
-    """What one pair alone shows is the first component where nothing else counts."""
-
     @dataclasses.dataclass
     class OnePair:
         weights: torch.Tensor

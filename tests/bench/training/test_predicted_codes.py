@@ -19,14 +19,12 @@ GOLDEN = (
 
 
 def waves() -> np.ndarray:
-    """Codes (76, 4) of three pictures, of whole numbers alone."""
     texel = np.arange(sum(height * width for height, width in SIZES))[:, None]
     rough = (texel * texel * 7 + texel * np.arange(4) * 3) % 5
     return ((texel * 3 % 41 + rough) % 2**BITS).astype(np.uint8)
 
 
 def smooth(rng: np.random.Generator, sizes: list[tuple[int, int]], bits: np.ndarray) -> np.ndarray:
-    """Codes (N, C) of pictures whose channels are alike and change slowly."""
     found = []
     for height, width in sizes:
         y, x = np.mgrid[:height, :width][..., None] / 8
@@ -109,6 +107,10 @@ def test_few_bytes_claim_no_more_codes_than_can_be_decoded(monkeypatch: pytest.M
         expand(predicted, (1, 1 << 15, 2))
     monkeypatch.setattr(texture_codes, "MOST_PREDICTED", 100)
     assert expand(compress(codes, [4, 4]), (64, 64, 2)).equal(codes)
+    monkeypatch.setattr(texture_codes, "MOST_CODES", 100)
+    data = compress(codes, [1, 2])
+    assert data[0] == texture_codes.PACKED  # what is beyond proportion can be read all the same
+    assert expand(data, (64, 64, 2)).equal(codes)
 
 
 def test_the_table_is_of_students_distributions() -> None:

@@ -1,5 +1,3 @@
-"""Packed tensors come back within the rounding of their precision, whatever their size."""
-
 import pytest
 import torch
 

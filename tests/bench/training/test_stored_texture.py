@@ -17,10 +17,6 @@ from bench.training.stored_texture import (
 from bench.training.texture_codes import MOST_BITS, compress, expand
 
 
-def all_of(bits: int, channels: int) -> torch.Tensor:
-    return torch.full((channels,), bits)
-
-
 @pytest.mark.parametrize("bits", [[each] * 5 for each in range(1, 9)] + [[1, 8, 3, 5, 2]], ids=str)
 def test_codes_survive_and_take_no_more_than_their_bits(bits: list[int]) -> None:
     drawn = torch.rand(32, 24, 5, generator=torch.Generator().manual_seed(0))
@@ -53,7 +49,7 @@ def test_a_damaged_texture_says_so() -> None:
 @pytest.mark.parametrize("bits", [1, 2, 4, 8])
 def test_steps_round_no_worse_than_the_whole_range(bits: int) -> None:
     values = torch.randn(4000, 3, generator=torch.Generator().manual_seed(0))
-    counts = all_of(bits, 3)
+    counts = torch.full((3,), bits)
     low, step = steps_for(values, counts)
     whole = values.amin(0), (values.amax(0) - values.amin(0)) / (2**bits - 1)
 
@@ -69,7 +65,7 @@ def test_channels_are_rounded_each_to_its_bits() -> None:
     values = torch.randn(200, 3, generator=torch.Generator().manual_seed(0))
     together = steps_for(values, torch.tensor([2, 5, 8]))
     for channel, bits in enumerate([2, 5, 8]):
-        alone = steps_for(values[:, channel : channel + 1], all_of(bits, 1))
+        alone = steps_for(values[:, channel : channel + 1], torch.tensor([bits]))
         for one, all_three in zip(alone, together, strict=True):
             torch.testing.assert_close(one[0], all_three[channel])
 
@@ -88,7 +84,7 @@ def test_a_channel_that_matters_more_takes_more_bits() -> None:
 
 def test_rounding_lets_the_gradient_pass() -> None:
     values = torch.randn(10, 2, requires_grad=True)
-    bits = all_of(3, 2)
+    bits = torch.tensor([3, 3])
     low, step = steps_for(values, bits)
     out = rounded(values, low, step, bits)
     torch.testing.assert_close(out, low + step * codes_of(values, low, step, bits))
@@ -133,17 +129,11 @@ def test_another_texture_takes_the_same_bits_a_channel() -> None:
     assert store_alike("x", other, {"x": other.half()})["x"].dtype == torch.float16
 
 
-@pytest.mark.parametrize(
-    ("name", "altered"),
-    [
-        ("x.low", torch.zeros(1000, 1, 1, 2)),
-        ("x.step", torch.zeros(1, 2)),
-        ("x.size", torch.tensor([1 << 20, 1 << 20])),
-        ("x.size", torch.tensor([-4, -4])),
-        ("x.size", torch.tensor([4, 5])),
-        ("x", torch.zeros(0, dtype=torch.uint8)),
-    ],
-)
+ALTERED = [("x.low", torch.zeros(1000, 1, 1, 2)), ("x.step", torch.zeros(1, 2)), ("x", torch.zeros(0).byte())]
+ALTERED += [("x.size", torch.tensor(size)) for size in ([1 << 20, 1 << 20], [-4, -4], [4, 5])]
+
+
+@pytest.mark.parametrize(("name", "altered"), ALTERED)
 def test_an_altered_texture_is_refused(name: str, altered: torch.Tensor) -> None:
     values = torch.randn(4, 4, 2)
     stored = store_texture("x", values, round_after(values, 4, lambda texture: texture, values))

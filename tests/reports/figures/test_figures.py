@@ -16,7 +16,6 @@ from reports.series import plots_of
 
 @pytest.fixture
 def made(made):
-    """A run whose jobs have drawings, too."""
     plain = made.job
 
     def job(*words, **changes):
@@ -44,7 +43,6 @@ def test_fronts_hold_the_numbers_of_the_budgets():
 
 
 def store(path):
-    """A program that looks up a texture by the place, and a table with as many rows by the light."""
     lookup = {"operation": "embedding_bag_forward_only", "shape": [1, 2], "kind": "float"}
     steps = [
         {"name": "row", "operation": "mul", "arguments": [{"of": "uv"}, 8.0], "shape": [1, 2], "kind": "float"},
@@ -75,24 +73,16 @@ def test_a_contact_sheet_shows_every_texel_as_it_is_stored(made):
 
 
 @pytest.mark.parametrize("draw", OF_ANY_RUN)
-def test_odd_labels_are_drawn(made, draw):
+def test_neither_odd_labels_nor_exact_codecs_stop_a_figure_and_what_is_gone_costs_only_its_own(made, draw):
     labels = ("_hidden $x^2$", "编码", "a" * 200, "%d {0}")
     for label in labels:
         made.job(label, material="50 % $m_1$").timing(label, material="50 % $m_1$")
-    made.trade(*labels, material="50 % $m_1$")
-    assert len(drawn(run_of(made), draw)) == 1
-
-
-@pytest.mark.parametrize("draw", OF_ANY_RUN)
-def test_exact_codecs_stop_no_figure(made, draw):
-    list(draw(run_of(made.job("table", psnr=100.0).timing("table"))))  # nothing else is there
+    assert len(drawn(run_of(made.trade(*labels, material="50 % $m_1$")), draw)) == 1
+    made.folder = made.folder.parent / "exact"
+    made.__init__(made.folder)
+    list(draw(run_of(made.start().job("table", psnr=100.0).timing("table"))))  # nothing else is there
     made.job().job("vq").timing().trade("table", "pca")
     assert len(drawn(run_of(made), draw)) == 1
-
-
-@pytest.mark.parametrize("draw", OF_ANY_RUN)
-def test_artefacts_that_are_gone_cost_only_their_figure(made, draw):
-    made.job()
     for path in [*made.folder.glob("*.npz"), *made.folder.glob("angular*")]:
         path.unlink()
     list(draw(run_of(made)))

@@ -11,65 +11,33 @@ from reports.shaders.generator import Shader
 Array = np.ndarray
 
 
-class Vector:
-    """Some floats with the swizzles and operators of GLSL."""
-
-    def __init__(self, *parts: Any):
-        flat = [x for part in parts for x in (part.values if isinstance(part, Vector) else [part])]
-        self.values = np.array(flat, np.float32)
+class Vector(np.ndarray):
+    """Some floats with the swizzles of GLSL; its operators are those of NumPy."""
 
     def __getattr__(self, name: str) -> Any:
         if name not in "xyzw":
             raise AttributeError(name)
-        return self.values["xyzw".index(name)]
-
-    def _with(self, other: Any, function: Callable[..., Array]) -> "Vector":
-        return Vector(*function(self.values, other.values if isinstance(other, Vector) else other))
-
-    def __add__(self, other: Any) -> "Vector":
-        return self._with(other, np.add)
-
-    def __sub__(self, other: Any) -> "Vector":
-        return self._with(other, np.subtract)
-
-    def __rsub__(self, other: Any) -> "Vector":
-        return self._with(other, lambda a, b: b - a)
-
-    def __mul__(self, other: Any) -> "Vector":
-        return self._with(other, np.multiply)
-
-    def __truediv__(self, other: Any) -> "Vector":
-        return self._with(other, np.divide)
-
-    def __rtruediv__(self, other: Any) -> "Vector":
-        return self._with(other, lambda a, b: b / a)
-
-    def __neg__(self) -> "Vector":
-        return Vector(*-self.values)
-
-    __radd__, __rmul__ = __add__, __mul__
+        return self["xyzw".index(name)]
 
 
-def _vec4(*parts: Any) -> Vector:
-    return Vector(*parts) if len(parts) > 1 else Vector(*[parts[0]] * 4)
+def _vector(*parts: Any) -> Any:
+    return np.hstack(parts).astype(np.float32).view(Vector)
+
+
+def _vec4(*parts: Any) -> Any:
+    return _vector(*parts) if len(parts) > 1 else _vector(*parts * 4)
 
 
 class Matrix:
-    """Four columns."""
+    def __init__(self, *columns: Array):
+        self.columns = np.stack(columns, 1)
 
-    def __init__(self, *columns: Vector):
-        self.columns = np.stack([column.values for column in columns], 1)
-
-    def __mul__(self, vector: Vector) -> Vector:
-        return Vector(*(self.columns @ vector.values))
+    def __mul__(self, vector: Array) -> Any:
+        return _vector(self.columns @ vector)
 
 
 def _each(function: Callable[..., Any]) -> Callable[..., Any]:
-    def apply(*arguments: Any) -> Any:
-        values = function(*(a.values if isinstance(a, Vector) else np.float32(a) for a in arguments))
-        return Vector(*values) if any(isinstance(a, Vector) for a in arguments) else values
-
-    return apply
+    return lambda *arguments: function(*(a if isinstance(a, Vector) else np.float32(a) for a in arguments))
 
 
 def _least(function: Callable[..., Any], first: Any, second: Any) -> Any:
@@ -85,12 +53,12 @@ def answer(shader: Shader, uv: Array, wo: Array, wi: Array, footprint: float) ->
     words |= {"sqrt": _each(np.sqrt), "abs": _each(np.abs), "inversesqrt": _each(lambda x: 1 / np.sqrt(x))}
     words |= {"min": lambda a, b: _least(np.minimum, a, b), "max": lambda a, b: _least(np.maximum, a, b)}
     words |= {"vec4": _vec4, "mat4": Matrix, "vec3": lambda *parts: np.array(parts), "pow": _each(np.power)}
-    words |= {"dot": lambda a, b: np.float32(a.values @ b.values), "int": int, "float": np.float32}
+    words |= {"dot": lambda a, b: np.float32(a @ b), "int": int, "float": np.float32}
     for name, table in (("exactRow", shader.exact), ("halfRow", shader.half)):
         rows = table.reshape(-1, 4)
-        words[name] = lambda i, rows=rows: Vector(*rows[int(i)])
+        words[name] = lambda i, rows=rows: _vector(rows[int(i)])
     words["exactOne"] = lambda i: shader.exact.reshape(-1)[int(i)]
-    words |= {"uv": Vector(*uv), "wo": Vector(*wo), "wi": Vector(*wi), "footprint": np.float32(footprint)}
+    words |= {"uv": _vector(uv), "wo": _vector(wo), "wi": _vector(wi), "footprint": np.float32(footprint)}
     body = shader.text[shader.text.index("vec3 material(") :].splitlines()[1:-1]
     for line in body:
         text = line.strip().removesuffix(";")

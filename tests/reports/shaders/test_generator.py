@@ -1,5 +1,3 @@
-"""Shaders of every codec: their text, run statement by statement, answers as the decoded material does."""
-
 import shutil
 import subprocess
 from pathlib import Path
@@ -69,8 +67,6 @@ def test_a_shader_answers_as_the_material_does(codec: str, tmp_path: Path) -> No
 
 
 class Branching(Material):
-    """Looks at the values of its queries in Python."""
-
     def __init__(self) -> None:
         super().__init__((2, 2), DecoderCost())
 
@@ -139,7 +135,6 @@ SAYS = """async (code) => {
 @pytest.mark.timeout(300)
 @pytest.mark.long
 def test_wgsl_compiles(browser: Any, tmp_path: Path) -> None:
-    """In the browser, where its validator is."""
     (tmp_path / "empty.html").write_text("<!doctype html><title>compile</title>")
     tab = browser.new_page()
     tab.goto((tmp_path / "empty.html").as_uri())

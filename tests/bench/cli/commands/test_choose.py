@@ -83,14 +83,7 @@ def test_the_command_that_is_printed_is_what_a_shell_runs(tmp_path, monkeypatch,
 OWN = """
 materials = ["satin"]
 data = {size = 8, views = 4, lights = 4, heldout = 4, validation = true}
-[[codecs]]
-codec = "pca"
-components = 2
-[[codecs]]
-codec = "neubtf-direct"
-[[codecs]]
-codec = "neubtf-direct"
-latents = 6
+codecs = [{codec = "pca", components = 2}, {codec = "neubtf-direct"}, {codec = "neubtf-direct", latents = 6}]
 """
 
 

@@ -69,13 +69,3 @@ def test_workers_that_make_no_sense_are_bad_usage(words, message, tmp_path, caps
     assert cli.main([*WORDS, "--out", str(tmp_path / "run"), *words]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "run" / "records.jsonl").exists()
-
-
-def test_a_run_says_first_what_is_left_and_after_each_job_how_far_it_is(tmp_path, capsys):
-    assert cli.main([*WORDS, "--out", str(tmp_path / "runs" / "one")]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    jobs = [line for line in lines if line.startswith("satin/")]
-    assert [line.split("(")[-1] for line in jobs] == ["1 of 2 jobs, about half a minute left)", "2 of 2 jobs)"]
-    assert lines.index("2 jobs: 2 left") < lines.index(jobs[0])
-    assert cli.main([*WORDS, "--out", str(tmp_path / "runs" / "one")]) == 0
-    assert "2 jobs, all recorded; what changed since is done again" in capsys.readouterr().out

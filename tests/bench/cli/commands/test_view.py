@@ -1,10 +1,9 @@
-"""What `view` shows of a material that no shader can do."""
-
 import re
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 import torch
 from torch import Tensor
 
@@ -13,6 +12,7 @@ from bench.cli.commands.view import _drawn
 from bench.codec import silent
 from bench.conformance.check import tiny_btf
 from bench.data.readers.folder import write_folder
+from bench.errors import InputError
 from bench.hemisphere import thin, ubo2003
 from bench.material import DecoderCost, Material
 from reports.shaders.dialects import GLSL
@@ -46,7 +46,9 @@ def test_a_material_without_a_shader_is_baked_and_said_to_be() -> None:
     np.testing.assert_allclose(answer(shader(program, GLSL), uv, wo, wi, 0.25), truth, rtol=2e-3)
 
 
-def test_the_page_is_headed_by_a_name_and_no_path(tmp_path: Path) -> None:
+def test_the_page_is_headed_by_a_name_and_no_path_and_export_names_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     write_folder(tiny_btf(8, 6, 6), tmp_path / "cloth")
     words = [str(tmp_path / "cloth"), "--codec", "mean-colour", "-o", str(tmp_path / "a.nbtf")]
     assert cli.main(["encode", *words]) == 0
@@ -55,3 +57,10 @@ def test_the_page_is_headed_by_a_name_and_no_path(tmp_path: Path) -> None:
     (heading,) = re.findall("<h1>(.*)</h1>", page.read_text())
     assert "/" not in heading
     assert heading
+
+    def refused(*_: object) -> None:
+        raise InputError("no shader can do 'cumsum' yet")
+
+    monkeypatch.setattr("reports.shaders.export.shader", refused)
+    assert cli.main(["export", str(tmp_path / "a.nbtf"), "-o", str(tmp_path / "out")]) == 2
+    assert f"{tmp_path / 'a.nbtf'}: no shader can do 'cumsum' yet" in capsys.readouterr().err
