@@ -16,9 +16,9 @@ from torch import Tensor, nn
 from baselines import bc1
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.errors import InputError
+from bench.inputs.errors import InputError
+from bench.inputs.settings import Layers, Width
 from bench.material import Material
-from bench.settings import Layers, Width
 from bench.training import Batch, DirectedObjective, FitSettings, Samples, TextureMaterial, first_latents, fitted
 from bench.training.decoder import Architecture, Decoder, load_network
 from bench.training.inputs import COUNTS, Directions

@@ -20,8 +20,8 @@ from torch.nn import functional
 from baselines.planes import Difference, blurred, blurring, half_and_difference, places
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts, SharedNetwork
+from bench.inputs.settings import BatchSize, Count, Natural, NotNegative, Positive
 from bench.material import HALF_MAX, DecoderCost, Material, sample_texture, saturated, texel_corners, to_radiance
-from bench.settings import BatchSize, Count, Natural, NotNegative, Positive
 from bench.training import (
     RANDOM_SPREAD,
     Batch,

@@ -6,7 +6,7 @@ from torch.nn import functional
 
 from bench.btf import BTF
 from bench.codec import Fit
-from bench.directions import PairInterpolator
+from bench.directions.interpolation import PairInterpolator
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.training import Rounding, round_after
 from bench.training.reading import blocks

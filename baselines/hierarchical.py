@@ -16,9 +16,9 @@ from torch.nn import functional
 
 from baselines.neumip import COARSE_SHARE, Networks, NeuMIP, NeuMIPObjective, Pyramid, _log
 from baselines.pyramids import queries_of
+from bench.inputs.settings import BatchSize, Natural, NotNegative, Positive, Range, Width
 from bench.material import DecoderCost, Material, sample_texture, saturated, to_radiance
 from bench.metrics.display import LOG_SCALE
-from bench.settings import BatchSize, Natural, NotNegative, Positive, Range, Width
 from bench.training import Batch, Bits, Optimiser, Samples, Start, distance
 from bench.training.inputs import COUNTS, Directions, direction_inputs
 from bench.training.quantise import WeightPrecision

@@ -17,8 +17,8 @@ from torch import Tensor
 from baselines.components import probed, rounded_coefficients
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
+from bench.inputs.settings import NotNegative, Range
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
-from bench.settings import NotNegative, Range
 from bench.training import Bits, Rounding, gain_of, load_texture, store_texture
 
 BLOCK_BYTES = 16 << 20  # slices read together

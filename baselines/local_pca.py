@@ -17,9 +17,9 @@ from baselines.clusters import clustered, pack_index, reduced, unpack_index
 from baselines.components import PROBED_TEXELS, probed
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.directions import PairInterpolator, pack_layout, unpack_layout
+from bench.directions.interpolation import PairInterpolator, pack_layout, unpack_layout
+from bench.inputs.settings import Count, Range
 from bench.material import DecoderCost, Material, at_least_float32, saturated, texel_corners, to_radiance
-from bench.settings import Count, Range
 from bench.training import Bits, gain_of, load_texture, round_after, store_texture
 
 SPANNED = 64  # principal components of all texels, in which the clusters' means and components are found

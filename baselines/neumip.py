@@ -16,11 +16,11 @@ from torch.nn import functional
 from baselines.pyramids import Levels, drawn, fitted_levels, queries_of
 from bench.btf import BTF, periods
 from bench.codec import Codec, Fit, Parts
-from bench.devices import is_gpu
-from bench.errors import InputError
+from bench.inputs.errors import InputError
+from bench.inputs.settings import BatchSize, Natural, Positive, Width
+from bench.machine.devices import is_gpu
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.metrics.display import LOG_SCALE
-from bench.settings import BatchSize, Natural, Positive, Width
 from bench.training import (
     RANDOM_SPREAD,
     Batch,

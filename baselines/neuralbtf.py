@@ -15,10 +15,10 @@ from torch.nn import functional
 
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.errors import InputError
+from bench.inputs.errors import InputError
+from bench.inputs.settings import BatchSize, Layers, Natural, Positive, Width
 from bench.material import DecoderCost, Material, at_least_float32, sample_texture, to_radiance
 from bench.metrics.display import LOG_SCALE
-from bench.settings import BatchSize, Layers, Natural, Positive, Width
 from bench.training import (
     Batch,
     Bits,

@@ -16,9 +16,9 @@ from torch.nn import functional
 
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.errors import InputError
+from bench.inputs.errors import InputError
+from bench.inputs.settings import Count, Layers, Range, Width
 from bench.material import DecoderCost, Material, texel_centres, texel_corners, to_radiance
-from bench.settings import Count, Layers, Range, Width
 from bench.training import Batch, DirectedObjective, FitSettings, Samples, distance, first_latents, fitted
 from bench.training.decoder import Activation, Architecture, Decoder, load_network
 from bench.training.inputs import COUNTS, Directions, direction_inputs

@@ -12,10 +12,10 @@ from torch.nn import functional
 from baselines.components import ComponentsMaterial, probed, rounded_coefficients
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.directions import PairInterpolator, pack_layout, unpack_layout
+from bench.directions.interpolation import PairInterpolator, pack_layout, unpack_layout
+from bench.inputs.settings import Count, Range
 from bench.material import DecoderCost, Material, at_least_float32, saturated
 from bench.metrics.display import exposure
-from bench.settings import Count, Range
 from bench.training import Bits, load_texture, round_after, store_texture
 from bench.training.quantise import pack, unpack
 from bench.training.reading import blocks

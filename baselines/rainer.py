@@ -12,9 +12,9 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from bench.codec import Fit
-from bench.directions import stereographic
+from bench.directions.interpolation import stereographic
+from bench.inputs.settings import BatchSize, Natural, Positive
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
-from bench.settings import BatchSize, Natural, Positive
 from bench.training import Batch, Loss, Optimiser, Samples, TextureObjective, distance, groups_of
 from bench.training.decoder import LEAK, Architecture, Decoder
 from bench.training.inputs import direction_inputs

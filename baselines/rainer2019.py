@@ -16,8 +16,8 @@ from baselines import rainer
 from baselines.rainer import Directions
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
+from bench.inputs.settings import Natural, Positive, Width
 from bench.material import Material
-from bench.settings import Natural, Positive, Width
 from bench.training import (
     Batch,
     Bits,

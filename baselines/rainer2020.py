@@ -17,10 +17,10 @@ from torch import Tensor
 from baselines import rainer
 from bench.btf import BTF, Layout
 from bench.codec import Codec, Fit, Parts, SharedNetwork, TrainedNetwork
-from bench.directions import PairInterpolator, pack_layout, unpack_layout
-from bench.hemisphere import thin, ubo2003
+from bench.directions.hemisphere import thin, ubo2003
+from bench.directions.interpolation import PairInterpolator, pack_layout, unpack_layout
+from bench.inputs.settings import Count, Natural, Width
 from bench.material import Material
-from bench.settings import Count, Natural, Width
 from bench.training import Batch, Bits, Optimiser, Samples, gain_of, load_texture, round_after, store_texture, train
 from bench.training.decoder import Decoder, load_network, store_network
 from bench.training.fitting import ROUNDING_SAMPLES

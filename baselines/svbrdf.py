@@ -16,9 +16,9 @@ from baselines.pyramids import Pyramid
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.data.materials import brdf
+from bench.inputs.settings import BatchSize, Natural, Positive
 from bench.material import DecoderCost, Material
 from bench.metrics.display import decode_srgb, encode_srgb
-from bench.settings import BatchSize, Natural, Positive
 from bench.training import Batch, Loss, Objective, Samples, compress, expand, fitted
 
 CHANNELS = 8  # of a fetched texel: linear base colour, normal, roughness, metalness

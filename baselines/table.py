@@ -7,7 +7,7 @@ from torch.nn import functional
 
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.directions import PairInterpolator, pack_layout, unpack_layout
+from bench.directions.interpolation import PairInterpolator, pack_layout, unpack_layout
 from bench.material import DecoderCost, Material, texel_corners
 from bench.training.quantise import half_scale
 

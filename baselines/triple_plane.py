@@ -14,8 +14,8 @@ from torch import Tensor, nn
 from baselines.planes import Difference, blurred, blurring, half_and_difference, places
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
+from bench.inputs.settings import Count, Natural, NotNegative, Positive
 from bench.material import DecoderCost, Material, sample_texture, saturated, texel_corners, to_radiance
-from bench.settings import Count, Natural, NotNegative, Positive
 from bench.training import (
     RANDOM_SPREAD,
     Batch,

@@ -17,9 +17,9 @@ from torch.nn import functional
 from baselines.components import ComponentsMaterial, probed, rounded_coefficients
 from bench.btf import BTF, Layout
 from bench.codec import Codec, Fit, Parts
-from bench.directions import PairInterpolator, pack_layout, unpack_layout
+from bench.directions.interpolation import PairInterpolator, pack_layout, unpack_layout
+from bench.inputs.settings import Count, Natural
 from bench.material import DecoderCost, Material, at_least_float32, saturated
-from bench.settings import Count, Natural
 from bench.training import Bits, Rounding, gain_of, load_texture, store_texture
 from bench.training.quantise import WeightPrecision, pack, unpack
 from bench.training.reading import blocks

@@ -17,9 +17,9 @@ from baselines.clusters import MOST_CODES, clustered, pack_index, reduced, unpac
 from baselines.components import PROBED_TEXELS, probed
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.directions import PairInterpolator, pack_layout, unpack_layout
+from bench.directions.interpolation import PairInterpolator, pack_layout, unpack_layout
+from bench.inputs.settings import Count, Range
 from bench.material import DecoderCost, Material, saturated, texel_corners, to_radiance
-from bench.settings import Count, Range
 from bench.training import Bits, gain_of, load_texture, round_after, store_texture
 from bench.training.reading import blocks
 

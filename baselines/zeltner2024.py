@@ -17,8 +17,8 @@ from torch.nn import functional
 from baselines.planes import half_and_difference
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
+from bench.inputs.settings import Count, Natural
 from bench.material import HIGHEST_LEVEL, DecoderCost, Material, at_least_float32, sample_texture, to_radiance
-from bench.settings import Count, Natural
 from bench.training import (
     Batch,
     Bits,

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from torch import Tensor, nn
 from torch.nn import functional
 
-from bench.devices import is_gpu
-from bench.errors import InputError, answered
+from bench.inputs.errors import InputError, answered
+from bench.machine.devices import is_gpu
 
 CHUNK = 16_384  # queries evaluated at once: intermediates stay in cache, memory does not grow with the batch
 GPU_CHUNKS = 64  # a chunk on a GPU is this many of the CPU's: 2^20 queries fill it

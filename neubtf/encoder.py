@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from bench.codecs import container
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.metrics.display import LOG_SCALE, encode_srgb
 from bench.training.decoder import load_vector, to_vector
 from neubtf.autoencoder import Autoencoder

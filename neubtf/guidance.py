@@ -15,7 +15,7 @@ from torch import Tensor
 from bench.data.materials.maps import resize
 from bench.data.readers.files import FolderFiles, file_digest
 from bench.data.readers.pictures import picture_size, read_picture
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.metrics.display import LUMA, decode_srgb, to_display
 from neubtf.tileable import blended
 

@@ -7,9 +7,9 @@ import torch
 from PIL import Image
 from torch import Tensor
 
-from bench.atomic import replacing
 from bench.btf import box_filter
-from bench.errors import writable
+from bench.files.atomic import replacing
+from bench.inputs.errors import writable
 
 SIDE = 192  # least pixels of a channel's longer side, which has fewer than twice as many
 GAP = 6  # pixels between channels

@@ -14,7 +14,7 @@ from torch import Tensor
 from bench.codec import Parts, Progress, followed, silent
 from bench.codecs import container, loading
 from bench.codecs.container import Header
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.metrics.display import LOG_SCALE
 from bench.training.stored_texture import store_alike
 from neubtf.autoencoder import HALO, STRIDE, Pooled, surrounded

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from bench.codec import Parts
-from bench.settings import Layers, Positive, Width
+from bench.inputs.settings import Layers, Positive, Width
 from bench.training import Bits, TextureMaterial, load_texture
 from bench.training.decoder import Architecture, Decoder, load_network
 from bench.training.inputs import COUNTS, Directions, direction_inputs

@@ -16,8 +16,8 @@ from typing import Annotated, Any, Literal, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from bench.errors import InputError
-from bench.settings import BatchSize, Natural, NotNegative, Positive, Range, Share
+from bench.inputs.errors import InputError
+from bench.inputs.settings import BatchSize, Natural, NotNegative, Positive, Range, Share
 from bench.training import Batch, Decoder, Loss, Objective, Optimiser, Samples, distance, first_latents, groups_of
 from neubtf.augmentation import Disturbance, Window, draw_scale
 from neubtf.autoencoder import STRIDE

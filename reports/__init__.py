@@ -66,7 +66,7 @@ def table_text(
     also a CSV, has one row a job with every number of its record for any kind, except for `trade`: one row a choice.
     Raises `InputError` if the folder holds no run, `ValueError` for an unknown format or kind.
     """
-    from bench.choosing import has_validation
+    from bench.compare.choosing import has_validation
     from bench.records import load_together
     from reports import trade
     from reports.csv_tables import results_csv

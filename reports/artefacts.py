@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from bench.archive import MAX_FILE, read_arrays
-from bench.errors import InputError
+from bench.files.archive import MAX_FILE, read_arrays
+from bench.inputs.errors import InputError
 from bench.program import Program
 from bench.records import Record, Run
 from reports.rows import MaterialRows, Row

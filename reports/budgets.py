@@ -1,4 +1,4 @@
-"""Tables of each codec's quality within budgets of bytes and time; `bench.choosing.budgets` chooses the rungs.
+"""Tables of each codec's quality within budgets of bytes and time; `bench.compare.choosing.budgets` chooses the rungs.
 
 `budgets` compares the codecs over all materials, `rungs` lists the choices on each, `when` says which codec to use.
 """
@@ -7,8 +7,19 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from statistics import fmean
 
-from bench.choosing import NEAR_DB, Rung
-from bench.choosing.budgets import BITS, BYTES, ENOUGH, FIT, Budget, Budgets, budgets, most_bytes, setting_of, shown
+from bench.compare.choosing import NEAR_DB, Rung
+from bench.compare.choosing.budgets import (
+    BITS,
+    BYTES,
+    ENOUGH,
+    FIT,
+    Budget,
+    Budgets,
+    budgets,
+    most_bytes,
+    setting_of,
+    shown,
+)
 from bench.compare.paired import AGAINST, FEWEST
 from bench.records import FLIP, KINDS, MOST_DB, PSNR, SSIM, Record, Run, kind_of
 from reports.numbers import EXACT, NONE, fixed, integer, significant

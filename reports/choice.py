@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from bench.errors import InputError, did_you_mean
+from bench.inputs.errors import InputError, did_you_mean
 from bench.records import Record, Records, Run, shown_label
 from reports.table import Table
 

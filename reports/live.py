@@ -12,7 +12,7 @@ from typing import cast
 import numpy as np
 from PIL import Image
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.records import Run
 from reports.artefacts import program
 from reports.rows import MaterialRows, Row

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
-from bench.choosing.trades import fused_times
 from bench.codecs.alike import obstacles
+from bench.compare.choosing.trades import fused_times
 from bench.records import CONDITIONS, PSNR, Record, Run, gate, metric_of, metrics_of, require, shown_label, stats_of
 
 NEW_RUN = "timed in another start than the other rows"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from bench.compare.slices import decibels
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.records import Run
 from reports.fits import FitCurve, curves_by_material
 from reports.rows import CodecRows, MaterialRows, Row, materials

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
-from bench.choosing import has_validation
 from bench.codecs.alike import stale
+from bench.compare.choosing import has_validation
 from bench.records import Record, Run
 from reports import BY_BUDGET, KINDS, columns
 from reports.ablation import ablation_table

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.choosing.trades import named
+from bench.compare.choosing.trades import named
 from bench.records import MOST_DB, load_trade
 from reports.csv_tables import as_csv
 from reports.numbers import EXACT, NONE, fixed, integer, signed, significant

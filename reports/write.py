@@ -6,7 +6,7 @@ from html import escape
 from itertools import chain
 from pathlib import Path
 
-from bench.atomic import replacing
+from bench.files.atomic import replacing
 from bench.records import Run, load_run
 from reports import KINDS, Report, figures, trade
 from reports.csv_tables import results_csv

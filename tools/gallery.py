@@ -14,8 +14,9 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageFont
 
-from bench import atomic, cli
+from bench import cli
 from bench.data import materials
+from bench.files import atomic
 
 CODECS = {
     "relief": {"steps": 400},

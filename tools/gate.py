@@ -19,7 +19,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from bench.compare import Comparison, compare
+from bench.compare.comparison import Comparison, compare
 from bench.compare.quantities import deciding
 from bench.compare.reference import committed, reference
 from bench.compare.verdicts import Verdict

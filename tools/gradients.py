@@ -14,7 +14,7 @@ import torch
 from bench.codec import Fit, silent
 from bench.data.open import open_material
 from bench.data.spec import Preparation, named
-from bench.threads import torch_threads
+from bench.machine.threads import torch_threads
 from bench.training import Samples, gain_of
 from neubtf.autoencoder import Autoencoder
 from neubtf.codec import NeuBTF, guiding_pair

@@ -38,7 +38,11 @@ GUARDED = {
     "bench/runs/identity.py": ["bench/runs/test_identity.py"],
     "bench/runs/runner.py": ["bench/runs/test_runner.py"],
     "bench/runs/job.py": ["bench/runs/test_runner.py"],
-    "bench/choosing/*.py": ["bench/choosing", "bench/cli/commands/test_choose.py", "reports/test_budgets.py"],
+    "bench/compare/choosing/*.py": [
+        "bench/compare/choosing",
+        "bench/cli/commands/test_choose.py",
+        "reports/test_budgets.py",
+    ],
     "bench/data/readers/*.py": ["bench/data/readers"],
 }
 OTHER = {

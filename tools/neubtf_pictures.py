@@ -27,14 +27,14 @@ from bench.codecs.registry import load_codec
 from bench.data.materials.maps import resize
 from bench.data.open import open_material
 from bench.data.spec import Preparation, named
-from bench.hemisphere import from_degrees, to_degrees
+from bench.directions.hemisphere import from_degrees, to_degrees
+from bench.machine.threads import torch_threads
 from bench.material import Material
 from bench.metrics import default_names
 from bench.metrics.angular import THETA_EDGES_DEG
 from bench.metrics.display import decode_srgb, encode_srgb, exposure, to_display
 from bench.metrics.scoring import Scorer
 from bench.records import SSIM, metric_of
-from bench.threads import torch_threads
 from neubtf import latents, propagation
 from neubtf.codec import NeuBTF
 from neubtf.guidance import RADIANCE, Treatment, guidance_of

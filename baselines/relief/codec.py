@@ -18,8 +18,8 @@ from baselines.relief.material import ReliefMaterial
 from baselines.relief.network import Network
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
+from bench.inputs.settings import BatchSize, Layers, Natural, Positive, Range, Width
 from bench.material import Material
-from bench.settings import BatchSize, Layers, Natural, Positive, Range, Width
 from bench.training import Loss, Optimiser, Samples, Start, compress, expand, gain_of, load_texture, train
 from bench.training.decoder import load_network, store_network
 from bench.training.quantise import WeightPrecision

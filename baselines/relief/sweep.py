@@ -16,7 +16,7 @@ from baselines.relief.appearance import refine, unexplained
 from baselines.relief.planes import HEIGHTS, REACH, blurred, least, refined, shifted
 from bench.btf import BTF, Layout
 from bench.codec import Fit
-from bench.hemisphere import thin
+from bench.directions.hemisphere import thin
 
 MOST_VIEWS, MOST_LIGHTS = 32, 32  # the most views and lights that are compared
 MEMORY = 256 << 20  # bytes of slices that are kept; larger pictures use fewer lights

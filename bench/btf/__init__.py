@@ -25,9 +25,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bench.atomic import cache_dir
 from bench.btf import scratch
-from bench.errors import InputError
+from bench.files.atomic import cache_dir
+from bench.inputs.errors import InputError
 
 # The `source` of a provenance. These words are part of fingerprints, so they stay, however our packages are called.
 RENDERED, BAKED = "rendered by bench.materials", "baked from maps by bench.bake"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench import atomic
+from bench.files import atomic
 
 log = logging.getLogger(__name__)
 Array = np.ndarray

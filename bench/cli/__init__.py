@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 import bench
 from bench.cli import commands
-from bench.errors import FINE, INTERNAL, INTERRUPTED, USAGE, InputError, did_you_mean, unwritable
-from bench.threads import handling
+from bench.inputs.errors import FINE, INTERNAL, INTERRUPTED, USAGE, InputError, did_you_mean, unwritable
+from bench.machine.threads import handling
 
 WIDTH = 100  # maximal width of a help text, in columns
 EXAMPLES = "\n\nexamples:\n"  # text after this line of a command's docstring is not wrapped
@@ -26,7 +26,7 @@ EVERYDAY = """examples:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code; see `bench.errors`."""
+    """Run one command and return its exit code; see `bench.inputs.errors`."""
     if "OMP_WAIT_POLICY" not in os.environ:
         # PyTorch's idle threads spin before they sleep, for 0.2 ms instead of 8: Dr.Jit's threads need the cores.
         os.environ.setdefault("GOMP_SPINCOUNT", "5000")

@@ -175,7 +175,7 @@ def _frame_lines(portrait: "Look") -> list[str]:
 def _pairs_line(btf: "BTF", pairs: np.ndarray) -> str:
     """Describe some pairs of a BTF: their number and directions."""
     from bench.btf import Layout
-    from bench.hemisphere import to_degrees
+    from bench.directions.hemisphere import to_degrees
 
     if not len(pairs):
         return "no pairs"

@@ -28,12 +28,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bench.archive import write_npz
 from bench.btf import BTF
+from bench.btf.npz import write_npz
 from bench.codec import Codec, Fit, Parts
-from bench.errors import CodecError, ContainerError, InputError
+from bench.inputs.errors import CodecError, ContainerError, InputError
+from bench.inputs.settings import Positive
 from bench.material import DecoderCost, Material
-from bench.settings import Positive
 
 PERMIT = "NEUBTF_PERMIT"  # decode programs that may be started, one a line
 NAMES, SIZE = "names", "size"

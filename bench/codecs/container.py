@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench import atomic
 from bench.codecs.zstd import compressed, expanded
-from bench.errors import ContainerError, answered, refuse_pipe
+from bench.files import atomic
+from bench.inputs.errors import ContainerError, answered, refuse_pipe
 from bench.records import fields as described
 from bench.records import kinds
 from bench.records.schema import FileScene

@@ -13,7 +13,7 @@ from bench.codec import Parts, TrainedNetwork
 from bench.codecs import registry, shared
 from bench.codecs.container import PARTS, SHARED, Header, read_parts
 from bench.codecs.scene_material import SceneMaterial
-from bench.errors import CodecError, ContainerError, answered
+from bench.inputs.errors import CodecError, ContainerError, answered
 from bench.material import Material
 from bench.training.decoder import decoding
 

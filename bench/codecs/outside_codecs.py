@@ -10,7 +10,7 @@ from functools import cache
 from importlib.metadata import EntryPoint
 from typing import Any
 
-from bench.errors import CodecError, InputError
+from bench.inputs.errors import CodecError, InputError
 
 Make = Callable[[str, dict[str, Any] | None], object]
 OURS = "neubtf-bench"

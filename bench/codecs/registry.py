@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.codecs import outside_codecs
-from bench.errors import CodecError, InputError, did_you_mean
+from bench.inputs.errors import CodecError, InputError, did_you_mean
 
 if TYPE_CHECKING:
     from bench.codec import Codec

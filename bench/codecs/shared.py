@@ -17,11 +17,11 @@ from typing import Any
 
 import torch
 
-from bench.atomic import cache_dir
 from bench.btf import BAKED, BTF, RENDERED
 from bench.codec import Codec, Fit, Parts, SharedNetwork, TrainedNetwork, settings_dict
 from bench.codecs import container
-from bench.errors import ContainerError, InputError, MissingDataError
+from bench.files.atomic import cache_dir
+from bench.inputs.errors import ContainerError, InputError, MissingDataError
 
 
 def folder() -> Path:

@@ -8,8 +8,8 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from bench.btf import BTF, box_filter
-from bench.errors import InputError
-from bench.hemisphere import to_degrees
+from bench.directions.hemisphere import to_degrees
+from bench.inputs.errors import InputError
 from bench.material import DecoderCost, Material
 
 SAME = 1e-3  # radians: nearer directions count as equal, because angles in file names are rounded

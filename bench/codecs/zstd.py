@@ -4,7 +4,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from bench.errors import ContainerError, installed
+from bench.inputs.errors import ContainerError, installed
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -3,7 +3,7 @@
 GitHub shows ten errors and ten warnings of a step. Each row is one line; the last line counts the omitted rows.
 """
 
-from bench.compare import FORBIDDEN, Comparison
+from bench.compare.comparison import FORBIDDEN, Comparison
 
 SHOWN = 10  # annotations of each kind in a step
 

@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatch
 
-from bench.compare import check_names, check_whole
-from bench.errors import FINE, NO, NOTHING
+from bench.compare.comparison import check_names, check_whole
+from bench.inputs.errors import FINE, NO, NOTHING
 from bench.records import Record, Run
 
 

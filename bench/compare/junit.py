@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from bench.compare import FORBIDDEN, Comparison
+from bench.compare.comparison import FORBIDDEN, Comparison
 from bench.compare.rows import ComparedRow, sentence
 from bench.compare.verdicts import Verdict
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from bench.btf import Array
 from bench.compare.slices import decibels
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.records import Record, Run, shown_label
 
 AGAINST = "neubtf-direct"  # the codec that others are compared with, named before anything was measured

@@ -14,7 +14,7 @@ from typing import Any
 from bench.compare.quantities import MAIN, deciding
 from bench.compare.slices import decibels, packed
 from bench.compare.verdicts import FEW_SEEDS, agree, smallest_loss
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.records import FLIP, PSNR, REFERENCE, Record, Run, by_row, gate, kept, metric_of, metrics_of, stats_of
 
 

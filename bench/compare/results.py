@@ -9,7 +9,7 @@ from pathlib import Path
 
 from bench.compare.reference import rounded
 from bench.compare.slices import decibels, packed
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.records import PSNR, RESULTS, VALIDATION, Record, Run, gate, kept
 
 

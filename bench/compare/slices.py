@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.archive import MAX_FILE, read_arrays
 from bench.btf import Array
-from bench.errors import InputError
+from bench.files.archive import MAX_FILE, read_arrays
+from bench.inputs.errors import InputError
 from bench.metrics.psnr import psnr
 from bench.records import MOST_DB, PSNR, Record, gate
 

@@ -21,11 +21,11 @@ from bench.btf import BTF, ArraySource
 from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, settings_dict, silent
 from bench.codecs import container, loading, shared
 from bench.conformance import counting, emulated, frame
-from bench.devices import is_gpu
-from bench.errors import CodecError, ContainerError, InputError, answered
-from bench.hemisphere import thinned_product, ubo2003, uniform
+from bench.directions.hemisphere import thinned_product, ubo2003, uniform
+from bench.inputs.errors import CodecError, ContainerError, InputError, answered
+from bench.machine.devices import is_gpu
+from bench.machine.threads import torch_threads
 from bench.material import Material, parameters, texel_centres
-from bench.threads import torch_threads
 
 # Float32 sums of a few hundred terms in another order differ by about 1e-6 of their size; allow ten times that.
 ROUNDING = 1e-5

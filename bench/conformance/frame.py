@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from bench.btf import BTF, ArraySource
-from bench.hemisphere import from_degrees, product
+from bench.directions.hemisphere import from_degrees, product
 from bench.material import Material, texel_centres, texel_corners
 from bench.metrics.display import decode_srgb, encode_srgb
 

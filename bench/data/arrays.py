@@ -7,8 +7,8 @@ from numpy.typing import ArrayLike
 
 from bench.btf import BTF, ArraySource
 from bench.data.readers.checks import negative, no_duplicates, radiance_fault, unit_directions, warn_of_radians
-from bench.errors import InputError
-from bench.hemisphere import to_degrees
+from bench.directions.hemisphere import to_degrees
+from bench.inputs.errors import InputError
 
 log = logging.getLogger(__name__)
 

@@ -6,14 +6,14 @@ temporary name beside its final one, opened once to check that it can be read, a
 
 from pathlib import Path
 
-from bench import atomic
-from bench.archive import write_npz
 from bench.btf import BTF, Array, Source
+from bench.btf.npz import write_npz
 from bench.codec import Progress, silent
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_folder
 from bench.data.thinning import thinned
-from bench.errors import InputError, writable
+from bench.files import atomic
+from bench.inputs.errors import InputError, writable
 
 
 def changed(btf: BTF, crop: tuple[int, int, int, int] | None = None, downsample: int = 1, thin: int = 0) -> BTF:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.btf import BTF, Array, Layout
-from bench.hemisphere import to_degrees
+from bench.directions.hemisphere import to_degrees
 
 AZIMUTHS = 6  # azimuths of views, and of lights: 36 slices are read
 LEAST = 5  # azimuths of views, and of lights; with fewer the two cannot be told apart

@@ -12,7 +12,7 @@ from bench.codec import Progress, silent
 from bench.data.repair import repaired
 from bench.data.spec import MaterialSpec, Preparation, changed, named
 from bench.data.thinning import shrunk, thinned
-from bench.errors import InputError, MissingDataError
+from bench.inputs.errors import InputError, MissingDataError
 
 if TYPE_CHECKING:
     from bench.data.bake import PathTracer

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 
 Array = np.ndarray
 

@@ -15,8 +15,8 @@ from bench.btf import BTF, Array, Layout, box_filter
 from bench.data import periodic
 from bench.data.frame import MeanLobe, mean_lobe
 from bench.data.readers.checks import negative
-from bench.errors import writable
-from bench.hemisphere import thin, to_degrees
+from bench.directions.hemisphere import thin, to_degrees
+from bench.inputs.errors import writable
 from bench.metrics.display import exposure_of, to_display
 
 LIGHTS = 24  # slices of the view nearest the normal

@@ -7,7 +7,7 @@ import numpy as np
 
 from bench.btf import BTF, Array, NotFiniteError, Source
 from bench.codec import Progress, followed, silent
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 
 log = logging.getLogger(__name__)
 

@@ -14,9 +14,9 @@ from typing import Annotated, Literal, get_args, get_type_hints
 
 import numpy as np
 
-from bench.errors import InputError, did_you_mean
-from bench.hemisphere import DIRECTION_SETS, thinned_product, uniform
-from bench.settings import Natural, Range, converted
+from bench.directions.hemisphere import DIRECTION_SETS, thinned_product, uniform
+from bench.inputs.errors import InputError, did_you_mean
+from bench.inputs.settings import Natural, Range, converted
 
 Array = np.ndarray
 Split = Literal["test", "validation"]

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from bench.btf import BTF, Source, scratch
-from bench.hemisphere import thin
+from bench.directions.hemisphere import thin
 
 
 def thinned(btf: BTF, pairs: int) -> BTF:

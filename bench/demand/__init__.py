@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 
 if TYPE_CHECKING:
     from bench.codec import Codec

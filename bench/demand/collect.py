@@ -9,7 +9,7 @@ import numpy as np
 from bench.codec import Progress, followed, silent
 from bench.demand.demand import CELLS, MOST, Demand
 from bench.demand.points import Light, Points, queries_of
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 
 PREVIEW = 96  # cells along the longer side of the first picture, which estimates how much of it shows the material
 FRAME = 1 << 21  # cells of one frame: its rays are cast at once

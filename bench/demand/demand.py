@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from bench.archive import read_arrays
-from bench.atomic import replacing
 from bench.btf import periods
-from bench.errors import InputError, readable, shown
+from bench.files.archive import read_arrays
+from bench.files.atomic import replacing
+from bench.inputs.errors import InputError, readable, shown
+from bench.inputs.settings import Count, converted
 from bench.metrics.display import LUMA
-from bench.settings import Count, converted
 
 FORMAT = 2
 MOST = 1_000_000  # the most queries of a demand

@@ -17,6 +17,7 @@ import torch
 from bench import timing
 from bench.btf import BTF, Layout
 from bench.codec import SCENE, Codec, Fit, Parts, settings_dict
+from bench.codec.density import Density
 from bench.codecs import container, loading
 from bench.codecs.container import Header
 from bench.codecs.scene_material import unreported
@@ -26,7 +27,6 @@ from bench.demand.demand import Demand
 from bench.demand.frame_scorer import FLIP, PSNR, FrameScorer
 from bench.demand.needed_part import NeededPart
 from bench.demand.pair_weights import pair_weights, shares_from_weights
-from bench.density import Density
 from bench.material import Material
 from bench.metrics.display import display_error, exposure
 from bench.metrics.psnr import psnr

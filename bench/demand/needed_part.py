@@ -8,11 +8,11 @@ import torch
 from scipy.ndimage import binary_dilation
 
 from bench.btf import BTF, Array, Layout, periods
+from bench.codec.density import COVERED
 from bench.codecs.window import CELLS, Window, cell_of, to_hex
 from bench.demand.demand import Demand
 from bench.demand.pair_weights import pair_shares, pair_weights, shares_from_weights
-from bench.density import COVERED
-from bench.directions import Hemisphere
+from bench.directions.interpolation import Hemisphere
 
 FINEST = 0.01  # the share of the demand that may be finer than the stored texels
 

@@ -8,9 +8,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from bench.atomic import replacing
 from bench.demand.demand import Demand
-from bench.hemisphere import to_degrees
+from bench.directions.hemisphere import to_degrees
+from bench.files.atomic import replacing
 from bench.metrics.display import exposure_of, to_display
 
 COVERAGE = 64  # cells along each side of the map of visible texture

@@ -5,13 +5,13 @@ import torch
 
 from bench.btf import Array, Layout
 from bench.demand.demand import Demand
-from bench.directions import PairInterpolator, Weights
+from bench.directions.interpolation import PairInterpolator, Weights
 
 CHUNK = 8_192  # queries at once, because a search among scattered pairs computes all distances
 
 
 def pair_weights(layout: Layout, demand: Demand, radiance: bool = False) -> Weights:
-    """Pairs and shares (n, k) of each query, as `bench.directions` interpolates.
+    """Pairs and shares (n, k) of each query, as `bench.directions.interpolation` interpolates.
 
     Shares add up to one; with `radiance` they are the interpolation weights of radiance, including cosines.
     """

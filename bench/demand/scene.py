@@ -37,8 +37,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from bench.demand.demand import unit
-from bench.errors import InputError, did_you_mean
-from bench.settings import Range, fields, parse_toml, read_toml, shipped_toml, table
+from bench.inputs.errors import InputError, did_you_mean
+from bench.inputs.settings import Range, fields, parse_toml, read_toml, shipped_toml, table
 
 MOST = 100_000  # samples of lights over all frames
 Length = Annotated[float, Range(1e-6, 1e6)]  # in scene units; beyond these limits, rounding is too coarse

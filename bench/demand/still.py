@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from bench.atomic import replacing
 from bench.btf import BTF
 from bench.codec import Progress, silent
 from bench.demand.demand import Demand
@@ -15,8 +14,9 @@ from bench.demand.points import Array, queries_of
 from bench.demand.scene import LightSource, Scene
 from bench.demand.text_scene import TextScene
 from bench.demand.truth import truth
-from bench.errors import InputError, writable
-from bench.hemisphere import from_degrees
+from bench.directions.hemisphere import from_degrees
+from bench.files.atomic import replacing
+from bench.inputs.errors import InputError, writable
 from bench.material import Material
 from bench.metrics.display import exposure_of, to_display
 

@@ -1,7 +1,7 @@
 """Computes the reference answers to a demand: the BTF interpolated over texels, pairs and levels of detail.
 
-Radiance is interpolated over directions as in `bench.directions`, and over the texture in a pyramid of box filters:
-bilinear and periodic within the two levels around a footprint, linear between them.
+Radiance is interpolated over directions as in `bench.directions.interpolation`, and over the texture in a pyramid of
+box filters: bilinear and periodic within the two levels around a footprint, linear between them.
 """
 
 import numpy as np

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from bench.errors import InputError, did_you_mean
+from bench.inputs.errors import InputError, did_you_mean
 
 if TYPE_CHECKING:
     from bench.metrics.base import SliceMetric

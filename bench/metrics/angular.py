@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bench.btf import Array
-from bench.hemisphere import to_degrees
+from bench.directions.hemisphere import to_degrees
 
 Pool = Callable[[Array], float]
 

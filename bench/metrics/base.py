@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bench.btf import Array
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.metrics.picture import Picture
 
 

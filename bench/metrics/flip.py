@@ -18,7 +18,7 @@ import numpy as np
 from scipy.ndimage import correlate1d
 
 from bench.btf import Array
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.metrics.base import SliceMetric
 from bench.metrics.picture import Picture
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.btf import Array
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.metrics.base import SliceMetric
 from bench.metrics.display import LUMA
 from bench.metrics.flip import PPD, Perceived, check_ppd, difference, perceive

@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 
 from bench.btf import Array
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 
 
 def magma(error_map: Array) -> Array:

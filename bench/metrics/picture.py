@@ -5,7 +5,7 @@ from functools import cached_property
 import numpy as np
 
 from bench.btf import Array
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.metrics.display import LUMA, encode_srgb, to_log1p
 
 

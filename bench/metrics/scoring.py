@@ -14,13 +14,13 @@ import numpy as np
 
 from bench import metrics as registry
 from bench.btf import BTF, Array, box_filter
-from bench.errors import InputError
+from bench.inputs.errors import InputError
+from bench.machine.threads import cores
 from bench.metrics.angular import as_number, bins, grazing, polar_map
 from bench.metrics.base import SliceMetric
 from bench.metrics.display import display_error, exposure_of, sample
 from bench.metrics.picture import Picture, check_radiance
 from bench.metrics.psnr import DisplayPSNR, LogPSNR
-from bench.threads import cores
 
 Decode = Callable[[int], Array]
 

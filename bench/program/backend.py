@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.program import Program
 
 Array = np.ndarray

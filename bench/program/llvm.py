@@ -13,7 +13,7 @@ from functools import cache
 from tempfile import TemporaryDirectory
 from types import ModuleType
 
-from bench.errors import InputError, installed
+from bench.inputs.errors import InputError, installed
 
 CHOICE = "DRJIT_LIBLLVM_PATH"
 REMEDY = (

@@ -17,7 +17,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.material import Material
 from bench.program import INPUTS, Program, Step
 

@@ -5,7 +5,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal, Required, get_args, get_origin, get_type_hints, is_typeddict
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.records import kinds
 from bench.records.kinds import Each, Fields, Kind, Plain, Several
 from bench.records.schema import Facts, FileScene, Job, Needed, Record, Shown, Start, Stress, Timing, Trade, Use

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bench.errors import shown
+from bench.inputs.errors import shown
 
 LARGEST = 1e18  # a larger number is not a measurement
 WHOLE = (1 << 63) - 1  # the largest whole number, which seeds reach

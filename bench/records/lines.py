@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, overload
 
-from bench.errors import InputError, writable
+from bench.inputs.errors import InputError, writable
 from bench.records import fields
 from bench.records.schema import ARTEFACT, Record
 

@@ -13,15 +13,17 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from bench import atomic, records
-from bench.archive import ZipFiles, inside
+from bench import records
 from bench.codec import Progress, silent
 from bench.codecs import container, loading, shared
 from bench.codecs.registry import COMMAND, codec_entries
 from bench.data.bake.naming import looks_like_maps
 from bench.data.open import draw_of, outlined
 from bench.data.spec import MaterialSpec, Preparation
-from bench.errors import InputError
+from bench.files import atomic
+from bench.files.archive import ZipFiles, inside
+from bench.inputs.errors import InputError
+from bench.inputs.settings import table
 from bench.records import FILE, NAMES, PSNR, Record, Records, Run, kept, metrics_of
 from bench.runs import claims
 from bench.runs.evaluation import evaluate, score_key
@@ -30,7 +32,6 @@ from bench.runs.provenance import provenance
 from bench.runs.suite import CodecSpec
 from bench.runs.task import Task
 from bench.runs.workbench import Workbench, workbench
-from bench.settings import table
 
 MOST_BYTES, LEAST_BYTES, RATIO = 4 << 30, 256 << 20, 64  # limits of all unpacked files; RATIO: over the archive
 MOST_BAKED = 4 << 30  # bytes of radiance that an archive may make us bake, before we know whether its data are the same

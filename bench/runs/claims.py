@@ -8,7 +8,7 @@ from typing import Any
 from bench.codec import settings_dict
 from bench.codecs.container import Header
 from bench.codecs.registry import COMMAND, make_codec
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.records import CLAIM, OUTSIDE, Record, kept
 
 DECIBELS, RELATIVE = 0.01, 1e-3  # the largest change by rounding on another processor

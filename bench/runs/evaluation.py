@@ -15,8 +15,9 @@ from bench.codecs.command import ProgramMaterial
 from bench.codecs.container import Header
 from bench.codecs.loading import Loaded
 from bench.codecs.scene_material import unreported
-from bench.errors import ContainerError, InputError
-from bench.hemisphere import to_degrees
+from bench.directions.hemisphere import to_degrees
+from bench.inputs.errors import ContainerError, InputError
+from bench.machine.threads import torch_threads
 from bench.material import Material, parameters, resident_bytes
 from bench.metrics import get as get_metric
 from bench.metrics import scoring
@@ -26,7 +27,6 @@ from bench.program.recording import program_of
 from bench.records import FLIP, PSNR, Record, gate, metric_of
 from bench.runs.identity import identity
 from bench.runs.workbench import Workbench
-from bench.threads import torch_threads
 
 DRAWN_FLOATS = 2_000_000  # the most floats of a texture that a page draws live
 COARSE = (2, 4, 8)  # footprints in texels that are scored in addition to slices, whose footprint is one texel

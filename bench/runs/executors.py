@@ -20,9 +20,9 @@ from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
 from bench.codecs.outside_codecs import EXPENDABLE
-from bench.devices import is_gpu
-from bench.errors import InputError
-from bench.threads import handling
+from bench.inputs.errors import InputError
+from bench.machine.devices import is_gpu
+from bench.machine.threads import handling
 
 T = TypeVar("T")
 PATIENCE = "10s"  # how long to wait for the first answer of a scheduler

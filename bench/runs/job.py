@@ -24,14 +24,15 @@ from typing import Any
 import numpy as np
 import torch
 
-from bench import atomic
 from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, settings_dict, silent
 from bench.codecs import container, loading, shared
 from bench.codecs.command import Programs
 from bench.codecs.registry import called, codec_entries, from_outside, make_codec
 from bench.demand import fitting, require_demand
-from bench.devices import is_gpu
-from bench.errors import NO_PLACE, CodecError, ContainerError, InputError, MissingDataError
+from bench.files import atomic
+from bench.inputs.errors import NO_PLACE, CodecError, ContainerError, InputError, MissingDataError
+from bench.machine.devices import is_gpu
+from bench.machine.threads import processor_seconds, torch_threads
 from bench.records import Record, fields
 from bench.records.schema import Facts
 from bench.runs import lock
@@ -42,7 +43,6 @@ from bench.runs.process_state import restored_process_state
 from bench.runs.provenance import processor, revision
 from bench.runs.task import Task
 from bench.runs.workbench import Workbench, workbench
-from bench.threads import processor_seconds, torch_threads
 from bench.training import stored_texture
 
 log = logging.getLogger(__name__)

@@ -21,12 +21,12 @@ from bench.data.readers import open_btf
 from bench.data.readers.checks import negative
 from bench.demand import require_demand
 from bench.demand.demand import load as load_demand
-from bench.errors import InputError
+from bench.inputs.errors import InputError
+from bench.machine.threads import torch_threads
 from bench.material import Material
 from bench.records import ARTEFACT, Record, field_names
 from bench.runs.evaluation import conditions, evaluate, score_key, scored
 from bench.runs.workbench import Workbench
-from bench.threads import torch_threads
 
 log = logging.getLogger(__name__)
 LOOKED_AT = 24  # slices of a BTF that is encoded, for negative values

@@ -18,8 +18,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.atomic import is_still
-from bench.errors import InputError, writable
+from bench.files.atomic import is_still
+from bench.inputs.errors import InputError, writable
 
 log = logging.getLogger(__name__)
 

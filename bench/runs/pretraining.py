@@ -9,8 +9,8 @@ from bench.codec import Fit, SharedNetwork
 from bench.codecs import shared
 from bench.codecs.container import Header
 from bench.data.materials.variations import load_variation
-from bench.errors import InputError
-from bench.threads import torch_threads
+from bench.inputs.errors import InputError
+from bench.machine.threads import torch_threads
 
 MATERIALS = 224  # the default number of variations in training
 UNSEEN = range(100_000, 100_016)  # variations for its curve, kept out of training

@@ -15,15 +15,16 @@ from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
-from bench import atomic, records
+from bench import records
 from bench.codec import REMARK, Codec, Progress, silent
 from bench.codecs import container, shared
 from bench.codecs.command import Programs, permit
 from bench.codecs.registry import from_outside, make_codec
 from bench.data.spec import MaterialSpec
 from bench.demand import require_demand
-from bench.devices import present
-from bench.errors import CodecError, InputError, MissingDataError
+from bench.files import atomic
+from bench.inputs.errors import CodecError, InputError, MissingDataError
+from bench.machine.devices import present
 from bench.records import Record, Run
 from bench.runs import lock
 from bench.runs.estimate import Estimate

@@ -46,9 +46,9 @@ from typing import Annotated, Any
 from bench.codecs.registry import COMMAND, load_codec, make_codec
 from bench.data.spec import MaterialSpec, Preparation, changed, named
 from bench.demand import UNIFORM
-from bench.errors import CodecError, InputError, did_you_mean, shown
+from bench.inputs.errors import CodecError, InputError, did_you_mean, shown
+from bench.inputs.settings import Range, Share, Threads, converted, fields, parse_toml, read_toml, shipped_toml, table
 from bench.metrics import DEFAULTS, chosen_names
-from bench.settings import Range, Share, Threads, converted, fields, parse_toml, read_toml, shipped_toml, table
 
 MOST_JOBS = 100_000
 Words = tuple[str, ...]

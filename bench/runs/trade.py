@@ -14,14 +14,16 @@ from typing import Any
 import numpy as np
 import torch
 
-from bench import atomic, timing
-from bench.archive import MAX_FILE, read_arrays
-from bench.choosing import validation_of
-from bench.choosing.trades import answers
+from bench import timing
 from bench.codec import Progress, silent
 from bench.codecs.loading import load
+from bench.compare.choosing import validation_of
+from bench.compare.choosing.trades import answers
 from bench.demand.mitsuba.lobes import fitted
-from bench.errors import InputError
+from bench.files import atomic
+from bench.files.archive import MAX_FILE, read_arrays
+from bench.inputs.errors import InputError
+from bench.machine.threads import torch_threads
 from bench.material import Material
 from bench.metrics.angular import as_number
 from bench.metrics.display import display_error
@@ -34,7 +36,6 @@ from bench.runs.evaluation import Slices, recorded
 from bench.runs.suite import Suite, canonical
 from bench.runs.task import Task
 from bench.runs.workbench import Workbench, workbench
-from bench.threads import torch_threads
 from bench.timing import native
 from bench.timing.execution import Variant, exists_on, is_whole, networks, prepared
 from bench.timing.profile import profile

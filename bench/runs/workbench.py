@@ -18,9 +18,9 @@ from bench.demand.demand import load as load_demand
 from bench.demand.frame_scorer import FrameScorer, table_of
 from bench.demand.mitsuba import load_path_tracer
 from bench.demand.pair_weights import pair_shares
-from bench.directions import PairInterpolator
-from bench.errors import InputError
-from bench.hemisphere import to_degrees
+from bench.directions.hemisphere import to_degrees
+from bench.directions.interpolation import PairInterpolator
+from bench.inputs.errors import InputError
 from bench.metrics import DEFAULTS, chosen_names
 from bench.metrics.scoring import Scorer
 from bench.records import OUTSIDE, VALIDATION, gate

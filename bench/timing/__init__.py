@@ -20,9 +20,9 @@ import torch
 from torch import Tensor
 
 from bench.codec import Progress, followed, silent
-from bench.devices import described, is_gpu
+from bench.machine.devices import described, is_gpu
+from bench.machine.threads import torch_threads
 from bench.material import DecoderCost, Material, sample_texture
-from bench.threads import torch_threads
 from bench.timing.clock import calibrated, clock_of
 from bench.timing.queries import Queries
 

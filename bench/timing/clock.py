@@ -7,7 +7,7 @@ from typing import Any
 
 import torch
 
-from bench.devices import is_gpu
+from bench.machine.devices import is_gpu
 
 Clock = Callable[[], int]  # tells a time on the CPU in ns
 SPAN_NS = 3_000_000  # an inner loop runs about this long: far above the clock's resolution, below what disturbs both

@@ -24,8 +24,8 @@ import torch
 import torch._dynamo
 from torch import Tensor, nn
 
-from bench.devices import is_gpu
-from bench.errors import InputError, did_you_mean
+from bench.inputs.errors import InputError, did_you_mean
+from bench.machine.devices import is_gpu
 from bench.material import Around, Material
 from bench.program.llvm import drjit, unusable
 from bench.training.decoder import Decoder

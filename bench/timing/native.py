@@ -5,7 +5,7 @@ from pathlib import Path
 
 import torch
 
-from bench.devices import is_gpu
+from bench.machine.devices import is_gpu
 
 # Words of /proc/cpuinfo and of `torch.cpu.get_capabilities`, of x86 and of ARM: each stands for an instruction that
 # multiplies such numbers.

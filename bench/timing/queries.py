@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bench.hemisphere import from_degrees, uniform
+from bench.directions.hemisphere import from_degrees, uniform
 from bench.material import texel_centres
 
 

@@ -4,8 +4,8 @@ from typing import Any
 
 import torch
 
+from bench.machine.threads import torch_threads
 from bench.material import DecoderCost
-from bench.threads import torch_threads
 from bench.timing.clock import calibrated
 
 SIDE = 1024  # side of the multiplied matrices

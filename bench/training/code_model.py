@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 
 Ints = NDArray[np.int64]
 Size = tuple[int, int]

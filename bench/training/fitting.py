@@ -17,15 +17,15 @@ from safetensors.torch import save as serialise
 from torch import Tensor, nn
 from torch.nn import functional
 
-from bench import atomic
 from bench.btf import BTF, box_filter
 from bench.codec import REMARK, Fit
-from bench.density import Density
-from bench.errors import InputError
+from bench.codec.density import Density
+from bench.files import atomic
+from bench.inputs.errors import InputError
+from bench.machine.threads import processor_seconds
 from bench.material import keep_buffers
 from bench.metrics.display import LOG_SCALE, exposure, to_display
 from bench.metrics.psnr import psnr as decibels
-from bench.threads import processor_seconds
 from bench.training.optimiser import Optimisers, rate
 from bench.training.stored_texture import Rounding, choose_bits
 

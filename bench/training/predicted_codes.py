@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.training.code_fit import fitted
 from bench.training.code_model import TOTAL, USUAL, Canvas, Curve, Ints, Model, Size
 

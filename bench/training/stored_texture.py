@@ -12,7 +12,7 @@ from typing import Literal
 import torch
 from torch import Tensor, nn
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.training.quantise import pack, unpack
 from bench.training.texture_codes import MOST_BITS, compress, expand
 

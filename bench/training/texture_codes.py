@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.training import predicted_codes
 from bench.training.code_model import feasible
 

@@ -9,8 +9,8 @@ from torch import Tensor, nn
 
 from bench.btf import BTF
 from bench.codec import Fit, Parts
+from bench.inputs.settings import BatchSize, Natural, Positive
 from bench.material import DecoderCost, Material, to_radiance
-from bench.settings import BatchSize, Natural, Positive
 from bench.training.decoder import Decoder, store_network
 from bench.training.fitting import Loss, Objective, Samples, gain_of, train
 from bench.training.initial_latents import Start

@@ -10,7 +10,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.errors import FINE
+from bench.inputs.errors import FINE
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,7 +21,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     from bench.codecs import loading
     from bench.codecs.scene_material import SceneMaterial
-    from bench.errors import InputError
+    from bench.inputs.errors import InputError
     from neubtf.latents import draw
     from neubtf.renderer import NeuBTFMaterial
 

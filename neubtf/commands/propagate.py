@@ -11,7 +11,7 @@ import argparse
 from pathlib import Path
 
 from bench.cli.commands import usable_device
-from bench.errors import FINE, InputError
+from bench.inputs.errors import FINE, InputError
 
 MARGIN = 1 / 6  # of a side: about what the built-in photographs lose
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.atomic import replacing
+from bench.files.atomic import replacing
 from reports.board.pages import Board
 from reports.board.sources import Source, with_files
 

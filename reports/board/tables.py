@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from bench.choosing.budgets import budgets, most_bytes, shown
+from bench.compare.choosing.budgets import budgets, most_bytes, shown
 from bench.records import PSNR
 from reports import columns
 from reports.board.sources import STATES, Source

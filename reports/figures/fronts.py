@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from bench.choosing.budgets import BITS, BYTES, EAGER, TIMES, Budgets, budgets
+from bench.compare.choosing.budgets import BITS, BYTES, EAGER, TIMES, Budgets, budgets
 from bench.records import KINDS, Run, kind_of
 from reports.figures.canvas import Figure, legend, plots, png, style
 from reports.styles import Styles

@@ -4,7 +4,7 @@ from itertools import accumulate
 
 import numpy as np
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.program import Program
 from bench.records import Record, Run
 from reports.artefacts import program

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def critical_differences(run: Run) -> Iterator[Figure]:
     """One figure, of the mean ranks of `table ranks`, if there are any."""
-    from bench.choosing.budgets import ENOUGH, budgets
+    from bench.compare.choosing.budgets import ENOUGH, budgets
     from reports.budgets import in_words
 
     if not (ranking := budgets(run).ranks()):

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 
-from bench.atomic import replacing, write
-from bench.errors import InputError
+from bench.files.atomic import replacing, write
+from bench.inputs.errors import InputError
 from bench.program import Program
 from reports.shaders.dialects import DIALECTS
 from reports.shaders.generator import shader

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.program import Program
 from reports.shaders.dialects import Dialect
 from reports.shaders.tables import WIDTH, Tables

@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.program.backend import Array, Backend, Rows, Scalar, as_array, listed
 from bench.program.operations import KINDS, OPERATIONS
 from reports.shaders.dialects import Dialect

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import torch
 
-from bench import hemisphere
 from bench.btf import BTF, ArraySource
 from bench.codec import Codec, Fit, Parts
 from bench.codecs import container, loading
 from bench.conformance.check import tiny_btf
+from bench.directions import hemisphere
 from bench.material import Material
 
 CPU = torch.device("cpu")

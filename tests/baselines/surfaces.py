@@ -5,7 +5,7 @@ import numpy as np
 from bench.btf import BTF, ArraySource
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import render
-from bench.hemisphere import thin, ubo2003
+from bench.directions.hemisphere import thin, ubo2003
 
 SIZE = 16
 

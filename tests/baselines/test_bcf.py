@@ -7,8 +7,8 @@ from PIL import Image
 
 from baselines import bc1
 from baselines.bcf import BCF, BCFObjective, decoded, lines
-from bench import hemisphere
 from bench.codec import Fit, Parts
+from bench.directions import hemisphere
 from bench.training import Samples, gain_of
 from tests.baselines.made import coded, cropped, normed_sines
 

@@ -5,10 +5,10 @@ import pytest
 import torch
 
 from baselines.biplane import PAIRS, Biplane, BiplaneDecoder, BiplaneNetwork, BiplaneObjective, Pool
-from bench import hemisphere
 from bench.codec import Fit, TrainedNetwork
 from bench.codecs import shared
 from bench.conformance.check import others, tiny_btf
+from bench.directions import hemisphere
 from bench.training import gain_of
 from tests.baselines.made import coded, dense, fetch, leaky, oracle_difference, split
 

@@ -11,12 +11,12 @@ from torch import Tensor
 from baselines.hierarchical import HierarchicalObjective
 from baselines.neumip import LOSSES, NeuMIPObjective
 from baselines.neuralbtf import NeuralBTF, names
-from bench import hemisphere
 from bench.codec import Codec, Fit
 from bench.codecs import shared
 from bench.codecs.registry import load_codec, make_codec
 from bench.conformance.check import tiny_btf
-from bench.errors import InputError
+from bench.directions import hemisphere
+from bench.inputs.errors import InputError
 from bench.training import Samples
 from bench.training import fitting as training
 from tests.baselines.made import CPU, at_tiny_pairs, btf_of, decoded, noise, slices, stored, table

@@ -7,10 +7,10 @@ from scipy.ndimage import convolve1d
 
 from baselines.hierarchical import Hierarchical, HierarchicalMaterial, HierarchicalObjective, gradients
 from baselines.neumip import YUV_TO_RGB, level_count
-from bench import hemisphere
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit, Parts
 from bench.conformance.check import tiny_btf
+from bench.directions import hemisphere
 from bench.training import Samples
 from bench.training import fitting as training
 from tests.baselines.made import bilinear, coded

@@ -4,8 +4,8 @@ import torch
 from scipy.special import factorial, lpmv
 
 from baselines.hsh import HSH, LEAST_COSINE, harmonics
-from bench import hemisphere
 from bench.conformance.check import tiny_btf
+from bench.directions import hemisphere
 from tests.baselines.made import coded
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from baselines.mean_colour import MeanColour
-from bench import hemisphere
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.codecs import container, loading
+from bench.directions import hemisphere
 
 
 def made() -> BTF:

@@ -6,7 +6,7 @@ import pytest
 
 import baselines
 from bench import cli
-from bench.archive import write_npz
+from bench.btf.npz import write_npz
 from bench.codecs import loading, shared
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf

@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from baselines.neuralbtf import NeuralBTF, NeuralBTFObjective
-from bench import hemisphere
 from bench.codec import Fit, Parts
 from bench.conformance.check import tiny_btf
+from bench.directions import hemisphere
 from bench.training import Samples, gain_of
 from tests.baselines.made import bilinear, coded, cropped, dense, split
 

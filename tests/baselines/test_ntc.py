@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from baselines.ntc import NTC, NTCObjective, codes_of, encoded_places, values_of
-from bench import hemisphere
 from bench.codec import Fit, Parts
 from bench.conformance.check import tiny_btf
+from bench.directions import hemisphere
 from bench.material import parameters
 from bench.training import Samples, gain_of
 from tests.baselines.made import coded, cropped, decoded, normed_sines

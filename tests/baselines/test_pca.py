@@ -9,10 +9,10 @@ import torch
 from sklearn import decomposition
 
 from baselines.pca import PCA
-from bench import hemisphere
 from bench.btf import BTF, Source
 from bench.codec import Fit
 from bench.codecs import container
+from bench.directions import hemisphere
 from bench.training.svd import truncated_svd
 from tests.baselines.made import CPU, btf_of, slices, stored, table
 

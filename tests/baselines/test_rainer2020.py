@@ -11,7 +11,7 @@ from bench.btf import BTF, ArraySource
 from bench.codec import Fit, TrainedNetwork
 from bench.codecs import shared
 from bench.conformance.check import others, tiny_btf
-from bench.hemisphere import from_degrees
+from bench.directions.hemisphere import from_degrees
 from bench.training import fitting as training
 from tests.baselines.made import decoded
 

@@ -6,7 +6,7 @@ import torch
 
 from baselines.relief.geometry import Surface, slope
 from baselines.relief.planes import shifted
-from bench.hemisphere import from_degrees, uniform
+from bench.directions.hemisphere import from_degrees, uniform
 from bench.material import texel_centres
 
 

@@ -16,7 +16,7 @@ from bench.conformance.check import tiny_btf
 from bench.data.bake import read_surface, recognise
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import render
-from bench.hemisphere import thin, ubo2003, uniform
+from bench.directions.hemisphere import thin, ubo2003, uniform
 
 SIZE = 8
 

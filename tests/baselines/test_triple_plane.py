@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from baselines.triple_plane import TriplePlane, half_and_difference
-from bench import hemisphere
+from bench.directions import hemisphere
 from tests.baselines.made import coded, dense, fetch, oracle_difference, split
 
 

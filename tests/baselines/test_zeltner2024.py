@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from baselines.zeltner2024 import Zeltner2024, Zeltner2024Objective
-from bench import hemisphere
 from bench.codec import Fit
 from bench.conformance.check import tiny_btf
+from bench.directions import hemisphere
 from bench.material import parameters
 from bench.training import Samples, gain_of, load_texture
 from tests.baselines.made import coded, dense, split

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from bench.btf import BTF, ArraySource, Layout, Source
-from bench.hemisphere import from_degrees, thin, ubo2003
+from bench.directions.hemisphere import from_degrees, thin, ubo2003
 
 
 @pytest.fixture(autouse=True)

@@ -8,8 +8,8 @@ import torch
 
 from bench.codec import Codec, Fit, described_settings, settings_dict
 from bench.codecs.registry import codec_entries, load_codec
-from bench.errors import InputError
-from bench.settings import Count, Positive, Range, Share, described
+from bench.inputs.errors import InputError
+from bench.inputs.settings import Count, Positive, Range, Share, described
 
 
 class Sample(Codec):

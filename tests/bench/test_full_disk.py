@@ -8,9 +8,10 @@ import sys
 
 import pytest
 
-from bench import atomic, cli
+from bench import cli
 from bench.conformance.check import tiny_btf
 from bench.data.readers.folder import write_folder
+from bench.files import atomic
 from bench.runs import job
 
 # Files of more than 300 bytes are refused to a process with this limit, as on a full disk.

@@ -16,8 +16,8 @@ from bench.codecs import container
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
 from bench.data.readers.folder import write_folder
-from bench.errors import ContainerError, InputError
-from bench.hemisphere import from_degrees
+from bench.directions.hemisphere import from_degrees
+from bench.inputs.errors import ContainerError, InputError
 from bench.records import load_run
 from tests.bench.outside import install
 

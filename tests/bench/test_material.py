@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 import torch
 
-from bench.directions import Hemisphere
-from bench.errors import InputError
-from bench.hemisphere import ubo2003, uniform
+from bench.directions.hemisphere import ubo2003, uniform
+from bench.directions.interpolation import Hemisphere
+from bench.inputs.errors import InputError
 from bench.material import CHUNK, DecoderCost, Material, box_centres, sample_texture, texel_centres, to_radiance
 
 

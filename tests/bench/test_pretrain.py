@@ -3,7 +3,7 @@
 import pytest
 
 from bench import cli
-from bench.archive import write_npz
+from bench.btf.npz import write_npz
 from bench.codecs import shared
 from bench.conformance.check import others, tiny_btf
 

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from bench import cli
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.records import FILE, append, lines, load_run, load_trade
 
 LEAST = {"material": "satin", "label": "pca", "seed": 0}

@@ -7,13 +7,12 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 FLOORS = [  # from the ground up; a room may enter those of lower floors, and a word any word
-    {"errors", "atomic", "threads", "hemisphere", "density", "settings", "records", "archive", "material", "btf"}
-    | {"directions", "codec", "devices"},
+    {"inputs", "files", "machine", "records", "material", "btf", "directions", "codec"},
     {"metrics", "program"},
     {"training"},
-    {"data", "codecs", "decoder", "quantise"},
+    {"data", "codecs"},
     {"timing", "compare"},
-    {"demand", "choosing"},
+    {"demand"},
     {"runs"},
     {"conformance"},
     {""},

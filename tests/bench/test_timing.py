@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from bench import timing
+from bench.machine.threads import torch_threads
 from bench.material import DecoderCost, Material
 from bench.runs.timed import measured
-from bench.threads import torch_threads
 from bench.timing import BATCH, FLOOR, TURNS, Timing, in_turns, time_materials
 from bench.timing.clock import calibrated
 from bench.timing.profile import profile

@@ -31,7 +31,7 @@ from bench.demand.collect import collect
 from bench.demand.overview import summarise
 from bench.demand.scene import named_scene, read_scene
 from bench.demand.text_scene import TextScene
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.runs.suite import builtin_suites, canonical, load_suite, parse_suite
 
 NUMBERS = (-1, 0, 1, 2, 255, 100_000, 10**8, 10**9, 2**62, -(2**63), 10**30, 1.5, -0.5, 1e-300, 1e308, -1e308)
@@ -375,8 +375,8 @@ def attack_trade(sample: Path, scratch: Path, rng: random.Random) -> Reading:
 
 def read_run(folder: Path, sound: Path, share: float) -> None:
     """Whatever a user may ask of a run's records."""
-    from bench.compare import compare
     from bench.compare.annotations import annotations
+    from bench.compare.comparison import compare
     from bench.compare.junit import junit
     from bench.compare.tracker import tracker
     from bench.records import load_run
@@ -404,8 +404,8 @@ def read_run(folder: Path, sound: Path, share: float) -> None:
 
 def read_trade(folder: Path, share: float) -> None:
     """Whatever a user may ask of a run's trade."""
-    from bench.choosing import Limits, chosen, nearest
-    from bench.choosing.trades import answers, described, usable
+    from bench.compare.choosing import Limits, chosen, nearest
+    from bench.compare.choosing.trades import answers, described, usable
     from bench.records import load_trade
     from reports import table_text, write_report
 

@@ -22,11 +22,11 @@ from fuzzing import Reading, Target, main
 from ubo2003_pca_write import random_codes, write_ubo2003_pca
 from ubo2014_write import write_ubo2014
 
-from bench.archive import write_npz
 from bench.btf import BTF, ArraySource
+from bench.btf.npz import write_npz
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_exr, write_folder
-from bench.hemisphere import from_degrees
+from bench.directions.hemisphere import from_degrees
 
 H, W = 8, 9
 ANGLES = [(0, 0), (15, 60)]

@@ -21,7 +21,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 
 SECONDS, MEMORY, CHUNK = 2.0, 1 << 30, 500
 READ, REFUSED = "read", "refused"

@@ -12,7 +12,7 @@ from bench.btf import BTF, ArraySource
 from bench.codec import Fit, Parts
 from bench.codecs import container
 from bench.conformance.check import tiny_btf
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.material import parameters
 from bench.metrics.display import decode_srgb
 from bench.training import Samples, load_texture

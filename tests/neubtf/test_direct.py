@@ -7,7 +7,7 @@ import torch
 from bench.codec import Fit, Parts
 from bench.codecs import container
 from bench.conformance.check import tiny_btf
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.material import Material, parameters
 from bench.training import Samples, load_texture, store_texture, train
 from neubtf.direct import Direct, NeuBTFDirect

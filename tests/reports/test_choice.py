@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from bench import cli
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from reports import table_text
 from reports.choice import Choice
 

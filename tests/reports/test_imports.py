@@ -29,7 +29,7 @@ def test_only_commands_import_reports_and_draw_tables(folder):
 
 
 def test_reports_import_neither_codecs_nor_what_computes():
-    names = "archive atomic btf choosing codecs.alike compare errors metrics records"
+    names = "btf codecs.alike compare files inputs.errors metrics records"
     allowed = {f"bench.{name}" for name in names.split()}
     program = {"bench.program", "bench.program.backend", "bench.program.operations"}  # the rest of it imports more
     for path in files("reports"):

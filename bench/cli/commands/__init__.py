@@ -1,8 +1,8 @@
 """The commands of `neubtf-bench`, one module each; other packages add theirs by entry point, `neubtf_bench.commands`.
 
 A command's module has a docstring, whose first line stands in the list of commands; `arguments(parser)`; and
-`run(options)`, which prints and returns an exit code of `bench.errors`. It imports other modules only when it runs, so
-that all commands start fast.
+`run(options)`, which prints and returns an exit code of `bench.inputs.errors`. It imports other modules only when it
+runs, so that all commands start fast.
 """
 
 import argparse
@@ -14,11 +14,11 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench import atomic
 from bench.codecs.registry import first_line
-from bench.devices import present
-from bench.errors import InputError, writable
-from bench.settings import Threads, converted
+from bench.files import atomic
+from bench.inputs.errors import InputError, writable
+from bench.inputs.settings import Threads, converted
+from bench.machine.devices import present
 
 if TYPE_CHECKING:
     from bench.runs.executors import Workers
@@ -116,8 +116,8 @@ def workers(
     jobs: int, threads: int, device: str, limit: float | None = None
 ) -> "Callable[[], AbstractContextManager[Workers]] | None":
     """The workers for so many jobs at once (0: one a core); None if the runner decides."""
+    from bench.machine.threads import cores
     from bench.runs import executors
-    from bench.threads import cores
 
     count = jobs or max(1, cores() // threads)
     if count == 1 and limit is None:

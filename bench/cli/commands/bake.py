@@ -9,7 +9,7 @@ import argparse
 from pathlib import Path
 
 from bench.cli.commands import out
-from bench.errors import FINE
+from bench.inputs.errors import FINE
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -7,7 +7,7 @@ examples:
 
 import argparse
 
-from bench.errors import FINE
+from bench.inputs.errors import FINE
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -15,7 +15,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.atomic import cache_dir, clear_cache
+    from bench.files.atomic import cache_dir, clear_cache
 
     if options.clear:
         count, size = clear_cache()

@@ -8,7 +8,7 @@ examples:
 import argparse
 
 from bench.cli.commands import assignments
-from bench.errors import FINE, NO
+from bench.inputs.errors import FINE, NO
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.cli.commands import several, usable_device, workers
-from bench.errors import FAILED, FINE, NO, InputError
+from bench.inputs.errors import FAILED, FINE, NO, InputError
 
 if TYPE_CHECKING:
-    from bench.choosing import Rung
+    from bench.compare.choosing import Rung
     from bench.runs.suite import Suite
 
 
@@ -41,8 +41,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.choosing import Limits, chosen, nearest
-    from bench.choosing.trades import described, held
+    from bench.compare.choosing import Limits, chosen, nearest
+    from bench.compare.choosing.trades import described, held
     from bench.runs.suite import canonical
 
     size = None if options.max_bytes is None else parse_bytes(options.max_bytes)
@@ -103,7 +103,7 @@ def _suite(options: argparse.Namespace) -> "Suite":
 
 def _measured(folder: Path, suite: "Suite", device: str) -> tuple[list["Rung"], list[str]]:
     """The choices of a suite's material that were measured on a device, and the labels that were not tried."""
-    from bench.choosing.trades import usable
+    from bench.compare.choosing.trades import usable
     from bench.records import load_trade
 
     codecs, material = {codec.codec for codec in suite.codecs}, suite.materials[0].name

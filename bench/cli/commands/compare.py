@@ -32,11 +32,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.compare import compare, extremes
+    from bench.compare import extremes
     from bench.compare.annotations import annotations
+    from bench.compare.comparison import compare
     from bench.compare.junit import junit
     from bench.compare.tracker import tracker
-    from bench.errors import InputError
+    from bench.inputs.errors import InputError
     from bench.records import load_run
     from reports.comparison import markdown, terminal
 

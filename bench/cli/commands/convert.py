@@ -8,7 +8,7 @@ examples:
 import argparse
 
 from bench.cli.commands import out
-from bench.errors import FINE
+from bench.inputs.errors import FINE
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -10,7 +10,7 @@ import argparse
 from pathlib import Path
 
 from bench.cli.commands import usable_device
-from bench.errors import FINE, InputError
+from bench.inputs.errors import FINE, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,8 +30,8 @@ def run(options: argparse.Namespace) -> int:
     from bench.codecs.loading import DecodedSource, load
     from bench.data.convert import write_btf, write_maps
     from bench.data.open import open_named
-    from bench.errors import did_you_mean
-    from bench.hemisphere import DIRECTION_SETS, thinned_product
+    from bench.directions.hemisphere import DIRECTION_SETS, thinned_product
+    from bench.inputs.errors import did_you_mean
 
     header, material, _ = load(options.file, usable_device(options.device))
     if options.maps:

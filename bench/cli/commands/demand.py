@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.cli.commands import out
-from bench.errors import FINE, InputError, installed
+from bench.inputs.errors import FINE, InputError, installed
 
 if TYPE_CHECKING:
     from bench.demand.collect import Caster

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.cli.commands import assignments, threads, usable_device
-from bench.errors import FINE, NO, InputError
+from bench.inputs.errors import FINE, NO, InputError
 
 if TYPE_CHECKING:
     from bench.btf import BTF
@@ -83,12 +83,12 @@ def _encode_for_scene(
 
     import torch
 
-    from bench import atomic
     from bench.codec import Fit
     from bench.codecs import shared
     from bench.demand import UNIFORM, fitting
     from bench.demand.frame_scorer import FrameScorer, table_of
-    from bench.threads import torch_threads
+    from bench.files import atomic
+    from bench.machine.threads import torch_threads
     from reports.scene_models import scene_models_text
 
     def fit() -> Fit:

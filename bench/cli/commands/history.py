@@ -16,7 +16,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.errors import FINE, NOTHING
+from bench.inputs.errors import FINE, NOTHING
 from bench.records import RMSE
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def run(options: argparse.Namespace) -> int:
     import sys
     import warnings
 
-    from bench.errors import InputError, writable
+    from bench.inputs.errors import InputError, writable
     from bench.records import load_run
     from bench.runs.history import load_runs
 
@@ -62,8 +62,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _write(frame: "pd.DataFrame", path: Path) -> None:
-    from bench.atomic import replacing
-    from bench.errors import InputError, writable
+    from bench.files.atomic import replacing
+    from bench.inputs.errors import InputError, writable
 
     try:
         with writable(path, "choose another --out"), replacing(path) as partial:

@@ -8,10 +8,10 @@ examples:
 import argparse
 from typing import TYPE_CHECKING
 
-from bench.errors import FINE
+from bench.inputs.errors import FINE
 
 if TYPE_CHECKING:
-    from bench.settings import Setting
+    from bench.inputs.settings import Setting
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,8 +47,8 @@ def _settings(what: str, name: str) -> int:
     """Print the settings of a codec, and of the network that it shares over materials if it has one."""
     from bench.codec import described_settings
     from bench.codecs.registry import codec_entries, describe, load_codec, origin
-    from bench.errors import InputError
-    from bench.settings import described
+    from bench.inputs.errors import InputError
+    from bench.inputs.settings import described
 
     if what != "codecs":
         raise InputError(f"list {what} {name}: only codecs have settings: list codecs NAME")

@@ -16,7 +16,7 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 
-from bench.errors import FINE, InputError, writable
+from bench.inputs.errors import FINE, InputError, writable
 
 # For each kind: the place of each file, and its template.
 _FILES = {
@@ -38,8 +38,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench import atomic
     from bench.codecs.registry import codec_entries
+    from bench.files import atomic
 
     name = options.name
     if not re.fullmatch("[a-z][a-z0-9]*(-[a-z0-9]+)*", name):

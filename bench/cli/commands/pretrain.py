@@ -14,7 +14,7 @@ examples:
 import argparse
 
 from bench.cli.commands import assignments, out, several, threads, usable_device
-from bench.errors import FINE, InputError
+from bench.inputs.errors import FINE, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -12,7 +12,7 @@ examples:
 import argparse
 
 from bench.cli.commands import out
-from bench.errors import FINE
+from bench.inputs.errors import FINE
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,10 +23,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.atomic import write
-    from bench.compare import check_whole, compare
+    from bench.compare.comparison import check_whole, compare
     from bench.compare.reference import committed, few_seeds, pairs_by_seed, reference, seeds_of, smallest_losses
-    from bench.errors import InputError, writable
+    from bench.files.atomic import write
+    from bench.inputs.errors import InputError, writable
     from bench.records import load_run
     from bench.runs.suite import builtin_suites
     from reports.comparison import terminal

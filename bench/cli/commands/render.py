@@ -14,7 +14,7 @@ import argparse
 from pathlib import Path
 
 from bench.cli.commands import assignments, several, usable_device
-from bench.errors import FINE, InputError, installed
+from bench.inputs.errors import FINE, InputError, installed
 
 LIMITS: dict[str, tuple[float, float]] = {
     **{"tiling": (1e-3, 1e3), "exposure": (1e-12, 1e12), "width": (1, 16_384), "rays": (1, 16)},

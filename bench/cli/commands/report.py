@@ -8,7 +8,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.errors import FINE
+from bench.inputs.errors import FINE
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -25,7 +25,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.errors import FINE, NO, InputError, writable
+from bench.inputs.errors import FINE, NO, InputError, writable
 
 if TYPE_CHECKING:
     from reports.board import Codec
@@ -70,8 +70,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _add(run: Path, file: Path) -> int:
-    from bench.atomic import write
     from bench.compare.results import published
+    from bench.files.atomic import write
     from bench.records import load_together
 
     if file.suffix != ".jsonl":
@@ -136,7 +136,7 @@ def _codecs() -> "dict[str, Codec]":
 
 def _written(path: Path, writes: bool) -> bool:
     """Make the tables of a document again, and store it if `writes`; returns whether it changed."""
-    from bench.atomic import write
+    from bench.files.atomic import write
 
     try:
         text = path.read_text(encoding="utf-8")

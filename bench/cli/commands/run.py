@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.cli.commands import assignments, several, suite_options, usable_device, workers
-from bench.errors import FAILED, FINE, INTERRUPTED, NOTHING, InputError
+from bench.inputs.errors import FAILED, FINE, INTERRUPTED, NOTHING, InputError
 
 if TYPE_CHECKING:
     from bench.runs.executors import Workers

@@ -11,7 +11,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.errors import FINE, InputError
+from bench.inputs.errors import FINE, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

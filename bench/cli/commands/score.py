@@ -16,7 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from bench.cli.commands import assignments, threads, usable_device, write_text
-from bench.errors import FINE, InputError
+from bench.inputs.errors import FINE, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

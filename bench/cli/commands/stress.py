@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.cli.commands import several
-from bench.errors import FINE, NO, InputError, writable
+from bench.inputs.errors import FINE, NO, InputError, writable
 from bench.records import STRESS
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.cli.commands import out, several
-from bench.errors import FINE, InputError
+from bench.inputs.errors import FINE, InputError
 
 if TYPE_CHECKING:
     from bench.records import Run

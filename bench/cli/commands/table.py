@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.cli.commands import several
-from bench.errors import FINE, NOTHING, InputError
+from bench.inputs.errors import FINE, NOTHING, InputError
 
 if TYPE_CHECKING:
     from reports.choice import Choice

@@ -10,7 +10,7 @@ import argparse
 from pathlib import Path
 
 from bench.cli.commands import assignments, suite_options, usable_device
-from bench.errors import FAILED, FINE, NOTHING
+from bench.inputs.errors import FAILED, FINE, NOTHING
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -17,7 +17,7 @@ from collections import Counter
 from pathlib import Path
 
 from bench.cli.commands import assignments, several
-from bench.errors import FINE, NO, NOTHING, InputError
+from bench.inputs.errors import FINE, NO, NOTHING, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.cli.commands import assignments, several
-from bench.errors import FINE, InputError
+from bench.inputs.errors import FINE, InputError
 
 if TYPE_CHECKING:
     from bench.codec import Progress
@@ -32,10 +32,10 @@ def run(options: argparse.Namespace) -> int:
     import tempfile
     import webbrowser
 
-    from bench import atomic
     from bench.cli.console import Console
     from bench.codecs.loading import load
     from bench.data.open import open_named
+    from bench.files import atomic
     from bench.runs.drawing import drawable_truth
     from reports.viewer.page import Model, page
 

@@ -16,8 +16,8 @@ from bench.btf import BTF, Array
 from bench.codec import Codec, Configured, Fit, Parts, settings_dict
 from bench.codecs import container, loading
 from bench.conformance.check import CheckError, CodecUnderTest, NotApplicable, raised
+from bench.machine.threads import torch_threads
 from bench.material import Material
-from bench.threads import torch_threads
 
 # Fits of the catalogue are short: those of these settings that a codec has are lowered to these values. `check` fits
 # with the settings that it is given.

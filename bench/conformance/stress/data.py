@@ -15,8 +15,8 @@ from bench.btf import BTF, Array, ArraySource
 from bench.conformance.check import CheckError, tiny_btf
 from bench.conformance.stress.case import Case, Encoded, Measured, Subject, require
 from bench.data.repair import repaired
-from bench.errors import InputError
-from bench.hemisphere import from_degrees
+from bench.directions.hemisphere import from_degrees
+from bench.inputs.errors import InputError
 from bench.material import HALF_MAX
 from bench.metrics.display import LOG_SCALE, display_error, exposure_of, to_log1p
 from bench.metrics.psnr import psnr

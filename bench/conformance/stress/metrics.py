@@ -12,7 +12,7 @@ from torch import Tensor
 from bench import metrics
 from bench.btf import Array
 from bench.conformance.stress.case import CaseVerdict, judged, require
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.metrics.base import SliceMetric
 from bench.metrics.display import LOG_SCALE
 from bench.training.fitting import Loss, distance

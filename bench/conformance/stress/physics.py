@@ -16,7 +16,7 @@ from bench.conformance.check import tiny_radiance
 from bench.conformance.stress.case import Measured, Subject, require
 from bench.conformance.stress.data import values
 from bench.conformance.stress.queries import Queries, spread
-from bench.hemisphere import uniform
+from bench.directions.hemisphere import uniform
 from bench.material import sample_texture
 
 PAIRS = 10_000  # pairs for reciprocity

@@ -11,7 +11,7 @@ from bench.btf import BTF, ArraySource
 from bench.conformance.check import ROUNDING, CheckError
 from bench.conformance.stress.case import Subject, applicable, require
 from bench.conformance.stress.queries import BOUND, Queries, spread
-from bench.hemisphere import from_degrees, thinned_product, ubo2003
+from bench.directions.hemisphere import from_degrees, thinned_product, ubo2003
 
 QUERIES_HOLD = "finite, not negative, bounded, 0 below the horizon, periodic, the same alone as among others"
 DATA_HOLDS = "finite, not negative, at most twice the brightest sample"

@@ -11,8 +11,8 @@ from torch import Tensor
 
 from bench.conformance.check import ROUNDING, CheckError
 from bench.conformance.stress.case import Case, Subject, require
-from bench.errors import InputError
-from bench.hemisphere import from_angles, from_degrees, uniform
+from bench.directions.hemisphere import from_angles, from_degrees, uniform
+from bench.inputs.errors import InputError
 
 COUNT = 64
 UP = torch.tensor([0.0, 0.0, 1.0])

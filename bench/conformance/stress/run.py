@@ -11,7 +11,7 @@ from bench.codec import Progress, silent
 from bench.codecs.registry import codec_entries, load_codec
 from bench.conformance.stress import CASES, metrics
 from bench.conformance.stress.case import Case, CaseVerdict, judge, subject_of
-from bench.errors import InputError, did_you_mean
+from bench.inputs.errors import InputError, did_you_mean
 from bench.records import Record
 from bench.runs.executors import Workers
 

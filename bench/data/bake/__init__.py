@@ -14,8 +14,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from bench import atomic
-from bench.atomic import cache_dir
 from bench.btf import BAKED, BTF, ArraySource
 from bench.codec import Progress
 from bench.data.bake.naming import MapFiles, looks_like_maps, recognise
@@ -28,6 +26,8 @@ from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, render
 from bench.data.readers import open_btf
 from bench.data.readers.files import FolderFiles
 from bench.data.spec import Preparation
+from bench.files import atomic
+from bench.files.atomic import cache_dir
 
 __all__ = ["PathTracer", "Surface", "bake", "looks_like_maps", "open_svbrdf", "read_surface", "recognise", "table"]
 BAKE_VERSION = 2  # increment when maps are read differently; part of the key of every cached bake

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench import atomic
+from bench.files import atomic
 
 Array = np.ndarray
 COUNT = "finished"

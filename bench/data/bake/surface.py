@@ -13,7 +13,7 @@ from bench.data.bake.naming import MapFiles
 from bench.data.materials.maps import Maps, resize
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.pictures import kind_of, picture_size, read_picture
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.metrics.display import encode_srgb
 
 Array = np.ndarray

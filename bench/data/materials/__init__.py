@@ -6,7 +6,7 @@ Names and descriptions live here; recipes, renderer and image libraries are impo
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from bench.errors import InputError, did_you_mean
+from bench.inputs.errors import InputError, did_you_mean
 
 if TYPE_CHECKING:
     from bench.btf import BTF

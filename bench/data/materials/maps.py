@@ -6,7 +6,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 
 Array = np.ndarray
 Map = Any  # a picture or a number in, a float32 picture out

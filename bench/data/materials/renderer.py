@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 from bench.data.materials import brdf
 from bench.data.materials.heightfield import HeightField
 from bench.data.materials.maps import Maps
-from bench.errors import InputError
-from bench.threads import cores
+from bench.inputs.errors import InputError
+from bench.machine.threads import cores
 
 if TYPE_CHECKING:
     from bench.codec import Progress

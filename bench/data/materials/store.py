@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench import atomic
-from bench.atomic import cache_dir
 from bench.btf import BTF, RENDERED, Array, ArraySource
 from bench.data.joined import prepared
 from bench.data.materials.maps import Maps, Recipe
 from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, SUB_POINTS, render
 from bench.data.spec import Preparation
-from bench.errors import InputError
+from bench.files import atomic
+from bench.files.atomic import cache_dir
+from bench.inputs.errors import InputError
 
 if TYPE_CHECKING:
     from bench.codec import Progress

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from bench.btf import BTF
 from bench.data.readers.candidate import Candidate
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 
 # A module of this package, or any other by its full name, and the format that it opens. They are tried in this order.
 READERS = {

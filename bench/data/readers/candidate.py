@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from bench.errors import refuse_pipe
+from bench.inputs.errors import refuse_pipe
 
 HEAD = 4096
 
@@ -39,8 +39,8 @@ class Candidate:
 
         Raises `InputError` for a damaged archive.
         """
-        from bench.archive import ZipFiles
         from bench.data.readers.named import list_folder
+        from bench.files.archive import ZipFiles
 
         if self.is_folder:
             return list_folder(self.path)

@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bench.errors import InputError
-from bench.hemisphere import from_angles, from_degrees, to_degrees
+from bench.directions.hemisphere import from_angles, from_degrees, to_degrees
+from bench.inputs.errors import InputError
 
 Array = np.ndarray
 HORIZON = 1e-6

@@ -4,8 +4,8 @@ import hashlib
 from collections.abc import Iterable
 from pathlib import Path
 
-from bench.archive import MAX_FILE, ZipFiles
-from bench.errors import InputError, readable, refuse_pipe
+from bench.files.archive import MAX_FILE, ZipFiles
+from bench.inputs.errors import InputError, readable, refuse_pipe
 
 WHOLE = 64 << 20
 BLOCK = 64 << 10

@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from bench.archive import inside
 from bench.btf import BTF, Array
 from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import pairs_in_degrees, view_major, warn_of_radians
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.pictures import PictureSource
-from bench.errors import NO_PLACE, InputError, readable
-from bench.hemisphere import to_degrees
+from bench.directions.hemisphere import to_degrees
+from bench.files.archive import inside
+from bench.inputs.errors import NO_PLACE, InputError, readable
 
 LIST, NOTES = "pairs.csv", "btf.json"
 ANGLES = ("theta_o_deg", "phi_o_deg", "theta_i_deg", "phi_i_deg")

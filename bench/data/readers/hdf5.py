@@ -19,14 +19,14 @@ from typing import Any
 
 import numpy as np
 
-from bench.archive import LEAST, MAX_FILE, RATIO
 from bench.btf import BTF, Array, Source, finite
 from bench.data.joined import followed
 from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import PHOTOGRAPHED, no_duplicates, unit_directions
 from bench.data.readers.files import file_digest
 from bench.data.readers.pictures import MAX_PIXELS
-from bench.errors import InputError, readable
+from bench.files.archive import LEAST, MAX_FILE, RATIO
+from bench.inputs.errors import InputError, readable
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 COLOUR, VIEW, LIGHT = "ground_color", "ground_camera_dir", "ground_light"

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from bench.archive import ZipFiles, stored
 from bench.btf import BTF, finite
 from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import different_directions
 from bench.data.readers.npz import NpzSource
-from bench.errors import InputError
-from bench.hemisphere import product
+from bench.directions.hemisphere import product
+from bench.files.archive import ZipFiles, stored
+from bench.inputs.errors import InputError
 
 KEY = "rgb_geomean"
 

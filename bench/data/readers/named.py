@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from bench.archive import ZipFiles
 from bench.btf import BTF
 from bench.data.readers.checks import pairs_in_degrees, view_major
 from bench.data.readers.files import Files, FolderFiles
 from bench.data.readers.pictures import PictureSource
-from bench.errors import InputError
+from bench.files.archive import ZipFiles
+from bench.inputs.errors import InputError
 
 # Bonn puts a running number (and at times the material) before the angles and uses spaces or underscores.
 BONN = re.compile(r"(?:^|/)[^/]+[ _]tl(\d{3})[ _]pl(\d{3})[ _]tv(\d{3})[ _]pv(\d{3})\.[^/.]+$", re.ASCII)

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from bench.archive import ZipFiles, stored
 from bench.btf import BTF, Array, ArraySource, finite
 from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import no_duplicates, radiance_fault, unit_directions, warn_of_radians
 from bench.data.readers.files import file_digest
-from bench.errors import InputError, readable
-from bench.hemisphere import to_degrees
+from bench.directions.hemisphere import to_degrees
+from bench.files.archive import ZipFiles, stored
+from bench.inputs.errors import InputError, readable
 
 NOTES = 16 << 20  # the most bytes of a provenance, four to a character
 

@@ -19,7 +19,7 @@ import numpy as np
 from bench.btf import Array, Source, finite
 from bench.data.readers.files import Files, FolderFiles
 from bench.data.readers.orientation import orientation, png_chunks, upright, upright_size
-from bench.errors import InputError, readable, refuse_pipe
+from bench.inputs.errors import InputError, readable, refuse_pipe
 from bench.metrics.display import decode_srgb
 
 MAX_PIXELS = 1 << 26

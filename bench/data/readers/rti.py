@@ -13,7 +13,7 @@ from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import PHOTOGRAPHED, no_duplicates, unit_directions, view_major
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.pictures import PictureSource
-from bench.errors import InputError, readable
+from bench.inputs.errors import InputError, readable
 
 MAX_LIST = 16 << 20
 

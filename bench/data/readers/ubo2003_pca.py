@@ -26,8 +26,8 @@ from bench.data.readers.checks import PHOTOGRAPHED
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.orientation import PNG_START
 from bench.data.readers.pictures import picture_size
-from bench.errors import InputError, readable
-from bench.hemisphere import product, ubo2003
+from bench.directions.hemisphere import product, ubo2003
+from bench.inputs.errors import InputError, readable
 from bench.metrics.display import decode_srgb
 
 NOTES, WEIGHTS = "meta.json", "R.png"

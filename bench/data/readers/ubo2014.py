@@ -21,8 +21,8 @@ from bench.btf import BTF, Array, Source, finite
 from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import different_directions
 from bench.data.readers.files import file_digest
-from bench.errors import InputError
-from bench.hemisphere import from_angles, product
+from bench.directions.hemisphere import from_angles, product
+from bench.inputs.errors import InputError
 
 DFMF, FMF = b"!DFMF08FCR", b"!FMF12FCER"
 UNSUPPORTED = (b"!FMF06FC", b"!PVF06FC", b"!BDIF06R2!")

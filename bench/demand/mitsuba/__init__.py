@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from bench.errors import MissingDataError
+from bench.inputs.errors import MissingDataError
 
 if TYPE_CHECKING:
     from bench.data.bake import PathTracer

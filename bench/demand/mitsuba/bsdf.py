@@ -29,7 +29,7 @@ from bench.codecs.container import read_parts
 from bench.codecs.loading import load
 from bench.demand.demand import FARTHEST
 from bench.demand.mitsuba.lobes import Lobe, checked
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.program.kernel import Kernel
 from bench.program.llvm import unusable
 from bench.program.recording import program_of

@@ -14,8 +14,8 @@ import torch
 from torch import Tensor
 
 from bench.codec import Progress, silent
-from bench.errors import ContainerError
-from bench.hemisphere import uniform
+from bench.directions.hemisphere import uniform
+from bench.inputs.errors import ContainerError
 from bench.material import Material
 
 NAME = "lobes"  # name of the tensor (cells, cells, 5) in the part `sampling`

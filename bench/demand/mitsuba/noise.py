@@ -16,7 +16,7 @@ from torch import Tensor
 
 from bench.demand.mitsuba.bsdf import NAME, register
 from bench.demand.mitsuba.scene import set_variant
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 
 NOISE = 0.01  # share of the picture's mean
 REPEAT = 3.0  # periods of the texture

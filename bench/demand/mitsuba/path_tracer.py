@@ -19,7 +19,7 @@ import numpy as np
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import Renderer
 from bench.demand.mitsuba.brdf import Shading, at_least, reflect, sample, shading
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.program.llvm import unusable
 
 Array = np.ndarray

@@ -11,7 +11,7 @@ import numpy as np
 
 from bench.demand.mitsuba.bsdf import NAME, register
 from bench.demand.mitsuba.scene import loaded, set_variant
-from bench.errors import InputError, did_you_mean
+from bench.inputs.errors import InputError, did_you_mean
 
 
 def path_traced(scene: Path, bsdf: str, file: Path, repeat: float = 1.0, samples: int | None = None) -> np.ndarray:

@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from bench.demand.points import Array, Light, Points
-from bench.errors import InputError, did_you_mean
+from bench.inputs.errors import InputError, did_you_mean
 from bench.program.llvm import unusable
 
 SAMPLES = 8  # of an extended emitter, at each visible point

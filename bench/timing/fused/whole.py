@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.material import Around, Material
 from bench.program.backend import Value
 from bench.program.kernel import Kernel

@@ -18,7 +18,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.program.llvm import drjit
 from bench.timing.fused.layers import Layer, layers_of, sine_of_turns
 from bench.timing.native import features

@@ -12,8 +12,8 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from bench.devices import is_gpu
-from bench.errors import InputError
+from bench.inputs.errors import InputError
+from bench.machine.devices import is_gpu
 from bench.timing.fused.layers import Array, Layer, layers_of, sine_of_turns
 from bench.training.decoder import BEND, LEAK, PARABOLA, Decoder, Network
 

@@ -178,7 +178,7 @@ SCIENCE = {"torch", "scipy", "skimage", "numpy"}
         ("from bench import cli; cli.main(['list'])", {"torch", "skimage"}),
         ("from bench import cli\ntry: cli.main(['--help'])\nexcept SystemExit: pass", {"torch", "skimage"}),
         ("import bench.records, reports", {"torch", "skimage"}),
-        ("import bench.choosing, bench.choosing.trades", {"torch", "numpy"}),
+        ("import bench.compare.choosing, bench.compare.choosing.trades", {"torch", "numpy"}),
         ("import bench.metrics as m; m.get('ssim')", SCIENCE | {"matplotlib"}),
         ("import bench.data.readers", {"torch", "PIL", "OpenEXR", "h5py", "png", "scipy", "skimage"}),
         ("import bench.data.materials as m; m.describe()", SCIENCE),
@@ -220,7 +220,7 @@ def test_a_full_disk_is_one_line_that_names_the_file(tmp_path, folder, monkeypat
     def full(source, target):
         raise OSError(errno.ENOSPC, "No space left on device", str(source))
 
-    monkeypatch.setattr("bench.atomic.os.replace", full)
+    monkeypatch.setattr("bench.files.atomic.os.replace", full)
     file = tmp_path / "a.nbtf"
     assert cli.main(["encode", str(folder), "--codec", "mean-colour", "-o", str(file)]) == 2
     error = capsys.readouterr().err

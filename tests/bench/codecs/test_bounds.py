@@ -6,14 +6,14 @@ import pytest
 import torch
 
 from baselines.relief.geometry import Surface
-from bench import directions
 from bench.btf import Layout
 from bench.cli.console import file_lines
 from bench.codec import Fit, Parts
 from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
-from bench.errors import ContainerError
+from bench.directions import interpolation as directions
+from bench.inputs.errors import ContainerError
 from bench.training import texture_codes as coding
 
 SCENE = fuzz_codec_files.SCENE | {"name": "table", "size": [8, 8], "window": [0, 0, 2, 2]}

@@ -7,7 +7,7 @@ import pytest
 from bench import cli
 from bench.codecs import container, loading
 from bench.codecs.command import ProgramMaterial
-from bench.errors import CodecError, ContainerError
+from bench.inputs.errors import CodecError, ContainerError
 from bench.records import load_run
 
 ENCODE = """

@@ -10,7 +10,7 @@ from bench.codec import Codec, Fit, Parts
 from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
-from bench.errors import ContainerError, InputError
+from bench.inputs.errors import ContainerError, InputError
 
 
 @pytest.fixture(scope="module")

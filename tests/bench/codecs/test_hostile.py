@@ -8,7 +8,7 @@ from bench.codec import Fit, Parts
 from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
-from bench.errors import ContainerError
+from bench.inputs.errors import ContainerError
 
 
 def mean_colour_file(folder):

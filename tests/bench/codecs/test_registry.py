@@ -4,7 +4,7 @@ import pytest
 
 from baselines.pca import PCA
 from bench.codecs import registry
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from tests.bench.outside import install
 
 MINE = 'class Mine:\n    """Says what it is."""\n\n    name, version = "mine", 1\n'

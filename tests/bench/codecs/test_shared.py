@@ -7,15 +7,15 @@ import torch
 import bench
 from baselines.mean_colour import MeanColourMaterial
 from bench import cli
-from bench.archive import write_npz
 from bench.btf import BAKED, BTF, ArraySource
+from bench.btf.npz import write_npz
 from bench.codec import Codec, Fit, Parts, SharedNetwork
 from bench.codecs import container, loading, shared
 from bench.conformance.check import others, tiny_btf
 from bench.data import materials
 from bench.data.readers import open_btf
 from bench.data.spec import MaterialSpec
-from bench.errors import ContainerError, InputError, MissingDataError
+from bench.inputs.errors import ContainerError, InputError, MissingDataError
 from bench.records import Record
 from bench.runs import library
 from bench.runs.pretraining import MATERIALS, UNSEEN, pretrain

@@ -10,7 +10,7 @@ from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.codecs.zstd import compressed, expanded
 from bench.conformance.check import tiny_btf
-from bench.errors import ContainerError, InputError
+from bench.inputs.errors import ContainerError, InputError
 from bench.runs.suite import parse_suite, with_changes
 
 

@@ -4,9 +4,9 @@ import statistics
 import pytest
 from scipy import integrate, stats
 
-from bench.compare import compare
+from bench.compare.comparison import compare
 from bench.compare.verdicts import quantile
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.records import load_run
 
 PSNR, FLIP = "psnr_display", "flip_ldr_67ppd_periodic"

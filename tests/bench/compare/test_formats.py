@@ -4,8 +4,8 @@ import re
 import pytest
 from junitparser import Error, Failure, JUnitXml, Skipped
 
-from bench.compare import compare
 from bench.compare.annotations import annotations, command
+from bench.compare.comparison import compare
 from bench.compare.junit import junit
 from bench.compare.tracker import FILES, tracker
 from bench.records import MOST_DB

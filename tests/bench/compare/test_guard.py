@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from baselines.pca import PCAMaterial
-from bench.compare import compare
+from bench.compare.comparison import compare
 from bench.compare.reference import committed
 from bench.compare.verdicts import Verdict
 from bench.data.spec import MaterialSpec, Preparation

@@ -3,7 +3,7 @@ import pytest
 
 from bench.compare.paired import Cell, Interval, against, interval, told_apart
 from bench.compare.slices import decibels, packed, unpacked
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 
 
 def test_pairing_takes_away_what_both_share_and_keeps_what_they_do_not():

@@ -6,10 +6,10 @@ import pytest
 from scipy import stats
 
 from bench import cli
-from bench.compare import compare
+from bench.compare.comparison import compare
 from bench.compare.reference import reference
 from bench.compare.verdicts import Verdict
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.records import load_run
 
 PSNRS = [30.0, 30.1234567891, 29.9]

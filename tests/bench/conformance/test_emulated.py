@@ -15,8 +15,8 @@ from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
 from bench.conformance.emulated import counted
 from bench.data.materials import load
-from bench.errors import InputError
-from bench.hemisphere import uniform
+from bench.directions.hemisphere import uniform
+from bench.inputs.errors import InputError
 from bench.training import fitting, optimiser
 from bench.training.decoder import Architecture, Decoder
 from tests.tiers import short_for

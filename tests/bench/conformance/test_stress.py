@@ -9,7 +9,7 @@ from bench.codecs.registry import load_codec
 from bench.conformance.stress import metrics, properties
 from bench.conformance.stress.case import subject_of
 from bench.conformance.stress.invariants import wild_rates
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.records import load_run
 from bench.training.fitting import DivergedError
 from tests.bench.conformance.test_broken_codecs import Rate, verdict, with_material

@@ -18,7 +18,7 @@ from bench.data.materials.renderer import render
 from bench.data.open import open_material, open_named
 from bench.data.readers import open_btf
 from bench.data.spec import MaterialSpec, Preparation
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.metrics.display import decode_srgb
 
 SMALL = Preparation(size=8, views=4, lights=4, heldout=3)

@@ -8,7 +8,7 @@ from bench.btf import BTF, Source, box_filter
 from bench.conformance.check import tiny_btf
 from bench.data.convert import changed, write_btf
 from bench.data.readers import open_btf
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from bench.conformance.check import tiny_btf
 from bench.data.convert import write_btf
 from bench.data.frame import mean_lobe
 from bench.data.materials import load
-from bench.hemisphere import from_degrees
+from bench.directions.hemisphere import from_degrees
 
 
 def mirrored(btf, side="wi"):

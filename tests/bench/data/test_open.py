@@ -7,7 +7,7 @@ from bench.conformance.check import tiny_btf
 from bench.data import convert
 from bench.data.open import open_material
 from bench.data.spec import MaterialSpec, Preparation
-from bench.errors import InputError, MissingDataError
+from bench.inputs.errors import InputError, MissingDataError
 
 
 def test_measured_data_that_are_not_there_say_where_to_get_them(monkeypatch):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from bench.data.periodic import make_periodic, seams
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 
 
 def test_blending_makes_a_picture_periodic():

@@ -5,13 +5,13 @@ import logging
 import numpy as np
 import pytest
 
-from bench.archive import write_npz
 from bench.btf import BTF, ArraySource
+from bench.btf.npz import write_npz
 from bench.cli import main
 from bench.conformance.check import tiny_btf
 from bench.data.readers import open_btf
 from bench.data.repair import repaired
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 
 
 def spoiled() -> BTF:

@@ -10,7 +10,7 @@ from bench.demand.collect import collect
 from bench.demand.overview import summarise
 from bench.demand.scene import named_scene, parse_scene, shipped
 from bench.demand.text_scene import TextScene
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from tests.bench.demand.scenes import SUN, camera, demand_of, light, surface
 
 ABOVE = camera(40, 20, 40, [0, 0, 2], up=[0, 1, 0]) + surface(size=[4, 4], repeat=[2, 2])

@@ -20,8 +20,8 @@ from bench.demand.demand import Demand
 from bench.demand.fitting import Goal, Search, density_of, encode
 from bench.demand.frame_scorer import FrameScorer
 from bench.demand.needed_part import NeededPart
-from bench.errors import InputError
-from bench.hemisphere import uniform
+from bench.directions.hemisphere import uniform
+from bench.inputs.errors import InputError
 from bench.material import texel_centres
 from bench.training.fitting import Samples
 from tests.baselines.made import decoded

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.metrics.display import decode_srgb
 from bench.metrics.flip import LDR, PPD
 

@@ -4,7 +4,7 @@ import flip_evaluator
 import numpy as np
 import pytest
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.metrics.display import decode_srgb
 from bench.metrics.flip import LDR
 from bench.metrics.magma import magma

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.metrics import default_names, get
 
 GOOD = np.full((16, 16, 3), 0.5, np.float32)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.metrics import DEFAULTS, chosen_names, get, label_of
 from bench.metrics.flip import PPD
 

@@ -8,7 +8,7 @@ import pytest
 
 from bench import metrics
 from bench.btf import BTF, ArraySource, box_filter
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.metrics import display, scoring
 from bench.metrics.scoring import Scorer, footprint_errors, polar_maps, summarise, summarise_footprints
 

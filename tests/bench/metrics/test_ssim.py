@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from skimage.metrics import structural_similarity
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.metrics.display import LUMA, to_display
 from bench.metrics.ssim import RADIUS, SSIM
 

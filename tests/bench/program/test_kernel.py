@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import bench
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.program import llvm
 from bench.program.recording import program_of
 from tests.tiers import short_for

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.program import llvm
 
 REACHED = "print('LLVM 15.0.6'); print('kernels', flush=True)\n"

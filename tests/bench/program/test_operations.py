@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from bench.hemisphere import uniform
+from bench.directions.hemisphere import uniform
 from bench.material import DecoderCost, Material
 from bench.program import llvm
 from bench.program.recording import program_of

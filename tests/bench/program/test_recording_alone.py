@@ -10,8 +10,8 @@ from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
-from bench.errors import InputError
-from bench.hemisphere import product, uniform
+from bench.directions.hemisphere import product, uniform
+from bench.inputs.errors import InputError
 from bench.program.operations import OPERATIONS
 from bench.program.recording import program_of
 from tests.bench.program.test_operations import Made

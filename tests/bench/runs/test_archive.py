@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bench import cli
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.records import FILE, load_run, load_together
 from bench.runs.archive import unpack
 

@@ -10,8 +10,8 @@ from bench.codec import Fit
 from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
-from bench.errors import InputError
-from bench.hemisphere import from_degrees
+from bench.directions.hemisphere import from_degrees
+from bench.inputs.errors import InputError
 from bench.material import DecoderCost, Material
 from bench.metrics.scoring import footprint_errors
 from bench.runs.drawing import sparse_truth

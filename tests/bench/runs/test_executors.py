@@ -7,7 +7,7 @@ from concurrent.futures import BrokenExecutor, CancelledError, wait
 
 import pytest
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.runs.executors import THREAD_COUNTS, InProcess, dask, processes
 
 

@@ -5,7 +5,7 @@ import pytest
 
 import bench
 from bench import cli
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.records import FILE, append
 
 PSNR = "scores/heldout/metrics/psnr_display/pooled"

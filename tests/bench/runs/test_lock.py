@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.runs import lock
 from bench.runs.lock import FILE, locked, reaches
 

@@ -15,7 +15,7 @@ from bench.codecs import outside_codecs
 from bench.codecs.registry import load_codec, make_codec
 from bench.conformance.check import tiny_btf
 from bench.data.readers.folder import write_folder
-from bench.errors import CodecError
+from bench.inputs.errors import CodecError
 from bench.records import load_run
 from bench.runs import runner
 from bench.runs.process_state import restored_process_state

@@ -6,7 +6,7 @@ from ubo2014_write import factorise
 
 from bench import cli
 from bench.btf import BTF, ArraySource
-from bench.hemisphere import ubo2014
+from bench.directions.hemisphere import ubo2014
 from bench.records import load_run
 
 FILE = "UBO2014/fabric01_resampled_W400xH400_L151xV151.btf"

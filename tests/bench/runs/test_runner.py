@@ -12,14 +12,14 @@ import torch
 
 from baselines.mean_colour import MeanColour
 from bench.codecs import container, loading
-from bench.compare import compare
+from bench.compare.comparison import compare
 from bench.conformance.check import tiny_btf
 from bench.data.open import open_material
 from bench.data.spec import MaterialSpec, Preparation
 from bench.demand.collect import collect
 from bench.demand.scene import parse_scene
 from bench.demand.text_scene import TextScene
-from bench.errors import ContainerError, InputError
+from bench.inputs.errors import ContainerError, InputError
 from bench.metrics import get
 from bench.metrics.display import to_display
 from bench.records import FILE, load_run
@@ -240,7 +240,7 @@ def test_a_full_disk_stops_the_run_and_is_no_failure_of_a_job(tmp_path, monkeypa
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
     with monkeypatch.context() as patch:
-        patch.setattr("bench.atomic.write", full)
+        patch.setattr("bench.files.atomic.write", full)
         with pytest.raises(InputError, match=r"\.nbtf: cannot be written .*No space left.*make room"):
             outcomes(tmp_path)
     assert list(load_run(tmp_path).jobs) == []

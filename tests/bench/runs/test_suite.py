@@ -2,7 +2,7 @@ import pytest
 
 from bench import cli
 from bench.codecs.registry import load_codec, make_codec
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.runs.suite import builtin_suites, canonical, load_suite, parse_suite, with_changes, with_metrics
 
 TEXT = """

@@ -9,12 +9,12 @@ import pytest
 import torch
 
 from bench import cli, timing
-from bench.choosing.trades import answers, named, usable
 from bench.cli.commands import choose as choose_command
+from bench.compare.choosing.trades import answers, named, usable
 from bench.conformance.check import tiny_btf
 from bench.data.open import with_validation
 from bench.data.spec import MaterialSpec, Preparation
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.material import DecoderCost
 from bench.records import append, load_run, load_trade
 from bench.runs import trade

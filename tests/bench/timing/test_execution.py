@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from bench.errors import InputError
-from bench.hemisphere import uniform
+from bench.directions.hemisphere import uniform
+from bench.inputs.errors import InputError
 from bench.material import CHUNK, DecoderCost, Material
 from bench.timing import execution
 from bench.timing.execution import Variant, prepared

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from bench.btf import BTF
 from bench.codec import Fit
 from bench.conformance.check import tiny_btf
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.training import fitting as training
 from bench.training.fitting import Batch, DivergedError, Objective, Samples, gain_of, train
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from bench.hemisphere import uniform
+from bench.directions.hemisphere import uniform
 from bench.training.inputs import COUNTS, Directions, direction_inputs
 
 

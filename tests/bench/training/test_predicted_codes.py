@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.training import code_model, predicted_codes, texture_codes
 from bench.training.code_model import REACH, SHAPES, TOTAL, cumulative
 from bench.training.texture_codes import PREDICTED, compress, expand

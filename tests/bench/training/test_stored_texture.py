@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.training.stored_texture import (
     Rounding,
     choose_bits,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bench.choosing.budgets import BYTES, budgets
+from bench.compare.choosing.budgets import BYTES, budgets
 from bench.records import kind_of, load_run
 from reports import figures
 from reports.artefacts import arrays, program

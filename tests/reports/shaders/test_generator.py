@@ -11,8 +11,8 @@ from torch import Tensor
 from bench.codec import Fit
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
-from bench.errors import InputError
-from bench.hemisphere import uniform
+from bench.directions.hemisphere import uniform
+from bench.inputs.errors import InputError
 from bench.material import DecoderCost, Material
 from bench.program import Program
 from bench.program.recording import program_of

@@ -14,7 +14,7 @@ from PIL import Image
 from bench.codec import Fit
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
-from bench.hemisphere import from_degrees
+from bench.directions.hemisphere import from_degrees
 from bench.material import Material
 from bench.metrics.display import to_display
 from bench.runs.drawing import drawable

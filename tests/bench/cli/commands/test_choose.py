@@ -3,10 +3,10 @@ import subprocess
 import pytest
 
 from bench import cli
-from bench.choosing import Limits, chosen, nearest
-from bench.choosing.trades import usable
 from bench.cli.commands.choose import parse_bytes
-from bench.errors import InputError
+from bench.compare.choosing import Limits, chosen, nearest
+from bench.compare.choosing.trades import usable
+from bench.inputs.errors import InputError
 from bench.records import append
 
 

@@ -12,8 +12,8 @@ from bench.cli.commands.view import _drawn
 from bench.codec import silent
 from bench.conformance.check import tiny_btf
 from bench.data.readers.folder import write_folder
-from bench.errors import InputError
-from bench.hemisphere import thin, ubo2003
+from bench.directions.hemisphere import thin, ubo2003
+from bench.inputs.errors import InputError
 from bench.material import DecoderCost, Material
 from reports.shaders.dialects import GLSL
 from reports.shaders.generator import shader

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.data.materials import brdf
-from bench.hemisphere import from_degrees, uniform
+from bench.directions.hemisphere import from_degrees, uniform
 
 
 def reflectance(o, i, roughness=0.5, metalness=0.0, specular=1.0, anisotropy=0.0, base=1.0):

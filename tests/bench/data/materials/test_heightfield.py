@@ -6,7 +6,7 @@ from scipy.ndimage import map_coordinates
 
 from bench.data.materials.heightfield import HeightField
 from bench.data.materials.noise import smooth
-from bench.hemisphere import from_degrees
+from bench.directions.hemisphere import from_degrees
 
 
 def bilinear(field, row, col):

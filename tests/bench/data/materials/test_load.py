@@ -10,8 +10,8 @@ from bench.data.materials import store
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import render
 from bench.data.spec import Preparation
-from bench.errors import InputError
-from bench.hemisphere import thin, to_degrees, ubo2003
+from bench.directions.hemisphere import thin, to_degrees, ubo2003
+from bench.inputs.errors import InputError
 
 SMALL = {"size": 8, "views": 3, "lights": 4, "heldout": 5}
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bench.data.materials.maps import Maps, resize
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 
 from bench.data import materials
 from bench.data.materials.renderer import render
-from bench.hemisphere import uniform
+from bench.directions.hemisphere import uniform
 
 ALL = materials.names()
 

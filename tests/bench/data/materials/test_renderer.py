@@ -7,8 +7,8 @@ from bench.data.materials import renderer
 from bench.data.materials.maps import Maps
 from bench.data.materials.noise import grid, smooth
 from bench.data.materials.renderer import render
-from bench.errors import InputError
-from bench.hemisphere import from_degrees, uniform
+from bench.directions.hemisphere import from_degrees, uniform
+from bench.inputs.errors import InputError
 
 
 def pair(view, light):

@@ -7,8 +7,8 @@ import pytest
 
 from bench.btf import BTF, ArraySource
 from bench.data.readers import open_btf
-from bench.errors import InputError
-from bench.hemisphere import from_degrees
+from bench.directions.hemisphere import from_degrees
+from bench.inputs.errors import InputError
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ from PIL import Image
 
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_exr, write_folder
-from bench.errors import InputError
-from bench.hemisphere import from_degrees
+from bench.directions.hemisphere import from_degrees
+from bench.inputs.errors import InputError
 
 HEADER = "file,theta_o_deg,phi_o_deg,theta_i_deg,phi_i_deg"
 

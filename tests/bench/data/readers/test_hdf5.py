@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bench.data.readers import hdf5, open_btf
-from bench.errors import InputError
-from bench.hemisphere import uniform
+from bench.directions.hemisphere import uniform
+from bench.inputs.errors import InputError
 
 h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
 KEYS = ("ground_color", "ground_camera_dir", "ground_light")

@@ -8,8 +8,8 @@ from PIL import Image
 
 from bench.data.readers import open_btf
 from bench.data.readers.pictures import XYZ_TO_REC709, srgb_table
-from bench.errors import InputError
-from bench.hemisphere import to_degrees, ubo2003
+from bench.directions.hemisphere import to_degrees, ubo2003
+from bench.inputs.errors import InputError
 
 
 def make_ubo2003(path):

@@ -4,10 +4,10 @@ import zipfile
 import numpy as np
 import pytest
 
-from bench.archive import write_npz
+from bench.btf.npz import write_npz
 from bench.data.readers import open_btf
-from bench.errors import InputError
-from bench.hemisphere import to_degrees, ubo2014
+from bench.directions.hemisphere import to_degrees, ubo2014
+from bench.inputs.errors import InputError
 
 UP = np.array([[0, 0, 1], [0.6, 0, 0.8]], np.float32)
 

@@ -12,7 +12,7 @@ from skimage.color import xyz2rgb
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.folder import write_exr
 from bench.data.readers.pictures import XYZ_TO_REC709, PictureSource, picture_size, read_picture
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 
 RNG = np.random.default_rng(0)
 CODES = RNG.integers(0, 256, (7, 9, 3), np.uint8)

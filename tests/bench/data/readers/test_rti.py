@@ -5,7 +5,7 @@ from scipy.ndimage import gaussian_filter
 
 from bench.data.readers import open_btf
 from bench.data.readers.pictures import srgb_table
-from bench.hemisphere import from_angles
+from bench.directions.hemisphere import from_angles
 
 
 def make(folder, lines, images=3):

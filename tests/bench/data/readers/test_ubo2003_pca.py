@@ -8,8 +8,8 @@ from ubo2003_pca_write import random_codes, save, write_ubo2003_pca
 
 from bench.data.readers import open_btf
 from bench.data.readers.ubo2003_pca import PIXELS
-from bench.errors import InputError
-from bench.hemisphere import to_degrees, ubo2003
+from bench.directions.hemisphere import to_degrees, ubo2003
+from bench.inputs.errors import InputError
 from bench.metrics.display import decode_srgb
 
 MEASURED = ["corduroy", "impalla", "wool"]

@@ -5,8 +5,8 @@ import pytest
 from ubo2014_write import write_ubo2014
 
 from bench.data.readers import open_btf, ubo2014
-from bench.errors import InputError
-from bench.hemisphere import from_angles
+from bench.directions.hemisphere import from_angles
+from bench.inputs.errors import InputError
 
 VIEWS = np.radians([[0.0, 0.0], [15.0, 60.0], [75.0, -90.0]])
 LIGHTS = np.radians([[11.0, 15.0], [30.0, 120.0]])

@@ -12,7 +12,7 @@ from bench import cli
 from bench.codecs import container, loading
 from bench.codecs.registry import make_codec
 from bench.demand.mitsuba.lobes import NAME, Lobe
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 
 mi = pytest.importorskip("mitsuba", reason='Mitsuba 3 is not installed: pip install "neubtf-bench[mitsuba]"')
 pytestmark = pytest.mark.usefixtures("plugin")

@@ -14,7 +14,7 @@ from bench.codecs.registry import codec_entries, load_codec, make_codec
 from bench.conformance.stress.case import subject_of
 from bench.data import materials
 from bench.demand.mitsuba.lobes import NAME, Lobe, fitted, noise
-from bench.hemisphere import uniform
+from bench.directions.hemisphere import uniform
 from tests.tiers import short_for
 
 mi = pytest.importorskip("mitsuba", reason='Mitsuba 3 is not installed: pip install "neubtf-bench[mitsuba]"')

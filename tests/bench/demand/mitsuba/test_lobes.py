@@ -10,8 +10,8 @@ import bench
 from bench import cli
 from bench.codecs import container
 from bench.demand.mitsuba.lobes import NAME, Lobe, checked, fitted, noise
-from bench.errors import ContainerError
-from bench.hemisphere import uniform
+from bench.directions.hemisphere import uniform
+from bench.inputs.errors import ContainerError
 from bench.material import DecoderCost, Material
 
 

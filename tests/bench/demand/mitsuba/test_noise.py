@@ -5,7 +5,7 @@ import pytest
 import torch
 
 import bench
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 
 mi = pytest.importorskip("mitsuba", reason='Mitsuba 3 is not installed: pip install "neubtf-bench[mitsuba]"')
 pytestmark = pytest.mark.usefixtures("plugin")

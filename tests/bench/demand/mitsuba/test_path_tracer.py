@@ -13,7 +13,7 @@ from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import render
 from bench.data.readers import open_btf
 from bench.data.spec import Preparation
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 
 with_mitsuba = pytest.mark.skipif(
     importlib.util.find_spec("mitsuba") is None,

@@ -6,7 +6,7 @@ import pytest
 
 from bench import cli
 from bench.demand.collect import collect
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.metrics import get
 from bench.program import llvm
 from tests.bench.demand.scenes import camera, light, surface

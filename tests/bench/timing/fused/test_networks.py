@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from bench.errors import InputError
+from bench.inputs.errors import InputError
 from bench.material import sample_texture
 from bench.timing.execution import DTYPES, TOLERANCES
 from bench.timing.fused import with_drjit

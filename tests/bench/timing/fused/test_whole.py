@@ -5,8 +5,8 @@ import pytest
 import torch
 
 import bench
-from bench.errors import InputError
-from bench.hemisphere import uniform
+from bench.directions.hemisphere import uniform
+from bench.inputs.errors import InputError
 from bench.material import DecoderCost, Material, parameters
 from bench.program import llvm
 from bench.runs.suite import load_suite

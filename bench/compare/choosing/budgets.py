@@ -11,9 +11,9 @@ from functools import lru_cache
 from statistics import fmean
 from typing import NamedTuple
 
-from bench.choosing import NEAR_DB, Limits, Rung, chosen, has_validation, validation_of
-from bench.choosing.trades import fused_times
 from bench.codecs.alike import obstacles
+from bench.compare.choosing import NEAR_DB, Limits, Rung, chosen, has_validation, validation_of
+from bench.compare.choosing.trades import fused_times
 from bench.compare.paired import AGAINST, against_jobs
 from bench.compare.ranks import Ranks, ranks
 from bench.records import FLIP, PSNR, Record, Run, stats_of

@@ -1,9 +1,8 @@
-"""Reads zip archives, and the arrays of an `.npz`, within bounds; nothing is extracted or unpickled. Writes a BTF."""
+"""Reads zip archives, and the arrays of an `.npz`, within bounds; nothing is extracted or unpickled."""
 
 import hashlib
 import io
 import itertools
-import json
 import math
 import zipfile
 import zlib
@@ -15,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from bench.btf import BTF, Array
-from bench.errors import InputError, readable, refuse_pipe
+from bench.inputs.errors import InputError, readable, refuse_pipe
 
+Array = np.ndarray
 MAX_FILE = 1 << 29
 LEAST, RATIO = 1 << 26, 64  # limits of an inflated entry: bytes, or times its compressed bytes
 STEP = 1 << 16
@@ -219,22 +218,3 @@ def _read(files: ZipFiles, name: str) -> Array:
     header = _described(files, name, data[:_HEAD])
     flat = np.frombuffer(data, header.dtype, math.prod(header.shape), header.begin)
     return flat.reshape(header.shape, order="F" if header.fortran else "C").copy(order="K")
-
-
-def write_npz(btf: BTF, path: str | Path) -> None:
-    """Write a BTF as an uncompressed `.npz` with `radiance` in float32, slice by slice, so memory stays small."""
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
-        with archive.open("radiance.npy", "w", force_zip64=True) as stream:
-            header = {"descr": "<f4", "fortran_order": False, "shape": (len(btf), *btf.shape, 3)}
-            np.lib.format.write_array_header_1_0(stream, header)
-            for picture in btf:
-                stream.write(np.ascontiguousarray(picture, "<f4").tobytes())
-        small = {
-            "wo": btf.wo,
-            "wi": btf.wi,
-            "periodic": np.array(btf.periodic),
-            "provenance": np.array(json.dumps(btf.provenance, default=str)),
-        }
-        for key, value in small.items() if btf.heldout is None else [*small.items(), ("heldout", btf.heldout)]:
-            with archive.open(f"{key}.npy", "w") as stream:
-                np.lib.format.write_array(stream, value, allow_pickle=False)

@@ -8,8 +8,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from bench.choosing import NEAR_DB, Rung
-from bench.devices import is_gpu
+from bench.compare.choosing import NEAR_DB, Rung
+from bench.machine.devices import is_gpu
 from bench.records import MOST_DB, Record, Run, load_run, load_trade
 
 Choice = dict[str, Any]

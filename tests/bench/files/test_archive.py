@@ -3,8 +3,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from bench.archive import MAX_FILE, read_arrays
-from bench.errors import InputError
+from bench.files.archive import MAX_FILE, read_arrays
+from bench.inputs.errors import InputError
 
 ARRAYS = {
     "plain": np.arange(12, dtype=np.float32).reshape(3, 4),

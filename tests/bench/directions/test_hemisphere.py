@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from bench.hemisphere import DIRECTION_SETS, from_degrees, thin, to_degrees, ubo2003, ubo2014, uniform
+from bench.directions.hemisphere import DIRECTION_SETS, from_degrees, thin, to_degrees, ubo2003, ubo2014, uniform
 
 
 def test_the_published_sets_have_their_sizes_and_rings():

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from bench import hemisphere
 from bench.btf import Layout
-from bench.directions import Hemisphere, PairInterpolator, stereographic
+from bench.directions import hemisphere
+from bench.directions.interpolation import Hemisphere, PairInterpolator, stereographic
 
 SETS = {
     "ubo2003": hemisphere.ubo2003(),

@@ -8,8 +8,8 @@ import time
 import numpy as np
 import pytest
 
-from bench import atomic
-from bench.atomic import cache_dir, clear_cache
+from bench.files import atomic
+from bench.files.atomic import cache_dir, clear_cache
 
 
 def test_a_file_is_there_whole_or_not_at_all(tmp_path):
@@ -57,7 +57,7 @@ def test_a_full_disk_is_an_error_before_anything_is_mapped(tmp_path, monkeypatch
 MAKE = """
 import sys, time
 from pathlib import Path
-from bench import atomic
+from bench.files import atomic
 path = Path(sys.argv[1])
 with atomic.locked(path):
     if not path.exists():

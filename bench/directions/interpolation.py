@@ -18,7 +18,7 @@ from scipy.spatial import ConvexHull, Delaunay
 from torch import Tensor, nn
 
 from bench.btf import Layout
-from bench.devices import is_gpu
+from bench.machine.devices import is_gpu
 
 CELLS = 64  # cells per side of the grid of candidate triangles: about two candidates a cell for the published sets
 MOST_CANDIDATES = 4096  # in a cell; a file with more is not a measurement, but could exhaust memory

@@ -10,12 +10,12 @@ import torch
 from torch import Tensor
 
 from bench.btf import BTF
-from bench.errors import MissingDataError
+from bench.inputs.errors import MissingDataError
+from bench.inputs.settings import Setting, convert, described, parse
 from bench.material import Material
-from bench.settings import Setting, convert, described, parse
 
 if TYPE_CHECKING:
-    from bench.density import Density
+    from bench.codec.density import Density
 
 T = TypeVar("T")
 ZSTD, SCENE = COMMON = ("zstd", "scene")  # boolean settings that every codec has
@@ -115,8 +115,8 @@ class Configured:
     """Base class with a `name`, a `version` and `Settings`.
 
     `Settings` is a frozen dataclass of int, float, bool, str and `Literal` fields, each with a default and a comment
-    of one line. The types of `bench.settings` add a range. If there is a setting `recipe`, `recipes` lists the defaults
-    that each of its values changes.
+    of one line. The types of `bench.inputs.settings` add a range. If there is a setting `recipe`, `recipes` lists the
+    defaults that each of its values changes.
     """
 
     name: ClassVar[str]

@@ -23,7 +23,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
-from bench.errors import InputError, did_you_mean, refuse_pipe, shown
+from bench.inputs.errors import InputError, did_you_mean, refuse_pipe, shown
 
 
 @dataclass(frozen=True)

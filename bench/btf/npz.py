@@ -1,0 +1,28 @@
+"""Writes a BTF as an `.npz`, which `bench.data.readers.npz` reads."""
+
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from bench.btf import BTF
+
+
+def write_npz(btf: BTF, path: str | Path) -> None:
+    """Write a BTF as an uncompressed `.npz` with `radiance` in float32, slice by slice, so memory stays small."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
+        with archive.open("radiance.npy", "w", force_zip64=True) as stream:
+            header = {"descr": "<f4", "fortran_order": False, "shape": (len(btf), *btf.shape, 3)}
+            np.lib.format.write_array_header_1_0(stream, header)
+            for picture in btf:
+                stream.write(np.ascontiguousarray(picture, "<f4").tobytes())
+        small = {
+            "wo": btf.wo,
+            "wi": btf.wi,
+            "periodic": np.array(btf.periodic),
+            "provenance": np.array(json.dumps(btf.provenance, default=str)),
+        }
+        for key, value in small.items() if btf.heldout is None else [*small.items(), ("heldout", btf.heldout)]:
+            with archive.open(f"{key}.npy", "w") as stream:
+                np.lib.format.write_array(stream, value, allow_pickle=False)

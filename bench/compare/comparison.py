@@ -1,0 +1,146 @@
+"""Compares two runs: finds what got worse by more than chance and by enough to matter.
+
+A run is given as its folder, or as a file of records such as the reference that a project commits. A row is a material
+and a codec with its settings; its numbers are means over the seeds that both runs have, or over all seeds if they share
+none. `bench.compare.verdicts` states the rules. Imports neither PyTorch nor pandas.
+"""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+
+from bench.compare.means import means
+from bench.compare.rows import ORDER, ComparedRow, compared
+from bench.compare.timings import advice, multiples
+from bench.compare.verdicts import DECIDED, Verdict
+from bench.inputs.errors import FAILED, FINE, NO, NOTHING, InputError, did_you_mean
+from bench.records import Record, Run, by_row, require
+
+FORBIDDEN = (Verdict.WORSE, Verdict.GONE, Verdict.FAILED, Verdict.UNLIKE)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two runs compared."""
+
+    rows: list[ComparedRow]
+    notes: list[str]
+    means: list[ComparedRow] = field(default_factory=list)  # means of each codec over its materials, and of all codecs
+
+    def having(self, *verdicts: Verdict) -> list[ComparedRow]:
+        """The rows with one of these verdicts."""
+        return [row for row in self.rows if row.verdict in verdicts]
+
+    @property
+    def summary(self) -> str:
+        """One line that counts the rows by verdict."""
+        counted = [(len(self.having(verdict)), verdict.lower()) for verdict in (*ORDER, Verdict.NEW)]
+        return f"{len(self.rows)} rows: " + (", ".join(f"{n} {word}" for n, word in counted if n) or "no rows")
+
+    @property
+    def exit_code(self) -> int:
+        """3: a job failed; 4: nothing to compare; 1: a row is worse, or gone or unlike and not allowed; 0: else."""
+        if self.having(Verdict.FAILED):
+            return FAILED
+        if not any(change.verdict in DECIDED for row in self.rows for change in row.deciding):
+            return NOTHING
+        return NO if any(row.forbids for row in (*self.rows, *self.means)) else FINE
+
+
+def compare(
+    base: Run, new: Run, materials: Sequence[str] = (), codecs: Sequence[str] = (), allow: Sequence[str] = ()
+) -> Comparison:
+    """Compare two runs: all rows, or those of some materials and codecs.
+
+    Raises `InputError` for a name that neither has, for a damaged base, and for a job that lacks a needed field.
+
+    `allow` names rows that may be gone or not comparable: a codec, a label, a material, `material/label`, or a pattern.
+    """
+
+    def wanted(job: Record) -> bool:
+        return (not materials or job["material"] in materials) and (not codecs or _codec(job) in codecs)
+
+    check_whole(base)
+    every = [*base.jobs, *new.jobs]
+    check_names("material", materials, {job["material"] for job in every})
+    check_names("codec", codecs, {_codec(job) for job in every})
+    before, after = ([job for job in run.jobs if wanted(job)] for run in (base, new))
+    for jobs, run in ((before, base), (after, new)):
+        for job in jobs:
+            if job["status"] == "ok":
+                require(job, "comparison", run.folder)
+    before = _renamed(before, after)
+    ours, theirs = (multiples(jobs, list(run.timings)) for jobs, run in ((before, base), (after, new)))
+    declared = {seed for start in new.starts for seed in start.get("seeds", ())} or {job["seed"] for job in after}
+    order = list(dict.fromkeys(job["material"] for job in [*before, *after]))
+    keys = dict.fromkeys((job["material"], job["label"]) for job in [*before, *after])
+
+    olds, news = (by_row(sorted(jobs, key=lambda job: job["seed"])) for jobs in (before, after))
+    rows = []
+    for key in sorted(keys, key=lambda key: order.index(key[0])):
+        timing = advice(ours.get(key), theirs.get(key))
+        row = compared((base, new), olds.get(key, []), news.get(key, []), declared, timing)
+        words = (row.name, row.label, row.label.split()[0], row.material)
+        allowed = any(fnmatchcase(word, pattern) for pattern in allow for word in words)
+        rows.append(replace(row, allowed=allowed))
+    return Comparison(rows, list(_notes(base, new, rows)), means(rows))
+
+
+def _renamed(before: list[Record], after: list[Record]) -> list[Record]:
+    """The jobs of `before`; a label that `after` lacks is replaced by its label for equal settings."""
+    known = {(job["material"], job["label"]) for job in after}
+    same = {_identity(job): job["label"] for job in after if job["status"] == "ok"}
+    return [
+        job | {"label": same[_identity(job)]}
+        if job["status"] == "ok" and (job["material"], job["label"]) not in known and _identity(job) in same
+        else job
+        for job in before
+    ]
+
+
+def _identity(job: Record) -> tuple[str, ...]:
+    return job["material"], _codec(job), json.dumps(job["fit_key"]["settings"], sort_keys=True)
+
+
+def _codec(job: Record) -> str:
+    """The codec's name; an unavailable job has it only in its label."""
+    name: str = job["label"].split()[0]
+    return name
+
+
+def check_whole(base: Run) -> None:
+    """Raise `InputError` if a line of the base is damaged: nothing would be judged against it."""
+    if base.unreadable:
+        raise InputError(
+            f"{base.folder}: line(s) {', '.join(map(str, base.unreadable))} cannot be read, so new results of their "
+            "jobs would not be judged: get the file again, or remove the lines if no job is lost"
+        )
+
+
+def check_names(what: str, names: Sequence[str], known: set[str]) -> None:
+    """Raise `InputError` for a name that neither run has."""
+    for name in names:
+        if name not in known:
+            raise InputError(f"--{what} {name}: neither run has it{did_you_mean(name, known)}")
+
+
+def _notes(base: Run, new: Run, rows: list[ComparedRow]) -> Iterator[str]:
+    """Notes on the comparison: unreadable lines, changed conditions, bases with one seed."""
+    if new.unreadable:
+        yield f"{len(new.unreadable)} line(s) of NEW could not be read: {', '.join(map(str, new.unreadable))}"
+    if base.starts and new.starts:
+        mine, theirs = _conditions(base.starts[-1]), _conditions(new.starts[-1])
+        changed = [f"{key} {mine[key]} → {theirs[key]}" for key in mine if mine[key] != theirs[key]]
+        if changed:
+            yield "not measured under the same conditions: " + "; ".join(changed)
+    if guessed := [row.name for row in rows if any(c.margin and c.spread is None for c in row.deciding)]:
+        yield (
+            "BASE has one seed, or shares only one with NEW at the same pairs, so the spread is unknown and the margin "
+            f"is a guess: {', '.join(guessed)}"
+        )
+
+
+def _conditions(start: Record) -> dict[str, object]:
+    every = {"torch": start.get("packages", {}).get("torch")} | start.get("machine", {}) | start
+    return {name: every.get(name) for name in ("torch", "processor", "capability", "device", "threads")}
