@@ -4,15 +4,10 @@ import pytest
 from bench.btf import BTF, ArraySource, Layout, Source
 from bench.hemisphere import from_degrees, thin, ubo2003
 
-
-@pytest.fixture(autouse=True)
-def own_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+pytestmark = pytest.mark.usefixtures("brief")
 
 
 class Slices(Source):
-    """A source that is cheap by slices only, and counts them."""
-
     def __init__(self, values, name="slices"):
         self.values, self.name, self.reads = values, name, 0
         self.count, self.shape = len(values), values.shape[1:3]

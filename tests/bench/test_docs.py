@@ -1,5 +1,3 @@
-"""Every link between the pages leads to a file, and to a heading, that exist; every command that they show parses."""
-
 import re
 import shlex
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""Short forms of `tools/kill.py`."""
-
 import importlib.util
 import subprocess
 import sys
@@ -13,7 +11,6 @@ pytestmark = pytest.mark.timeout(600)  # some 15 s on two cores that have nothin
 
 
 def killed(*words):
-    """What the benchmark says of 3 jobs that are killed."""
     done = subprocess.run([sys.executable, KILL, "--quick", *words], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout

@@ -1,5 +1,3 @@
-"""`import bench` as a library: the example of docs/api.md, and what each function promises."""
-
 import os
 import re
 import subprocess
@@ -25,9 +23,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "api.md"
 
 
 @pytest.fixture(autouse=True)
-def small(tmp_path, monkeypatch):
-    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("bench.timing.TURNS", 3)
+def small(tmp_path, monkeypatch, brief):
     monkeypatch.chdir(tmp_path)
 
 

@@ -1,5 +1,3 @@
-"""The two ways of docs/api.md, block by block as they stand there."""
-
 import re
 import shlex
 import shutil
@@ -26,9 +24,7 @@ def blocks(text, language=""):
 
 
 @pytest.fixture(autouse=True)
-def small(tmp_path, monkeypatch):
-    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("bench.timing.TURNS", 3)
+def small(tmp_path, monkeypatch, brief):
     monkeypatch.chdir(tmp_path)
 
 

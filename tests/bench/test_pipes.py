@@ -1,5 +1,3 @@
-"""A named pipe where a file is due is refused; no reader waits for what never comes."""
-
 import os
 
 import pytest

@@ -17,8 +17,6 @@ from bench.training.decoder import Architecture, Decoder
 
 
 class Sleeper(Material):
-    """Takes a known processor time a batch."""
-
     def __init__(self, seconds):
         super().__init__((4, 4), DecoderCost())
         self.seconds = seconds
@@ -68,8 +66,6 @@ def test_a_ratio_is_to_the_mean_of_the_floors_timed_before_and_after_it(monkeypa
 
 
 class Texels(Sleeper):
-    """Can answer by one texel, too."""
-
     def at_one_texel(self):
         return Sleeper(self.seconds / 4)
 

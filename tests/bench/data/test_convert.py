@@ -13,7 +13,6 @@ from bench.errors import InputError
 
 @pytest.fixture
 def btf():
-    """12 × 12 texels, 6 views × 5 lights, the last pairs held out."""
     tiny = tiny_btf(12, 6, 5)
     return BTF(tiny.name, tiny.wo, tiny.wi, tiny.source, heldout=np.arange(30) >= 25, periodic=True)
 

@@ -19,7 +19,6 @@ def like(btf, values, periodic=False):
 
 @pytest.fixture
 def btf():
-    """Smooth, periodic, with its cosine, a full product, not clipped."""
     return tiny_btf(16, 9, 9)
 
 

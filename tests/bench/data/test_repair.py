@@ -1,5 +1,3 @@
-"""Values that are not finite: refused by count and place, or masked, and said so."""
-
 import logging
 
 import numpy as np
@@ -15,7 +13,6 @@ from bench.errors import InputError
 
 
 def spoiled() -> BTF:
-    """The small material with three values of pair 4 and one of pair 7 that are not finite."""
     like = tiny_btf()
     values = np.stack(list(like))
     values[4, 0, :2, 1], values[4, 5, 5, 0], values[7, 2, 3, 2] = np.nan, np.inf, -np.inf

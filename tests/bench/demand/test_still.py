@@ -1,5 +1,3 @@
-"""Still pictures: analytic values, the right way round, and what the command writes."""
-
 from pathlib import Path
 
 import numpy as np
@@ -28,8 +26,6 @@ MITSUBA = ["--scene", "room.xml", "--bsdf", "cloth"]
 
 
 class Lambert(Material):
-    """Albedo 0.5 red, u green and v blue, over π."""
-
     def __init__(self, size: tuple[int, int] = (8, 8)) -> None:
         super().__init__(size, DecoderCost())
 

@@ -1,5 +1,3 @@
-"""Where an error lies over the hemispheres."""
-
 import numpy as np
 import pytest
 

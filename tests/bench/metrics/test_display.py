@@ -1,5 +1,3 @@
-"""The exposure rule, the display transform and the log curve."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""LDR FLIP against NVIDIA's own implementation, against published means, and by its properties."""
-
 import flip_evaluator
 import numpy as np
 import pytest

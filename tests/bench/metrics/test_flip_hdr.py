@@ -1,5 +1,3 @@
-"""HDR FLIP against NVIDIA's own implementation, and the range of exposures."""
-
 import flip_evaluator
 import numpy as np
 import pytest

@@ -1,5 +1,3 @@
-"""Scoring a decoded BTF as a stream, and what is made of the scores."""
-
 import json
 import threading
 
@@ -24,8 +22,6 @@ def make(count=20, shape=(16, 18), seed=0, periodic=True, source=ArraySource):
 
 
 class Counting(ArraySource):
-    """Counts the slices that are read."""
-
     def __init__(self, values):
         super().__init__(values)
         self.read = 0

@@ -7,7 +7,6 @@ CPU = torch.device("cpu")
 
 
 def processor(monkeypatch, machine, words, capability="AVX512"):
-    """As if PyTorch ran on a processor with these extensions."""
     monkeypatch.setattr(native.platform, "machine", lambda: machine)
     monkeypatch.setattr(native, "features", lambda: words)
     monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: capability)

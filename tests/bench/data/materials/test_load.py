@@ -1,5 +1,3 @@
-"""Loading a built-in material: what the BTF holds, and that it is rendered once and never half."""
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,8 +49,7 @@ def test_the_second_load_renders_nothing_and_gives_the_same(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "change",
-    [{"size": 4}, {"views": 2}, {"lights": 2}, {"heldout": 6}, {"seed": 1}, {"directions": "ubo2014"}],
+    "change", [{"size": 4}, {"views": 2}, {"lights": 2}, {"heldout": 6}, {"seed": 1}, {"directions": "ubo2014"}]
 )
 def test_whatever_shapes_the_values_is_in_the_fingerprint(change):
     assert materials.load("brick", **SMALL).fingerprint != materials.load("brick", **SMALL | change).fingerprint

@@ -1,5 +1,3 @@
-"""What a rendered slice must look like: signs, frame, wrap-around and energy, each from first principles."""
-
 import numpy as np
 import pytest
 
@@ -31,7 +29,6 @@ def bump(size=64, height=0.1, width=0.08):
 
 @pytest.fixture(scope="module")
 def rich():
-    """Relief, colour, metal and anisotropy that all vary."""
     rng = np.random.default_rng(0)
     maps = [smooth(rng, 32, 0.06, 0.06) for _ in range(5)]
     return Maps(

@@ -13,7 +13,6 @@ from bench.hemisphere import from_degrees
 
 @pytest.fixture
 def data():
-    """The folder of real data, as the environment names it."""
     if "NEUBTF_DATA" not in os.environ:
         pytest.skip("NEUBTF_DATA is not set: it names the folder of real data")
     return Path(os.environ["NEUBTF_DATA"])
@@ -21,7 +20,6 @@ def data():
 
 @pytest.fixture(scope="session")
 def samples():
-    """The sample files and mutations of the benchmark `fuzz_readers`."""
     import fuzz_readers
 
     return fuzz_readers

@@ -11,7 +11,6 @@ HEADER = "file,theta_o_deg,phi_o_deg,theta_i_deg,phi_i_deg"
 
 
 def make(path, lines, header=HEADER, size=(4, 3)):
-    """A folder with grey pictures a.png, b.png, c.png and a list."""
     path.mkdir(exist_ok=True)
     for i, name in enumerate("abc"):
         Image.new("RGB", size, (60 * i + 10,) * 3).save(path / f"{name}.png")

@@ -1,5 +1,3 @@
-"""Files as the repositories write them: NeuralBTF's two, NeuMIP's and the Hierarchical Architecture's."""
-
 import sys
 
 import numpy as np
@@ -20,7 +18,6 @@ def pictures(btf):
 
 @pytest.fixture
 def full(btf, pictures, samples, tmp_path):
-    """The file that NeuralBTF trains on."""
     path = tmp_path / "real_felt_01_full_factor1.hdf5"
     samples.write_hdf5(path, btf.wo, btf.wi, pictures)
     return path

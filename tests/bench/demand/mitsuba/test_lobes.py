@@ -1,5 +1,3 @@
-"""Lobes to draw directions from: a density, fitted to where a material reflects, stored beside what it answers."""
-
 import math
 
 import numpy as np

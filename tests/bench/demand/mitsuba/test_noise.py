@@ -1,5 +1,3 @@
-"""The noise of a path tracer whose surface answers from a codec file."""
-
 import numpy as np
 import pytest
 import torch

@@ -1,5 +1,3 @@
-"""A whole material as one kernel answers as the material does, whatever the codec."""
-
 import numpy as np
 import pytest
 import torch
@@ -84,8 +82,6 @@ def test_each_codec_answers_as_in_eager(tmp_path, btf, name):
 
 
 class Mixed(Material):
-    """A network between matrices of constants."""
-
     def __init__(self, width):
         super().__init__((4, 4), DecoderCost())
         generator = torch.Generator().manual_seed(0)
