@@ -143,7 +143,7 @@ def test_exposure_of_a_large_material_is_a_seeded_sample(monkeypatch):
     assert display.exposure(btf) == pytest.approx(0.8 / np.percentile(btf.source.values, 99), rel=0.02)
 
 
-def summary(decoded_of=None):
+def summary():
     btf, decoded = make(200)
     decoded[4] = btf[4]
     groups = {"training": np.arange(0, 150), "heldout": np.arange(150, 200)}

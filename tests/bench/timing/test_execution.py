@@ -2,17 +2,16 @@ import gc
 import resource
 import sys
 
-import numpy as np
 import pytest
 import torch
 
 from bench.errors import InputError
-from bench.hemisphere import uniform
 from bench.material import CHUNK, DecoderCost, Material
 from bench.timing import execution
 from bench.timing.execution import Variant, prepared
 from bench.timing.fused import lean
 from bench.training.decoder import Architecture, Decoder
+from tests.bench.test_material import queries
 
 
 class Textured(Material):
@@ -25,12 +24,6 @@ class Textured(Material):
 
     def evaluate(self, uv, wo, wi, footprint):
         return self.network.at(self.texture, uv, wo[:, :2], wi[:, :2]).exp()
-
-
-def queries(count, seed=0):
-    rng = np.random.default_rng(seed)
-    wo, wi = (torch.from_numpy(uniform(rng, count)) for _ in range(2))
-    return torch.from_numpy(rng.random((count, 2), np.float32)), wo, wi
 
 
 def assert_same(ours: Material, tolerance: float, counts=(1, 100)) -> None:

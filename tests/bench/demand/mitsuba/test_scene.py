@@ -90,7 +90,6 @@ def test_the_sum_over_the_demand_is_the_frame_of_the_direct_integrator(tmp_path,
     assert flip.score(flip.prepare(frame, 4.0), summed) <= 0.03
 
 
-SKY = '<emitter type="constant"><rgb name="radiance" value="0.4,0.5,0.6"/></emitter>'
 PICTURE = '<emitter type="envmap"><string name="filename" value="sky.hdr"/></emitter>'
 PANEL = """
 <shape type="rectangle">
@@ -98,13 +97,6 @@ PANEL = """
   <emitter type="area"><rgb name="radiance" value="9,8,7"/></emitter>
 </shape>
 """
-GLOBE = """
-<shape type="sphere">
-  <point name="center" x="1" y="-1" z="2"/><float name="radius" value="0.3"/>
-  <emitter type="area"><rgb name="radiance" value="9,8,7"/></emitter>
-</shape>
-"""
-BALL = '<shape type="sphere"><float name="radius" value="0.4"/><ref id="cloth"/></shape>'
 TUBE = """
 <shape type="cylinder">
   <point name="p0" x="-0.6" y="0" z="0"/><point name="p1" x="0.6" y="0" z="0"/><float name="radius" value="0.3"/>
@@ -124,18 +116,16 @@ def sky(folder):
 
 @with_mitsuba
 @pytest.mark.long
-@pytest.mark.parametrize("light", [SKY, PICTURE, PANEL, GLOBE], ids=["constant", "envmap", "panel", "globe"])
-@pytest.mark.parametrize("shape", [PLANE, BALL, TUBE], ids=["plane", "ball", "tube"])
+@pytest.mark.parametrize("light", [PICTURE, PANEL], ids=["envmap", "panel"])
+@pytest.mark.parametrize("shape", [PLANE, TUBE], ids=["plane", "tube"])
 def test_light_from_all_sides_and_curved_shapes(shape, light, tmp_path, monkeypatch):
     """The demand's frames of a diffuser are those of the direct integrator, within the noise of 128 samples a pixel."""
     if reason := llvm.unusable(plugins=True):
         pytest.skip(reason)
-    sky(tmp_path)
-    from bench.demand.mitsuba import scene as mitsuba_scene
-
-    monkeypatch.setattr(mitsuba_scene, "SAMPLES", 128)
     import mitsuba as mi
 
+    sky(tmp_path)
+    monkeypatch.setattr("bench.demand.mitsuba.scene.SAMPLES", 128)
     path = written(tmp_path, CAMERA, CLOTH, shape, light)
     demand = demand_of(path)
     frame = np.asarray(mi.render(mi.load_file(str(path)), spp=256), np.float64)[..., :3]
