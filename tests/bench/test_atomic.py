@@ -2,8 +2,8 @@ import errno
 import os
 import subprocess
 import sys
-import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from unittest.mock import Mock
 
@@ -93,11 +93,9 @@ def test_who_waits_is_let_in_one_at_a_time_though_the_lock_is_removed_each_time(
                 time.sleep(0.001)  # long enough for the others to open the lock of this one
                 inside.pop()
 
-    threads = [threading.Thread(target=enter) for _ in range(6)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(6) as threads:
+        for _ in range(6):
+            threads.submit(enter)
     assert len(most) == 120
     assert max(most) == 1
     assert list(tmp_path.iterdir()) == []

@@ -29,7 +29,6 @@ def scattered(count: int = 60) -> tuple[torch.Tensor, torch.Tensor, PairInterpol
 
 
 def dense(weights: tuple[torch.Tensor, torch.Tensor], count: int) -> torch.Tensor:
-    """Weights as a full matrix (n, count)."""
     index, weight = weights
     return torch.zeros(len(index), count, dtype=weight.dtype).scatter_add_(1, index, weight)
 

@@ -15,9 +15,7 @@ def test_the_published_sets_have_their_sizes_and_rings(made, rings):
 
 
 def test_the_frame_is_right_handed_with_x_right_and_y_up():
-    np.testing.assert_allclose(from_degrees(90, 0), [1, 0, 0], atol=1e-7)
-    np.testing.assert_allclose(from_degrees(90, 90), [0, 1, 0], atol=1e-7)
-    np.testing.assert_allclose(from_degrees(0, 123), [0, 0, 1], atol=1e-7)
+    np.testing.assert_allclose(from_degrees([90, 90, 0], [0, 90, 123]), np.eye(3), atol=1e-7)
 
 
 @pytest.mark.parametrize("name", DIRECTION_SETS)

@@ -117,7 +117,6 @@ def test_a_trade_of_another_version_is_refused_with_the_remedy(tmp_path, text):
 
 
 def line(record):
-    """A record's line without a checksum, as it is written by hand."""
     return json.dumps(record) + "\n"
 
 

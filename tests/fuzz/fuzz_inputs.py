@@ -276,15 +276,9 @@ def trade(found: list[dict[str, Any]]) -> dict[str, Any]:
     ]
     profile = {"material": "satin", "name": "floor", "part": "query", "batch": 1, "coherent": False, "footprint": 0.0}
     ceiling = {"device": "cpu", "threads": 1, "dtype": "float32", "flops_per_ns": 90.0, "bytes_per_ns": 9.0}
-    return {
-        "format": 1,
-        "suite": "trade",
-        "choices": [*choices, plain | {"label": "floor"}],
-        "profiles": [profile | {"threads": 1, "ns_per_sample": 50.0}],
-        "ceilings": [ceiling],
-        "answers": ["satin: the best is pca."],
-        "left_out": [],
-    }
+    made = {"format": 1, "suite": "trade", "choices": [*choices, plain | {"label": "floor"}], "ceilings": [ceiling]}
+    profiles = [profile | {"threads": 1, "ns_per_sample": 50.0}]
+    return made | {"profiles": profiles, "answers": ["satin: the best is pca."], "left_out": []}
 
 
 def attack_records(sample: Path, scratch: Path, rng: random.Random) -> Reading:

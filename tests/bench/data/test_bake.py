@@ -27,7 +27,6 @@ SMALL = Preparation(size=8, views=4, lights=4, heldout=3)
 
 
 def save(folder, **maps):
-    """A folder of PNG maps by file name; values in [0, 1] become 8-bit codes."""
     folder.mkdir(exist_ok=True)
     for name, picture in maps.items():
         Image.fromarray(np.round(np.asarray(picture) * 255).astype(np.uint8)).save(folder / f"{name}.png")

@@ -1,6 +1,7 @@
 import gc
 import resource
 import sys
+from unittest.mock import Mock
 
 import pytest
 import torch
@@ -124,10 +125,6 @@ def test_code_that_was_compiled_for_one_capability_is_not_taken_for_another(capa
 
 def test_a_compiler_that_fails_is_told_with_the_remedy():
     compiled = prepared(Textured(), Variant("compiled"))
-
-    def fail(*_):
-        raise torch._dynamo.exc.TorchDynamoException("file too short")
-
-    compiled.rest = fail
+    compiled.rest = Mock(side_effect=torch._dynamo.exc.TorchDynamoException("file too short"))
     with pytest.raises(InputError, match=r"file too short.*remove its cache"):
         compiled.query(*queries(3))

@@ -19,7 +19,6 @@ def reflectance(o, i, roughness=0.5, metalness=0.0, specular=1.0, anisotropy=0.0
 
 
 def hemisphere(rings=400, sectors=800):
-    """Midpoint quadrature: directions (3, N) and solid angles (N,)."""
     theta = (np.arange(rings) + 0.5) / rings * math.pi / 2
     phi = (np.arange(sectors) + 0.5) / sectors * 2 * math.pi
     theta, phi = (a.ravel() for a in np.meshgrid(theta, phi, indexing="ij"))

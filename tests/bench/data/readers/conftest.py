@@ -44,13 +44,5 @@ def btf():
     lights = from_degrees([11, 45, 75], [15, 200, 345])
     view, light = np.divmod(np.arange(12), 3)
     values = np.random.default_rng(1).gamma(0.5, 20.0, (12, 5, 6, 3)).astype(np.float32)
-    notes = {"ppmm": 10.0, "note": "kept"}
-    return BTF(
-        "sample",
-        views[view],
-        lights[light],
-        ArraySource(values),
-        heldout=np.arange(12) == 7,
-        periodic=True,
-        provenance=notes,
-    )
+    notes = {"heldout": np.arange(12) == 7, "periodic": True, "provenance": {"ppmm": 10.0, "note": "kept"}}
+    return BTF("sample", views[view], lights[light], ArraySource(values), **notes)

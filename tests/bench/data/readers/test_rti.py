@@ -49,7 +49,6 @@ def test_bad_lists_name_the_line(refused, tmp_path, lines, message):
 
 
 def make_bumps(folder, lights, shape):
-    """Photographs of matt bumps under a ring of lights on each of three heights."""
     rows, cols = np.mgrid[: shape[0], : shape[1]]
     x, y = cols / 5, -rows / 7  # y points up
     p, q = np.cos(x) * np.sin(y) / 2, np.sin(x) * np.cos(y) * 5 / 14  # the slopes of 2.5 sin x sin y

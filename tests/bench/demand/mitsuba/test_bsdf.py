@@ -74,7 +74,6 @@ def sampled(file):
 
 @pytest.mark.long
 def test_lobes_are_those_that_were_fitted(sampled):
-    """The density in the renderer is the one that the fit minimised."""
     bsdf = mi.load_dict({"type": "neubtf", "filename": str(sampled)})
     uv, wo, wi = queries(2000)
     uv -= np.floor(uv)

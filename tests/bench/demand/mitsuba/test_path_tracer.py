@@ -106,7 +106,6 @@ def test_inter_reflection_is_that_of_mitsubas_own_integrator():
 
 
 def smooth(own_tracer):
-    """The mesh of a tracer as Lambert with an albedo of 0.9, shaded with the height field's normals."""
     import mitsuba as mi
 
     old = mi.traverse(own_tracer._mesh(0.8, 0.8))
