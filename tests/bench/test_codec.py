@@ -13,8 +13,6 @@ from bench.inputs.settings import Count, Positive, Range, Share, described
 
 
 class Sample(Codec):
-    """A codec with a setting of each kind."""
-
     name, version = "sample", 1
 
     @dataclass(frozen=True)
@@ -29,8 +27,6 @@ class Sample(Codec):
 
 
 class Cooked(Sample):
-    """A codec with a recipe of its own and one that a paper gives."""
-
     recipes = MappingProxyType({"paper": {"count": 9, "domain": "rgb"}})
 
     @dataclass(frozen=True)

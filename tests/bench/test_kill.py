@@ -1,5 +1,3 @@
-"""Short forms of `tools/kill.py`."""
-
 import importlib.util
 import subprocess
 import sys
@@ -8,26 +6,19 @@ from pathlib import Path
 import pytest
 
 KILL = Path(__file__).parents[2] / "tools" / "kill.py"
-
 pytestmark = pytest.mark.timeout(600)  # some 15 s on two cores that have nothing else to do
 
+DASK = pytest.mark.skipif(not importlib.util.find_spec("distributed"), reason="needs the extra dask")
 
-def killed(*words):
-    """What the benchmark says of 3 jobs that are killed."""
-    done = subprocess.run([sys.executable, KILL, "--quick", *words], capture_output=True, text=True, check=False)
+
+@pytest.mark.parametrize(
+    ("kills", "words"),
+    [(1, []), pytest.param(4, [], marks=pytest.mark.long), pytest.param(1, ["--workers", "dask"], marks=DASK)],
+)
+def test_a_run_or_worker_killed_at_random_moments_ends_with_every_job_done_once(kills, words):
+    command = [sys.executable, KILL, "--quick", *words, "--kills", str(kills)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
-
-
-@pytest.mark.parametrize("kills", [1, pytest.param(4, marks=pytest.mark.long)])
-def test_a_run_killed_at_random_moments_ends_with_every_job_done_once(kills):
-    out = killed("--kills", str(kills))
-    assert out.count("kill ") == kills
-    assert out.splitlines()[-1] == "3 good records, identical files, nothing left behind"
-
-
-@pytest.mark.skipif(not importlib.util.find_spec("distributed"), reason="needs Dask: pip install neubtf-bench[dask]")
-def test_a_cluster_that_loses_a_worker_in_mid_job_ends_with_every_job_done_once():
-    out = killed("--workers", "dask", "--kills", "1")
-    assert "kill 1 of a worker" in out
-    assert out.splitlines()[-1] == "3 good records, identical files, nothing left behind"
+    assert done.stdout.count("kill ") == kills
+    assert ("of a worker" in done.stdout) == bool(words)
+    assert done.stdout.splitlines()[-1] == "3 good records, identical files, nothing left behind"

@@ -1,5 +1,4 @@
-"""`import bench` as a library: the example of docs/api.md, and what each function promises."""
-
+import json
 import os
 import re
 import subprocess
@@ -25,9 +24,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "api.md"
 
 
 @pytest.fixture(autouse=True)
-def small(tmp_path, monkeypatch):
-    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("bench.timing.TURNS", 3)
+def small(tmp_path, monkeypatch, brief):
     monkeypatch.chdir(tmp_path)
 
 
@@ -102,7 +99,6 @@ def test_a_file_of_another_resolution_is_not_scored(folder):
 
 
 def test_arrays_become_a_btf_that_is_encoded_and_scored(folder):
-    """The second example of the page, and what is said of arrays that will not do."""
     example = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.S)[1]
     names = {}
     exec(example, names)
@@ -146,12 +142,8 @@ def test_negative_radiance_and_radians_are_warned_of(tmp_path, caplog):
 
 
 def test_what_is_no_name_or_path_is_told_where_arrays_go_and_not_printed():
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=r"a path, not a dict: .*bench\.from_arrays\(radiance, wo, wi\)"):
         bench.open({"radiance": np.zeros((4, 2, 2, 3))})
-    assert str(caught.value) == (
-        "bench.open: give the name of a material or a path, not a dict: "
-        "arrays become a BTF by bench.from_arrays(radiance, wo, wi)"
-    )
 
 
 def test_a_setting_that_a_material_has_not_is_told_with_the_one_it_has(folder, capsys):
@@ -181,14 +173,11 @@ def test_a_material_and_a_folder_of_slices_score_as_the_file_they_come_from(fold
     for metric, stats in from_file["scores"]["heldout"]["metrics"].items():
         assert from_slices["scores"]["heldout"]["metrics"][metric]["mean"] == pytest.approx(stats["mean"], rel=1e-6)
     psnr = from_slices["scores"]["heldout"]["metrics"]["psnr_display"]["mean"]
-    capsys.readouterr()
     assert cli.main(["score", "slices", str(folder)]) == 0
     assert f"{psnr:.2f}" in capsys.readouterr().out
 
 
 def test_the_command_prints_the_table_of_a_run_and_writes_json(folder, capsys):
-    import json
-
     assert cli.main(["encode", str(folder), "--codec", "pca", "--set", "components=3", "-o", "a.nbtf"]) == 0
     capsys.readouterr()
     assert cli.main(["score", "a.nbtf", str(folder), "--json", "a.json"]) == 0

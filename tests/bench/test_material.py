@@ -9,8 +9,6 @@ from bench.material import CHUNK, DecoderCost, Material, box_centres, sample_tex
 
 
 class Constant(Material):
-    """Answers a colour that may be negative, and remembers the batches it saw."""
-
     def __init__(self, value=0.5):
         super().__init__((4, 6), DecoderCost())
         self.value, self.seen = torch.tensor([value, -1.0, 2.0]), []

@@ -1,5 +1,3 @@
-"""A named pipe where a file is due is refused; no reader waits for what never comes."""
-
 import os
 
 import pytest
@@ -14,7 +12,6 @@ FILES = ["a.nbtf", "a.btf", "a.npz", "a.lp", "a.zip", "normal.png", "roughness.e
 @pytest.mark.parametrize("name", FILES)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_no_command_waits_for_a_pipe(name, command, tmp_path, capsys):
-    """A process that opens one for reading waits until another writes into it."""
     os.mkfifo(tmp_path / name)
     map_of_folder = name.startswith(("normal", "roughness", "displacement"))
     if {"verify": name == "a.zip", "run": name == "a.toml", "decode": not map_of_folder}.get(command.split()[0], True):

@@ -1,5 +1,3 @@
-"""Every codec at every precision it stores: what a renderer relies on holds, and rounding costs little."""
-
 import dataclasses
 import itertools
 from typing import get_args, get_type_hints
@@ -38,7 +36,6 @@ def ladder():
 
 
 def trained(codec, weights, folder):
-    """The shared network of a codec with its weights so stored."""
     network, path = settings(codec.network, weights=weights), folder / f"{codec.name}{container.SUFFIX}"
     return shared.read(shared.make(network, others(tiny_btf()), Fit(seed=1), path).path)
 

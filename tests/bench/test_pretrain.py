@@ -1,5 +1,3 @@
-"""The commands around a network that a codec shares over materials, and the table of what decoders hold."""
-
 import pytest
 
 from bench import cli
@@ -19,7 +17,6 @@ def places(tmp_path, monkeypatch):
 
 @pytest.fixture
 def measured(tmp_path):
-    """Two BTFs on disk."""
     paths = [tmp_path / "one.npz", tmp_path / "two.npz"]
     for path, btf in zip(paths, others(tiny_btf(4, 4, 4)), strict=False):
         write_npz(btf, path)

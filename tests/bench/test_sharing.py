@@ -1,5 +1,3 @@
-"""What docs/sharing.md shows is tried as its readers would: a codec of one's own beside the published records."""
-
 import re
 import shlex
 from pathlib import Path

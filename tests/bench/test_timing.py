@@ -17,8 +17,6 @@ from bench.training.decoder import Architecture, Decoder
 
 
 class Sleeper(Material):
-    """Takes a known processor time a batch."""
-
     def __init__(self, seconds):
         super().__init__((4, 4), DecoderCost())
         self.seconds = seconds
@@ -68,8 +66,6 @@ def test_a_ratio_is_to_the_mean_of_the_floors_timed_before_and_after_it(monkeypa
 
 
 class Texels(Sleeper):
-    """Can answer by one texel, too."""
-
     def at_one_texel(self):
         return Sleeper(self.seconds / 4)
 
@@ -112,9 +108,9 @@ def test_queries_are_random_or_the_slices_of_one_pair():
 def test_a_profile_times_each_part_and_condition(monkeypatch):
     monkeypatch.setattr(timing, "TURNS", 2)
     monkeypatch.setattr("bench.timing.clock.SPAN_NS", 10_000)
-    network, table = Sleeper(0.0), Sleeper(0.0)
+    network = Sleeper(0.0)
     network.net = Decoder(Architecture(4, (4,)))
-    records = list(profile({"net": network, "table": table}, 2, (1, 8)))
+    records = list(profile({"net": network, "table": Sleeper(0.0)}, 2, (1, 8)))
     assert {r["part"] for r in records if r["name"] == "net"} == {"query", "evaluate", "decoder"}
     assert {r["part"] for r in records if r["name"] == "table"} == {"query", "evaluate"}
     assert {r["batch"] for r in records} == {1, 8, BATCH}

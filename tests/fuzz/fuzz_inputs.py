@@ -11,12 +11,10 @@ import copy
 import io
 import json
 import random
-import re
 import shutil
 import sys
 import tomllib
 import warnings
-import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from functools import cache, partial
@@ -24,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fuzzing import Reading, Target, main
+from fuzzing import Reading, Target, damaged, main, repacked, with_other_header
 
 from bench.demand import demand as demands
 from bench.demand.collect import collect
@@ -37,11 +35,6 @@ from bench.runs.suite import builtin_suites, canonical, load_suite, parse_suite
 NUMBERS = (-1, 0, 1, 2, 255, 100_000, 10**8, 10**9, 2**62, -(2**63), 10**30, 1.5, -0.5, 1e-300, 1e308, -1e308)
 PLAIN = (*NUMBERS, True, False, "", "x", "8", "nan", "é" * 99, "x" * 70_000, "../..", "\0", float("nan"), float("inf"))
 HOSTILE = (*PLAIN, [], {}, [[]], [1, "x"], {"a": {"b": {}}}, list(range(1000)), [[1.0, 2.0]] * 50)
-TOKENS = (b"nan", b"1e400", b"-", b"9" * 5000, b"0x" + b"f" * 5000, b"\0", b"\xff", b'"', b"\n")
-DEEP = 2000
-
-
-# --- suites and scenes ---------------------------------------------------------------------------------------------
 
 
 def toml(value: Any) -> str:
@@ -84,28 +77,6 @@ def changed(tree: Any, rng: random.Random) -> Any:
     return tree
 
 
-def damaged(text: bytes, rng: random.Random) -> bytes:
-    """The text with bytes of it replaced, dropped or repeated, or something nested deeply put in."""
-    out = bytearray(text)
-    for _ in range(rng.randint(1, 4)):
-        at = rng.randrange(len(out) + 1)
-        kind = rng.randrange(6)
-        if kind == 0:
-            out[at : at + 1] = bytes([rng.randrange(256)])
-        elif kind == 1:
-            del out[at : at + rng.randint(1, 40)]
-        elif kind == 2:
-            out[at:at] = out[at : at + rng.randint(1, 40)]
-        elif kind == 3:
-            out[at:at] = rng.choice(TOKENS)
-        elif kind == 4 and rng.random() < 0.2:
-            opening, closing = rng.choice(((b"[", b"]"), (b'{"a":', b"}")))
-            out[at:at] = opening * DEEP + b"1" + closing * DEEP
-        elif kind == 5 and rng.random() < 0.2:
-            del out[at:]
-    return bytes(out)
-
-
 def written(path: Path, tree: Any, dumped: Callable[[Any], str], rng: random.Random) -> Path:
     """A file of a mutated tree, or of its damaged text."""
     if rng.random() < 0.75:
@@ -146,9 +117,8 @@ codecs = [
 
 
 def make_suites(folder: Path) -> None:
-    for name, text in builtin_suites().items():
+    for name, text in (builtin_suites() | {"all": SUITE}).items():
         (folder / f"{name}.toml").write_text(text)
-    (folder / "all.toml").write_text(SUITE)
 
 
 def attack_suite(sample: Path, scratch: Path, rng: random.Random) -> Reading:
@@ -188,63 +158,51 @@ def read_a_scene(path: Path) -> None:
     summarise(demand)
 
 
-# --- demands -------------------------------------------------------------------------------------------------------
-
-
 def make_demand(folder: Path) -> None:
     collect(TextScene(named_scene("wall")), 300).save(folder / "wall.npz")
 
 
 def attack_demand(sample: Path, scratch: Path, rng: random.Random) -> Reading:
-    with zipfile.ZipFile(sample / "wall.npz") as archive:
-        entries = {name: archive.read(name) for name in archive.namelist()}
-    for _ in range(rng.randint(1, 2)):
-        name = rng.choice(list(entries))
-        entries[name] = bad_entry(name, entries[name], rng)
-        if rng.random() < 0.05:
-            del entries[name]
-    path = scratch / "bad.npz"
-    with zipfile.ZipFile(path, "w", rng.choice((zipfile.ZIP_DEFLATED, zipfile.ZIP_STORED))) as archive:
-        for name, content in entries.items():
-            archive.writestr(name, content)
-    if rng.random() < 0.1:
-        path.write_bytes(damaged(path.read_bytes(), rng))
+    path = Path(shutil.copy(sample / "wall.npz", scratch / "bad.npz"))
+    spoil(path, rng)
     return partial(read_demand, path)
 
 
+def spoil(path: Path, rng: random.Random) -> None:
+    """Damage an archive of arrays, or a file of JSON."""
+    if path.suffix == ".json":
+        written(path, json.loads(path.read_text()), json.dumps, rng)
+    elif rng.random() < 0.1:
+        path.write_bytes(damaged(path.read_bytes(), rng))
+    else:
+        repacked(path, rng, bad_entry)
+
+
 def bad_entry(name: str, content: bytes, rng: random.Random) -> bytes:
-    """An array of a demand with another header, other values, or a size that only its compression makes small."""
-    try:
-        array = np.lib.format.read_array(io.BytesIO(content))
-        tree = json.loads(array.tobytes()) if name == "about.npy" else None
-    except Exception:  # bad already, and NumPy raises what it likes
-        return content
+    """An array with another header, other values, or a size that only its compression makes small."""
     kind = rng.randrange(8)
-    if name == "about.npy" and kind < 6:
-        whole = json.dumps(changed(tree, rng))
-        text = whole if kind < 4 else damaged(json.dumps(tree).encode(), rng).decode("latin-1")
-        array = np.frombuffer(text.encode("utf-8", "surrogatepass"), np.uint8)
+    if kind > 5:
+        return damaged(content[:200], rng) + content[200:]
+    array = np.lib.format.read_array(io.BytesIO(content))
+    if name == "about.npy":
+        tree = json.loads(array.tobytes())
+        text = json.dumps(changed(tree, rng)).encode("utf-8", "surrogatepass")
+        array = np.frombuffer(text if kind < 4 else damaged(json.dumps(tree).encode(), rng), np.uint8)
     elif kind < 3 and array.size and array.ndim:
         array = array.copy()
         values = (0, 1, -1, 32767, -32768, *((np.nan, np.inf, 1e30) if array.dtype.kind == "f" else (99,)))
-        places = rng.choice((slice(None), slice(0, 1), slice(-1, None)))
-        array[places] = np.array(rng.choice(values)).astype(array.dtype)
+        array[rng.choice((slice(None), slice(0, 1), slice(-1, None)))] = np.array(rng.choice(values)).astype(
+            array.dtype
+        )
     elif kind == 3:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            array = array.astype(rng.choice(("<f8", "<f4", "<i8", "|b1", "<U3", "|S2", "<c8")))
-    elif kind == 4:
         array = rng.choice((array[:0], array[:1], array.reshape(-1), array.reshape(1, -1), array.ravel()[:1]))
-    elif kind == 5:
+    elif kind == 4:
         array = np.zeros((rng.choice((0, 10**5, 10**6)), *array.shape[1:]), array.dtype)
+    else:
+        return with_other_header(content, rng)
     stream = io.BytesIO()
     np.lib.format.write_array(stream, array)
-    text = stream.getvalue()
-    if kind == 6:
-        text = re.sub(
-            rb"'shape': \(\d*", lambda m: b"'shape': (" + rng.choice((b"-300", b"0", b"9" * 12, b"1, 2")), text, count=1
-        )
-    return damaged(text[:200], rng) + text[200:] if kind == 7 else text
+    return stream.getvalue()
 
 
 def read_demand(path: Path) -> None:
@@ -254,9 +212,6 @@ def read_demand(path: Path) -> None:
     assert np.isfinite(demand.importance).all()
     summarise(demand)
     demand.name.encode()
-
-
-# --- records -------------------------------------------------------------------------------------------------------
 
 
 @cache
@@ -271,8 +226,7 @@ def records_of_a_run() -> list[dict[str, Any]]:
         for _ in runner.run(parse_suite("small", text), runner.Options(Path(folder))):
             pass
         found = [json.loads(line) for line in (Path(folder) / "records.jsonl").read_text().splitlines()]
-        kept = Path(folder)
-        files = {path.relative_to(kept): path.read_bytes() for path in kept.rglob("*") if path.is_file()}
+        files = {path.relative_to(folder): path.read_bytes() for path in Path(folder).rglob("*") if path.is_file()}
     stress = {"kind": "stress", "subject": "pca", "extreme": "dark", "verdict": "pass", "figure": "", "detail": "why"}
     stress |= {"group": "data", "order": 1, "seconds": 0.5, "used": 0.25, "version": 2, "holds": "finite"}
     failed = {"kind": "job", "job": "satin/vq/0", "material": "satin", "codec": "vq", "label": "vq", "curve": "vq"}
@@ -294,11 +248,15 @@ def make_run(folder: Path) -> None:
     (folder / "trade.json").write_text(json.dumps(trade(found)))
 
 
+def unsealed(record: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in record.items() if key != "crc32"}
+
+
 def sealed(record: Any) -> str:
     """The line of a record with its checksum, or without, where it has none to begin with."""
     if not isinstance(record, dict) or "crc32" not in record:
         return json.dumps(record) + "\n"
-    rest = {key: value for key, value in record.items() if key != "crc32"}
+    rest = unsealed(record)
     head = {key: rest[key] for key in ("kind", "job") if key in rest}
     text = json.dumps(head | rest)[1:]
     return f'{{"crc32": "{zlib.crc32(text.encode()):08x}", {text}\n'
@@ -318,34 +276,21 @@ def trade(found: list[dict[str, Any]]) -> dict[str, Any]:
     ]
     profile = {"material": "satin", "name": "floor", "part": "query", "batch": 1, "coherent": False, "footprint": 0.0}
     ceiling = {"device": "cpu", "threads": 1, "dtype": "float32", "flops_per_ns": 90.0, "bytes_per_ns": 9.0}
-    return {
-        "format": 1,
-        "suite": "trade",
-        "choices": [*choices, plain | {"label": "floor"}],
-        "profiles": [profile | {"threads": 1, "ns_per_sample": 50.0}],
-        "ceilings": [ceiling],
-        "answers": ["satin: the best is pca."],
-        "left_out": [],
-    }
-
-
-def copied(sample: Path, scratch: Path) -> Path:
-    folder = scratch / "run"
-    shutil.copytree(sample, folder)
-    return folder
+    made = {"format": 1, "suite": "trade", "choices": [*choices, plain | {"label": "floor"}], "ceilings": [ceiling]}
+    profiles = [profile | {"threads": 1, "ns_per_sample": 50.0}]
+    return made | {"profiles": profiles, "answers": ["satin: the best is pca."], "left_out": []}
 
 
 def attack_records(sample: Path, scratch: Path, rng: random.Random) -> Reading:
-    folder = copied(sample, scratch)
+    folder = shutil.copytree(sample, scratch / "run")
     records = [json.loads(line) for line in (folder / "records.jsonl").read_text().splitlines()]
     if rng.random() < 0.5:
-        records = [{key: value for key, value in record.items() if key != "crc32"} for record in records]
+        records = list(map(unsealed, records))
     for _ in range(rng.randint(1, 2)):
         which = rng.randrange(len(records))
         seal = isinstance(records[which], dict) and "crc32" in records[which]
         if isinstance(records[which], dict):
-            rest = {key: value for key, value in records[which].items() if key != "crc32"}
-            records[which] = changed(rest, rng) | ({"crc32": ""} if seal else {})
+            records[which] = changed(unsealed(records[which]), rng) | ({"crc32": ""} if seal else {})
     text = "".join(map(sealed, records)).encode("utf-8", "surrogatepass")
     (folder / "records.jsonl").write_bytes(damaged(text, rng) if rng.random() < 0.15 else text)
     if rng.random() < 0.1:
@@ -353,23 +298,9 @@ def attack_records(sample: Path, scratch: Path, rng: random.Random) -> Reading:
     return partial(read_run, folder, sample, rng.random())
 
 
-def spoil(path: Path, rng: random.Random) -> None:
-    """Damage an artefact of a run."""
-    if path.suffix == ".json":
-        written(path, json.loads(path.read_text()), json.dumps, rng)
-        return
-    with zipfile.ZipFile(path) as archive:
-        entries = {name: archive.read(name) for name in archive.namelist()}
-    name = rng.choice(list(entries))
-    entries[name] = bad_entry(name, entries[name], rng)
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for each, content in entries.items():
-            archive.writestr(each, content)
-
-
 def attack_trade(sample: Path, scratch: Path, rng: random.Random) -> Reading:
-    folder = copied(sample, scratch)
-    written(folder / "trade.json", json.loads((folder / "trade.json").read_text()), json.dumps, rng)
+    folder = shutil.copytree(sample, scratch / "run")
+    spoil(folder / "trade.json", rng)
     return partial(read_trade, folder, rng.random())
 
 
@@ -391,10 +322,10 @@ def read_run(folder: Path, sound: Path, share: float) -> None:
         found = compare(*pair)
         markdown(found), terminal(found), annotations(found), junit(found), tracker(load_run(folder))
     elif share < 0.55:
+        from bench.cli.commands.history import _table
+
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # which lines were left out
-            from bench.cli.commands.history import _table
-
             frame = load_runs([folder, sound])
         _table(frame)
     else:
@@ -420,9 +351,6 @@ def read_trade(folder: Path, share: float) -> None:
         if rungs:
             described((chosen(rungs, limits) or nearest(rungs, limits)).of)
         list(answers("satin", found["choices"]))
-
-
-# --- the facts of fits ---------------------------------------------------------------------------------------------
 
 
 @cache

@@ -6,25 +6,35 @@ is raised is foreign. Exit code 1 where anything is foreign, takes over two seco
 """
 
 import argparse
+import io
 import json
 import random
 import resource
 import signal
+import struct
 import subprocess
 import sys
 import tempfile
 import time
 import traceback
 import warnings
+import zipfile
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from bench.inputs.errors import InputError
 
 SECONDS, MEMORY, CHUNK = 2.0, 1 << 30, 500
 READ, REFUSED = "read", "refused"
+TOKENS = (b"nan", b"-1", b"1e999", b"", b"../../etc/passwd", b",", b"\n", b"\xff", b"\0", b"9" * 5000, b"(", b"'", b'"')
+NUMBERS = (0, 1, 2, 0x7F, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 1 << 20, 1 << 24)
+NESTED = (b"[" * 2000 + b"1" + b"]" * 2000, b'{"a":' * 2000 + b"1" + b"}" * 2000)
+SIDES = (-300, -1, 0, 1, 2, 3, 4, 9, 255, 65_536, 10**6, 1 << 31, 1 << 40, 1 << 62, 10**30)
+TYPES = ("<f4", ">f8", "<f2", "<U0", "|S0", "|V0", "<U9", "|O", "|b1", "|u1", "<i8", "<c8", "<M8[s]", "nonsense")
 Reading = Callable[[], object]
 
 
@@ -42,6 +52,58 @@ class Target:
 
 class Hang(BaseException):
     """A reading that took far too long; no reader can catch it by accident."""
+
+
+def damaged(data: bytes, rng: random.Random) -> bytes:
+    """Bytes damaged in one to four places; half of the places lie in the first 512 bytes, where headers are."""
+    out = bytearray(data)
+    for _ in range(rng.randint(1, 4)):
+        at = rng.randrange(min(len(out), 512) if rng.random() < 0.5 else len(out)) if out else 0
+        kind = rng.randrange(8)
+        if kind == 0:
+            out[at : at + 1] = bytes([out[at] ^ 1 << rng.randrange(8)]) if out else b""
+        elif kind == 1:
+            out[at : at + 1] = rng.randbytes(1)
+        elif kind == 2:
+            out[at : at + 4] = struct.pack(rng.choice("<>") + "I", rng.choice(NUMBERS))
+        elif kind == 3:
+            del out[at : at + rng.randint(1, 64)]
+        elif kind == 4:
+            out[at:at] = out[at : at + rng.randint(1, 64)]
+        elif kind == 5:
+            out[at : at + rng.randrange(8)] = rng.choice(NESTED if rng.random() < 0.1 else TOKENS)
+        elif kind == 6:
+            out[at : at + 8] = struct.pack("<d", rng.choice((float("nan"), float("inf"), -1e300, 1e-300)))
+        elif rng.random() < 0.3:
+            del out[at:]
+    return bytes(out)
+
+
+def with_other_header(content: bytes, rng: random.Random) -> bytes:
+    """The bytes of an array under the header of another shape or type."""
+    stream = io.BytesIO(content)
+    np.lib.format.read_magic(stream)
+    shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
+    sides = list(shape) or [1]
+    for _ in range(rng.randint(1, 2)):
+        sides[rng.randrange(len(sides))] = rng.choice(SIDES)
+    kind = dtype.str if rng.random() < 0.5 else rng.choice(TYPES)
+    text = repr({"descr": kind, "fortran_order": rng.random() < 0.5, "shape": tuple(sides)}).encode()
+    head = np.lib.format.magic(1, 0) + struct.pack("<H", len(text) + 1) + text + b"\n"
+    return head + (stream.read() if rng.random() < 0.7 else b"")
+
+
+def repacked(path: Path, rng: random.Random, bad: Callable[[str, bytes, random.Random], bytes]) -> None:
+    """Damage an entry or two of an archive, or drop one, and pack it anew, with sound checksums."""
+    with zipfile.ZipFile(path) as archive:
+        entries = {name: archive.read(name) for name in archive.namelist()}
+    for name in {rng.choice(list(entries)) for _ in range(rng.randint(1, 2))}:
+        entries[name] = bad(name, entries[name], rng)
+    if rng.random() < 0.05:
+        entries.popitem()
+    with zipfile.ZipFile(path, "w", rng.choice((zipfile.ZIP_DEFLATED, zipfile.ZIP_STORED))) as archive:
+        for name, content in entries.items():
+            archive.writestr(name, content)
 
 
 def outcome(reading: Reading) -> str:

@@ -33,8 +33,7 @@ def test_declared_heldout_pairs_keep_their_share_and_the_training_pairs_their_pr
     assert thin.subset(np.flatnonzero(~thin.heldout)).layout.grid is not None
 
 
-def test_shrunk_pictures_are_averages_of_whole_boxes_and_scattered_reads_agree(tmp_path, monkeypatch):
-    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path))
+def test_shrunk_pictures_are_averages_of_whole_boxes_and_scattered_reads_agree(brief, monkeypatch):
     btf = tiny_btf(13, 4, 4)
     small = shrunk(btf, 4)
     assert small.shape == (4, 4)

@@ -1,5 +1,3 @@
-"""Small scenes as TOML, and what they ask for."""
-
 from typing import Any
 
 from bench.demand.collect import collect
@@ -9,7 +7,6 @@ from bench.demand.text_scene import TextScene
 
 
 def table(head: str, **values: Any) -> str:
-    """A table of TOML, one line a key."""
     return f"{head}\n" + "".join(f"{key} = {value!r}\n".replace("'", '"') for key, value in values.items())
 
 

@@ -1,5 +1,3 @@
-"""Still pictures: analytic values, the right way round, and what the command writes."""
-
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +7,8 @@ import torch
 from PIL import Image
 from torch import Tensor
 
+import bench
 from bench import cli
-from bench.codec import Fit
-from bench.codecs import container
-from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
 from bench.demand import still
 from bench.demand.scene import named_scene, parse_scene
@@ -28,8 +24,6 @@ MITSUBA = ["--scene", "room.xml", "--bsdf", "cloth"]
 
 
 class Lambert(Material):
-    """Albedo 0.5 red, u green and v blue, over π."""
-
     def __init__(self, size: tuple[int, int] = (8, 8)) -> None:
         super().__init__(size, DecoderCost())
 
@@ -105,10 +99,8 @@ def test_lights_and_tiling_replace_those_of_the_scene() -> None:
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
-    codec = load_codec("mean-colour")()
-    path = tmp_path / "checks.nbtf"
-    container.save(path, codec, codec.encode(tiny_btf(), Fit()))
-    return path
+    bench.encode(tiny_btf(), "mean-colour", tmp_path / "checks.nbtf")
+    return tmp_path / "checks.nbtf"
 
 
 def test_the_command_writes_linear_floats_or_the_display_s_bytes(file: Path, tmp_path: Path) -> None:

@@ -1,5 +1,3 @@
-"""The interpolator: exact at its samples, a partition of unity, continuous, and defined everywhere."""
-
 import numpy as np
 import pytest
 import torch
@@ -25,17 +23,12 @@ def queries(count: int, theta_max_deg: float = 89.0, seed: int = 0) -> torch.Ten
     return tensor(hemisphere.uniform(np.random.default_rng(seed), count, theta_max_deg))
 
 
-def product(views: np.ndarray, lights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return np.repeat(views, len(lights), 0), np.tile(lights, (len(views), 1))
-
-
 def scattered(count: int = 60) -> tuple[torch.Tensor, torch.Tensor, PairInterpolator]:
     wo, wi = queries(count, 75.0, seed=2), queries(count, 75.0, seed=3)
     return wo, wi, PairInterpolator(Layout.of(wo.numpy(), wi.numpy()))
 
 
 def dense(weights: tuple[torch.Tensor, torch.Tensor], count: int) -> torch.Tensor:
-    """Weights as a full matrix (n, count)."""
     index, weight = weights
     return torch.zeros(len(index), count, dtype=weight.dtype).scatter_add_(1, index, weight)
 
@@ -114,7 +107,7 @@ class TestPairs:
     def test_a_lambertian_surface_is_reproduced_everywhere(self) -> None:
         """Radiance / cos θ_i is interpolated: a diffuse surface, radiance a/π · cos θ_i, comes out exactly."""
         wo, wi = queries(2000, seed=6), queries(2000, seed=7)
-        layout = Layout.of(*product(self.views, self.lights))
+        layout = Layout.of(*hemisphere.product(self.views, self.lights))
         table = torch.as_tensor(layout.lights[layout.light, 2])
         index, weight = PairInterpolator(layout)(wo, wi)
         torch.testing.assert_close((table[index] * weight).sum(1), wi[:, 2], atol=1e-6, rtol=1e-5)
@@ -127,7 +120,7 @@ class TestPairs:
             torch.testing.assert_close(share.sum(1), torch.ones(2000), atol=1e-6, rtol=0)
 
     def test_exact_at_the_pairs_of_a_product(self) -> None:
-        wo, wi = product(self.views, self.lights)
+        wo, wi = hemisphere.product(self.views, self.lights)
         pairs = PairInterpolator(Layout.of(wo, wi))
         assert pairs.product
         weights = dense(pairs(tensor(wo), tensor(wi)), len(wo))
@@ -150,7 +143,7 @@ class TestPairs:
         assert (weights[1:] - weights[:-1]).abs().max() < 0.01
 
     def test_one_view_interpolates_the_lights_alone(self) -> None:
-        wo, wi = product(np.array([[0.0, 0, 1]], np.float32), self.lights)
+        wo, wi = hemisphere.product(np.array([[0.0, 0, 1]], np.float32), self.lights)
         pairs = PairInterpolator(Layout.of(wo, wi))
         assert pairs.reads == 3
         query = queries(100, seed=7)
@@ -160,7 +153,7 @@ class TestPairs:
         assert torch.equal(share, expected.weight)
 
     def test_outside_is_either_side(self) -> None:
-        pairs = PairInterpolator(Layout.of(*product(SETS["ubo2003"], SETS["ubo2003"])))
+        pairs = PairInterpolator(Layout.of(*hemisphere.product(SETS["ubo2003"], SETS["ubo2003"])))
         low, high = (tensor(hemisphere.from_degrees([t], [10.0])) for t in (85.0, 20.0))
         wo, wi = torch.cat([high, low, high, low]), torch.cat([high, high, low, low])
         assert pairs.outside(wo, wi).tolist() == [False, True, True, True]

@@ -2,8 +2,10 @@ import errno
 import os
 import subprocess
 import sys
-import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -16,13 +18,9 @@ def test_a_file_is_there_whole_or_not_at_all(tmp_path):
     path = tmp_path / "made" / "file"
     atomic.write(path, b"first")
 
-    def fail():
-        with atomic.replacing(path) as partial:
-            partial.write_bytes(b"sec")
-            raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError):
-        fail()
+    with suppress(ZeroDivisionError), atomic.replacing(path) as partial:
+        partial.write_bytes(b"sec")
+        raise ZeroDivisionError
     assert path.read_bytes() == b"first"
     assert list(path.parent.iterdir()) == [path]
 
@@ -38,14 +36,12 @@ def test_a_folder_takes_its_place_whole_and_scratch_is_removed(tmp_path):
 
 
 def test_a_full_disk_is_an_error_before_anything_is_mapped(tmp_path, monkeypatch):
-    def full(file, start, size):
-        assert size > 1000 * 1000 * 2
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
+    full = Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
     monkeypatch.setattr(os, "posix_fallocate", full)
     with pytest.raises(OSError, match="No space left"), atomic.replacing(tmp_path / "file") as partial:
         atomic.mapped(partial, np.float16, (1000, 1000))
     assert list(tmp_path.iterdir()) == []
+    assert full.call_args.args[2] > 1000 * 1000 * 2
     monkeypatch.undo()
     values = atomic.mapped(tmp_path / "file", np.float16, (1000, 1000))
     assert (tmp_path / "file").stat().st_blocks * 512 >= 2_000_000
@@ -97,11 +93,9 @@ def test_who_waits_is_let_in_one_at_a_time_though_the_lock_is_removed_each_time(
                 time.sleep(0.001)  # long enough for the others to open the lock of this one
                 inside.pop()
 
-    threads = [threading.Thread(target=enter) for _ in range(6)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(6) as threads:
+        for _ in range(6):
+            threads.submit(enter)
     assert len(most) == 120
     assert max(most) == 1
     assert list(tmp_path.iterdir()) == []

@@ -1,5 +1,3 @@
-"""Where an error lies over the hemispheres."""
-
 import numpy as np
 import pytest
 
@@ -23,10 +21,7 @@ def test_sixty_degrees_is_not_grazing_and_more_is():
 def test_bins_hold_their_lower_edge_and_pool_what_falls_in_them():
     wo, wi = direction([0, 15, 16, 15, 89]), direction([0, 30, 31, 60, 75])
     table = bins(wo, wi, np.array([1.0, 2, 4, 8, 16]), mean)
-    assert table[0][0] == 1
-    assert table[1][2] == 3
-    assert table[1][4] == 8
-    assert table[5][5] == 16
+    assert (table[0][0], table[1][2], table[1][4], table[5][5]) == (1, 3, 8, 16)
     assert sum(value is not None for row in table for value in row) == 4
     raw = np.array([np.nan, 1.0, np.nan, np.nan, 0.0])
     table = bins(wo, wi, raw, lambda raw: mean(raw) if raw.any() else np.inf)
@@ -37,10 +32,7 @@ def test_a_polar_map_pools_each_cell():
     pooled = polar_map(direction([50, 50, 50, 80], [0, 359, 91, 185]), np.array([1.0, 3, 5, 7]), mean)
     assert pooled["theta_edges_deg"] == list(THETA_EDGES_DEG)
     assert pooled["phi_centres_deg"][:4] == [0, 30, 60, 90]
-    assert pooled["value"][3][0] == 2
-    assert pooled["value"][3][3] == 5
-    assert pooled["value"][5][6] == 7
-    assert pooled["count"][3][0] == 2
-    assert np.sum(pooled["count"]) == 4
+    assert (pooled["value"][3][0], pooled["value"][3][3], pooled["value"][5][6]) == (2, 5, 7)
+    assert (pooled["count"][3][0], np.sum(pooled["count"])) == (2, 4)
     pole = polar_map(direction([1, 5], [10, 200]), np.array([1.0, 2]), mean)
     assert pole["value"][0] == [pytest.approx(1.5)] * 12

@@ -1,5 +1,3 @@
-"""docs/metrics.md is about the metrics that exist, and its example works."""
-
 import re
 import sys
 import types

@@ -1,5 +1,3 @@
-"""The colouring of FLIP maps is the published one."""
-
 import flip_evaluator
 import numpy as np
 import pytest

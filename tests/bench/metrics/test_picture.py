@@ -1,5 +1,3 @@
-"""Input that no metric can judge is refused, by the name of the argument."""
-
 import numpy as np
 import pytest
 

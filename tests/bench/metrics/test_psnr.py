@@ -1,5 +1,3 @@
-"""PSNR and RMSE against scikit-image, and as error grows."""
-
 import math
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""The registry names metrics, fills in the variable parts of a name, and imports nothing before it must."""
-
 import pytest
 
 from bench.inputs.errors import InputError

@@ -1,5 +1,3 @@
-"""SSIM against scikit-image, its periodic variant, and pictures that are too small."""
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,5 +1,3 @@
-"""Every back end has every operation: Dr.Jit and the text of a shader answer as PyTorch does."""
-
 from collections.abc import Callable
 
 import numpy as np
@@ -43,8 +41,6 @@ MATERIALS: dict[str, Evaluate] = {
 
 
 class Made(Material):
-    """A material of one formula."""
-
     def __init__(self, formula: Evaluate):
         super().__init__((2, 2), DecoderCost())
         self.formula = formula

@@ -1,5 +1,3 @@
-"""A program is the same whatever else the process does while it is recorded, and made of any layout of pairs."""
-
 import threading
 
 import numpy as np

@@ -1,23 +1,21 @@
 import gc
 import resource
 import sys
+from unittest.mock import Mock
 
-import numpy as np
 import pytest
 import torch
 
-from bench.directions.hemisphere import uniform
 from bench.inputs.errors import InputError
 from bench.material import CHUNK, DecoderCost, Material
 from bench.timing import execution
 from bench.timing.execution import Variant, prepared
 from bench.timing.fused import lean
 from bench.training.decoder import Architecture, Decoder
+from tests.bench.test_material import queries
 
 
 class Textured(Material):
-    """A texture and a network, as most codecs have."""
-
     def __init__(self):
         super().__init__((8, 8), DecoderCost())
         generator = torch.Generator().manual_seed(0)
@@ -27,12 +25,6 @@ class Textured(Material):
 
     def evaluate(self, uv, wo, wi, footprint):
         return self.network.at(self.texture, uv, wo[:, :2], wi[:, :2]).exp()
-
-
-def queries(count, seed=0):
-    rng = np.random.default_rng(seed)
-    wo, wi = (torch.from_numpy(uniform(rng, count)) for _ in range(2))
-    return torch.from_numpy(rng.random((count, 2), np.float32)), wo, wi
 
 
 def assert_same(ours: Material, tolerance: float, counts=(1, 100)) -> None:
@@ -69,15 +61,10 @@ def test_compiled_answers_the_same_for_slices_parts_and_whole_chunks():
 
 
 def fused():
-    """The material fused, where Dr.Jit (the extra mitsuba) and LLVM are there."""
     try:
         return prepared(Textured(), Variant("fused"))
     except InputError as error:
         pytest.skip(str(error))
-
-
-def test_fused_answers_the_same():
-    assert_same(fused(), 1e-5)
 
 
 def test_fused_is_the_network_alone_where_the_rest_cannot_be_recorded(monkeypatch):
@@ -94,7 +81,6 @@ def test_fused_is_the_network_alone_where_the_rest_cannot_be_recorded(monkeypatc
 
 @pytest.fixture
 def old_llvm(monkeypatch):
-    """An LLVM for networks alone."""
     monkeypatch.setattr(execution, "drjit", lambda: None)
     monkeypatch.setattr(execution, "unusable", lambda plugins: "too old" if plugins else "")
 
@@ -139,10 +125,6 @@ def test_code_that_was_compiled_for_one_capability_is_not_taken_for_another(capa
 
 def test_a_compiler_that_fails_is_told_with_the_remedy():
     compiled = prepared(Textured(), Variant("compiled"))
-
-    def fail(*_):
-        raise torch._dynamo.exc.TorchDynamoException("file too short")
-
-    compiled.rest = fail
+    compiled.rest = Mock(side_effect=torch._dynamo.exc.TorchDynamoException("file too short"))
     with pytest.raises(InputError, match=r"file too short.*remove its cache"):
         compiled.query(*queries(3))

@@ -3,15 +3,6 @@ import torch
 
 from bench.timing import native
 
-CPU = torch.device("cpu")
-
-
-def processor(monkeypatch, machine, words, capability="AVX512"):
-    """As if PyTorch ran on a processor with these extensions."""
-    monkeypatch.setattr(native.platform, "machine", lambda: machine)
-    monkeypatch.setattr(native, "features", lambda: words)
-    monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: capability)
-
 
 @pytest.mark.parametrize(
     ("machine", "words", "capability", "expected"),
@@ -28,9 +19,11 @@ def processor(monkeypatch, machine, words, capability="AVX512"):
     ],
 )
 def test_what_a_processor_emulates(monkeypatch, machine, words, capability, expected):
-    processor(monkeypatch, machine, words, capability)
+    monkeypatch.setattr(native.platform, "machine", lambda: machine)
+    monkeypatch.setattr(native, "features", lambda: words)
+    monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: capability)
     precisions = ("float32", "tf32", "bfloat16", "float16")
-    assert {precision for precision in precisions if native.emulated(precision, CPU)} == expected
+    assert {precision for precision in precisions if native.emulated(precision, torch.device("cpu"))} == expected
 
 
 def test_this_processor_tells_its_extensions_or_nothing(monkeypatch):

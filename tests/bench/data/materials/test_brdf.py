@@ -1,5 +1,3 @@
-"""The reflectance model against closed forms, an independent implementation and the laws it must keep."""
-
 import math
 
 import numpy as np
@@ -21,7 +19,6 @@ def reflectance(o, i, roughness=0.5, metalness=0.0, specular=1.0, anisotropy=0.0
 
 
 def hemisphere(rings=400, sectors=800):
-    """Midpoint quadrature: directions (3, N) and solid angles (N,)."""
     theta = (np.arange(rings) + 0.5) / rings * math.pi / 2
     phi = (np.arange(sectors) + 0.5) / sectors * 2 * math.pi
     theta, phi = (a.ravel() for a in np.meshgrid(theta, phi, indexing="ij"))
@@ -41,7 +38,8 @@ def random_pairs(count, seed=0):
     return tuple(d / np.linalg.norm(d, axis=0) for d in drawn)
 
 
-def test_it_equals_the_published_formulas_written_out_one_pair_at_a_time():
+@pytest.mark.parametrize(("roughness", "anisotropy"), [(0.4, 0.7), (0.2, 0.0), (1.0, 0.3)])
+def test_it_equals_the_published_formulas_written_out_one_pair_at_a_time(roughness, anisotropy):
     """Walter's D, Heitz's Λ and G₂ = 1 / (1 + Λ(o) + Λ(i)), Schlick's F: the textbook form, which is not the code's."""
 
     def textbook(o, i, a_t, a_b, f0):
@@ -52,9 +50,10 @@ def test_it_equals_the_published_formulas_written_out_one_pair_at_a_time():
         return fresnel * d / (1 + lam[0] + lam[1]) / (4 * o[2] * i[2]) * i[2]
 
     o, i = random_pairs(300, 1)
-    stretch = math.sqrt(1 - 0.9 * 0.7)
-    expected = [textbook(a, b, 0.4**2 / stretch, 0.4**2 * stretch, 0.8) for a, b in zip(o.T, i.T, strict=True)]
-    got = reflectance(o, i, roughness=0.4, metalness=1, anisotropy=0.7, base=0.8)
+    stretch = math.sqrt(1 - 0.9 * anisotropy)
+    sides = roughness**2 / stretch, roughness**2 * stretch
+    expected = [textbook(a, b, *sides, 0.8) for a, b in zip(o.T, i.T, strict=True)]
+    got = reflectance(o, i, roughness=roughness, metalness=1, anisotropy=anisotropy, base=0.8)
     np.testing.assert_allclose(got, expected, rtol=1e-9)
 
 
@@ -63,17 +62,6 @@ def test_it_equals_the_published_formulas_written_out_one_pair_at_a_time():
 @pytest.mark.parametrize("metalness", [0.0, 0.5, 1.0])
 def test_a_white_surface_never_reflects_more_than_it_receives(theta_deg, roughness, anisotropy, metalness):
     assert albedo(theta_deg, roughness=roughness, anisotropy=anisotropy, metalness=metalness) <= 1.0
-
-
-@pytest.mark.parametrize("theta_deg", [0, 30, 60])
-def test_a_smooth_white_metal_reflects_nearly_everything(theta_deg):
-    """Within 1 %: at α = 0.04 single scattering loses 0.2 % (0°) to 0.5 % (60°) to paths that bounce twice."""
-    assert albedo(theta_deg, roughness=0.2, metalness=1) == pytest.approx(1, abs=0.01)
-
-
-def test_the_roughest_metal_has_its_closed_form_albedo():
-    """At α = 1 and normal incidence D = 1/π and the integral is ∫ μ / (1 + μ) dμ = 1 − ln 2."""
-    assert albedo(0, roughness=1, metalness=1) == pytest.approx(1 - math.log(2), rel=1e-4)
 
 
 def test_float32_in_gives_float32_out():

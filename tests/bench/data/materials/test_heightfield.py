@@ -1,5 +1,3 @@
-"""Ray and shadow against a brute-force march of the same bilinear surface, ray by ray."""
-
 import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
@@ -48,19 +46,3 @@ def test_shadows_fall_where_a_fine_march_finds_an_occluder(hills, angles):
     # Edges differ by up to a cell: an edge is longest, and so most wrong, where shadows are half of the picture.
     assert wrong.mean() < 0.06
     assert abs(got.mean() - lit.mean()) < 0.06
-
-
-def test_a_plane_shades_nothing_and_stops_every_ray():
-    plane = HeightField(np.full((8, 12), 0.7), aspect=8 / 12)
-    assert (plane.visibility(from_degrees(89, 10)) == 255).all()
-    assert not plane.trace(from_degrees(75, 10), (1, 1)).any()
-
-
-def test_normals_point_up_the_picture_where_rows_fall_off_upwards():
-    """Height that grows with the row number falls toward the top of the picture: normals lean to +y."""
-    row = np.arange(32)
-    field = HeightField(np.repeat(np.sin(2 * np.pi * row / 32)[:, None], 32, 1).astype(np.float32) * 0.1, aspect=1.0)
-    normal = field.normals()
-    assert normal[1, 0, 0] > 0.3
-    assert normal[1, 16, 0] < -0.3
-    assert np.abs(normal[0]).max() < 1e-6

@@ -1,5 +1,3 @@
-"""Maps accept numbers and pictures, refuse what makes no sense, and keep their meaning when resized."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""Every built-in material: seamless, the same for the same seed at any size, hard enough to be worth coding."""
-
 import numpy as np
 import pytest
 

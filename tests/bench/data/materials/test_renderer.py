@@ -1,5 +1,3 @@
-"""What a rendered slice must look like: signs, frame, wrap-around and energy, each from first principles."""
-
 import numpy as np
 import pytest
 
@@ -31,17 +29,11 @@ def bump(size=64, height=0.1, width=0.08):
 
 @pytest.fixture(scope="module")
 def rich():
-    """Relief, colour, metal and anisotropy that all vary."""
     rng = np.random.default_rng(0)
     maps = [smooth(rng, 32, 0.06, 0.06) for _ in range(5)]
-    return Maps(
-        height=0.02 * maps[0],
-        base_colour=np.clip(0.5 + 0.2 * np.stack(maps[1:4], -1), 0, 1),
-        roughness=np.clip(0.5 + 0.1 * maps[4], 0.1, 1),
-        metalness=np.clip(maps[1], 0, 1),
-        anisotropy=np.clip(maps[2], 0, 1),
-        angle=maps[3],
-    )
+    colour, roughness = np.clip(0.5 + 0.2 * np.stack(maps[1:4], -1), 0, 1), np.clip(0.5 + 0.1 * maps[4], 0.1, 1)
+    metalness, anisotropy = np.clip(maps[1:3], 0, 1)
+    return Maps(0.02 * maps[0], colour, roughness, metalness=metalness, anisotropy=anisotropy, angle=maps[3])
 
 
 def test_flat_diffuse_is_albedo_over_pi_times_the_cosine():
@@ -111,7 +103,6 @@ def test_a_texel_is_the_mean_of_its_sub_points(rich):
 
 
 def test_pictures_need_not_be_square():
-    """Twice as wide, of square texels: two copies of the square picture side by side."""
     u, v = grid(32)
     square = 0.03 * np.sin(2 * np.pi * u) * np.sin(2 * np.pi * v)
     wide = np.tile(square, (1, 2)) / 2  # heights are in units of the width, which has doubled

@@ -1,5 +1,3 @@
-"""Surfaces to train on: any number, each always the same, none of them one of a suite."""
-
 import numpy as np
 import pytest
 

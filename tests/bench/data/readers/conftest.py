@@ -13,7 +13,6 @@ from bench.inputs.errors import InputError
 
 @pytest.fixture
 def data():
-    """The folder of real data, as the environment names it."""
     if "NEUBTF_DATA" not in os.environ:
         pytest.skip("NEUBTF_DATA is not set: it names the folder of real data")
     return Path(os.environ["NEUBTF_DATA"])
@@ -21,7 +20,6 @@ def data():
 
 @pytest.fixture(scope="session")
 def samples():
-    """The sample files and mutations of the benchmark `fuzz_readers`."""
     import fuzz_readers
 
     return fuzz_readers
@@ -46,13 +44,5 @@ def btf():
     lights = from_degrees([11, 45, 75], [15, 200, 345])
     view, light = np.divmod(np.arange(12), 3)
     values = np.random.default_rng(1).gamma(0.5, 20.0, (12, 5, 6, 3)).astype(np.float32)
-    notes = {"ppmm": 10.0, "note": "kept"}
-    return BTF(
-        "sample",
-        views[view],
-        lights[light],
-        ArraySource(values),
-        heldout=np.arange(12) == 7,
-        periodic=True,
-        provenance=notes,
-    )
+    notes = {"heldout": np.arange(12) == 7, "periodic": True, "provenance": {"ppmm": 10.0, "note": "kept"}}
+    return BTF("sample", views[view], lights[light], ArraySource(values), **notes)

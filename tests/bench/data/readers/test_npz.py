@@ -76,7 +76,6 @@ def test_nan_is_named_when_read(tmp_path):
 
 
 def entry(shape, descr="<f4", fill=b""):
-    """The bytes of an array with a header of our making."""
     header = io.BytesIO()
     np.lib.format.write_array_header_1_0(header, {"descr": descr, "fortran_order": False, "shape": shape})
     return header.getvalue() + fill

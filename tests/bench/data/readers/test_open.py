@@ -36,7 +36,6 @@ def test_unknown_files_and_folders_say_what_was_seen(refused, tmp_path):
 
 
 def test_a_reader_is_one_file_and_one_line(refused, tmp_path, monkeypatch):
-    """The reader that docs/datasets.md shows, registered by its line and by nothing else."""
     page = (Path(__file__).parents[4] / "docs" / "datasets.md").read_text(encoding="utf-8")
     code = re.search(r"```python\n(# bench/data/readers/colours\.py.*?)```", page, re.DOTALL).group(1)
     name, opens = re.search(r'^"(colours)": "(.*)",$', page, re.M).groups()

@@ -79,7 +79,6 @@ def test_a_picture_is_turned_as_its_exif_notes_say(tmp_path, name, noted):
 
 
 def with_notes(content, payload):
-    """A PNG with an EXIF chunk before its pixels."""
     at = content.index(b"IDAT") - 4
     return content[:at] + chunk(b"eXIf", payload) + content[at:]
 

@@ -33,10 +33,8 @@ def test_one_view_many_lights_as_photographed(tmp_path):
         (["4", *GOOD[1:], "im 3.png 0.8 0 0.6"], r"dirs\.lp, line 5: im 3\.png is missing"),
         (["4", *GOOD[1:]], r"dirs\.lp: line 1 says 4 images, 3"),
         (GOOD[1:], "count"),
-        (["1", "im 0.png 0 0"], "line 2: 'im"),
         (["1", "im 0.png a b c"], "line 2: 'im"),
         (["1", "im 0.png 0 0 -1"], "line 2: .* not above"),
-        (["1", "im 0.png 3 0 4"], "line 2: .* unit vector"),
         (["1", "im 0.png nan 0 1"], "line 2: .* unit vector"),
         (["2", "im 0.png 0 0 1", "im 1.png 0 0 1"], "line 3: .*line 2"),
         (["1", "../../../etc/passwd 0 0 1"], "line 2: passwd is missing"),
@@ -51,7 +49,6 @@ def test_bad_lists_name_the_line(refused, tmp_path, lines, message):
 
 
 def make_bumps(folder, lights, shape):
-    """Photographs of matt bumps under a ring of lights on each of three heights."""
     rows, cols = np.mgrid[: shape[0], : shape[1]]
     x, y = cols / 5, -rows / 7  # y points up
     p, q = np.cos(x) * np.sin(y) / 2, np.sin(x) * np.cos(y) * 5 / 14  # the slopes of 2.5 sin x sin y

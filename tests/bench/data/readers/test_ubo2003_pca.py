@@ -96,17 +96,14 @@ def test_measured_materials_decode_as_expected(data, name):
         ({"blockSize": "9"}, "blockSize"),
         ({"numComp": "4"}, "numComp"),
         ({"numDirections": 151}, "numDirections"),
-        ({"numDirections": None}, "numDirections"),
-        ({"imageSize": "0"}, "imageSize"),
         ({"imageSize": "1" * 3000}, "imageSize"),
-        ({"imageSize": [[4]]}, "imageSize"),
         ({"imageSize": "-4"}, "imageSize"),
         (b"[" * 60000, "cannot be read"),
         (b"[8]", "object"),
         (b'{"numComp": "' + b"8" * (1 << 16) + b'"}', "larger than 64 KiB"),
         (b"\xff\xfe\x00", "cannot be read"),
     ],
-    ids=range(12),
+    ids=range(9),
 )
 def test_notes_that_lie_or_are_damaged_are_named_with_their_field(refused, copy, notes, message):
     if isinstance(notes, dict):

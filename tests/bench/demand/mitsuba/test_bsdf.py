@@ -1,14 +1,10 @@
-"""The plug-in for Mitsuba: its radiance, its frame, its sampling."""
-
 from dataclasses import replace
 
 import numpy as np
-import OpenEXR
 import pytest
 import torch
 
 import bench
-from bench import cli
 from bench.codecs import container, loading
 from bench.codecs.registry import make_codec
 from bench.demand.mitsuba.lobes import NAME, Lobe
@@ -20,7 +16,6 @@ pytestmark = pytest.mark.usefixtures("plugin")
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory):
-    """A file of a material whose picture and directions are all unlike."""
     path = tmp_path_factory.mktemp("bsdf") / "satin.nbtf"
     bench.encode(bench.open("satin", size=16, views=9, lights=9, heldout=8), "pca", path, components=6)
     return path
@@ -67,42 +62,8 @@ def test_a_back_is_black_or_mirrors_the_front(file):
         np.testing.assert_allclose(radiance, wanted, rtol=1e-4, atol=1e-5)
 
 
-def averaged(file, light, fine=8):
-    """The slice from above (16, 16, 3) as pixels average it."""
-    side = 16 * fine
-    u = (np.arange(side, dtype="f4") + 0.5) / side
-    uv = np.stack([np.tile(u, side), np.repeat(1 - u, side)], 1)
-    up, light = (np.broadcast_to(w, (side * side, 3)) for w in (np.float32([0, 0, 1]), light))
-    values = bench.load(file).query(uv, np.ascontiguousarray(up), np.ascontiguousarray(light))
-    return values.reshape(16, fine, 16, fine, 3).mean((1, 3))
-
-
-def test_a_picture_from_above_is_the_slice_upright(file):
-    """A wall of one texture under a distant light: the picture of an orthographic camera is the slice."""
-    light = np.float32([0.6, 0.0, 0.8])
-    scene = mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": {"type": "direct"},
-            "wall": {"type": "rectangle", "bsdf": {"type": "neubtf", "filename": str(file)}},
-            "sun": {"type": "directional", "direction": (-light).tolist(), "irradiance": 1.0},
-            "camera": {
-                "type": "orthographic",
-                "to_world": mi.ScalarTransform4f().look_at([0, 0, 2], [0, 0, 0], [0, 1, 0]),
-                "film": {"type": "hdrfilm", "width": 16, "height": 16, "rfilter": {"type": "box"}},
-                "sampler": {"type": "stratified", "sample_count": 256},
-            },
-        }
-    )
-    picture = np.asarray(mi.render(scene))[..., :3]
-    wanted, mirrored = averaged(file, light), averaged(file, light * np.float32([-1, 1, 1]))
-    error, *others = (np.abs(picture - each).mean() for each in (wanted, wanted[::-1], wanted[:, ::-1], mirrored))
-    assert error < 0.25 * min(others)
-
-
 @pytest.fixture(scope="module")
 def sampled(file):
-    """The same file with lobes, tilted and narrow."""
     path = file.with_name("sampled.nbtf")
     loaded, (_, parts) = loading.load(file), container.read_parts(file)
     lobes = torch.tensor([[[1.0, -2.0, -0.5, 0.2, -0.1], [0.0, -1.0, -3.0, 0.0, 0.3]]] * 2)
@@ -112,27 +73,7 @@ def sampled(file):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", ["file", "sampled"])
-def test_directions_are_drawn_as_the_density_says(kind, request):
-    name = request.getfixturevalue(kind)
-    sample, pdf = mi.chi2.BSDFAdapter("neubtf", f'<string name="filename" value="{name}"/>')
-    test = mi.chi2.ChiSquareTest(mi.chi2.SphericalDomain(), sample, pdf, sample_dim=3, sample_count=200_000, res=41)
-    assert test.run()
-    bsdf = mi.load_dict({"type": "neubtf", "filename": str(name)})
-    uv, wo, _ = queries(2000)
-    wo[:, 2] = abs(wo[:, 2])
-    rng = np.random.default_rng(1)
-    si = surface(uv, wo)
-    drawn, weight = bsdf.sample(mi.BSDFContext(), si, mi.Float(rng.random(2000)), mi.Point2f(rng.random((2, 2000))))
-    density = np.asarray(bsdf.pdf(mi.BSDFContext(), si, drawn.wo))
-    np.testing.assert_allclose(density, np.asarray(drawn.pdf), rtol=1e-5)
-    value = np.asarray(bsdf.eval(mi.BSDFContext(), si, drawn.wo))
-    np.testing.assert_allclose(np.asarray(weight) * density, value, rtol=1e-4, atol=1e-6)
-
-
-@pytest.mark.long
 def test_lobes_are_those_that_were_fitted(sampled):
-    """The density in the renderer is the one that the fit minimised."""
     bsdf = mi.load_dict({"type": "neubtf", "filename": str(sampled)})
     uv, wo, wi = queries(2000)
     uv -= np.floor(uv)
@@ -144,6 +85,13 @@ def test_lobes_are_those_that_were_fitted(sampled):
     np.testing.assert_allclose(density, wanted, rtol=2e-3, atol=1e-5)
 
 
+@pytest.mark.long
+def test_without_lobes_directions_are_drawn_as_the_density_says(file):
+    sample, pdf = mi.chi2.BSDFAdapter("neubtf", f'<string name="filename" value="{file}"/>')
+    test = mi.chi2.ChiSquareTest(mi.chi2.SphericalDomain(), sample, pdf, sample_dim=3, sample_count=200_000, res=41)
+    assert test.run()
+
+
 def test_a_variant_that_cannot_run_it_is_refused():
     from bench.demand.mitsuba.bsdf import register
 
@@ -153,35 +101,3 @@ def test_a_variant_that_cannot_run_it_is_refused():
             register()
     finally:
         mi.set_variant("llvm_ad_rgb")
-
-
-SCENE = """
-<scene version="3.0.0">
-  <integrator type="direct"/>
-  <sensor type="perspective">
-    <transform name="to_world"><lookat origin="0,-1,3" target="0,0,0" up="0,1,0"/></transform>
-    <film type="hdrfilm"><integer name="width" value="12"/><integer name="height" value="8"/></film>
-  </sensor>
-  <bsdf type="diffuse" id="cloth"><rgb name="reflectance" value="0.5"/></bsdf>
-  <shape type="rectangle"><ref id="cloth"/></shape>
-  <emitter type="directional"><vector name="direction" value="0,0,-1"/><rgb name="irradiance" value="1"/></emitter>
-</scene>
-"""
-
-
-def test_render_replaces_a_bsdf_of_a_mitsuba_scene(file, tmp_path, capsys):
-    (tmp_path / "room.xml").write_text(SCENE)
-    words = ["render", str(file), "--scene", str(tmp_path / "room.xml"), "-o", str(tmp_path / "room.exr")]
-    assert cli.main([*words, "--bsdf", "clot"]) == 2
-    assert "did you mean 'cloth'" in capsys.readouterr().err
-    assert cli.main(words) == 2
-    assert cli.main([*words, "--bsdf", "cloth", "--samples", "16", "--tiling", "2"]) == 0
-    with OpenEXR.File(str(tmp_path / "room.exr")) as written:
-        picture = written.channels()["RGBA"].pixels[..., :3]
-    scene = SCENE.replace(
-        '<bsdf type="diffuse" id="cloth"><rgb name="reflectance" value="0.5"/>',
-        f'<bsdf type="neubtf" id="cloth"><string name="filename" value="{file}"/><float name="repeat" value="2"/>',
-    )
-    wanted = np.asarray(mi.render(mi.load_string(scene), spp=16))
-    assert wanted.std() > 0.001
-    np.testing.assert_allclose(picture, wanted, rtol=1e-3, atol=1e-4)

@@ -1,5 +1,3 @@
-"""Lobes to draw directions from: a density, fitted to where a material reflects, stored beside what it answers."""
-
 import math
 
 import numpy as np
@@ -56,12 +54,8 @@ def test_a_fit_finds_a_highlight_and_lessens_the_noise():
     measured = noise(narrow, lobes)
     assert measured.total < 0.5 * noise(narrow, before).total
     assert measured.total < 0.1
-
-
-def test_a_rough_material_is_never_much_noisier_than_by_the_cosine():
-    rough = Plastic(1.0)
-    measured = noise(rough, fitted(rough, cells=1, steps=150).float())
-    assert measured.total <= 1.2
+    rough = Plastic(1.0)  # never much noisier than by the cosine
+    assert noise(rough, fitted(rough, cells=1, steps=150).float()).total <= 1.2
 
 
 def test_the_command_adds_a_part_and_changes_no_answer(tmp_path, capsys):

@@ -1,5 +1,3 @@
-"""The noise of a path tracer whose surface answers from a codec file."""
-
 import numpy as np
 import pytest
 import torch
@@ -29,7 +27,6 @@ def measured(file, lobes, samples, **more):
 
 @pytest.mark.long
 def test_as_many_samples_reach_the_noise_that_is_stated(file, monkeypatch):
-    """A picture of the stated number of samples a pixel has that noise."""
     from bench.demand.mitsuba import noise
 
     monkeypatch.setattr(noise, "NOISE", 0.2)

@@ -1,5 +1,4 @@
 import importlib.util
-import shutil
 import sys
 
 import numpy as np
@@ -7,11 +6,9 @@ import pytest
 from PIL import Image
 
 from bench import cli
-from bench.data.bake import Surface, bake
 from bench.data.materials import brdf
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import render
-from bench.data.readers import open_btf
 from bench.data.spec import Preparation
 from bench.inputs.errors import InputError
 
@@ -109,7 +106,6 @@ def test_inter_reflection_is_that_of_mitsubas_own_integrator():
 
 
 def smooth(own_tracer):
-    """The mesh of a tracer as Lambert with an albedo of 0.9, shaded with the height field's normals."""
     import mitsuba as mi
 
     old = mi.traverse(own_tracer._mesh(0.8, 0.8))
@@ -164,7 +160,6 @@ def test_neighbouring_tiles_occlude():
     first, second = (path_trace(m, wo, wi, (32, 32), 1, depth=2)[0] for m in (maps, moved))
     # Rounding moves single rays across the edge of a shadow.
     assert np.mean(np.isclose(np.roll(first, 12, 1), second, rtol=1e-2, atol=1e-4)) > 0.99
-    np.testing.assert_allclose(first.mean(), second.mean(), rtol=0.01)
 
 
 @with_mitsuba
@@ -174,35 +169,10 @@ def test_the_seed_decides_the_paths_and_the_launches_do_not(monkeypatch):
     monkeypatch.setattr("bench.demand.mitsuba.path_tracer.WAVEFRONT", 600)
     again = path_trace(maps, wo, wi, (8, 8), 2, seed=5)
     np.testing.assert_array_equal(first, again)
+    np.testing.assert_array_equal(first[4:], path_trace(maps, wo, wi, (8, 8), 2, seed=5, start=4))
+    assert "Mitsuba" in tracer().described()["renderer"]
     assert not np.array_equal(first, other)
     np.testing.assert_allclose(first.mean(), other.mean(), rtol=0.02)
-
-
-@with_mitsuba
-def test_a_killed_bake_goes_on_where_it_was(tmp_path, monkeypatch):
-    monkeypatch.setattr("bench.demand.mitsuba.path_tracer.WAVEFRONT", 8 * 8 * 16 * 4)  # four pairs a launch
-    surface, out = Surface("hills", (8, 8), hills()), tmp_path / "hills.npz"
-    calls = []
-
-    def dies(label, done, total):
-        if done >= 8:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        bake(surface, SMALL, out, dies, path_tracer=tracer())
-    assert not out.exists()
-    shutil.copytree(tmp_path, tmp_path.with_name("other"))
-    bake(surface, SMALL, out, lambda label, done, total: calls.append((done, total)), path_tracer=tracer())
-    assert calls == [(8, 19), (12, 19), (16, 19), (19, 19)]
-    other = Surface("hills", (8, 8), hills(base=0.4))  # other settings take nothing of it
-    elsewhere = tmp_path.with_name("other") / "hills.npz"
-    bake(other, SMALL, elsewhere, lambda label, done, total: calls.append((done, total)), path_tracer=tracer())
-    assert calls[4] == (0, 19)
-    assert [path.name for path in tmp_path.iterdir()] == ["hills.npz"]
-    bake(surface, SMALL, tmp_path / "whole.npz", lambda label, done, total: None, path_tracer=tracer())
-    resumed, whole = open_btf(out), open_btf(tmp_path / "whole.npz")
-    np.testing.assert_array_equal(np.stack(list(resumed)), np.stack(list(whole)))
-    assert "Mitsuba" in whole.provenance["renderer"]
 
 
 @with_mitsuba

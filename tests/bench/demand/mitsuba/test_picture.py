@@ -1,12 +1,12 @@
-"""Pictures that Mitsuba path-traces of a codec file, against those that the suite renders itself."""
-
 import math
 from dataclasses import replace
 
 import numpy as np
+import OpenEXR
 import pytest
 
 import bench
+from bench import cli
 from bench.demand import still
 from bench.demand.scene import parse_scene
 from tests.bench.demand import scenes
@@ -47,7 +47,6 @@ WALL = """
 
 @pytest.fixture(scope="module")
 def btf():
-    """Woven, in two colours: no direction of the picture and none of the light is like another."""
     return bench.open("satin", size=16, views=25, lights=25, heldout=8)
 
 
@@ -90,12 +89,10 @@ def traced(shape, file):
 
 
 def rendered(answers):
-    """The suite's picture (SIDE, SIDE, 3) of the ball."""
     return still.render(parse_scene("ball", BALL), [answers], rays=RAYS)[0][..., :3]
 
 
 def apart(ours, theirs):
-    """Root mean square over the mean."""
     return float(np.sqrt(np.square(ours - theirs).mean()) / theirs.mean())
 
 
@@ -147,17 +144,23 @@ def test_a_footprint_is_that_of_a_pixel(btf, tmp_path):
     np.testing.assert_allclose(np.asarray(bsdf._footprint(si))[hit], np.maximum(across, down)[hit], rtol=1e-5)
 
 
-def test_samples_of_a_pixel_share_its_footprint(btf, tmp_path):
-    from bench.demand.mitsuba.picture import _pixel_angle, path_traced
+def test_render_replaces_a_bsdf_and_samples_of_a_pixel_share_its_footprint(btf, tmp_path, monkeypatch, capsys):
+    from bench.demand.mitsuba.picture import _pixel_angle
 
-    file, scene = tmp_path / "a.nbtf", tmp_path / "wall.xml"
-    bench.encode(btf, "neumip", file, steps=20)
-    scene.write_text(WALL)
-    picture = path_traced(scene, "cloth", file, 20.0, 4)[..., :3]
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "wall.xml").write_text(WALL)
+    bench.encode(btf, "neumip", "a.nbtf", steps=20)
+    words = ["render", "a.nbtf", "--scene", "wall.xml", "-o", "a.exr"]
+    assert cli.main([*words, "--bsdf", "clot"]) == 2
+    assert "did you mean 'cloth'" in capsys.readouterr().err
+    assert cli.main(words) == 2
+    assert cli.main([*words, "--bsdf", "cloth", "--samples", "4", "--tiling", "20"]) == 0
+    with OpenEXR.File("a.exr") as written:
+        picture = written.channels()["RGBA"].pixels[..., :3]
 
     def wanted(angle):
         text = (
-            f'<bsdf type="neubtf" id="cloth"><string name="filename" value="{file}"/><float name="repeat" value="20"/>'
+            '<bsdf type="neubtf" id="cloth"><string name="filename" value="a.nbtf"/><float name="repeat" value="20"/>'
         )
         text = WALL.replace('<bsdf type="diffuse" id="cloth">', f'{text}<float name="pixel_angle" value="{angle}"/>')
         return np.asarray(mi.render(mi.load_string(text), spp=4))

@@ -1,5 +1,3 @@
-"""Every fast form of a network against the network itself in float64, on random and on extreme inputs."""
-
 import copy
 import importlib.util
 import itertools
@@ -65,7 +63,6 @@ def assert_fetches(make: type[torch.nn.Module], size: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize("name", ARCHITECTURES)
 def test_the_folded_layers_are_the_network(name):
-    """Computed by hand from the layers, in float64: folding is exact but for the norm's rounding."""
     network = fitted(name).double()
     x = inputs(network, 50, 1.0).double()
     y = x.numpy()
@@ -125,15 +122,8 @@ def test_without_drjit_it_says_what_to_install(monkeypatch):
         with_drjit.drjit()
 
 
-def test_a_network_too_large_for_literals_is_refused(monkeypatch):
-    monkeypatch.setattr(with_drjit, "drjit", lambda: None)
-    with pytest.raises(InputError, match=r"35,725.*use compiled"):
-        with_drjit.DrJitNetwork(Decoder(Architecture(12, (106,) * 4)))
-
-
 @pytest.fixture
 def triton_network():
-    """The Triton network, in Triton's interpreter: on the CPU, operation by operation."""
     if importlib.util.find_spec("triton") is None:
         pytest.skip("Triton is not installed (pip install triton)")
     if os.environ.get("TRITON_INTERPRET") != "1":

@@ -1,17 +1,14 @@
-"""A whole material as one kernel answers as the material does, whatever the codec."""
-
-import numpy as np
 import pytest
 import torch
 
 import bench
-from bench.directions.hemisphere import uniform
 from bench.inputs.errors import InputError
 from bench.material import DecoderCost, Material, parameters
 from bench.program import llvm
 from bench.runs.suite import load_suite
 from bench.timing.execution import TOLERANCES, Variant, prepared
 from bench.training.decoder import Architecture, Decoder
+from tests.bench.test_material import queries
 from tests.tiers import short_for
 
 pytest.importorskip("drjit", reason="Dr.Jit is not installed (the extra mitsuba)")
@@ -57,13 +54,6 @@ def btf():
     return bench.open("cable-knit", size=12, views=9, lights=9, heldout=8)
 
 
-def queries(count, seed=0):
-    rng = np.random.default_rng(seed)
-    wo, wi = (torch.from_numpy(uniform(rng, count)) for _ in range(2))
-    uv = torch.from_numpy(rng.uniform(-1, 2, (count, 2)).astype(np.float32))
-    return uv, wo, wi, torch.from_numpy(rng.uniform(0, 0.3, count).astype(np.float32))
-
-
 @pytest.mark.parametrize("name", short_for(CODECS, "relief", "neubtf-direct", "neumip", "pca", "ntc"))
 def test_each_codec_answers_as_in_eager(tmp_path, btf, name):
     file = tmp_path / "a.nbtf"
@@ -76,7 +66,8 @@ def test_each_codec_answers_as_in_eager(tmp_path, btf, name):
     assert (parameters(whole), whole.cost, whole.size) == (parameters(material), material.cost, material.size)
     absolute, relative = TOLERANCES["float32"]
     for count in (1, 3000):
-        expected, rgb = material.query(*queries(count)), whole.query(*queries(count))
+        uv, wo, wi = queries(count)
+        expected, rgb = (each.query(3 * uv - 1, wo, wi, 0.3 * uv[:, 0]) for each in (material, whole))
         error = (rgb - expected).abs().amax(1)
         # A march may step over an edge of the height by the last bit.
         assert (error > absolute + relative * expected.max()).float().mean() <= 1e-3
@@ -84,8 +75,6 @@ def test_each_codec_answers_as_in_eager(tmp_path, btf, name):
 
 
 class Mixed(Material):
-    """A network between matrices of constants."""
-
     def __init__(self, width):
         super().__init__((4, 4), DecoderCost())
         generator = torch.Generator().manual_seed(0)
