@@ -1,5 +1,3 @@
-"""What holds of many codecs, each a row: bad settings and files, sizes, kills, and materials in closed form."""
-
 from collections.abc import Callable
 from typing import Any
 
@@ -61,15 +59,11 @@ def test_settings_without_sense_are_refused(name: str, wrong: dict[str, Any]) ->
             make_codec(name, {setting: value})
 
 
-@pytest.mark.parametrize(
-    ("name", "wrong"), [("biplane", ["batch", "kept"]), ("rainer2020", ["texels", "pairs", "kept", "latents"])]
-)
-def test_settings_of_networks_without_sense_are_refused(name: str, wrong: list[str]) -> None:
-    network = load_codec(name).network
-    assert network is not None
-    for setting in wrong:
-        with pytest.raises(InputError, match=setting):
-            network(**{setting: 0})
+def test_settings_of_networks_without_sense_are_refused() -> None:
+    for name, wrong in (("biplane", ["batch", "kept"]), ("rainer2020", ["texels", "pairs", "kept", "latents"])):
+        for setting in wrong:
+            with pytest.raises(InputError, match=setting):
+                load_codec(name).network(**{setting: 0})  # type: ignore[misc]
 
 
 def less(at: Any) -> Callable[[Tensor], Tensor]:

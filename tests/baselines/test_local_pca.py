@@ -1,5 +1,3 @@
-"""Local PCA: its equations, a mixture that it finds, and defined on every input."""
-
 from pathlib import Path
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""mean-colour: each texel's mean, whatever the directions."""
-
 from pathlib import Path
 
 import numpy as np

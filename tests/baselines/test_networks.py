@@ -1,5 +1,3 @@
-"""The shared networks of the package: they are whole, they are those described, and codecs run with them."""
-
 from pathlib import Path
 
 import pytest

@@ -1,5 +1,3 @@
-"""PCA: exact where it can be, as good as scikit-learn elsewhere, streamed, repeatable, defined on every input."""
-
 import tracemalloc
 from pathlib import Path
 

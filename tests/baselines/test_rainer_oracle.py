@@ -1,5 +1,3 @@
-"""Rainer 2019 and 2020 against the equations written out in NumPy, from the numbers that a file holds."""
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""The codec: what its file holds, what it finds, and what it leaves out."""
-
 from typing import Any
 
 import numpy as np
@@ -44,7 +42,6 @@ def test_parameters_without_relief(settings: dict[str, Any], count: int) -> None
 
 @pytest.mark.parametrize("btf", [tiny_btf(), bumps()[0]], ids=["flat", "with a height"])
 def test_the_numbers_that_are_declared_are_those_that_its_decoder_holds(btf: BTF) -> None:
-    """The levels of its latents and the finer copy of its height too."""
     material = fitted(btf)
     assert material.cost.texture_floats == held_floats(material)
     assert material.cost.texture_floats > material.size[0] * material.size[1] * material.cost.texture_channels
@@ -135,10 +132,8 @@ def test_an_altered_height_is_searched_all_the_same() -> None:
         assert codec.decode(parts, torch.device("cpu")).slice([0, 0, 1], [0, 0, 1]).isfinite().all()
 
 
-def test_a_file_answers_as_the_fit_did() -> None:
+def test_a_file_answers_as_the_fit_did(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is rounded in the fit is what the file holds."""
-    from baselines.relief.fitting import ReliefObjective
-
     btf, _ = bumps()
     codec = Relief(steps=20, batch=256, weights="float32", bits=4)
     fit, kept = Fit(), list[ReliefObjective]()
@@ -148,11 +143,8 @@ def test_a_file_answers_as_the_fit_did() -> None:
             super().__init__(*given)
             kept.append(self)
 
-    import baselines.relief.codec as module
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "ReliefObjective", Watched)
-        material = codec.decode(codec.encode(btf, fit), torch.device("cpu"))
+    monkeypatch.setattr("baselines.relief.codec.ReliefObjective", Watched)
+    material = codec.decode(codec.encode(btf, fit), torch.device("cpu"))
     samples = kept[0].samples
     batch = samples.draw(200, fit.generator())
     with torch.no_grad():

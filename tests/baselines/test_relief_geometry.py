@@ -1,5 +1,3 @@
-"""The march, the horizon and the sweep against surfaces whose answer is known."""
-
 import numpy as np
 import pytest
 import torch

@@ -1,5 +1,3 @@
-"""The maps of `svbrdf` against those of a flat material that the suite renders, and against what `bake` reads."""
-
 from pathlib import Path
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""The table: the data themselves at half precision, and a diffuse surface between the samples."""
-
 from pathlib import Path
 
 import numpy as np

@@ -38,19 +38,21 @@ def test_the_decoder_is_the_published_one(settings: dict[str, Any], count: int) 
     assert parameters(material) == material.cost.parameters == count
 
 
+def seen(w: np.ndarray, frame: np.ndarray) -> list[float]:
+    """A direction in a frame whose normal and tangent are `frame` away from the surface's."""
+    n, t = np.add(frame[:3], [0, 0, 1]), np.add(frame[3:], [1, 0, 0])
+    n, t = n / np.sqrt(n @ n), t / np.sqrt(t @ t)
+    return [w @ t, w @ np.cross(n, t), w @ n]
+
+
 def oracle(weights: np.ndarray, latents: np.ndarray, wo: np.ndarray, wi: np.ndarray, halfway: bool) -> np.ndarray:
     """The equations of section 4 for one query, loop by loop: log radiance (3,)."""
     inputs = 8 + (18 if halfway else 12)
     turn, *layers = split(weights, (12, 8), *dense((32, inputs), (32, 32), (3, 32)))
     axes = turn @ latents
     h = (wo + wi) / np.linalg.norm(wo + wi)
-    x = list(latents)
-    for w in [wo, wi, h] if halfway else [wo, wi]:
-        for frame in (axes[:6], axes[6:]):
-            n, t = np.add(frame[:3], [0, 0, 1]), np.add(frame[3:], [1, 0, 0])
-            n, t = n / np.sqrt(n @ n), t / np.sqrt(t @ t)
-            x += [w @ t, w @ np.cross(n, t), w @ n]
-    x = np.array(x)
+    frames, used = (axes[:6], axes[6:]), [wo, wi, h] if halfway else [wo, wi]
+    x = np.array([*latents, *(number for w in used for frame in frames for number in seen(w, frame))])
     for depth in range(3):
         x = layers[2 * depth] @ x + layers[2 * depth + 1]
         x = np.where((x > 0) | (depth == 2), x, 0.01 * x)
@@ -78,15 +80,9 @@ def code(weights: np.ndarray, latents: np.ndarray, wo: np.ndarray, wi: np.ndarra
     h = (wo + wi) / np.linalg.norm(wo + wi)
     axis = np.array([h[1], -h[0], 0])  # of the shortest turn from h to z, as long as its sine
     d = wi * h[2] + np.cross(axis, wi) + axis @ wi * axis / (1 + h[2])
-    turned = []
-    for frame in (axes[:6], axes[6:]):
-        n, t = np.add(frame[:3], [0, 0, 1]), np.add(frame[3:], [1, 0, 0])
-        n, t = n / np.sqrt(n @ n), t / np.sqrt(t @ t)
-        turned.append(
-            {name: [w @ t, w @ np.cross(n, t), w @ n] for name, w in zip("hdio", (h, d, wi, wo), strict=True)}
-        )
-    x = [*latents, *[value for name in "hd" for frame in turned for value in frame[name]]]
-    x = np.array([*x, *[frame[name][2] for name in "io" for frame in turned]])
+    frames = (axes[:6], axes[6:])
+    x = [*latents, *(number for w in (h, d) for frame in frames for number in seen(w, frame))]
+    x = np.array([*x, *(seen(w, frame)[2] for w in (wi, wo) for frame in frames)])
     for depth in range(3):
         x = layers[2 * depth] @ x + layers[2 * depth + 1]
         if depth < 2:
@@ -105,7 +101,6 @@ def test_a_file_of_the_paper_s_recipe_answers_as_the_authors_code() -> None:
     for row, col in ((0, 0), (3, 5), (7, 2)):
         latents = parts.texture["latents"][row, col].double().numpy()
         expected = code(weights, latents, wo.astype(float), wi.astype(float)) / gain
-        # Float32 sums of some tens of terms.
         np.testing.assert_allclose(found[row, col], expected, rtol=1e-4, atol=1e-5)
 
 

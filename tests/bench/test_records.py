@@ -76,6 +76,12 @@ def test_jobs_stand_in_the_order_in_which_they_were_planned(tmp_path):
     assert (run.jobs[1:3][0]["job"], run.jobs[-1]["job"]) == ("b", "other")
 
 
+def test_a_folder_of_files_of_records_is_read_as_one_run(tmp_path):
+    for name in "ab":
+        (tmp_path / f"{name}.jsonl").write_text(json.dumps({"kind": "run", "run": name}) + "\n")
+    assert [start["run"] for start in lines.load_together([tmp_path]).starts] == ["a", "b"]
+
+
 def test_opening_a_run_reads_into_no_job(tmp_path, monkeypatch):
     for name in ("x", "y"):
         append(tmp_path, job(name))

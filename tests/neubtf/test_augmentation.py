@@ -1,5 +1,3 @@
-"""What happens to the pictures of a step."""
-
 import colorsys
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""The autoencoder: its size, its symmetries, and that tiles add up to the whole."""
-
 import pytest
 import torch
 from torch import Tensor

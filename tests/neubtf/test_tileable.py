@@ -1,5 +1,3 @@
-"""The seam of a material, told from what the autoencoder does inside."""
-
 import numpy as np
 import pytest
 import torch

@@ -279,6 +279,8 @@ def test_times_advise_as_multiples_of_mean_colour_in_the_same_start(make):
     assert (slow_machine.new.mean, slow_machine.words) == (pytest.approx(5), "")
     assert advice("b", make.timing(ns=700), make.timing("mean-colour", ns=100)).words == "slower"
     assert advice("c", make.timing(ns=300), make.timing("mean-colour", ns=100)).words == "faster"
+    for ns in (480, 520):  # too little to matter, though the intervals are apart
+        assert advice(str(ns), make.timing(ns=ns, spread=1), make.timing("mean-colour", ns=100, spread=0)).words == ""
     assert advice("d", make.timing(ns=700, spread=300), make.timing("mean-colour", ns=100)).words == ""
     assert advice("e", make.timing(ns=700), make.timing("mean-colour", ns=100, run="2")) is None
     assert advice("f", make.timing(ns=700, batch=1), make.timing("mean-colour", ns=100, batch=1)) is None

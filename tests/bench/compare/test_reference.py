@@ -7,7 +7,7 @@ from scipy import stats
 
 from bench import cli
 from bench.compare.comparison import compare
-from bench.compare.reference import reference
+from bench.compare.reference import few_seeds, reference
 from bench.compare.verdicts import Verdict
 from bench.inputs.errors import InputError
 from bench.records import load_run
@@ -44,6 +44,15 @@ def test_the_same_records_give_the_same_bytes_in_whatever_order_they_were_writte
     assert lines[0] == lines[1]
     again = make.run("again", *run.jobs, *run.timings, git="def")
     assert reference(again) == reference(run)
+
+
+def test_rows_of_few_seeds_that_differ_are_named(make):
+    jobs = [
+        *make.seeds([30.0, 31.0], "a"),
+        *make.seeds([30.0, 30.0], "b"),
+        *make.seeds([30.0 + i for i in range(9)], "c"),
+    ]
+    assert few_seeds(make.run("run", *jobs)) == ["satin/a"]
 
 
 def test_a_reference_names_no_place_host_or_time(run):

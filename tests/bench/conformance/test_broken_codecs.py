@@ -244,10 +244,7 @@ BROKEN = {
     "negative noise below 1e-3": (stores(lambda v, btf: v.sqrt().mean(0).square()), BAD),
     "identical pairs twice": (stores(once_a_pair), DUE),
     "black seen from above": (stores(lambda v, btf: v[(btf.wo + btf.wi)[:, 2].argmax()]), DUE),
-    "views only at the zenith": (
-        stores(lambda v, btf: v.mean(0) * of_itself(torch.tensor(np.ptp(btf.wo, 0)))),
-        BAD,
-    ),
+    "views only at the zenith": (stores(lambda v, btf: v.mean(0) * of_itself(torch.tensor(np.ptp(btf.wo, 0)))), BAD),
     "lights only at grazing": (stores(with_a_short_cosine), DUE),
     "NaN and infinite texels": (Forgiving, "were encoded"),
     "NaN texels, repaired": (BelowRepair, BAD),

@@ -151,10 +151,7 @@ def untold(self, parts, device):
     [
         (with_method("decode", stays_behind), "your decoder leaves `texture` on the CPU: return `material.to(device)`"),
         (broken(InAList), "your decoder leaves `levels.0` on the CPU (RuntimeError"),
-        (
-            with_method("decode", untold),
-            "your decoder does not tell its material that it is on a GPU: return",
-        ),
+        (with_method("decode", untold), "your decoder does not tell its material that it is on a GPU: return"),
     ],
 )
 def test_a_decoder_that_leaves_a_tensor_on_the_cpu_is_told_its_name(codec, says, monkeypatch, gpu):
@@ -202,11 +199,7 @@ def draws(self, *queries):
 MISTAKES = [
     ("evaluate", lambda self, uv, *_: uv.mean(1), r"a tensor \(4,\), but must return a tensor \(4, 3\)"),
     ("evaluate", draws, "other answers to the same queries .* no random"),
-    (
-        "encode",
-        lambda *_: Parts(texture={"mean": np.zeros(3)}),
-        "texture/mean is of type ndarray, but must",
-    ),
+    ("encode", lambda *_: Parts(texture={"mean": np.zeros(3)}), "texture/mean is of type ndarray, but must"),
     ("encode", lambda *_: {"mean": torch.zeros(8, 8, 3)}, "a dict, but must return Parts of tensors"),
     ("encode", lambda *_: Parts(texture=torch.zeros(8, 8, 3)), "texture is of type Tensor, but must return a dict"),
     ("decode", lambda *_: torch.zeros(8, 8, 3), "returned a Tensor, but must return a Material"),

@@ -1,3 +1,5 @@
+from functools import partial
+
 import pytest
 import torch
 
@@ -116,6 +118,16 @@ def test_textures_of_one_fit_share_their_bits_by_what_they_add() -> None:
         rounding = Rounding(2, bits)
         choose_bits([rounding], lambda: rounding(weak), torch.zeros(64, 2)) if bits else None  # noqa: B023
         assert rounding(weak) is weak
+
+
+def test_bits_that_are_not_stated_are_those_whose_error_the_fit_can_bear() -> None:
+    values = torch.randn(64, 2, generator=torch.Generator().manual_seed(0))
+    totals = []
+    for error in (0.0, 0.1, 1.0):
+        rounding = Rounding(2, 0)
+        choose_bits([rounding], partial(rounding, values), values + error)
+        totals.append(int(rounding.bits.sum()))
+    assert 2 * MOST_BITS == totals[0] > totals[1] > totals[2]
 
 
 def test_another_texture_takes_the_same_bits_a_channel() -> None:

@@ -2,7 +2,8 @@ import json
 
 from bench.compare.choosing import Limits, Rung, chosen
 from bench.compare.choosing.budgets import BYTES, EAGER, FUSED, Budget, budgets, line_of, setting_of, shown
-from bench.records import PSNR, TRADE, append, load_run
+from bench.compare.choosing.trades import usable
+from bench.records import FLIP, PSNR, TRADE, append, load_run
 from bench.records.lines import TRADE_FORMAT
 
 SIDE = 64
@@ -76,6 +77,26 @@ def test_equals_go_to_the_smaller_file_then_to_the_faster_then_to_the_first():
     several = [rung("large", 3, 30.0, time=1.0), rung("slow", 2, 30.0, time=9.0), rung("fast", 2, 30.0, time=5.0)]
     assert chosen([*several, rung("unknown", 2, 30.0)], Limits(size=9)).of == "fast"
     assert chosen([rung("first", 2, 30.0), rung("second", 2, 30.0)], Limits(size=9)).of == "first"
+
+
+def test_a_score_is_missed_by_decibels_over_ten_and_sizes_by_shares():
+    assert Limits(score=40.0, size=8).misses(rung("a", 12, 30.0)) == [0.5, 1.0]
+
+
+def test_choices_without_an_error_and_with_validation_pairs_are_rungs():
+    good = {"material": "satin", "bytes": 9, "ns_per_sample": 5.0, "validation": {"mean": 30.0, "slices": 4}}
+    others = [good | {"error": "none"}, good | {"material": "brick"}, good | {"validation": {"slices": 0}}]
+    assert usable([*others, good], "satin") == [Rung(9, 30.0, 5.0, good)]
+
+
+def test_lines_are_ranked_by_their_means_the_least_flip_first(tmp_path):
+    jobs = [job(label, 16 * SIDE * SIDE // 8, 30.0, test) for label, test in (("a", 20.0), ("b", 30.0))]
+    for each, flip in zip(jobs, (0.2, 0.1), strict=True):
+        each["scores"]["heldout"]["metrics"][FLIP] = {"pooled": flip, "mean": flip}
+    found = budgets(run_of(tmp_path / "run", *jobs))
+    budget = Budget(BYTES, 16)
+    assert list(found.ranked(budget, ["satin"])) == list(found.ranked(budget, ["satin"], FLIP)) == ["b", "a"]
+    assert found.fewest_bytes() == (budget, {"b": 30.0})
 
 
 def test_seeds_make_one_rung_of_their_means_that_fits_where_the_largest_file_does(tmp_path):

@@ -7,6 +7,14 @@ from fuzz_readers import READERS
 
 from bench.data import readers
 from bench.data.readers import open_btf
+from bench.data.readers.named import list_folder
+
+
+def test_a_folder_is_listed_three_levels_deep(tmp_path):
+    (tmp_path / "a" / "b" / "c").mkdir(parents=True)
+    for name in ("x", "a/x", "a/b/x", "a/b/c/x"):
+        (tmp_path / name).write_text("")
+    assert list_folder(tmp_path) == ["a/b/x", "a/x", "x"]
 
 
 @pytest.mark.parametrize("name", READERS)
