@@ -35,8 +35,8 @@ def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | No
     Where a material is not there its row says `none yet`, the paper's figures stand, and a note says where to get it.
     `absent` holds that by material, for those that no run asked for.
     """
-    nearest = {str(job["job"]) for job in of_suite(run, NEAREST_SUITE) if job["material"] in NEAREST}
-    jobs = [job for job in run.jobs if job["material"] in PUBLISHED or job["job"] in nearest]
+    jobs = [job for job in run.jobs if job["material"] in PUBLISHED]
+    jobs += [job for job in of_suite(run, NEAREST_SUITE) if job["material"] in NEAREST]
     there = {job["material"] for job in jobs if job["status"] != "unavailable"}
     missing = {name: where for name, where in (absent or {}).items() if name not in there}
     missing |= {job["material"]: str(job.get("error", "")) for job in jobs if job["material"] not in there}

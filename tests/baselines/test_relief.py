@@ -58,7 +58,6 @@ def test_the_height_is_found() -> None:
 
 
 def test_highlights_that_move_hide_no_relief() -> None:
-    """Leather's glints imitate another relief: views that are compared with one another find nothing like its own."""
     btf = load("leather", 48, views=25, lights=13, heldout=0)
     truth = resize(recipe("leather").maps(0).height, (48, 48))
     found = sweep.find(btf, gain_of(btf, Fit()), Fit())

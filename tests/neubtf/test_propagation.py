@@ -35,7 +35,6 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def own(file: Path, tmp_path: Path) -> Path:
-    """The material's own guidance as a PNG."""
     path = tmp_path / "own.png"
     Image.fromarray(FittedMaterial.read(file).guidance.numpy()).save(path)
     return path

@@ -61,7 +61,6 @@ class RunMaker:
         return self
 
     def trade(self, *labels, material="satin"):
-        """What `neubtf-bench trade` would have measured of jobs with these labels."""
         row = {"material": material, "execution": "eager", "precision": "float32", "device": "cpu", "settings": {}}
         row |= {"ns_per_sample": 100.0, "ratio_to_floor": 2.0, "ratio_interval95": [1.9, 2.1]}
         row |= {"batch": 65536, "threads": 1}
@@ -94,8 +93,8 @@ class RunMaker:
     def _pictures(self, stem):
         rng = np.random.default_rng(2)
         shape = (len(SHOWN), SIDE, SIDE, 3)
-        names = ("truth", "decoded", "flip")
-        content = {name: rng.integers(0, 256, shape, np.uint8) for name in names} | {"pairs": np.array(SHOWN)}
+        content = {name: rng.integers(0, 256, shape, np.uint8) for name in ("truth", "decoded", "flip")}
+        content["pairs"] = np.array(SHOWN)
         return self._keep(f"pictures-{stem}.npz", content | dict.fromkeys(("wo_deg", "wi_deg"), np.full((3, 2), 40.0)))
 
     def _angular(self, stem):

@@ -17,11 +17,14 @@ def test_ours_stand_beside_the_papers_over_all_pairs_and_apart(made):
     assert "none yet: fabric03: there is no such file: ask UTIA." in table.notes
 
 
-def test_the_nearest_materials_stand_for_the_paper_s_in_their_own_suite_alone(made):
+def test_the_nearest_materials_stand_for_the_paper_s_in_their_own_suite_alone(made, run_maker, tmp_path, capsys):
     made.start("2", suite="paper-nearest").job("neubtf", material="wool", run="2").job("neubtf", material="satin")
     table = paper_table(load_run(made.folder))
     assert [row[0] for row in table.rows] == ["wool, for fabric01"] * 3
     assert table.rows[0][4] == "26.58 ± 1.820"
+    other = run_maker(tmp_path / "b").start("3", suite="budgets").job("neubtf", material="wool", run="3", btf="other")
+    assert cli.main(["table", "paper", str(made.folder), str(other.folder)]) == 0
+    assert capsys.readouterr().out.count("wool, for") == 3
 
 
 def test_without_any_data_the_command_says_what_is_missing_and_where_to_get_it(tmp_path, monkeypatch, capsys):

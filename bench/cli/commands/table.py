@@ -98,7 +98,8 @@ def _paper(folders: list[Path], format: str, choice: "Choice | None") -> str:
     from reports import paper_text
 
     folders = folders or [folder for folder in (Path("runs/paper"), Path("runs/paper-nearest")) if folder.is_dir()]
-    run = load_together(folders) if folders else Run(Path())
+    # As in the table of parameters, none takes another's place: of other suites, the same names have other data.
+    run = load_together(folders, wanted=lambda job: False) if folders else Run(Path())
     absent = {}
     for spec in load_suite("paper").materials:
         there = f"{spec.path} is there: `neubtf-bench run paper` measures it"
