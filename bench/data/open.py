@@ -51,9 +51,8 @@ def open_material(
 
         traced = data.renderer == "mitsuba"
         if traced and path_tracer is None:
-            raise InputError(
-                f"data.renderer: only a run bakes with mitsuba; instead: neubtf-bench bake {path} --renderer mitsuba"
-            )
+            remedy = f"neubtf-bench bake {path} --renderer mitsuba"
+            raise InputError(f"data.renderer: only a run bakes with mitsuba; instead: {remedy}")
         return open_svbrdf(path, data, show, draw, path_tracer() if traced and path_tracer else None)
     from bench.data.readers import open_btf
 

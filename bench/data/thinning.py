@@ -39,9 +39,6 @@ class _Shrunk(Source):
     def _scratch(self) -> np.ndarray:
         return self.boxes._scratch
 
-    def slice(self, pair: int) -> np.ndarray:
-        return self.slices(np.array([pair]))[0]
-
     def slices(self, pairs: np.ndarray) -> list[np.ndarray]:
         copy = self._scratch  # sliced, because a place for each value takes NumPy three times as long
         places = zip(*np.divmod(pairs, copy.shape[2]), strict=True)

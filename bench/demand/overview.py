@@ -8,6 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
+from bench.btf import Array
 from bench.demand.demand import Demand
 from bench.directions.hemisphere import to_degrees
 from bench.files.atomic import replacing
@@ -16,8 +17,6 @@ from bench.metrics.display import exposure_of, to_display
 COVERAGE = 64  # cells along each side of the map of visible texture
 PERCENTILES = (1, 50, 99)
 ALBEDO = 0.5  # of the white diffuser that frames are shown with
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

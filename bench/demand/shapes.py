@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from bench.btf import Array
 from bench.demand.demand import unit
-from bench.demand.points import Array
 from bench.demand.scene import Surface
 
 STEPS, HALVINGS = 96, 24  # steps of the search for a drape along a ray
@@ -23,10 +23,8 @@ def distance(surface: Surface, eye: Array, ahead: Array) -> Array:
 
 
 def texture(surface: Surface, position: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """uv (n, 2), normal, dp/du and dp/dv (n, 3) of points of a surface, and which of them lie on it (n,).
-
-    A unit of uv is the longer side of the texture.
-    """
+    """uv (n, 2), normal, dp/du and dp/dv (n, 3) of points of a surface, and which of them lie on it (n,). A unit of uv
+    is the longer side of the texture."""
     axes = np.stack(_axes(surface), 1)
     local = (position - np.asarray(surface.centre)) @ axes
     if surface.shape == "sphere":

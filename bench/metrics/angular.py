@@ -24,10 +24,8 @@ def grazing(directions: Array) -> Array:
 
 
 def bins(wo: Array, wi: Array, raw: Array, pool: Pool) -> list[list[float | None]]:
-    """Pool one number for each θ_o × θ_i bin of 15°: rows are views, columns lights; None for an empty bin.
-
-    `wo`, `wi` are (N, 3), `raw` is (N,), and `pool` combines the raw numbers of a bin. A bin includes its lower edge.
-    """
+    """Pool one number for each θ_o × θ_i bin of 15°: rows are views, columns lights; None for an empty bin. `wo`, `wi`
+    are (N, 3), `raw` is (N,), and `pool` combines the raw numbers of a bin. A bin includes its lower edge."""
     row, column = _ring(wo), _ring(wi)
     side = range(len(THETA_EDGES_DEG) - 1)
     return [[_pooled(raw[(row == i) & (column == j)], pool) for j in side] for i in side]

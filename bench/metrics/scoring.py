@@ -186,10 +186,8 @@ def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) ->
 
 
 def weighted(scores: Scores, share: Array) -> dict[str, Any]:
-    """Statistics of all scored pairs, weighted by their shares (N,), by pair of the BTF; ready for JSON.
-
-    As a group of `summarise`, without bins and `worst`; `slices` and `exact` count pairs with a share.
-    """
+    """Statistics of all scored pairs, weighted by their shares (N,), by pair of the BTF; ready for JSON. As a group of
+    `summarise`, without bins and `worst`; `slices` and `exact` count pairs with a share."""
     share = share[scores.pairs]
     radiance = as_number(np.average(scores.radiance, weights=share)) if share.any() else None
     result: dict[str, Any] = {"slices": int((share > 0).sum()), "radiance": radiance, "metrics": {}}
@@ -217,10 +215,8 @@ def _weighted(metric: SliceMetric, raw: Array, share: Array) -> dict[str, Any]:
 
 
 def polar_maps(scores: Scores, wo: Array, wi: Array) -> dict[str, dict[str, Any]]:
-    """For each metric, polar maps of its pooled number over the `view` and over the `light` hemisphere, for JSON.
-
-    `wo`, `wi` are the BTF's directions (N, 3). See `bench.metrics.angular.polar_map`.
-    """
+    """For each metric, polar maps of its pooled number over the `view` and over the `light` hemisphere, for JSON. `wo`,
+    `wi` are the BTF's directions (N, 3). See `bench.metrics.angular.polar_map`."""
     sides, maps = {"view": wo[scores.pairs], "light": wi[scores.pairs]}, {}
     for name, raw in scores.raw.items():
         pool = registry.get(name).load().pool
@@ -252,10 +248,8 @@ def footprint_errors(
 
 
 def summarise_footprints(errors: dict[int, Array]) -> dict[str, dict[str, float | int | None]]:
-    """The summary of `footprint_errors` for a record: of each footprint the display PSNR.
-
-    {"1": {"psnr_display": pooled over pairs, "mean": over slices, "exact": …, "slices": …}, …}.
-    """
+    """The summary of `footprint_errors` for a record: of each footprint the display PSNR. {"1": {"psnr_display": pooled
+    over pairs, "mean": over slices, "exact": …, "slices": …}, …}."""
     summary: dict[str, dict[str, float | int | None]] = {}
     for factor, raw in errors.items():
         stats = _statistics(DisplayPSNR(), raw)

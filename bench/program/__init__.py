@@ -19,10 +19,8 @@ INPUTS = ("uv", "wo", "wi", "footprint")
 
 @dataclass(frozen=True)
 class Step:
-    """One operation of PyTorch's core set (ATen): its name without overload, its arguments, its result.
-
-    An argument is a number, a string, None, a list of arguments, or {"of": NAME}: an input, a constant or a result.
-    """
+    """One operation of PyTorch's core set (ATen): its name without overload, its arguments, its result. An argument is
+    a number, a string, None, a list of arguments, or {"of": NAME}: an input, a constant or a result."""
 
     name: str
     operation: str

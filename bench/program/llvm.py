@@ -61,8 +61,7 @@ def drjit() -> ModuleType:
 
 def unusable(plugins: bool = False) -> str:
     """Why Dr.Jit cannot use this machine's LLVM for the suite's kernels or, with `plugins`, for Mitsuba's plug-ins too,
-    and the remedy; "" if it can. Dr.Jit must be installed. The trial takes about a second, once in a process.
-    """
+    and the remedy; "" if it can. Dr.Jit must be installed. The trial takes about a second, once in a process."""
     version, passed, end = _tried(os.environ.get(CHOICE, ""))
     if not version:
         return f"Dr.Jit finds no usable LLVM ({end}): {REMEDY}"

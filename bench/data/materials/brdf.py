@@ -27,10 +27,8 @@ MIN_ALPHA = 1e-3  # keeps the peak 1 / (π α²) inside float16
 
 @dataclass(frozen=True)
 class Points:
-    """Shading points seen from one direction; each field is an array over points, colours (3, ...) linear Rec. 709.
-
-    `o` is the view direction and `alpha` the GGX widths in the tangent frame (t, b, n) and (t, b).
-    """
+    """Shading points seen from one direction; each field is an array over points, colours (3, ...) linear Rec. 709. `o`
+    is the view direction and `alpha` the GGX widths in the tangent frame (t, b, n) and (t, b)."""
 
     o: tuple[Array, Array, Array]
     alpha: tuple[Array, Array]
@@ -63,9 +61,7 @@ def points(o: tuple[Array, Array, Array], maps: dict[str, Array]) -> Points:
 
 def reflect(at: Points, i: tuple[Array, Array, Array], cos_between: Values) -> tuple[Array, Array]:
     """The two scalar parts of f · cos θ_i, each over points: multiply by `diffuse` and by F (see `specular_colour`).
-
-    `i` is the light in the tangent frame, `cos_between` is ω_o · ω_i. Below the tangent plane both are 0.
-    """
+    `i` is the light in the tangent frame, `cos_between` is ω_o · ω_i. Below the tangent plane both are 0."""
     i_n = _at_least(0, i[2])
     inverse_half = 1 / _root(_at_least(1e-12, 2 + 2 * cos_between))
     (o_t, o_b, o_n), (alpha_t, alpha_b) = at.o, at.alpha

@@ -6,9 +6,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bench.btf import Array
 from bench.inputs.errors import InputError
 
-Array = np.ndarray
 Map = Any  # a picture or a number in, a float32 picture out
 
 
@@ -56,10 +56,8 @@ class Maps:
         return self.height.shape[0], self.height.shape[1]
 
     def resized(self, shape: tuple[int, int]) -> "Maps":
-        """The maps at another size (H', W'): linear interpolation to enlarge, area averages to shrink, periodic.
-
-        Angles are averaged as directions modulo π. Heights stay in units of the picture's width.
-        """
+        """The maps at another size (H', W'): linear interpolation to enlarge, area averages to shrink, periodic. Angles
+        are averaged as directions modulo π. Heights stay in units of the picture's width."""
         if shape == self.shape:
             return self
         maps = {n: resize(getattr(self, n), shape) for n in (*_SCALARS, "base_colour") if n != "angle"}

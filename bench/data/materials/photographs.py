@@ -6,11 +6,10 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates
 from skimage import data
 
+from bench.btf import Array
 from bench.data.materials.maps import Maps, resize
 from bench.data.materials.noise import mix, normalised, smooth, srgb
 from bench.data.periodic import make_periodic
-
-Array = np.ndarray
 
 
 def _detail(picture: Array, sigma: float) -> Array:
@@ -44,9 +43,7 @@ class Brick:
 
 def _rectified(picture: Array) -> Array:
     """The wall with its long joints made parallel and turned flat, cut in two joints eight courses apart: (324, 400).
-
-    The numbers were chosen so that the mean along the courses varies most.
-    """
+    The numbers were chosen so that the mean along the courses varies most."""
     y, x = np.mgrid[0:400, 0:400] / 399.0
     row = 30 + 475 * y
     column = 223.4 + (x - 0.5) * 440 * (0.706 + 0.294 * row / 511)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bench.btf import Array
 from bench.data.materials import brdf
 from bench.data.materials.heightfield import HeightField
 from bench.data.materials.maps import Maps
@@ -22,7 +23,6 @@ from bench.machine.threads import cores
 if TYPE_CHECKING:
     from bench.codec import Progress
 
-Array = np.ndarray
 DESCRIBED = {
     "values": "linear Rec. 709, f_r * cos(theta_i) * visibility, mean over the sub-points, no clamp",
     "reference_plane": "mean height",

@@ -118,10 +118,9 @@ class LocalPCA(Source):
             if name == WEIGHTS and height * width < PIXELS:
                 raise InputError(f"{label}: {width} x {height} pixels are too few: {PIXELS} hold the weights")
             if name != WEIGHTS and 4 * height * width != BLOCKS * size * size:
-                raise InputError(
-                    f"{label}: {width} x {height} pixels are not {BLOCKS} blocks of {size} x {size} texels, as "
-                    f"imageSize in {NOTES} and blocks of {TOGETHER} views say: get both again"
-                )
+                fault = f"{width} x {height} pixels are not {BLOCKS} blocks of {size} x {size} texels"
+                told = f"imageSize in {NOTES} and blocks of {TOGETHER} views say"
+                raise InputError(f"{label}: {fault}, as {told}: get both again")
 
     @cached_property
     def components(self) -> Array:

@@ -69,10 +69,8 @@ class Reached:
 def reached(
     file: Path, drawn: Sequence[Tensor | None], scene: str = EVEN, picture: Picture = Picture()
 ) -> list[Reached]:
-    """The figures of a codec file for each of several lobes (cells, cells, 5); None draws by the cosine.
-
-    All take turns. Raises `InputError` if Mitsuba cannot run here, or the file cannot be recorded.
-    """
+    """The figures of a codec file for each of several lobes (cells, cells, 5); None draws by the cosine. All take
+    turns. Raises `InputError` if Mitsuba cannot run here, or the file cannot be recorded."""
     set_variant()
     properties = mi.Properties(NAME)
     properties["filename"], properties["repeat"] = str(file), REPEAT

@@ -72,11 +72,9 @@ class DrJitNetwork(Network):
     def __init__(self, decoder: Decoder):
         super().__init__()
         self.dr = drjit()
-        if decoder.architecture.parameters > MOST_PARAMETERS:
-            raise InputError(
-                f"fused on the CPU holds a network of up to {MOST_PARAMETERS:,} parameters, but this one has "
-                f"{decoder.architecture.parameters:,}: use compiled"
-            )
+        if (count := decoder.architecture.parameters) > MOST_PARAMETERS:
+            limit = f"a network of up to {MOST_PARAMETERS:,} parameters"
+            raise InputError(f"fused on the CPU holds {limit}, but this one has {count:,}: use compiled")
         self.layers, self.inputs = layers_of(decoder), decoder.architecture.inputs
         self.block = LARGE_BLOCK if "avx512f" in (features() or ()) else BLOCK
         self.kernels: dict[tuple[int, ...] | None, RecordedCalls] = {}  # by the shape of the texture
