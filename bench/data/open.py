@@ -89,8 +89,7 @@ def with_validation(btf: BTF) -> BTF:
 
 
 def open_named(name: str, changes: dict[str, str], show: Progress = silent) -> BTF:
-    """The BTF of a built-in material or a path, with `data.KEY` settings changed. `InputError` if it has no such
-    setting."""
+    """The BTF of a built-in material or a path, with `data.KEY` settings changed. `InputError` if it lacks one."""
     spec = named(name)
     data = changed(Preparation(), {key: value for key, value in changes.items() if key.startswith("data.")})
     for key in changes:

@@ -113,7 +113,10 @@ def look(btf: BTF) -> Look:
         seams.append(periodic.seams(picture))
         if pair in sheet:
             thumbs[pair] = box_filter(picture, max(1, max(picture.shape) // THUMB))
-    power = _power(btf.wi[row, 2], np.array([medians[pair] for pair in row]))
+    cos, median = btf.wi[row, 2], np.array([medians[pair] for pair in row])
+    lit, power = median > 0, None
+    if lit.sum() >= 4 and np.ptp(cos[lit]) >= 0.2:  # else too few lights, or at too similar angles
+        power = float(np.polyfit(np.log(cos[lit]), np.log(median[lit]), 1)[0])
     ratios = np.mean(seams, 0)
     seen = [(float(r[0] / max(r[1], 1e-12)), float(r[0] / max(r[2], 1e-12))) for r in ratios]
     return Look(btf, sheet, [thumbs[pair] for pair in sheet], np.stack(values), power, seen, mean_lobe(btf))
@@ -135,14 +138,6 @@ def _spread(side: Array, count: int) -> Array:
     steep = np.flatnonzero(side[:, 2] > STEEP)
     steep = steep if len(steep) >= count else np.arange(len(side))
     return steep[thin(side[steep], min(count, len(steep)))]
-
-
-def _power(cos: Array, median: Array) -> float | None:
-    """The slope of log median over log cos θ_i; None with fewer than 4 lit slices, or lights at similar angles."""
-    lit = median > 0
-    if lit.sum() < 4 or np.ptp(cos[lit]) < 0.2:
-        return None
-    return float(np.polyfit(np.log(cos[lit]), np.log(median[lit]), 1)[0])
 
 
 def draw(seen: Look, out: Path) -> None:

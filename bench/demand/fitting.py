@@ -63,17 +63,12 @@ def density_of(demand: Demand, layout: Layout, window: Window, uniform: float) -
     weights, importance = pair_weights(layout, demand), demand.importance
     cos_i = torch.from_numpy(layout.lights[layout.light, 2]).clamp_min(1e-3)  # as in `PairInterpolator`
     wi = torch.from_numpy(demand.wi)
-    return Density(
-        window.within(torch.from_numpy(demand.uv(window.size)).double()).float(),
-        torch.from_numpy(demand.footprint) * window.stretch,
-        torch.from_numpy(demand.wo),
-        wi,
-        torch.from_numpy(importance).cumsum(0),
-        weights.sample,
-        weights.weight * wi[:, 2:] / cos_i[weights.sample.long()],
-        torch.from_numpy(shares_from_weights(weights, importance, len(layout.view))),
-        uniform,
-    )
+    uv = window.within(torch.from_numpy(demand.uv(window.size)).double()).float()
+    footprint, cumulative = torch.from_numpy(demand.footprint) * window.stretch, torch.from_numpy(importance).cumsum(0)
+    weight = weights.weight * wi[:, 2:] / cos_i[weights.sample.long()]
+    share = torch.from_numpy(shares_from_weights(weights, importance, len(layout.view)))
+    wo = torch.from_numpy(demand.wo)
+    return Density(uv, footprint, wo, wi, cumulative, weights.sample, weight, share, uniform)
 
 
 def encode(codec: Codec, btf: BTF, fit: Fit, demand: Demand, uniform: float = UNIFORM) -> Parts:

@@ -150,7 +150,6 @@ def parse_toml(where: str, text: str) -> dict[str, Any]:
 
 @cache
 def _kinds(kind: type) -> dict[str, Any]:
-    """The type of each field of a dataclass."""
     kinds = get_type_hints(kind, include_extras=True)
     return {field.name: kinds[field.name] for field in dataclasses.fields(kind)}
 
@@ -199,7 +198,6 @@ def _parts(kind: Any) -> tuple[Any, Range]:
 
 
 def _wanted(kind: Any) -> str:
-    """The allowed values of a setting, in words."""
     plain, limits = _parts(kind)
     if get_origin(plain) is Literal:
         return " or ".join(map(repr, get_args(plain)))

@@ -73,8 +73,7 @@ def registered() -> tuple[Metric, ...]:
 
 
 def get(name: str) -> Metric:
-    """The metric of that name, with every variable part filled in. Raises `InputError`, with the nearest names, if
-    there is none."""
+    """The metric of that name, with every variable part filled in. `InputError` names the nearest if there is none."""
     metric = _registered_metric(name)
     match = re.fullmatch(_pattern(metric), name)
     variable = match.groupdict() if match else {}
@@ -85,7 +84,6 @@ def get(name: str) -> Metric:
 
 
 def _registered_metric(name: str) -> Metric:
-    """Find the registered metric of a name."""
     for metric in _REGISTERED:
         if re.fullmatch(_pattern(metric), name):
             return metric

@@ -39,12 +39,10 @@ def polar_map(directions: Array, raw: Array, pool: Pool) -> dict[str, Any]:
     sector = np.floor((to_degrees(directions)[1] + width / 2) / width).astype(int) % SECTORS
     rings = range(len(THETA_EDGES_DEG) - 1)
     cells = [[(ring == i) & ((sector == j) | (i == 0)) for j in range(SECTORS)] for i in rings]
-    return {
-        "theta_edges_deg": list(THETA_EDGES_DEG),
-        "phi_centres_deg": [width * j for j in range(SECTORS)],
-        "value": [[_pooled(raw[cell], pool) for cell in row] for row in cells],
-        "count": [[int(cell.sum()) for cell in row] for row in cells],
-    }
+    value = [[_pooled(raw[cell], pool) for cell in row] for row in cells]
+    count = [[int(cell.sum()) for cell in row] for row in cells]
+    edges = {"theta_edges_deg": list(THETA_EDGES_DEG), "phi_centres_deg": [width * j for j in range(SECTORS)]}
+    return edges | {"value": value, "count": count}
 
 
 def _ring(directions: Array) -> Array:

@@ -16,10 +16,8 @@ from types import ModuleType
 from bench.inputs.errors import InputError, installed
 
 CHOICE = "DRJIT_LIBLLVM_PATH"
-REMEDY = (
-    f"install LLVM 19 (Debian: apt-get install libllvm19), or name the library of another LLVM in {CHOICE} "
-    "(/usr/lib/x86_64-linux-gnu/libLLVM-19.so)"
-)
+EXAMPLE = "/usr/lib/x86_64-linux-gnu/libLLVM-19.so"
+REMEDY = f"install LLVM 19 (Debian: apt-get install libllvm19), or name another LLVM's library in {CHOICE} ({EXAMPLE})"
 LIMIT = 120.0  # seconds; a trial usually takes one
 _TRIAL = """
 import drjit as dr

@@ -116,7 +116,12 @@ def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tupl
     normal_role = next((role for role in ("normal_gl", "normal_dx", "normal") if role in reader.roles), "")
     height_role = next((role for role in ("displacement", "depth") if role in reader.roles), "")
     codes = reader.codes(normal_role)
-    normal = None if codes is None else _vectors(codes, reader.files.label(reader.roles[normal_role]))
+    normal = None if codes is None else 2 * codes - 1
+    if normal is not None:
+        if normal[..., 2].mean() < 0.3:
+            fault = "its blue is too dark for a tangent-space normal map: bake it in tangent space"
+            raise InputError(f"{reader.files.label(reader.roles[normal_role])}: {fault}")
+        normal = _unit(normal)
     picture = reader.codes(height_role)
     height = None if picture is None else picture[..., 0]
     agreed = Agreement()
@@ -138,14 +143,6 @@ def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tupl
         notes[height_role] += ", fitted to the normal map" if fitted else ""
         height = reader.shrunk(height) * np.float32(-depth if inverted else depth)
     return normal, height
-
-
-def _vectors(codes: Array, label: str) -> Array:
-    """Unit vectors from the codes of a tangent-space normal map: n = 2 · code − 1."""
-    normal = 2 * codes - 1
-    if normal[..., 2].mean() < 0.3:
-        raise InputError(f"{label}: its blue is too dark for a tangent-space normal map: bake it in tangent space")
-    return _unit(normal)
 
 
 def _unit(normal: Array) -> Array:

@@ -48,15 +48,10 @@ def points(o: tuple[Array, Array, Array], maps: dict[str, Array]) -> Points:
     dielectric = (1 - metal) * specular
     o_n = _at_least(1e-3, o[2])
     reflected = fresnel(DIELECTRIC_F0 * specular, specular, o_n)
-    return Points(
-        (o[0], o[1], o_n),
-        (alpha_t, alpha_b),
-        maps["base"] * ((1 - metal) * (1 - reflected) / np.pi),
-        DIELECTRIC_F0 * dielectric + metal * maps["base"],
-        dielectric + metal,
-        specular,
-        _smith((alpha_t, alpha_b), (o[0], o[1], o_n)),
-    )
+    diffuse = maps["base"] * ((1 - metal) * (1 - reflected) / np.pi)
+    f0 = DIELECTRIC_F0 * dielectric + metal * maps["base"]
+    seen, alphas = (o[0], o[1], o_n), (alpha_t, alpha_b)
+    return Points(seen, alphas, diffuse, f0, dielectric + metal, specular, _smith(alphas, seen))
 
 
 def reflect(at: Points, i: tuple[Array, Array, Array], cos_between: Values) -> tuple[Array, Array]:

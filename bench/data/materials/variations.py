@@ -146,7 +146,6 @@ _KINDS: dict[str, Callable[[np.random.Generator], Recipe]] = {
 
 
 def _geometric(rng: np.random.Generator, low: float, high: float) -> float:
-    """Uniform in the logarithm."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 

@@ -92,7 +92,6 @@ def _image_size(files: FolderFiles) -> int:
 
 
 def _number(notes: dict[str, Any], key: str, label: str) -> int:
-    """A field that is a whole number, or a text of digits."""
     text = str(notes.get(key))[:40]
     if not re.fullmatch(r"\d{1,9}", text, re.ASCII):
         raise InputError(f"{label}: {key} = {text}: it must be a whole number; get the file again")
@@ -123,8 +122,7 @@ class LocalPCA(Source):
     @cached_property
     def components(self) -> Array:
         """Codes (blocks, texels, components) uint8."""
-        planes = [self._bytes(name).reshape(BLOCKS, -1) for name in self.names[:COMPONENTS]]
-        return np.stack(planes, -1)
+        return np.stack([self._bytes(name).reshape(BLOCKS, -1) for name in self.names[:COMPONENTS]], -1)
 
     @cached_property
     def weights(self) -> Array:

@@ -109,16 +109,13 @@ def _figures(pictures: np.ndarray, seconds: float, samples: int) -> Reached:
 
 def _loaded(bsdf: Any, scene: str, side: int) -> Any:
     shape, light, of_lights = SCENES[scene]
+    place = mi.ScalarTransform4f().look_at([0, -2.4, 1.8], [0, 0, 0], [0, 0, 1])
+    film = {"type": "hdrfilm", "width": side, "height": side, "rfilter": {"type": "box"}}
     description = {
         "type": "scene",
         "integrator": {"type": "direct", "bsdf_samples": 1, "emitter_samples": of_lights, "hide_emitters": True},
         "shape": shape | {"bsdf": bsdf},
         "light": light(),
-        "camera": {
-            "type": "perspective",
-            "fov": 22.0,
-            "to_world": mi.ScalarTransform4f().look_at([0, -2.4, 1.8], [0, 0, 0], [0, 0, 1]),
-            "film": {"type": "hdrfilm", "width": side, "height": side, "rfilter": {"type": "box"}},
-        },
+        "camera": {"type": "perspective", "fov": 22.0, "to_world": place, "film": film},
     }
     return mi.load_dict(description)

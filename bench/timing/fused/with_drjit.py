@@ -170,14 +170,12 @@ class DrJitNetwork(Network):
         self.dr.detail.new_scope(self.dr.JitBackend.LLVM)
 
     def _smelu(self, x: Any) -> Any:
-        """The leaky ReLU, its kink rounded."""
         dr = self.dr
         inside = BEND - dr.select(x > 0, x, -x)
         inside = dr.select(inside > 0, inside, 0)
         return dr.fma(inside * inside, PARABOLA, dr.select(x > 0, x, x * LEAK))
 
     def _sine(self, turns: Any) -> Any:
-        """sin(2π t) by its polynomial."""
         t = turns - self.dr.round(turns)
         square = t * t
         first, *rest = sine_of_turns()[::-1]
