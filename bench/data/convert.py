@@ -48,8 +48,10 @@ class _Watched(Source):
 
 def write_btf(btf: BTF, out: Path, show: Progress = silent) -> None:
     """Write a BTF as one `.npz` (float32) if `out` has that ending, else as a folder of EXR pictures with `pairs.csv`.
+
     `show` is called for each slice. `out` appears only when it is complete; an existing `.npz` is replaced. Raises
-    `InputError` if `out` is a folder that is not empty, or cannot be made."""
+    `InputError` if `out` is a folder that is not empty, or cannot be made.
+    """
     check_place(out)
     btf = btf.over(_Watched(btf.source, show, len(btf)))
     with writable(out, "is there room, and may you write?"), atomic.replacing(out) as partial:

@@ -34,9 +34,11 @@ class MeanLobe:
 
 
 def mean_lobe(btf: BTF) -> MeanLobe | None:
-    """The lobe of slices' means at the outermost ring of directions that views and lights share; None without one. Each
-    mean is divided by cos θ_i, and by the mean of its view and of its light; two harmonics of each azimuth are fitted
-    to the rest. The training pairs must be a product of views and lights."""
+    """The lobe of slices' means at the outermost ring of directions that views and lights share; None without one.
+
+    Each mean is divided by cos θ_i, and by the mean of its view and of its light; two harmonics of each azimuth are
+    fitted to the rest. The training pairs must be a product of views and lights.
+    """
     pairs = np.arange(len(btf)) if btf.heldout is None else np.flatnonzero(~btf.heldout)
     layout = Layout.of(btf.wo[pairs], btf.wi[pairs])
     if layout.grid is None or not (ring := _ring(layout)):

@@ -73,8 +73,10 @@ def prepared(
     opened: Callable[[tuple[Array, Array], dict[str, Any]], BTF],
 ) -> BTF:
     """The training pairs of a surface, which `sampled` describes, then its held-out and its validation pairs.
+
     `opened(pairs, words)` is the table of some pairs, `wo` and `wi`. Each kind of pairs has its own table, so another
-    draw of held-out pairs makes only theirs again."""
+    draw of held-out pairs makes only theirs again.
+    """
     btf = opened(data.product(), sampled)
     if data.heldout:
         words = data.described(draw)

@@ -7,9 +7,11 @@ from bench.inputs.errors import InputError
 
 
 def make_periodic(picture: Array, overlap: tuple[int, int]) -> Array:
-    """A picture (H, W) or (H, W, C) cut by `overlap` (rows, columns), its far margins blended into its near ones. The
-    blend's deviation from the mean is scaled by 1 / √(w² + (1 − w)²), which keeps the contrast of texture; it may leave
-    the range of the picture. Raises `InputError` if a margin is more than half of a side."""
+    """A picture (H, W) or (H, W, C) cut by `overlap` (rows, columns), its far margins blended into its near ones.
+
+    The blend's deviation from the mean is scaled by 1 / √(w² + (1 − w)²), which keeps the contrast of texture; it may
+    leave the range of the picture. Raises `InputError` if a margin is more than half of a side.
+    """
     if any(not 0 <= 2 * width <= side for width, side in zip(overlap, picture.shape[:2], strict=True)):
         margins, sides = (f"{width} × {height}" for height, width in (overlap, picture.shape[:2]))
         raise InputError(f"margins of {margins} do not fit twice into a picture of {sides}")
@@ -26,9 +28,11 @@ def make_periodic(picture: Array, overlap: tuple[int, int]) -> Array:
 
 
 def seams(picture: Array) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """The seams at the left–right and the top–bottom border of a picture (H, W, C): three gradients each. They are the
-    mean |difference| across the border, the mean |difference| of neighbours inside, and the largest mean inside between
-    two whole columns (or rows). A side below 4 is too short to measure, and gives (0, 1, 1)."""
+    """The seams at the left–right and the top–bottom border of a picture (H, W, C): three gradients each.
+
+    They are the mean |difference| across the border, the mean |difference| of neighbours inside, and the largest mean
+    inside between two whole columns (or rows). A side below 4 is too short to measure, and gives (0, 1, 1).
+    """
     return _seam(picture), _seam(picture.swapaxes(0, 1))
 
 

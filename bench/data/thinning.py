@@ -11,9 +11,11 @@ from bench.directions.hemisphere import thin
 
 
 def thinned(btf: BTF, pairs: int) -> BTF:
-    """About `pairs` of a BTF's pairs (0: all), evenly spread, so that a product of views and lights stays one. If the
-    data declare held-out pairs outside that product, training and held-out pairs keep their shares, and the held-out
-    ones are drawn by seed. Pairs that form no product are drawn by seed, too."""
+    """About `pairs` of a BTF's pairs (0: all), evenly spread, so that a product of views and lights stays one.
+
+    If the data declare held-out pairs outside that product, training and held-out pairs keep their shares, and the
+    held-out ones are drawn by seed. Pairs that form no product are drawn by seed, too.
+    """
     if not 0 < pairs < len(btf):
         return btf
     if btf.layout.grid is not None or btf.heldout is None or not btf.heldout.any():

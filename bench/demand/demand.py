@@ -33,9 +33,11 @@ NAMES = ("place", "footprint", "wo", "wi", "weight", "pixel")  # the columns in 
 
 @dataclass(frozen=True)
 class Demand:
-    """Queries of a material, in the frame and units of `bench.btf`, and the pixel that each adds to. The linear RGB of
-    a pixel is the sum over its queries of `weight` × the material's answer, because the answer is the radiance under
-    unit irradiance, and `weight` is the irradiance of the query."""
+    """Queries of a material, in the frame and units of `bench.btf`, and the pixel that each adds to.
+
+    The linear RGB of a pixel is the sum over its queries of `weight` × the material's answer, because the answer is the
+    radiance under unit irradiance, and `weight` is the irradiance of the query.
+    """
 
     place: np.ndarray  # (n, 2) float32 on the surface, not wrapped, in units of the longer side of the texture
     footprint: np.ndarray  # (n,) float32, in the same units

@@ -57,9 +57,11 @@ def of_btf(btf: BTF) -> Answers:
 def render(
     scene: Scene, sides: Sequence[Answers], frame: int = 0, rays: int = 2, seed: int = 0, show: Progress = silent
 ) -> Array:
-    """The pictures (sides, H, W, 4) of one frame: linear RGB, and the share of the pixel that shows the surface. Each
-    pixel is the mean of rays² rays through a regular grid in it; radiance beside the surface is 0. Surfaces cast no
-    shadow on themselves. Raises `InputError` if no ray meets the surface."""
+    """The pictures (sides, H, W, 4) of one frame: linear RGB, and the share of the pixel that shows the surface.
+
+    Each pixel is the mean of rays² rays through a regular grid in it; radiance beside the surface is 0. Surfaces cast
+    no shadow on themselves. Raises `InputError` if no ray meets the surface.
+    """
     caster, (height, width) = TextScene(scene), (scene.cameras[frame].height, scene.cameras[frame].width)
     rng = np.random.default_rng(seed)
     pictures = np.zeros((len(sides), height * width, 4))

@@ -128,9 +128,11 @@ class Hemisphere(nn.Module):
 
 
 def _candidates(corners: np.ndarray) -> np.ndarray:
-    """For each cell of a grid over [−1, 1]², the triangles (cells, k) that may hold a point of it. These are the
-    triangles whose bounding boxes meet the cell; if there are none, the nearest one. Rows are padded by repeating their
-    first entry, which changes no answer."""
+    """For each cell of a grid over [−1, 1]², the triangles (cells, k) that may hold a point of it.
+
+    These are the triangles whose bounding boxes meet the cell; if there are none, the nearest one. Rows are padded by
+    repeating their first entry, which changes no answer.
+    """
     low, high = corners.min(1), corners.max(1)
     slack = 1e-6
     edges = np.linspace(-1, 1, CELLS + 1)
@@ -215,9 +217,11 @@ class PairInterpolator(nn.Module):
         return Weights(index.flatten(1), weight.flatten(1))
 
     def _shepard(self, wo: Tensor, wi: Tensor) -> Weights:
-        """Modified Shepard weights over the nearest pairs, by the distance of (ω_o, ω_i) in R⁶. Weights fall to zero at
-        the first pair left out, so the result is continuous where the nearest pairs change: Franke and Nielson, "Smooth
-        interpolation of large sets of scattered data", IJNME 15 (1980)."""
+        """Modified Shepard weights over the nearest pairs, by the distance of (ω_o, ω_i) in R⁶.
+
+        Weights fall to zero at the first pair left out, so the result is continuous where the nearest pairs change:
+        Franke and Nielson, "Smooth interpolation of large sets of scattered data", IJNME 15 (1980).
+        """
         near, index = _in_blocks(self._neighbours, len(self.pairs), torch.cat([wo, wi], 1))
         near = near.clamp_min(1e-6)
         if len(self.pairs) <= SHEPARD_NEIGHBOURS:

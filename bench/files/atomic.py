@@ -17,9 +17,11 @@ SUFFIX = ".partial"
 
 @contextmanager
 def temporary(path: Path) -> Iterator[Path]:
-    """Yield a temporary name beside `path`; a file or folder under that name is removed when the block ends. The name
-    is random, so processes on several machines can write the same file without mixing their bytes. An `OSError` that
-    names the temporary file or no file (a full disk) is changed to name `path`."""
+    """Yield a temporary name beside `path`; a file or folder under that name is removed when the block ends.
+
+    The name is random, so processes on several machines can write the same file without mixing their bytes. An
+    `OSError` that names the temporary file or no file (a full disk) is changed to name `path`.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(secrets.token_hex(8) + SUFFIX)
     try:

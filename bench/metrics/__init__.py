@@ -27,9 +27,12 @@ PERIODIC = "_periodic"
 
 @dataclass(frozen=True)
 class Metric:
-    """The description of a metric, available without importing it. `direction` is "higher" or "lower", whichever is
-    better; `space` is the space in which pictures are compared. A change of `version` makes older records not
-    comparable. `target` is "module:Class"; `options` go to its constructor. `label` is its name in tables."""
+    """The description of a metric, available without importing it.
+
+    `direction` is "higher" or "lower", whichever is better; `space` is the space in which pictures are compared. A
+    change of `version` makes older records not comparable. `target` is "module:Class"; `options` go to its constructor.
+    `label` is its name in tables.
+    """
 
     name: str
     unit: str

@@ -32,9 +32,12 @@ def bins(wo: Array, wi: Array, raw: Array, pool: Pool) -> list[list[float | None
 
 
 def polar_map(directions: Array, raw: Array, pool: Pool) -> dict[str, Any]:
-    """One number for each cell of a hemisphere, pooled over all pairs whose direction falls there. Cells are rings of
-    15° in θ by sectors of 30° in φ, the first sector centred on +x; the innermost ring is one cell, the same number in
-    each sector. Gives `theta_edges_deg`, `phi_centres_deg`, `value` (rings × sectors, None where empty) and `count`."""
+    """One number for each cell of a hemisphere, pooled over all pairs whose direction falls there.
+
+    Cells are rings of 15° in θ by sectors of 30° in φ, the first sector centred on +x; the innermost ring is one
+    cell, the same number in each sector. Gives `theta_edges_deg`, `phi_centres_deg`, `value` (rings × sectors, None
+    where empty) and `count`.
+    """
     ring, width = _ring(directions), 360 / SECTORS
     sector = np.floor((to_degrees(directions)[1] + width / 2) / width).astype(int) % SECTORS
     rings = range(len(THETA_EDGES_DEG) - 1)

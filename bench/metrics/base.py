@@ -19,8 +19,10 @@ class Prepared(NamedTuple):
 
 class SliceMetric:
     """A number for each slice. A metric implements `reference_side` and `compare`, and, if pooling is not a mean,
-    `values` and `pool`. The *raw* number of a slice is the mean of its map; it is stored unchanged, so later pooling is
-    exact."""
+    `values` and `pool`.
+
+    The *raw* number of a slice is the mean of its map; it is stored unchanged, so later pooling is exact.
+    """
 
     perfect = 0.0  # the raw number of two equal slices
     smallest = 1  # texels a side that a picture must have
@@ -53,8 +55,10 @@ class SliceMetric:
 
     def prepare(self, reference: Array, exposure: float) -> Prepared:
         """Compute the reference's part once. `reference` is linear radiance (H, W, 3), or a stack (..., H, W, 3).
+
         Raises `InputError` if the reference is not a finite float picture, or is smaller than the metric's window, or
-        if the exposure is not positive."""
+        if the exposure is not positive.
+        """
         picture = Picture(reference, exposure, "reference")
         if min(picture.shape[-2:]) < self.smallest:
             size, least = "{} × {}".format(*picture.shape[-2:]), self.smallest
@@ -62,9 +66,11 @@ class SliceMetric:
         return Prepared(picture.shape, picture.exposure, self.reference_side(picture))
 
     def error_map(self, state: Prepared, test: Array) -> Array:
-        """The map (..., H, W) of the difference. `test` is linear radiance of the reference's size. One prepared
-        reference may be compared with a stack of tests. Raises `InputError` as `prepare` does, and if the sizes
-        differ."""
+        """The map (..., H, W) of the difference. `test` is linear radiance of the reference's size.
+
+        One prepared reference may be compared with a stack of tests. Raises `InputError` as `prepare` does, and if the
+        sizes differ.
+        """
         picture = Picture(test, state.exposure, "test")
         if picture.shape == state.shape:
             return self.compare(state.side, picture)

@@ -53,8 +53,10 @@ class Perceived(NamedTuple):
 
 class LDR(SliceMetric):
     """FLIP of exposure × radiance clipped to [0, 1], at a number of pixels per degree (the published default).
-    Periodic: filters wrap around, as if the picture were padded with itself, scored and cropped; otherwise the border
-    is repeated, as published."""
+
+    Periodic: filters wrap around, as if the picture were padded with itself, scored and cropped; otherwise the
+    border is repeated, as published.
+    """
 
     def __init__(self, ppd: float = PPD, periodic: bool = False):
         self.ppd, self.periodic = check_ppd(ppd), periodic

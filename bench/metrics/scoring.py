@@ -95,9 +95,11 @@ class Scorer:
         self._cached_bytes = 0
 
     def score(self, pairs: Sequence[int] | Array, decode_slice: Decode) -> Scores:
-        """Score the slices of some pairs. `decode_slice(i)` gives that of pair i, (H, W, 3) linear radiance. Negative
-        values count as 0. Raises `InputError`, with the pair, if a decoded slice is not a finite float picture of the
-        BTF's size."""
+        """Score the slices of some pairs. `decode_slice(i)` gives that of pair i, (H, W, 3) linear radiance.
+
+        Negative values count as 0. Raises `InputError`, with the pair, if a decoded slice is not a finite float picture
+        of the BTF's size.
+        """
         pairs = np.asarray(pairs, np.int64)
         raw = {name: np.full(len(pairs), np.nan) for name in self.names}
         radiance = np.empty(len(pairs))

@@ -122,9 +122,11 @@ def _dot(left: Sequence[Scalar], right: Sequence[Scalar], start: Scalar = 0.0) -
 
 
 def called_product(kind: ModuleType, inputs: Sequence[Scalar], matrix: Array) -> list[Scalar]:
-    """inputs · matrix, for a matrix of numbers (inputs, outputs), by functions with the weights as literals. In line,
-    LLVM takes minutes for tens of thousands of literals, and a kernel that evaluates a network several times contains
-    them several times. Functions of a few outputs each compile in seconds, once; their sums stay in registers."""
+    """inputs · matrix, for a matrix of numbers (inputs, outputs), by functions with the weights as literals.
+
+    In line, LLVM takes minutes for tens of thousands of literals, and a kernel that evaluates a network several times
+    contains them several times. Functions of a few outputs each compile in seconds, once; their sums stay in registers.
+    """
     given, backend = [kind.Float(value) for value in inputs], dr.backend_v(kind.Float)
     # A switch with one case; its number, 0, must not be a constant, else LLVM would inline the function.
     zero = dr.select(given[0] > 0, kind.UInt32(1), kind.UInt32(0)) >> 1

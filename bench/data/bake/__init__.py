@@ -110,8 +110,10 @@ def open_svbrdf(
     folder: Path, data: Preparation, show: Progress, draw: int = 0, path_tracer: PathTracer | None = None
 ) -> BTF:
     """The BTF of a folder of PBR maps, baked once into the cache and then memory-mapped; `draw` selects its test pairs.
+
     If a path tracer is killed, its finished slices stay beside the files, and the next call resumes from them. Raises
-    `InputError` for maps that cannot be recognised or read, and for counts out of range."""
+    `InputError` for maps that cannot be recognised or read, and for counts out of range.
+    """
     name = folder.resolve().name
 
     def cached(pairs: tuple[Array, Array], sampled: dict[str, Any]) -> BTF:

@@ -35,9 +35,11 @@ _CHOICES = (("normal_gl", "normal_dx", "normal"), ("displacement", "depth"))
 
 @dataclass(frozen=True)
 class MapFiles:
-    """The maps of a folder by role, and why its other pictures are not used, by file name. Roles: albedo, one of
-    normal_gl, normal_dx and normal (convention unknown), roughness, metalness, packed (green: roughness, blue:
-    metalness), displacement or depth (dark is high), anisotropy, anisotropy_angle."""
+    """The maps of a folder by role, and why its other pictures are not used, by file name.
+
+    Roles: albedo, one of normal_gl, normal_dx and normal (convention unknown), roughness, metalness, packed (green:
+    roughness, blue: metalness), displacement or depth (dark is high), anisotropy, anisotropy_angle.
+    """
 
     folder: Path
     files: dict[str, str]

@@ -34,9 +34,11 @@ class HeightField:
         return (normal / np.linalg.norm(normal, axis=0)).astype(np.float32)
 
     def trace(self, wo: Array, stride: tuple[int, int]) -> Array:
-        """Height (H / stride, W / stride) above the reference plane at which each ray first meets the surface. Ray (i,
-        j) passes through the centre of the block (i, j) of stride grid cells on the reference plane, along `wo` (unit,
-        z > 0). It meets the surface at that centre + z · `offset(wo)`."""
+        """Height (H / stride, W / stride) above the reference plane at which each ray first meets the surface.
+
+        Ray (i, j) passes through the centre of the block (i, j) of stride grid cells on the reference plane, along `wo`
+        (unit, z > 0). It meets the surface at that centre + z · `offset(wo)`.
+        """
         per_height = self.offset(wo)
         steps = math.ceil((self.top - self.bottom) * max(map(abs, per_height)))
         if steps == 0:
@@ -78,9 +80,11 @@ class HeightField:
         return low
 
     def visibility(self, wi: Array) -> Array:
-        """The share (H, W) of the light from `wi` that reaches each grid point, uint8 with 255 for all of it. The
-        horizon, the maximum over j ≥ 1 of h(p + jδ) − jc with c the rise of the light's ray over a step δ of one cell,
-        is built by doubling: M₂ₙ(p) = max(Mₙ(p), Mₙ(p + nδ) − nc). A shadow's edge is a ramp of half a step."""
+        """The share (H, W) of the light from `wi` that reaches each grid point, uint8 with 255 for all of it.
+
+        The horizon, the maximum over j ≥ 1 of h(p + jδ) − jc with c the rise of the light's ray over a step δ of one
+        cell, is built by doubling: M₂ₙ(p) = max(Mₙ(p), Mₙ(p + nδ) − nc). A shadow's edge is a ramp of half a step.
+        """
         rows, cols = self.offset(wi)
         longest = max(abs(rows), abs(cols))
         if (self.top - self.bottom) * longest <= 1:

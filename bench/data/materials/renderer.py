@@ -44,9 +44,11 @@ class View:
 
 
 class Renderer:
-    """A surface prepared to render pictures of `size` (H, W), each texel the mean of sub_points² fixed sub-points. The
-    maps are resized to a working grid that is a whole multiple of the sub-points; shrink maps that are much finer than
-    the sub-points first (`Maps.resized`), or their detail is aliased."""
+    """A surface prepared to render pictures of `size` (H, W), each texel the mean of sub_points² fixed sub-points.
+
+    The maps are resized to a working grid that is a whole multiple of the sub-points; shrink maps that are much finer
+    than the sub-points first (`Maps.resized`), or their detail is aliased.
+    """
 
     def __init__(self, maps: Maps, size: tuple[int, int], sub_points: int = 2):
         if min(*size, sub_points) < 1:

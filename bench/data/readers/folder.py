@@ -30,9 +30,11 @@ MAX_LIST = 256 << 20
 
 
 def opened(seen: Candidate) -> BTF | None:
-    """The BTF of a folder with `pairs.csv`, or of that list, or None; pairs sorted by view, then by light. Radiance is
-    linear Rec. 709 f_r · cos θ_i as the pictures hold it: EXR and .hdr as stored, 8- and 16-bit codes decoded as sRGB.
-    Raises `InputError` that names `pairs.csv` and the row of any fault."""
+    """The BTF of a folder with `pairs.csv`, or of that list, or None; pairs sorted by view, then by light.
+
+    Radiance is linear Rec. 709 f_r · cos θ_i as the pictures hold it: EXR and .hdr as stored, 8- and 16-bit codes
+    decoded as sRGB. Raises `InputError` that names `pairs.csv` and the row of any fault.
+    """
     path = seen.path if seen.is_folder else seen.path.parent
     if not (path / LIST).is_file() if seen.is_folder else ANGLES[0] not in seen.first_line:
         return None
@@ -115,8 +117,10 @@ def _notes(path: Path) -> dict[str, Any]:
 
 def write_folder(btf: BTF, path: str | Path) -> None:
     """Write a BTF as a folder: one EXR (float, R G B) a pair, `pairs.csv`, and `btf.json` with name and provenance.
+
     Slices are read one at a time and written without loss; a declared split becomes the column `split`. The list is
-    written last, so an unfinished folder is not a BTF. Raises `InputError` if the folder already holds one."""
+    written last, so an unfinished folder is not a BTF. Raises `InputError` if the folder already holds one.
+    """
     folder = Path(path)
     if (folder / LIST).exists():
         raise InputError(f"{folder}: it already holds {LIST}: choose another folder")

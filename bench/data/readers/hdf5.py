@@ -36,9 +36,11 @@ AT_ONCE = 64 << 20  # bytes of pictures that share chunks and are read together
 
 
 def opened(seen: Candidate) -> BTF | None:
-    """The BTF of an HDF5 file in the order stored, or None; the pairs of its held-out file, if any, come last. Radiance
-    is taken as linear Rec. 709 and as photographed. Pictures are read by windows, on demand. Raises `InputError` that
-    names the file, the data set and the row."""
+    """The BTF of an HDF5 file in the order stored, or None; the pairs of its held-out file, if any, come last.
+
+    Radiance is taken as linear Rec. 709 and as photographed. Pictures are read by windows, on demand. Raises
+    `InputError` that names the file, the data set and the row.
+    """
     if not seen.head.startswith(SIGNATURE):
         return None
     path, btf = seen.path, _open(seen.path)

@@ -38,9 +38,11 @@ def list_folder(path: Path) -> list[str]:
 
 
 def open_pictures(path: Path, pattern: re.Pattern[str], provenance: dict[str, Any], **options: Any) -> BTF:
-    """The BTF of the pictures in a folder or zip whose names match; pairs sorted by view, then by light. Groups of the
-    pattern are θ_i, φ_i, θ_o, φ_o in whole degrees; `options` go to `pictures.read_picture`. Raises `InputError` that
-    names the picture if angles are out of range, a pair appears twice or sizes differ."""
+    """The BTF of the pictures in a folder or zip whose names match; pairs sorted by view, then by light.
+
+    Groups of the pattern are θ_i, φ_i, θ_o, φ_o in whole degrees; `options` go to `pictures.read_picture`. Raises
+    `InputError` that names the picture if angles are out of range, a pair appears twice or sizes differ.
+    """
     files: Files = FolderFiles(path) if path.is_dir() else ZipFiles(path)
     names = matching(list_folder(path) if isinstance(files, FolderFiles) else sorted(files.entries), pattern)
     if not names:

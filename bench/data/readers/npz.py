@@ -48,9 +48,11 @@ class NpzSource(ArraySource):
 
 
 def opened(seen: Candidate) -> BTF | None:
-    """The BTF of an `.npz`, or None; its radiance is memory-mapped if `numpy.savez` (uncompressed) wrote it. Radiance
-    is linear Rec. 709 f_r · cos θ_i, taken as stored, in the order stored. Raises `InputError` that names the file, the
-    array and the row."""
+    """The BTF of an `.npz`, or None; its radiance is memory-mapped if `numpy.savez` (uncompressed) wrote it.
+
+    Radiance is linear Rec. 709 f_r · cos θ_i, taken as stored, in the order stored. Raises `InputError` that names the
+    file, the array and the row.
+    """
     if not seen.is_zip or "radiance.npy" not in seen.names:
         return None
     path, files = seen.path, ZipFiles(seen.path)

@@ -19,9 +19,11 @@ MAX_LIST = 16 << 20
 
 
 def opened(seen: Candidate) -> BTF | None:
-    """The BTF of an `.lp` list or of its folder, or None: one view (0, 0, 1), lights sorted by θ, then φ. Codes are
-    decoded as sRGB to linear Rec. 709. Radiance is as photographed, so it contains the cosine of the light; its scale
-    is the camera's exposure. Raises `InputError` that names the list and the line."""
+    """The BTF of an `.lp` list or of its folder, or None: one view (0, 0, 1), lights sorted by θ, then φ.
+
+    Codes are decoded as sRGB to linear Rec. 709. Radiance is as photographed, so it contains the cosine of the light;
+    its scale is the camera's exposure. Raises `InputError` that names the list and the line.
+    """
     path = seen.path
     if seen.is_folder:
         lists = sorted(p for p in path.iterdir() if p.suffix.lower() == ".lp" and p.is_file())

@@ -54,9 +54,11 @@ def opened(seen: Candidate) -> BTF | None:
 
 
 def open_ubo2003_pca(folder: Path) -> BTF:
-    """The BTF of such a folder: 81 views × 81 lights in the order of UBO2003, by view, then light. Opening reads
-    `meta.json` and the headers of the pictures. Codes are clipped to [0, 1] and decoded as sRGB to linear Rec. 709;
-    radiance as photographed. Raises `InputError` that names the file and the field."""
+    """The BTF of such a folder: 81 views × 81 lights in the order of UBO2003, by view, then light.
+
+    Opening reads `meta.json` and the headers of the pictures. Codes are clipped to [0, 1] and decoded as sRGB to linear
+    Rec. 709; radiance as photographed. Raises `InputError` that names the file and the field.
+    """
     files, place = FolderFiles(folder), folder.resolve()
     source = LocalPCA(files, _image_size(files))
     provenance = {

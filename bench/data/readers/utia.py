@@ -10,9 +10,11 @@ from bench.data.readers.named import PRAGUE, matching, open_pictures
 
 
 def opened(seen: Candidate) -> BTF | None:
-    """The BTF of a folder, or of a zip of PNGs, whose files are named like `tl000_pl000_tv000_pv000.png`, or None. PNG
-    codes are decoded as sRGB, EXR is converted from XYZ to linear Rec. 709, where colours outside the gamut stay
-    negative; radiance is as photographed. Pairs are sorted by view, then light. Errors as in `named.open_pictures`."""
+    """The BTF of a folder, or of a zip of PNGs, whose files are named like `tl000_pl000_tv000_pv000.png`, or None.
+
+    PNG codes are decoded as sRGB, EXR is converted from XYZ to linear Rec. 709, where colours outside the gamut stay
+    negative; radiance is as photographed. Pairs are sorted by view, then light. Errors as in `named.open_pictures`.
+    """
     if not matching(seen.names, PRAGUE):
         return None
     provenance = described(

@@ -67,8 +67,10 @@ def _numbers(tensor: Tensor | nn.Module) -> Array:
 @cache
 def sine_of_turns(terms: int = 6) -> tuple[float, ...]:
     """Coefficients c of sin(2π t) = Σ c_i t^(2i + 1) for |t| ≤ ½, from the constant up; 6 of them have an error of
-    2e-7. The interpolant of sin(2π √s) / √s at Chebyshev's points over s = t², within a factor of the best
-    polynomial."""
+    2e-7.
+
+    The interpolant of sin(2π √s) / √s at Chebyshev's points over s = t², within a factor of the best polynomial.
+    """
     s = (1 + np.cos((2 * np.arange(200) + 1) * np.pi / 400)) / 8
     t = np.sqrt(s)
     fitted = Chebyshev.fit(s, np.sin(2 * np.pi * t) / t, terms - 1, domain=[0, 0.25])

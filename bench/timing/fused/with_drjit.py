@@ -38,8 +38,10 @@ def batched(
     tables: Sequence[Any] = (),
 ) -> Tensor:
     """The answers (n, outputs) of a kernel to queries (n, …): `kernel(n, *flat)` gives arrays (n,) of row-major inputs.
+
     `whole` are inputs that are not queries, such as textures; `tables` are further Dr.Jit arrays that the kernel reads.
-    Each size is recorded once."""
+    Each size is recorded once.
+    """
     dr, n = drjit(), len(queries[0])
     if dr.thread_count() != torch.get_num_threads():
         dr.set_thread_count(torch.get_num_threads())
