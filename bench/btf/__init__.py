@@ -58,9 +58,8 @@ def finite(values: Array, label: str) -> Array:
 
 
 class Source:
-    """Where the values of a BTF come from. A reader implements `slice` and `fingerprint`; the rest has defaults.
-
-    One that reads several slices faster than one by one implements `slices`, and says in `at_once` how many.
+    """Where the values of a BTF come from. A reader implements `fingerprint`, and `slice` or `slices`: the latter if it
+    reads several slices faster than one by one, in `at_once` of them; the rest has defaults.
 
     The default `texels` (of few texels) and `gather` are for sources that can only read whole slices cheaply: they read
     a half-float scratch file, which is made once and cached under the fingerprint.
@@ -72,7 +71,7 @@ class Source:
 
     def slice(self, pair: int) -> Array:
         """The picture of one pair, (H, W, 3) float32."""
-        raise NotImplementedError
+        return self.slices(np.array([pair]))[0]
 
     def slices(self, pairs: Array) -> list[Array]:
         """The pictures of some pairs, at best `at_once`."""
@@ -144,14 +143,9 @@ class _BoxFiltered(Source):
         self.shape = (source.shape[0] // factor, source.shape[1] // factor)
 
     def _box(self, rows: Array, cols: Array) -> tuple[Array, Array]:
-        step = np.arange(self.factor)
-        shape = (len(rows), self.factor, self.factor)
-        fine_rows = np.broadcast_to((rows[:, None] * self.factor + step)[:, :, None], shape)
-        fine_cols = np.broadcast_to((cols[:, None] * self.factor + step)[:, None, :], shape)
+        fine_rows, fine_cols = (side[:, None] * self.factor + np.arange(self.factor) for side in (rows, cols))
+        fine_rows, fine_cols = np.broadcast_arrays(fine_rows[:, :, None], fine_cols[:, None, :])
         return fine_rows.reshape(-1), fine_cols.reshape(-1)
-
-    def slice(self, pair: int) -> Array:
-        return box_filter(self.source.slice(pair), self.factor)
 
     def slices(self, pairs: Array) -> list[Array]:
         return [box_filter(picture, self.factor) for picture in self.source.slices(pairs)]
@@ -180,9 +174,6 @@ class _Cropped(Source):
         self.source, self.count, self.shape, self.at_once = source, source.count, (height, width), source.at_once
         self.rows = (top + np.arange(height)) % source.shape[0]
         self.cols = (left + np.arange(width)) % source.shape[1]
-
-    def slice(self, pair: int) -> Array:
-        return self.source.slice(pair)[self.rows[:, None], self.cols]
 
     def slices(self, pairs: Array) -> list[Array]:
         return [picture[self.rows[:, None], self.cols] for picture in self.source.slices(pairs)]
@@ -313,10 +304,8 @@ class BTF:
         return replace(self, source=self.source.only(self.pairs[chosen]), **kept)
 
     def downsample(self, factor: int) -> "BTF":
-        """The BTF box-filtered over factor × factor texels, in linear light.
-
-        Rows and columns at the end that do not fill a box are left out; the result is then not periodic.
-        """
+        """The BTF box-filtered over factor × factor texels, in linear light. Rows and columns at the end that do not
+        fill a box are left out; the result is then not periodic."""
         if not 1 <= factor <= min(self.shape):
             raise ValueError(f"factor must be between 1 and {min(self.shape)}, not {factor}")
         if factor == 1:

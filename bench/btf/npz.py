@@ -17,12 +17,8 @@ def write_npz(btf: BTF, path: str | Path) -> None:
             np.lib.format.write_array_header_1_0(stream, header)
             for picture in btf:
                 stream.write(np.ascontiguousarray(picture, "<f4").tobytes())
-        small = {
-            "wo": btf.wo,
-            "wi": btf.wi,
-            "periodic": np.array(btf.periodic),
-            "provenance": np.array(json.dumps(btf.provenance, default=str)),
-        }
-        for key, value in small.items() if btf.heldout is None else [*small.items(), ("heldout", btf.heldout)]:
+        provenance = np.array(json.dumps(btf.provenance, default=str))
+        small = {"wo": btf.wo, "wi": btf.wi, "periodic": np.array(btf.periodic), "provenance": provenance}
+        for key, value in (small | ({} if btf.heldout is None else {"heldout": btf.heldout})).items():
             with archive.open(f"{key}.npy", "w") as stream:
                 np.lib.format.write_array(stream, value, allow_pickle=False)

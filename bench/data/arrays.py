@@ -39,10 +39,9 @@ def from_arrays(
         raise InputError(f"heldout must be a mask ({count},) of booleans that leaves pairs to train on")
     for row, picture in enumerate(values):  # one at a time, because the array may be a mapped file
         if bad := int((~np.isfinite(picture)).sum()):
-            raise InputError(
-                f"radiance[{row}]: {bad:,} of {picture.size:,} values are not finite (NaN or infinite): mend them, "
-                "leave the pair out, or save radiance, wo and wi by numpy.savez and bench.open(path, repair=True)"
-            )
+            fault = f"{bad:,} of {picture.size:,} values are not finite (NaN or infinite): mend them"
+            remedy = "leave the pair out, or save radiance, wo and wi by numpy.savez and bench.open(path, repair=True)"
+            raise InputError(f"radiance[{row}]: {fault}, {remedy}")
     if text := negative(values):
         log.warning("%s: %s", name, text)
     warn_of_radians(*to_degrees(np.concatenate([views, lights])), "wo and wi")

@@ -20,8 +20,7 @@ CLEAR = (0.5, 2.0)  # a mirrored side explains at least this share, and this man
 
 @dataclass(frozen=True)
 class MeanLobe:
-    """The shares of the mean lobe at θ_o = θ_i that φ_i − φ_o and φ_i + φ_o explain, and the angle of the former's
-    maximum."""
+    """The shares of the mean lobe at θ_o = θ_i that φ_i − φ_o and φ_i + φ_o explain, and the former's peak."""
 
     theta_deg: float
     given: float

@@ -51,9 +51,8 @@ def open_material(
 
         traced = data.renderer == "mitsuba"
         if traced and path_tracer is None:
-            raise InputError(
-                f"data.renderer: only a run bakes with mitsuba; instead: neubtf-bench bake {path} --renderer mitsuba"
-            )
+            remedy = f"neubtf-bench bake {path} --renderer mitsuba"
+            raise InputError(f"data.renderer: only a run bakes with mitsuba; instead: {remedy}")
         return open_svbrdf(path, data, show, draw, path_tracer() if traced and path_tracer else None)
     from bench.data.readers import open_btf
 
@@ -90,8 +89,7 @@ def with_validation(btf: BTF) -> BTF:
 
 
 def open_named(name: str, changes: dict[str, str], show: Progress = silent) -> BTF:
-    """The BTF of a built-in material or a path, with `data.KEY` settings changed. `InputError` if it has no such
-    setting."""
+    """The BTF of a built-in material or a path, with `data.KEY` settings changed. `InputError` if it lacks one."""
     spec = named(name)
     data = changed(Preparation(), {key: value for key, value in changes.items() if key.startswith("data.")})
     for key in changes:

@@ -2,9 +2,8 @@
 
 import numpy as np
 
+from bench.btf import Array
 from bench.inputs.errors import InputError
-
-Array = np.ndarray
 
 
 def make_periodic(picture: Array, overlap: tuple[int, int]) -> Array:

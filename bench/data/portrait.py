@@ -75,25 +75,20 @@ class Look:
         """One sentence for each likely fault, with its probable cause."""
         warnings = []
         if self.power is not None and self.power < FLAT:
-            warnings.append(
-                f"brightness falls as cos(theta_i) to the power of {self.power:.2f}: "
-                "the light's cosine seems to be missing"
-            )
+            falls = f"brightness falls as cos(theta_i) to the power of {self.power:.2f}"
+            warnings.append(f"{falls}: the light's cosine seems to be missing")
         if self.clipped >= CLIPPED:
-            warnings.append(
-                f"{self.clipped:.2%} of the values lie exactly at the maximum, {self.values.max():.4g}: "
-                "highlights are clipped"
-            )
+            most = f"exactly at the maximum, {self.values.max():.4g}"
+            warnings.append(f"{self.clipped:.2%} of the values lie {most}: highlights are clipped")
         if text := negative(self.values):
             warnings.append(text)
         if self.missing:
             whole = f"{len(self.layout.views)} views × {len(self.layout.lights)} lights"
             warnings.append(f"{self.missing:,} pairs of the product of {whole} are missing")
         if self.lobe and self.lobe.looks_mirrored:
-            warnings.append(
-                f"the mean lobe follows phi_i + phi_o ({self.lobe.mirrored:.0%}), not phi_i - phi_o "
-                f"({self.lobe.given:.0%}): the azimuths of the views or of the lights seem to be mirrored"
-            )
+            found = f"phi_i + phi_o ({self.lobe.mirrored:.0%}), not phi_i - phi_o ({self.lobe.given:.0%})"
+            fault = "the azimuths of the views or of the lights seem to be mirrored"
+            warnings.append(f"the mean lobe follows {found}: {fault}")
         for (mean, largest), border in zip(self.seams, ("left–right", "top–bottom"), strict=True):
             if mean >= SEAM and largest >= 1:
                 what = "although the data call it periodic" if self.btf.periodic else "it shows when repeated"
@@ -104,7 +99,9 @@ class Look:
 def look(btf: BTF) -> Look:
     """Read at most about 84 slices of a BTF, one at a time."""
     rng = np.random.default_rng(0)
-    sheet, row = _sheet(btf), _row(btf)
+    pairs = np.flatnonzero(btf.layout.view == btf.layout.view[int(np.argmax(btf.wo[:, 2]))])  # nearest the normal
+    row = [int(i) for i in pairs[thin(btf.wi[pairs], min(LIGHTS, len(pairs)))]]
+    sheet = _sheet(btf)
     values, thumbs, medians, seams = [], {}, {}, []
     count = btf.shape[0] * btf.shape[1]
     chosen = rng.integers(0, count, TEXELS) if count > TEXELS else np.arange(count)
@@ -116,7 +113,10 @@ def look(btf: BTF) -> Look:
         seams.append(periodic.seams(picture))
         if pair in sheet:
             thumbs[pair] = box_filter(picture, max(1, max(picture.shape) // THUMB))
-    power = _power(btf.wi[row, 2], np.array([medians[pair] for pair in row]))
+    cos, median = btf.wi[row, 2], np.array([medians[pair] for pair in row])
+    lit, power = median > 0, None
+    if lit.sum() >= 4 and np.ptp(cos[lit]) >= 0.2:  # else too few lights, or at too similar angles
+        power = float(np.polyfit(np.log(cos[lit]), np.log(median[lit]), 1)[0])
     ratios = np.mean(seams, 0)
     seen = [(float(r[0] / max(r[1], 1e-12)), float(r[0] / max(r[2], 1e-12))) for r in ratios]
     return Look(btf, sheet, [thumbs[pair] for pair in sheet], np.stack(values), power, seen, mean_lobe(btf))
@@ -140,34 +140,16 @@ def _spread(side: Array, count: int) -> Array:
     return steep[thin(side[steep], min(count, len(steep)))]
 
 
-def _row(btf: BTF) -> list[int]:
-    """Pairs of the view nearest the normal, their lights evenly spread."""
-    nearest = btf.layout.view[int(np.argmax(btf.wo[:, 2]))]
-    pairs = np.flatnonzero(btf.layout.view == nearest)
-    return [int(i) for i in pairs[thin(btf.wi[pairs], min(LIGHTS, len(pairs)))]]
-
-
-def _power(cos: Array, median: Array) -> float | None:
-    """The slope of log median over log cos θ_i; None with fewer than 4 lit slices, or lights at similar angles."""
-    lit = median > 0
-    if lit.sum() < 4 or np.ptp(cos[lit]) < 0.2:
-        return None
-    return float(np.polyfit(np.log(cos[lit]), np.log(median[lit]), 1)[0])
-
-
 def draw(seen: Look, out: Path) -> None:
-    """Write a PNG: the directions in polar plots, a histogram of the values, and the contact sheet with angles.
-
-    Raises `InputError` if `out` cannot be written.
-    """
+    """Write a PNG: the directions in polar plots, a histogram of the values, and the contact sheet with angles. Raises
+    `InputError` if `out` cannot be written."""
     from matplotlib.figure import Figure
 
     columns = SHEET[1]
     rows = -(-len(seen.sheet) // columns)
-    figure = Figure(figsize=(2 * SHEET[1], 4 + 2.2 * rows), layout="constrained")
+    figure = Figure(figsize=(2 * columns, 4 + 2.2 * rows), layout="constrained")
     figure.suptitle(f"{seen.btf.name}: {seen.btf.shape[0]} × {seen.btf.shape[1]} texels, {len(seen.btf):,} pairs")
-    parts: Any = figure.subfigures(2, 1, height_ratios=[4, 2.2 * rows])
-    top, bottom = parts
+    top, bottom = figure.subfigures(2, 1, height_ratios=[4, 2.2 * rows])  # type: ignore[misc]
     _draw_directions(top.add_subplot(1, 3, 1, projection="polar"), seen, "views", seen.btf.wo)
     _draw_directions(top.add_subplot(1, 3, 2, projection="polar"), seen, "lights", seen.btf.wi)
     _draw_values(top.add_subplot(1, 3, 3), seen.values)

@@ -14,9 +14,7 @@ log = logging.getLogger(__name__)
 
 class Repaired(Source):
     """Wraps a source: values that are not finite become the mean of the finite ones of their pair and channel.
-
-    Scattered reads use the scratch file of `Source`, so every value is repaired only once.
-    """
+    Scattered reads use the scratch file of `Source`, so every value is repaired only once."""
 
     def __init__(self, source: Source):
         self.source, self.shape, self.count = source, source.shape, source.count
@@ -25,10 +23,8 @@ class Repaired(Source):
         return self.mended(pair)[0]
 
     def mended(self, pair: int) -> tuple[Array, int]:
-        """The slice of a pair (H, W, 3), and the number of its masked values.
-
-        Raises `InputError` if one of its channels has no finite value.
-        """
+        """The slice of a pair (H, W, 3), and the number of its masked values. Raises `InputError` if one of its
+        channels has no finite value."""
         try:
             picture = self.source.slice(pair)
         except NotFiniteError as error:
@@ -46,10 +42,8 @@ class Repaired(Source):
 
 
 def repaired(btf: BTF, show: Progress = silent) -> BTF:
-    """Mask values that are not finite; a warning and `provenance["repaired"]` give their number and pairs.
-
-    Reads every slice once. A finite BTF is returned unchanged. `Repaired` describes the replacement.
-    """
+    """Mask values that are not finite; a warning and `provenance["repaired"]` give their number and pairs. Reads every
+    slice once. A finite BTF is returned unchanged. `Repaired` describes the replacement."""
     source = Repaired(btf.source)
     masked = {}
     pairs = followed(show, btf.pairs.tolist(), "looking for values that are not finite", len(btf))

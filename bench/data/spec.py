@@ -14,11 +14,11 @@ from typing import Annotated, Literal, get_args, get_type_hints
 
 import numpy as np
 
+from bench.btf import Array
 from bench.directions.hemisphere import DIRECTION_SETS, thinned_product, uniform
 from bench.inputs.errors import InputError, did_you_mean
 from bench.inputs.settings import Natural, Range, converted
 
-Array = np.ndarray
 Split = Literal["test", "validation"]
 Renderer = Literal["builtin", "mitsuba"]
 MOST = 1 << 38  # bytes of the radiance of a rendered material, as float32
@@ -46,10 +46,9 @@ class Preparation:
     def __post_init__(self) -> None:
         needed = 12 * self.size**2 * max(self.views * self.lights, self.heldout)
         if needed > MOST:
-            raise InputError(
-                f"{self.size} × {self.size} texels at {self.views} × {self.lights} + {self.heldout} pairs are "
-                f"{needed / 2**30:,.0f} GiB, but the limit is {MOST >> 30}: lower size, views, lights or heldout"
-            )
+            asked = f"{self.size} × {self.size} texels at {self.views} × {self.lights} + {self.heldout} pairs"
+            limit = f"the limit is {MOST >> 30}: lower size, views, lights or heldout"
+            raise InputError(f"{asked} are {needed / 2**30:,.0f} GiB, but {limit}")
         if self.heldout < 0:
             raise InputError(f"heldout must be at least 0, not {self.heldout}")
         if self.split not in get_args(Split):
@@ -64,9 +63,8 @@ class Preparation:
         everything = DIRECTION_SETS[self.directions]()
         counts = (self.views, self.lights)
         if not all(1 <= count <= len(everything) for count in counts):
-            raise InputError(
-                f"views and lights must be between 1 and the {len(everything)} of {self.directions}, not {counts}"
-            )
+            most = f"the {len(everything)} of {self.directions}"
+            raise InputError(f"views and lights must be between 1 and {most}, not {counts}")
         return thinned_product(everything, *counts)
 
     def drawn(self, material: str, seed: int, draw: int = 0) -> tuple[Array, Array]:
@@ -90,13 +88,9 @@ class Preparation:
 
 
 # What to use instead of a setting that only the other kind of material has.
-_OF_RENDERED = {
-    "data.size": "give data.texels",
-    "data.directions": "leave it out",
-    "data.views": "give data.pairs",
-    "data.lights": "give data.pairs",
-    "data.heldout": "whole views and lights are held out",
-}
+_OF_RENDERED = dict.fromkeys(("data.views", "data.lights"), "give data.pairs")
+_OF_RENDERED |= {"data.size": "give data.texels", "data.directions": "leave it out"}
+_OF_RENDERED |= {"data.heldout": "whole views and lights are held out"}
 _OF_MEASURED = {"data.texels": "give data.size"}
 
 

@@ -27,8 +27,7 @@ def thinned(btf: BTF, pairs: int) -> BTF:
 
 
 class _Shrunk(Source):
-    """Averages over boxes of texels, kept as halves in a scratch file, so fits need not read all texels of all
-    boxes."""
+    """Averages over boxes of texels, kept as halves in a scratch file, so that fits need not read all texels."""
 
     at_once = scratch.TOGETHER
 
@@ -38,9 +37,6 @@ class _Shrunk(Source):
     @cached_property
     def _scratch(self) -> np.ndarray:
         return self.boxes._scratch
-
-    def slice(self, pair: int) -> np.ndarray:
-        return self.slices(np.array([pair]))[0]
 
     def slices(self, pairs: np.ndarray) -> list[np.ndarray]:
         copy = self._scratch  # sliced, because a place for each value takes NumPy three times as long

@@ -13,6 +13,5 @@ UNIFORM = 0.1  # share of the samples of a fit to a scene, or of the weights of 
 def require_demand(codec: "Codec", demand: object) -> None:
     """Raise `InputError` if a codec shall be fitted to a scene, but no demand is given."""
     if codec.scene and not demand:
-        raise InputError(
-            f"codec {codec.name}: scene = true needs the demand of a scene: give it to `run` or `encode` with --demand"
-        )
+        fault = "scene = true needs the demand of a scene"
+        raise InputError(f"codec {codec.name}: {fault}: give it to `run` or `encode` with --demand")

@@ -74,10 +74,8 @@ def _size(scene: Caster, limit: int) -> tuple[int, int]:
     rng = np.random.default_rng(0)
     shown = [len(scene.cast(frame, *_places(scene.picture, preview, rng))) for frame in range(scene.frames)]
     if not any(shown):
-        raise InputError(
-            f"{scene.name}: no ray of the camera finds the material: it is behind the camera, out of the picture, or "
-            "hidden: move the camera or the material"
-        )
+        where = "it is behind the camera, out of the picture, or hidden: move the camera or the material"
+        raise InputError(f"{scene.name}: no ray of the camera finds the material: {where}")
     wanted = sum(shown) / (preview[0] * preview[1]) * height * width * scene.samples
     most = min(FRAME, CELLS // scene.frames) / (height * width)
     scale = min(1.0, math.sqrt(SPARE * limit / wanted), math.sqrt(most))
@@ -85,10 +83,8 @@ def _size(scene: Caster, limit: int) -> tuple[int, int]:
 
 
 def _places(picture: tuple[int, int], size: tuple[int, int], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Column and row (H · W,) in pixels of a point in each of (H, W) cells: the middle of a pixel, else a random one.
-
-    A regular grid would hit the same texels of a regular texture again and again.
-    """
+    """Column and row (H · W,) in pixels of a point in each of (H, W) cells: the middle of a pixel, else a random one. A
+    regular grid would hit the same texels of a regular texture again and again."""
     within = 0.5 if size == picture else rng.random((2, *size))
     row, col = (np.mgrid[: size[0], : size[1]] + within) * (np.array(picture) / np.array(size))[:, None, None]
     return col.ravel(), row.ravel()

@@ -25,12 +25,8 @@ REACH = 1e12  # the largest distance from the texture's origin, in its sides
 BRIGHTEST = 1e30  # largest weight: sums of a million stay finite in float32
 SNORM = 32767  # directions are stored as signed 16-bit numbers; 1.5e-5 off at most
 COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
-    "pixel": (np.int32, ()),
-    "place": (np.float32, (2,)),
-    "footprint": (np.float32, ()),
-    "wo": (np.int16, (3,)),
-    "wi": (np.int16, (3,)),
-    "weight": (np.float32, (3,)),
+    **{"pixel": (np.int32, ()), "place": (np.float32, (2,)), "footprint": (np.float32, ())},
+    **{"wo": (np.int16, (3,)), "wi": (np.int16, (3,)), "weight": (np.float32, (3,))},
 }
 NAMES = ("place", "footprint", "wo", "wi", "weight", "pixel")  # the columns in the order of a file
 

@@ -63,17 +63,12 @@ def density_of(demand: Demand, layout: Layout, window: Window, uniform: float) -
     weights, importance = pair_weights(layout, demand), demand.importance
     cos_i = torch.from_numpy(layout.lights[layout.light, 2]).clamp_min(1e-3)  # as in `PairInterpolator`
     wi = torch.from_numpy(demand.wi)
-    return Density(
-        window.within(torch.from_numpy(demand.uv(window.size)).double()).float(),
-        torch.from_numpy(demand.footprint) * window.stretch,
-        torch.from_numpy(demand.wo),
-        wi,
-        torch.from_numpy(importance).cumsum(0),
-        weights.sample,
-        weights.weight * wi[:, 2:] / cos_i[weights.sample.long()],
-        torch.from_numpy(shares_from_weights(weights, importance, len(layout.view))),
-        uniform,
-    )
+    uv = window.within(torch.from_numpy(demand.uv(window.size)).double()).float()
+    footprint, cumulative = torch.from_numpy(demand.footprint) * window.stretch, torch.from_numpy(importance).cumsum(0)
+    weight = weights.weight * wi[:, 2:] / cos_i[weights.sample.long()]
+    share = torch.from_numpy(shares_from_weights(weights, importance, len(layout.view)))
+    wo = torch.from_numpy(demand.wo)
+    return Density(uv, footprint, wo, wi, cumulative, weights.sample, weight, share, uniform)
 
 
 def encode(codec: Codec, btf: BTF, fit: Fit, demand: Demand, uniform: float = UNIFORM) -> Parts:
@@ -140,9 +135,9 @@ class Search:
         return Problem.for_codec(self.codec, self.btf, self.scorer.demand, self.uniform)
 
     def run(self, goal: Goal | None = None) -> SearchResult:
-        """Run the search. The default goal is the PSNR of the full model, less `EQUAL_DB`."""
+        """Search; the default goal is the PSNR of the full model less `EQUAL_DB`, or no error if it has none."""
         full = self.model(sized(self.codec, steps_of(self.codec), scene=False), "full")
-        goal = goal or as_good_as(full)
+        goal = goal or Goal(psnr=np.inf if full.psnr is None else full.psnr - EQUAL_DB)
         tried = list(self.ladder(goal))
         seconds = sum(model.seconds for model in tried)
         meeting = [model for model in tried if goal.met(model)]
@@ -181,11 +176,6 @@ class Search:
         return Model(header, material, score.get(PSNR), score.get(FLIP), steps, seconds)
 
 
-def as_good_as(full: Model) -> Goal:
-    """The goal of a model that replaces the full one: its PSNR less `EQUAL_DB`, or no error if it has none."""
-    return Goal(psnr=np.inf if full.psnr is None else full.psnr - EQUAL_DB)
-
-
 def steps_of(codec: Codec) -> int:
     """The number of sizes that a codec can have: the value of its leading setting."""
     return int(getattr(codec.settings, codec.sizes[0])) if codec.sizes else 1
@@ -212,10 +202,8 @@ def left_out(needed: NeededPart, btf: BTF) -> str:
 
 
 def outside(scorer: FrameScorer, material: Material) -> float | None:
-    """Display PSNR in dB of slices at pairs that the scene does not use, against the BTF; None if it uses all.
-
-    Measured at `OUTSIDE_PAIRS` pairs, evenly among them.
-    """
+    """Display PSNR in dB of slices at pairs that the scene does not use, against the BTF; None if it uses all. Measured
+    at `OUTSIDE_PAIRS` pairs, evenly among them."""
     untouched = np.flatnonzero(scorer.shares == 0)
     if not len(untouched):
         return None
@@ -231,20 +219,12 @@ def rows(result: SearchResult, scorer: FrameScorer, threads: int) -> list[dict[s
     """The costs and scores of the full model and the scene model, each as named numbers."""
     models = {"full": result.full} | ({"scene": result.scene} if result.scene else {})
     timed = _timed(models, scorer.demand, threads)
-    return [
-        {
-            "model": name,
-            "bytes": model.header.file_bytes,
-            "ns": timed[name]["ns_per_sample"],
-            "steps": model.steps,
-            "seconds": model.seconds,
-            "psnr": model.psnr,
-            "flip": model.flip,
-            "outside": outside(scorer, model.material),
-            "settings": model.header.settings,
-        }
-        for name, model in models.items()
-    ]
+    table: list[dict[str, Any]] = []
+    for name, model in models.items():
+        row = {"model": name, "bytes": model.header.file_bytes, "ns": timed[name]["ns_per_sample"]}
+        row |= {kept: getattr(model, kept) for kept in ("steps", "seconds", "psnr", "flip")}
+        table.append(row | {"outside": outside(scorer, model.material), "settings": model.header.settings})
+    return table
 
 
 def _timed(models: dict[str, Model], demand: Demand, threads: int) -> dict[str, dict[str, Any]]:

@@ -24,10 +24,8 @@ PSNR, FLIP = (records.metric_of(NAMES, family) for family in (records.PSNR, reco
 
 
 def table_of(btf: BTF) -> BTF:
-    """The reference table of a BTF: all of it if its pairs form a product, else its training pairs, which do.
-
-    Held-out pairs scattered between the others would make the interpolated table uneven.
-    """
+    """The reference table of a BTF: all of it if its pairs form a product, else its training pairs, which do. Held-out
+    pairs scattered between the others would make the interpolated table uneven."""
     return btf if btf.layout.grid is not None else btf.subset(btf.split().train)
 
 
@@ -67,10 +65,8 @@ class FrameScorer:
         return self.demand.pictures(material.query(*self.demand.queries(self.btf.shape)))
 
     def score(self, material: Material, names: tuple[str, ...] = NAMES) -> dict[str, float | None]:
-        """Each metric of the frames over the pixels that show the material, pooled over frames.
-
-        A metric whose window is larger than a frame is left out; None means no error at all.
-        """
+        """Each metric of the frames over the pixels that show the material, pooled over frames. A metric whose window
+        is larger than a frame is left out; None means no error at all."""
         return self.compare(self.frames(material), names)
 
     def compare(self, frames: Array, names: tuple[str, ...] = NAMES) -> dict[str, float | None]:
@@ -92,13 +88,8 @@ class FrameScorer:
 
     def record(self, material: Material) -> dict[str, Any]:
         """The fields of a job's record about the scene."""
-        return {
-            "name": self.demand.name,
-            "queries": len(self.demand),
-            "frames": list(self.demand.frames),
-            "exposure": self.exposure,
-            "metrics": self.score(material),
-        }
+        facts = {"name": self.demand.name, "queries": len(self.demand), "frames": list(self.demand.frames)}
+        return facts | {"exposure": self.exposure, "metrics": self.score(material)}
 
     def flip_map(self, frames: Array) -> Array:
         """The FLIP of the first of some frames, as a picture (H, W, 3) of 8 bits in magma."""

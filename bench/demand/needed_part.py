@@ -47,17 +47,10 @@ class NeededPart:
     def facts(self, demand: Demand) -> dict[str, Any]:
         """The facts that a codec file records."""
         window = self.window
-        return {
-            "name": demand.name,
-            "demand": demand.fingerprint,
-            "size": list(window.size),
-            "window": [window.top, window.left, window.height, window.width],
-            "factor": window.factor,
-            "pairs": len(self.pairs),
-            "finest": self.finest,
-            "views": to_hex(self.views),
-            "lights": to_hex(self.lights),
-        }
+        facts: dict[str, Any] = {"name": demand.name, "demand": demand.fingerprint, "size": list(window.size)}
+        facts |= {"window": [window.top, window.left, window.height, window.width], "factor": window.factor}
+        facts |= {"pairs": len(self.pairs), "finest": self.finest}
+        return facts | {"views": to_hex(self.views), "lights": to_hex(self.lights)}
 
 
 def needed_pairs(layout: Layout, demand: Demand) -> Array:
@@ -72,10 +65,8 @@ def needed_pairs(layout: Layout, demand: Demand) -> Array:
 
 
 def _side(directions: Array, share: Array) -> Array:
-    """The fewest directions of one side that hold the demand, and those needed to interpolate between them.
-
-    A triangle between kept directions is a triangle of the whole set, so answers inside it stay the same.
-    """
+    """The fewest directions of one side that hold the demand, and those needed to interpolate between them. A triangle
+    between kept directions is a triangle of the whole set, so answers inside it stay the same."""
     middle = share @ directions
     order = np.lexsort((-(directions @ middle), -share))
     count = len(_heaviest(share))

@@ -8,6 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
+from bench.btf import Array
 from bench.demand.demand import Demand
 from bench.directions.hemisphere import to_degrees
 from bench.files.atomic import replacing
@@ -16,8 +17,6 @@ from bench.metrics.display import exposure_of, to_display
 COVERAGE = 64  # cells along each side of the map of visible texture
 PERCENTILES = (1, 50, 99)
 ALBEDO = 0.5  # of the white diffuser that frames are shown with
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)
@@ -40,18 +39,17 @@ class Summary:
         def spread(values: tuple[float, ...], unit: str) -> str:
             return " · ".join(f"{value:.3g}{unit}" for value in values)
 
-        return "\n".join(
-            [
-                f"{self.queries:,} queries of {count} frame{'s' * (count > 1)} of {width} × {height}",
-                f"percentiles {low} · {middle} · {high}, weighted by what a white diffuser would send to the camera:",
-                f"  view from the normal:   {spread(self.theta_o_deg, '°')}",
-                f"  light from the normal:  {spread(self.theta_i_deg, '°')}",
-                f"  footprint:              {spread(self.footprint, '')} of the texture's longer side",
-                f"finest footprint: {self.finest:.3g}: a texture of more than "
-                f"{max(1, round(1 / self.finest)):,} texels along its longer side shows nothing more",
-                f"seen of a square texture: {self.coverage:.0%}",
-            ]
-        )
+        texels = f"{max(1, round(1 / self.finest)):,} texels along its longer side"
+        lines = [
+            f"{self.queries:,} queries of {count} frame{'s' * (count > 1)} of {width} × {height}",
+            f"percentiles {low} · {middle} · {high}, weighted by what a white diffuser would send to the camera:",
+            f"  view from the normal:   {spread(self.theta_o_deg, '°')}",
+            f"  light from the normal:  {spread(self.theta_i_deg, '°')}",
+            f"  footprint:              {spread(self.footprint, '')} of the texture's longer side",
+            f"finest footprint: {self.finest:.3g}: a texture of more than {texels} shows nothing more",
+            f"seen of a square texture: {self.coverage:.0%}",
+        ]
+        return "\n".join(lines)
 
 
 def summarise(demand: Demand) -> Summary:
@@ -70,8 +68,7 @@ def _percentiles(values: Array, share: Array) -> tuple[float, ...]:
 
 
 def _coverage(demand: Demand) -> Array:
-    """The share of the demand in each cell of a square texture, row 0 on top; a query counts in the cell of its
-    centre."""
+    """The share of the demand in each cell of a square texture, row 0 on top; a query counts where its centre is."""
     uv = demand.uv((1, 1))
     col, row = uv[:, 0], 1 - uv[:, 1]
     return np.histogram2d(row, col, COVERAGE, [[0, 1], [0, 1]], weights=demand.importance)[0]

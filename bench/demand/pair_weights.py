@@ -11,10 +11,8 @@ CHUNK = 8_192  # queries at once, because a search among scattered pairs compute
 
 
 def pair_weights(layout: Layout, demand: Demand, radiance: bool = False) -> Weights:
-    """Pairs and shares (n, k) of each query, as `bench.directions.interpolation` interpolates.
-
-    Shares add up to one; with `radiance` they are the interpolation weights of radiance, including cosines.
-    """
+    """Pairs and shares (n, k) of each query, as `bench.directions.interpolation` interpolates. Shares add up to one;
+    with `radiance` they are the interpolation weights of radiance, including cosines."""
     interpolator = PairInterpolator(layout)
     search = interpolator if radiance else interpolator.shares
     wo, wi = torch.from_numpy(demand.wo), torch.from_numpy(demand.wi)

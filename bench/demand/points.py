@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.btf import Array
 from bench.demand.demand import FARTHEST, NAMES, unit
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)
@@ -80,10 +79,8 @@ class Light:
 
 
 def queries_of(points: Points, lights: list[Light]) -> dict[str, Array]:
-    """The queries of some points under some lights, as the columns of `Demand`.
-
-    Leaves out queries at or below a horizon, and unlit ones.
-    """
+    """The queries of some points under some lights, as the columns of `Demand`. Leaves out queries at or below a
+    horizon, and unlit ones."""
     wo, footprint = points.wo, points.footprint
     parts = []
     for light in lights:

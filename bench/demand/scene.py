@@ -154,9 +154,8 @@ class Scene:
         # Each lamp takes time at each sample of its environment.
         samples = sum(light.samples * (1 + len(light.lamps)) for light in self.lights)
         if samples * len(self.cameras) > MOST:
-            raise InputError(
-                f"{len(self.cameras):,} frames of {samples:,} samples of lights: the limit is {MOST:,} in all"
-            )
+            asked = f"{len(self.cameras):,} frames of {samples:,} samples of lights"
+            raise InputError(f"{asked}: the limit is {MOST:,} in all")
 
 
 def shipped() -> dict[str, str]:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from bench.btf import Array
 from bench.demand.demand import unit
-from bench.demand.points import Array
 from bench.demand.scene import Surface
 
 STEPS, HALVINGS = 96, 24  # steps of the search for a drape along a ray
@@ -13,20 +13,22 @@ DRAPE_LOW, DRAPE_HIGH = -0.35, 0.6  # bounds of all heights
 
 def distance(surface: Surface, eye: Array, ahead: Array) -> Array:
     """The distance (n,) from an eye (3,) to a surface along unit directions (n, 3), infinite if they miss it."""
-    match surface.shape:
-        case "plane":
-            return _plane_distance(surface, eye, ahead)
-        case "sphere":
-            return _sphere_distance(surface, eye, ahead)
-        case _:
-            return _drape_distance(surface, eye, ahead)
+    if surface.shape == "drape":
+        return _drape_distance(surface, eye, ahead)
+    offset = np.asarray(surface.centre) - eye
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if surface.shape == "plane":
+            normal = _axes(surface)[2]
+            along = offset @ normal / (ahead @ normal)
+        else:  # the nearer of the two crossings, for a camera outside
+            half = ahead @ offset
+            along = half - np.sqrt(half**2 - (offset @ offset - surface.radius**2))
+    return np.where(along > 0, along, np.inf)
 
 
 def texture(surface: Surface, position: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """uv (n, 2), normal, dp/du and dp/dv (n, 3) of points of a surface, and which of them lie on it (n,).
-
-    A unit of uv is the longer side of the texture.
-    """
+    """uv (n, 2), normal, dp/du and dp/dv (n, 3) of points of a surface, and which of them lie on it (n,). A unit of uv
+    is the longer side of the texture."""
     axes = np.stack(_axes(surface), 1)
     local = (position - np.asarray(surface.centre)) @ axes
     if surface.shape == "sphere":
@@ -47,22 +49,6 @@ def _axes(surface: Surface) -> tuple[Array, Array, Array]:
     normal = unit(np.asarray(surface.normal, np.float64))
     x = unit(np.cross(surface.up, normal))
     return x, np.cross(normal, x), normal
-
-
-def _plane_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
-    normal = _axes(surface)[2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        along = (np.asarray(surface.centre) - eye) @ normal / (ahead @ normal)
-    return np.where(along > 0, along, np.inf)
-
-
-def _sphere_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
-    """The nearer of the two crossings, for a camera outside."""
-    offset = eye - np.asarray(surface.centre)
-    half = ahead @ offset
-    with np.errstate(invalid="ignore"):
-        nearer = -half - np.sqrt(half**2 - (offset @ offset - surface.radius**2))
-    return np.where(nearer > 0, nearer, np.inf)
 
 
 def _sphere_texture(surface: Surface, position: Array, local: Array) -> tuple[Array, Array, Array, Array, Array]:

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from bench.btf import BTF
+from bench.btf import BTF, Array
 from bench.codec import Progress, silent
 from bench.demand.demand import Demand
-from bench.demand.points import Array, queries_of
+from bench.demand.points import queries_of
 from bench.demand.scene import LightSource, Scene
 from bench.demand.text_scene import TextScene
 from bench.demand.truth import truth
@@ -94,11 +94,8 @@ def exposure_for(picture: Array) -> float:
 
 
 def write(path: Path, picture: Array, exposure: float) -> None:
-    """Write a picture (H, W, 4): linear floats, not exposed, as `.exr`; display-transformed 8 bits as `.png`.
-
-    Pixels beside the surface are transparent. Raises `InputError` for any other ending, and if the file cannot be
-    written.
-    """
+    """Write a picture (H, W, 4): linear floats, not exposed, as `.exr`; display-transformed 8 bits as `.png`. Pixels
+    beside the surface are transparent. Raises `InputError` for any other ending, and if the file cannot be written."""
     check_ending(path)
     with writable(path), replacing(path) as partial:
         (_write_exr if path.suffix == ".exr" else _write_png)(partial, picture, exposure)

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from bench.btf import Array
 from bench.demand.demand import unit
-from bench.demand.points import Array, Light, Points
+from bench.demand.points import Light, Points
 from bench.demand.scene import Lamp, LightSource, Scene
 from bench.demand.shapes import distance, texture
 

@@ -21,7 +21,10 @@ def truth(btf: BTF, demand: Demand, show: Progress = silent) -> Array:
     used = np.flatnonzero(weight > 0)
     used = used[np.argsort(pair[used], kind="stable")]
     places = np.searchsorted(pair[used], np.arange(len(btf) + 1))
-    uv, level = torch.from_numpy(demand.uv(btf.shape)), torch.from_numpy(_levels(demand, btf.shape))
+    uv, deepest = torch.from_numpy(demand.uv(btf.shape)), int(np.log2(min(btf.shape)))
+    # The level of detail of each query: log2 of its footprint in texels, within the pyramid.
+    texels = np.maximum(demand.footprint, 1e-9) * max(btf.shape)
+    level = torch.from_numpy(np.clip(np.log2(texels), 0, deepest).astype(np.float32))
     answers = np.zeros((len(demand), 3), np.float32)
     for index in range(len(btf)):
         show(f"reference of {demand.name}", index + 1, len(btf))
@@ -33,12 +36,6 @@ def truth(btf: BTF, demand: Demand, show: Progress = silent) -> Array:
     return np.maximum(answers, 0)
 
 
-def _levels(demand: Demand, size: tuple[int, int]) -> Array:
-    """The level of detail (n,) of each query: log2 of its footprint in texels, within the pyramid."""
-    most = int(np.log2(min(size)))
-    return np.clip(np.log2(np.maximum(demand.footprint, 1e-9) * max(size)), 0, most).astype(np.float32)
-
-
 def _filtered(picture: Array, uv: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
     """A slice (H, W, 3) at uv (n, 2) and levels (n,): (n, 3)."""
     out = torch.zeros(len(uv), 3)
@@ -47,11 +44,8 @@ def _filtered(picture: Array, uv: torch.Tensor, level: torch.Tensor) -> torch.Te
         some = share > 0
         if some.any():
             texture = torch.from_numpy(np.ascontiguousarray(box_filter(picture, 2**number), np.float32))
-            out[some] += share[some, None] * sample_texture(texture, _within(uv[some], picture.shape, 2**number))
+            # A level omits texels that do not fill a box; see `bench.btf` for the frame.
+            height, width = (side / (side // 2**number * 2**number) for side in picture.shape[:2])
+            within = torch.stack([uv[some, 0] * width, 1 - (1 - uv[some, 1]) * height], 1)
+            out[some] += share[some, None] * sample_texture(texture, within)
     return out
-
-
-def _within(uv: torch.Tensor, shape: tuple[int, ...], factor: int) -> torch.Tensor:
-    """uv on a level, which omits texels that do not fill a box; see `bench.btf` for the frame."""
-    height, width = (side / (side // factor * factor) for side in shape[:2])
-    return torch.stack([uv[:, 0] * width, 1 - (1 - uv[:, 1]) * height], 1)

@@ -7,7 +7,7 @@ radians, unless a name ends in `_deg`.
 import numpy as np
 from numpy.typing import ArrayLike
 
-Array = np.ndarray
+from bench.btf import Array
 
 
 def from_angles(theta: ArrayLike, phi: ArrayLike) -> Array:
@@ -52,10 +52,8 @@ DIRECTION_SETS = {"ubo2003": ubo2003, "ubo2014": ubo2014}
 
 
 def thin(directions: Array, count: int) -> Array:
-    """Indices (count,) of a subset spread evenly: farthest-point selection, starting nearest the zenith.
-
-    Deterministic: of equal distances the lower index wins. The indices are sorted, which keeps the order of the set.
-    """
+    """Indices (count,) of a subset spread evenly: farthest-point selection, starting nearest the zenith. Deterministic:
+    of equal distances the lower index wins. The indices are sorted, which keeps the order of the set."""
     if not 1 <= count <= len(directions):
         raise ValueError(f"count must be between 1 and {len(directions)}, not {count}")
     chosen = [int(np.argmax(directions[:, 2]))]

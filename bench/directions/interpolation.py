@@ -256,10 +256,8 @@ def pack_layout(layout: Layout) -> dict[str, Tensor]:
 
 
 def unpack_layout(parts: dict[str, Tensor], rows: int | None = None) -> Layout:
-    """Unpack the layout that `pack_layout` packed; `rows` is the number of pairs of the table.
-
-    Raises `KeyError` if a tensor is missing, `ValueError` if one is invalid or does not fit the table.
-    """
+    """Unpack the layout that `pack_layout` packed; `rows` is the number of pairs of the table. Raises `KeyError` if a
+    tensor is missing, `ValueError` if one is invalid or does not fit the table."""
     pairs = parts["pairs"].long().numpy()
     views, lights = (parts[side].float().numpy() for side in ("views", "lights"))
     for side, index in ((views, pairs[:, 0]), (lights, pairs[:, 1])):

@@ -37,11 +37,8 @@ class ZipFiles:
     def __init__(self, path: Path):
         self.path = path
         refuse_pipe(path)
-        with (
-            readable(str(path), "the archive is damaged or incomplete; get it again"),
-            zipfile.ZipFile(path) as archive,
-        ):
-            held = archive.infolist()
+        with readable(str(path), "the archive is damaged or incomplete; get it again"), zipfile.ZipFile(path) as zipped:
+            held = zipped.infolist()
         self.entries = {entry.filename: entry for entry in held if not entry.is_dir()}
         self.length = path.stat().st_size
         for name in self.entries:
@@ -171,11 +168,10 @@ _HEAD = 16384  # bytes: the header of an array is shorter
 def _described(files: ZipFiles, name: str, head: bytes) -> Stored:
     """The array of an entry that begins with `head`."""
     label = files.label(name)
-    first = head[6:7] == b"\1"  # in this version, two bytes hold the length of the header
+    if head[6:7] == b"\1":  # in this version, two bytes hold the length of the header
+        head = head[: 10 + int.from_bytes(head[8:10], "little")]
     with readable(label, "save it with numpy.savez"):
-        version, shape, fortran, dtype, begin = _header(
-            head[: 10 + int.from_bytes(head[8:10], "little")] if first else head
-        )
+        version, shape, fortran, dtype, begin = _header(head)
     if version not in ((1, 0), (2, 0)):
         raise InputError(f"{label}: .npy version {version} is not read: save it with numpy.savez")
     if dtype.hasobject or dtype.kind not in "fiubU" or not dtype.itemsize or dtype.subdtype:
@@ -200,16 +196,13 @@ def _header(head: bytes) -> tuple[tuple[int, int], tuple[int, ...], bool, np.dty
 
 def read_arrays(path: Path, most: int, names: Collection[str] | None = None) -> dict[str, Array]:
     """Every array of an `.npz` by name, or those with some names, inflated to at most `most` bytes together.
-
-    `InputError` says what is wrong.
-    """
+    `InputError` says what is wrong."""
     files = ZipFiles(path)
     total = sum(map(files.size, files.entries))
     if total > most:
         raise InputError(f"{path}: it claims {total:,} bytes, but the limit is {most:,}: make it again")
     keys = [name.removesuffix(".npy") for name in files.entries if name.endswith(".npy")]
-    wanted = [key for key in keys if names is None or key in names]
-    return {key: _read(files, f"{key}.npy") for key in wanted}
+    return {key: _read(files, f"{key}.npy") for key in keys if names is None or key in names}
 
 
 def _read(files: ZipFiles, name: str) -> Array:

@@ -53,10 +53,8 @@ def write(path: Path, data: bytes) -> None:
 
 
 def mapped(path: Path, dtype: Any, shape: tuple[int, ...]) -> "np.ndarray":
-    """Create a memory-mapped .npy file to be filled, and reserve its disk space.
-
-    A full disk raises an `OSError` here; a later write to the mapping would kill the process instead.
-    """
+    """Create a memory-mapped .npy file to be filled, and reserve its disk space. A full disk raises an `OSError` here;
+    a later write to the mapping would kill the process instead."""
     import numpy as np
 
     values: np.ndarray = np.lib.format.open_memmap(path, "w+", dtype=dtype, shape=shape)
@@ -68,10 +66,8 @@ def mapped(path: Path, dtype: Any, shape: tuple[int, ...]) -> "np.ndarray":
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Hold a lock while making `path`; other processes wait here, and should then check again whether it exists.
-
-    On a file system without locks several processes may make the file at once; each writes it completely.
-    """
+    """Hold a lock while making `path`; other processes wait here, and should then check again whether it exists. On a
+    file system without locks several processes may make the file at once; each writes it completely."""
     path.parent.mkdir(parents=True, exist_ok=True)
     lock = path.with_name(path.name + ".lock")
     file = _open_locked(lock)
@@ -107,9 +103,7 @@ def is_still(file: int, path: Path) -> bool:
 
 def cache_dir() -> Path:
     """The cache folder, for renderings and scratch files, which can all be made again; created if missing.
-
-    `$NEUBTF_CACHE`, else `$XDG_CACHE_HOME/neubtf-bench`, else `~/.cache/neubtf-bench`.
-    """
+    `$NEUBTF_CACHE`, else `$XDG_CACHE_HOME/neubtf-bench`, else `~/.cache/neubtf-bench`."""
     if chosen := os.environ.get("NEUBTF_CACHE"):
         folder = Path(chosen)
     else:

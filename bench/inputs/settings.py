@@ -72,10 +72,8 @@ class Setting:
 
 
 def parse(owner: str, settings: type, values: dict[str, Any]) -> Any:
-    """Make the `Settings` object of the codec `owner`, with some fields set from Python values or strings.
-
-    Raises `InputError` if a field is unknown (with the nearest name), or a value does not convert or is out of range.
-    """
+    """Make the `Settings` object of the codec `owner`, with some fields set from Python values or strings. Raises
+    `InputError` if a field is unknown (with the nearest name), or a value does not convert or is out of range."""
     kinds = get_type_hints(settings, include_extras=True)
     for name in values:
         if name not in kinds:
@@ -89,10 +87,8 @@ def convert(owner: str, name: str, kind: Any, value: Any) -> Any:
 
 
 def converted(what: str, kind: Any, value: Any, words: bool = False) -> Any:
-    """Convert a value, called `what` in errors; with `words`, strings may be numbers, as on a command line.
-
-    An `InputError` says which values are allowed.
-    """
+    """Convert a value, called `what` in errors; with `words`, strings may be numbers, as on a command line. An
+    `InputError` says which values are allowed."""
     try:
         return _converted(what, kind, value, words)
     except InputError:
@@ -154,7 +150,6 @@ def parse_toml(where: str, text: str) -> dict[str, Any]:
 
 @cache
 def _kinds(kind: type) -> dict[str, Any]:
-    """The type of each field of a dataclass."""
     kinds = get_type_hints(kind, include_extras=True)
     return {field.name: kinds[field.name] for field in dataclasses.fields(kind)}
 
@@ -162,52 +157,34 @@ def _kinds(kind: type) -> dict[str, Any]:
 def _converted(what: str, kind: Any, value: Any, words: bool) -> Any:
     """The converted value. Raises `ValueError`, or what Python raises, if it has another type or is out of range."""
     plain, limits = _parts(kind)
+    choices = get_args(plain)
     if get_origin(plain) is Literal:
-        return _one_of(get_args(plain), value, words)
-    if get_origin(plain) is tuple:
-        return _several(what, get_args(plain), value, words)
+        if words and value not in choices:
+            value = int(value)
+        _require(type(value) in (str, int) and value in choices)
+        return value
+    if get_origin(plain) is tuple:  # of a list: all values of one type, or each of its own
+        _require(isinstance(value, list) and (choices[-1] is ... or len(value) == len(choices)))
+        each = [choices[0]] * len(value) if choices[-1] is ... else choices
+        return tuple(converted(what, kind, item, words) for kind, item in zip(each, value, strict=True))
     if dataclasses.is_dataclass(plain):
         return table(what, plain, value)  # type: ignore[arg-type]
     if plain is bool:
-        return _flag(value, words)
-    return _text(value) if plain is str else _number(plain, limits, value, words)
-
-
-def _require(condition: bool) -> None:
-    if not condition:
-        raise ValueError
-
-
-def _one_of(choices: tuple[Any, ...], value: Any, words: bool) -> Any:
-    if words and value not in choices:
-        value = int(value)
-    _require(type(value) in (str, int) and value in choices)
-    return value
-
-
-def _several(what: str, kinds: tuple[Any, ...], value: Any, words: bool) -> tuple[Any, ...]:
-    """The tuple for a list: all values of one type, or each of its own."""
-    _require(isinstance(value, list) and (kinds[-1] is ... or len(value) == len(kinds)))
-    each = [kinds[0]] * len(value) if kinds[-1] is ... else kinds
-    return tuple(converted(what, kind, item, words) for kind, item in zip(each, value, strict=True))
-
-
-def _flag(value: Any, words: bool) -> bool:
-    _require(isinstance(value, bool) or (words and isinstance(value, str)))
-    return value if isinstance(value, bool) else _WORDS[value.lower()]
-
-
-def _text(value: Any) -> str:
-    _require(isinstance(value, str) and len(value) <= WORD)
-    return str(value)
-
-
-def _number(plain: type, limits: Range, value: Any, words: bool) -> Any:
+        _require(isinstance(value, bool) or (words and isinstance(value, str)))
+        return value if isinstance(value, bool) else _WORDS[value.lower()]
+    if plain is str:
+        _require(isinstance(value, str) and len(value) <= WORD)
+        return str(value)
     _require(not isinstance(value, bool) and (words or not isinstance(value, str)))
     _require(plain is not int or int(value) == float(value))
     number = plain(value)
     _require(math.isfinite(number) and number in limits and (plain is not int or abs(number) <= WHOLE))
     return number
+
+
+def _require(condition: bool) -> None:
+    if not condition:
+        raise ValueError
 
 
 def _parts(kind: Any) -> tuple[Any, Range]:
@@ -221,7 +198,6 @@ def _parts(kind: Any) -> tuple[Any, Range]:
 
 
 def _wanted(kind: Any) -> str:
-    """The allowed values of a setting, in words."""
     plain, limits = _parts(kind)
     if get_origin(plain) is Literal:
         return " or ".join(map(repr, get_args(plain)))

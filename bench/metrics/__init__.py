@@ -76,10 +76,7 @@ def registered() -> tuple[Metric, ...]:
 
 
 def get(name: str) -> Metric:
-    """The metric of that name, with every variable part filled in.
-
-    Raises `InputError`, with the nearest names, if there is none.
-    """
+    """The metric of that name, with every variable part filled in. `InputError` names the nearest if there is none."""
     metric = _registered_metric(name)
     match = re.fullmatch(_pattern(metric), name)
     variable = match.groupdict() if match else {}
@@ -90,7 +87,6 @@ def get(name: str) -> Metric:
 
 
 def _registered_metric(name: str) -> Metric:
-    """Find the registered metric of a name."""
     for metric in _REGISTERED:
         if re.fullmatch(_pattern(metric), name):
             return metric
@@ -98,10 +94,8 @@ def _registered_metric(name: str) -> Metric:
 
 
 def chosen_names(names: Sequence[str], periodic: bool) -> tuple[str, ...]:
-    """The metrics of a suite for a material: the periodic variants if the material repeats.
-
-    `psnr_display`, the main metric, comes first, named or not. `InputError` for an unknown name.
-    """
+    """The metrics of a suite for a material: the periodic variants if the material repeats. `psnr_display`, the main
+    metric, comes first, named or not. `InputError` for an unknown name."""
     plain = [_REGISTERED[0].name, *(name.removesuffix(PERIODIC) for name in names)]
     ending = {name: PERIODIC if _registered_metric(name).periodic and periodic else "" for name in plain}
     return tuple(f"{name}{end}" for name, end in ending.items())

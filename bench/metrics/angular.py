@@ -24,10 +24,8 @@ def grazing(directions: Array) -> Array:
 
 
 def bins(wo: Array, wi: Array, raw: Array, pool: Pool) -> list[list[float | None]]:
-    """Pool one number for each θ_o × θ_i bin of 15°: rows are views, columns lights; None for an empty bin.
-
-    `wo`, `wi` are (N, 3), `raw` is (N,), and `pool` combines the raw numbers of a bin. A bin includes its lower edge.
-    """
+    """Pool one number for each θ_o × θ_i bin of 15°: rows are views, columns lights; None for an empty bin. `wo`, `wi`
+    are (N, 3), `raw` is (N,), and `pool` combines the raw numbers of a bin. A bin includes its lower edge."""
     row, column = _ring(wo), _ring(wi)
     side = range(len(THETA_EDGES_DEG) - 1)
     return [[_pooled(raw[(row == i) & (column == j)], pool) for j in side] for i in side]
@@ -44,12 +42,10 @@ def polar_map(directions: Array, raw: Array, pool: Pool) -> dict[str, Any]:
     sector = np.floor((to_degrees(directions)[1] + width / 2) / width).astype(int) % SECTORS
     rings = range(len(THETA_EDGES_DEG) - 1)
     cells = [[(ring == i) & ((sector == j) | (i == 0)) for j in range(SECTORS)] for i in rings]
-    return {
-        "theta_edges_deg": list(THETA_EDGES_DEG),
-        "phi_centres_deg": [width * j for j in range(SECTORS)],
-        "value": [[_pooled(raw[cell], pool) for cell in row] for row in cells],
-        "count": [[int(cell.sum()) for cell in row] for row in cells],
-    }
+    value = [[_pooled(raw[cell], pool) for cell in row] for row in cells]
+    count = [[int(cell.sum()) for cell in row] for row in cells]
+    edges = {"theta_edges_deg": list(THETA_EDGES_DEG), "phi_centres_deg": [width * j for j in range(SECTORS)]}
+    return edges | {"value": value, "count": count}
 
 
 def _ring(directions: Array) -> Array:

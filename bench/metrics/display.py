@@ -11,10 +11,8 @@ SAMPLE_VALUES = 1_000_000  # number of values that the exposure is computed from
 
 
 def exposure_of(values: Array) -> float:
-    """The exposure of a material from a sample of its radiance, of any shape.
-
-    It is 0.8 over the 99th percentile; if that is 0, over the maximum; if that is 0 too, 1. Negative values count as 0.
-    """
+    """The exposure of a material from a sample of its radiance, of any shape. It is 0.8 over the 99th percentile; if
+    that is 0, over the maximum; if that is 0 too, 1. Negative values count as 0."""
     values = np.maximum(values, 0)
     bright = float(np.percentile(values, 99)) or float(values.max())
     return 0.8 / bright if bright > 0 else 1.0

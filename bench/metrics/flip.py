@@ -79,7 +79,10 @@ def perceive(planes: Array, ppd: float, periodic: bool) -> Perceived:
     """One picture's part of FLIP. `planes` is linear RGB in [0, 1], (3, ..., H, W) float64."""
     mode = "wrap" if periodic else "nearest"
     opponents = _mix(_OPPONENT, planes)
-    edge, point = _features(opponents[0], ppd, mode)
+    gaussian, first, second = _feature_filters(ppd)
+    luminance, smooth = opponents[0], correlate1d(opponents[0], gaussian, -2, mode=mode)
+    edge = np.hypot(correlate1d(smooth, first, -1, mode=mode), _separable(luminance, first, gaussian, mode))
+    point = np.hypot(correlate1d(smooth, second, -1, mode=mode), _separable(luminance, second, gaussian, mode))
     filters = _sensitivity_filters(ppd)
     filtered = [_weighted_sum(plane, terms, mode) for plane, terms in zip(opponents, filters, strict=True)]
     return Perceived(_hunt_lab(np.clip(_mix(_RGB_OF_OPPONENT, filtered), 0, 1)), edge, point)
@@ -142,29 +145,15 @@ def _balance(kernel: Array) -> Array:
     return positive / positive.sum() - negative / negative.sum()
 
 
-def _features(luminance: Array, ppd: float, mode: str) -> tuple[Array, Array]:
-    """Strength of edges and of points, each (..., H, W)."""
-    gaussian, first, second = _feature_filters(ppd)
-    smooth = correlate1d(luminance, gaussian, -2, mode=mode)
-    edge = np.hypot(correlate1d(smooth, first, -1, mode=mode), _separable(luminance, first, gaussian, mode))
-    point = np.hypot(correlate1d(smooth, second, -1, mode=mode), _separable(luminance, second, gaussian, mode))
-    return edge, point
-
-
 def _hunt_lab(planes: Array) -> Array:
     """Linear RGB → CIELab with a and b scaled by 0.01 · L (the Hunt effect), planar."""
-    x, y, z = _lab_curve(_mix(_XYZ_OVER_WHITE, planes))
+    delta, linear = 6 / 29, _mix(_XYZ_OVER_WHITE, planes)
+    root, low = np.cbrt(linear), linear <= delta**3
+    root[low] = linear[low] / (3 * delta**2) + 4 / 29
+    x, y, z = root
     lightness = 116 * y - 16
     strength = 0.01 * lightness
     return np.stack([lightness, 500 * (x - y) * strength, 200 * (y - z) * strength])
-
-
-def _lab_curve(t: Array) -> Array:
-    delta = 6 / 29
-    root = np.cbrt(t)
-    low = t <= delta**3
-    root[low] = t[low] / (3 * delta**2) + 4 / 29
-    return root
 
 
 def _hyab(one: Array, other: Array) -> Array:

@@ -68,9 +68,8 @@ class HDR(SliceMetric):
         """The published range for luminances of any shape; raises `InputError` if their median is 0."""
         middle = np.sort(luminance, axis=None)[luminance.size // 2]
         if not middle > 0:
-            raise InputError(
-                "reference is black over half of it or more, so FLIP has no exposures: give start and stop"
-            )
+            fault = "reference is black over half of it or more, so FLIP has no exposures"
+            raise InputError(f"{fault}: give start and stop")
         k = self.curve
         roots = np.roots([k[i] - _BRIGHT * k[i + 3] for i in range(3)])
         white = float(roots.real.max())  # the larger root of a quadratic, or the root of a line

@@ -10,9 +10,7 @@ from bench.inputs.errors import InputError
 
 def magma(error_map: Array) -> Array:
     """A map (..., H, W) in [0, 1] → sRGB in [0, 1], (..., H, W, 3) float32, each value rounded to one of 256 colours.
-
-    Raises `InputError` for values outside [0, 1].
-    """
+    Raises `InputError` for values outside [0, 1]."""
     error_map = np.asarray(error_map)
     if not (np.issubdtype(error_map.dtype, np.floating) and ((error_map >= 0) & (error_map <= 1)).all()):
         raise InputError("error_map must hold floating-point values in [0, 1]")

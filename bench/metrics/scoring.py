@@ -56,8 +56,7 @@ class _Reference:
 
     @property
     def bytes(self) -> int:
-        arrays = {id(a): a.nbytes for a in [self.log1p, *_arrays(tuple(self.sides.values()))]}
-        return sum(arrays.values())
+        return sum({id(a): a.nbytes for a in [self.log1p, *_arrays(tuple(self.sides.values()))]}.values())
 
 
 class Scorer:
@@ -138,15 +137,16 @@ class Scorer:
     def _compare(self, block: tuple[int, ...], truth: Array | None, test: Array) -> tuple[Any, ...]:
         """In a worker: compute the raw numbers of a stack, and the reference if it is not cached."""
         name = f"reference slices of pairs {block[0]} to {block[-1]}"
-        reference = self._cached[block] if truth is None else self._prepare(Picture(truth, self.exposure, name))
+        if truth is None:
+            reference = self._cached[block]
+        else:
+            wanted = Picture(truth, self.exposure, name)
+            sides = {name: metric.reference_side(wanted) for name, metric in self._apply.items()}
+            reference = _Reference(sides, wanted.log1p, wanted.linear.mean((0, -2, -1)))
         picture = Picture(test, self.exposure, "test")
         means = {name: m.compare(reference.sides[name], picture).mean((-2, -1)) for name, m in self._apply.items()}
         abrdf = LogPSNR().compare(reference.log1p, picture).sum(0)
         return block, reference, (means, reference.radiance, abrdf)
-
-    def _prepare(self, truth: Picture) -> _Reference:
-        sides = {name: metric.reference_side(truth) for name, metric in self._apply.items()}
-        return _Reference(sides, truth.log1p, truth.linear.mean((0, -2, -1)))
 
     def _finish(self, future: Future) -> tuple[dict[str, Array], Array, Array]:
         block, reference, result = future.result()
@@ -157,7 +157,6 @@ class Scorer:
 
 
 def _decoded(picture: Array, shape: tuple[int, ...], what: str) -> Array:
-    """A decoded slice, checked."""
     picture = check_radiance(picture, f"decoded slice of {what}")
     if picture.shape != shape:
         raise InputError(f"decoded slice of {what} is {picture.shape}, not {shape}")
@@ -181,15 +180,17 @@ def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) ->
     None stands for no slice to measure.
     """
     loaded = {name: (registry.get(name).unit, registry.get(name).load()) for name in scores.raw}
-    masks = _masks(scores.pairs, wo, wi, groups)
+    view, light = grazing(wo[scores.pairs]), grazing(wi[scores.pairs])
+    masks = {"grazing view": view, "grazing light": light}
+    for name, members in groups.items():
+        chosen = np.isin(scores.pairs, members)
+        masks |= {name: chosen, f"{name}, grazing view": chosen & view, f"{name}, grazing light": chosen & light}
     return {name: _group(scores, chosen, wo, wi, loaded) for name, chosen in masks.items()}
 
 
 def weighted(scores: Scores, share: Array) -> dict[str, Any]:
-    """Statistics of all scored pairs, weighted by their shares (N,), by pair of the BTF; ready for JSON.
-
-    As a group of `summarise`, without bins and `worst`; `slices` and `exact` count pairs with a share.
-    """
+    """Statistics of all scored pairs, weighted by their shares (N,), by pair of the BTF; ready for JSON. As a group of
+    `summarise`, without bins and `worst`; `slices` and `exact` count pairs with a share."""
     share = share[scores.pairs]
     radiance = as_number(np.average(scores.radiance, weights=share)) if share.any() else None
     result: dict[str, Any] = {"slices": int((share > 0).sum()), "radiance": radiance, "metrics": {}}
@@ -207,20 +208,13 @@ def _weighted(metric: SliceMetric, raw: Array, share: Array) -> dict[str, Any]:
     finite = np.isfinite(values)
     mean = float(np.average(values[finite], weights=share[finite])) if finite.any() else None
     spread = float(np.average((values[finite] - mean) ** 2, weights=share[finite])) ** 0.5 if finite.any() else None
-    return {
-        "mean": mean,
-        "std": spread,
-        "pooled": as_number(float(metric.values(np.average(raw, weights=share)))) if len(raw) else None,
-        "exact": int((raw == metric.perfect).sum()),
-        "slices": len(raw),
-    }
+    pooled = as_number(float(metric.values(np.average(raw, weights=share)))) if len(raw) else None
+    return {"mean": mean, "std": spread, "pooled": pooled} | _counts(metric, raw)
 
 
 def polar_maps(scores: Scores, wo: Array, wi: Array) -> dict[str, dict[str, Any]]:
-    """For each metric, polar maps of its pooled number over the `view` and over the `light` hemisphere, for JSON.
-
-    `wo`, `wi` are the BTF's directions (N, 3). See `bench.metrics.angular.polar_map`.
-    """
+    """For each metric, polar maps of its pooled number over the `view` and over the `light` hemisphere, for JSON. `wo`,
+    `wi` are the BTF's directions (N, 3). See `bench.metrics.angular.polar_map`."""
     sides, maps = {"view": wo[scores.pairs], "light": wi[scores.pairs]}, {}
     for name, raw in scores.raw.items():
         pool = registry.get(name).load().pool
@@ -252,25 +246,13 @@ def footprint_errors(
 
 
 def summarise_footprints(errors: dict[int, Array]) -> dict[str, dict[str, float | int | None]]:
-    """The summary of `footprint_errors` for a record: of each footprint the display PSNR.
-
-    {"1": {"psnr_display": pooled over pairs, "mean": over slices, "exact": …, "slices": …}, …}.
-    """
+    """The summary of `footprint_errors` for a record: of each footprint the display PSNR. {"1": {"psnr_display": pooled
+    over pairs, "mean": over slices, "exact": …, "slices": …}, …}."""
     summary: dict[str, dict[str, float | int | None]] = {}
     for factor, raw in errors.items():
         stats = _statistics(DisplayPSNR(), raw)
         summary[str(factor)] = {"psnr_display": stats["pooled"]} | {k: stats[k] for k in ("mean", "exact", "slices")}
     return summary
-
-
-def _masks(pairs: Array, wo: Array, wi: Array, groups: dict[str, Array]) -> dict[str, Array]:
-    """Each group as a mask over the scored pairs, with its grazing bands."""
-    view, light = grazing(wo[pairs]), grazing(wi[pairs])
-    masks = {"grazing view": view, "grazing light": light}
-    for name, members in groups.items():
-        chosen = np.isin(pairs, members)
-        masks |= {name: chosen, f"{name}, grazing view": chosen & view, f"{name}, grazing light": chosen & light}
-    return masks
 
 
 def _group(
@@ -299,13 +281,13 @@ def worst(values: Array) -> float | None:
 def _statistics(metric: SliceMetric, raw: Array) -> dict[str, Any]:
     values = metric.values(raw)
     finite = values[np.isfinite(values)]
-    return {
-        "mean": float(finite.mean()) if len(finite) else None,
-        "std": float(finite.std()) if len(finite) else None,
-        "pooled": as_number(metric.pool(raw)) if len(raw) else None,
-        "exact": int((raw == metric.perfect).sum()),
-        "slices": len(raw),
-    }
+    mean, spread = (float(finite.mean()), float(finite.std())) if len(finite) else (None, None)
+    pooled = as_number(metric.pool(raw)) if len(raw) else None
+    return {"mean": mean, "std": spread, "pooled": pooled} | _counts(metric, raw)
+
+
+def _counts(metric: SliceMetric, raw: Array) -> dict[str, Any]:
+    return {"exact": int((raw == metric.perfect).sum()), "slices": len(raw)}
 
 
 def _arrays(side: Any) -> Iterator[Array]:

@@ -24,10 +24,8 @@ _WINDOW /= _WINDOW.sum()
 
 
 class SSIM(SliceMetric):
-    """Mean structural similarity of display luma, at most 1; higher is better.
-
-    Raises `InputError` for a picture smaller than the window, unless periodic.
-    """
+    """Mean structural similarity of display luma, at most 1; higher is better. Raises `InputError` for a picture
+    smaller than the window, unless periodic."""
 
     perfect = 1.0
 

@@ -19,10 +19,8 @@ INPUTS = ("uv", "wo", "wi", "footprint")
 
 @dataclass(frozen=True)
 class Step:
-    """One operation of PyTorch's core set (ATen): its name without overload, its arguments, its result.
-
-    An argument is a number, a string, None, a list of arguments, or {"of": NAME}: an input, a constant or a result.
-    """
+    """One operation of PyTorch's core set (ATen): its name without overload, its arguments, its result. An argument is
+    a number, a string, None, a list of arguments, or {"of": NAME}: an input, a constant or a result."""
 
     name: str
     operation: str
@@ -60,11 +58,8 @@ class Program:
         """Multiply-adds of its matrix products."""
         shapes = {step.name: step.shape for step in self.steps}
         shapes |= {name: each.shape for name, each in self.constants.items()}
-        return sum(
-            math.prod(step.shape) * shapes[step.arguments[-1]["of"]][-2]
-            for step in self.steps
-            if step.operation in ("mm", "addmm", "bmm")
-        )
+        matrices = [step for step in self.steps if step.operation in ("mm", "addmm", "bmm")]
+        return sum(math.prod(step.shape) * shapes[step.arguments[-1]["of"]][-2] for step in matrices)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """The content of its `.npz`: the steps as JSON, one array per constant. Nothing is pickled."""

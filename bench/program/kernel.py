@@ -44,10 +44,8 @@ def _function(formula: str, count: int) -> Callable[..., Scalar]:
 
 
 class Kernel(Backend):
-    """A program that Dr.Jit records; `kind` is its module of arrays, such as `drjit.llvm`.
-
-    `more` computes further operations of the caller.
-    """
+    """A program that Dr.Jit records; `kind` is its module of arrays, such as `drjit.llvm`. `more` computes further
+    operations of the caller."""
 
     what = "kernel"
 

@@ -16,10 +16,8 @@ from types import ModuleType
 from bench.inputs.errors import InputError, installed
 
 CHOICE = "DRJIT_LIBLLVM_PATH"
-REMEDY = (
-    f"install LLVM 19 (Debian: apt-get install libllvm19), or name the library of another LLVM in {CHOICE} "
-    "(/usr/lib/x86_64-linux-gnu/libLLVM-19.so)"
-)
+EXAMPLE = "/usr/lib/x86_64-linux-gnu/libLLVM-19.so"
+REMEDY = f"install LLVM 19 (Debian: apt-get install libllvm19), or name another LLVM's library in {CHOICE} ({EXAMPLE})"
 LIMIT = 120.0  # seconds; a trial usually takes one
 _TRIAL = """
 import drjit as dr
@@ -61,8 +59,7 @@ def drjit() -> ModuleType:
 
 def unusable(plugins: bool = False) -> str:
     """Why Dr.Jit cannot use this machine's LLVM for the suite's kernels or, with `plugins`, for Mitsuba's plug-ins too,
-    and the remedy; "" if it can. Dr.Jit must be installed. The trial takes about a second, once in a process.
-    """
+    and the remedy; "" if it can. Dr.Jit must be installed. The trial takes about a second, once in a process."""
     version, passed, end = _tried(os.environ.get(CHOICE, ""))
     if not version:
         return f"Dr.Jit finds no usable LLVM ({end}): {REMEDY}"

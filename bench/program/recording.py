@@ -84,11 +84,8 @@ def _first(source: Tensor, count: int, axis: int = -1, largest: bool = True, ran
 
 
 def program_of(material: Material) -> Program:
-    """The program of a float32 material on the CPU.
-
-    Raises `InputError` if `evaluate` cannot be recorded: it branches in Python on the values of a query, or uses
-    something other than tensor operations.
-    """
+    """The program of a float32 material on the CPU. Raises `InputError` if `evaluate` cannot be recorded: it branches
+    in Python on the values of a query, or uses something other than tensor operations."""
     try:
         # In a thread of its own. A profiler that inspects the frames of this one, such as a Dask worker's, keeps them
         # alive, and with them guards by which PyTorch pauses recording, so an operation would be missing.

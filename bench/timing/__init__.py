@@ -42,15 +42,10 @@ class Timing:
     def summary(self) -> dict[str, Any]:
         """Median, interquartile range, bootstrap 95 % interval of the median (ns per sample); ratio to the floor."""
         quarter, three_quarters = np.percentile(self.samples, [25, 75])
-        return {
-            "ns_per_sample": float(np.median(self.samples)),
-            "iqr_ns": float(three_quarters - quarter),
-            "interval95_ns": interval95(self.samples),
-            "ratio_to_floor": float(np.median(self.ratios)),
-            "ratio_interval95": interval95(self.ratios),
-            "ratio_least": float(self.ratios.min()),
-            "floor_ns": float(np.median(self.samples / self.ratios)),
-        }
+        times = {"ns_per_sample": float(np.median(self.samples)), "iqr_ns": float(three_quarters - quarter)}
+        ratios = {"ratio_to_floor": float(np.median(self.ratios)), "ratio_interval95": interval95(self.ratios)}
+        floor = {"ratio_least": float(self.ratios.min()), "floor_ns": float(np.median(self.samples / self.ratios))}
+        return times | {"interval95_ns": interval95(self.samples)} | ratios | floor
 
 
 def interval95(samples: np.ndarray) -> list[float]:

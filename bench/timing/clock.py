@@ -24,8 +24,7 @@ def calibrated(
     call: Callable[[], Any], device: torch.device, clock: Clock = perf_counter_ns, wall: Clock = perf_counter_ns
 ) -> Callable[[], float]:
     """A function that times one turn by `clock`, in ns a call; the call is warm, and repeated until a turn is long
-    enough by `wall`: one that waits for another process takes no time of this one.
-    """
+    enough by `wall`: one that waits for another process takes no time of this one."""
     last = elapsed(call, 1, device, wall)
     for _ in range(MOST_WARM_UPS):
         before, last = last, elapsed(call, 1, device, wall)

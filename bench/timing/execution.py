@@ -24,7 +24,7 @@ import torch
 import torch._dynamo
 from torch import Tensor, nn
 
-from bench.inputs.errors import InputError, did_you_mean
+from bench.inputs.errors import InputError, did_you_mean, installed
 from bench.machine.devices import is_gpu
 from bench.material import Around, Material
 from bench.program.llvm import drjit, unusable
@@ -108,10 +108,8 @@ def _fused(material: Material, variant: Variant) -> Material:
         if variant.precision != "float32":
             raise InputError(f"fused on the CPU computes in float32, not {variant.precision}: use compiled")
         return _fused_on_cpu(material)
-    try:
+    with installed("fused on a GPU needs Triton: pip install triton"):
         from bench.timing.fused.with_triton import TritonNetwork
-    except ImportError as error:
-        raise InputError(f"fused on a GPU needs Triton: pip install triton ({error})") from error
     if not _replaced(material, lambda network: TritonNetwork(network, tf32=variant.precision == "tf32")):
         raise InputError("fused on a GPU computes decoder networks, and this codec has none: use eager")
     return material

@@ -15,9 +15,7 @@ ROUNDS = 10
 
 def roofline(device: torch.device, threads: int, dtype: torch.dtype = torch.float32) -> dict[str, Any]:
     """Measured flop/s of a matrix product (a fused multiply-add counts as two) and bytes/s of a copy, read and written.
-
-    The best of several rounds, because a limit needs to be reached only once.
-    """
+    The best of several rounds, because a limit needs to be reached only once."""
     with torch_threads(threads):
         a, b = (torch.rand(SIDE, SIDE, device=device).to(dtype) for _ in range(2))
         product = torch.empty_like(a)

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from bench.btf import BAKED, BTF, ArraySource
+from bench.btf import BAKED, BTF, Array, ArraySource
 from bench.codec import Progress
 from bench.data.bake.naming import MapFiles, looks_like_maps, recognise
 from bench.data.bake.partial import Partial
@@ -32,7 +32,6 @@ from bench.files.atomic import cache_dir
 __all__ = ["PathTracer", "Surface", "bake", "looks_like_maps", "open_svbrdf", "read_surface", "recognise", "table"]
 BAKE_VERSION = 2  # increment when maps are read differently; part of the key of every cached bake
 log = logging.getLogger(__name__)
-Array = np.ndarray
 
 
 class PathTracer(Protocol):
@@ -75,17 +74,9 @@ def _bake(
     """Render a surface at some pairs, which `sampled` describes, into a file or folder; see `bake`."""
     check_place(out)
     (wo, wi), label = pairs, f"baking {surface.name}"
-    described = {
-        "source": BAKED,
-        "maps": surface.notes,
-        "bake_version": BAKE_VERSION,
-        "renderer_version": RENDERER_VERSION,
-        "sub_points": SUB_POINTS,
-        "seed": seed,
-        **DESCRIBED,
-        **sampled,
-        **(path_tracer.described() if path_tracer else {}),
-    }
+    described = {"source": BAKED, "maps": surface.notes, "bake_version": BAKE_VERSION}
+    described |= {"renderer_version": RENDERER_VERSION, "sub_points": SUB_POINTS, "seed": seed} | DESCRIBED | sampled
+    described |= path_tracer.described() if path_tracer else {}
 
     def write(values: Array) -> None:
         source = ArraySource(values)

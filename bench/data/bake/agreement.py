@@ -9,16 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-Array = np.ndarray
+from bench.btf import Array
+
 CLEAR = 0.2  # from this correlation on, the maps decide instead of their names; maps of one asset reach 0.6 to 0.9
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """Correlations of normals and slopes along x and y; 0 if there is nothing to compare.
-
-    `depth` is the height of white over black, in widths of the picture, with which the slopes fit the normals best.
-    """
+    """Correlations of normals and slopes along x and y; 0 if there is nothing to compare. `depth` is the height of
+    white over black, in widths of the picture, with which the slopes fit the normals best."""
 
     x: float = 0.0
     y: float = 0.0

@@ -87,15 +87,12 @@ def recognise(folder: Path) -> MapFiles:
 def _roles(names: list[str]) -> dict[str, str]:
     """The role of each picture among files; empty if its name gives none."""
     pictures = [name for name in names if name.lower().endswith(PICTURES) and not name.startswith(".")]
-    words = {name: _words(Path(name).stem) for name in pictures}
+    # `Bricks102_1K_NormalGL` → bricks, 102, 1, k, normal, gl.
+    cut = {name: re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", Path(name).stem) for name in pictures}
+    words = {name: [word.lower() for word in found] for name, found in cut.items()}
     columns = takewhile(lambda column: len(set(column)) == 1, zip(*words.values(), strict=False))
     shared = len(list(columns)) if len(words) > 1 else 0
     return {name: _role(name_words[shared:]) for name, name_words in words.items()}
-
-
-def _words(stem: str) -> list[str]:
-    """`Bricks102_1K_NormalGL` → bricks, 102, 1, k, normal, gl."""
-    return [word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", stem)]
 
 
 def _role(words: list[str]) -> str:

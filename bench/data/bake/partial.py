@@ -6,17 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.btf import Array
 from bench.files import atomic
 
-Array = np.ndarray
 COUNT = "finished"
 
 
 class Partial:
-    """Slices (N, H, W, 3) float32 in a hidden folder beside `out`; the first `done` of them are finished.
-
-    `key` is made from everything that determines the values; slices under another key are not used.
-    """
+    """Slices (N, H, W, 3) float32 in a hidden folder beside `out`; the first `done` of them are finished. `key` is made
+    from everything that determines the values; slices under another key are not used."""
 
     def __init__(self, out: Path, key: str, shape: tuple[int, int, int, int]):
         self.out = out

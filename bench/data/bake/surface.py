@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from bench.btf import Array
 from bench.data.bake.agreement import Agreement, agreement
 from bench.data.bake.naming import MapFiles
 from bench.data.materials.maps import Maps, resize
@@ -16,7 +17,6 @@ from bench.data.readers.pictures import kind_of, picture_size, read_picture
 from bench.inputs.errors import InputError
 from bench.metrics.display import encode_srgb
 
-Array = np.ndarray
 SUB_POINTS = 4  # points along each side of a texel; docs/baking.md compares 2 and 8
 JUDGED = 256  # longest side at which normals and displacement are compared, for any size of the bake
 DEFAULT_DEPTH, DEFAULT_ROUGHNESS = 0.02, 0.5
@@ -85,11 +85,9 @@ class _Reader:
         name = self.roles[role]
         height, width = picture_size(self.files, name)
         if abs(height * self.full[1] / (width * self.full[0]) - 1) > 0.01:
-            other = self.files.label(self.roles["albedo"])
-            raise InputError(
-                f"{self.files.label(name)}: {width} x {height} pixels have another proportion than the "
-                f"{self.full[1]} x {self.full[0]} of {other}: give both the same"
-            )
+            other = f"the {self.full[1]} x {self.full[0]} of {self.files.label(self.roles['albedo'])}"
+            fault = f"{width} x {height} pixels have another proportion than {other}"
+            raise InputError(f"{self.files.label(name)}: {fault}: give both the same")
         picture = read_picture(self.files, name)
         stored = kind_of(self.files.head(name, 8)) in ("exr", "hdr")
         return picture if stored else encode_srgb(picture).astype(np.float32)
@@ -118,7 +116,12 @@ def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tupl
     normal_role = next((role for role in ("normal_gl", "normal_dx", "normal") if role in reader.roles), "")
     height_role = next((role for role in ("displacement", "depth") if role in reader.roles), "")
     codes = reader.codes(normal_role)
-    normal = None if codes is None else _vectors(codes, reader.files.label(reader.roles[normal_role]))
+    normal = None if codes is None else 2 * codes - 1
+    if normal is not None:
+        if normal[..., 2].mean() < 0.3:
+            fault = "its blue is too dark for a tangent-space normal map: bake it in tangent space"
+            raise InputError(f"{reader.files.label(reader.roles[normal_role])}: {fault}")
+        normal = _unit(normal)
     picture = reader.codes(height_role)
     height = None if picture is None else picture[..., 0]
     agreed = Agreement()
@@ -140,14 +143,6 @@ def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tupl
         notes[height_role] += ", fitted to the normal map" if fitted else ""
         height = reader.shrunk(height) * np.float32(-depth if inverted else depth)
     return normal, height
-
-
-def _vectors(codes: Array, label: str) -> Array:
-    """Unit vectors from the codes of a tangent-space normal map: n = 2 · code − 1."""
-    normal = 2 * codes - 1
-    if normal[..., 2].mean() < 0.3:
-        raise InputError(f"{label}: its blue is too dark for a tangent-space normal map: bake it in tangent space")
-    return _unit(normal)
 
 
 def _unit(normal: Array) -> Array:

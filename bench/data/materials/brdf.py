@@ -27,10 +27,8 @@ MIN_ALPHA = 1e-3  # keeps the peak 1 / (π α²) inside float16
 
 @dataclass(frozen=True)
 class Points:
-    """Shading points seen from one direction; each field is an array over points, colours (3, ...) linear Rec. 709.
-
-    `o` is the view direction and `alpha` the GGX widths in the tangent frame (t, b, n) and (t, b).
-    """
+    """Shading points seen from one direction; each field is an array over points, colours (3, ...) linear Rec. 709. `o`
+    is the view direction and `alpha` the GGX widths in the tangent frame (t, b, n) and (t, b)."""
 
     o: tuple[Array, Array, Array]
     alpha: tuple[Array, Array]
@@ -50,22 +48,15 @@ def points(o: tuple[Array, Array, Array], maps: dict[str, Array]) -> Points:
     dielectric = (1 - metal) * specular
     o_n = _at_least(1e-3, o[2])
     reflected = fresnel(DIELECTRIC_F0 * specular, specular, o_n)
-    return Points(
-        (o[0], o[1], o_n),
-        (alpha_t, alpha_b),
-        maps["base"] * ((1 - metal) * (1 - reflected) / np.pi),
-        DIELECTRIC_F0 * dielectric + metal * maps["base"],
-        dielectric + metal,
-        specular,
-        _smith((alpha_t, alpha_b), (o[0], o[1], o_n)),
-    )
+    diffuse = maps["base"] * ((1 - metal) * (1 - reflected) / np.pi)
+    f0 = DIELECTRIC_F0 * dielectric + metal * maps["base"]
+    seen, alphas = (o[0], o[1], o_n), (alpha_t, alpha_b)
+    return Points(seen, alphas, diffuse, f0, dielectric + metal, specular, _smith(alphas, seen))
 
 
 def reflect(at: Points, i: tuple[Array, Array, Array], cos_between: Values) -> tuple[Array, Array]:
     """The two scalar parts of f · cos θ_i, each over points: multiply by `diffuse` and by F (see `specular_colour`).
-
-    `i` is the light in the tangent frame, `cos_between` is ω_o · ω_i. Below the tangent plane both are 0.
-    """
+    `i` is the light in the tangent frame, `cos_between` is ω_o · ω_i. Below the tangent plane both are 0."""
     i_n = _at_least(0, i[2])
     inverse_half = 1 / _root(_at_least(1e-12, 2 + 2 * cos_between))
     (o_t, o_b, o_n), (alpha_t, alpha_b) = at.o, at.alpha

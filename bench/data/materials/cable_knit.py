@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.btf import Array
 from bench.data.materials.maps import Maps
 from bench.data.materials.noise import grid, normalised, smooth, srgb
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

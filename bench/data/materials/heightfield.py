@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-Array = np.ndarray
+from bench.btf import Array
 
 
 class HeightField:

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from bench.btf import Array
 from bench.data.materials.maps import Maps
 from bench.data.materials.noise import mix, smooth, srgb, to_scattered
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bench.btf import Array
 from bench.inputs.errors import InputError
 
-Array = np.ndarray
 Map = Any  # a picture or a number in, a float32 picture out
 
 
@@ -56,10 +56,8 @@ class Maps:
         return self.height.shape[0], self.height.shape[1]
 
     def resized(self, shape: tuple[int, int]) -> "Maps":
-        """The maps at another size (H', W'): linear interpolation to enlarge, area averages to shrink, periodic.
-
-        Angles are averaged as directions modulo π. Heights stay in units of the picture's width.
-        """
+        """The maps at another size (H', W'): linear interpolation to enlarge, area averages to shrink, periodic. Angles
+        are averaged as directions modulo π. Heights stay in units of the picture's width."""
         if shape == self.shape:
             return self
         maps = {n: resize(getattr(self, n), shape) for n in (*_SCALARS, "base_colour") if n != "angle"}
@@ -98,27 +96,18 @@ def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
 
 def resize(picture: Array, shape: tuple[int, int]) -> Array:
     """A periodic picture (H, W, ...) at another size: linear interpolation to enlarge, area averages to shrink."""
-    for axis, size in enumerate(shape):
-        picture = _resize_axis(picture, axis, size)
+    for axis, (size, old) in enumerate(zip(shape, picture.shape, strict=False)):
+        if size == old:
+            continue
+        row, cells = np.arange(size), np.arange(old)
+        if size > old:  # a triangle, else a box, that keeps the texel centres aligned
+            weights, place = np.zeros((size, old)), (row + 0.5) * old / size - 0.5
+            low = np.floor(place).astype(int)
+            np.add.at(weights, (row, low % old), 1 - (place - low))
+            np.add.at(weights, (row, (low + 1) % old), place - low)
+        else:
+            edges = np.arange(size + 1) * old / size
+            overlap = np.minimum(edges[1:, None], cells + 1) - np.maximum(edges[:-1, None], cells)
+            weights = np.maximum(overlap, 0) * size / old
+        picture = np.moveaxis(np.tensordot(weights, picture.astype(np.float64), (1, axis)), 0, axis)
     return picture.astype(np.float32)
-
-
-def _resize_axis(picture: Array, axis: int, size: int) -> Array:
-    """Resample one axis with a triangle (enlarging) or a box (shrinking) that keeps the texel centres aligned."""
-    old = picture.shape[axis]
-    if old == size:
-        return picture
-    weights = np.zeros((size, old))
-    row = np.arange(size)
-    if size > old:
-        place = (row + 0.5) * old / size - 0.5
-        low = np.floor(place).astype(int)
-        np.add.at(weights, (row, low % old), 1 - (place - low))
-        np.add.at(weights, (row, (low + 1) % old), place - low)
-    else:
-        edges = np.arange(size + 1) * old / size
-        cells = np.arange(old)
-        overlap = np.minimum(edges[1:, None], cells + 1) - np.maximum(edges[:-1, None], cells)
-        weights = np.maximum(overlap, 0) * size / old
-    moved = np.tensordot(weights, picture.astype(np.float64), (1, axis))
-    return np.moveaxis(moved, 0, axis)

@@ -4,9 +4,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
+from bench.btf import Array
 from bench.metrics.display import decode_srgb
-
-Array = np.ndarray
 
 
 def grid(size: int) -> tuple[Array, Array]:

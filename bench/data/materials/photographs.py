@@ -6,17 +6,18 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates
 from skimage import data
 
+from bench.btf import Array
 from bench.data.materials.maps import Maps, resize
 from bench.data.materials.noise import mix, normalised, smooth, srgb
 from bench.data.periodic import make_periodic
 
-Array = np.ndarray
 
-
-def _detail(picture: Array, sigma: float) -> Array:
-    """The picture without its low frequencies, with zero mean and unit deviation."""
-    detail = picture - gaussian_filter(picture, sigma, mode="wrap")
-    return (detail - detail.mean()) / detail.std()
+def _detail(photograph: Array, margin: int, resolution: int, sigma: float) -> Array:
+    """A photograph made periodic and smoothed, without its low frequencies, with zero mean and unit deviation."""
+    grey = resize(make_periodic(photograph / 255.0, (margin, margin)), (resolution, resolution))
+    soft = gaussian_filter(grey, sigma, mode="wrap")
+    detail = soft - gaussian_filter(soft, 30, mode="wrap")
+    return np.clip((detail - detail.mean()) / detail.std(), -2.5, 2.5)
 
 
 @dataclass(frozen=True)
@@ -44,9 +45,7 @@ class Brick:
 
 def _rectified(picture: Array) -> Array:
     """The wall with its long joints made parallel and turned flat, cut in two joints eight courses apart: (324, 400).
-
-    The numbers were chosen so that the mean along the courses varies most.
-    """
+    The numbers were chosen so that the mean along the courses varies most."""
     y, x = np.mgrid[0:400, 0:400] / 399.0
     row = 30 + 475 * y
     column = 223.4 + (x - 0.5) * 440 * (0.706 + 0.294 * row / 511)
@@ -64,9 +63,7 @@ class Gravel:
 
     def maps(self, seed: int) -> Maps:
         rng = np.random.default_rng(seed)
-        grey = make_periodic(data.gravel()[200:450, 200:450] / 255.0, (40, 40))
-        grey = resize(grey, (self.resolution, self.resolution))
-        detail = np.clip(_detail(gaussian_filter(grey, 2, mode="wrap"), 30), -2.5, 2.5)
+        detail = _detail(data.gravel()[200:450, 200:450], 40, self.resolution, 2)
         warm = 0.06 * smooth(rng, self.resolution, 0.02, 0.02)
         colour = srgb(*self.stone_srgb) * (0.75 + 0.2 * detail)[..., None] * (1 + warm[..., None] * [1, 0, -1])
         return Maps(self.height * normalised(detail), np.clip(colour, 0.02, 1), self.roughness, specular=0.5)
@@ -84,10 +81,7 @@ class Grass:
 
     def maps(self, seed: int) -> Maps:
         rng = np.random.default_rng(seed)
-        grey = make_periodic(data.grass()[20:276, 200:456] / 255.0, (48, 48))
-        grey = resize(grey, (self.resolution, self.resolution))
-        detail = np.clip(_detail(gaussian_filter(grey, 1.5, mode="wrap"), 30), -2.5, 2.5)
-        height = normalised(detail)
+        height = normalised(_detail(data.grass()[20:276, 200:456], 48, self.resolution, 1.5))
         dry = 0.12 * smooth(rng, self.resolution, 0.05, 0.05)
         colour = mix(srgb(*self.soil_srgb), srgb(*self.blade_srgb), np.clip(1.6 * height, 0, 1))
         colour = colour * (1 + dry[..., None] * [1, 0.2, -0.5])

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bench.btf import Array
 from bench.data.materials import brdf
 from bench.data.materials.heightfield import HeightField
 from bench.data.materials.maps import Maps
@@ -22,7 +23,6 @@ from bench.machine.threads import cores
 if TYPE_CHECKING:
     from bench.codec import Progress
 
-Array = np.ndarray
 DESCRIBED = {
     "values": "linear Rec. 709, f_r * cos(theta_i) * visibility, mean over the sub-points, no clamp",
     "reference_plane": "mean height",
@@ -78,7 +78,11 @@ class Renderer:
         sampled = _bilinear(self._table, self.field.shape, row, col)
         normal, base = sampled[:3], sampled[3:6]
         normal = normal / np.sqrt((normal * normal).sum(0))
-        frame = _frame(normal, 0.5 * np.arctan2(sampled[11], sampled[10]))
+        angle = 0.5 * np.arctan2(sampled[11], sampled[10])
+        flat = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
+        tangent = flat - normal * (flat * normal).sum(0)  # the direction in the plane, dropped onto the surface
+        tangent /= np.sqrt(np.maximum((tangent * tangent).sum(0), 1e-12))
+        frame = np.stack([tangent, np.cross(normal, tangent, axis=0), normal], 1)
         names = ("roughness", "metalness", "specular", "anisotropy")
         surface = dict(zip(names, sampled[6:10], strict=True), base=base)
         H, W = self.field.shape
@@ -108,15 +112,6 @@ def _project(frame: Array, direction: Array) -> tuple[Array, Array, Array]:
     x, y, z = (np.float32(v) for v in direction)
     t, b, n = frame[0] * x + frame[1] * y + frame[2] * z
     return t, b, n
-
-
-def _frame(normal: Array, angle: Array) -> Array:
-    """Tangent (the direction at `angle` in the plane, dropped onto the surface), bitangent, normal: (3, 3, ...)."""
-    flat = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
-    tangent = flat - normal * (flat * normal).sum(0)
-    tangent /= np.sqrt(np.maximum((tangent * tangent).sum(0), 1e-12))
-    bitangent = np.cross(normal, tangent, axis=0)
-    return np.stack([tangent, bitangent, normal], 1)
 
 
 def _bilinear(table: Array, shape: tuple[int, ...], row: Array, col: Array) -> Array:

@@ -4,18 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.btf import Array
 from bench.data.materials.maps import Maps
 from bench.data.materials.noise import grid, mix, smooth, srgb
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)
 class Satin:
     """A warp-faced satin: each warp thread floats over four wefts and dips under the fifth, its neighbour two further.
-
-    Fibres run along their thread with some twist, and highlights stretch across the fibres.
-    """
+    Fibres run along their thread with some twist, and highlights stretch across the fibres."""
 
     resolution: int = 256
     threads: int = 10  # warp threads and weft threads in a tile, a multiple of five

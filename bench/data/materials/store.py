@@ -45,28 +45,17 @@ def load_or_render(
     show: "Progress | None" = None,
     outline: bool = False,
 ) -> BTF:
-    """The BTF of a recipe, from the cache or rendered into it. See `bench.data.materials.load`.
-
-    An `outline` has everything but the values, which are 0: its fingerprint is known before anything is rendered.
-    """
+    """The BTF of a recipe, from the cache or rendered into it. See `bench.data.materials.load`. An `outline` has
+    everything but the values, which are 0: its fingerprint is known before anything is rendered."""
     if data.size < 1:
         raise InputError(f"size must be at least 1, not {data.size}")
     directions: dict[str, Any] = {"directions": data.directions, "views": data.views, "lights": data.lights}
 
     def rendered(pairs: tuple[Array, Array], sampled: dict[str, Any]) -> BTF:
         # Everything that determines the values. Its hash is the cache key, and `BTF.provenance` contains it.
-        described: dict[str, Any] = {
-            "source": RENDERED,
-            "renderer_version": RENDERER_VERSION,
-            "material": name,
-            "recipe": type(recipe).__name__,
-            "parameters": asdict(recipe),  # type: ignore[call-overload]
-            "seed": seed,
-            "size": data.size,
-            "sub_points": SUB_POINTS,
-            **DESCRIBED,
-            **sampled,
-        }
+        described: dict[str, Any] = {"source": RENDERED, "renderer_version": RENDERER_VERSION, "material": name}
+        described |= {"recipe": type(recipe).__name__, "parameters": asdict(recipe)}  # type: ignore[call-overload]
+        described |= {"seed": seed, "size": data.size, "sub_points": SUB_POINTS} | DESCRIBED | sampled
         key = hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
         path = cache_dir() / "materials" / f"{name}-{data.size}-{key[:24]}.npy"
         shape = (len(pairs[0]), data.size, data.size, 3)

@@ -73,10 +73,8 @@ def variation(number: int) -> tuple[str, Recipe]:
 
 
 def load_variation(number: int, size: int = 32, heldout: int = 375) -> BTF:
-    """Surface `number` as a periodic BTF of size² texels, rendered once and then mapped from the cache.
-
-    Pairs: 25 × 25 of the UBO2003 directions, then `heldout` random ones, as for built-in materials.
-    """
+    """Surface `number` as a periodic BTF of size² texels, rendered once and then mapped from the cache. Pairs: 25 × 25
+    of the UBO2003 directions, then `heldout` random ones, as for built-in materials."""
     from bench.data.materials.store import load_or_render
     from bench.data.spec import Preparation
 
@@ -148,7 +146,6 @@ _KINDS: dict[str, Callable[[np.random.Generator], Recipe]] = {
 
 
 def _geometric(rng: np.random.Generator, low: float, high: float) -> float:
-    """Uniform in the logarithm."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 

@@ -26,10 +26,8 @@ READERS = {
 
 
 def open_btf(path: str | Path) -> BTF:
-    """Open a file or folder as a BTF, lazily: cheap checks are made now, values are read on demand.
-
-    Raises `InputError` that names the file, the fault and the remedy.
-    """
+    """Open a file or folder as a BTF, lazily: cheap checks are made now, values are read on demand. Raises `InputError`
+    that names the file, the fault and the remedy."""
     path, supported = Path(path), ", ".join(READERS.values())
     if not path.exists():
         raise InputError(f"{path}: there is no such file or folder: give {supported}")

@@ -35,10 +35,8 @@ class Candidate:
 
     @cached_property
     def names(self) -> list[str]:
-        """The files in a folder, three levels deep, or in a zip archive, with forward slashes; else empty.
-
-        Raises `InputError` for a damaged archive.
-        """
+        """The files in a folder, three levels deep, or in a zip archive, with forward slashes; else empty. Raises
+        `InputError` for a damaged archive."""
         from bench.data.readers.named import list_folder
         from bench.files.archive import ZipFiles
 

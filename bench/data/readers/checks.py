@@ -2,19 +2,27 @@
 
 import logging
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
+from bench.btf import Array
 from bench.directions.hemisphere import from_angles, from_degrees, to_degrees
 from bench.inputs.errors import InputError
 
-Array = np.ndarray
 HORIZON = 1e-6
 MANY_BELOW = 0.25  # a larger share of directions below the surface means other axes
 NOISE = 1e-3  # negative values down to this share of the largest are noise
-PHOTOGRAPHED = "radiance as photographed: the cosine is the light's own fall on the surface"  # of a provenance
+PHOTOGRAPHED = "radiance as photographed: the cosine is the light's own fall on the surface"
+IN_THE_DATA = "in the data: f_r cos(theta_i)"
+AS_STORED = "as stored: values are taken as f_r cos(theta_i)"
 
 log = logging.getLogger(__name__)
+
+
+def described(form: str, colour: str, cosine: str = PHOTOGRAPHED, clamp: str = "none", **more: Any) -> dict[str, Any]:
+    """The provenance of a BTF: its format, and how its colour, the light's cosine and highlights were read."""
+    return {"format": form, "colour": colour, "cosine": cosine, "clamp": clamp} | more
 
 
 def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: float = 1e-3) -> Array:
@@ -44,10 +52,8 @@ def different_directions(theta: Array, phi: Array, label: Callable[[int], str], 
 
 
 def pairs_in_degrees(angles: Array, label: Callable[[int], str], kinds: tuple[str, str]) -> tuple[Array, Array]:
-    """The directions (N, 3) of angles θ, φ, θ, φ (N, 4) of two sides, in degrees and in range; no pair twice.
-
-    `kinds` are the sides' names in errors.
-    """
+    """The directions (N, 3) of angles θ, φ, θ, φ (N, 4) of two sides, in degrees and in range; no pair twice. `kinds`
+    are the sides' names in errors."""
     for side, what in zip((0, 2), kinds, strict=True):
         angles_in_range(np.radians(angles[:, side]), np.radians(angles[:, side + 1]), label, what)
     one, other = from_degrees(angles[:, 0], angles[:, 1]), from_degrees(angles[:, 2], angles[:, 3])
@@ -64,20 +70,15 @@ def angles_in_range(theta: Array, phi: Array, label: Callable[[int], str], what:
     for bad, symbol, value, bounds in ((steep, "theta", theta_deg, "[0, 90)"), (wound, "phi", phi_deg, "[-360, 360]")):
         if bad.any():
             row = int(np.argmax(bad))
-            raise InputError(
-                f"{label(row)}: {symbol}{what} = {value[row]:g} degrees is outside {bounds}: "
-                "correct the angle or leave the entry out"
-            )
+            fault = f"{symbol}{what} = {value[row]:g} degrees is outside {bounds}"
+            raise InputError(f"{label(row)}: {fault}: correct the angle or leave the entry out")
 
 
 def warn_of_radians(theta: Array, phi: Array, label: str) -> None:
     """Warn where angles (N,) in degrees are all as small as radians would be."""
     if 0 < theta.max() < 1.6 and np.abs((phi + 180) % 360 - 180).max() < 6.3:
-        log.warning(
-            "%s: every theta is below 1.6 degrees and every phi below 6.3, so these seem to be radians: "
-            "multiply them by 180 / pi",
-            label,
-        )
+        fault = "every theta is below 1.6 degrees and every phi below 6.3, so these seem to be radians"
+        log.warning("%s: %s: multiply them by 180 / pi", label, fault)
 
 
 def radiance_fault(shape: tuple[int, ...], dtype: np.dtype) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 
 from bench.btf import BTF, Array
 from bench.data.readers.candidate import Candidate
-from bench.data.readers.checks import pairs_in_degrees, view_major, warn_of_radians
+from bench.data.readers.checks import AS_STORED, described, pairs_in_degrees, view_major, warn_of_radians
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.pictures import PictureSource
 from bench.directions.hemisphere import to_degrees
@@ -40,7 +40,7 @@ def opened(seen: Candidate) -> BTF | None:
         return None
     rows = _read_rows(path / LIST)
     angles = np.array([_angles(path, number, row) for number, row in rows])
-    labels = [_row(path, number) for number, _ in rows]
+    labels = [f"{path / LIST}, line {number}" for number, _ in rows]
     names = [inside(row["file"], label) for label, (_, row) in zip(labels, rows, strict=True)]
     wo, wi = pairs_in_degrees(angles, labels.__getitem__, ("_o_deg", "_i_deg"))
     warn_of_radians(angles[:, ::2], angles[:, 1::2], str(path / LIST))
@@ -48,20 +48,11 @@ def opened(seen: Candidate) -> BTF | None:
     order = view_major(wo, wi)
     source = PictureSource(FolderFiles(path), [names[i] for i in order], [labels[i] for i in order])
     notes = _notes(path / NOTES)
-    provenance = {
-        "format": "folder",
-        "colour": "8- and 16-bit codes decoded as sRGB to linear Rec. 709; EXR and .hdr as stored",
-        "cosine": "as stored: values are taken as f_r cos(theta_i)",
-        "clamp": "none",
-        **notes.get("provenance", {}),
-    }
+    colour = "8- and 16-bit codes decoded as sRGB to linear Rec. 709; EXR and .hdr as stored"
+    provenance = described("folder", colour, AS_STORED) | notes.get("provenance", {})
     name, periodic = str(notes.get("name", path.resolve().name)), bool(notes.get("periodic", False))
     mask = None if heldout is None else heldout[order]
     return BTF(name, wo[order], wi[order], source, heldout=mask, periodic=periodic, provenance=provenance)
-
-
-def _row(path: Path, number: int) -> str:
-    return f"{path / LIST}, line {number}"
 
 
 def _read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
@@ -93,9 +84,8 @@ def _angles(path: Path, number: int, row: dict[str, str]) -> list[float]:
         try:
             values.append(float(row[name]))
         except ValueError as error:
-            raise InputError(
-                f"{_row(path, number)}: {name} = {row[name][:40]!r} is not a number: give degrees, like 22.5"
-            ) from error
+            fault = f"{name} = {row[name][:40]!r} is not a number: give degrees, like 22.5"
+            raise InputError(f"{path / LIST}, line {number}: {fault}") from error
     return values
 
 
@@ -105,7 +95,7 @@ def _heldout(path: Path, rows: list[tuple[int, dict[str, str]]]) -> Array | None
         return None
     for number, row in rows:
         if row["split"] not in ("train", "heldout"):
-            raise InputError(f"{_row(path, number)}: split = {row['split'][:40]!r}: write train or heldout")
+            raise InputError(f"{path / LIST}, line {number}: split = {row['split'][:40]!r}: write train or heldout")
     mask = np.array([row["split"] == "heldout" for _, row in rows])
     if mask.all():
         raise InputError(f"{path / LIST}: every line is heldout: mark some lines train")

@@ -22,11 +22,11 @@ import numpy as np
 from bench.btf import BTF, Array, Source, finite
 from bench.data.joined import followed
 from bench.data.readers.candidate import Candidate
-from bench.data.readers.checks import PHOTOGRAPHED, no_duplicates, unit_directions
+from bench.data.readers.checks import described, no_duplicates, unit_directions
 from bench.data.readers.files import file_digest
 from bench.data.readers.pictures import MAX_PIXELS
 from bench.files.archive import LEAST, MAX_FILE, RATIO
-from bench.inputs.errors import InputError, readable
+from bench.inputs.errors import InputError, installed, readable
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 COLOUR, VIEW, LIGHT = "ground_color", "ground_camera_dir", "ground_light"
@@ -43,17 +43,15 @@ def opened(seen: Candidate) -> BTF | None:
     """
     if not seen.head.startswith(SIGNATURE):
         return None
-    path = seen.path
-    btf = _open(path)
+    path, btf = seen.path, _open(seen.path)
     heldout = path.with_name(TRAINING.sub(HELDOUT, path.name))
     if heldout == path or not heldout.is_file():
         return btf
     other = _open(heldout)
     if other.shape != btf.shape:
         (height, width), (rows, cols) = other.shape, btf.shape
-        raise InputError(
-            f"{heldout}: its pictures are {width} x {height}, those of {path.name} {cols} x {rows}: move it away"
-        )
+        sizes = f"its pictures are {width} x {height}, those of {path.name} {cols} x {rows}"
+        raise InputError(f"{heldout}: {sizes}: move it away")
     whole = followed(btf, other, "heldout", f"the {len(other)} pairs of {heldout.name}")
     labels = [f"{each}: pair {pair}" for each, part in ((path, btf), (heldout, other)) for pair in range(len(part))]
     no_duplicates(whole.wo, whole.wi, labels.__getitem__)
@@ -71,23 +69,16 @@ def _open(path: Path) -> BTF:
         wo, wi = (_directions(path, key, data, count) for key, data in ((VIEW, view), (LIGHT, light)))
         source = HDF5Source(path, colour.shape[:3], (0, 0, height, width), (colour.chunks or (1,))[0])
     no_duplicates(wo, wi, lambda row: f"{path}: pair {row}")
-    provenance = {
-        "format": "HDF5",
-        "colour": "taken as linear Rec. 709",
-        "cosine": PHOTOGRAPHED,
-        "clamp": "none",
-        "frame": "rows from the bottom up, directions away from the surface, as the code that reads these files",
-    }
+    frame = "rows from the bottom up, directions away from the surface, as the code that reads these files"
+    provenance = described("HDF5", "taken as linear Rec. 709", frame=frame)
     return BTF(path.stem, wo, wi, source, provenance=provenance)
 
 
 @contextmanager
 def _file(path: Path) -> Iterator[Any]:
     """The open file. It is opened for each read, so threads and forks share no state of the library."""
-    try:
+    with installed(f"{path}: reading HDF5 needs h5py: pip install 'neubtf-bench[hdf5]'"):
         import h5py
-    except ImportError as error:
-        raise InputError(f"{path}: reading HDF5 needs h5py: pip install 'neubtf-bench[hdf5]'") from error
     with readable(str(path)), h5py.File(path, "r", locking=False) as file:
         yield file
 
@@ -133,9 +124,6 @@ class HDF5Source(Source):
         self.path, self.stored, self.at, self.chunk = path, stored, window, chunk
         self.count, self.shape = stored[0], (window[2], window[3])
         self.at_once = max(1, min(chunk, AT_ONCE // (12 * window[2] * window[3])))
-
-    def slice(self, pair: int) -> Array:
-        return self.slices(np.array([pair]))[0]
 
     def slices(self, pairs: Array) -> list[Array]:
         top, left, height, width = self.at

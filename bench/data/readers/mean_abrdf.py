@@ -4,7 +4,7 @@ import numpy as np
 
 from bench.btf import BTF, finite
 from bench.data.readers.candidate import Candidate
-from bench.data.readers.checks import different_directions
+from bench.data.readers.checks import IN_THE_DATA, described, different_directions
 from bench.data.readers.npz import NpzSource
 from bench.directions.hemisphere import product
 from bench.files.archive import ZipFiles, stored
@@ -15,9 +15,7 @@ KEY = "rgb_geomean"
 
 def opened(seen: Candidate) -> BTF | None:
     """The BTF (1 × 1 texel) of a mean ABRDF, or None: view-major, linear Rec. 709, including the cosine of the light.
-
-    `theta_deg` and `phi_deg` (V,) give the directions of both sides. Raises `InputError` that names file and array.
-    """
+    `theta_deg` and `phi_deg` (V,) give the directions of both sides. Raises `InputError` that names file and array."""
     if not seen.is_zip or f"{KEY}.npy" not in seen.names:
         return None
     path, files = seen.path, ZipFiles(seen.path)
@@ -30,11 +28,6 @@ def opened(seen: Candidate) -> BTF | None:
     theta, phi = (np.radians(np.asarray(angles.values(), np.float64)) for angles in sides)
     directions = different_directions(theta, phi, lambda row: f"{path}: direction {row}", "_deg")
     source = NpzSource(finite(table.values(), f"{path}: {KEY}").reshape(-1, 1, 1, 3), path)
-    provenance = {
-        "format": "mean ABRDF",
-        "colour": "linear Rec. 709 as stored",
-        "cosine": "in the data: f_r cos(theta_i)",
-        "clamp": "none",
-        "texels": "one: the geometric mean over the measured texels",
-    }
+    texels = "one: the geometric mean over the measured texels"
+    provenance = described("mean ABRDF", "linear Rec. 709 as stored", IN_THE_DATA, texels=texels)
     return BTF(path.stem, *product(directions, directions), source, provenance=provenance)

@@ -8,7 +8,14 @@ import numpy as np
 
 from bench.btf import BTF, Array, ArraySource, finite
 from bench.data.readers.candidate import Candidate
-from bench.data.readers.checks import no_duplicates, radiance_fault, unit_directions, warn_of_radians
+from bench.data.readers.checks import (
+    AS_STORED,
+    described,
+    no_duplicates,
+    radiance_fault,
+    unit_directions,
+    warn_of_radians,
+)
 from bench.data.readers.files import file_digest
 from bench.directions.hemisphere import to_degrees
 from bench.files.archive import ZipFiles, stored
@@ -57,13 +64,7 @@ def opened(seen: Candidate) -> BTF | None:
     no_duplicates(wo, wi, lambda row: f"{path}: pair {row}")
     warn_of_radians(*to_degrees(np.concatenate([wo, wi])), f"{path}: wo and wi")
     source, heldout, periodic = NpzSource(radiance.values(), path), _heldout(files, count), _periodic(files)
-    provenance = {
-        "format": "npz",
-        "colour": "taken as linear Rec. 709",
-        "cosine": "as stored: values are taken as f_r cos(theta_i)",
-        "clamp": "none",
-        **_provenance(files),
-    }
+    provenance = described("npz", "taken as linear Rec. 709", AS_STORED) | _provenance(files)
     return BTF(path.stem, wo, wi, source, heldout=heldout, periodic=periodic, provenance=provenance)
 
 

@@ -7,7 +7,8 @@ from itertools import takewhile
 
 import numpy as np
 
-Array = np.ndarray
+from bench.btf import Array
+
 TAG = 0x0112  # CIPA DC-008, 4.6.4 A: from 1, upright, to 8
 MARK = b"Exif\0\0"
 PNG_START = 8

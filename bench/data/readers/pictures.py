@@ -110,13 +110,10 @@ class PictureSource(Source):
                 raise InputError(f"{label}: {name} is missing: add the picture or leave the entry out")
             size, noted = _size_and_orientation(files, name)
             self.turned |= {name: noted} if noted > 1 else {}
-            if index == 0:
-                self.shape = size
+            self.shape = self.shape if index else size
             if size != self.shape:
-                raise InputError(
-                    f"{label}: {name} is {size[1]} x {size[0]} pixels, but {self.names[0]} is "
-                    f"{self.shape[1]} x {self.shape[0]}: give all pictures one size"
-                )
+                first = f"{self.names[0]} is {self.shape[1]} x {self.shape[0]}: give all pictures one size"
+                raise InputError(f"{label}: {name} is {size[1]} x {size[0]} pixels, but {first}")
 
     def slice(self, pair: int) -> Array:
         picture = read_picture(self.files, self.names[pair], **self.options)
@@ -127,9 +124,6 @@ class PictureSource(Source):
     def fingerprint(self) -> str:
         digest = self.files.digest(self.names)
         return hashlib.sha256(f"{digest} {self.turned}".encode()).hexdigest() if self.turned else digest
-
-
-# --- sizes, from headers -------------------------------------------------------------------------------------------
 
 
 def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
@@ -179,9 +173,8 @@ def _exr_attributes(data: bytes, label: str) -> dict[str, bytes] | None:
     """The header of a single-part EXR by attribute name; None if the data end before the header does."""
     version = struct.unpack_from("<I", data, 4)[0]
     if version & 0xFF != 2 or version & 0x1800:
-        raise InputError(
-            f"{label}: this EXR is deep or multi-part (version field {version:#x}): save it as a single flat part"
-        )
+        fault = f"this EXR is deep or multi-part (version field {version:#x})"
+        raise InputError(f"{label}: {fault}: save it as a single flat part")
     attributes: dict[str, bytes] = {}
     at = 8
     while at < len(data):
@@ -212,11 +205,8 @@ def _exr_choice(attributes: dict[str, bytes], label: str) -> tuple[str, ...]:
         if set(choice) <= set(channels) and not (choice == ("Y",) and {"RY", "BY"} & set(channels)):
             break
     else:
-        missing = ", ".join(c for c in "RGB" if c not in channels)
-        raise InputError(
-            f"{label}: no channel {missing} (it holds {', '.join(sorted(channels)) or 'none'}): "
-            "save it with channels R, G, B"
-        )
+        missing, held = ", ".join(c for c in "RGB" if c not in channels), ", ".join(sorted(channels)) or "none"
+        raise InputError(f"{label}: no channel {missing} (it holds {held}): save it with channels R, G, B")
     for name in choice:
         if channels[name] not in ((1, 1, 1), (2, 1, 1)):
             raise InputError(f"{label}: channel {name} is not full-size half or float: save it as half or float RGB")
@@ -232,9 +222,6 @@ def _hdr_size(data: bytes, label: str) -> tuple[int, int] | None:
 
 
 _SIZES = {"jpeg": _jpeg_size, "png": _png_size, "exr": _exr_size, "hdr": _hdr_size}
-
-
-# --- pixels --------------------------------------------------------------------------------------------------------
 
 
 def _read_codes(data: bytes, kind: str | None, size: tuple[int, int], label: str) -> Array:
@@ -254,19 +241,14 @@ def _png16(data: bytes, size: tuple[int, int], label: str) -> Array:
     """Codes (H, W, 3) uint16 of a 16-bit PNG (Pillow keeps only the upper 8 bits of 16-bit RGB)."""
     import png
 
-    _check_inflated(data, size, label)
+    packed = b"".join(content for name, content in png_chunks(data) if name == b"IDAT")
+    limit = 2 * size[0] * (size[1] * 8 + 1) + 4096  # of (H, W) of 16-bit RGBA
+    if len(zlib.decompressobj().decompress(packed, limit + 1)) > limit:
+        raise InputError(f"{label}: its pixels inflate beyond {limit} bytes: the picture is damaged; get it again")
     width, height, rows, info = png.Reader(bytes=data).read()
     planes = info["planes"]
     codes = np.vstack([np.asarray(row, np.uint16) for row in rows]).reshape(height, width, planes)
     return codes[..., :3] if planes >= 3 else np.repeat(codes[..., :1], 3, 2)
-
-
-def _check_inflated(data: bytes, size: tuple[int, int], label: str) -> None:
-    """Raise `InputError` if the compressed pixels would inflate far beyond (H, W) of 16-bit RGBA."""
-    packed = b"".join(content for name, content in png_chunks(data) if name == b"IDAT")
-    limit = 2 * size[0] * (size[1] * 8 + 1) + 4096
-    if len(zlib.decompressobj().decompress(packed, limit + 1)) > limit:
-        raise InputError(f"{label}: its pixels inflate beyond {limit} bytes: the picture is damaged; get it again")
 
 
 def _read_exr(path: Path, label: str, rgb_is_xyz: bool) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 
 from bench.btf import BTF
 from bench.data.readers.candidate import Candidate
-from bench.data.readers.checks import PHOTOGRAPHED, no_duplicates, unit_directions, view_major
+from bench.data.readers.checks import described, no_duplicates, unit_directions, view_major
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.pictures import PictureSource
 from bench.inputs.errors import InputError, readable
@@ -43,14 +43,9 @@ def opened(seen: Candidate) -> BTF | None:
     no_duplicates(wo, wi, labels.__getitem__)
     order = view_major(wo, wi)
     source = PictureSource(files, [pictures[i] for i in order], [labels[i] for i in order])
-    provenance = {
-        "format": "RTI",
-        "list": path.name,
-        "colour": "8- and 16-bit codes decoded as sRGB to linear Rec. 709",
-        "cosine": PHOTOGRAPHED,
-        "scale": "the camera's exposure; not calibrated",
-        "clamp": "none here; 8-bit codes end at 1, so highlights are clipped in the photographs",
-    }
+    clamp = "none here; 8-bit codes end at 1, so highlights are clipped in the photographs"
+    provenance = described("RTI", "8- and 16-bit codes decoded as sRGB to linear Rec. 709", clamp=clamp)
+    provenance |= {"list": path.name, "scale": "the camera's exposure; not calibrated"}
     return BTF(path.parent.resolve().name, wo[order], wi[order], source, provenance=provenance)
 
 
@@ -80,8 +75,7 @@ def _entry(label: str, line: str) -> tuple[str, list[float]]:
 
 
 def _picture(files: FolderFiles, listed: str, label: str) -> str:
-    """The picture of a line: by its listed path in the folder, else by its bare name (lists often have foreign
-    paths)."""
+    """The picture of a line: by its listed path in the folder, else (paths are often foreign) by its bare name."""
     tidy = listed.replace("\\", "/")
     bare = tidy.rsplit("/", 1)[-1]
     with readable(label):

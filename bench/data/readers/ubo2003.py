@@ -2,7 +2,7 @@
 
 from bench.btf import BTF
 from bench.data.readers.candidate import Candidate
-from bench.data.readers.checks import PHOTOGRAPHED
+from bench.data.readers.checks import described
 from bench.data.readers.named import BONN, matching, open_pictures
 
 
@@ -14,10 +14,6 @@ def opened(seen: Candidate) -> BTF | None:
     """
     if not matching(seen.names, BONN):
         return None
-    provenance = {
-        "format": "UBO2003",
-        "colour": "JPEG decoded as sRGB to linear Rec. 709; .hdr as stored",
-        "cosine": PHOTOGRAPHED,
-        "clamp": "none here; 8-bit codes end at 1, .hdr does not",
-    }
+    clamp = "none here; 8-bit codes end at 1, .hdr does not"
+    provenance = described("UBO2003", "JPEG decoded as sRGB to linear Rec. 709; .hdr as stored", clamp=clamp)
     return open_pictures(seen.path, BONN, provenance)

@@ -94,7 +94,6 @@ def _image_size(files: FolderFiles) -> int:
 
 
 def _number(notes: dict[str, Any], key: str, label: str) -> int:
-    """A field that is a whole number, or a text of digits."""
     text = str(notes.get(key))[:40]
     if not re.fullmatch(r"\d{1,9}", text, re.ASCII):
         raise InputError(f"{label}: {key} = {text}: it must be a whole number; get the file again")
@@ -118,16 +117,14 @@ class LocalPCA(Source):
             if name == WEIGHTS and height * width < PIXELS:
                 raise InputError(f"{label}: {width} x {height} pixels are too few: {PIXELS} hold the weights")
             if name != WEIGHTS and 4 * height * width != BLOCKS * size * size:
-                raise InputError(
-                    f"{label}: {width} x {height} pixels are not {BLOCKS} blocks of {size} x {size} texels, as "
-                    f"imageSize in {NOTES} and blocks of {TOGETHER} views say: get both again"
-                )
+                fault = f"{width} x {height} pixels are not {BLOCKS} blocks of {size} x {size} texels"
+                told = f"imageSize in {NOTES} and blocks of {TOGETHER} views say"
+                raise InputError(f"{label}: {fault}, as {told}: get both again")
 
     @cached_property
     def components(self) -> Array:
         """Codes (blocks, texels, components) uint8."""
-        planes = [self._bytes(name).reshape(BLOCKS, -1) for name in self.names[:COMPONENTS]]
-        return np.stack(planes, -1)
+        return np.stack([self._bytes(name).reshape(BLOCKS, -1) for name in self.names[:COMPONENTS]], -1)
 
     @cached_property
     def weights(self) -> Array:

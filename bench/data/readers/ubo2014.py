@@ -19,7 +19,7 @@ import numpy as np
 
 from bench.btf import BTF, Array, Source, finite
 from bench.data.readers.candidate import Candidate
-from bench.data.readers.checks import different_directions
+from bench.data.readers.checks import IN_THE_DATA, described, different_directions
 from bench.data.readers.files import file_digest
 from bench.directions.hemisphere import from_angles, product
 from bench.inputs.errors import InputError
@@ -132,18 +132,20 @@ def opened(seen: Candidate) -> BTF | None:
         raise InputError(f"{path}: {fault}: only {DFMF.decode()} and {FMF.decode()} are read")
     notes = _header(cursor)
     material = _directions(cursor)
-    notes |= _size(cursor, material)
+    width, height, notes["rotations"] = cursor.numbers("3I", "the size")
+    if not width or not height:
+        raise cursor.fail(f"a size of {width} x {height} texels")
+    material.shape = (height, width)
+    cursor.floats((notes["rotations"], 3, 3), 4, f"{notes['rotations']} rotations")
     notes |= (_dfmf if signature == DFMF else _fmf)(cursor, material)
-    _limit_expansion(material)
+    left = DENSE_BYTES  # of the float32 copies of all factors; pairs go first, because they are small
+    for matrix in {id(m): m for m in [*material.pairs, *material.texels]}.values():
+        left -= 4 * matrix.stored.size
+        matrix.expand = left >= 0
     ranks = [matrix.stored.shape[1] for matrix in material.pairs]
-    provenance = {
-        "format": "UBO2014",
-        "signature": signature.decode(),
-        "cosine": "in the data: f_r cos(theta_i)",
-        "clamp": "none",
-        **notes,
-        "native": {"bytes": path.stat().st_size, "rank": max(ranks), "ranks": ranks},
-    }
+    native = {"bytes": path.stat().st_size, "rank": max(ranks), "ranks": ranks}
+    provenance = described("UBO2014", notes.pop("colour"), IN_THE_DATA, signature=signature.decode(), **notes)
+    provenance |= {"native": native}
     sides = product(from_angles(*material.views.T), from_angles(*material.lights.T))
     return BTF(path.stem, *sides, FactorSource(path, material), provenance=provenance)
 
@@ -190,19 +192,8 @@ def _side(path: Path, side: str, stored: Array) -> Array:
     """θ, φ (n, 2) float64 of the views or the lights, all in range and different."""
     with np.errstate(invalid="ignore"):
         angles = np.ascontiguousarray(stored).view("<f4").reshape(-1, 2).astype(np.float64)
-
     different_directions(angles[:, 0], angles[:, 1], lambda index: f"{path}: {side} {index}")
     return angles
-
-
-def _size(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
-    """Width, height and the rotations block, which decoding does not need."""
-    width, height, rotations = cursor.numbers("3I", "the size")
-    if not width or not height:
-        raise cursor.fail(f"a size of {width} x {height} texels")
-    material.shape = (height, width)
-    cursor.floats((rotations, 3, 3), 4, f"{rotations} rotations")
-    return {"rotations": rotations}
 
 
 def _dfmf(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
@@ -215,12 +206,8 @@ def _dfmf(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
     rows = len(material.views) * len(material.lights)
     factors = [_factors(cursor, material, rows, f"channel {channel}") for channel in range(3)]
     material.pairs, material.texels = ([Matrix(side) for side in sides] for sides in zip(*factors, strict=True))
-    return {
-        "colour": f"model {model}: {COLOUR_MODELS[model]}",
-        "colour_model": model,
-        "colour_mean": list(mean),
-        "colour_matrix": list(matrix),
-    }
+    colour = {"colour": f"model {model}: {COLOUR_MODELS[model]}", "colour_model": model}
+    return colour | {"colour_mean": list(mean), "colour_matrix": list(matrix)}
 
 
 def _fmf(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
@@ -253,14 +240,6 @@ def _factors(cursor: Cursor, material: Factorisation, rows: int, what: str) -> t
     return cursor.floats((rows, rank), scalar, f"{what}: U"), cursor.floats((cols, rank), scalar, f"{what}: SV")
 
 
-def _limit_expansion(material: Factorisation) -> None:
-    """Keep the float32 copies of all factors below `DENSE_BYTES` together; pairs go first, because they are small."""
-    left = DENSE_BYTES
-    for matrix in {id(m): m for m in [*material.pairs, *material.texels]}.values():
-        left -= 4 * matrix.stored.size
-        matrix.expand = left >= 0
-
-
 class FactorSource(Source):
     """A memory-mapped factorisation, multiplied on demand: cheap by slice, by ABRDF and scattered."""
 
@@ -268,9 +247,6 @@ class FactorSource(Source):
         self.path, self.material = path, material
         self.shape, self.count = material.shape, len(material.views) * len(material.lights)
         self.at_once = max(1, MULTIPLIED // (24 * self.shape[0] * self.shape[1]))
-
-    def slice(self, pair: int) -> Array:
-        return self.slices(np.array([pair]))[0]
 
     def slices(self, pairs: Array) -> list[Array]:
         factors = zip(self.material.texels, self.material.pairs, strict=True)

@@ -5,7 +5,7 @@ Format: http://btf.utia.cas.cz/?data_des
 
 from bench.btf import BTF
 from bench.data.readers.candidate import Candidate
-from bench.data.readers.checks import PHOTOGRAPHED
+from bench.data.readers.checks import described
 from bench.data.readers.named import PRAGUE, matching, open_pictures
 
 
@@ -17,11 +17,10 @@ def opened(seen: Candidate) -> BTF | None:
     """
     if not matching(seen.names, PRAGUE):
         return None
-    provenance = {
-        "format": "UTIA",
-        "colour": "PNG decoded as sRGB to linear Rec. 709; EXR converted from CIE XYZ (D65)",
-        "cosine": PHOTOGRAPHED,
-        "clamp": "none here; 8-bit codes end at 1, EXR does not",
-        "directions": "nominal: the light of a pair with light = view was moved a little when measured",
-    }
+    provenance = described(
+        "UTIA",
+        "PNG decoded as sRGB to linear Rec. 709; EXR converted from CIE XYZ (D65)",
+        clamp="none here; 8-bit codes end at 1, EXR does not",
+        directions="nominal: the light of a pair with light = view was moved a little when measured",
+    )
     return open_pictures(seen.path, PRAGUE, provenance, rgb_is_xyz=True)

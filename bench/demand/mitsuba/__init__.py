@@ -13,8 +13,6 @@ def load_path_tracer() -> "PathTracer":
     try:
         from bench.demand.mitsuba import path_tracer
     except ImportError as error:
-        raise MissingDataError(
-            f"the renderer mitsuba needs Mitsuba 3, which cannot be imported ({error}): "
-            'pip install "neubtf-bench[mitsuba]"'
-        ) from error
+        fault = f"the renderer mitsuba needs Mitsuba 3, which cannot be imported ({error})"
+        raise MissingDataError(f'{fault}: pip install "neubtf-bench[mitsuba]"') from error
     return path_tracer

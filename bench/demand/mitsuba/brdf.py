@@ -80,7 +80,6 @@ def _cosine(place: Values) -> Values:
 
 
 def _disc(place: Values) -> tuple[Values, Values]:
-    """A point of the unit disc."""
     radius, phi = dr.sqrt(place.x), 2 * dr.pi * place.y
     return radius * dr.cos(phi), radius * dr.sin(phi)
 

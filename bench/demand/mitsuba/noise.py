@@ -69,10 +69,8 @@ class Reached:
 def reached(
     file: Path, drawn: Sequence[Tensor | None], scene: str = EVEN, picture: Picture = Picture()
 ) -> list[Reached]:
-    """The figures of a codec file for each of several lobes (cells, cells, 5); None draws by the cosine.
-
-    All take turns. Raises `InputError` if Mitsuba cannot run here, or the file cannot be recorded.
-    """
+    """The figures of a codec file for each of several lobes (cells, cells, 5); None draws by the cosine. All take
+    turns. Raises `InputError` if Mitsuba cannot run here, or the file cannot be recorded."""
     set_variant()
     properties = mi.Properties(NAME)
     properties["filename"], properties["repeat"] = str(file), REPEAT
@@ -111,16 +109,13 @@ def _figures(pictures: np.ndarray, seconds: float, samples: int) -> Reached:
 
 def _loaded(bsdf: Any, scene: str, side: int) -> Any:
     shape, light, of_lights = SCENES[scene]
+    place = mi.ScalarTransform4f().look_at([0, -2.4, 1.8], [0, 0, 0], [0, 0, 1])
+    film = {"type": "hdrfilm", "width": side, "height": side, "rfilter": {"type": "box"}}
     description = {
         "type": "scene",
         "integrator": {"type": "direct", "bsdf_samples": 1, "emitter_samples": of_lights, "hide_emitters": True},
         "shape": shape | {"bsdf": bsdf},
         "light": light(),
-        "camera": {
-            "type": "perspective",
-            "fov": 22.0,
-            "to_world": mi.ScalarTransform4f().look_at([0, -2.4, 1.8], [0, 0, 0], [0, 0, 1]),
-            "film": {"type": "hdrfilm", "width": side, "height": side, "rfilter": {"type": "box"}},
-        },
+        "camera": {"type": "perspective", "fov": 22.0, "to_world": place, "film": film},
     }
     return mi.load_dict(description)

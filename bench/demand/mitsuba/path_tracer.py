@@ -16,13 +16,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from bench.btf import Array
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import Renderer
 from bench.demand.mitsuba.brdf import Shading, at_least, reflect, sample, shading
 from bench.inputs.errors import InputError
 from bench.program.llvm import unusable
 
-Array = np.ndarray
 Values = Any  # Dr.Jit arrays over paths, or numbers in a scalar variant
 PATH_VERSION = 1  # increment when a value changes
 MAX_DEPTH = 16  # edges of a path, including the light's, as Mitsuba counts: 2 is direct light only
@@ -122,10 +122,8 @@ class PathTracer:
         (H, W), cell = self.field.shape, self.field.cell
         border = [math.ceil(reach / side) + 1 for side in cell]
         if (H + 2 * border[0]) * (W + 2 * border[1]) > MAX_CELLS:
-            raise InputError(
-                f"at these grazing directions a relief of {relief:.2g} widths reaches {reach:.2g} widths: the "
-                "mesh would be too large: take a smaller --depth or --size"
-            )
+            relief_reach = f"a relief of {relief:.2g} widths reaches {reach:.2g} widths: the mesh would be too large"
+            raise InputError(f"at these grazing directions {relief_reach}: take a smaller --depth or --size")
         rows, cols = (np.arange(-b, n + b) for b, n in zip(border, (H, W), strict=True))
         y, x = np.meshgrid((H - rows - 0.5) * cell[0], (cols + 0.5) * cell[1], indexing="ij")
         vertices = np.stack([x, y, self.field.height[np.ix_(rows % H, cols % W)]], -1)
@@ -152,7 +150,10 @@ class PathTracer:
         y = self.aspect * (1 - (mi.Float(row) + (0.5 + NUDGE[0])) / (H * s))
         x = (mi.Float(col) + (0.5 + NUDGE[1])) / (W * s)
         ray = mi.Ray3f(mi.Point3f(x, y, 0) + (self.field.top + 1e-3) / wo.z * wo, -wo)
-        return _follow(self, ray, wi, _Numbers(self.seed, point, texel, number), mi.UInt32(depth))
+        # Three random numbers for each bounce; for the first they spread evenly over a texel's sub-points.
+        start = _three(_generator(self.seed ^ 0x9E3779B9, texel)) + mi.Vector3f(*STEPS) * mi.Float(number)
+        generator, first = _generator(self.seed, point), start - dr.floor(start)
+        return _follow(self, ray, wi, generator, first, mi.UInt32(depth))
 
     def surface(self, p: Values, o: Values) -> tuple[Values, Shading]:
         """Tangent frame (mi.Frame3f) and reflectance of the points `p` seen from `o`, both in space."""
@@ -171,17 +172,6 @@ class PathTracer:
         a cell, and its flat triangles would shade each other although their normals say that they are lit."""
         rows, cols = dr.abs(wi.y) / self.field.cell[0], dr.abs(wi.x) / self.field.cell[1]
         return p + wi / at_least(1e-3, dr.select(rows > cols, rows, cols))
-
-
-class _Numbers:
-    """Three random numbers for each bounce of a path. For the first bounce they spread evenly over a texel's
-    sub-points."""
-
-    def __init__(self, seed: int, point: Values, texel: Values, number: Values):
-        shared = _generator(seed ^ 0x9E3779B9, texel)
-        self.generator = _generator(seed, point)
-        start = _three(shared) + mi.Vector3f(*STEPS) * mi.Float(number)
-        self.first = start - dr.floor(start)
 
 
 def _generator(seed: int, stream: Values) -> Values:
@@ -206,11 +196,10 @@ def _triangles(vertices: Array) -> Any:
 
 
 @dr.syntax
-def _follow(tracer: PathTracer, ray: Values, wi: Values, numbers: _Numbers, depth: Values) -> Values:
+def _follow(tracer: PathTracer, ray: Values, wi: Values, generator: Values, first: Values, depth: Values) -> Values:
     """The radiance (mi.Color3f) of paths that start with `ray`, under unit light from `wi`."""
     value, weight = mi.Color3f(0), mi.Color3f(1)
     edges, active = mi.UInt32(1), mi.Bool(True)
-    generator, first = numbers.generator, numbers.first
     while active:
         hit = tracer.scene.ray_intersect(ray, mi.RayFlags.Minimal, edges == 1, active=active)
         active &= hit.is_valid() & (dr.dot(hit.n, ray.d) < 0)

@@ -12,7 +12,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from bench.demand.points import Array, Light, Points
+from bench.btf import Array
+from bench.demand.points import Light, Points
 from bench.inputs.errors import InputError, did_you_mean
 from bench.program.llvm import unusable
 

@@ -14,9 +14,8 @@ from numpy.polynomial import Polynomial
 from numpy.polynomial.chebyshev import Chebyshev
 from torch import Tensor, nn
 
+from bench.btf import Array
 from bench.training.decoder import Activation, Decoder
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

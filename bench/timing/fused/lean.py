@@ -95,7 +95,6 @@ def _constant(values: Array, dtype: torch.dtype) -> nn.Parameter:
 
 
 def _sine(turns: Tensor) -> Tensor:
-    """sin(2π t) by its polynomial."""
     t = turns - turns.round()
     square = t * t
     value = torch.full_like(square, _SINE[0])

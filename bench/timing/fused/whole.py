@@ -55,10 +55,8 @@ class Whole(Around):
         self.networks = [DrJitNetwork(decoder) for decoder in decoders]
         program = program_of(marked)
         if (count := program.products()) > MOST_PRODUCTS:
-            raise InputError(
-                f"fused on the CPU holds up to {MOST_PRODUCTS:,} products outside networks, but this codec needs "
-                f"{count:,}: use compiled"
-            )
+            limit = f"up to {MOST_PRODUCTS:,} products outside networks"
+            raise InputError(f"fused on the CPU holds {limit}, but this codec needs {count:,}: use compiled")
         self.traced = Kernel(program, self.dr.llvm, {"network": self._within_kernel})
         self.kernels: RecordedCalls = {}
         # Recorded once only to find the tables that the kernels need.

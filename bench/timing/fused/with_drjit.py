@@ -72,11 +72,9 @@ class DrJitNetwork(Network):
     def __init__(self, decoder: Decoder):
         super().__init__()
         self.dr = drjit()
-        if decoder.architecture.parameters > MOST_PARAMETERS:
-            raise InputError(
-                f"fused on the CPU holds a network of up to {MOST_PARAMETERS:,} parameters, but this one has "
-                f"{decoder.architecture.parameters:,}: use compiled"
-            )
+        if (count := decoder.architecture.parameters) > MOST_PARAMETERS:
+            limit = f"a network of up to {MOST_PARAMETERS:,} parameters"
+            raise InputError(f"fused on the CPU holds {limit}, but this one has {count:,}: use compiled")
         self.layers, self.inputs = layers_of(decoder), decoder.architecture.inputs
         self.block = LARGE_BLOCK if "avx512f" in (features() or ()) else BLOCK
         self.kernels: dict[tuple[int, ...] | None, RecordedCalls] = {}  # by the shape of the texture
@@ -174,14 +172,12 @@ class DrJitNetwork(Network):
         self.dr.detail.new_scope(self.dr.JitBackend.LLVM)
 
     def _smelu(self, x: Any) -> Any:
-        """The leaky ReLU, its kink rounded."""
         dr = self.dr
         inside = BEND - dr.select(x > 0, x, -x)
         inside = dr.select(inside > 0, inside, 0)
         return dr.fma(inside * inside, PARABOLA, dr.select(x > 0, x, x * LEAK))
 
     def _sine(self, turns: Any) -> Any:
-        """sin(2π t) by its polynomial."""
         t = turns - self.dr.round(turns)
         square = t * t
         first, *rest = sine_of_turns()[::-1]
