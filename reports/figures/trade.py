@@ -3,11 +3,9 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from bench.records import Run, load_trade
+from bench.records import Record, Run, load_trade
 from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style
 from reports.styles import Styles
-
-Measured = dict[str, Any]  # a choice of a trade
 
 
 def trade_fronts(run: Run) -> Iterator[Figure]:
@@ -21,8 +19,8 @@ def trade_fronts(run: Run) -> Iterator[Figure]:
                 yield Figure(material, "trade", f"{material}: speed, accuracy and bytes", png(drawing), drawing)
 
 
-def _fronts(material: str, rows: Sequence[Measured], styles: Styles) -> Any:
-    groups: dict[str, list[Measured]] = {}
+def _fronts(material: str, rows: Sequence[Record], styles: Styles) -> Any:
+    groups: dict[str, list[Record]] = {}
     for row in rows:
         how = "" if _plain(row) else f" [{row['execution']} {row['precision']}]"
         groups.setdefault(row["codec"] + how, []).append(row)
@@ -39,7 +37,7 @@ def _fronts(material: str, rows: Sequence[Measured], styles: Styles) -> Any:
     return drawing
 
 
-def _plain(row: Measured) -> bool:
+def _plain(row: Record) -> bool:
     return (row["execution"], row["precision"]) == ("eager", "float32")
 
 
@@ -48,11 +46,11 @@ def _look(styles: Styles, name: str) -> dict[str, Any]:
     return styles.of_codec(name) | {"linestyle": "none"} | ({"markerfacecolor": "white"} if "[" in name else {})
 
 
-def _marks(axes: Any, look: dict[str, Any], group: Sequence[Measured], cost: str) -> Any:
+def _marks(axes: Any, look: dict[str, Any], group: Sequence[Record], cost: str) -> Any:
     return axes.plot([row[cost] for row in group], [row["psnr"] for row in group], **look, markersize=6)[0]
 
 
-def _front(axes: Any, best: Sequence[Measured], cost: str, label: str, unit: str) -> None:
+def _front(axes: Any, best: Sequence[Record], cost: str, label: str, unit: str) -> None:
     """The front as a stair, and the axis of its cost."""
     stair = sorted((row[cost], row["psnr"]) for row in best)
     axes.plot([x for x, _ in stair], [y for _, y in stair], color="0.4", linewidth=1, drawstyle="steps-post", zorder=0)
