@@ -117,9 +117,7 @@ def score_text(record: "Record") -> str:
     from bench.records import Records, Run
     from reports.terminal import scored
 
-    jobs = Records()
-    jobs.put(record["job"], record)
-    return scored(Run(Path(), jobs=jobs))
+    return scored(Run(Path(), jobs=Records({record["job"]: record})))
 
 
 def stress_text(records: Sequence["Record"], format: str = "text") -> str:

@@ -41,8 +41,8 @@ def _rows(jobs: list[Record], materials: list[str]) -> Iterator[list[str]]:
     for label, job in firsts.items():
         whole = base[job["codec"]]
         changes = " ".join(word for word in label.split()[1:] if word not in whole.split())
-        cells = [job["codec"], changes or "as it is", integer(job["parameters"])]
-        cells.append(integer(job["cost"].get("flops_per_sample")))
+        cost = [integer(job["parameters"]), integer(job["cost"].get("flops_per_sample"))]
+        cells = [job["codec"], changes or "as it is", *cost]
         for material in materials:
             ours, theirs = (_mean(jobs, material, which, PSNR) for which in (label, whole))
             both = ours is not None and theirs is not None and label != whole
@@ -53,6 +53,5 @@ def _rows(jobs: list[Record], materials: list[str]) -> Iterator[list[str]]:
 
 def _mean(jobs: Iterable[Record], material: str, label: str, family: str) -> float | None:
     """The mean over seeds of a mean over slices; None where there is no number."""
-    same = [job for job in jobs if (job["material"], job["label"]) == (material, label)]
-    numbers = [number for job in same if (number := stats_of(job, family).get("mean")) is not None]
-    return fmean(numbers) if numbers else None
+    means = (stats_of(job, family).get("mean") for job in jobs if (job["material"], job["label"]) == (material, label))
+    return fmean(numbers) if (numbers := [mean for mean in means if mean is not None]) else None

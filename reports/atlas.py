@@ -63,22 +63,17 @@ class Atlases:
         }
 
     def _codec(self, row: Row, pictures: Arrays) -> dict[str, Any]:
-        data = {"label": row.label, "decoded": self._encoded(pictures["decoded"])}
+        data: dict[str, Any] = {"label": row.label, "decoded": self._encoded(pictures["decoded"])}
         if "flip" in pictures:
             data["flip"] = self._encoded(_levels(pictures["flip"]), FLIP_QUALITY)
-        return data | self._numbers(row, pictures)
-
-    def _numbers(self, row: Row, pictures: Arrays) -> dict[str, Any]:
-        """PSNR and FLIP of each shown slice, from the stored numbers; null without error."""
         name = row.metric(FLIP)
-        scores = arrays(self.run.folder, row.job, "slices", ("pairs", PSNR, name))
-        if not scores:
-            return {}
-        place = {int(pair): i for i, pair in enumerate(scores["pairs"])}
-        rows = [place[int(pair)] for pair in pictures["pairs"][:: self.step]]
-        error = scores[PSNR][rows]
-        numbers = {"psnr": [round(float(each), 2) if np.isfinite(each) else None for each in psnr(error)]}
-        return numbers | ({"flips": np.round(scores[name][rows], 4).tolist()} if name in scores else {})
+        if scores := arrays(self.run.folder, row.job, "slices", ("pairs", PSNR, name)):
+            place = {int(pair): i for i, pair in enumerate(scores["pairs"])}
+            rows = [place[int(pair)] for pair in pictures["pairs"][:: self.step]]
+            decibels = psnr(scores[PSNR][rows])  # null in the page without error
+            data["psnr"] = [round(float(each), 2) if np.isfinite(each) else None for each in decibels]
+            data |= {"flips": np.round(scores[name][rows], 4).tolist()} if name in scores else {}
+        return data
 
     def _encoded(self, pictures: np.ndarray, most: int = 100) -> str:
         """Pictures (n, H, W, 3) as one WebP in a grid, of that quality at most where it is not without loss."""
@@ -89,11 +84,16 @@ class Atlases:
         for i, picture in enumerate(pictures):
             top, left = i // columns * height, i % columns * width
             sheet[top : top + height, left : left + width] = picture
-        out = io.BytesIO()
-        exact = self.quality is None
-        quality, method = (0, 0) if self.quality is None else (min(most, self.quality), 4)
-        Image.fromarray(sheet).save(out, "webp", lossless=exact, quality=quality, method=method)
-        return "data:image/webp;base64," + base64.b64encode(out.getvalue()).decode()
+        if self.quality is None:
+            return webp(Image.fromarray(sheet), lossless=True, quality=0, method=0)
+        return webp(Image.fromarray(sheet), lossless=False, quality=min(most, self.quality), method=4)
+
+
+def webp(picture: Image.Image, **how: Any) -> str:
+    """A picture as the data URL of a WebP."""
+    out = io.BytesIO()
+    picture.save(out, "webp", **how)
+    return "data:image/webp;base64," + base64.b64encode(out.getvalue()).decode()
 
 
 def _levels(maps: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ from bench.compare.choosing.budgets import (
     shown,
 )
 from bench.compare.paired import AGAINST, FEWEST
-from bench.records import FLIP, KINDS, MOST_DB, PSNR, SSIM, Record, Run, kind_of
+from bench.records import FLIP, KINDS, MOST_DB, PSNR, SSIM, Record, Run, grouped, kind_of
 from reports.numbers import EXACT, NONE, fixed, integer, significant
 from reports.table import Table, best_cells
 
@@ -33,12 +33,9 @@ _CHOICE = "Chosen by validation pairs, with numbers of test pairs: docs/metrics.
 def budgets_table(run: Run) -> Iterator[Table]:
     """A row a codec, a column a budget: PSNR, mean over materials. A table a kind of surface, then one over all."""
     result = budgets(run)
-    kinds: dict[str, list[str]] = {}
-    for material, job in result.surfaces.items():
-        kinds.setdefault(kind_of(job), []).append(material)
-    for kind in KINDS:
-        if kind in kinds:
-            yield from _budgets(run, result, kinds[kind], f"{kind} ")
+    kinds = grouped(result.surfaces, lambda material: kind_of(result.surfaces[material]))
+    for kind in (kind for kind in KINDS if kind in kinds):
+        yield from _budgets(run, result, kinds[kind], f"{kind} ")
     if len(kinds) > 1:
         yield from _budgets(run, result, list(result.surfaces), "")
 
@@ -130,7 +127,10 @@ def _span(at: list[Budget]) -> str:
 
 def when_table(run: Run) -> Iterator[Table]:
     """Which codec when: a question a row, its answer with numbers, and the next best."""
-    rows = [_answer(*each) for each in _questions(budgets(run)) if each[1]]
+    rows = []
+    for question, ranked, family in _questions(budgets(run)):
+        numbers = [f"{_number(value, family)}{' dB' * (family == PSNR)}" for value in ranked.values()]
+        rows += [[question, *[*ranked, NONE][:2], *[*numbers, NONE][:2]]] if ranked else []
     headers = [("question", ""), ("best", ""), ("then", ""), ("best", ""), ("then", "")]
     if rows:
         yield Table("when", "Which codec when", headers, rows, [_CHOICE], words=3)
@@ -148,11 +148,6 @@ def _questions(result: Budgets) -> Iterator[tuple[str, dict[str, float], str]]:
             yield f"best on {material} in {enough}", result.ranked(ENOUGH, [material]), PSNR
     for family, name in ((SSIM, "SSIM"), (FLIP, "FLIP")):
         yield f"best {name} in {enough}", result.ranked(ENOUGH, result.surfaces, family), family
-
-
-def _answer(question: str, ranked: dict[str, float], family: str) -> list[str]:
-    numbers = [f"{_number(value, family)}{' dB' * (family == PSNR)}" for value in ranked.values()]
-    return [question, *[*ranked, NONE][:2], *[*numbers, NONE][:2]]
 
 
 def ranks_table(run: Run) -> Iterator[Table]:
@@ -191,7 +186,12 @@ def _common(run: Run, result: Budgets) -> Iterator[str]:
         on = dict.fromkeys(_machine(run, str(time.get("run", ""))) for time in run.timings)
         yield f"Times: upper ends of 95 % intervals, × floor; {'; '.join(filter(None, on))}."
     reasons = {"without a score of validation pairs": result.without, "not comparable with the newest": result.unlike}
-    if left := [f"{_by_suite(run, jobs)}, {why}" for why, jobs in reasons.items() if jobs]:
+    suites = {start.get("run"): str(start.get("suite") or "no suite") for start in run.starts}
+    left = []
+    for why, jobs in ((why, jobs) for why, jobs in reasons.items() if jobs):
+        counts = Counter(suites.get(job.get("run"), "no suite") for job in jobs)
+        left.append(", ".join([*(f"{count} of {suite}" for suite, count in counts.items()), why]))
+    if left:
         yield f"Left out: {'; '.join(left)}."
 
 
@@ -200,10 +200,3 @@ def _machine(run: Run, name: str) -> str:
     machine = start.get("machine", {})
     parts = [machine.get("processor"), f"{machine['cores']} cores" if "cores" in machine else ""]
     return ", ".join(str(part) for part in parts if part)
-
-
-def _by_suite(run: Run, jobs: list[Record]) -> str:
-    """The number of records of each suite, in words."""
-    suites = {start.get("run"): str(start.get("suite") or "no suite") for start in run.starts}
-    counts = Counter(suites.get(job.get("run"), "no suite") for job in jobs)
-    return ", ".join(f"{count} of {suite}" for suite, count in counts.items())

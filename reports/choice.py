@@ -21,9 +21,7 @@ class Choice:
         """The run with only the jobs of these codecs, so that ranks and the best are among them."""
         if not self.codecs:
             return run
-        jobs = Records()
-        for job in filter(self._has, run.jobs):
-            jobs.put(job["job"], job)
+        jobs = Records({job["job"]: job for job in filter(self._has, run.jobs)})
         known = {str(job.get("codec") or job["label"]) for job in run.jobs} | {shown_label(job) for job in run.jobs}
         for wanted in self.codecs:
             if not any(wanted in _called(job) for job in jobs):

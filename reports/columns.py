@@ -29,15 +29,15 @@ class Column:
     """A column: its name, its unit with an arrow to the better end, and its number for a measured row.
 
     `value` finds the number and `write` formats it. If it is a tuple, `pool` combines those of several seeds into one.
-    `native` fills the cell of the measured data's own file, from any record of the material. A `sparse` column is left
-    out if no row has a number for it. A `starred` number has a star, and is never the best.
+    `native` finds that of the measured data's own file, given its rank, bytes and bits. A `sparse` column is left out
+    if no row has a number for it. A `starred` number has a star, and is never the best.
     """
 
     name: str
     unit: str
     value: Callable[[Row], Value]
     write: Callable[[Any], str]
-    native: Callable[[Record], str] | None = None
+    native: Callable[[Record], Value] | None = None
     sparse: bool = False
     pool: Callable[[Sequence[tuple[float, ...]]], tuple[float, ...]] = elementwise
     starred: Callable[[Row], bool] = lambda row: False  # whether its number was measured apart from those of other rows
@@ -73,8 +73,7 @@ class Column:
 
     def mean(self, seeds: Sequence[Row]) -> float | None:
         """The mean over seeds of the number, or of the first number of a tuple; None if there is none."""
-        values = [self.value(row) for row in seeds]
-        firsts = [value[0] if isinstance(value, tuple) else value for value in values]
+        firsts = [value[0] if isinstance(value := self.value(row), tuple) else value for row in seeds]
         numbers = [value for value in firsts if isinstance(value, int | float)]
         return fmean(numbers) if numbers else None
 
@@ -121,11 +120,6 @@ def _spread(name: str, scale: str, family: str, unit: str = "dB") -> Column:
     return replace(column, write=partial(plus_minus, digits=_digits(unit)), over="slices")
 
 
-def _worst(row: Row) -> Value:
-    stats = row.stats(row.gate, PSNR)
-    return mean(stats | {"mean": stats["worst"]}) if "worst" in stats else None
-
-
 def _declared() -> list[Column]:
     """The columns that fields of a record declare; see `bench.records.shown_columns`."""
 
@@ -140,19 +134,14 @@ def _bytes(part: str) -> Callable[[Row], Value]:
     return lambda row: row.job["bytes"].get(part)
 
 
-def _bits(job: Record, size: int) -> float:
+def bits(job: Record, size: int) -> float:
+    """The bits a texel of so many bytes."""
     height, width = job["shape"]
     return 8 * size / (height * width)
 
 
-def _native(job: Record) -> Record:
-    native: Record = job["provenance"]["native"]
-    return native
-
-
 def _other_bytes(row: Row) -> int:
-    named = {"decoder", "texture", "total", "shared"}
-    return sum(size for part, size in row.job["bytes"].items() if part not in named)
+    return sum(size for part, size in row.job["bytes"].items() if part not in ("decoder", "texture", "total", "shared"))
 
 
 def _timed(name: str, unit: str, field: str, write: Callable[..., str] = significant) -> Column:
@@ -172,30 +161,28 @@ def _whole(value: float) -> str:
     return integer(round(value))
 
 
-_four = partial(significant, digits=4)
 _PARAMETERS = Column("decoder", "param.", lambda row: row.job["parameters"], _whole)
-_CHANNELS = Column(
-    "tex.", "chan.", lambda row: row.job["cost"]["texture_channels"], _whole, lambda job: integer(_native(job)["rank"])
-)
-TOTAL = Column("total", "bytes ↓", _bytes("total"), _whole, lambda job: integer(_native(job)["bytes"]))
+_CHANNELS = Column("tex.", "chan.", lambda row: row.job["cost"]["texture_channels"], _whole, lambda own: own["rank"])
+TOTAL = Column("total", "bytes ↓", _bytes("total"), _whole, lambda own: own["bytes"])
 _SHARED = Column("shared", "bytes", _bytes("shared"), _whole, sparse=True)
 BITS = Column(
     "bits per",
     "texel ↓",
-    lambda row: _bits(row.job, row.job["bytes"]["total"]),
-    _four,
-    lambda job: _four(_bits(job, _native(job)["bytes"])),
+    lambda row: bits(row.job, row.job["bytes"]["total"]),
+    partial(significant, digits=4),
+    lambda own: own["bits"],
 )
 _TRAIN = _mean("PSNR train", "dB ↑", PSNR, "train")
 HELDOUT = _mean("PSNR", "dB ↑", PSNR)
 PER_SLICE = _spread("PSNR", "dB ↑", PSNR)
-_WORST = Column("worst tenth", "dB ↑", _worst, partial(fixed, digits=2))
+_WORST = _mean(
+    "worst tenth", "dB ↑", PSNR, of=lambda each: mean(each | {"mean": each["worst"]}) if "worst" in each else None
+)
 _POOLED = _mean("PSNR pooled", "dB ↑", PSNR, of=pooled)
 _NS = _timed("time", "ns ↓", "ns_per_sample")
 _FLOOR = _timed("time", "× floor", "ratio_to_floor")
-_FUSED = Column(
-    "fused", "× floor", lambda row: row.fused["ratio_to_floor"] if row.fused else None, significant, sparse=True
-)
+_FUSED = Column("fused", "× floor", lambda row: (row.fused or {}).get("ratio_to_floor"), significant, sparse=True)
+_INTERVAL = _timed("95 % interval", "ns", "interval95_ns", lambda both: " to ".join(map(significant, both)))
 
 SIZE = (
     _PARAMETERS,
@@ -212,13 +199,7 @@ SIZE = (
 
 def time() -> list[Column]:
     """The columns that fields declare, such as the seconds of a fit, and those of the time of a query."""
-    return [
-        *_declared(),
-        _NS,
-        _timed("95 % interval", "ns", "interval95_ns", lambda both: " to ".join(map(significant, both))),
-        _FLOOR,
-        _FUSED,
-    ]
+    return [*_declared(), _NS, _INTERVAL, _FLOOR, _FUSED]
 
 
 def scored(material: MaterialRows) -> list[Column]:
@@ -281,12 +262,14 @@ def bands(job: Record) -> list[Column]:
 
 def radiance_bands(job: Record) -> list[Column]:
     """The error of linear radiance over each band, absolute and relative."""
-    return [_radiance(name, f"radiance ↓ ({count:,})", group) for name, group, count in _bands(job)]
+    units = ((name, f"radiance ↓ ({count:,})", group) for name, group, count in _bands(job))
+    return [Column(name, unit, partial(_radiance, group), _with_relative) for name, unit, group in units]
 
 
 def footprints(job: Record) -> list[Column]:
     """PSNR at each footprint."""
-    return [_footprint(side) for side in job["footprints"]]
+    sides = ((side, f"{side} texel{'s' * (side != '1')}") for side in job["footprints"])
+    return [Column(name, "dB ↑", partial(_footprint, side), partial(fixed, digits=2)) for side, name in sides]
 
 
 def _bands(job: Record) -> list[tuple[str, str, int]]:
@@ -306,44 +289,34 @@ def scene(job: Record) -> list[Column]:
     """Quality in the frames of a scene, over the pairs that the scene uses, and over the others."""
     if "scene" not in job:
         return []
-    frames = [name for name in job["scene"]["metrics"] if described(job, name)["unit"] != "radiance"]
-    weighted = [name for name in metrics_of(job, "scene") if described(job, name)["unit"] != "radiance"]
-    return [
-        TOTAL,
-        *(_frames(name, job) for name in frames),
-        *(_weighted(name, job) for name in weighted),
-        _mean("outside PSNR", "dB ↑", PSNR, OUTSIDE),
-        HELDOUT,
-    ]
+    chosen = [TOTAL]
+    for name in job["scene"]["metrics"]:
+        metric = described(job, name)
+        if metric["unit"] != "radiance":
+            write = partial(fixed, digits=_digits(metric["unit"]))
+            chosen.append(Column(f"frames {label_of(name)}", _scale(metric), partial(_frames, name), write))
+    for name in metrics_of(job, "scene"):
+        metric = described(job, name)
+        if metric["unit"] != "radiance":
+            label = f"weighted {label_of(name)}"
+            chosen.append(_mean(label, _scale(metric), name, "scene", metric["unit"], pooled))
+    return [*chosen, _mean("outside PSNR", "dB ↑", PSNR, OUTSIDE), HELDOUT]
 
 
-def _weighted(name: str, job: Record) -> Column:
-    metric = described(job, name)
-    return _mean(f"weighted {label_of(name)}", _scale(metric), name, "scene", metric["unit"], pooled)
-
-
-def _frames(name: str, job: Record) -> Column:
-    metric = described(job, name)
-
-    def value(row: Row) -> Value:
-        values = row.job.get("scene", {}).get("metrics", {})
-        known = metric_of(values, name)
-        return None if not known else EXACT if values[known] is None else values[known]
-
-    return Column(f"frames {label_of(name)}", _scale(metric), value, partial(fixed, digits=_digits(metric["unit"])))
+def _frames(name: str, row: Row) -> Value:
+    values = row.job.get("scene", {}).get("metrics", {})
+    known = metric_of(values, name)
+    return None if not known else EXACT if values[known] is None else values[known]
 
 
 _BAND_NAMES = {"grazing view": "θ_o>60°", "grazing light": "θ_i>60°"}
 _BAND_NAMES |= {name: name for name in ("inside hull", "outside hull", "new view", "new light", "both new")}
 
 
-def _radiance(name: str, unit: str, group: str) -> Column:
-    def value(row: Row) -> Value:
-        stats = row.stats(group, RMSE)
-        absolute, relative = stats.get("pooled"), stats.get("relative")
-        return None if absolute is None else (absolute,) if relative is None else (absolute, 100 * relative)
-
-    return Column(name, unit, value, _with_relative)
+def _radiance(group: str, row: Row) -> Value:
+    stats = row.stats(group, RMSE)
+    absolute, relative = stats.get("pooled"), stats.get("relative")
+    return None if absolute is None else (absolute,) if relative is None else (absolute, 100 * relative)
 
 
 def _with_relative(numbers: tuple[float, ...]) -> str:
@@ -351,12 +324,8 @@ def _with_relative(numbers: tuple[float, ...]) -> str:
     return f"{significant(numbers[0])} ({relative} %)"
 
 
-def _footprint(side: str) -> Column:
-    def value(row: Row) -> Value:
-        stats = row.job["footprints"].get(side)
-        return mean(stats) if stats else None
-
-    return Column(f"{side} texel{'s' * (side != '1')}", "dB ↑", value, partial(fixed, digits=2))
+def _footprint(side: str, row: Row) -> Value:
+    return mean(row.job["footprints"].get(side, {}))
 
 
 def _relative_error(row: Row) -> Value:

@@ -3,12 +3,12 @@
 import csv
 import io
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from bench.records import Run, flattened
 from reports.numbers import NONE
-from reports.rows import Row, materials
+from reports.rows import materials
 from reports.table import Table
 
 _NUMBER = re.compile(r"[−+-]?\d[\d,]*(\.\d+)?")
@@ -24,12 +24,12 @@ def results_csv(run: Run) -> str:
     rows = []
     for row in (row for material in materials(run) for row in material.rows):
         cells: list[Any] = [None] * len(places)
-        for name, value in _fields(row):
+        fields = [*flattened(row.job, row.timing), ("not_comparable", row.obstacle or None)]
+        fields += [("timing/not_comparable", row.timing_obstacle or None)] if row.timing else []
+        for name, value in fields:
             place = places.setdefault(name, len(places))
-            if place < len(cells):
-                cells[place] = value
-            else:
-                cells.append(value)
+            cells += [None] * (place + 1 - len(cells))
+            cells[place] = value
         rows.append(cells)
     return as_csv([list(places) or ["job"], *(cells + [None] * (len(places) - len(cells)) for cells in rows)])
 
@@ -39,10 +39,10 @@ def table_csv(tables: Sequence[Table]) -> str:
     lines: list[Sequence[str | None]] = []
     header: list[str] = []
     for table in tables:
-        first = ["material"] if table.material else []
+        first, material = (["material"], [table.material]) if table.material else ([], [])
         if header != (header := [*first, *(" ".join(words).strip() for words in table.headers)]):
             lines.append(header)
-        lines += [[*([table.material] if table.material else []), *map(_plain, row)] for row in table.rows]
+        lines += [[*material, *map(_plain, row)] for row in table.rows]
     return as_csv(lines)
 
 
@@ -58,10 +58,3 @@ def as_csv(rows: Iterable[Sequence[Any]]) -> str:
     out = io.StringIO()
     csv.writer(out, lineterminator="\n").writerows(rows)
     return out.getvalue()
-
-
-def _fields(row: Row) -> Iterator[tuple[str, Any]]:
-    yield from flattened(row.job, row.timing)
-    yield "not_comparable", row.obstacle or None
-    if row.timing:
-        yield "timing/not_comparable", row.timing_obstacle or None

@@ -1,6 +1,6 @@
 """The convergence of fits, from the curves in their records."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from bench.records import Run
@@ -29,19 +29,14 @@ class FitCurve:
 
 def curves_by_material(run: Run) -> dict[str, list[FitCurve]]:
     """The curves of each material whose jobs recorded any."""
-    by_material = {}
+    by_material: dict[str, list[FitCurve]] = {}
     for material in materials(run):
-        curves = [
-            FitCurve(row.label, [(p["step"], p["seconds"], p["psnr"]) for p in row.job.get("history", ()) if _timed(p)])
-            for row in material.shown
-        ]
-        by_material[material.name] = [fit for fit in curves if fit.points]
-    return {name: curves for name, curves in by_material.items() if curves}
-
-
-def _timed(point: Mapping[str, float]) -> bool:
-    """Whether a point of a curve has seconds and PSNR, which its codec may leave out."""
-    return "seconds" in point and "psnr" in point
+        curves = []
+        for row in material.shown:  # a codec may leave out seconds and PSNR of a point
+            whole = [point for point in row.job.get("history", ()) if "seconds" in point and "psnr" in point]
+            curves += [FitCurve(row.label, [(p["step"], p["seconds"], p["psnr"]) for p in whole])] if whole else []
+        by_material |= {material.name: curves} if curves else {}
+    return by_material
 
 
 def fit_tables(run: Run) -> Iterator[Table]:

@@ -14,19 +14,25 @@ TERMS = {  # of headers, explained above the tables that have them
     "bits per": "8 × bytes of the whole file / texels",
     "× floor": "a multiple of the least time that a query can take, that of one bilinear fetch of a colour",
 }
+_MARKS = {BOLD: "<b>{}</b>", UNDERLINED: "<u>{}</u>", "": "{}"}
 Place = Callable[[str, str], str]  # what a first cell links to, by material and cell, or ""
 
 
 def table_html(table: Table, place: Place) -> str:
     """Title, cells and notes. A row links to the place of its first cell, where that has one."""
+    looks = [' class="word"' if i < table.words else "" for i in range(len(table.headers))]
     heads = "".join(
-        f'<th scope="col"{_word(i, table)}>{escape(name) or "&nbsp;"}<small>{escape(unit)}</small></th>'
-        for i, (name, unit) in enumerate(table.headers)
+        f'<th scope="col"{look}>{escape(name) or "&nbsp;"}<small>{escape(unit)}</small></th>'
+        for (name, unit), look in zip(table.headers, looks, strict=True)
     )
-    rows = "\n".join(
-        "<tr>" + "".join(_cell(table, i, j, cell, place) for j, cell in enumerate(row)) + "</tr>"
-        for i, row in enumerate(table.rows)
-    )
+    lines = []
+    for i, row in enumerate(table.rows):
+        cells = [_MARKS[table.marks.get((i, j), "")].format(escape(cell)) for j, cell in enumerate(row)]
+        if target := place(table.material, row[0]):
+            cells[0] = f'<a href="{escape(target)}">{cells[0]}</a>'
+        tags = (f"<td{look}>{cell}</td>" for cell, look in zip(cells, looks, strict=True))
+        lines.append(f"<tr>{''.join(tags)}</tr>")
+    rows = "\n".join(lines)
     title, words = escape(table.title), {word.rstrip(" ↑↓") for header in table.headers for word in header}
     terms = "; ".join(f"<b>{escape(term)}</b>: {escape(says)}" for term, says in TERMS.items() if term in words)
     notes = "\n".join(map(note, table.footnotes))
@@ -57,15 +63,3 @@ def anchors(links: Iterable[tuple[str, str]]) -> str:
 def details(title: str, inside: str) -> str:
     """Content that is folded away under its title."""
     return f'<details class="block"><summary>{escape(title)}</summary>\n{inside}</details>'
-
-
-def _word(column: int, table: Table) -> str:
-    return ' class="word"' if column < table.words else ""
-
-
-def _cell(table: Table, row: int, column: int, cell: str, place: Place) -> str:
-    mark = {BOLD: "<b>{}</b>", UNDERLINED: "<u>{}</u>"}.get(table.marks.get((row, column), ""), "{}")
-    text = mark.format(escape(cell))
-    if column == 0 and (target := place(table.material, cell)):
-        text = f'<a href="{escape(target)}">{text}</a>'
-    return f"<td{_word(column, table)}>{text}</td>"

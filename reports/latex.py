@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from reports.table import BOLD, UNDERLINED, Table
 
 PACKAGES = r"% needs \usepackage{booktabs,graphicx}"
+_MARKS = {BOLD: r"\textbf{%s}", UNDERLINED: r"\underline{%s}", "": "%s"}
 _MATH = {"<": "<", ">": ">", "|": "|", "−": "-", "±": r"\pm", "×": r"\times", "θ": r"\theta", "φ": r"\varphi"}
 _MATH |= {"°": r"^\circ", "↑": r"\uparrow", "↓": r"\downarrow"}
 _SPECIAL = {
@@ -25,11 +26,10 @@ def latex(tables: Sequence[Table]) -> str:
 
     The one table of a kind over all materials is `tab:summary`; see `label` for the others.
     """
-    kinds = [table.kind for table in tables]
-    labels = [
-        f"tab:{each.kind}" if kinds.count(each.kind) == 1 and not each.material else label(each) for each in tables
-    ]
-    written = (_latex(table, called) for table, called in zip(tables, labels, strict=True))
+    kinds, written = [table.kind for table in tables], []
+    for table in tables:
+        alone = kinds.count(table.kind) == 1 and not table.material
+        written.append(_latex(table, f"tab:{table.kind}" if alone else label(table)))
     return "\n".join([PACKAGES, *written]) if tables else ""
 
 
@@ -46,9 +46,13 @@ def _latex(table: Table, called: str) -> str:
         align = align[:-1] + r"p{0.5\textwidth}"
     names_and_units = zip(*table.headers, strict=True)
     heads = [" & ".join(map(escaped, line)) + r" \\" for line in names_and_units if any(line)]
+    rows = []
+    for i, row in enumerate(table.rows):
+        cells = (_MARKS[table.marks.get((i, j), "")] % escaped(cell) for j, cell in enumerate(row))
+        rows.append(" & ".join(cells) + r" \\")
     lines = [r"\begin{table*}", r"\centering", rf"\caption{{{escaped(table.title)}}}", rf"\label{{{called}}}"]
     lines += [r"\footnotesize", r"\setlength{\tabcolsep}{3pt}", r"\sbox0{%", rf"\begin{{tabular}}{{@{{}}{align}@{{}}}}"]
-    lines += [r"\toprule", *heads, r"\midrule", *(_row(row, i, table) for i, row in enumerate(table.rows))]
+    lines += [r"\toprule", *heads, r"\midrule", *rows]
     lines += [r"\bottomrule", r"\end{tabular}}%", _FITTED]
     if notes := " ".join(map(escaped, table.footnotes)):
         lines += [r"\par\smallskip\begin{minipage}{\linewidth}\raggedright\scriptsize", notes, r"\end{minipage}"]
@@ -63,9 +67,3 @@ def label(table: Table) -> str:
     """The label of a table for `\\ref`, `tab:main-satin`: letters, digits and hyphens of its kind and title."""
     words = re.findall("[A-Za-z0-9]+", unicodedata.normalize("NFKD", table.title.partition(" (")[0]))
     return "-".join([f"tab:{table.kind}", *words]).lower()
-
-
-def _row(cells: Sequence[str], row: int, table: Table) -> str:
-    styles = {BOLD: r"\textbf{%s}", UNDERLINED: r"\underline{%s}"}
-    marked = [styles.get(table.marks.get((row, i), ""), "%s") % escaped(cell) for i, cell in enumerate(cells)]
-    return " & ".join(marked) + r" \\"

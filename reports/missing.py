@@ -2,22 +2,20 @@
 
 from collections.abc import Iterator
 
-from bench.records import Run, shown_label
+from bench.records import Run, grouped, shown_label
 from reports.rows import materials
-
-Cells = dict[tuple[str, str], list[int]]  # the seeds of each material and codec
 
 
 def not_run(run: Run) -> Iterator[tuple[str, str, list[int]]]:
     """Material, codec and seeds of the planned jobs of a run without a record."""
     labels = {str(job.get("label")): shown_label(job) for job in run.jobs}
-    cells: Cells = {}
+    cells: dict[tuple[str, str], list[int]] = {}  # the seeds of each material and codec
     for name in dict.fromkeys(name for start in run.starts for name in start.get("jobs", [])):
         material, _, rest = name.partition("/")
         label, _, seed = rest.rpartition("/")
         if run.job(name) is None and seed.isdecimal():
             cells.setdefault((material, labels.get(label, label)), []).append(int(seed))
-    yield from ((material, label, seeds) for (material, label), seeds in cells.items())
+    yield from ((*cell, seeds) for cell, seeds in cells.items())
 
 
 def missing_note(run: Run) -> str:
@@ -33,16 +31,14 @@ def missing_note(run: Run) -> str:
 
 def left_out_notes(run: Run) -> Iterator[str]:
     """Notes on codecs and materials whose numbers, or times, cannot be compared with the newest, and why."""
-    numbers: dict[str, list[tuple[str, str]]] = {}
-    times: dict[str, list[tuple[str, str]]] = {}
-    apart: dict[str, list[tuple[str, str]]] = {}
+    starts = ("Left out, as not comparable with the newest job", "Times left out", "Times with a star")
+    found: dict[str, dict[str, list[tuple[str, str]]]] = {start: {} for start in starts}
     for material in materials(run):
         for row in material.rows:
             if why := row.obstacle or row.timing_obstacle:
-                kind = numbers if row.obstacle else apart if row.timed_apart else times
-                kind.setdefault(why, []).append((material.name, row.label))
-    left_out = ("Left out, as not comparable with the newest job", numbers), ("Times left out", times)
-    for start, reasons in (*left_out, ("Times with a star", apart)):
+                start = starts[0 if row.obstacle else 1 + row.timed_apart]
+                found[start].setdefault(why, []).append((material.name, row.label))
+    for start, reasons in found.items():
         if reasons:
             yield f"{start}: {'; '.join(f'{_grouped(cells)} ({why})' for why, cells in reasons.items())}."
 
@@ -52,7 +48,5 @@ def _grouped(cells: list[tuple[str, str]]) -> str:
     materials: dict[str, dict[str, None]] = {}
     for material, label in cells:
         materials.setdefault(label, {})[material] = None
-    labels: dict[tuple[str, ...], list[str]] = {}
-    for label, lacks in materials.items():
-        labels.setdefault(tuple(sorted(lacks)), []).append(label)
+    labels = grouped(materials, lambda label: tuple(sorted(materials[label])))
     return "; ".join(f"{', '.join(alike)} on {', '.join(lacks)}" for lacks, alike in labels.items())

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from statistics import fmean
 
 from bench.metrics import label_of
-from bench.records import PSNR, Record, Run, gate, shown_columns
+from bench.records import PSNR, Record, Run, gate, grouped, shown_columns
 from reports.numbers import significant
 from reports.rows import MaterialRows, Row
 from reports.table import Note, Part
@@ -31,9 +31,12 @@ def main_notes(material: MaterialRows) -> list[str]:
 
 def quality_notes(material: MaterialRows) -> list[str]:
     """Footnotes that define the quality columns."""
-    if material.first is None:
+    if (job := material.first) is None:
         return []
-    return [_definition(material.first), *_metrics(material), *common_notes(material)]
+    held = f"the {job['split']} pairs" if "split" in job else "the held-out pairs"
+    pairs = held if gate(job["scores"]) == "heldout" else "all pairs, none being held out"
+    text = f"Quality is measured at {pairs} (“train”: training pairs), decoded from the file, as a mean over slices."
+    return [Note(about_quality(text)), *_metrics(material), *common_notes(material)]
 
 
 def cost_notes(material: MaterialRows) -> list[str]:
@@ -46,16 +49,11 @@ def cost_notes(material: MaterialRows) -> list[str]:
 
 def _shared(material: MaterialRows) -> Iterator[str]:
     """Footnotes for codecs whose file also needs the file of a shared network."""
-    by_bytes: dict[int, dict[str, None]] = {}
-    for row in material.measured:
-        if "shared" in row.job["bytes"]:
-            by_bytes.setdefault(row.job["bytes"]["shared"], {})[row.label] = None
-    for size, labels in by_bytes.items():
-        names = ", ".join(labels)
-        text = (
-            f"{names}: the decoder also needs the shared network, {size:,} bytes for all materials, not in the total."
-        )
-        yield Note((text, _BYTES.__contains__))
+    shared = [row for row in material.measured if "shared" in row.job["bytes"]]
+    for size, rows in grouped(shared, lambda row: row.job["bytes"]["shared"]).items():
+        names = ", ".join(dict.fromkeys(row.label for row in rows))
+        needs = f"the decoder also needs the shared network, {size:,} bytes for all materials, not in the total."
+        yield Note((f"{names}: {needs}", _BYTES.__contains__))
 
 
 def common_notes(material: MaterialRows) -> list[str]:
@@ -70,13 +68,6 @@ def run_notes(run: Run) -> list[str]:
         lines = ", ".join(map(str, run.unreadable[:10])) + (", …" if len(run.unreadable) > 10 else "")
         notes.append(f"{len(run.unreadable)} line(s) of records.jsonl could not be read: {lines}.")
     return notes
-
-
-def _definition(job: Record) -> Note:
-    held = f"the {job['split']} pairs" if "split" in job else "the held-out pairs"
-    pairs = held if gate(job["scores"]) == "heldout" else "all pairs, none being held out"
-    text = f"Quality is measured at {pairs} (“train”: training pairs), decoded from the file, as a mean over slices."
-    return Note(about_quality(text))
 
 
 def _metrics(material: MaterialRows) -> Iterator[str]:
@@ -95,8 +86,7 @@ def _metric(name: str, described: Record) -> Part:
 
 def _timing(material: MaterialRows) -> Iterator[str]:
     timed = [row for row in material.measured if row.timing and not row.timing_obstacle]
-    if timed and timed[0].timing:
-        state = timed[0].timing
+    if timed and (state := timed[0].timing):
         fetch = "texture fetch included" if state.get("texture_fetch") else "without the texture fetch"
         yield (
             f"Time a sample: median of a batch of {state.get('batch'):,}, {state.get('dtype')}, "
@@ -106,9 +96,9 @@ def _timing(material: MaterialRows) -> Iterator[str]:
     yield from one_texel_notes(timed)
     if any(row.fused for row in material.measured):
         yield "Fused: the whole query as one kernel, by `neubtf-bench trade`, in multiples of the floor timed with it."
-    for reason in dict.fromkeys(row.timing_obstacle for row in material.measured if row.timing_obstacle):
-        labels = ", ".join(row.name for row in material.measured if row.timing_obstacle == reason)
-        yield f"{labels}: {reason}."
+    apart = (row for row in material.measured if row.timing_obstacle)
+    for reason, rows in grouped(apart, lambda row: row.timing_obstacle).items():
+        yield f"{', '.join(row.name for row in rows)}: {reason}."
 
 
 def one_texel_notes(rows: Iterable[Row]) -> Iterator[str]:
@@ -139,8 +129,7 @@ def height_notes(materials: Sequence[MaterialRows]) -> Iterator[str]:
 def _programs(material: MaterialRows) -> Iterator[str]:
     """Footnotes on the time of codecs that are programs, which includes exchanging files."""
     for codec in material.codecs:
-        times = [row.job["program"]["ns_per_query"] for row in codec.measured if "program" in row.job]
-        if times:
+        if times := [row.job["program"]["ns_per_query"] for row in codec.measured if "program" in row.job]:
             yield (
                 f"{codec.label}: its program took {fmean(times):,.0f} ns of wall time a query while it was scored, "
                 "including the exchange of files: do not compare it with a column of times."
@@ -150,7 +139,7 @@ def _programs(material: MaterialRows) -> Iterator[str]:
 def _exact(material: MaterialRows) -> Iterator[str]:
     for row in material.measured:
         stats = row.stats(row.gate, PSNR)
-        if stats and stats.get("exact"):
+        if stats.get("exact"):
             counted = f"{stats['exact']:,} of {stats['slices']:,} slices"
             yield Note(about_quality(f"{row.name}: {counted} have no error in display space; they count as 100 dB."))
 

@@ -4,7 +4,6 @@ Nothing in it points outside it, and nothing of the data is executed: data are J
 all text is escaped, and a content security policy allows the page's own scripts alone, by their hashes.
 """
 
-import base64
 import io
 import json
 from collections.abc import Iterable, Iterator, Sequence
@@ -14,9 +13,9 @@ from importlib.resources import files
 
 from PIL import Image
 
-from bench.records import Run
+from bench.records import Run, grouped
 from reports import series
-from reports.atlas import MAGMA, Atlases
+from reports.atlas import MAGMA, Atlases, webp
 from reports.figures import Figure
 from reports.html_tables import contents, details, note, table_html
 from reports.live import Live, live, pack
@@ -91,6 +90,7 @@ class Page:
 
     def __init__(self, run: Run, tables: Sequence[Table], figures: Sequence[Figure], share: float = 1):
         self.run, self.tables, self.figures = run, tables, figures
+        self.rest = [table for table in tables if not table.material and table.kind not in FIRST]
         self.materials = materials(run)
         self.records = PageRecords(run, self.materials)
         self.plots = series.plots_of(run)
@@ -98,23 +98,21 @@ class Page:
         self.slices = [atlases.slices_of(material) for material in self.materials]
         self.measured = [material for material in self.materials if material.first]
         # Whose plots open the page: the means, "", or where there are none the first material.
-        self.opening = (
-            "" if any(not plot["material"] for plot in self.plots) else next((m.name for m in self.measured), "")
-        )
+        over_all = any(not plot["material"] for plot in self.plots)
+        self.opening = self.measured[0].name if self.measured and not over_all else ""
         self.live = live(run, self.materials, share)
         self.viewer = fragment([])  # its models are unpacked when somebody wants to see them
         self.data: list[str] = []
 
     def pieces(self) -> Iterator[str]:
         suite = self.run.starts[-1].get("suite", "") if self.run.starts else ""
-        yield from document(
-            f"neubtf-bench {suite}".strip(), self.body(), series.codecs(self.run), self.plots, self.data
-        )
+        title = f"neubtf-bench {suite}".strip()
+        return document(title, self.body(), series.codecs(self.run), self.plots, self.data)
 
     def body(self) -> Iterator[str]:
         """All that stands in `main`; when it is done, `data` holds all that it refers to."""
         yield from self._body()
-        self.data.append(_packed("records-data", pack(self.records.records)))
+        self.data.append(_data("records-data", pack(self.records.records), "text/plain"))
 
     def _body(self) -> Iterator[str]:
         if not any(table.kind == "main" for table in self.tables):
@@ -128,10 +126,9 @@ class Page:
         yield from (details(figure.title, image(figure)) for figure in self.figures if not figure.material)
         for number, material in enumerate(self.materials):
             yield from self._material(number, material)
-        rest = [table for table in self.tables if not table.material and table.kind not in FIRST]
-        if rest:
+        if self.rest:
             yield '<h2 id="more">More</h2>'
-            yield from (self._table(table) for table in rest)
+            yield from map(self._table, self.rest)
         yield from self.records.html()
         yield from map(note, run_notes(self.run))
         yield f'<template id="viewer">{self.viewer.html}</template>'
@@ -140,7 +137,9 @@ class Page:
         """The first screen: what was measured on what, in a sentence, in pictures and in a plot."""
         if self.measured:
             yield f'<p class="lead">{escape(_sentence(self.measured))}</p>'
-        yield self._contents()
+        links = [("#summary", "Summary"), *((f"#m{i}", each.name) for i, each in enumerate(self.materials))]
+        links += [("#more", "More")] if self.rest else []
+        yield contents([*links, ("#records", "Records and provenance")])
         yield CODECS
         strips = "".join(self._strip(self.materials.index(material)) for material in self.measured[:STRIPS])
         yield (
@@ -178,16 +177,11 @@ class Page:
         if table.kind != "summary":
             return table
         names = [name for name, _ in table.headers]
-        late = [names.index("materials")] if len({row[names.index("materials")] for row in table.rows}) > 1 else []
-        psnr = names.index("PSNR")
-        rest = [i for i, name in enumerate(names) if i and i != psnr and name != "materials"]
+        psnr, count = names.index("PSNR"), names.index("materials")
+        late = [count] if len({row[count] for row in table.rows}) > 1 else []
+        rest = [i for i in range(1, len(names)) if i not in (psnr, count)]
         notes = [each for each in table.notes if each != missing_note(self.run)]
         return replace(table.of_columns([0, psnr, *rest, *late]), notes=notes)
-
-    def _contents(self) -> str:
-        links = [("#summary", "Summary"), *((f"#m{i}", each.name) for i, each in enumerate(self.materials))]
-        links += [("#more", "More")] if any(not t.material and t.kind not in FIRST for t in self.tables) else []
-        return contents([*links, ("#records", "Records and provenance")])
 
     def _material(self, number: int, material: MaterialRows) -> Iterator[str]:
         yield f'<h2 id="m{number}">{escape(material.name)}</h2>'
@@ -222,15 +216,13 @@ class Page:
         yield "<h3>Live material</h3>"
         if material.models:
             names = [f"live{number}-{i}" for i in range(len(material.models))]
-            self.data += [_packed(name, text) for name, text in zip(names, material.models.values(), strict=True)]
+            self.data += [_data(*each, "text/plain") for each in zip(names, material.models.values(), strict=True)]
             megabytes = sum(map(len, material.models.values())) / 1e6
             yield (
                 f'<div data-live="{" ".join(names)}"><button type="button">Start: {len(names)} '
                 f'material{"s" * (len(names) > 1)}, {megabytes:.1f} MB</button><div class="place"></div></div>'
             )
-        reasons: dict[str, list[str]] = {}
-        for label, why in material.missing.items():
-            reasons.setdefault(why, []).append(label)
+        reasons = grouped(material.missing, lambda label: material.missing[label])
         yield from (note(f"Not live: {', '.join(labels)}: {why}.") for why, labels in reasons.items())
 
     def _table(self, table: Table) -> str:
@@ -263,20 +255,14 @@ def _asset(name: str) -> str:
     return (files("reports") / "web" / name).read_text("utf-8")
 
 
-def _data(name: str, json: str) -> str:
-    return f'<script type="application/json" id="{name}">{json}</script>\n'
-
-
-def _packed(name: str, text: str) -> str:
-    return f'<script type="text/plain" id="{name}">{text}</script>\n'
+def _data(name: str, text: str, kind: str = "application/json") -> str:
+    return f'<script type="{kind}" id="{name}">{text}</script>\n'
 
 
 def image(figure: Figure) -> str:
     """A figure as WebP: half as large as its PNG, without loss but where it shows slices or texels."""
-    lossy = {"quality": 90, "method": 4} if figure.kind == "abrdf" else None
-    how = lossy or {"lossless": True, "quality": 30, "method": 1}
-    out = io.BytesIO()
+    lossy = figure.kind == "abrdf"
+    how = {"quality": 90, "method": 4} if lossy else {"lossless": True, "quality": 30, "method": 1}
     with Image.open(io.BytesIO(figure.png)) as picture:
-        picture.convert("RGB").save(out, "webp", **how)
-    data = base64.b64encode(out.getvalue()).decode()
-    return f'<img class="figure" alt="{escape(figure.title)}" src="data:image/webp;base64,{data}">'
+        data = webp(picture.convert("RGB"), **how)
+    return f'<img class="figure" alt="{escape(figure.title)}" src="{data}">'

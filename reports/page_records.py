@@ -21,10 +21,13 @@ class PageRecords:
         self.places: dict[tuple[str, str], str] = {}
         self.names: list[tuple[str, str, str]] = []  # id, title, the fit in words
         self.left_out = 0
+        paths = set(field_names(ARTEFACT)) - {"file"}  # of this machine, where several runs are read together
         left = BUDGET
         for m, material in enumerate(materials):
             for c, codec in enumerate(material.codecs):
-                record = self._whole(codec)
+                jobs = [{name: value for name, value in row.job.items() if name not in paths} for row in codec.rows]
+                times = [{"timing": kept(row.timing, RESULTS)} if row.timing else {} for row in codec.rows]
+                record = [{"job": job} | time for job, time in zip(jobs, times, strict=True)]
                 left -= len(json.dumps(record))
                 if left < 0:
                     self.left_out += 1
@@ -46,15 +49,8 @@ class PageRecords:
         start = [("provenance", "the run: machine, packages, revision, suite", "")] if self.run.starts else []
         yield from (_folded(*name, number) for number, name in enumerate([*start, *self.names]))
         if self.left_out:
-            yield note(
-                f"{self.left_out} more rows have their records only in records.jsonl: this page has no room for them."
-            )
-
-    def _whole(self, codec: CodecRows) -> list[dict[str, Any]]:
-        paths = set(field_names(ARTEFACT)) - {"file"}  # of this machine, where several runs are read together
-        jobs = [{name: value for name, value in row.job.items() if name not in paths} for row in codec.rows]
-        times = [{"timing": kept(row.timing, RESULTS)} if row.timing else {} for row in codec.rows]
-        return [{"job": job} | time for job, time in zip(jobs, times, strict=True)]
+            more = f"{self.left_out} more rows have their records only in records.jsonl"
+            yield note(f"{more}: this page has no room for them.")
 
 
 def _fit_in_words(codec: CodecRows) -> str:

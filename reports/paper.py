@@ -41,7 +41,9 @@ def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | No
     missing = {name: where for name, where in (absent or {}).items() if name not in there}
     missing |= {job["material"]: str(job.get("error", "")) for job in jobs if job["material"] not in there}
     rows = [row for job in jobs if job["material"] in there for row in _rows(job)]
-    rows += [_missing(material) for material in missing if material in PUBLISHED]
+    for material in (material for material in missing if material in PUBLISHED):
+        figures = [cell for family, *_ in _METRICS for cell in (NONE_YET, PUBLISHED[material][family])]
+        rows.append([material, f"{METHOD} recipe=paper", "all", *figures])
     if not rows:
         return None
     headers = [("material", ""), ("codec", ""), ("pairs", "")]
@@ -51,11 +53,6 @@ def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | No
     if missing:
         notes.append("`neubtf-bench run paper` fits what is there; `run paper-nearest` what anyone can get.")
     return Table("paper", "Quality, beside Table 1 of NeuBTF (2023)", headers, rows, notes, words=3)
-
-
-def _missing(material: str) -> list[str]:
-    cells = [material, f"{METHOD} recipe=paper", "all"]
-    return cells + [cell for family, *_ in _METRICS for cell in (NONE_YET, PUBLISHED[material][family])]
 
 
 def _rows(job: Record) -> Iterator[list[str]]:
@@ -68,10 +65,6 @@ def _rows(job: Record) -> Iterator[list[str]]:
         cells = [name, shown_label(job), pairs]
         for family, _, _, digits in _METRICS:
             paper = figures.get(family, NONE) if group == "all" else ""
-            cells += [_ours(job, family, group, digits) if measured else job["status"], paper]
+            value = spread(stats_of(job, family, group)) if measured else job["status"]
+            cells += [plus_minus(value, digits) if isinstance(value, tuple) else value or NONE, paper]
         yield cells
-
-
-def _ours(job: Record, family: str, group: str, digits: int) -> str:
-    value = spread(stats_of(job, family, group))
-    return plus_minus(value, digits) if isinstance(value, tuple) else value or NONE

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from itertools import chain
 from typing import NamedTuple
 
-from bench.records import Record, shown_label
+from bench.records import Record, grouped, shown_label
 from reports.numbers import NONE, integer
 from reports.table import Table
 
@@ -41,15 +41,16 @@ def parameters_table(jobs: Iterable[Record]) -> Table | None:
 
     None where there is none. A job without a run was counted and not measured: see `bench.conformance.verdicts.count`.
     """
-    decoders: dict[tuple[str, bool, int, int], list[Record]] = {}
-    for job in jobs:
-        if job["status"] == "ok" and job["codec"] in PUBLISHED:
-            key = (job["codec"], not _as_published(job), job["parameters"], job["cost"]["texture_channels"])
-            decoders.setdefault(key, []).append(job)
+    order = list(PUBLISHED)
+
+    def decoder(job: Record) -> tuple[int, bool, int, int]:
+        ours = job.get("settings", {}).get("recipe", "paper") != "paper"  # and the codec has one as published
+        return order.index(job["codec"]), ours, job["parameters"], job["cost"]["texture_channels"]
+
+    decoders = grouped((job for job in jobs if job["status"] == "ok" and job["codec"] in PUBLISHED), decoder)
     if not decoders:
         return None
-    order = list(PUBLISHED)
-    alike = [decoders[key] for key in sorted(decoders, key=lambda key: (order.index(key[0]), key[1]))]
+    alike = [decoders[key] for key in sorted(decoders, key=lambda key: key[:2])]
     chosen = [min(group, key=lambda job: len(job["label"])) for group in alike]  # the fewest settings
     headers = [("method", ""), ("codec", "")]
     headers += [(what, whose) for what in ("param.", "channels") for whose in ("ours", "paper", "diff.")]
@@ -58,17 +59,8 @@ def parameters_table(jobs: Iterable[Record]) -> Table | None:
     return Table("parameters", title, headers, list(map(_cells, chosen)), notes, words=2)
 
 
-def _as_published(job: Record) -> bool:
-    """Whether a job's settings are those of the paper's recipe, or its codec has no other."""
-    return bool(job.get("settings", {}).get("recipe", "paper") == "paper")
-
-
-def _published(job: Record) -> Published:
-    return _ZELTNER_CODE if job.get("settings", {}).get("edition") == "code" else PUBLISHED[job["codec"]]
-
-
 def _cells(job: Record) -> list[str]:
-    paper = _published(job)
+    paper = _ZELTNER_CODE if job.get("settings", {}).get("edition") == "code" else PUBLISHED[job["codec"]]
     ours = [(job["parameters"], paper.parameters), (job["cost"]["texture_channels"], paper.channels)]
     numbers = ([integer(a), integer(b), f"{a - b:+,}" if a != b else "0"] for a, b in ours)
     return [paper.method, shown_label(job), *chain.from_iterable(numbers)]

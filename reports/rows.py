@@ -8,7 +8,19 @@ from typing import Any
 
 from bench.codecs.alike import obstacles
 from bench.compare.choosing.trades import fused_times
-from bench.records import CONDITIONS, PSNR, Record, Run, gate, metric_of, metrics_of, require, shown_label, stats_of
+from bench.records import (
+    CONDITIONS,
+    PSNR,
+    Record,
+    Run,
+    gate,
+    grouped,
+    metric_of,
+    metrics_of,
+    require,
+    shown_label,
+    stats_of,
+)
 
 NEW_RUN = "timed in another start than the other rows"
 
@@ -132,8 +144,7 @@ class MaterialRows:
         """Size and pairs in words: "64 × 64 texels, 625 training pairs, 150 held out"."""
         if self.first is None:
             return "nothing measured"
-        height, width = self.first["shape"]
-        pairs = self.first["pairs"]
+        (height, width), pairs = self.first["shape"], self.first["pairs"]
         heldout = f"{pairs['heldout']:,} held out" if "heldout" in pairs else "none held out, so scored at all pairs"
         return f"{height} × {width} texels, {pairs['train']:,} training pairs, {heldout}"
 
@@ -156,13 +167,11 @@ def described(job: Record, name: str) -> Record:
 @lru_cache(maxsize=1)  # every table and figure of a report calls it
 def materials(run: Run) -> list[MaterialRows]:
     """The run's jobs by material. `InputError` if a finished one lacks a field that tables show."""
-    by_name: dict[str, list[Record]] = {}
-    for job in run.jobs:
-        if job["status"] == "ok":
-            require(job, "tables", run.folder)
-        by_name.setdefault(job["material"], []).append(job)
-    nowhere = frozenset(map(shown_label, run.jobs)) - {shown_label(job) for job in run.jobs if job["status"] == "ok"}
-    unlike = obstacles(run.jobs)
+    finished = [job for job in run.jobs if job["status"] == "ok"]
+    for job in finished:
+        require(job, "tables", run.folder)
+    nowhere = frozenset(map(shown_label, run.jobs)) - set(map(shown_label, finished))
+    unlike, by_name = obstacles(run.jobs), grouped(run.jobs, lambda job: str(job["material"]))
     return [MaterialRows(name, list(_rows(run, jobs, unlike)), nowhere) for name, jobs in by_name.items()]
 
 
@@ -172,8 +181,7 @@ def _rows(run: Run, jobs: list[Record], unlike: dict[str, str]) -> Iterator[Row]
     counts = Counter(start for start, _ in timed)
     # Of the start that timed most rows, of several the last: one codec timed again leaves the others' times as they are
     _, common = max(timed, key=lambda each: (counts[each[0]], each[0]), default=("", {}))
-    seeds = {job.get("seed") for job in jobs}
-    fused = fused_times(run)
+    seeds, fused = {job.get("seed") for job in jobs}, fused_times(run)
     for job in jobs:
         label = shown_label(job)
         name = f"{label} seed={job['seed']}" if len(seeds) > 1 else label

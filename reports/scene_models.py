@@ -12,11 +12,9 @@ def scene_models_text(rows: Sequence[Record]) -> str:
     """The rows of `bench.demand.fitting.rows` for a terminal."""
     headers = [("model", ""), ("total", "bytes ↓"), ("time", "ns ↓"), ("fit", "steps"), ("fit", "s")]
     headers += [("scene PSNR", "dB ↑"), ("scene FLIP", "↓"), ("outside PSNR", "dB ↑")]
-    cells = [_cells(row) for row in rows]
+    cells = []
+    for row in rows:
+        cost = [integer(row["bytes"]), significant(row["ns"]), integer(row["steps"]), fixed(row["seconds"], 1)]
+        cells.append([row["model"], *cost, fixed(row["psnr"], 2), fixed(row["flip"], 4), fixed(row["outside"], 2)])
     note = "Scene: in the frames. Outside: at pairs that the scene does not use. —: no error, or no such pair."
     return plain([Table("scene", "the model of the scene beside the full one", headers, cells, [note])])
-
-
-def _cells(row: Record) -> list[str]:
-    cost = [integer(row["bytes"]), significant(row["ns"]), integer(row["steps"]), fixed(row["seconds"], 1)]
-    return [row["model"], *cost, fixed(row["psnr"], 2), fixed(row["flip"], 4), fixed(row["outside"], 2)]

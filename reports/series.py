@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.compare.slices import decibels
 from bench.inputs.errors import InputError
-from bench.records import Run
+from bench.records import Run, grouped
 from reports.fits import FitCurve, curves_by_material
 from reports.rows import CodecRows, MaterialRows, Row, materials
 from reports.styles import Styles, is_own
@@ -22,8 +22,7 @@ _MEANS = ("rate", "speed", "cost")  # of which there is a plot over all material
 
 def codecs(run: Run) -> Series:
     """Every codec that has a result with its colour, marker and line, in the order of the suite."""
-    styles = Styles(run)
-    entries = []
+    styles, entries = Styles(run), []
     for label in dict.fromkeys(codec.label for material in materials(run) for codec in material.codecs):
         look = styles.of_codec(label)
         hollow = look["markerfacecolor"] != look["color"]
@@ -114,9 +113,7 @@ def _footprints(codec: CodecRows) -> list[list[float]]:
 def _mean(kind: str, by_material: Sequence[Plot], materials: int) -> Plot:
     """The mean over materials of each codec that has a point on all of them."""
     chosen = [plot for plot in by_material if plot["kind"] == kind]
-    by_label: dict[str, Series] = {}
-    for each in (series for plot in chosen for series in plot["series"]):
-        by_label.setdefault(each["label"], []).append(each)
+    by_label = grouped((each for plot in chosen for each in plot["series"]), lambda each: str(each["label"]))
     series = [
         all_of[0] | {"points": [list(map(fmean, zip(*(each["points"][0] for each in all_of), strict=True)))]}
         for all_of in by_label.values()

@@ -74,12 +74,9 @@ class _Cells:
         record = self.records.get((subject, extreme))
         if record is None:
             return NONE
-        match record["verdict"]:
-            case "n/a":
-                return f"n/a {self.letters[_reason(record)]}"
-            case "fail":
-                return f"FAIL {record['figure']}"
-        return record["figure"] or "pass"
+        if record["verdict"] == "n/a":
+            return f"n/a {self.letters[_reason(record)]}"
+        return f"FAIL {record['figure']}" if record["verdict"] == "fail" else record["figure"] or "pass"
 
     def notes(self) -> list[str]:
         failed = [record for record in self.records.values() if record["verdict"] == "fail"]

@@ -42,12 +42,11 @@ class Styles:
         known, colours = (self.own, OWN) if is_own(label) else (KNOWN, COLOURS)
         place = known.index(codec) if codec in known else len(known)
         colour = colours[place % len(colours)]
-        hollow = variant % 2
         return {
             "color": colour,
             "zorder": 3 if is_own(label) else 2,
             "marker": MARKERS[place % len(MARKERS)],
-            "markerfacecolor": "white" if hollow else colour,
+            "markerfacecolor": "white" if variant % 2 else colour,
             "linestyle": LINES[variant % len(LINES)],
         }
 

@@ -15,7 +15,6 @@ from reports.table import Note, Table, best_cells
 
 if TYPE_CHECKING:
     from bench.compare.paired import Against
-    from bench.compare.standings import Standing
 
 
 def summary_table(run: Run, intervals: bool = True) -> Table | None:
@@ -35,13 +34,14 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
         codecs = [codec for material in measured for codec in material.codecs if codec.label == each.label]
         means = [_mean(column, codecs) for column in chosen]
         stars = [column.star([row for codec in codecs for row in codec.measured]) for column in chosen]
-        written = [
-            NONE if mean is None else column.write(mean) + star
-            for column, mean, star in zip(chosen, means, stars, strict=True)
-        ]
-        means = [None if star else mean for mean, star in zip(means, stars, strict=True)]  # they are not ranked
-        rows.append([*_standing(each, len(measured)), *written])
-        scores.append([None, None, *_scores(each, chosen, means)])
+        psnr = EXACT if each.psnr >= MOST_DB else fixed(each.psnr, 2)
+        row = [each.label, f"{each.materials} of {len(measured)}", fixed(each.rank, 1), integer(each.wins), psnr]
+        score = [None, None, None if each.rank is None else -each.rank, each.wins, each.psnr]
+        for column, mean, star in zip(chosen, means, stars, strict=True):
+            row.append(NONE if mean is None else column.write(mean) + star)
+            score.append(None if mean is None or star else column.sign * mean)  # a star is not ranked
+        rows.append(row)
+        scores.append([None] * len(score) if each.rank is None else score)  # nor is a codec without a rank
     notes: list[str] = ["Means over seeds, then over materials: docs/metrics.md, “Tables”."]
     if intervals:
         against = against_one(run)
@@ -70,21 +70,8 @@ def _paired(against: "Against") -> str:
     return f"{start} {told if materials >= FEWEST else few}"
 
 
-def _standing(each: "Standing", count: int) -> list[str]:
-    psnr = EXACT if each.psnr >= MOST_DB else fixed(each.psnr, 2)
-    return [each.label, f"{each.materials} of {count}", fixed(each.rank, 1), integer(each.wins), psnr]
-
-
 def _mean(column: Column, codecs: Sequence[CodecRows]) -> float | None:
     """The mean over materials of a column's means over seeds; None if a material has no number."""
     means = [column.mean(codec.measured) for codec in codecs if codec.measured]
     numbers = [mean for mean in means if mean is not None]
     return fmean(numbers) if numbers and len(numbers) == len(means) else None
-
-
-def _scores(each: "Standing", chosen: Sequence[Column], means: Sequence[float | None]) -> list[float | None]:
-    """The score of each cell, more is better; all None for a codec that is not ranked."""
-    if each.rank is None or each.wins is None:
-        return [None] * (3 + len(chosen))
-    others = [None if mean is None else column.sign * mean for column, mean in zip(chosen, means, strict=True)]
-    return [-each.rank, each.wins, each.psnr, *others]

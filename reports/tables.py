@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from bench.codecs.alike import stale
 from bench.compare.choosing import has_validation
-from bench.records import Record, Run
+from bench.records import Record, Run, grouped
 from reports import BY_BUDGET, KINDS, columns
 from reports.ablation import ablation_table
 from reports.columns import Column
@@ -21,6 +21,7 @@ from reports.summary import summary_table
 from reports.table import Table, best_cells
 from reports.trade import trade_tables
 
+Chosen = Callable[[MaterialRows], Sequence[Column]]  # the columns of a material
 _STALE = " †"  # after a codec whose records are of an older version than the installed one
 
 
@@ -72,11 +73,10 @@ def scene_table(material: MaterialRows) -> Table | None:
 def unfinished_table(run: Run) -> Table | None:
     """Jobs without numbers and the reasons, including planned jobs that were not run."""
     words = {"failed": "failed", "unavailable": "not available"}
-    rows = [
-        [job["material"], name, words.get(job["status"], job["status"]), " ".join(str(job.get("error", "")).split())]
-        for name, job in [(row.name, row.job) for each in materials(run) for row in each.rows]
-        if job["status"] != "ok"
-    ]
+    rows = []
+    for row in (row for each in materials(run) for row in each.rows if row.job["status"] != "ok"):
+        state, why = row.job["status"], " ".join(str(row.job.get("error", "")).split())
+        rows.append([row.job["material"], row.name, words.get(state, state), why])
     for material, label, seeds in not_run(run):
         rows.append([material, label, "not run", f"seed{'s' * (len(seeds) > 1)} {', '.join(map(str, seeds))}"])
     headers = [("material", ""), ("codec", ""), ("state", ""), ("why", "")]
@@ -87,21 +87,18 @@ def _table(kind: str, material: MaterialRows, about: str, chosen: Sequence[Colum
     """A row a codec, the mean over its seeds; the best of each column bold, the second underlined."""
     if not material.measured or not chosen:
         return None
-    title = f"{material.name}" + (f": {about}" if about else "") + f" ({material.split})"
+    title = f"{': '.join(filter(None, [material.name, about]))} ({material.split})"
     codecs = material.codecs
     chosen = [c for c in chosen if not c.sparse or any(c.cell(codec.measured) != NONE for codec in codecs)]
     rows = [[codec.label, *_cells(codec, chosen)] for codec in codecs]
-    headers = [("codec", ""), *(_header(column, [row[i] for row in rows]) for i, column in enumerate(chosen, 1))]
+    headers = [("codec", "")]
+    for i, column in enumerate(chosen, 1):  # the unit says what the deviation is over, if a cell shows one
+        over = f" ± {column.over}" if any(" ± " in row[i] for row in rows) else ""
+        headers.append((column.name, (column.unit + over).strip()))
     scores = [[None, *(column.score(codec.measured) for column in chosen)] for codec in codecs]
     rows += _native_row(material, chosen)
-    notes = [*notes, *_seeds(material)]
-    return Table(kind, title, headers, rows, notes, material=material.name, marks=best_cells(rows, scores))
-
-
-def _header(column: Column, cells: Iterable[str]) -> tuple[str, str]:
-    """The name and the unit, which says what the deviation is over, if a cell shows one."""
-    unit = f"{column.unit} ± {column.over}" if any(" ± " in cell for cell in cells) else column.unit
-    return column.name, unit.strip()
+    marks = best_cells(rows, scores)
+    return Table(kind, title, headers, rows, [*notes, *_seeds(material)], material=material.name, marks=marks)
 
 
 def _seeds(material: MaterialRows) -> Iterator[str]:
@@ -110,11 +107,9 @@ def _seeds(material: MaterialRows) -> Iterator[str]:
     if len(seeds) < 2:
         return
     yield f"Seeds {', '.join(map(str, seeds))}: a number is their mean; “± seeds”: the deviation over them."
-    short: dict[int, list[str]] = {}
-    for codec in material.codecs:
-        if 0 < len(codec.measured) < len(seeds):
-            short.setdefault(len(codec.measured), []).append(codec.label)
-    yield from (f"{count} of {len(seeds)} seeds: {', '.join(labels)}." for count, labels in short.items())
+    short = (codec for codec in material.codecs if 0 < len(codec.measured) < len(seeds))
+    for count, codecs in grouped(short, lambda codec: len(codec.measured)).items():
+        yield f"{count} of {len(seeds)} seeds: {', '.join(codec.label for codec in codecs)}."
 
 
 def _native_row(material: MaterialRows, chosen: Sequence[Column]) -> list[list[str]]:
@@ -122,8 +117,10 @@ def _native_row(material: MaterialRows, chosen: Sequence[Column]) -> list[list[s
     job = material.first
     if job is None or "native" not in job.get("provenance", {}) or not any(column.native for column in chosen):
         return []
-    name = job["provenance"]["native"].get("name", "dfmf")
-    return [[f"{name} (native)", *(column.native(job) if column.native else NONE for column in chosen)]]
+    own = job["provenance"]["native"]
+    own = own | {"bits": columns.bits(job, own["bytes"])}
+    cells = (column.write(column.native(own)) if column.native else NONE for column in chosen)
+    return [[f"{own.get('name', 'dfmf')} (native)", *cells]]
 
 
 def _cells(codec: CodecRows, chosen: Sequence[Column]) -> list[str]:
@@ -136,20 +133,13 @@ def _cells(codec: CodecRows, chosen: Sequence[Column]) -> list[str]:
 
 
 def _each(
-    kind: str,
-    about: str,
-    chosen: Callable[[MaterialRows], Sequence[Column]],
-    notes: Callable[[MaterialRows], list[str]] = common_notes,
-    note: str = "",
+    kind: str, about: str, chosen: Chosen, notes: Callable[[MaterialRows], list[str]] = common_notes, note: str = ""
 ) -> "Maker":
     """Makes a table for each material that was measured; a `note` comes before other notes."""
-
-    def tables(_: Run, rows: list[MaterialRows]) -> Iterator[Table | None]:
-        for material in rows:
-            if material.measured:
-                yield _table(kind, material, about, chosen(material), [*([note] if note else []), *notes(material)])
-
-    return tables
+    first = [note] if note else []
+    return lambda _, rows: [
+        _table(kind, each, about, chosen(each), [*first, *notes(each)]) for each in rows if each.measured
+    ]
 
 
 def _by_budget(kind: str) -> "Maker":
@@ -165,7 +155,7 @@ def _by_budget(kind: str) -> "Maker":
     return tables
 
 
-def _of_first(chosen: Callable[[Record], list[Column]]) -> Callable[[MaterialRows], list[Column]]:
+def _of_first(chosen: Callable[[Record], list[Column]]) -> Chosen:
     """The columns of a material that its first job has numbers for."""
     return lambda material: chosen(material.first) if material.first else []
 

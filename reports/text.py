@@ -10,6 +10,7 @@ from tabulate import tabulate
 from reports.table import BOLD, UNDERLINED, Table
 
 WIDTH = 120
+_MARKS = {BOLD: "**{}**", UNDERLINED: "<ins>{}</ins>", "": "{}"}
 
 
 def plain(tables: Sequence[Table]) -> str:
@@ -57,24 +58,21 @@ def wrapped(note: str) -> str:
 
 def markdown(tables: Sequence[Table]) -> str:
     """Tables as GitHub Markdown, each under a heading."""
-    blocks = [
-        block
-        for table in tables
-        for block in (f"### {escaped(table.title)}", grid(table), *map(escaped, table.footnotes))
-    ]
+    blocks: list[str] = []
+    for table in tables:
+        blocks += [f"### {escaped(table.title)}", grid(table), *map(escaped, table.footnotes)]
     return "\n\n".join(blocks) + "\n"
 
 
 def grid(table: Table) -> str:
     """The cells of a table as GitHub Markdown, without title and notes."""
     headers = [escaped(f"{name} {unit}") for name, unit in table.headers]
-    rows = [[_marked(cell, table.marks.get((i, j))) for j, cell in enumerate(row)] for i, row in enumerate(table.rows)]
+    rows = [
+        [_MARKS[table.marks.get((i, j), "")].format(escaped(cell)) for j, cell in enumerate(row)]
+        for i, row in enumerate(table.rows)
+    ]
     alignment = ["left" if i < table.words else "right" for i in range(len(table.headers))]
     return tabulate(rows, headers, "pipe", colalign=alignment, disable_numparse=True)
-
-
-def _marked(cell: str, mark: str | None) -> str:
-    return {BOLD: "**{}**", UNDERLINED: "<ins>{}</ins>"}.get(mark or "", "{}").format(escaped(cell))
 
 
 def escaped(text: str) -> str:

@@ -2,11 +2,12 @@
 
 import json
 from collections.abc import Iterator, Sequence
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 from bench.compare.choosing.trades import named
-from bench.records import MOST_DB, load_trade
+from bench.records import MOST_DB, grouped, load_trade
 from reports.csv_tables import as_csv
 from reports.numbers import EXACT, NONE, fixed, integer, signed, significant
 from reports.table import Table
@@ -22,8 +23,7 @@ def trade_tables(folder: Path) -> Iterator[Table]:
         yield _choices(material, rows, answers)
         if any("from_float32" in row for row in rows):
             yield _stability(material, rows)
-        profiles = [record for record in trade["profiles"] if record["material"] == material]
-        if profiles:
+        if profiles := [record for record in trade["profiles"] if record["material"] == material]:
             yield _profile(material, profiles)
     yield _ceilings(trade["ceilings"], trade.get("left_out", []))
 
@@ -57,10 +57,8 @@ def _choices(material: str, rows: Sequence[dict[str, Any]], answers: list[str]) 
 def _choice(row: dict[str, Any]) -> list[str]:
     if "error" in row:
         return [named(row), *[NONE] * (len(_CHOICES) - 1)]
-    if "bytes" not in row:  # the floor
-        quality = [NONE] * 4
-        limit, fronts = NONE, ""
-    else:
+    quality, limit, fronts = [NONE] * 4, NONE, ""
+    if "bytes" in row:  # else it is the floor
         quality = [EXACT if row["psnr"] >= MOST_DB else fixed(row["psnr"], 2)]
         quality += [EXACT if row["worst"] is None else fixed(row["worst"], 2), fixed(row["flip"], 3)]
         quality += [integer(row["bytes"])]
@@ -121,14 +119,11 @@ _CONDITION = ("part", "batch", "coherent", "footprint", "threads")
 def _profile(material: str, records: Sequence[dict[str, Any]]) -> Table:
     """ns a sample: a row a condition, a column a codec."""
     names = list(dict.fromkeys(record["name"] for record in records))
-    conditions = list(dict.fromkeys(tuple(record[key] for key in _CONDITION) for record in records))
-    time = {(record["name"], tuple(record[key] for key in _CONDITION)): record for record in records}
     rows = []
-    for condition in conditions:
-        part, batch, coherent, footprint, threads = condition
+    for (part, batch, coherent, footprint, threads), alike in grouped(records, itemgetter(*_CONDITION)).items():
         words = [part, integer(batch), "slice" if coherent else "random", significant(footprint), str(threads)]
-        timed = [time.get((name, condition)) for name in names]
-        rows.append([*words, *(significant(record["ns_per_sample"]) if record else NONE for record in timed)])
+        timed = {record["name"]: record["ns_per_sample"] for record in alike}
+        rows.append([*words, *(significant(timed.get(name)) for name in names)])
     headers = [("part", ""), ("batch", ""), ("queries", ""), ("footprint", "texels"), ("threads", "")]
     headers += [(name, "ns ↓") for name in names]
     note = (

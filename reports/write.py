@@ -31,8 +31,7 @@ def write(folder: Path, vector: bool = False) -> Report:
         drawn.append(replace(figure, drawing=None))  # the drawing takes memory
     tables = all_tables(run)
     narrow = [*(table for table in tables if table.kind != "main"), *all_tables(run, narrow=True, kind="main")]
-    files = _write_tables(run, folder / "tables", tables, narrow)
-    files += pictures
+    files = [*_write_tables(run, folder / "tables", tables, narrow), *pictures]
     _remove_old_figures(folder / "figures", files)
     files.append(folder / "report.html")
     with replacing(files[-1]) as partial, open(partial, "w", encoding="utf-8", newline="\n") as file:
@@ -76,8 +75,7 @@ def _write_tables(run: Run, folder: Path, tables: Sequence[Table], narrow: Seque
     writers = {".md": (markdown, tables), ".tex": (latex, narrow)}
     for kind in KINDS:
         for suffix, (text, candidates) in writers.items():
-            chosen = [table for table in candidates if table.kind == kind]
-            if chosen:
+            if chosen := [table for table in candidates if table.kind == kind]:
                 files.append(put(folder / f"{kind}{suffix}", text(chosen).encode()))
             else:
                 (folder / f"{kind}{suffix}").unlink(missing_ok=True)

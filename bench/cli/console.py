@@ -2,7 +2,7 @@
 
 import sys
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console as RichConsole
@@ -35,8 +35,7 @@ class _TimeLeft(ProgressColumn):
 
 
 class Console:
-    """Progress bars that vanish when done, and lines that stay. Without a terminal, lines tell progress now and
-    then."""
+    """Progress bars that vanish when done, and lines that stay; without a terminal, a line of progress now and then."""
 
     def __init__(self) -> None:
         self.out = RichConsole(highlight=False)
@@ -74,20 +73,17 @@ class Console:
 
     def ended(self, outcome: "Outcome") -> None:
         """Print a finished job in one line, with the progress of the run if no bar shows it."""
-        line = job_line(outcome.record, outcome.cached)
+        record = outcome.record
+        if record["status"] == "ok":
+            psnr = stats_of(record, PSNR)["mean"]
+            shown = "exact" if psnr >= MOST_DB else f"{psnr:.2f} dB"
+            reused = {"record": "cached", "file": "scored again from the cached file"}.get(outcome.cached)
+            how = reused or f"fitted in {record['fit_seconds']:.1f} processor s"
+            line = f"{record['job']}: {shown}, {record['bytes']['total']:,} bytes, {how}"
+        else:
+            word = "not available" if record["status"] == "unavailable" else "FAILED"
+            line = f"{record['job']}: {word}: {record['error']}"
         self.say(line if self.out.is_terminal or not outcome.progress else f"{line} ({outcome.progress})")
-
-
-def job_line(record: dict[str, Any], cached: str) -> str:
-    """One finished job in one line."""
-    if record["status"] != "ok":
-        word = "not available" if record["status"] == "unavailable" else "FAILED"
-        return f"{record['job']}: {word}: {record['error']}"
-    psnr = stats_of(record, PSNR)["mean"]
-    shown = "exact" if psnr >= MOST_DB else f"{psnr:.2f} dB"
-    reused = {"record": "cached", "file": "scored again from the cached file"}.get(cached)
-    how = reused or f"fitted in {record['fit_seconds']:.1f} processor s"
-    return f"{record['job']}: {shown}, {record['bytes']['total']:,} bytes, {how}"
 
 
 def file_lines(header: Header) -> str:
@@ -95,11 +91,10 @@ def file_lines(header: Header) -> str:
     from bench.codecs.container import SHARED
     from bench.codecs.shared import read
 
-    parts = header.part_bytes()
     lines = [
         f"{header.path}: codec {header.codec}, version {header.version}, {header.file_bytes:,} bytes",
         "settings: " + (", ".join(f"{k} = {v}" for k, v in header.settings.items()) or "none"),
-        "bytes: " + ", ".join(f"{part} {size:,}" for part, size in parts.items()),
+        "bytes: " + ", ".join(f"{part} {size:,}" for part, size in header.part_bytes().items()),
     ]
     if header.kind == SHARED:
         lines.append("this file holds no material, but the network that the codec shares over materials")

@@ -24,11 +24,11 @@ def obstacles(jobs: Iterable[Record]) -> dict[str, str]:
     coded = {row_of(job): job.get("fit_key", {}).get("code") for job in finished}
     found = {}
     for job in finished:
+        key, code = job.get("fit_key", {}), coded[row_of(job)]
         reasons = _scored(job["score_key"], scored[job["material"], job.get("seed")])
-        reasons += [each] if (each := _differences(job.get("fit_key", {}), fitted[job.get("codec")])) else []
-        code = coded[row_of(job)]
+        reasons += [each] if (each := _differences(key, fitted[job.get("codec")])) else []
         # The suite's own codecs get a new version if their files change; one's own may change without.
-        if code and job.get("fit_key", {}).get("code") != code and from_outside(str(job.get("codec"))):
+        if code and key.get("code") != code and from_outside(str(job.get("codec"))):
             reasons.append("fitted by other code of the codec than its newest seed")
         if reasons:
             found[job["job"]] = ", ".join(reasons)
@@ -41,11 +41,9 @@ def row_of(job: Record) -> tuple[Any, ...]:
 
 
 def _differences(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> str:
-    words = []
-    for key, what in (("version", "codec"), ("store", "store")):
-        if mine and key in theirs and mine.get(key) != theirs[key]:
-            words.append(f"{what} version {mine.get(key)} instead of {theirs[key]}")
-    return ", ".join(words)
+    differ = [key for key in ("version", "store") if mine and key in theirs and mine.get(key) != theirs[key]]
+    names = {"version": "codec", "store": "store"}
+    return ", ".join(f"{names[key]} version {mine.get(key)} instead of {theirs[key]}" for key in differ)
 
 
 def _scored(key: Record, newest: Record) -> list[str]:

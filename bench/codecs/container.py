@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
     from bench.codec import Codec, Parts, SharedNetwork
 
+    Encoder = Codec | SharedNetwork
+
 FORMAT = 1
 KEY = "neubtf"
 SUFFIX = ".nbtf"
@@ -68,15 +70,13 @@ class Header:
         return sums | {"header": self.file_bytes - sum(sums.values())}
 
 
-def save(
-    path: Path, codec: "Codec | SharedNetwork", parts: "Parts", provenance: dict[str, Any] | None = None
-) -> Header:
+def save(path: Path, codec: "Encoder", parts: "Parts", provenance: dict[str, Any] | None = None) -> Header:
     """Write a codec file completely or not at all (a temporary name, then a rename), and read its header back."""
     atomic.write(Path(path), to_bytes(codec, parts, provenance))
     return read_header(path)
 
 
-def to_bytes(codec: "Codec | SharedNetwork", parts: "Parts", provenance: dict[str, Any] | None = None) -> bytes:
+def to_bytes(codec: "Encoder", parts: "Parts", provenance: dict[str, Any] | None = None) -> bytes:
     """The bytes of a codec file. The same parts give the same bytes."""
     from safetensors.torch import save as serialise
 
@@ -91,16 +91,14 @@ def to_bytes(codec: "Codec | SharedNetwork", parts: "Parts", provenance: dict[st
         by_part = {part: {ZSTD: compressed(serialise(named))} for part, named in by_part.items() if named}
     tensors = {f"{part}/{name}": tensor for part, named in by_part.items() for name, tensor in named.items()}
     metadata = {"format": FORMAT, "codec": codec.name, "version": codec.version, "settings": settings_dict(codec)}
-    metadata |= {"sha256": ZEROS.decode()}
-    metadata |= {"provenance": provenance} if provenance else {}
-    metadata |= {"kind": SHARED} if isinstance(codec, SharedNetwork) else {}
-    metadata |= {"shared": parts.network.sha256} if parts.network else {}
-    metadata |= {"scene": parts.scene} if parts.scene else {}
+    kind, network = SHARED if isinstance(codec, SharedNetwork) else "", parts.network.sha256 if parts.network else ""
+    others = {"provenance": provenance, "kind": kind, "shared": network, "scene": parts.scene}
+    metadata |= {"sha256": ZEROS.decode()} | {name: value for name, value in others.items() if value}
     data = serialise(tensors, {KEY: json.dumps(metadata, sort_keys=True, separators=(",", ":"))})
     return data.replace(ZEROS, hashlib.sha256(data).hexdigest().encode(), 1)
 
 
-def _check_parts(codec: "Codec | SharedNetwork", parts: object) -> None:
+def _check_parts(codec: "Encoder", parts: object) -> None:
     """Raise a `CodecError` unless these are `Parts` of tensors by name."""
     from torch import Tensor
 

@@ -31,8 +31,7 @@ def check(entry: EntryPoint, called: str, make: Make, settings: dict[str, Any] |
     if EXPENDABLE in os.environ or not is_outside(entry):
         return
     pairs = None if settings is None else tuple(sorted(settings.items()))
-    error = _tried(entry.name, called, make, pairs)
-    if error is not None:
+    if (error := _tried(entry.name, called, make, pairs)) is not None:
         raise error
 
 
@@ -89,6 +88,4 @@ def answer(make: Make, name: str, settings: dict[str, Any] | None, place: int) -
 
 def ending(code: int | None) -> str:
     """How a process ended, in words."""
-    if code is None or code >= 0:
-        return f"exit code {code}"
-    return f"killed by {signal.Signals(-code).name}"
+    return f"exit code {code}" if code is None or code >= 0 else f"killed by {signal.Signals(-code).name}"

@@ -26,8 +26,7 @@ class SlicesMaterial(Material):
     def __init__(self, decoded: BTF, truth: BTF):
         super().__init__(decoded.shape, DecoderCost())
         self.decoded = decoded
-        have = np.concatenate([decoded.wo, decoded.wi], 1)
-        wanted = np.concatenate([truth.wo, truth.wi], 1)
+        have, wanted = (np.concatenate([btf.wo, btf.wi], 1) for btf in (decoded, truth))
         distance, nearest = cKDTree(have).query(wanted)
         if absent := int((distance > SAME).sum()):
             pair = int(distance.argmax())

@@ -44,9 +44,8 @@ class Window:
 
     def cut(self, btf: BTF) -> BTF:
         """The BTF of the window."""
-        if not self.full:
-            btf = btf.crop(self.top, self.left, self.height, self.width)
-        return btf.downsample(self.factor)
+        whole = btf if self.full else btf.crop(self.top, self.left, self.height, self.width)
+        return whole.downsample(self.factor)
 
     @property
     def sides(self) -> tuple[int, int]:
@@ -90,5 +89,4 @@ def to_hex(cells: Array) -> str:
 
 def from_hex(text: str) -> Array:
     """The map (CELLS, CELLS) that a file records. `ValueError` if it is invalid."""
-    bits = np.unpackbits(np.frombuffer(bytes.fromhex(text), np.uint8))
-    return bits.reshape(CELLS, CELLS).astype(bool)
+    return np.unpackbits(np.frombuffer(bytes.fromhex(text), np.uint8)).reshape(CELLS, CELLS).astype(bool)

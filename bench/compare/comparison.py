@@ -53,9 +53,8 @@ def compare(
 ) -> Comparison:
     """Compare two runs: all rows, or those of some materials and codecs.
 
-    Raises `InputError` for a name that neither has, for a damaged base, and for a job that lacks a needed field.
-
     `allow` names rows that may be gone or not comparable: a codec, a label, a material, `material/label`, or a pattern.
+    Raises `InputError` for a name that neither has, for a damaged base, and for a job that lacks a needed field.
     """
 
     def wanted(job: Record) -> bool:
@@ -82,8 +81,7 @@ def compare(
         timing = advice(ours.get(key), theirs.get(key))
         row = compared((base, new), olds.get(key, []), news.get(key, []), declared, timing)
         words = (row.name, row.label, row.label.split()[0], row.material)
-        allowed = any(fnmatchcase(word, pattern) for pattern in allow for word in words)
-        rows.append(replace(row, allowed=allowed))
+        rows.append(replace(row, allowed=any(fnmatchcase(word, pattern) for pattern in allow for word in words)))
     return Comparison(rows, list(_notes(base, new, rows)), means(rows))
 
 
@@ -91,12 +89,11 @@ def _renamed(before: list[Record], after: list[Record]) -> list[Record]:
     """The jobs of `before`; a label that `after` lacks is replaced by its label for equal settings."""
     known = {(job["material"], job["label"]) for job in after}
     same = {_identity(job): job["label"] for job in after if job["status"] == "ok"}
-    return [
-        job | {"label": same[_identity(job)]}
-        if job["status"] == "ok" and (job["material"], job["label"]) not in known and _identity(job) in same
-        else job
-        for job in before
-    ]
+    renamed = []
+    for job in before:
+        lacks = job["status"] == "ok" and (job["material"], job["label"]) not in known
+        renamed.append(job | {"label": same.get(_identity(job), job["label"])} if lacks else job)
+    return renamed
 
 
 def _identity(job: Record) -> tuple[str, ...]:
@@ -131,8 +128,7 @@ def _notes(base: Run, new: Run, rows: list[ComparedRow]) -> Iterator[str]:
         yield f"{len(new.unreadable)} line(s) of NEW could not be read: {', '.join(map(str, new.unreadable))}"
     if base.starts and new.starts:
         mine, theirs = _conditions(base.starts[-1]), _conditions(new.starts[-1])
-        changed = [f"{key} {mine[key]} → {theirs[key]}" for key in mine if mine[key] != theirs[key]]
-        if changed:
+        if changed := [f"{key} {mine[key]} → {theirs[key]}" for key in mine if mine[key] != theirs[key]]:
             yield "not measured under the same conditions: " + "; ".join(changed)
     if guessed := [row.name for row in rows if any(c.margin and c.spread is None for c in row.deciding)]:
         yield (

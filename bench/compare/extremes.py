@@ -15,14 +15,14 @@ def changes(base: Run, new: Run, codecs: Sequence[str] = ()) -> Iterator[tuple[s
     """
     after_by_cell = {_cell(record): record for record in new.stress}
     for before in base.stress:
-        subject, extreme = before["subject"], before["extreme"]
-        if before["verdict"] != "pass" or (codecs and subject not in codecs):
+        if before["verdict"] != "pass" or (codecs and before["subject"] not in codecs):
             continue
+        name = ": ".join(_cell(before))
         after = after_by_cell.get(_cell(before))
         if after is None:
-            yield f"{subject}: {extreme}", "is gone"
+            yield name, "is gone"
         elif after["verdict"] != "pass":
-            yield f"{subject}: {extreme}", f"held, and is now {after['verdict']}: {after['detail'] or after['figure']}"
+            yield name, f"held, and is now {after['verdict']}: {after['detail'] or after['figure']}"
 
 
 def _cell(record: Record) -> tuple[str, str]:
@@ -44,5 +44,4 @@ def report(base: Run, new: Run, codecs: Sequence[str] = (), allow: Sequence[str]
         return "the two stress tests have no cell in common", NOTHING
     held = sum(record["verdict"] == "pass" for record in theirs)
     worse = [change for change in changes(base, new, codecs) if not any(fnmatch(change[0], name) for name in allow)]
-    lines = [f"{name} {what}" for name, what in worse]
-    return "\n".join([*lines, f"{held} cells hold, {len(worse)} got worse"]), NO if worse else FINE
+    return "\n".join([*map(" ".join, worse), f"{held} cells hold, {len(worse)} got worse"]), NO if worse else FINE

@@ -7,16 +7,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from bench.compare.quantities import Quantity
 from bench.compare.rows import ComparedRow, worst
 from bench.compare.verdicts import DECIDED, Chance, Change, Verdict, verdict
+from bench.records import grouped
 
 
 def means(rows: Sequence[ComparedRow]) -> list[ComparedRow]:
     """A mean row for each codec with several rows, and one for all codecs; none for fewer than two rows."""
-    codecs: dict[str, list[ComparedRow]] = {}
-    for row in rows:
-        codecs.setdefault(row.label.split()[0], []).append(row)
+    codecs = grouped(rows, lambda row: row.label.split()[0])
     by_codec = [_mean(name, several, False) for name, several in codecs.items()]
     return [row for row in (*by_codec, _mean("all codecs", list(rows), True)) if row]
 
@@ -32,11 +30,12 @@ def _mean(label: str, rows: list[ComparedRow], every: bool) -> ComparedRow | Non
 
 
 def _merged(changes: list[Change], every: bool) -> Change:
-    """The mean change of one quantity over some rows, weighted by `_weights`, and the margin of that mean."""
-    quantity: Quantity = changes[0].quantity
-    tolerance = quantity.tolerance
+    """The mean change of one quantity over some rows, weighted by their variances, and the margin of that mean."""
+    quantity, tolerance = changes[0].quantity, changes[0].quantity.tolerance
     assert tolerance is not None, "a deciding quantity has a tolerance"
-    weights = _weights(changes, tolerance.common)
+    # The inverse of each variance is best if all rows lose alike; `common` is a lower bound of the standard errors.
+    inverse = [1 / ((each.chance.error if each.chance else 0.0) ** 2 + tolerance.common**2) for each in changes]
+    weights = [each / math.fsum(inverse) for each in inverse]
     chance = _together(changes, weights)
     least = tolerance.common if every else tolerance.drawn if chance else tolerance.certain
     room = max(least, chance.margin(tolerance) if chance else 0.0)
@@ -46,15 +45,6 @@ def _merged(changes: list[Change], every: bool) -> Change:
     )
     whole = Change(quantity, base, new, Verdict.SHOWN)
     return replace(whole, verdict=verdict(whole.loss, room), margin=room, chance=chance)
-
-
-def _weights(changes: list[Change], least: float) -> list[float]:
-    """The weights of the rows in their mean: the inverse of each variance, which is best if all rows lose alike.
-
-    `least` is a lower bound of the standard errors.
-    """
-    inverse = [1 / ((change.chance.error if change.chance else 0.0) ** 2 + least**2) for change in changes]
-    return [each / math.fsum(inverse) for each in inverse]
 
 
 def _together(changes: list[Change], weights: list[float]) -> Chance | None:

@@ -19,7 +19,7 @@ import numpy as np
 from bench.btf import Array
 from bench.compare.slices import decibels
 from bench.inputs.errors import InputError
-from bench.records import Record, Run, shown_label
+from bench.records import Record, Run, grouped, shown_label
 
 AGAINST = "neubtf-direct"  # the codec that others are compared with, named before anything was measured
 FEWEST = 3  # materials on which codecs may be told apart
@@ -91,8 +91,8 @@ def against_jobs(folder: Path, first: str, jobs: Mapping[str, Mapping[tuple[str,
         cells = [cell for cell in every if cell]
         if whole := interval(cells):
             differences.over[label] = whole
-        for material in dict.fromkeys(cell.material for cell in cells):
-            if part := interval([cell for cell in cells if cell.material == material]):
+        for material, own in grouped(cells, lambda cell: cell.material).items():
+            if part := interval(own):
                 differences.on.setdefault(material, {})[label] = part
     return replace(differences, over=told_apart(differences.over))
 
@@ -129,9 +129,7 @@ def _cell(job: Record, ours: Array | None, others: Array | None) -> Cell | None:
 
 def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
     """The mean over materials of the mean over seeds of the mean over slices, with its interval; None without cells."""
-    by_material: dict[str, list[Cell]] = {}
-    for cell in cells:
-        by_material.setdefault(cell.material, []).append(cell)
+    by_material = grouped(cells, lambda cell: cell.material)
     if not by_material:
         return None
     means = np.array([np.mean([cell.differences.mean() for cell in each]) for each in by_material.values()])
@@ -157,9 +155,8 @@ def _student(means: Array) -> tuple[float, float]:
 
 def _bootstrap_means(cells: Sequence[Cell], draws: int) -> Array:
     """Means (draws,) over the drawn seeds and pairs of one material."""
-    alike: dict[tuple[str, int], list[int]] = {}  # seeds that draw the same pairs
-    for number, cell in enumerate(cells):
-        alike.setdefault((cell.pairs, len(cell.differences)), []).append(number)
+    # Seeds that draw the same pairs.
+    alike = grouped(range(len(cells)), lambda number: (cells[number].pairs, len(cells[number].differences)))
     shares, chosen = _drawn(tuple(count for _, count in alike), len(cells), draws)
     means = np.empty((len(cells), draws))
     for each, numbers in zip(shares, alike.values(), strict=True):

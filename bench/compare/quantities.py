@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from bench.records import FLIP, MOST_DB, PSNR, Record, gate, metric_of, metrics_of
 
@@ -60,8 +61,7 @@ class Quantity:
 
 
 DECIBELS = Tolerance(certain=0.02, drawn=0.1, one_seed=0.25, common=0.05)
-# It scatters least and detects most, so it may raise as many false alarms as the other four numbers of quality
-# together.
+# It scatters least and detects most, so it may raise as many false alarms as the other four of quality together.
 BY_SLICE = replace(DECIBELS, chance=0.001)
 DIFFERENCE = Tolerance(certain=0.0005, drawn=0.003, one_seed=0.005, common=0.0015)  # of FLIP
 
@@ -99,13 +99,12 @@ def undeciding(job: Record) -> list[Quantity]:
         if name not in (psnr, flip):
             digits = 2 if job["metrics"][name]["unit"] == "dB" else 4
             quantities.append(_metric(job, name, group, name.removesuffix("_periodic"), digits))
-    quantities += [_footprint(side) for side in job.get("footprints", {}) if side != "1"]
+    for side in (side for side in job.get("footprints", {}) if side != "1"):
+        quantities.append(Quantity(f"{side} texels", "dB", "higher", 2, partial(_footprint, side)))
     return quantities + [_part(part) for part in ("decoder", "texture") if part in job["bytes"]]
 
 
-def _metric(
-    job: Record, metric: str, group: str, name: str, digits: int, tolerance: Tolerance | None = None
-) -> Quantity:
+def _metric(job: Record, metric: str, group: str, name: str, digits: int, limit: Tolerance | None = None) -> Quantity:
     described = job["metrics"][metric]
 
     def value(job: Record) -> float | None:
@@ -113,7 +112,7 @@ def _metric(
         return _number(stats, stats.get("pooled"), described["unit"]) if stats else None
 
     unit = "" if described["unit"] == "1" else described["unit"]
-    return Quantity(name, unit, described["direction"], digits, value, tolerance, metric)
+    return Quantity(name, unit, described["direction"], digits, value, limit, metric)
 
 
 def _mean(name: str, metric: str, groups: list[str], tolerance: Tolerance) -> Quantity:
@@ -140,12 +139,9 @@ def average(values: Sequence[float | None]) -> float | None:
     return math.fsum(finite) / len(finite) if (finite := [v for v in known if math.isfinite(v)]) else math.inf
 
 
-def _footprint(side: str) -> Quantity:
-    def value(job: Record) -> float | None:
-        stats = job.get("footprints", {}).get(side)
-        return _number(stats, stats.get(PSNR), "dB") if stats else None
-
-    return Quantity(f"{side} texels", "dB", "higher", 2, value)
+def _footprint(side: str, job: Record) -> float | None:
+    stats = job.get("footprints", {}).get(side)
+    return _number(stats, stats.get(PSNR), "dB") if stats else None
 
 
 def _part(part: str) -> Quantity:

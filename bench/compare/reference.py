@@ -58,8 +58,8 @@ def few_seeds(run: Run) -> list[str]:
 
 def pairs_by_seed(run: Run) -> list[str]:
     """The names of rows whose seeds are scored at different pairs, and differ because of them."""
-    rows = by_row(run.jobs)
-    return ["/".join(row) for row, jobs in rows.items() if len({job["score_key"]["btf"] for job in jobs}) > 1]
+    btfs = {row: {job["score_key"]["btf"] for job in jobs} for row, jobs in by_row(run.jobs).items()}
+    return ["/".join(row) for row, names in btfs.items() if len(names) > 1]
 
 
 def smallest_losses(run: Run, count: int) -> dict[str, dict[str, float]]:
@@ -84,26 +84,23 @@ def seeds_of(run: Run) -> int:
 
 def _timings(run: Run, jobs: list[Record]) -> Iterator[Record]:
     starts = {start["run"]: str(i) for i, start in enumerate(run.starts, 1)}
-    timed = {timing["job"]: timing for timing in run.timings}
-    for timing in [timed[job["job"]] for job in jobs if job["job"] in timed]:
+    for timing in filter(None, map(run.timing, jobs)):
         yield rounded(kept(timing, REFERENCE)) | {"run": starts.get(timing["run"], timing["run"])}
 
 
 def _seeds_to_keep(jobs: list[Record], before: list[Record]) -> Iterator[Record]:
     """The jobs of `before` whose seeds are missing now, from rows whose other jobs are identical."""
     now = {job["job"]: job for job in jobs}
-    rows = {(job["material"], job["label"]) for job in before if job["job"] in now}
-    changed = {(job["material"], job["label"]) for job in before if now.get(job["job"], job) != job}
-    for job in before:
-        if job["job"] not in now and (job["material"], job["label"]) in rows - changed:
-            yield job
+    for jobs in by_row(before).values():
+        again = [now[job["job"]] == job for job in jobs if job["job"] in now]
+        if again and all(again):
+            yield from (job for job in jobs if job["job"] not in now)
 
 
 def _in_order(records: Iterable[Record]) -> list[Record]:
     """The jobs by material and label, both in the order of first appearance, then by seed."""
     jobs = list(records)
-    materials = list(dict.fromkeys(job["material"] for job in jobs))
-    labels = list(dict.fromkeys(job["label"] for job in jobs))
+    materials, labels = (list(dict.fromkeys(job[name] for job in jobs)) for name in ("material", "label"))
     return sorted(jobs, key=lambda job: (materials.index(job["material"]), labels.index(job["label"]), job["seed"]))
 
 

@@ -41,11 +41,9 @@ def standings(cells: Jobs) -> list[Standing]:
 
 def _qualities(codecs: Mapping[str, Sequence[Record]]) -> dict[str, float]:
     """The mean over seeds of the mean PSNR of slices by label; absent where none was measured."""
-    values = {
-        label: [value for job in jobs if (value := stats_of(job, PSNR).get("mean")) is not None]
-        for label, jobs in codecs.items()
-    }
-    return {label: fmean(each) for label, each in values.items() if each}
+    means = {label: [stats_of(job, PSNR).get("mean") for job in jobs] for label, jobs in codecs.items()}
+    known = {label: [value for value in values if value is not None] for label, values in means.items()}
+    return {label: fmean(values) for label, values in known.items() if values}
 
 
 def _ranks(quality: dict[str, float]) -> dict[str, float]:

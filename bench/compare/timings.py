@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from bench.records import CONDITIONS, Record, by_row
+from bench.records import CONDITIONS, Record, by_row, grouped
 
 UNIT = "mean-colour"
 FACTOR = 1.25  # a smaller change of a ratio is not mentioned
@@ -52,10 +52,8 @@ def multiples(jobs: Sequence[Record], timings: Sequence[Record]) -> dict[tuple[s
 
 
 def _multiple(ours: list[Record], floors: list[Record]) -> Multiple | None:
-    by_start: dict[str, list[float]] = {}
-    for timing in floors:
-        by_start.setdefault(timing["run"], []).append(timing["ns_per_sample"])
-    floor = {start: sum(times) / len(times) for start, times in by_start.items()}
+    by_start = grouped(floors, lambda timing: timing["run"])
+    floor = {start: sum(each["ns_per_sample"] for each in many) / len(many) for start, many in by_start.items()}
     ours = [timing for timing in ours if timing["run"] in floor]
     if not ours:
         return None

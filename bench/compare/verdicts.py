@@ -111,8 +111,7 @@ def judge(
     if quantity.tolerance is None:
         return change
     chance = None
-    scatters = draws if quantity.metric else not agree(quantity, base, new, reference)
-    if scatters:
+    if draws if quantity.metric else not agree(quantity, base, new, reference):
         chance = _paired_scatter(values) if quantity.metric and paired else scatter(values, after, len(base))
     room = quantity.tolerance.certain if certain else margin(quantity.tolerance, values, chance)
     return Change(quantity, change.base, change.new, verdict(change.loss, room), room, spread, chance=chance)
@@ -197,8 +196,7 @@ def smallest_loss(quantity: Quantity, jobs: Sequence[Record], count: int, draws:
     """The margin of `count` new seeds that scatter as these jobs do; see `judge` for `draws`."""
     assert quantity.tolerance is not None, "a deciding quantity has a tolerance"
     values = [quantity.value(job) for job in jobs]
-    chance = scatter(values, values[:count], len(values)) if draws else None
-    return margin(quantity.tolerance, values, chance)
+    return margin(quantity.tolerance, values, scatter(values, values[:count], len(values)) if draws else None)
 
 
 def quantile(freedom: float, probability: float) -> float:
@@ -256,5 +254,4 @@ def verdict(loss: float, room: float) -> Verdict:
 def _spread(values: Values) -> float | None:
     if len(values) < 2:
         return None
-    finite = _finite(values)
-    return stdev(finite) if len(finite) > 1 else 0.0
+    return stdev(finite) if len(finite := _finite(values)) > 1 else 0.0

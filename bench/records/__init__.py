@@ -18,6 +18,7 @@ from bench.records.meaning import (
     by_row,
     flattened,
     gate,
+    grouped,
     kind_of,
     metric_of,
     metrics_of,

@@ -14,11 +14,11 @@ import json
 import os
 import re
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple, overload
+from typing import Any, NamedTuple, overload
 
 from bench.inputs.errors import InputError, writable
 from bench.records import fields
@@ -37,11 +37,12 @@ _LONGEST_LINE = 16 << 20  # bytes; a record has a few thousand
 
 def append(folder: Path, record: Record) -> None:
     """Append one record to a run and sync it to disk. `InputError` if it cannot be written."""
-    line = _line(record)
+    head = {key: record[key] for key in ("kind", "job") if key in record}
+    text = json.dumps(head | dict(sorted(record.items())), allow_nan=False)[1:].encode()
+    line = b'{"crc32": "%08x", %b\n' % (zlib.crc32(text), text)
     remedy = "make room, then give the same command again: finished work is kept"
     with writable(folder / FILE, remedy), open(folder / FILE, "ab", buffering=0) as file:
-        start = file.tell()
-        if start:
+        if start := file.tell():
             with open(folder / FILE, "rb") as written:
                 written.seek(-1, os.SEEK_END)
                 if written.read(1) != b"\n":  # an earlier process was killed while writing its line
@@ -56,12 +57,6 @@ def append(folder: Path, record: Record) -> None:
             raise
 
 
-def _line(record: Record) -> bytes:
-    head = {key: record[key] for key in ("kind", "job") if key in record}
-    text = json.dumps(head | dict(sorted(record.items())), allow_nan=False)[1:].encode()
-    return b'{"crc32": "%08x", %b\n' % (zlib.crc32(text), text)
-
-
 class Line(NamedTuple):
     """A line of a file of records."""
 
@@ -73,8 +68,8 @@ class Line(NamedTuple):
 class Records(Sequence[Record]):
     """Records of one kind: the latest of each name, in the order in which the names were planned or appeared."""
 
-    def __init__(self) -> None:
-        self._by_name: dict[object, Record | Line] = {}
+    def __init__(self, by_name: "Mapping[Any, Record | Line] | None" = None) -> None:
+        self._by_name: dict[object, Record | Line] = dict(by_name or {})
 
     def put(self, name: object, record: "Record | Line") -> None:
         """Add a record, or its line, which is parsed on demand."""
@@ -184,9 +179,8 @@ def load_together(sources: Sequence[str | Path], wanted: Callable[[Record], bool
 
 def _files_of(source: Path) -> list[Path]:
     """The runs of a folder: its own, or the files of records in it."""
-    if source.suffix == ".jsonl" or (source / FILE).is_file():
-        return [source]
-    return sorted(source.glob("*.jsonl")) or [source]
+    one = source.suffix == ".jsonl" or (source / FILE).is_file()
+    return [source] if one else sorted(source.glob("*.jsonl")) or [source]
 
 
 def load_trade(folder: Path) -> Record | None:
@@ -205,13 +199,8 @@ def load_trade(folder: Path) -> Record | None:
     if fault := fields.fault_of_trade(trade):
         raise InputError(f"{folder / TRADE}: {fault}: remove it, and run trade again")
     run = load_run(folder)
-    return trade | {"choices": [row for row in trade["choices"] if _is_current(row, run)]}
-
-
-def _is_current(choice: Record, run: Run) -> bool:
-    """Whether a choice was measured on the codec file that its job's record names, or on no file."""
-    job = run.job(choice.get("job", "")) or {}
-    return "sha256" not in choice or job.get("score_key", {}).get("sha256") == choice["sha256"]
+    keys = [(row, (run.job(row.get("job", "")) or {}).get("score_key", {})) for row in trade["choices"]]
+    return trade | {"choices": [row for row, key in keys if row.get("sha256", key.get("sha256")) == key.get("sha256")]}
 
 
 def _add_line(run: Run, line: Line) -> bool:
@@ -240,22 +229,16 @@ def _add_line(run: Run, line: Line) -> bool:
 
 
 def _record_of(line: Line) -> Record:
-    """The record of a line; empty if its kind is unknown. `InputError` names a wrong field."""
-    record = _parsed(line.text)
-    if (kind := record.get("kind")) not in fields.FIELDS or (kind in ("job", "timing") and "job" not in record):
-        return {}
-    if fault := fields.fault(record):
-        raise InputError(f"{line.path}, line {line.number}: {fault}: mend the line or remove it")
-    return record
-
-
-def _parsed(text: bytes) -> Record:
-    """The object of a line, without its checksum; empty if the line holds none."""
+    """The record of a line, without its checksum; empty if its kind is unknown. `InputError` names a wrong field."""
     try:
-        record = json.loads(text)
+        record = json.loads(line.text)
     except (ValueError, RecursionError):
         return {}
     if not isinstance(record, dict) or not isinstance(record.get("kind"), str):
         return {}
     record.pop("crc32", None)
+    if (kind := record.get("kind")) not in fields.FIELDS or (kind in ("job", "timing") and "job" not in record):
+        return {}
+    if fault := fields.fault(record):
+        raise InputError(f"{line.path}, line {line.number}: {fault}: mend the line or remove it")
     return record

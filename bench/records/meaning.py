@@ -2,8 +2,8 @@
 
 import json
 import math
-from collections.abc import Container, Iterable, Iterator
-from typing import Any
+from collections.abc import Callable, Container, Iterable, Iterator
+from typing import Any, TypeVar
 
 from bench.records.fields import field_names
 from bench.records.schema import APART, Record, Timing
@@ -19,6 +19,8 @@ SAME_EXPOSURE = 1e-4  # relative, a gain of 0.0004 dB: published records are rou
 # Two timings are compared only if these fields agree.
 CONDITIONS = ("batch", "dtype", "threads", "device", "execution", "queries", "texture_fetch")
 
+Item = TypeVar("Item")
+Key = TypeVar("Key")
 _HEAD = ("material", "label", "codec", "seed", "job", "status")
 _LONGEST = 8  # a longer list does not become fields
 
@@ -54,12 +56,17 @@ def gate(groups: Container[str]) -> str:
     return "heldout" if "heldout" in groups else "all"
 
 
+def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:
+    """The items by key, in the order of first appearance."""
+    groups: dict[Key, list[Item]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups
+
+
 def by_row(jobs: Iterable[Record]) -> dict[tuple[str, str], list[Record]]:
     """The jobs of each row of a table, by material and label."""
-    rows: dict[tuple[str, str], list[Record]] = {}
-    for job in jobs:
-        rows.setdefault((job["material"], job["label"]), []).append(job)
-    return rows
+    return grouped(jobs, lambda job: (job["material"], job["label"]))
 
 
 def metric_of(names: Iterable[str], family: str) -> str:

@@ -312,7 +312,7 @@ class Noise(TypedDict):
     seconds: Annotated[list[float], Several(kinds.NOT_NEGATIVE, 2)]
 
 
-class Choice(TypedDict, total=False):
+class TradeChoice(TypedDict, total=False):
     """A codec with settings, execution and precision, as a trade measured it."""
 
     material: Required[Name]
@@ -373,7 +373,7 @@ class Ceiling(TypedDict):
 class Trade(TypedDict, total=False):
     """The measurements of `neubtf-bench trade`."""
 
-    choices: Required[list[Choice]]
+    choices: Required[list[TradeChoice]]
     profiles: Required[list[Profile]]
     ceilings: Required[list[Ceiling]]
     answers: Required[list[Text]]

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING
 
-from bench.records import KINDS, Run, kind_of
+from bench.records import KINDS, kind_of
 from reports import series
 from reports.board import tables
 from reports.board.sources import STATES, Source, by_material, joined, page_name
@@ -49,9 +49,8 @@ class Board:
         places = {kind: place for place, kind in enumerate((*KINDS, ""))}
         self.sources = sorted(filled, key=lambda s: (not s.has_budgets, places[_kind(s).partition(",")[0]]))
         self.known = codecs
-        self.pictured = {
-            job["material"] for s in self.sources for job in s.run.jobs if {"pictures", "drawing"} & {*job}
-        }
+        jobs = (job for source in self.sources for job in source.run.jobs)
+        self.pictured = {job["material"] for job in jobs if "pictures" in job or "drawing" in job}
         rows = [row for source in self.sources for material in source.materials for row in material.rows]
         self.codecs = sorted({*codecs, *map(tables.codec_of, rows)})
         self.places = {name: tables.places(name, self.sources) for name in self.codecs}
@@ -59,22 +58,22 @@ class Board:
 
     def pages(self) -> Iterator[_Piece]:
         """Every page, the front first."""
-        yield FRONT, self._front()
+        own = [source for source in self.sources if not source.claimed]
+        yield FRONT, self._document("neubtf-bench: results", self._front_body(own), own)
         for name, sources in by_material(self.sources):
-            yield page_name("material", name), self._material(name, sources)
+            page = MaterialPage(name, sources, self)
+            text = document(name, page.body(), series.codecs(page.run), page.plots, page.data)
+            yield page_name("material", name), text
         for name in self.codecs:
             yield page_name("codec", name), self._codec(name)
-
-    def _front(self) -> Iterator[str]:
-        sources = [source for source in self.sources if not source.claimed]
-        return self._document("neubtf-bench: results", self._front_body(sources), sources)
 
     def _document(
         self, title: str, body: Iterable[str], sources: Sequence[Source], more: Sequence[series.Plot] = ()
     ) -> Iterator[str]:
         plots = [*(plot for source in sources for plot in self.plots[source.name]), *more]
         labels = {each["label"] for plot in plots for each in plot["series"]}
-        every = series.codecs(_together(sources))
+        names = [(source, material.name) for source in sources for material in source.materials]
+        every = series.codecs(joined([(f"{source.name}/{name}", source, name) for source, name in names]))
         return document(title, body, [look for look in every if look["label"] in labels], plots)
 
     def _front_body(self, sources: Sequence[Source]) -> Iterator[str]:
@@ -103,10 +102,9 @@ class Board:
         return page_name("codec", name) if name in self.places else ""
 
     def _materials(self) -> Table:
-        rows = [
-            [name, _kind(sources[0], name), ", ".join(source.title for source in sources)]
-            for name, sources in by_material(self.sources)
-        ]
+        rows = []
+        for name, sources in by_material(self.sources):
+            rows.append([name, _kind(sources[0], name), ", ".join(source.title for source in sources)])
         return Table("list", "Materials", [("material", ""), ("truth", ""), ("results", "")], rows, words=3)
 
     def _codecs(self) -> Table:
@@ -117,10 +115,6 @@ class Board:
             rows.append([name, about, f"{won} of {len(found)}" if found else "no result"])
         headers = [("codec", ""), ("about", ""), ("best of", "")]
         return Table("list", "Codecs", headers, rows, ["Best of: the comparisons on its page."], words=2)
-
-    def _material(self, name: str, sources: Sequence[Source]) -> Iterator[str]:
-        page = MaterialPage(name, sources, self)
-        return document(name, page.body(), series.codecs(page.run), page.plots, page.data)
 
     def _codec(self, name: str) -> Iterator[str]:
         sources = [s for s in self.sources if any(tables.codec_of(r) == name for m in s.materials for r in m.rows)]
@@ -151,12 +145,8 @@ class MaterialPage(Page):
         self.name, self.sources = name, {source.title: source for source in sources}
         self.board = board
         run = joined([(source.title, source, name) for source in sources])
-        self.origins = [
-            tables.origins(source, material, title)
-            for title, source in self.sources.items()
-            for material in source.materials
-            if material.name == name
-        ]
+        rows = ((source, each) for source in self.sources.values() for each in source.materials if each.name == name)
+        self.origins = [tables.origins(source, material, source.title) for source, material in rows]
         shown = [table for table in all_tables(run, narrow=True) if table.material]
         super().__init__(run, shown, [], min(1, PAGES / max(1, len(board.pictured))))
         self.plots, self.opening = [plot for plot in self.plots if plot["material"]], ""
@@ -210,11 +200,8 @@ def _about(codec: "Codec | None") -> Iterator[str]:
 
 def _overview(source: Source) -> Iterator[Table]:
     """The tables over all materials of a source."""
-    if source.has_budgets:
-        yield from all_tables(source.run, kind="budgets")
-        yield from all_tables(source.run, kind="when")
-    else:
-        yield from all_tables(source.run, kind="summary")
+    for kind in ("budgets", "when") if source.has_budgets else ("summary",):
+        yield from all_tables(source.run, kind=kind)
 
 
 def _plots(source: Source) -> Iterator[series.Plot]:
@@ -245,11 +232,6 @@ def _fits(name: str, source: Source) -> Iterator[series.Plot]:
 
 def _plots_of(source: Source) -> str:
     return f'<div class="plots" data-plots="{escape(source.name)}" data-kinds="{_KINDS}"></div>'
-
-
-def _together(sources: Sequence[Source]) -> Run:
-    names = [(source, material.name) for source in sources for material in source.materials]
-    return joined([(f"{source.name}/{name}", source, name) for source, name in names])
 
 
 def _kind(source: Source, material: str = "") -> str:

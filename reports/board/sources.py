@@ -57,8 +57,8 @@ def may_be_shown(job: Record, run: Run) -> bool:
     """
     stated = [each for start in run.starts for each in start.get("materials") or () if isinstance(each, dict)]
     where = " ".join(str(each.get("where")) for each in stated if each.get("name") == job["material"])
-    free = _source(job) == BAKED and "CC0" in where and not job.get("verified")
-    return free or _source(job) == RENDERED
+    source = job.get("provenance", {}).get("source")
+    return source == RENDERED or (source == BAKED and "CC0" in where and not job.get("verified"))
 
 
 def with_files(records: Sequence[Source], runs: Sequence[Source]) -> list[Source]:
@@ -80,9 +80,7 @@ def with_files(records: Sequence[Source], runs: Sequence[Source]) -> list[Source
 
 def _published(source: Source) -> Source:
     """A run with its records as files of records hold them."""
-    jobs = Records()
-    for job in source.run.jobs:
-        jobs.put(job["job"], published_job(job, source.run.folder))
+    jobs = Records({job["job"]: published_job(job, source.run.folder) for job in source.run.jobs})
     return replace(source, run=replace(source.run, jobs=jobs))
 
 
@@ -102,10 +100,6 @@ def _key(job: Record) -> tuple[str, ...]:
     """What names a measured file: its job, its hash, and that of its data."""
     key = job.get("score_key", {})
     return job["job"], str(key.get("sha256")), str(key.get("btf"))
-
-
-def _source(job: Record) -> str:
-    return str(job.get("provenance", {}).get("source", ""))
 
 
 def joined(parts: Sequence[tuple[str, Source, str]]) -> Run:

@@ -10,7 +10,7 @@ from reports import columns
 from reports.board.sources import STATES, Source
 from reports.budgets import in_words
 from reports.numbers import EXACT, NONE, fixed, integer, signed
-from reports.rows import CodecRows, MaterialRows, Row
+from reports.rows import MaterialRows, Row
 from reports.table import Table
 
 _FROM = ("state", "seed", "file", "fitted by", "scored by", "processor", "scored on")
@@ -77,11 +77,12 @@ def _places(name: str, source: Source) -> Iterator[Place]:
         yield from _at_budgets(name, source)
         return
     for material in source.materials:
-        known = [
-            (codec_of(codec.rows[0]), (codec.label, most_bytes([row.job for row in codec.measured]), quality))
-            for codec in material.codecs
-            if (quality := _quality(codec)) is not None
-        ]
+        known = []
+        for codec in (codec for codec in material.codecs if codec.measured):
+            quality = math.inf if codec.exact else columns.HELDOUT.mean(codec.measured)
+            if quality is not None:
+                size = most_bytes([row.job for row in codec.measured])
+                known.append((codec_of(codec.rows[0]), (codec.label, size, quality)))
         yield from _place(material.name, source.name, name, known)
 
 
@@ -102,12 +103,6 @@ def _place(material: str, results: str, name: str, known: Sequence[tuple[str, En
     mine, others = ([each for codec, each in known if (codec == name) == own] for own in (True, False))
     if mine and others:
         yield Place(material, results, *(max(each, key=lambda item: item[2]) for each in (mine, others)))
-
-
-def _quality(codec: CodecRows) -> float | None:
-    if not codec.measured:
-        return None
-    return math.inf if codec.exact else columns.HELDOUT.mean(codec.measured)
 
 
 def standing(name: str, found: Sequence[Place]) -> Table | None:

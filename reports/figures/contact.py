@@ -29,25 +29,28 @@ def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
     cell = (width * factor, height * factor)
     pair = 2 * cell[0] + 2 * _GAP
     title = f"{material.name}: slices as decoded, and FLIP maps"
-    sheet = _Sheet(_LEFT + count * pair, _TOP + (len(rows) + 1) * (cell[1] + _GAP) + _BOTTOM)
+    sheet = Sheet(_LEFT + count * pair, _TOP + (len(rows) + 1) * (cell[1] + _GAP) + _BOTTOM)
     sheet.text(_GAP, 14, f"{title} ({material.split})", fontsize=10)
     for k in range(count):
         left = _LEFT + k * pair
         sheet.text(left, _TOP - 34, _angles("view", first["wo_deg"][k]))
         sheet.text(left, _TOP - 18, _angles("light", first["wi_deg"][k]))
         sheet.picture(left, _TOP, enlarged(first["truth"][k], factor))
-    sheet.label("truth", _TOP + cell[1] / 2)
+    _label(sheet, "truth", _TOP + cell[1] / 2)
     for number, (row, pictures) in enumerate(rows, 1):
         top = _TOP + number * (cell[1] + _GAP)
-        sheet.label(row.label, top + cell[1] / 2)
+        _label(sheet, row.label, top + cell[1] / 2)
         means = _flip_means(run, row, pictures)
         for k in range(count):
             left = _LEFT + k * pair
             sheet.picture(left, top, enlarged(pictures["decoded"][k], factor))
             if "flip" in pictures:
                 sheet.picture(left + cell[0] + 2, top, enlarged(pictures["flip"][k], factor))
-                sheet.number(left + 2 * cell[0], top + cell[1], means[k])
-    sheet.magma(_LEFT + cell[0] + 2, _TOP + cell[1] // 2, cell[0])
+                if means[k]:
+                    right, bottom = left + 2 * cell[0], top + cell[1]
+                    sheet.picture(right - 34, bottom - 17, _SHADE)
+                    sheet.text(right - 4, bottom - 9, means[k], color="white", fontsize=7.5, ha="right")
+    _scale(sheet, _LEFT + cell[0] + 2, _TOP + cell[1] // 2, cell[0])
     return Figure(material.name, "contact", title, sheet.png(), sheet)
 
 
@@ -65,27 +68,19 @@ def _flip_means(run: Run, row: Row, pictures: Arrays) -> list[str]:
     return [f"{by_pair[pair]:.3f}" for pair in pictures["pairs"].tolist()]
 
 
-class _Sheet(Sheet):
-    """A sheet with the texts of a contact sheet."""
+def _label(sheet: Sheet, text: str, middle: float) -> None:
+    """The name of a row, folded into the margin."""
+    lines = textwrap.wrap(text, 18)
+    sheet.text(_LEFT - 8, middle, "\n".join([*lines[:4], *(["…"] if len(lines) > 4 else [])]), ha="right")
 
-    def label(self, text: str, middle: float) -> None:
-        """The name of a row, folded into the margin."""
-        lines = textwrap.wrap(text, 18)
-        self.text(_LEFT - 8, middle, "\n".join([*lines[:4], *(["…"] if len(lines) > 4 else [])]), ha="right")
 
-    def number(self, right: float, bottom: float, text: str) -> None:
-        """A number in the lower right corner of a picture."""
-        if text:
-            self.picture(round(right) - 34, round(bottom) - 17, _SHADE)
-            self.text(right - 4, bottom - 9, text, color="white", fontsize=7.5, ha="right")
-
-    def magma(self, left: int, middle: int, width: int) -> None:
-        """The colours of a FLIP map from 0 to 1, at the place of the truth's missing FLIP map."""
-        ramp = np.broadcast_to(np.linspace(0, 1, width), (12, width))
-        self.picture(left, middle, coloured(ramp, "magma", Normalize(0, 1)))
-        self.text(left + width / 2, middle - 12, "FLIP (lower is better)", ha="center", fontsize=7.5)
-        self.text(left, middle + 20, "0", ha="left", fontsize=7.5)
-        self.text(left + width, middle + 20, "1", ha="right", fontsize=7.5)
+def _scale(sheet: Sheet, left: int, middle: int, width: int) -> None:
+    """The colours of a FLIP map from 0 to 1, at the place of the truth's missing FLIP map."""
+    ramp = np.broadcast_to(np.linspace(0, 1, width), (12, width))
+    sheet.picture(left, middle, coloured(ramp, "magma", Normalize(0, 1)))
+    sheet.text(left + width / 2, middle - 12, "FLIP (lower is better)", ha="center", fontsize=7.5)
+    sheet.text(left, middle + 20, "0", ha="left", fontsize=7.5)
+    sheet.text(left + width, middle + 20, "1", ha="right", fontsize=7.5)
 
 
 _SHADE = np.array([[[0, 0, 0, 140]]], np.uint8).repeat(16, 0).repeat(34, 1)

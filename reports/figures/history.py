@@ -1,7 +1,7 @@
 """Quality, bytes and time of each codec over the revisions of several runs: one figure a material."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from statistics import fmean
 
@@ -9,9 +9,13 @@ from bench.records import PSNR, Record, Records, Run, shown_label, stats_of
 from reports.figures.canvas import Figure, legend, log_ticks, new, png, style
 from reports.styles import Styles
 
-Measured = tuple[Record, Record | None]  # a job and its timing
+Measured = tuple[Record, Record]  # a job and its timing, empty without one
 Codecs = dict[tuple[str, str], dict[str, list[Measured]]]  # by label and kind of held-out pairs, then by start
-QUANTITIES = ("display PSNR, dB", "bytes of the file", "time a sample, × floor")
+_QUANTITIES: dict[str, Callable[[Record, Record], float | None]] = {  # of a job and its timing, if any
+    "display PSNR, dB": lambda job, timing: stats_of(job, PSNR).get("mean"),
+    "bytes of the file": lambda job, timing: float(job["bytes"]["total"]),
+    "time a sample, × floor": lambda job, timing: timing.get("ratio_to_floor"),
+}
 
 
 def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
@@ -19,36 +23,34 @@ def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
 
     A point is the mean over seeds; a codec without an error, a size or a time has no point.
     """
-    styles, starts = Styles(_together(runs)), {start["run"]: start for run in runs for start in run.starts}
+    jobs = Records({(number, job["job"]): job for number, run in enumerate(runs) for job in run.jobs})
+    styles = Styles(Run(Path(), jobs=jobs))
+    starts = {start["run"]: start for run in runs for start in run.starts}
     for material, codecs in _materials(runs).items():
         order = sorted({when for by_start in codecs.values() for when in by_start})
         with style():
             title = f"{material}: from revision to revision"
             drawing = new(8.2, 7.5)
-            for number, axes in enumerate(drawing.subplots(3, 1, sharex=True)):
+            for axes, (name, quantity) in zip(drawing.subplots(3, 1, sharex=True), _QUANTITIES.items(), strict=True):
                 handles = []
                 for (label, pairs), by_start in codecs.items():
-                    values = [_mean(number, by_start.get(when, [])) for when in order]
+                    values = [_mean(quantity, by_start.get(when, [])) for when in order]
                     drawn = styles.of_codec(label) | ({"linestyle": ":"} if pairs == "validation" else {})
                     handles += axes.plot(range(len(order)), values, **drawn, markersize=4, linewidth=1)
-                axes.set_ylabel(QUANTITIES[number], fontsize=8)
-                if number:
-                    axes.set_yscale("log")
-                    log_ticks(axes.yaxis, "B" if number == 1 else "")
-                else:
+                axes.set_ylabel(name, fontsize=8)
+                if axes.get_subplotspec().is_first_row():
                     axes.set_title(title, loc="left")
-                    legend(axes, handles, _names(codecs))
+                    several = len({pairs for _, pairs in codecs}) > 1
+                    legend(
+                        axes,
+                        handles,
+                        [f"{label}, {pairs} pairs" if several and pairs else label for label, pairs in codecs],
+                    )
+                else:
+                    axes.set_yscale("log")
+                    log_ticks(axes.yaxis, "B" if name.startswith("bytes") else "")
             axes.set_xticks(range(len(order)), _ticks(order, starts), rotation=30, ha="right")
             yield Figure(material, "history", title, png(drawing), drawing)
-
-
-def _together(runs: Sequence[Run]) -> Run:
-    """All jobs as one run, for functions that use only their labels."""
-    jobs = Records()
-    for number, run in enumerate(runs):
-        for job in run.jobs:
-            jobs.put((number, job["job"]), job)
-    return Run(Path(), jobs=jobs)
 
 
 def _materials(runs: Sequence[Run]) -> dict[str, Codecs]:
@@ -58,36 +60,22 @@ def _materials(runs: Sequence[Run]) -> dict[str, Codecs]:
             if job["status"] == "ok":
                 codecs = by_material.setdefault(job["material"], {})
                 codec = codecs.setdefault((shown_label(job), str(job.get("split", ""))), {})
-                codec.setdefault(str(job.get("run", "")), []).append((job, run.timing(job)))
+                codec.setdefault(str(job.get("run", "")), []).append((job, run.timing(job) or {}))
     return by_material
 
 
-def _mean(number: int, jobs: Sequence[Measured]) -> float:
+def _mean(quantity: Callable[[Record, Record], float | None], jobs: Sequence[Measured]) -> float:
     """The mean of a quantity over the seeds that have it; NaN, which is not drawn, if none has it."""
-    values = [_value(number, job, timing) for job, timing in jobs]
-    known = [value for value in values if value is not None]
+    known = [value for job, timing in jobs if (value := quantity(job, timing)) is not None]
     return fmean(known) if known else math.nan
-
-
-def _value(number: int, job: Record, timing: Record | None) -> float | None:
-    if number == 0:
-        return stats_of(job, PSNR).get("mean")
-    if number == 1:
-        return float(job["bytes"]["total"])
-    return timing.get("ratio_to_floor") if timing else None
-
-
-def _names(codecs: Codecs) -> list[str]:
-    """The label of each line, with its kind of held-out pairs if there are several kinds."""
-    several = len({pairs for _, pairs in codecs}) > 1
-    return [f"{label}, {pairs} pairs" if several and pairs else label for label, pairs in codecs]
 
 
 def _ticks(order: Sequence[str], starts: dict[str, Record]) -> list[str]:
     """The names of starts on an axis: the revision, or the day, with the time of day if several are equal."""
     names = [str(starts.get(when, {}).get("git") or when[:8])[:12] for when in order]
-    both = zip(names, order, strict=True)
-    return [f"{name}, {_time(when)}" if names.count(name) > 1 else name for name, when in both]
+    return [
+        f"{name}, {_time(when)}" if names.count(name) > 1 else name for name, when in zip(names, order, strict=True)
+    ]
 
 
 def _time(when: str) -> str:

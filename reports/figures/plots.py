@@ -42,8 +42,7 @@ def _figure(plot: Plot, material: MaterialRows, styles: Styles) -> Figure:
     xlabel = plot["x"]["label"] + ("" if marks else " (less is better)")
     axes.set(xlabel=xlabel, ylabel=plot["y"]["label"].replace("pairs)", "pairs; higher is better)"))
     axes.set_title(title if fits else f"{title}\n{material.split}", loc="left")
-    absent = [] if fits else [codec.label for codec in material.codecs if codec.exact and codec.measured]
-    if absent:
+    if absent := [] if fits else [codec.label for codec in material.codecs if codec.exact and codec.measured]:
         drawing.supxlabel("not drawn, because they have no error: " + ", ".join(absent), fontsize=8)
     legend(axes, handles, list(curves))
     return Figure(material.name, plot["kind"], title, png(drawing), drawing)

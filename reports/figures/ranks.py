@@ -1,21 +1,18 @@
 """The critical-difference diagram of Demšar (2006): mean ranks of codecs, and which are not told apart."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from bench.compare.choosing.budgets import ENOUGH, budgets
+from bench.compare.ranks import Ranks
 from bench.records import Run
+from reports.budgets import in_words
 from reports.figures.canvas import Figure, new, png, short, style
 from reports.styles import Styles
-
-if TYPE_CHECKING:
-    from bench.compare.ranks import Ranks
 
 
 def critical_differences(run: Run) -> Iterator[Figure]:
     """One figure, of the mean ranks of `table ranks`, if there are any."""
-    from bench.compare.choosing.budgets import ENOUGH, budgets
-    from reports.budgets import in_words
-
     if not (ranking := budgets(run).ranks()):
         return
     title = f"Mean ranks over surfaces at {in_words(ENOUGH)}"
@@ -27,7 +24,7 @@ def critical_differences(run: Run) -> Iterator[Figure]:
         yield Figure("", "ranks", title, png(drawing), drawing)
 
 
-def _draw(axes: Any, ranking: "Ranks", styles: Styles) -> None:
+def _draw(axes: Any, ranking: Ranks, styles: Styles) -> None:
     """A row a codec, the best on top, and a bar to the right as long as the critical difference."""
     for row, (line, rank) in enumerate(ranking.mean.items()):
         look = styles.of_codec(line.partition(",")[0]) | {"linestyle": "none"}

@@ -1,9 +1,9 @@
 """The difference of each codec to one of them, slice by slice, and whether the two are told apart."""
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from bench.compare.paired import FEWEST
+from bench.compare.paired import FEWEST, Interval
 from bench.records import Run
 from reports.figures.canvas import Figure, new, png, short, style
 from reports.numbers import interval
@@ -11,10 +11,7 @@ from reports.ranking import against_one
 from reports.rows import materials
 from reports.styles import Styles
 
-if TYPE_CHECKING:
-    from bench.compare.paired import Interval
-
-    Differences = Mapping[str, Interval]
+Differences = Mapping[str, Interval]
 
 
 def significance(run: Run) -> Iterator[Figure]:
@@ -27,7 +24,7 @@ def significance(run: Run) -> Iterator[Figure]:
         yield _figure(name, name, against.first, part, styles)
 
 
-def _figure(material: str, where: str, first: str, differences: "Differences", styles: Styles) -> Figure:
+def _figure(material: str, where: str, first: str, differences: Differences, styles: Styles) -> Figure:
     title = f"{where}: mean paired difference to {short(first, 40)}"
     differences = dict(sorted(differences.items(), key=lambda item: -item[1].mean))
     with style():
@@ -40,7 +37,7 @@ def _figure(material: str, where: str, first: str, differences: "Differences", s
         return Figure(material, "significance", title, png(drawing), drawing)
 
 
-def _draw(axes: Any, first: str, differences: "Differences", styles: Styles) -> None:
+def _draw(axes: Any, first: str, differences: Differences, styles: Styles) -> None:
     axes.axvline(0, color="0.6", linewidth=0.8, zorder=0)
     axes.plot(0, 0, **styles.of_codec(first) | {"linestyle": "none"}, markersize=6)
     for row, (label, each) in enumerate(differences.items(), 1):
@@ -54,7 +51,7 @@ def _draw(axes: Any, first: str, differences: "Differences", styles: Styles) -> 
     axes.grid(axis="y", visible=False)
 
 
-def _caption(differences: "Differences") -> str:
+def _caption(differences: Differences) -> str:
     """The numbers behind the intervals in words; the largest ones if codecs differ."""
     materials, seeds, slices = (
         max(getattr(each, name) for each in differences.values()) for name in ("materials", "seeds", "slices")

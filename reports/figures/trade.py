@@ -3,11 +3,9 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from bench.records import Run, load_trade
+from bench.records import Record, Run, load_trade
 from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style
 from reports.styles import Styles
-
-Choice = dict[str, Any]
 
 
 def trade_fronts(run: Run) -> Iterator[Figure]:
@@ -21,10 +19,11 @@ def trade_fronts(run: Run) -> Iterator[Figure]:
                 yield Figure(material, "trade", f"{material}: speed, accuracy and bytes", png(drawing), drawing)
 
 
-def _fronts(material: str, rows: Sequence[Choice], styles: Styles) -> Any:
-    groups: dict[str, list[Choice]] = {}
+def _fronts(material: str, rows: Sequence[Record], styles: Styles) -> Any:
+    groups: dict[str, list[Record]] = {}
     for row in rows:
-        groups.setdefault(row["codec"] + ("" if _plain(row) else f" [{_how(row)}]"), []).append(row)
+        how = "" if _plain(row) else f" [{row['execution']} {row['precision']}]"
+        groups.setdefault(row["codec"] + how, []).append(row)
     drawing, (speed, rate) = plots(11.5, max(5.0, 1.4 + 0.2 * len(groups)), 2)
     handles = [_marks(speed, _look(styles, name), group, "ns_per_sample") for name, group in groups.items()]
     for name, group in groups.items():
@@ -38,12 +37,8 @@ def _fronts(material: str, rows: Sequence[Choice], styles: Styles) -> Any:
     return drawing
 
 
-def _how(row: Choice) -> str:
-    return f"{row['execution']} {row['precision']}"
-
-
-def _plain(row: Choice) -> bool:
-    return _how(row) == "eager float32"
+def _plain(row: Record) -> bool:
+    return (row["execution"], row["precision"]) == ("eager", "float32")
 
 
 def _look(styles: Styles, name: str) -> dict[str, Any]:
@@ -51,12 +46,11 @@ def _look(styles: Styles, name: str) -> dict[str, Any]:
     return styles.of_codec(name) | {"linestyle": "none"} | ({"markerfacecolor": "white"} if "[" in name else {})
 
 
-def _marks(axes: Any, look: dict[str, Any], group: Sequence[Choice], cost: str) -> Any:
-    x, y = [row[cost] for row in group], [row["psnr"] for row in group]
-    return axes.plot(x, y, **look, markersize=6)[0]
+def _marks(axes: Any, look: dict[str, Any], group: Sequence[Record], cost: str) -> Any:
+    return axes.plot([row[cost] for row in group], [row["psnr"] for row in group], **look, markersize=6)[0]
 
 
-def _front(axes: Any, best: Sequence[Choice], cost: str, label: str, unit: str) -> None:
+def _front(axes: Any, best: Sequence[Record], cost: str, label: str, unit: str) -> None:
     """The front as a stair, and the axis of its cost."""
     stair = sorted((row[cost], row["psnr"]) for row in best)
     axes.plot([x for x, _ in stair], [y for _, y in stair], color="0.4", linewidth=1, drawstyle="steps-post", zorder=0)

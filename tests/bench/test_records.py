@@ -87,8 +87,8 @@ def test_opening_a_run_reads_into_no_job(tmp_path, monkeypatch):
         append(tmp_path, job(name))
         append(tmp_path, timing(name, 1.5))
     parsed = []
-    parse = lines._parsed
-    monkeypatch.setattr(lines, "_parsed", lambda line: parsed.append(line) or parse(line))
+    parse = lines._record_of
+    monkeypatch.setattr(lines, "_record_of", lambda line: parsed.append(line) or parse(line))
     run = load_run(tmp_path)
     assert parsed == []
     assert run.timing(run.jobs[1]) == timing("y", 1.5)

@@ -52,9 +52,8 @@ def run(options: argparse.Namespace) -> int:
     suite = _suite(options)
     folder, material = options.out or Path("runs") / suite.name, suite.materials[0].name
     if not suite.data.validation:
-        raise InputError(
-            f"choose: suite {suite.name} has no validation pairs to choose by: add `validation = true` to [data]"
-        )
+        why = f"suite {suite.name} has no validation pairs to choose by"
+        raise InputError(f"choose: {why}: add `validation = true` to [data]")
     rungs, missing = _measured(folder, suite, options.device)
     if missing and not chosen(rungs, wishes):
         suite = canonical(suite)  # by the names of the records; it loads the codecs
@@ -107,11 +106,9 @@ def _measured(folder: Path, suite: "Suite", device: str) -> tuple[list["Rung"], 
     from bench.records import load_trade
 
     codecs, material = {codec.codec for codec in suite.codecs}, suite.materials[0].name
-    rows = [
-        row
-        for row in (load_trade(folder) or {"choices": []})["choices"]
-        if (row["material"], row["device"]) == (material, device) and row.get("codec") in codecs
-    ]
+    every = (load_trade(folder) or {"choices": []})["choices"]
+    of_device = [row for row in every if (row["material"], row["device"]) == (material, device)]
+    rows = [row for row in of_device if row.get("codec") in codecs]
     tried = {row["label"] for row in rows if "validation" in row or "error" in row}
     return usable(rows, material), [codec.label for codec in suite.codecs if codec.label not in tried]
 

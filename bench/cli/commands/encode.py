@@ -64,8 +64,8 @@ def run(options: argparse.Namespace) -> int:
         if scene_demand:
             code = _encode_for_scene(options, codec, btf, scene_demand, network, console)
         else:
-            seed, count = options.seed, options.threads
-            encode(btf, codec, options.out, seed=seed, threads=count, device=device, show=console.show)
+            how = {"seed": options.seed, "threads": options.threads, "device": device}
+            encode(btf, codec, options.out, show=console.show, **how)
     console.say(file_lines(container.read_header(options.out)))
     return code
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.inputs.errors import FINE, NOTHING
-from bench.records import RMSE
+from bench.records import RMSE, grouped
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -83,25 +83,27 @@ def _table(frame: "pd.DataFrame") -> str:
     keys = ["material", "label", "folder", "started", "git"]
     frame = frame.sort_values(["material", "label", "started", "folder"], kind="stable")
     metrics = _heldout(frame)
-    columns = {name: column for name, (column, _) in metrics.items()}
-    frame = frame[[*keys, "status", *(name for name in ("parameters", "bytes/total") if name in frame)]].assign(
-        **columns
-    )
-    numbers = {"parameters": ",.0f", "bytes/total": ",.0f"} | {name: form for name, (_, form) in metrics.items()}
+    forms = {name: ".2f" if name.endswith("PSNR") else ".4f" for name in metrics}
+    sizes = [name for name in ("parameters", "bytes/total") if name in frame]
+    frame = frame[[*keys, "status", *sizes]].assign(**metrics)
+    numbers = {"parameters": ",.0f", "bytes/total": ",.0f"} | forms
     rows = []
     for values, jobs in frame.groupby(keys, sort=False, dropna=False):
         material, label, folder, started, git = values
         when = f"{started:%Y-%m-%d %H:%M}" if started == started else "—"
         cells = [material, label, folder, when, git if isinstance(git, str) else "—"]
         cells.append(f"{(jobs['status'] == 'ok').sum()} of {len(jobs)}")
-        rows.append(cells + [_mean(jobs, column, form) for column, form in numbers.items()])
+        for column, form in numbers.items():
+            mean = jobs[column].mean() if column in jobs else float("nan")
+            cells.append("—" if mean != mean else f"{mean:{form}}")
+        rows.append(cells)
     headers = ["material", "codec", "run", "started", "revision", "jobs", "parameters", "bytes", *metrics]
     aligned = ["left"] * 6 + ["right"] * len(numbers)
     return tabulate(rows, headers, "simple", colalign=aligned, disable_numparse=True)
 
 
-def _heldout(frame: "pd.DataFrame") -> "dict[str, tuple[pd.Series[float], str]]":
-    """The numbers of held-out pairs and their format, by the metric's label, for whichever variant was measured."""
+def _heldout(frame: "pd.DataFrame") -> "dict[str, pd.Series[float]]":
+    """The numbers of held-out pairs by the metric's label, for whichever variant was measured."""
     from bench.metrics import label_of
 
     chosen: dict[str, str] = {}  # the mean over slices where a metric has one
@@ -109,15 +111,5 @@ def _heldout(frame: "pd.DataFrame") -> "dict[str, tuple[pd.Series[float], str]]"
         match = re.fullmatch("scores/heldout/metrics/(.*)/(mean|pooled)", column)
         if match and not match[1].startswith(RMSE) and (match[2] == "mean" or match[1] not in chosen):
             chosen[match[1]] = column
-    by_label: dict[str, list[str]] = {}
-    for name, column in chosen.items():
-        by_label.setdefault(label_of(name), []).append(column)
-    return {
-        label: (frame[columns].bfill(axis=1).iloc[:, 0], ".2f" if label.endswith("PSNR") else ".4f")
-        for label, columns in by_label.items()
-    }
-
-
-def _mean(jobs: "pd.DataFrame", column: str, form: str) -> str:
-    mean = jobs[column].mean() if column in jobs else float("nan")
-    return "—" if mean != mean else f"{mean:{form}}"
+    by_label = {label: [chosen[name] for name in names] for label, names in grouped(chosen, label_of).items()}
+    return {label: frame[columns].bfill(axis=1).iloc[:, 0] for label, columns in by_label.items()}

@@ -38,8 +38,7 @@ def run(options: argparse.Namespace) -> int:
     for title, entries in listings.items():
         if options.what in (None, title):
             width = max(map(len, entries))
-            print(f"{title}:")
-            print("\n".join(f"  {name:<{width}}  {text}" for name, text in entries.items()))
+            print("\n".join([f"{title}:", *(f"  {name:<{width}}  {text}" for name, text in entries.items())]))
     return FINE
 
 

@@ -47,9 +47,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     write.add_argument("documents", type=Path, nargs="*", metavar="DOC", help="a Markdown file")
     write.add_argument("--site", type=Path, metavar="DIR", help="the folder to write the board to")
     write.add_argument("--records", type=Path, default=Path("docs/results"), help="of the board (docs/results)")
-    write.add_argument(
-        "--runs", type=Path, action="append", default=[], metavar="RUN", help="with its files; repeatable"
-    )
+    runs = "with its files; repeatable"
+    write.add_argument("--runs", type=Path, action="append", default=[], metavar="RUN", help=runs)
     check = actions.add_parser("check", help="fail if a table is out of date")
     check.add_argument("documents", type=Path, nargs="+", metavar="DOC", help="a Markdown file")
 
@@ -129,8 +128,7 @@ def _codecs() -> "dict[str, Codec]":
                 rows.append((each.name, each.meaning, each.default, theirs))
         if not cited["bibtex"] and not registry.from_outside(name):
             cited["bibtex"] = _SUITE  # of this suite, without a paper of its own
-        origin = f"{entry.value} of {registry.origin(entry)}"
-        found[name] = Codec(about, origin, **cited, settings=rows)
+        found[name] = Codec(about, f"{entry.value} of {registry.origin(entry)}", **cited, settings=rows)
     return found
 
 
@@ -165,6 +163,6 @@ def _table(path: Path, words: str) -> str:
     kind, format = kinds[0] if kinds else None, "markdown" if markdown else "text"
     counts = kind == "parameters"
     text = parameters_table(list(map(Path, sources)), format) if counts else table_text(sources, format, kind)
-    if kinds and not text.strip():
-        text = f"No such table yet: {WHY_EMPTY[kinds[0]]}"
+    if kind and not text.strip():
+        text = f"No such table yet: {WHY_EMPTY[kind]}"
     return f"{text}\n" if markdown else f"```\n{text}\n```\n"

@@ -66,9 +66,8 @@ def run(options: argparse.Namespace) -> int:
                 outcomes.append(outcome)
                 console.ended(outcome)
         except KeyboardInterrupt:
-            console.say(_summary(outcomes))
-            total = len(suite.cells)
-            console.say(f"interrupted: {len(outcomes)} of {total} jobs are done; the same command resumes: {folder}")
+            done = f"{len(outcomes)} of {len(suite.cells)} jobs are done"
+            console.say(f"{_summary(outcomes)}\ninterrupted: {done}; the same command resumes: {folder}")
             return INTERRUPTED
         from reports import write_report
 

@@ -16,7 +16,7 @@ from bench.compare.choosing import NEAR_DB, Limits, Rung, chosen, has_validation
 from bench.compare.choosing.trades import fused_times
 from bench.compare.paired import AGAINST, against_jobs
 from bench.compare.ranks import Ranks, ranks
-from bench.records import FLIP, PSNR, Record, Run, stats_of
+from bench.records import FLIP, PSNR, Record, Run, grouped, stats_of
 
 BITS = (4, 8, 16, 32, 64, 128)  # bits of the whole file a texel
 TIMES = (2, 4, 8, 16, 32)  # time of a query, × floor
@@ -94,14 +94,15 @@ def budgets(run: Run) -> Budgets:
     alike = [job for job in judged if job["job"] not in obstacle]
     times = _times(run, alike)
     limits = {BYTES: BITS} | dict.fromkeys(times, TIMES) | ({FIT: SECONDS} if FIT in times else {})
-    ladders = _ladders(alike)
+    rungs = grouped(alike, lambda job: (job["material"], line_of(job), json.dumps(job["settings"], sort_keys=True)))
+    ladders = grouped(rungs, lambda rung: rung[:2])
     picks: dict[Budget, dict[str, dict[str, Rung]]] = {}
     for budget in (Budget(kind, most) for kind in limits for most in limits[kind]):
         lines = picks.setdefault(budget, {})
         for (material, line), ladder in ladders.items():
-            if rung := chosen([rung_of(seeds, times.get(budget.kind, {})) for seeds in ladder], budget.limits):
+            if rung := chosen([rung_of(rungs[key], times.get(budget.kind, {})) for key in ladder], budget.limits):
                 lines.setdefault(line, {})[material] = rung
-    there = {material for lines in picks.values() for rungs in lines.values() for material in rungs}
+    there = {material for lines in picks.values() for by_material in lines.values() for material in by_material}
     return Budgets(
         {job["material"]: job for job in alike if job["material"] in there},
         picks,
@@ -122,15 +123,6 @@ def _times(run: Run, jobs: Sequence[Record]) -> dict[str, Times]:
     fits = {job["job"]: float(job["fit_seconds"]) for job in jobs if job.get("fit_seconds")}
     times = {EAGER: upper(run.timings), FUSED: upper(fused_times(run).values()), FIT: fits}
     return {kind: each for kind, each in times.items() if each}
-
-
-def _ladders(jobs: Sequence[Record]) -> dict[tuple[str, str], list[list[Record]]]:
-    """The rungs of each material and line: the jobs of equal settings, one a seed."""
-    ladders: dict[tuple[str, str], dict[str, list[Record]]] = {}
-    for job in jobs:
-        ladder = ladders.setdefault((job["material"], line_of(job)), {})
-        ladder.setdefault(json.dumps(job["settings"], sort_keys=True), []).append(job)
-    return {key: list(ladder.values()) for key, ladder in ladders.items()}
 
 
 def rung_of(seeds: Sequence[Record], times: Times) -> Rung:
@@ -154,8 +146,7 @@ def line_of(job: Record) -> str:
 
 def setting_of(job: Record) -> str:
     """The settings of a job in words, without those of its line."""
-    words = [word for word in str(job["label"]).split()[1:] if word != "recipe=paper"]
-    return " ".join(words) or "default"
+    return " ".join(word for word in str(job["label"]).split()[1:] if word != "recipe=paper") or "default"
 
 
 def shown(rung: Rung, family: str) -> float | None:

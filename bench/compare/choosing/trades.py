@@ -6,17 +6,15 @@ Imports no PyTorch, so an answer from stored measurements comes at once.
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 from bench.compare.choosing import NEAR_DB, Rung
 from bench.machine.devices import is_gpu
 from bench.records import MOST_DB, Record, Run, load_run, load_trade
 
-Choice = dict[str, Any]
 FLOAT_BYTES = 4
 
 
-def usable(choices: list[Choice], material: str) -> list[Rung]:
+def usable(choices: list[Record], material: str) -> list[Rung]:
     """The choices of a material that have scores of validation pairs, as rungs with bytes and ns a sample."""
     return [
         Rung(row["bytes"], float(row["validation"]["mean"]), row["ns_per_sample"], row)
@@ -33,7 +31,7 @@ def fused_times(run: Run) -> dict[str, Record]:
     return {row["job"]: row for row in fused if "job" in row and "ratio_to_floor" in row}
 
 
-def answers(material: str, choices: list[Choice]) -> Iterator[str]:
+def answers(material: str, choices: list[Record]) -> Iterator[str]:
     """Sentences that name the best choice, and the fastest and the smallest one within `NEAR_DB` of it.
 
     Validation pairs choose them; the figures are of test pairs.
@@ -51,19 +49,19 @@ def answers(material: str, choices: list[Choice]) -> Iterator[str]:
         yield f"{material}: within {NEAR_DB} dB of it, {answer}."
 
 
-def named(row: Choice) -> str:
+def named(row: Record) -> str:
     """The name of a choice: the codec's label, and its execution and precision if they are not the default."""
     how = f"{row['execution']} {row['precision']}" + (", emulated" if row.get("emulated") else "")
     return str(row["label"]) + ("" if how == "eager float32" else f" [{how}]")
 
 
-def described(row: Choice) -> str:
+def described(row: Record) -> str:
     """A choice with its figures, in words."""
     quality = "exact" if row["psnr"] >= MOST_DB else f"{row['psnr']:.2f} dB"
     return f"{named(row)}: {quality}, {row['bytes']:,} bytes, {row['ns_per_sample']:,.0f} ns a sample"
 
 
-def held(folder: Path, row: Choice) -> str:
+def held(folder: Path, row: Record) -> str:
     """Which device a choice was timed on, and the size of its textures on a GPU, by the record of its job."""
     threads = row.get("threads", 1)
     whose = "the GPU's" if is_gpu(row["device"]) else f"the CPU's, {threads} thread{'s' * (threads != 1)}"
