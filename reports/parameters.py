@@ -9,7 +9,7 @@ from itertools import chain
 from typing import NamedTuple
 
 from bench.records import Record, grouped, shown_label
-from reports.numbers import NONE, integer
+from reports.numbers import NONE, fixed, integer
 from reports.table import Table
 
 
@@ -19,11 +19,12 @@ class Published(NamedTuple):
     method: str
     parameters: int
     channels: int
+    ns: str = NONE  # a sample, mean ± deviation
 
 
 PUBLISHED = {
-    "neubtf": Published("NeuBTF", 3_011, 14),
-    "neubtf-direct": Published("NeuBTF", 3_011, 14),
+    "neubtf": Published("NeuBTF", 3_011, 14, "251.4 ± 44.8"),
+    "neubtf-direct": Published("NeuBTF", 3_011, 14, "251.4 ± 44.8"),
     "neumip": Published("NeuMIP", 3_332, 14),
     "hierarchical": Published("Hierarchical", 8_026, 14),
     "rainer2019": Published("Rainer 2019", 35_725, 14),
@@ -40,6 +41,7 @@ def parameters_table(jobs: Iterable[Record]) -> Table | None:
     """A row for each different decoder among finished jobs of the codecs in `PUBLISHED`, as published before ours.
 
     None where there is none. A job without a run was counted and not measured: see `bench.conformance.verdicts.count`.
+    Its `ns`, where it has them, are those of a sample, `eager` and `fused`.
     """
     order = list(PUBLISHED)
 
@@ -56,11 +58,22 @@ def parameters_table(jobs: Iterable[Record]) -> Table | None:
     headers += [(what, whose) for what in ("param.", "channels") for whose in ("ours", "paper", "diff.")]
     title = "Decoder parameters and texture channels, beside those published"
     notes = _notes(chosen, any("run" not in job for group in alike for job in group))
-    return Table("parameters", title, headers, list(map(_cells, chosen)), notes, words=2)
+    rows = list(map(_cells, chosen))
+    times = [{how: ns for job in group for how, ns in job.get("ns", {}).items()} for group in alike]  # of any settings
+    if any(times):
+        headers += [("a sample", whose) for whose in ("ns eager", "ns fused", "ns paper")]
+        for row, job, ns in zip(rows, chosen, times, strict=True):
+            row += [fixed(ns.get("eager"), 0), fixed(ns.get("fused"), 0), _published(job).ns]
+        notes.append("Times: ours of one CPU thread (docs/trade.md); the paper's of a GPU that it does not name.")
+    return Table("parameters", title, headers, rows, notes, words=2)
+
+
+def _published(job: Record) -> Published:
+    return _ZELTNER_CODE if job.get("settings", {}).get("edition") == "code" else PUBLISHED[job["codec"]]
 
 
 def _cells(job: Record) -> list[str]:
-    paper = _ZELTNER_CODE if job.get("settings", {}).get("edition") == "code" else PUBLISHED[job["codec"]]
+    paper = _published(job)
     ours = [(job["parameters"], paper.parameters), (job["cost"]["texture_channels"], paper.channels)]
     numbers = ([integer(a), integer(b), f"{a - b:+,}" if a != b else "0"] for a, b in ours)
     return [paper.method, shown_label(job), *chain.from_iterable(numbers)]

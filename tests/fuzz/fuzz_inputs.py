@@ -38,7 +38,6 @@ HOSTILE = (*PLAIN, [], {}, [[]], [1, "x"], {"a": {"b": {}}}, list(range(1000)), 
 
 
 def toml(value: Any) -> str:
-    """A value as TOML."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{json.dumps(key)} = {toml(each)}" for key, each in value.items()) + "}"
     if isinstance(value, list | tuple):
@@ -216,7 +215,6 @@ def read_demand(path: Path) -> None:
 
 @cache
 def records_of_a_run() -> list[dict[str, Any]]:
-    """Records of each kind, as a small run makes them."""
     import tempfile
 
     from bench.runs import runner

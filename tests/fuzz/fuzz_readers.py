@@ -31,7 +31,6 @@ ANGLES = [(0, 0), (15, 60)]
 
 
 def picture(index: int) -> np.ndarray:
-    """Codes (H, W, 3) uint8 of a small picture."""
     return np.random.default_rng(index).integers(0, 256, (H, W, 3), np.uint8)
 
 
@@ -83,7 +82,6 @@ def named_names(pattern: str) -> Iterator[str]:
 
 
 def make_folder(root: Path, extension: str, dtype: type = np.uint8) -> Path:
-    """A folder with pairs.csv and pictures of one kind."""
     rows = ["file,theta_o_deg,phi_o_deg,theta_i_deg,phi_i_deg,split"]
     for index, (view, light) in enumerate((view, light) for view in ANGLES for light in ANGLES):
         codes = picture(index).astype(dtype) * (257 if dtype is np.uint16 else 1)
@@ -211,7 +209,6 @@ def damage(path: Path, rng: random.Random) -> None:
 
 
 def read(path: Path, pairs: random.Random) -> None:
-    """Open and read a BTF."""
     btf = open_btf(path)
     for pair in {0, pairs.randrange(len(btf)), len(btf) - 1}:
         values = btf[pair]

@@ -30,7 +30,6 @@ def write_ubo2003_pca(folder: Path, components: Array, weights: Array, singular:
 
 
 def save(path: Path, data: Array) -> None:
-    """Save rows of bytes as the pixels of an RGBA picture."""
     Image.fromarray(data.reshape(len(data), -1, 4), "RGBA").save(path)
 
 

@@ -75,18 +75,22 @@ def _choice(options: argparse.Namespace) -> "Choice | None":
 
 
 def parameters_table(folders: list[Path], format: str, choice: "Choice | None" = None) -> str:
-    """The table of parameters: of every codec as published, and of the records of runs, whatever their data."""
+    """The table of parameters: of every codec as published, and of the records of runs, whatever their data; with times
+    of a sample, where a run has some."""
     from bench.codecs.registry import codec_entries
+    from bench.compare.choosing.trades import fused_times
     from bench.conformance.verdicts import count
     from bench.records import load_together, require
     from reports import parameters_text
     from reports.parameters import PUBLISHED
 
-    folders = folders or _runs()[-1:]
-    runs = load_together(folders, wanted=lambda job: False).jobs if folders else ()  # none takes another's place
-    jobs = [job for job in runs if job["status"] == "ok"]
-    for job in jobs:
-        require(job, "tables", folders[-1])
+    jobs = []
+    for folder in folders or _runs()[-1:]:
+        run = load_together([folder], wanted=lambda job: False)  # none takes another's place
+        for job in (job for job in run.jobs if job["status"] == "ok"):
+            require(job, "tables", folder)
+            times = {"eager": run.timing(job), "fused": fused_times(run).get(job["job"])}
+            jobs.append(job | {"ns": {how: time["ns_per_sample"] for how, time in times.items() if time}})
     counted = [count(name) for name in PUBLISHED if name in codec_entries()]
     return parameters_text([*counted, *jobs], format, choice)
 
