@@ -208,16 +208,19 @@ class _Session:
         yield from _watched(sound, self.workers, call)
 
     def time(self) -> None:
-        """Time the decoders of each material in turns."""
+        """Time the decoders of each material in turns: of one seed, because the time does not depend on it."""
         if not present(self.options.device):
             remedy = "run the same command on a machine with a GPU"
             log.warning("no decoder is timed, because there is no GPU here: %s", remedy)
             return
         for material in self.suite.materials:
-            names = [task.name for task in self.tasks if task.material.name == material.name]
-            if jobs := [self.done[name] for name in names if name in self.done]:
-                show = partial(self._show, material.name)
-                for record in timings(self.options.folder, jobs, self.options.device, self.suite.threads, show):
+            jobs: dict[str, Record] = {}
+            for task in self.tasks:
+                if task.material.name == material.name and task.name in self.done:
+                    jobs.setdefault(task.codec.label, self.done[task.name])
+            if jobs:
+                show, timed = partial(self._show, material.name), list(jobs.values())
+                for record in timings(self.options.folder, timed, self.options.device, self.suite.threads, show):
                     records.append(self.options.folder, record | {"run": self.run_id})
 
     def _show(self, material: str, label: str, done: int, total: int) -> None:

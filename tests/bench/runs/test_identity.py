@@ -18,7 +18,8 @@ CODEC = """
             return helper(btf) + late.more
 """
 FILES = {"__init__.py": "", "mine.py": CODEC, "unused.py": "word = 1", "deep/__init__.py": "from .inner import helper"}
-FILES |= {"deep/inner.py": "def helper(x):\n    return x", "late.py": "import sklearn.cluster\nmore = 1"}
+FILES |= {"deep/inner.py": "def helper(x):\n    return x", "late.py": "import sklearn.cluster, beside\nmore = 1"}
+FILES["../beside.py"] = "size = 1"  # not installed, so its text counts
 
 
 @pytest.fixture
@@ -49,6 +50,7 @@ def identity_of(package):
         ("deep/inner.py", "return x", "return -x", True),
         ("deep/__init__.py", "from .inner import helper", "from .inner import helper\nx = 1", True),
         ("late.py", "more = 1", "more = 2", True),  # imported within a function
+        ("../beside.py", "size = 1", "size = 2", True),
         ("unused.py", "word = 1", "word = 2", False),
         ("mine.py", "It is mine.", "It is still mine.", False),
         ("late.py", "more = 1", "more = 1  # one", False),

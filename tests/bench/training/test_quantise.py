@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from bench.training.quantise import half_scale, pack, unpack
+from bench.training.quantise import half_scale, pack, pack_bits, unpack, unpack_bits
 
 VALUES = torch.rand(5, 7, 3, generator=torch.Generator().manual_seed(0)) * 2 - 1
 
@@ -24,6 +24,13 @@ def test_numbers_that_halves_can_tell_apart_are_stored_as_they_are() -> None:
     assert torch.equal(unpack("x", packed), subnormal)
     assert list(pack("x", torch.zeros(2, 3), "half")) == ["x"]
     assert pack("x", torch.zeros(0, 3), "half")["x"].shape == (0, 3)
+
+
+@pytest.mark.parametrize("bits", [1, 3, 8])
+def test_packed_bits_come_back(bits: int) -> None:
+    codes = torch.arange(11) * 37 % 2**bits
+    assert len(packed := pack_bits(codes, bits)) == -(-11 * bits // 8)
+    assert torch.equal(unpack_bits(packed, 11, bits), codes)
 
 
 @pytest.mark.parametrize("peak", [5e-324, 1e-40, 2**-4.1, 65505.0, 3e38])
