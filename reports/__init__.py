@@ -1,8 +1,4 @@
-"""Draws tables and figures from records and stored artefacts; measures nothing.
-
-`write_report` writes the whole report into a run's folder, beside its records; `table_text` returns the tables in one
-format. Both read only what `bench.records` reads, and the arrays that a record names.
-"""
+"""Draws tables and figures from records and the arrays that they name; measures nothing."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -130,8 +126,7 @@ def stress_text(records: Sequence["Record"], format: str = "text") -> str:
 def write_report(run_folder: str | Path, vector: bool = False) -> Report:
     """Write `tables/`, `figures/` and `report.html` into a run's folder, each file completely or not at all.
 
-    With `vector`, every figure is also written as SVG and PDF. The same records give the same files. Raises
-    `InputError` if the folder holds no run.
+    `vector` also writes every figure as SVG and PDF. `InputError` if the folder holds no run.
     """
     from reports.write import write
 

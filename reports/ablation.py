@@ -1,6 +1,6 @@
 """NeuBTF without one thing at a time: each codec of the suite `ablation` as it is, and what each change is worth."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from statistics import fmean
 
 from bench.records import PSNR, SSIM, Record, Run, stats_of
@@ -24,20 +24,12 @@ def ablation_table(run: Run) -> Table | None:
         "dB: mean display PSNR of the pairs held out to choose settings by; no test pair is among them.",
         "FLOP: of the decoder's network. A change is told by the settings that differ from the row “as it is”.",
     ]
-    rows = list(_rows(jobs, materials))
-    if any(NONE in row for row in rows):
-        notes.append(f"{NONE}: not measured.")
-    title = f"{', '.join(materials)}: NeuBTF, one thing changed at a time"
-    return Table("ablation", title, headers, rows, notes, words=2)
-
-
-def _rows(jobs: list[Record], materials: list[str]) -> Iterator[list[str]]:
-    """The first label of each codec is the codec as it is, against which its others are held."""
     firsts: dict[str, Record] = {}
-    base: dict[str, str] = {}
+    base: dict[str, str] = {}  # of each codec the first label, which is the codec as it is
     for job in jobs:
         firsts.setdefault(job["label"], job)
         base.setdefault(job["codec"], job["label"])
+    rows = []
     for label, job in firsts.items():
         whole = base[job["codec"]]
         changes = " ".join(word for word in label.split()[1:] if word not in whole.split())
@@ -48,7 +40,11 @@ def _rows(jobs: list[Record], materials: list[str]) -> Iterator[list[str]]:
             both = ours is not None and theirs is not None and label != whole
             cells += [fixed(ours, 2), signed(ours - theirs) if both else ""]  # type: ignore[operator]
             cells.append(fixed(_mean(jobs, material, label, SSIM), 3))
-        yield cells
+        rows.append(cells)
+    if any(NONE in row for row in rows):
+        notes.append(f"{NONE}: not measured.")
+    title = f"{', '.join(materials)}: NeuBTF, one thing changed at a time"
+    return Table("ablation", title, headers, rows, notes, words=2)
 
 
 def _mean(jobs: Iterable[Record], material: str, label: str, family: str) -> float | None:

@@ -17,10 +17,7 @@ Arrays = Mapping[str, np.ndarray]
 
 
 def arrays(folder: Path, job: Record, name: str, names: Collection[str] | None = None) -> Arrays | None:
-    """The arrays of a job's artefact (`slices`, `pictures`), or those with some names.
-
-    None if the file is missing or an array is unreadable.
-    """
+    """The arrays of a job's artefact (`slices`, `pictures`), all or those named; None if missing or unreadable."""
     try:
         return read_arrays(folder / job[name], MAX_FILE, names)
     except (OSError, KeyError, ValueError, TypeError):

@@ -2,6 +2,7 @@
 
 import base64
 import io
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -22,10 +23,7 @@ QUALITIES: tuple[tuple[int | None, float], ...] = ((None, 2.6), (92, 0.9), (80, 
 
 
 class Atlases:
-    """The slices of all materials of a run, all of one quality, chosen by how many pixels there are.
-
-    `share` of the budget is the page's: of a site that is a part.
-    """
+    """The slices of all materials of a run, of one quality for all pixels to fit into this `share` of the budget."""
 
     def __init__(self, run: Run, materials: Sequence[MaterialRows], share: float = 1):
         self.run, budget = run, share * BUDGET
@@ -53,7 +51,7 @@ class Atlases:
         return {
             "width": width,
             "height": height,
-            "columns": _columns(count),
+            "columns": math.ceil(math.sqrt(count)),
             "wo": np.round(first["wo_deg"][:: self.step], 1).tolist(),
             "wi": np.round(first["wi_deg"][:: self.step], 1).tolist(),
             "truth": self._encoded(first["truth"]),
@@ -79,7 +77,7 @@ class Atlases:
         """Pictures (n, H, W, 3) as one WebP in a grid, of that quality at most where it is not without loss."""
         pictures = pictures[:: self.step]
         count, height, width = pictures.shape[:3]
-        columns = _columns(count)
+        columns = math.ceil(math.sqrt(count))
         sheet = np.zeros((-(-count // columns) * height, columns * width, 3), np.uint8)
         for i, picture in enumerate(pictures):
             top, left = i // columns * height, i % columns * width
@@ -101,7 +99,3 @@ def _levels(maps: np.ndarray) -> np.ndarray:
     luma = np.array([0.299, 0.587, 0.114])
     brightness = np.maximum.accumulate(MAGMA @ luma)
     return np.minimum(np.searchsorted(brightness, maps @ luma - 1e-6), 255).astype(np.uint8)[..., None].repeat(3, -1)
-
-
-def _columns(count: int) -> int:
-    return int(np.ceil(np.sqrt(count)))

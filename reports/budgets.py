@@ -1,7 +1,4 @@
-"""Tables of each codec's quality within budgets of bytes and time; `bench.compare.choosing.budgets` chooses the rungs.
-
-`budgets` compares the codecs over all materials, `rungs` lists the choices on each, `when` says which codec to use.
-"""
+"""Tables of each codec's quality within budgets of bytes and time, of rungs that `bench.compare` chooses."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -183,7 +180,12 @@ def _unit(kind: str) -> str:
 def _common(run: Run, result: Budgets) -> Iterator[str]:
     """Notes on times, and on excluded records."""
     if result.times.keys() - {FIT}:
-        on = dict.fromkeys(_machine(run, str(time.get("run", ""))) for time in run.timings)
+        on: dict[str, None] = {}
+        for name in (time.get("run", "") for time in run.timings):
+            start: Record = next((each for each in reversed(run.starts) if not name or each.get("run") == name), {})
+            machine = start.get("machine", {})
+            parts = [machine.get("processor"), f"{machine['cores']} cores" if "cores" in machine else ""]
+            on[", ".join(str(part) for part in parts if part)] = None
         yield f"Times: upper ends of 95 % intervals, × floor; {'; '.join(filter(None, on))}."
     reasons = {"without a score of validation pairs": result.without, "not comparable with the newest": result.unlike}
     suites = {start.get("run"): str(start.get("suite") or "no suite") for start in run.starts}
@@ -193,10 +195,3 @@ def _common(run: Run, result: Budgets) -> Iterator[str]:
         left.append(", ".join([*(f"{count} of {suite}" for suite, count in counts.items()), why]))
     if left:
         yield f"Left out: {'; '.join(left)}."
-
-
-def _machine(run: Run, name: str) -> str:
-    start: Record = next((each for each in reversed(run.starts) if not name or each.get("run") == name), {})
-    machine = start.get("machine", {})
-    parts = [machine.get("processor"), f"{machine['cores']} cores" if "cores" in machine else ""]
-    return ", ".join(str(part) for part in parts if part)

@@ -26,16 +26,15 @@ class Choice:
         for wanted in self.codecs:
             if not any(wanted in _called(job) for job in jobs):
                 raise InputError(f"--codec {wanted}: this run does not have it{did_you_mean(wanted, known)}")
-        starts = [start | {"jobs": list(filter(self._plans, start.get("jobs", [])))} for start in run.starts]
+        starts = []
+        for start in run.starts:
+            labels = {name: name.partition("/")[2].rpartition("/")[0] for name in start.get("jobs", [])}  # without seed
+            jobs_of = {name: {"job": name, "label": each, "codec": each.split(" ")[0]} for name, each in labels.items()}
+            starts.append(start | {"jobs": [name for name, job in jobs_of.items() if self._has(job)]})
         return replace(run, jobs=jobs, starts=starts)
 
     def _has(self, job: Record) -> bool:
         return any(wanted in _called(job) for wanted in self.codecs)
-
-    def _plans(self, name: str) -> bool:
-        """Whether a planned job, material/label/seed, is of one of the codecs."""
-        label = name.partition("/")[2].rpartition("/")[0]
-        return self._has({"job": name, "label": label, "codec": label.split(" ")[0]})
 
     def of_tables(self, tables: Sequence[Table]) -> list[Table]:
         """The tables with these columns, in this order, and names; those without any of the columns are left out."""

@@ -1,6 +1,6 @@
 """The columns of tables by material: each finds its number in a record, and writes one seed or several."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from statistics import fmean, stdev
@@ -8,7 +8,7 @@ from typing import Any
 
 from bench.metrics import PERIODIC, label_of
 from bench.records import OUTSIDE, PSNR, RMSE, Record, gate, metric_of, metrics_of, shown_columns
-from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, mean, plus_minus, pooled, significant, spread
+from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, plus_minus, significant, stated
 from reports.rows import MaterialRows, Row, described
 
 Value = float | tuple[float, ...] | str | None  # a number, several numbers of one cell, a word, or nothing
@@ -54,7 +54,7 @@ class Column:
 
     def _text(self, seeds: Sequence[Row]) -> str:
         values = [self.value(row) for row in seeds]
-        texts = [self._written(value) for value in values]
+        texts = [NONE if value is None else value if isinstance(value, str) else self.write(value) for value in values]
         if len(set(texts)) < 2:
             return texts[0] if texts else NONE
         if together := [value for value in values if isinstance(value, tuple)]:
@@ -86,14 +86,6 @@ class Column:
         mean = self.mean(seeds)
         return None if mean is None else self.sign * mean
 
-    def _written(self, value: Value) -> str:
-        if value is None:
-            return NONE
-        return value if isinstance(value, str) else self.write(value)
-
-
-Number = Callable[[Record], Value]  # of the statistics of a metric over some slices
-
 
 def _digits(unit: str) -> int:
     return 2 if unit == "dB" else 3
@@ -105,43 +97,22 @@ def _scale(metric: Record) -> str:
     return f"{unit} {'↑' if metric['direction'] == 'higher' else '↓'}".strip()
 
 
-def _mean(name: str, scale: str, family: str, group: str = "", unit: str = "dB", of: Number = mean) -> Column:
+def _mean(name: str, scale: str, family: str, group: str = "", unit: str = "dB", of: str = "mean") -> Column:
     """The mean over the slices of a group, by default those that decide, or another number of them."""
-
-    def value(row: Row) -> Value:
-        return of(row.stats(group or row.gate, family))
-
-    return Column(name, scale, value, partial(fixed, digits=_digits(unit)))
+    write = partial(fixed, digits=_digits(unit))
+    return Column(name, scale, lambda row: stated(row.stats(group or row.gate, family), of), write)
 
 
 def _spread(name: str, scale: str, family: str, unit: str = "dB") -> Column:
     """Mean ± std over the slices that decide."""
-    column = _mean(name, scale, family, unit=unit, of=spread)
-    return replace(column, write=partial(plus_minus, digits=_digits(unit)), over="slices")
-
-
-def _declared() -> list[Column]:
-    """The columns that fields of a record declare; see `bench.records.shown_columns`."""
-
-    def column(field: str, name: str, unit: str, digits: int) -> Column:
-        write = partial(significant, digits=digits) if digits else _whole
-        return Column(name, unit, lambda row: row.job.get(field), write)
-
-    return [column(field, *heading) for field, heading in shown_columns().items()]
-
-
-def _bytes(part: str) -> Callable[[Row], Value]:
-    return lambda row: row.job["bytes"].get(part)
+    write = partial(plus_minus, digits=_digits(unit))
+    return Column(name, scale, lambda row: stated(row.stats(row.gate, family), "mean", "std"), write, over="slices")
 
 
 def bits(job: Record, size: int) -> float:
     """The bits a texel of so many bytes."""
     height, width = job["shape"]
     return 8 * size / (height * width)
-
-
-def _other_bytes(row: Row) -> int:
-    return sum(size for part, size in row.job["bytes"].items() if part not in ("decoder", "texture", "total", "shared"))
 
 
 def _timed(name: str, unit: str, field: str, write: Callable[..., str] = significant) -> Column:
@@ -163,8 +134,8 @@ def _whole(value: float) -> str:
 
 _PARAMETERS = Column("decoder", "param.", lambda row: row.job["parameters"], _whole)
 _CHANNELS = Column("tex.", "chan.", lambda row: row.job["cost"]["texture_channels"], _whole, lambda own: own["rank"])
-TOTAL = Column("total", "bytes ↓", _bytes("total"), _whole, lambda own: own["bytes"])
-_SHARED = Column("shared", "bytes", _bytes("shared"), _whole, sparse=True)
+TOTAL = Column("total", "bytes ↓", lambda row: row.job["bytes"].get("total"), _whole, lambda own: own["bytes"])
+_SHARED = Column("shared", "bytes", lambda row: row.job["bytes"].get("shared"), _whole, sparse=True)
 BITS = Column(
     "bits per",
     "texel ↓",
@@ -175,26 +146,46 @@ BITS = Column(
 _TRAIN = _mean("PSNR train", "dB ↑", PSNR, "train")
 HELDOUT = _mean("PSNR", "dB ↑", PSNR)
 PER_SLICE = _spread("PSNR", "dB ↑", PSNR)
-_WORST = _mean(
-    "worst tenth", "dB ↑", PSNR, of=lambda each: mean(each | {"mean": each["worst"]}) if "worst" in each else None
+_WORST = replace(
+    _mean("worst tenth", "dB ↑", PSNR),
+    value=lambda row: stated(stats, "worst") if "worst" in (stats := row.stats(row.gate, PSNR)) else None,
 )
-_POOLED = _mean("PSNR pooled", "dB ↑", PSNR, of=pooled)
+_POOLED = _mean("PSNR pooled", "dB ↑", PSNR, of="pooled")
+RELATIVE_ERROR = Column(
+    "RMSE",
+    "% mean ↓",
+    lambda row: None if (share := row.stats(row.gate, RMSE).get("relative")) is None else 100 * share,
+    partial(fixed, digits=1),
+)
 _NS = _timed("time", "ns ↓", "ns_per_sample")
 _FLOOR = _timed("time", "× floor", "ratio_to_floor")
 _FUSED = Column("fused", "× floor", lambda row: (row.fused or {}).get("ratio_to_floor"), significant, sparse=True)
 _INTERVAL = _timed("95 % interval", "ns", "interval95_ns", lambda both: " to ".join(map(significant, both)))
 
+_NAMED = {"decoder", "texture", "total", "shared"}  # parts of the bytes that have columns of their own
 SIZE = (
     _PARAMETERS,
     _CHANNELS,
-    Column("decoder", "bytes", _bytes("decoder"), _whole),
-    Column("texture", "bytes", _bytes("texture"), _whole),
-    Column("other", "bytes", _other_bytes, _whole),
+    Column("decoder", "bytes", lambda row: row.job["bytes"].get("decoder"), _whole),
+    Column("texture", "bytes", lambda row: row.job["bytes"].get("texture"), _whole),
+    Column("other", "bytes", lambda row: sum(n for part, n in row.job["bytes"].items() if part not in _NAMED), _whole),
     TOTAL,
     _SHARED,
     Column("resident", "bytes", lambda row: row.job.get("resident"), _whole, sparse=True),
     BITS,
 )
+
+
+def _declared() -> list[Column]:
+    """The columns that fields of a record declare; see `bench.records.shown_columns`."""
+    return [
+        Column(name, unit, partial(_field, field), partial(significant, digits=digits) if digits else _whole)
+        for field, (name, unit, digits) in shown_columns().items()
+    ]
+
+
+def _field(name: str, row: Row) -> Value:
+    return row.job.get(name)
 
 
 def time() -> list[Column]:
@@ -262,14 +253,27 @@ def bands(job: Record) -> list[Column]:
 
 def radiance_bands(job: Record) -> list[Column]:
     """The error of linear radiance over each band, absolute and relative."""
+
+    def value(group: str, row: Row) -> Value:
+        stats = row.stats(group, RMSE)
+        absolute, relative = stats.get("pooled"), stats.get("relative")
+        return None if absolute is None else (absolute,) if relative is None else (absolute, 100 * relative)
+
+    def write(numbers: tuple[float, ...]) -> str:
+        return f"{significant(numbers[0])} ({f'{numbers[1]:,.1f}' if len(numbers) > 1 else NONE} %)"
+
     units = ((name, f"radiance ↓ ({count:,})", group) for name, group, count in _bands(job))
-    return [Column(name, unit, partial(_radiance, group), _with_relative) for name, unit, group in units]
+    return [Column(name, unit, partial(value, group), write) for name, unit, group in units]
 
 
 def footprints(job: Record) -> list[Column]:
     """PSNR at each footprint."""
+
+    def value(side: str, row: Row) -> Value:
+        return stated(row.job["footprints"].get(side, {}), "mean")
+
     sides = ((side, f"{side} texel{'s' * (side != '1')}") for side in job["footprints"])
-    return [Column(name, "dB ↑", partial(_footprint, side), partial(fixed, digits=2)) for side, name in sides]
+    return [Column(name, "dB ↑", partial(value, side), partial(fixed, digits=2)) for side, name in sides]
 
 
 def _bands(job: Record) -> list[tuple[str, str, int]]:
@@ -289,48 +293,26 @@ def scene(job: Record) -> list[Column]:
     """Quality in the frames of a scene, over the pairs that the scene uses, and over the others."""
     if "scene" not in job:
         return []
+
+    def value(name: str, row: Row) -> Value:
+        values = row.job.get("scene", {}).get("metrics", {})
+        known = metric_of(values, name)
+        return None if not known else EXACT if values[known] is None else values[known]
+
     chosen = [TOTAL]
-    for name in job["scene"]["metrics"]:
-        metric = described(job, name)
-        if metric["unit"] != "radiance":
-            write = partial(fixed, digits=_digits(metric["unit"]))
-            chosen.append(Column(f"frames {label_of(name)}", _scale(metric), partial(_frames, name), write))
-    for name in metrics_of(job, "scene"):
-        metric = described(job, name)
-        if metric["unit"] != "radiance":
-            label = f"weighted {label_of(name)}"
-            chosen.append(_mean(label, _scale(metric), name, "scene", metric["unit"], pooled))
+    for name, metric in _not_of_radiance(job, job["scene"]["metrics"]):
+        write = partial(fixed, digits=_digits(metric["unit"]))
+        chosen.append(Column(f"frames {label_of(name)}", _scale(metric), partial(value, name), write))
+    for name, metric in _not_of_radiance(job, metrics_of(job, "scene")):
+        label = f"weighted {label_of(name)}"
+        chosen.append(_mean(label, _scale(metric), name, "scene", metric["unit"], "pooled"))
     return [*chosen, _mean("outside PSNR", "dB ↑", PSNR, OUTSIDE), HELDOUT]
 
 
-def _frames(name: str, row: Row) -> Value:
-    values = row.job.get("scene", {}).get("metrics", {})
-    known = metric_of(values, name)
-    return None if not known else EXACT if values[known] is None else values[known]
+def _not_of_radiance(job: Record, names: Iterable[str]) -> Iterator[tuple[str, Record]]:
+    found = ((name, described(job, name)) for name in names)
+    return ((name, metric) for name, metric in found if metric["unit"] != "radiance")
 
 
 _BAND_NAMES = {"grazing view": "θ_o>60°", "grazing light": "θ_i>60°"}
 _BAND_NAMES |= {name: name for name in ("inside hull", "outside hull", "new view", "new light", "both new")}
-
-
-def _radiance(group: str, row: Row) -> Value:
-    stats = row.stats(group, RMSE)
-    absolute, relative = stats.get("pooled"), stats.get("relative")
-    return None if absolute is None else (absolute,) if relative is None else (absolute, 100 * relative)
-
-
-def _with_relative(numbers: tuple[float, ...]) -> str:
-    relative = f"{numbers[1]:,.1f}" if len(numbers) > 1 else NONE
-    return f"{significant(numbers[0])} ({relative} %)"
-
-
-def _footprint(side: str, row: Row) -> Value:
-    return mean(row.job["footprints"].get(side, {}))
-
-
-def _relative_error(row: Row) -> Value:
-    relative = row.stats(row.gate, RMSE).get("relative")
-    return None if relative is None else 100 * relative
-
-
-RELATIVE_ERROR = Column("RMSE", "% mean ↓", _relative_error, partial(fixed, digits=1))

@@ -2,7 +2,7 @@
 
 import shlex
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import chain
 
 from bench.compare.comparison import Comparison
@@ -61,9 +61,14 @@ def _partial(absent: Sequence[ComparedRow], present: Sequence[ComparedRow]) -> s
 
 def markdown(comparison: Comparison) -> str:
     """The summary, remarks, the table of verdicts, and everything else folded away."""
-    blocks = [f"### neubtf-bench: {comparison.summary}", "\n".join(_findings(comparison))]
+    every, remarks = [*comparison.rows, *comparison.means], []
+    for row in every:
+        findings = [(_MARKS[verdict], text) for verdict, text in row.findings()]
+        findings += [("ℹ️ note", text) for text in row.notes]
+        findings += [("⏱️ advice", row.advice)] if row.advice else []
+        remarks += [f"- {mark}: **{escaped(row.name)}**: {escaped(text)}" for mark, text in findings]
+    blocks = [f"### neubtf-bench: {comparison.summary}", "\n".join(remarks)]
     if comparison.rows:
-        every = [*comparison.rows, *comparison.means]
         verdicts = [_MARKS[row.verdict] for row in every]
         blocks.append(grid(_combined(every, [row.deciding for row in every], "verdict", verdicts)))
     if rows := [row for row in comparison.rows if row.shown]:
@@ -75,14 +80,6 @@ def markdown(comparison: Comparison) -> str:
 
 def _word(verdict: Verdict) -> str:
     return NOT_COMPARABLE if verdict == Verdict.UNLIKE else verdict
-
-
-def _findings(comparison: Comparison) -> Iterator[str]:
-    for row in (*comparison.rows, *comparison.means):
-        findings = [(_MARKS[verdict], text) for verdict, text in row.findings()]
-        findings += [("ℹ️ note", text) for text in row.notes]
-        findings += [("⏱️ advice", row.advice)] if row.advice else []
-        yield from (f"- {mark}: **{escaped(row.name)}**: {escaped(text)}" for mark, text in findings)
 
 
 def _deciding(material: str, rows: Sequence[ComparedRow]) -> Table:
@@ -115,7 +112,10 @@ def _cells(quantity: Quantity, change: Change | None) -> list[str]:
 def _others(material: str, rows: Sequence[ComparedRow]) -> list[Table]:
     """The table of values that do not decide: changes, new − base, and times; None if there are none."""
     rows = [row for row in rows if row.shown]
-    quantities = [q for q in _quantities(row.shown for row in rows) if any(_changed(row, q) for row in rows)]
+
+    every = [change for row in rows for change in row.shown]
+    changed = {c.quantity.name for c in every if c.difference is None or c.quantity.difference(c.difference) != "="}
+    quantities = [quantity for quantity in _quantities([every]) if quantity.name in changed]
     if not quantities and not any(row.timing for row in rows):
         return []
     headers = [("change of", ""), *((q.name.replace("_", " "), q.scale) for q in quantities)]
@@ -150,11 +150,6 @@ def _cell(change: Change | None) -> str:
     difference = quantity.difference(change.difference or 0.0)
     text += f" ({difference})" * (difference != "=")
     return text + (f", ± {quantity.written(change.margin)}" if change.margin else "")
-
-
-def _changed(row: ComparedRow, quantity: Quantity) -> bool:
-    change = _find(row.shown, quantity)
-    return change is not None and (change.difference is None or quantity.difference(change.difference) != "=")
 
 
 def _time(row: ComparedRow) -> str:

@@ -3,7 +3,7 @@
 import csv
 import io
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from bench.records import Run, flattened
@@ -15,23 +15,22 @@ _NUMBER = re.compile(r"[−+-]?\d[\d,]*(\.\d+)?")
 
 
 def results_csv(run: Run) -> str:
-    """One row a job. Names of columns are the paths of the record's fields: `bytes/total`, `scores/heldout/…/pooled`.
+    """One row a job, nothing rounded; a column is the path of a record's field: `scores/heldout/…/pooled`.
 
-    There are also `metric_version/NAME` and `timing/…`; `not_comparable` says why a row must not be compared. Nothing
-    is rounded. An empty field has no finite value or was not measured: `…/exact` counts slices without error.
+    There are also `metric_version/NAME` and `timing/…`; `not_comparable` says why a row must not be compared. An empty
+    field has no finite value or was not measured: `…/exact` counts slices without error.
     """
-    places: dict[str, int] = {}  # the place of each column, in the order of appearance
-    rows = []
+    jobs = []
     for row in (row for material in materials(run) for row in material.rows):
-        cells: list[Any] = [None] * len(places)
-        fields = [*flattened(row.job, row.timing), ("not_comparable", row.obstacle or None)]
-        fields += [("timing/not_comparable", row.timing_obstacle or None)] if row.timing else []
-        for name, value in fields:
-            place = places.setdefault(name, len(places))
-            cells += [None] * (place + 1 - len(cells))
-            cells[place] = value
-        rows.append(cells)
-    return as_csv([list(places) or ["job"], *(cells + [None] * (len(places) - len(cells)) for cells in rows)])
+        fields = dict(flattened(row.job, row.timing)) | {"not_comparable": row.obstacle or None}
+        jobs.append(fields | ({"timing/not_comparable": row.timing_obstacle or None} if row.timing else {}))
+    return fields_csv(jobs) if jobs else "job\n"
+
+
+def fields_csv(records: Sequence[Mapping[str, Any]]) -> str:
+    """A row a record, a column for each name of a field, in the order of appearance."""
+    names = list(dict.fromkeys(name for fields in records for name in fields))
+    return _csv([names, *([fields.get(name) for name in names] for fields in records)])
 
 
 def table_csv(tables: Sequence[Table]) -> str:
@@ -43,7 +42,7 @@ def table_csv(tables: Sequence[Table]) -> str:
         if header != (header := [*first, *(" ".join(words).strip() for words in table.headers)]):
             lines.append(header)
         lines += [[*material, *map(_plain, row)] for row in table.rows]
-    return as_csv(lines)
+    return _csv(lines)
 
 
 def _plain(cell: str) -> str | None:
@@ -53,7 +52,7 @@ def _plain(cell: str) -> str | None:
     return cell.replace(",", "").replace("−", "-") if _NUMBER.fullmatch(cell) else cell
 
 
-def as_csv(rows: Iterable[Sequence[Any]]) -> str:
+def _csv(rows: Iterable[Sequence[Any]]) -> str:
     """Rows of cells, the headers first, as CSV; None is an empty field."""
     out = io.StringIO()
     csv.writer(out, lineterminator="\n").writerows(rows)

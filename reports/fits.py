@@ -1,10 +1,10 @@
 """The convergence of fits, from the curves in their records."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from bench.records import Run
-from reports.numbers import NONE, fixed, integer, significant
+from reports.numbers import fixed, integer, significant
 from reports.rows import materials
 from reports.table import Table
 
@@ -15,16 +15,11 @@ NOTE = (
 )
 
 
-@dataclass(frozen=True)
-class FitCurve:
+class FitCurve(NamedTuple):
     """One job's curve, from its beginning."""
 
     label: str
     points: list[tuple[int, float, float]]  # step, seconds, display PSNR in dB
-
-    def reached(self, goal: float) -> tuple[int, float] | None:
-        """Step and seconds of the first point that reaches this PSNR; None if none does."""
-        return next(((step, seconds) for step, seconds, psnr in self.points if psnr >= goal), None)
 
 
 def curves_by_material(run: Run) -> dict[str, list[FitCurve]]:
@@ -52,6 +47,6 @@ def _cells(fit: FitCurve) -> list[str]:
     steps, seconds, psnr = fit.points[-1]
     cells = [fixed(psnr, 2), integer(steps), significant(seconds, 2)]
     for goal in GOALS_DB:
-        point = fit.reached(goal)
-        cells += [integer(point[0]), significant(point[1], 2)] if point else [NONE, NONE]
+        step, second = next((point[:2] for point in fit.points if point[2] >= goal), (None, None))
+        cells += [integer(step), significant(second, 2)]
     return cells

@@ -1,7 +1,4 @@
-"""Tables as LaTeX for `\\usepackage{booktabs,graphicx}`: no wider than the text, labels of any characters.
-
-`table*` spans both columns of a two-column article, and is a plain table in a one-column one.
-"""
+"""Tables as LaTeX for `\\usepackage{booktabs,graphicx}`: no wider than the text, in one column or over both of two."""
 
 import re
 import unicodedata
@@ -22,10 +19,7 @@ _SPECIAL = {
 
 
 def latex(tables: Sequence[Table]) -> str:
-    """Tables to be `\\input`, each a `table*` with its notes below it.
-
-    The one table of a kind over all materials is `tab:summary`; see `label` for the others.
-    """
+    """Tables to be `\\input`, each a `table*` with its notes below it and a label: `tab:summary`, or see `label`."""
     kinds, written = [table.kind for table in tables], []
     for table in tables:
         alone = kinds.count(table.kind) == 1 and not table.material

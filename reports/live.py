@@ -68,17 +68,17 @@ def _packed_truth(run: Run, material: MaterialRows) -> str:
 
     In 8 bit and as WebP it takes a tenth of its halves, of which the viewer makes floats again.
     """
-    row = next((row for row in material.shown if "drawing" in row.job), None)
-    if not row:
+    job = next((row.job for row in material.shown if "drawing" in row.job), None)
+    if not job:
         return ""
-    path = (run.folder / row.job["drawing"]).parent / f"truth-{row.job['score_key']['btf'][:16]}.npz"
+    path = (run.folder / job["drawing"]).parent / f"truth-{job['score_key']['btf'][:16]}.npz"
     if not path.is_file():
         return ""
     try:
-        data = model_data(Model("truth", program(path), row.job["score_key"]["exposure"], _TRUTH), bytes)
+        data = model_data(Model("truth", program(path), job["score_key"]["exposure"], _TRUTH), bytes)
     except InputError:
         return ""  # a run's records are worth reading without its bulky parts
-    data["white"], data["half"] = _painted(cast(bytes, data["half"]), row.job["shape"])
+    data["white"], data["half"] = _painted(cast(bytes, data["half"]), job["shape"])
     packed = pack(data)
     return packed if len(packed) <= LARGEST else ""
 
@@ -117,9 +117,9 @@ def by_psnr(row: Row) -> float:
 
 
 def pack(data: object) -> str:
-    """The length of the JSON, the JSON, then the bytes in it: deflated, in base64, as the page's `unpacked` reads it.
+    """The length of the JSON, the JSON, then the bytes in it, which it names as {raw: [from, length]}.
 
-    Bytes deflate better so than in base64 inside the JSON, which says {raw: [from, length]} in their place.
+    Deflated, in base64, as the page's `unpacked` reads it: smaller than with the bytes in base64 inside the JSON.
     """
     places: dict[bytes, list[int]] = {}
 

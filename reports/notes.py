@@ -1,12 +1,12 @@
-"""Footnotes of tables: the meaning of the numbers, omissions, and the conditions of timings."""
+"""Footnotes of tables: the meaning of the numbers, what has none or cannot be compared, the conditions of timings."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from statistics import fmean
 
 from bench.metrics import label_of
-from bench.records import PSNR, Record, Run, gate, grouped, shown_columns
+from bench.records import PSNR, Record, Run, gate, grouped, shown_columns, shown_label
 from reports.numbers import significant
-from reports.rows import MaterialRows, Row
+from reports.rows import MaterialRows, Row, materials
 from reports.table import Note, Part
 
 _BYTES = ("decoder", "texture", "other", "total", "shared", "resident", "bits per")
@@ -43,22 +43,24 @@ def cost_notes(material: MaterialRows) -> list[str]:
     """Footnotes that define the columns of size and time."""
     bytes_note = Note(("Bytes are those of the whole file; “other” includes the header.", _BYTES.__contains__))
     times = map(about_times, [*_timing(material), *height_notes([material]), *_programs(material)])
-    notes = [bytes_note, *_shared(material), *times, *_not_comparable(material)]
-    return notes if material.first else []
-
-
-def _shared(material: MaterialRows) -> Iterator[str]:
-    """Footnotes for codecs whose file also needs the file of a shared network."""
-    shared = [row for row in material.measured if "shared" in row.job["bytes"]]
-    for size, rows in grouped(shared, lambda row: row.job["bytes"]["shared"]).items():
+    shared = []  # a codec whose file also needs the file of a network
+    having = [row for row in material.measured if "shared" in row.job["bytes"]]
+    for size, rows in grouped(having, lambda row: row.job["bytes"]["shared"]).items():
         names = ", ".join(dict.fromkeys(row.label for row in rows))
         needs = f"the decoder also needs the shared network, {size:,} bytes for all materials, not in the total."
-        yield Note((f"{names}: {needs}", _BYTES.__contains__))
+        shared.append(Note((f"{names}: {needs}", _BYTES.__contains__)))
+    return [bytes_note, *shared, *times, *_not_comparable(material)] if material.first else []
 
 
 def common_notes(material: MaterialRows) -> list[str]:
     """Footnotes common to all tables of a material: on exact slices, a dominant slice, and rows left out."""
-    return [*_exact(material), *_not_comparable(material)]
+    notes: list[str] = []
+    for row in material.measured:
+        if exact := (stats := row.stats(row.gate, PSNR)).get("exact"):
+            counted = f"{exact:,} of {stats['slices']:,} slices"
+            text = f"{row.name}: {counted} have no error in display space; they count as 100 dB."
+            notes.append(Note(about_quality(text)))
+    return [*notes, *_not_comparable(material)]
 
 
 def run_notes(run: Run) -> list[str]:
@@ -72,16 +74,14 @@ def run_notes(run: Run) -> list[str]:
 
 def _metrics(material: MaterialRows) -> Iterator[str]:
     """Full names of the metrics of the columns, with unit, direction, space and version."""
-    if material.metrics:
-        parts = (_metric(name, each) for name, each in material.metrics.items())
+    parts: list[Part] = []
+    for name, each in material.metrics.items():
+        words = [word for word in (each["unit"], each.get("space")) if word and word != "1"]
+        text = ", ".join([f"{name} version {each['version']}", *words, f"{each['direction']} is better"])
+        derived = {"PSNR train", "train", "worst tenth", "PSNR pooled"} if name == PSNR else set()
+        parts.append((text, {label_of(name), *derived}.__contains__))
+    if parts:
         yield Note(*parts, around=("Metrics: ", "; ", "."))
-
-
-def _metric(name: str, described: Record) -> Part:
-    words = [word for word in (described["unit"], described.get("space")) if word and word != "1"]
-    text = ", ".join([f"{name} version {described['version']}", *words, f"{described['direction']} is better"])
-    derived = {"PSNR train", "train", "worst tenth", "PSNR pooled"} if name == PSNR else set()
-    return text, {label_of(name), *derived}.__contains__
 
 
 def _timing(material: MaterialRows) -> Iterator[str]:
@@ -136,14 +136,6 @@ def _programs(material: MaterialRows) -> Iterator[str]:
             )
 
 
-def _exact(material: MaterialRows) -> Iterator[str]:
-    for row in material.measured:
-        stats = row.stats(row.gate, PSNR)
-        if stats.get("exact"):
-            counted = f"{stats['exact']:,} of {stats['slices']:,} slices"
-            yield Note(about_quality(f"{row.name}: {counted} have no error in display space; they count as 100 dB."))
-
-
 def _not_comparable(material: MaterialRows) -> Iterator[str]:
     for row in material.rows:
         if row.obstacle:
@@ -169,3 +161,49 @@ def _provenance(start: Record) -> str:
     parts += [f"{name} {packages[name]}" for name in ("neubtf-bench", "torch", "numpy") if name in packages]
     parts += [f"{machine.get('processor', '?')}, {machine.get('cores', '?')} cores, device {start.get('device', '?')}"]
     return ", ".join(parts) + "."
+
+
+def not_run(run: Run) -> Iterator[tuple[str, str, list[int]]]:
+    """Material, codec and seeds of the planned jobs of a run without a record."""
+    labels = {str(job.get("label")): shown_label(job) for job in run.jobs}
+    cells: dict[tuple[str, str], list[int]] = {}  # the seeds of each material and codec
+    for name in dict.fromkeys(name for start in run.starts for name in start.get("jobs", [])):
+        material, _, rest = name.partition("/")
+        label, _, seed = rest.rpartition("/")
+        if run.job(name) is None and seed.isdecimal():
+            cells.setdefault((material, labels.get(label, label)), []).append(int(seed))
+    yield from ((*cell, seeds) for cell, seeds in cells.items())
+
+
+def missing_note(run: Run) -> str:
+    """The codecs and materials without any result, and those that lack some seeds; "" if there are none."""
+    done = {(job["material"], shown_label(job)) for job in run.jobs if job["status"] == "ok"}
+    lacking = [(job["material"], shown_label(job)) for job in run.jobs if job["status"] != "ok"]
+    lacking += [cell[:2] for cell in not_run(run)]
+    without = _grouped([cell for cell in lacking if cell not in done])
+    fewer = _grouped([cell for cell in lacking if cell in done])
+    words = [f"No result: {without}." if without else "", f"Fewer seeds: {fewer}." if fewer else ""]
+    return " ".join(filter(None, words))
+
+
+def left_out_notes(run: Run) -> Iterator[str]:
+    """Notes on codecs and materials whose numbers, or times, cannot be compared with the newest, and why."""
+    starts = ("Left out, as not comparable with the newest job", "Times left out", "Times with a star")
+    found: dict[str, dict[str, list[tuple[str, str]]]] = {start: {} for start in starts}
+    for material in materials(run):
+        for row in material.rows:
+            if why := row.obstacle or row.timing_obstacle:
+                start = starts[0 if row.obstacle else 1 + row.timed_apart]
+                found[start].setdefault(why, []).append((material.name, row.label))
+    for start, reasons in found.items():
+        if reasons:
+            yield f"{start}: {'; '.join(f'{_grouped(cells)} ({why})' for why, cells in reasons.items())}."
+
+
+def _grouped(cells: list[tuple[str, str]]) -> str:
+    """Codecs that lack the same materials together: `neubtf, neumip on brick; vq on satin`."""
+    materials: dict[str, dict[str, None]] = {}
+    for material, label in cells:
+        materials.setdefault(label, {})[material] = None
+    labels = grouped(materials, lambda label: tuple(sorted(materials[label])))
+    return "; ".join(f"{', '.join(alike)} on {', '.join(lacks)}" for lacks, alike in labels.items())

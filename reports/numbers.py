@@ -1,11 +1,10 @@
 """Formats numbers for tables. None is never a number: it means exact, not applicable, or missing."""
 
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from bench.compare.paired import Interval
 
-T = TypeVar("T")
 NONE, EXACT, NOT_APPLICABLE, NOT_COMPARABLE = "—", "exact", "n/a", "n/c"
 
 
@@ -29,20 +28,17 @@ def significant(value: float | None, digits: int = 3) -> str:
     return f"{value:,.{max(0, decimals)}f}"
 
 
-def pooled(stats: dict[str, Any]) -> float | str | None:
-    """The pooled number of a metric's statistics; `exact` if no slice has an error, `n/a` if none applies."""
-    return _stated(stats, stats.get("pooled"))
+def stated(stats: dict[str, Any], *names: str) -> Any:
+    """A number of a metric's statistics, such as `pooled`; of several names, a tuple of those that have numbers.
 
-
-def mean(stats: dict[str, Any]) -> float | str | None:
-    """The mean over slices, or as `pooled`."""
-    return _stated(stats, stats.get("mean"))
-
-
-def spread(stats: dict[str, Any]) -> tuple[float, ...] | str | None:
-    """Mean and standard deviation over slices, or as `pooled`."""
-    numbers = tuple(stats[name] for name in ("mean", "std") if stats.get(name) is not None)
-    return _stated(stats, numbers or None)
+    `exact` if no slice has an error, `n/a` if no number applies, None without statistics.
+    """
+    if not stats:
+        return None
+    if stats.get("exact") and stats["exact"] == stats.get("slices"):
+        return EXACT
+    known = tuple(stats[name] for name in names if stats.get(name) is not None)
+    return NOT_APPLICABLE if not known else known if len(names) > 1 else known[0]
 
 
 def plus_minus(numbers: tuple[float, ...], digits: int) -> str:
@@ -57,12 +53,4 @@ def signed(difference: float) -> str:
 
 def interval(delta: "Interval") -> str:
     """A mean difference with its interval, and a mark if the codecs are told apart: −1.50 (−1.62 to −1.41) *."""
-    return f"{delta.mean:+.2f} ({delta.low:+.2f} to {delta.high:+.2f}){' *' * delta.apart}".replace("-", "−")
-
-
-def _stated(stats: dict[str, Any], value: T | None) -> T | str | None:
-    if not stats:
-        return None
-    if stats.get("exact") and stats.get("exact") == stats.get("slices"):
-        return EXACT
-    return NOT_APPLICABLE if value is None else value
+    return f"{signed(delta.mean)} ({signed(delta.low)} to {signed(delta.high)}){' *' * delta.apart}"

@@ -10,21 +10,20 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from html import escape
 from importlib.resources import files
+from typing import Any
 
 from PIL import Image
 
-from bench.records import Run, grouped
+from bench.records import ARTEFACT, RESULTS, Run, field_names, grouped, kept
 from reports import series
 from reports.atlas import MAGMA, Atlases, webp
 from reports.figures import Figure
 from reports.html_tables import contents, details, note, table_html
 from reports.live import Live, live, pack
-from reports.missing import missing_note
-from reports.notes import run_notes
+from reports.notes import missing_note, run_notes
 from reports.numbers import EXACT, fixed, integer
-from reports.page_records import PageRecords
 from reports.ranking import ranked
-from reports.rows import MaterialRows, Row, materials
+from reports.rows import CodecRows, MaterialRows, Row, materials
 from reports.shaders.tables import WIDTH
 from reports.styles import is_own
 from reports.table import Table
@@ -32,6 +31,7 @@ from reports.viewer.page import as_json, fragment, hash_source
 
 INTERACTIVE = {"rate", "speed", "fits", "footprints", "contact", "latents"}  # drawn by the page itself, or too large
 STRIPS = 2  # materials that open the page with a picture
+RECORDS_BUDGET = 6_000_000  # characters of JSON; deflated, a quarter of it
 FIRST = ("budgets", "when", "summary")  # kinds of tables that open the page
 OPEN = {*FIRST, "main", "unfinished"}  # kinds of tables that are not folded away
 GAPS = {
@@ -58,18 +58,13 @@ script-src {script_hashes}; base-uri 'none'; form-action 'none'">
 """
 
 
-def page(run: Run, tables: Sequence[Table], figures: Sequence[Figure]) -> Iterator[str]:
-    """The page of a run, in pieces, since its whole text would take several times its size in memory."""
-    return Page(run, tables, figures).pieces()
-
-
 def document(
     title: str, body: Iterable[str], codecs: series.Series, plots: Sequence[series.Plot], data: Sequence[str] = ()
 ) -> Iterator[str]:
     """A page in pieces: its body, then `data`, elements that the body may add to, then the plots that it names."""
-    viewer = fragment([])
-    styles = [_asset("report.css"), viewer.css]
-    scripts = [viewer.script, *(_asset(f"{name}.js") for name in _SCRIPTS)]
+    viewer, folder = fragment(), files("reports") / "web"
+    styles = [(folder / "report.css").read_text("utf-8"), viewer.css]
+    scripts = [viewer.script, *((folder / f"{name}.js").read_text("utf-8") for name in _SCRIPTS)]
     yield HEAD.format(
         title=escape(title),
         style_hashes=" ".join(map(hash_source, styles)),
@@ -101,10 +96,11 @@ class Page:
         over_all = any(not plot["material"] for plot in self.plots)
         self.opening = self.measured[0].name if self.measured and not over_all else ""
         self.live = live(run, self.materials, share)
-        self.viewer = fragment([])  # its models are unpacked when somebody wants to see them
+        self.viewer = fragment()  # its models are unpacked when somebody wants to see them
         self.data: list[str] = []
 
     def pieces(self) -> Iterator[str]:
+        """The page in pieces, since its whole text would take several times its size in memory."""
         suite = self.run.starts[-1].get("suite", "") if self.run.starts else ""
         title = f"neubtf-bench {suite}".strip()
         return document(title, self.body(), series.codecs(self.run), self.plots, self.data)
@@ -251,10 +247,6 @@ def _sentence(measured: Sequence[MaterialRows]) -> str:
     return f"{counted} on {listed}{size}: each was decoded from its file and compared with the {measured[0].deciding}."
 
 
-def _asset(name: str) -> str:
-    return (files("reports") / "web" / name).read_text("utf-8")
-
-
 def _data(name: str, text: str, kind: str = "application/json") -> str:
     return f'<script type="{kind}" id="{name}">{text}</script>\n'
 
@@ -266,3 +258,58 @@ def image(figure: Figure) -> str:
     with Image.open(io.BytesIO(figure.png)) as picture:
         data = webp(picture.convert("RGB"), **how)
     return f'<img class="figure" alt="{escape(figure.title)}" src="{data}">'
+
+
+class PageRecords:
+    """The records of a run, by material and codec, each with its timing, until the budget is spent."""
+
+    def __init__(self, run: Run, materials: Sequence[MaterialRows]):
+        self.run = run
+        self.records: list[Any] = list(run.starts[-1:])  # in the order of their elements
+        self.places: dict[tuple[str, str], str] = {}
+        self.names: list[tuple[str, str, str]] = []  # id, title, the fit in words
+        self.left_out = 0
+        paths = set(field_names(ARTEFACT)) - {"file"}  # of this machine, where several runs are read together
+        left = RECORDS_BUDGET
+        for m, material in enumerate(materials):
+            for c, codec in enumerate(material.codecs):
+                jobs = [{name: value for name, value in row.job.items() if name not in paths} for row in codec.rows]
+                times = [{"timing": kept(row.timing, RESULTS)} if row.timing else {} for row in codec.rows]
+                record = [{"job": job} | time for job, time in zip(jobs, times, strict=True)]
+                left -= len(json.dumps(record))
+                if left < 0:
+                    self.left_out += 1
+                    continue
+                self.places[material.name, codec.label] = f"#r{m}-{c}"
+                self.names.append((f"r{m}-{c}", f"{material.name}, {codec.label}", _fit_in_words(codec)))
+                self.records.append(record)
+
+    def place(self, material: str, label: str) -> str:
+        """A link to a record's element, without a material to the codec's first one; "" where there is none."""
+        if material:
+            return self.places.get((material, label), "")
+        return next((place for (_, other), place in self.places.items() if other == label), "")
+
+    def html(self) -> Iterator[str]:
+        """An element for each record, filled when it is opened."""
+        yield '<h2 id="records">Records and provenance</h2>'
+        yield note("The records behind each row, as in records.jsonl, without the raw timing samples.")
+        start = [("provenance", "the run: machine, packages, revision, suite", "")] if self.run.starts else []
+        for number, (place, title, remark) in enumerate([*start, *self.names]):
+            more = f' <small class="notes">{escape(remark)}</small>' if remark else ""
+            head = f'<details id="{place}" data-record="{number}"><summary>{escape(title)}{more}</summary>'
+            yield f"{head}<pre></pre></details>"
+        if self.left_out:
+            more = f"{self.left_out} more rows have their records only in records.jsonl"
+            yield note(f"{more}: this page has no room for them.")
+
+
+def _fit_in_words(codec: CodecRows) -> str:
+    """Seeds, revision and file of a codec's fits, or the status of a failed one."""
+    job = codec.rows[0].job
+    if job["status"] != "ok":
+        return str(job["status"])
+    fitted, digest = job.get("fitted") or {}, str(job["score_key"].get("sha256", ""))[:12]
+    seeds = f"{len(codec.rows)} seeds" if len(codec.rows) > 1 else ""
+    revision = f"fitted by {fitted['git']}" if fitted.get("git") else ""
+    return ", ".join(filter(None, [seeds, revision, f"file {digest}"]))

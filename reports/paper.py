@@ -1,4 +1,4 @@
-"""The quality in the NeuBTF paper beside ours: its Table 1, mean ± deviation over the slices of all pairs.
+"""The quality in Table 1 of the NeuBTF paper beside ours, mean ± deviation over the slices of all pairs.
 
 Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces: "NeuBTF", Computers & Graphics 114 (2023); Table 2: `parameters`.
 """
@@ -6,7 +6,7 @@ Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces: "NeuBTF", Computers & Graphics 
 from collections.abc import Iterator, Mapping
 
 from bench.records import FLIP, PSNR, SSIM, Record, Run, shown_label, stats_of
-from reports.numbers import NONE, plus_minus, spread
+from reports.numbers import NONE, plus_minus, stated
 from reports.rows import of_suite
 from reports.table import Table
 
@@ -65,6 +65,6 @@ def _rows(job: Record) -> Iterator[list[str]]:
         cells = [name, shown_label(job), pairs]
         for family, _, _, digits in _METRICS:
             paper = figures.get(family, NONE) if group == "all" else ""
-            value = spread(stats_of(job, family, group)) if measured else job["status"]
+            value = stated(stats_of(job, family, group), "mean", "std") if measured else job["status"]
             cells += [plus_minus(value, digits) if isinstance(value, tuple) else value or NONE, paper]
         yield cells

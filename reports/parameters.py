@@ -57,8 +57,19 @@ def parameters_table(jobs: Iterable[Record]) -> Table | None:
     headers = [("method", ""), ("codec", "")]
     headers += [(what, whose) for what in ("param.", "channels") for whose in ("ours", "paper", "diff.")]
     title = "Decoder parameters and texture channels, beside those published"
-    notes = _notes(chosen, any("run" not in job for group in alike for job in group))
-    rows = list(map(_cells, chosen))
+    notes = [
+        "Ours: counted by torchinfo in what a codec file decodes to. Channels and inputs: docs/metrics.md, “Tables”."
+    ]
+    if any("run" not in job for group in alike for job in group):
+        notes += ["recipe=paper is counted in a file of a single step, which changes no count; nothing else is of it."]
+    measured = {job["codec"] for job in chosen}
+    if absent := dict.fromkeys(paper.method for codec, paper in PUBLISHED.items() if codec not in measured):
+        notes.append(f"{NONE} {', '.join(absent)}: no codec of this method was measured.")
+    rows = []
+    for job, paper in zip(chosen, map(_published, chosen), strict=True):
+        ours = [(job["parameters"], paper.parameters), (job["cost"]["texture_channels"], paper.channels)]
+        numbers = ([integer(a), integer(b), f"{a - b:+,}" if a != b else "0"] for a, b in ours)
+        rows.append([paper.method, shown_label(job), *chain.from_iterable(numbers)])
     times = [{how: ns for job in group for how, ns in job.get("ns", {}).items()} for group in alike]  # of any settings
     if any(times):
         headers += [("a sample", whose) for whose in ("ns eager", "ns fused", "ns paper")]
@@ -70,21 +81,3 @@ def parameters_table(jobs: Iterable[Record]) -> Table | None:
 
 def _published(job: Record) -> Published:
     return _ZELTNER_CODE if job.get("settings", {}).get("edition") == "code" else PUBLISHED[job["codec"]]
-
-
-def _cells(job: Record) -> list[str]:
-    paper = _published(job)
-    ours = [(job["parameters"], paper.parameters), (job["cost"]["texture_channels"], paper.channels)]
-    numbers = ([integer(a), integer(b), f"{a - b:+,}" if a != b else "0"] for a, b in ours)
-    return [paper.method, shown_label(job), *chain.from_iterable(numbers)]
-
-
-def _notes(jobs: list[Record], counted: bool) -> list[str]:
-    notes = [
-        "Ours: counted by torchinfo in what a codec file decodes to. Channels and inputs: docs/metrics.md, “Tables”."
-    ]
-    if counted:
-        notes += ["recipe=paper is counted in a file of a single step, which changes no count; nothing else is of it."]
-    measured = {job["codec"] for job in jobs}
-    absent = dict.fromkeys(paper.method for codec, paper in PUBLISHED.items() if codec not in measured)
-    return notes + ([f"{NONE} {', '.join(absent)}: no codec of this method was measured."] if absent else [])

@@ -27,17 +27,14 @@ NEW_RUN = "timed in another start than the other rows"
 
 @dataclass(frozen=True)
 class Row:
-    """One job of a material: its record, its timing, and the reason if its numbers are not comparable with the others'.
-
-    `label` is the codec with its settings; `name` also has the seed if the material has several.
-    """
+    """One job of a material; `label` is the codec with its settings, `name` has the seed too if there are several."""
 
     job: Record
     label: str
     name: str
     timing: Record | None = None
     fused: Record | None = None  # its time as one kernel, if `neubtf-bench trade` measured it
-    obstacle: str = ""
+    obstacle: str = ""  # why its numbers are not comparable with the others'
     timing_obstacle: str = ""
 
     @cached_property
@@ -95,14 +92,11 @@ class CodecRows:
 
 @dataclass(frozen=True)
 class MaterialRows:
-    """The rows of one material, in the order of the suite.
-
-    `nowhere` names the codecs without a result on any material: the table of unfinished jobs alone has them.
-    """
+    """The rows of one material, in the order of the suite."""
 
     name: str
     rows: list[Row]
-    nowhere: frozenset[str] = frozenset()
+    nowhere: frozenset[str] = frozenset()  # codecs without a result on any material: `unfinished` alone has them
 
     @cached_property
     def measured(self) -> list[Row]:
@@ -156,10 +150,7 @@ def of_suite(run: Run, suite: str) -> list[Record]:
 
 
 def described(job: Record, name: str) -> Record:
-    """The description of a metric in a record: unit, direction, space, version.
-
-    If the metric itself is not described (frames use the non-periodic variant), it is the description of a variant.
-    """
+    """A metric as a record describes it, or else as it describes a variant, such as the periodic one of frames."""
     known = job["metrics"]
     return {"unit": "1", "direction": "higher", "version": "?"} | known.get(name, known.get(metric_of(known, name), {}))
 
@@ -186,12 +177,9 @@ def _rows(run: Run, jobs: list[Record], unlike: dict[str, str]) -> Iterator[Row]
         label = shown_label(job)
         name = f"{label} seed={job['seed']}" if len(seeds) > 1 else label
         timing = timings.get(job["job"])
-        timing_obstacle = _timing_obstacle(timing, common) if timing else ""
-        yield Row(job, label, name, timing, fused.get(job["job"]), unlike.get(job["job"], ""), timing_obstacle)
-
-
-def _timing_obstacle(timing: Record, common: Record) -> str:
-    differ = [name for name in CONDITIONS if timing.get(name) != common.get(name)]
-    if differ:
-        return "timed under other conditions: " + ", ".join(f"{name} {timing.get(name)}" for name in differ)
-    return "" if timing["run"] == common["run"] else NEW_RUN
+        apart = ""
+        if timing and (differ := [name for name in CONDITIONS if timing.get(name) != common.get(name)]):
+            apart = "timed under other conditions: " + ", ".join(f"{each} {timing.get(each)}" for each in differ)
+        elif timing and timing["run"] != common["run"]:
+            apart = NEW_RUN
+        yield Row(job, label, name, timing, fused.get(job["job"]), unlike.get(job["job"], ""), apart)

@@ -25,11 +25,9 @@ def codecs(run: Run) -> Series:
     styles, entries = Styles(run), []
     for label in dict.fromkeys(codec.label for material in materials(run) for codec in material.codecs):
         look = styles.of_codec(label)
-        hollow = look["markerfacecolor"] != look["color"]
-        entries.append(
-            {"label": label, "colour": look["color"], "marker": look["marker"], "hollow": hollow}
-            | {"dash": {"--": "6 3", ":": "2 3", "-.": "6 3 2 3"}.get(look["linestyle"], "")}
-        )
+        entry = {"label": label, "colour": look["color"], "marker": look["marker"]}
+        entry["hollow"] = look["markerfacecolor"] != look["color"]
+        entries.append(entry | {"dash": {"--": "6 3", ":": "2 3", "-.": "6 3 2 3"}.get(look["linestyle"], "")})
     return entries
 
 
@@ -53,40 +51,36 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -
     quality = f"{QUALITY} ({material.deciding})"
     x = {"label": "bytes of the file", "log": True, "unit": "B", "less": True}
     yield plot("rate", "Rate and distortion", x, quality, _points(material, lambda row: [row.job["bytes"]["total"]]))
+
+    def time(row: Row) -> list[float] | None:
+        timed = row.timing and (row.timed_apart or not row.timing_obstacle)
+        return [row.timing["ns_per_sample"], *row.timing["interval95_ns"]] if row.timing and timed else None
+
     x = {"label": "ns a sample, median and 95 % interval", "log": True, "unit": "ns", "less": True}
-    yield plot("speed", "Speed and accuracy", x, quality, _points(material, _time))
+    yield plot("speed", "Speed and accuracy", x, quality, _points(material, time))
     x = {"label": "seconds of the fit", "log": True, "unit": "s", "less": True}
     # Nobody measured the seconds of a file that was handed in.
     seconds = _points(material, lambda row: [each] if (each := row.job.get("fit_seconds")) else None)
     yield plot("cost", "Fit and accuracy", x, quality, seconds)
-    lines = {fit.label: [[second, psnr] for _, second, psnr in fit.points if second > 0] for fit in curves}
-    yield plot("fits", "Quality over seconds", x, f"{QUALITY} (training samples)", _lines(lines))
+
+    def lines(curves: dict[str, list[list[float]]]) -> Series:
+        return [{"label": label, "line": True, "points": points} for label, points in curves.items() if points]
+
+    fitted = {fit.label: [[second, psnr] for _, second, psnr in fit.points if second > 0] for fit in curves}
+    yield plot("fits", "Quality over seconds", x, f"{QUALITY} (training samples)", lines(fitted))
     sides = {codec.label: _footprints(codec) for codec in material.codecs}
     marks = sorted({side for points in sides.values() for side, _ in points})
     x = {"label": "footprint in texels a side", "log": True, "unit": "texels", "ticks": marks}
     several = any(len(points) > 1 for points in sides.values())
-    yield plot("footprints", "Level of detail", x, quality, _lines(sides) if several else [])
+    yield plot("footprints", "Level of detail", x, quality, lines(sides) if several else [])
     spans = {row.label: _quantiles(run, row) for row in material.shown}
     x = {"label": f"{QUALITY} a slice: from the worst 5 % to the best 5 %, the middle half thick", "unit": "dB"}
     series = [{"label": label, "points": [span]} for label, span in spans.items() if span]
     yield plot("slices", "Slices by their error", x, "", series)
 
 
-def _lines(curves: dict[str, list[list[float]]]) -> Series:
-    return [{"label": label, "line": True, "points": points} for label, points in curves.items() if points]
-
-
-def _time(row: Row) -> list[float] | None:
-    """The ns of a sample and the ends of their interval; None if it was not timed under common conditions."""
-    timed = row.timing and (row.timed_apart or not row.timing_obstacle)
-    return [row.timing["ns_per_sample"], *row.timing["interval95_ns"]] if row.timing and timed else None
-
-
 def _points(material: MaterialRows, of_row: Callable[[Row], list[float] | None]) -> Series:
-    """One point a codec, [x, PSNR] or [x, PSNR, low, high], the mean of its seeds; the interval contains all of theirs.
-
-    `curve` joins the points of a ladder of rates.
-    """
+    """One point a codec, [x, PSNR, low, high of all seeds], a mean over seeds; `curve` joins those of a ladder."""
     series = []
     for codec in material.codecs:
         seeds = [(row.psnr, of_row(row)) for row in codec.measured]
@@ -100,10 +94,7 @@ def _points(material: MaterialRows, of_row: Callable[[Row], list[float] | None])
 
 
 def _footprints(codec: CodecRows) -> list[list[float]]:
-    """[side of the footprint in texels, mean display PSNR of slices in dB], means over seeds, by side.
-
-    Footprints at which a seed has no error, or was not measured, have no point.
-    """
+    """[side in texels, mean display PSNR of slices in dB], means over seeds, where every seed has an error."""
     stats = [row.job.get("footprints", {}) for row in codec.measured]
     sides = sorted({int(side) for each in stats for side in each if side.isdecimal() and int(side)})
     values = {side: [each.get(str(side), {}).get("mean") for each in stats] for side in sides}

@@ -83,16 +83,13 @@ class _Cells:
         notes = [f"FAIL {record['subject']}, {record['extreme']}: {record['detail']}" for record in failed]
         if any(record["group"] != PICTURES for record in failed):
             notes.append('To try one cell again: neubtf-bench stress --codec CODEC --case "EXTREME"')
-        return [*notes, *self._nearest(), *(f"{letter}: {reason}" for reason, letter in self.letters.items())]
-
-    def _nearest(self) -> list[str]:
-        """For each extreme with a measured margin, the codec and query that come closest to the bound."""
-        worst: dict[str, Record] = {}
+        worst: dict[str, Record] = {}  # by extreme with a measured margin: what comes closest to the bound
         for record in self.records.values():
             used, extreme = record.get("used"), record["extreme"]
             if used is not None and record["detail"] and (extreme not in worst or used > worst[extreme]["used"]):
                 worst[extreme] = record
-        return [f"{name}, worst of all: {record['subject']}: {record['detail']}" for name, record in worst.items()]
+        notes += [f"{name}, worst of all: {record['subject']}: {record['detail']}" for name, record in worst.items()]
+        return [*notes, *(f"{letter}: {reason}" for reason, letter in self.letters.items())]
 
 
 def _reason(record: Record) -> str:

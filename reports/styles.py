@@ -24,10 +24,7 @@ KNOWN = (
 
 
 class Styles:
-    """The styles of a run's codecs. A codec at several settings has one colour and marker, and a line for each.
-
-    A codec from outside the package is drawn above the others.
-    """
+    """One colour and marker a codec, a line for each of its settings; codecs from outside are drawn above others."""
 
     def __init__(self, run: Run):
         labels = dict.fromkeys(map(shown_label, run.jobs))

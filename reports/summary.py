@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 from bench.records import MOST_DB, Run
 from reports import columns
 from reports.columns import Column
-from reports.missing import left_out_notes, missing_note
-from reports.notes import about_times, height_notes, one_texel_notes
+from reports.notes import about_times, height_notes, left_out_notes, missing_note, one_texel_notes
 from reports.numbers import EXACT, NONE, fixed, integer, interval
 from reports.rows import CodecRows, materials
 from reports.table import Note, Table, best_cells

@@ -10,12 +10,11 @@ from reports import BY_BUDGET, KINDS, columns
 from reports.ablation import ablation_table
 from reports.columns import Column
 from reports.fits import fit_tables
-from reports.missing import not_run
-from reports.notes import common_notes, cost_notes, main_notes, quality_notes
+from reports.notes import common_notes, cost_notes, main_notes, not_run, quality_notes
 from reports.numbers import NONE, NOT_COMPARABLE
 from reports.paper import paper_table
 from reports.parameters import parameters_table
-from reports.rows import CodecRows, MaterialRows, materials
+from reports.rows import MaterialRows, materials
 from reports.stress import stress_tables
 from reports.summary import summary_table
 from reports.table import Table, best_cells
@@ -26,10 +25,7 @@ _STALE = " †"  # after a codec whose records are of an older version than the 
 
 
 def all_tables(run: Run, narrow: bool = False, kind: str | None = None) -> list[Table]:
-    """Every table that has a row, or those of one kind, by kind and then by material, with every column.
-
-    `narrow` splits the main table in two, and each part fits a printed page.
-    """
+    """Every table that has a row, or those of one kind, by kind and then by material; `narrow` halves the main ones."""
     rows = materials(run)
     main: Maker = lambda run, rows: [*_QUALITY(run, rows), *_COST(run, rows)]  # noqa: E731
     makers = _OF_KIND | ({"main": main} if narrow else {})
@@ -90,13 +86,26 @@ def _table(kind: str, material: MaterialRows, about: str, chosen: Sequence[Colum
     title = f"{': '.join(filter(None, [material.name, about]))} ({material.split})"
     codecs = material.codecs
     chosen = [c for c in chosen if not c.sparse or any(c.cell(codec.measured) != NONE for codec in codecs)]
-    rows = [[codec.label, *_cells(codec, chosen)] for codec in codecs]
+    rows = []
+    for codec in codecs:
+        cells = [column.cell(codec.measured) for column in chosen]
+        if not codec.measured:
+            if any(row.obstacle for row in codec.rows):
+                cells = [NOT_COMPARABLE] * len(chosen)
+            elif any(row.job["status"] == "failed" for row in codec.rows):
+                cells[0] = "failed"
+        rows.append([codec.label, *cells])
     headers = [("codec", "")]
     for i, column in enumerate(chosen, 1):  # the unit says what the deviation is over, if a cell shows one
         over = f" ± {column.over}" if any(" ± " in row[i] for row in rows) else ""
         headers.append((column.name, (column.unit + over).strip()))
     scores = [[None, *(column.score(codec.measured) for column in chosen)] for codec in codecs]
-    rows += _native_row(material, chosen)
+    job = material.measured[0].job
+    if (own := job.get("provenance", {}).get("native")) and any(column.native for column in chosen):
+        # The measured data's own file is a factorisation itself: its bytes and rank, for reference.
+        own = own | {"bits": columns.bits(job, own["bytes"])}
+        cells = [column.write(column.native(own)) if column.native else NONE for column in chosen]
+        rows.append([f"{own.get('name', 'dfmf')} (native)", *cells])
     marks = best_cells(rows, scores)
     return Table(kind, title, headers, rows, [*notes, *_seeds(material)], material=material.name, marks=marks)
 
@@ -110,26 +119,6 @@ def _seeds(material: MaterialRows) -> Iterator[str]:
     short = (codec for codec in material.codecs if 0 < len(codec.measured) < len(seeds))
     for count, codecs in grouped(short, lambda codec: len(codec.measured)).items():
         yield f"{count} of {len(seeds)} seeds: {', '.join(codec.label for codec in codecs)}."
-
-
-def _native_row(material: MaterialRows, chosen: Sequence[Column]) -> list[list[str]]:
-    """The measured data's own file, if it is a factorisation itself: its bytes and rank, for reference."""
-    job = material.first
-    if job is None or "native" not in job.get("provenance", {}) or not any(column.native for column in chosen):
-        return []
-    own = job["provenance"]["native"]
-    own = own | {"bits": columns.bits(job, own["bytes"])}
-    cells = (column.write(column.native(own)) if column.native else NONE for column in chosen)
-    return [[f"{own.get('name', 'dfmf')} (native)", *cells]]
-
-
-def _cells(codec: CodecRows, chosen: Sequence[Column]) -> list[str]:
-    if codec.measured:
-        return [column.cell(codec.measured) for column in chosen]
-    if any(row.obstacle for row in codec.rows):
-        return [NOT_COMPARABLE] * len(chosen)
-    word = "failed" if any(row.job["status"] == "failed" for row in codec.rows) else NONE
-    return [word] + [NONE] * (len(chosen) - 1)
 
 
 def _each(

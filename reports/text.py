@@ -26,14 +26,12 @@ def _plain(table: Table) -> str:
     body = [line for row in table.rows for line in _folded(row, table)]
     widths = [max(map(_width, column)) for column in zip(*lines, *body, strict=True)]
     rule = ["-" * width for width in widths]
-    text = [_line(cells, widths, table.words) for cells in (*lines, rule, *body)]
+    text = []
+    for cells in (*lines, rule, *body):
+        gaps = [" " * (width - _width(cell)) for cell, width in zip(cells, widths, strict=True)]
+        padded = [a + b if i < table.words else b + a for i, (a, b) in enumerate(zip(cells, gaps, strict=True))]
+        text.append("  ".join(padded).rstrip())
     return "\n".join([table.title, "", *text, *map(wrapped, table.notes)])
-
-
-def _line(cells: Sequence[str], widths: list[int], words: int) -> str:
-    gaps = [" " * (width - _width(cell)) for cell, width in zip(cells, widths, strict=True)]
-    padded = [cell + gap if i < words else gap + cell for i, (cell, gap) in enumerate(zip(cells, gaps, strict=True))]
-    return "  ".join(padded).rstrip()
 
 
 def _width(text: str) -> int:

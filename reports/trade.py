@@ -8,7 +8,7 @@ from typing import Any
 
 from bench.compare.choosing.trades import named
 from bench.records import MOST_DB, grouped, load_trade
-from reports.csv_tables import as_csv
+from reports.csv_tables import fields_csv
 from reports.numbers import EXACT, NONE, fixed, integer, signed, significant
 from reports.table import Table
 
@@ -32,9 +32,8 @@ def choices_csv(folder: Path) -> str:
     """One row a choice, every figure in full precision; "" if no trade was measured."""
     if (trade := load_trade(folder)) is None:
         return ""
-    columns = list(dict.fromkeys(name for row in trade["choices"] for name in row))
-    rows = [[row.get(name, "") for name in columns] for row in trade["choices"]]
-    return as_csv([columns, *([json.dumps(cell) if isinstance(cell, dict) else cell for cell in row] for row in rows)])
+    rows = (row.items() for row in trade["choices"])
+    return fields_csv([{name: json.dumps(x) if isinstance(x, dict) else x for name, x in row} for row in rows])
 
 
 _CHOICES = [("choice", ""), ("PSNR", "dB ↑"), ("worst", "slice, dB ↑"), ("FLIP", "↓"), ("total", "bytes ↓")]
@@ -46,7 +45,10 @@ _NOISE += [("equal error", "s, cosine ↓"), ("equal error", "s, lobes ↓")]
 
 def _choices(material: str, rows: Sequence[dict[str, Any]], answers: list[str]) -> Table:
     noisy = any("noise" in row or "noise_error" in row for row in rows)
-    cells = [_choice(row) + (_noise(row) if noisy else []) for row in rows]
+    cells = [_choice(row) for row in rows]
+    for row, line in zip(rows, cells, strict=True) if noisy else ():  # each by the cosine, and from lobes
+        noise = row.get("noise")
+        line += map(significant, (*noise["samples"], *noise["seconds"])) if noise else [NONE] * len(_NOISE)
     headers = _CHOICES + (_NOISE if noisy else [])
     notes = [*answers, _conditions(rows)]
     notes += [f"{named(row)}: {row['error']}." for row in rows if "error" in row]
@@ -66,12 +68,6 @@ def _choice(row: dict[str, Any]) -> list[str]:
         fronts = ", ".join(word for word, key in (("speed", "fastest"), ("rate", "smallest")) if row[key])
     time = [significant(row["ns_per_sample"]), significant(row["ratio_to_floor"])]
     return [named(row), *quality, *time, " to ".join(map(significant, row["ratio_interval95"])), limit, fronts or NONE]
-
-
-def _noise(row: dict[str, Any]) -> list[str]:
-    """Samples and seconds, by the cosine and from lobes; dashes if no noise was measured."""
-    noise = row.get("noise")
-    return [significant(value) for value in (*noise["samples"], *noise["seconds"])] if noise else [NONE] * len(_NOISE)
 
 
 def _noise_notes(rows: Sequence[dict[str, Any]]) -> Iterator[str]:

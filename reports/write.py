@@ -13,7 +13,7 @@ from reports.csv_tables import results_csv
 from reports.figures.canvas import Figure
 from reports.figures.history import history_figures
 from reports.latex import latex
-from reports.page import page
+from reports.page import Page
 from reports.table import Table
 from reports.tables import all_tables
 from reports.terminal import terminal
@@ -32,10 +32,10 @@ def write(folder: Path, vector: bool = False) -> Report:
     tables = all_tables(run)
     narrow = [*(table for table in tables if table.kind != "main"), *all_tables(run, narrow=True, kind="main")]
     files = [*_write_tables(run, folder / "tables", tables, narrow), *pictures]
-    _remove_old_figures(folder / "figures", files)
+    _remove_old(folder, files)
     files.append(folder / "report.html")
     with replacing(files[-1]) as partial, open(partial, "w", encoding="utf-8", newline="\n") as file:
-        file.writelines(page(run, narrow, drawn))
+        file.writelines(Page(run, narrow, drawn).pieces())
     return Report(terminal(run), files)
 
 
@@ -50,12 +50,6 @@ def write_history(runs: Sequence[Run], folder: Path) -> list[Path]:
     return [*files, put(folder / "history.html", page.encode())]
 
 
-def _write_figure(figure: Figure, folder: Path, formats: Sequence[str]) -> list[Path]:
-    path = folder / figure.name
-    vectors = [put(path.with_suffix(f".{format}"), figure.vector(format)) for format in formats]
-    return [put(path, figure.png), *vectors]
-
-
 _HISTORY = """<!doctype html>
 <html lang="en"><meta charset="utf-8"><title>From revision to revision</title>
 <body style="font-family: sans-serif; max-width: 60em; margin: auto">
@@ -66,28 +60,28 @@ _HISTORY = """<!doctype html>
 """
 
 
+def _write_figure(figure: Figure, folder: Path, formats: Sequence[str]) -> list[Path]:
+    path = folder / figure.name
+    return [put(path, figure.png), *(put(path.with_suffix(f".{end}"), figure.vector(end)) for end in formats)]
+
+
 def _write_tables(run: Run, folder: Path, tables: Sequence[Table], narrow: Sequence[Table]) -> list[Path]:
     files = [put(folder / "results.csv", results_csv(run).encode())]
     if choices := trade.choices_csv(run.folder):
         files.append(put(folder / "trade.csv", choices.encode()))
-    else:  # remove an outdated file of an earlier report, as below
-        (folder / "trade.csv").unlink(missing_ok=True)
-    writers = {".md": (markdown, tables), ".tex": (latex, narrow)}
     for kind in KINDS:
-        for suffix, (text, candidates) in writers.items():
+        for suffix, text, candidates in ((".md", markdown, tables), (".tex", latex, narrow)):
             if chosen := [table for table in candidates if table.kind == kind]:
                 files.append(put(folder / f"{kind}{suffix}", text(chosen).encode()))
-            else:
-                (folder / f"{kind}{suffix}").unlink(missing_ok=True)
     return files
 
 
-def _remove_old_figures(folder: Path, files: Sequence[Path]) -> None:
-    """Remove the figures of an earlier report that this one does not draw; files of other names stay."""
-    for kind in figures.ALL:
-        names = (f"{name}.{suffix}" for name in (kind, f"{kind}-*") for suffix in ("png", *VECTOR))
-        for path in set(chain.from_iterable(map(folder.glob, names))) - set(files):
-            path.unlink()
+def _remove_old(folder: Path, files: Sequence[Path]) -> None:
+    """Remove the tables and figures of an earlier report that this one does not have; files of other names stay."""
+    names = ["tables/trade.csv", *(f"tables/{kind}.{suffix}" for kind in KINDS for suffix in ("md", "tex"))]
+    names += [f"figures/{kind}{more}.{end}" for kind in figures.ALL for more in ("", "-*") for end in ("png", *VECTOR)]
+    for path in set(chain.from_iterable(map(folder.glob, names))) - set(files):
+        path.unlink()
 
 
 def put(path: Path, content: bytes) -> Path:

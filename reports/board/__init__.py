@@ -1,34 +1,17 @@
-"""Writes the board: a folder of pages from files of records, with the pictures of runs that are at hand.
+"""Writes the board: a folder of pages, each whole by itself, from files of records and the pictures of runs at hand.
 
 `index.html` has the budgets, a page a material every codec's rows on it, a page a codec what it is and where it stands.
-Every page is whole by itself, as the page of a run is (`reports.page`), and links to the others by their names alone.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from bench.files.atomic import replacing
 from reports.board.pages import Board
-from reports.board.sources import Source, with_files
+from reports.board.sources import Codec, Source, with_files
 
 TEXT: Any = {"encoding": "utf-8", "errors": "replace", "newline": "\n"}  # halves of letters are no reason to fail
-
-
-@dataclass(frozen=True)
-class Codec:
-    """What is known of an installed codec: a line about it, where its code is, what to cite, and its settings.
-
-    A setting is its name, its meaning, and its default in our recipe and as published, "" where the codec has but one.
-    """
-
-    about: str
-    origin: str
-    bibtex: str = ""
-    paper: str = ""
-    code: str = ""
-    settings: Sequence[tuple[str, str, str, str]] = ()
 
 
 def write_site(

@@ -2,12 +2,11 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING
 
 from bench.records import KINDS, kind_of
 from reports import series
 from reports.board import tables
-from reports.board.sources import STATES, Source, by_material, joined, page_name
+from reports.board.sources import STATES, Codec, Source, by_material, joined, page_name
 from reports.figures.fronts import fronts
 from reports.fits import curves_by_material
 from reports.html_tables import anchors, contents, details, note, table_html
@@ -16,9 +15,6 @@ from reports.page import CODECS, Page, document, image
 from reports.rows import MaterialRows
 from reports.table import Table
 from reports.tables import all_tables
-
-if TYPE_CHECKING:
-    from reports.board import Codec
 
 FRONT = "index.html"
 PAGES = 2.5  # budgets of pictures of a run's page, some 20 MB each, for all pages of materials together
@@ -44,7 +40,7 @@ _Piece = tuple[str, Iterator[str]]  # the name of a page and its text
 class Board:
     """All pages of some sources; what installed codecs say of themselves stands on theirs."""
 
-    def __init__(self, sources: Sequence[Source], codecs: Mapping[str, "Codec"]):
+    def __init__(self, sources: Sequence[Source], codecs: Mapping[str, Codec]):
         filled = (source for source in sources if source.materials)
         places = {kind: place for place, kind in enumerate((*KINDS, ""))}
         self.sources = sorted(filled, key=lambda s: (not s.has_budgets, places[_kind(s).partition(",")[0]]))
@@ -65,7 +61,9 @@ class Board:
             text = document(name, page.body(), series.codecs(page.run), page.plots, page.data)
             yield page_name("material", name), text
         for name in self.codecs:
-            yield page_name("codec", name), self._codec(name)
+            mine = [s for s in self.sources if any(tables.codec_of(r) == name for m in s.materials for r in m.rows)]
+            fits = [plot for source in mine for plot in _fits(name, source)]
+            yield page_name("codec", name), self._document(name, self._codec_body(name, mine), mine, fits)
 
     def _document(
         self, title: str, body: Iterable[str], sources: Sequence[Source], more: Sequence[series.Plot] = ()
@@ -88,12 +86,22 @@ class Board:
             yield note(next((material.split for material in source.materials if material.measured), ""))
             for figure in fronts(source.run) if source.has_budgets else ():
                 yield f'<div class="scroll">{image(figure)}</div>'
-            found = [(table.kind, table.title, table_html(table, self._to_codec)) for table in _overview(source)]
-            yield from (html for kind, _, html in found if kind == "budgets")
+            if source.has_budgets:
+                yield from (table_html(table, self._to_codec) for table in all_tables(source.run, kind="budgets"))
             yield _plots_of(source)
-            yield from (details(title, html) for kind, title, html in found if kind != "budgets")
-        yield f'<div id="materials">{table_html(self._materials(), self._to_material)}</div>'
-        yield f'<div id="codecs-list">{table_html(self._codecs(), self._to_codec)}</div>'
+            for table in all_tables(source.run, kind="when" if source.has_budgets else "summary"):
+                yield details(table.title, table_html(table, self._to_codec))
+        known = by_material(self.sources)
+        rows = [[name, _kind(its[0], name), ", ".join(source.title for source in its)] for name, its in known]
+        materials = Table("list", "Materials", [("material", ""), ("truth", ""), ("results", "")], rows, words=3)
+        yield f'<div id="materials">{table_html(materials, _to_material)}</div>'
+        rows = []
+        for name, found in self.places.items():
+            won = f"{sum(place.gap >= 0 for place in found)} of {len(found)}" if found else "no result"
+            rows.append([name, self.known[name].about if name in self.known else "not installed here", won])
+        headers, notes = [("codec", ""), ("about", ""), ("best of", "")], ["Best of: the comparisons on its page."]
+        codecs = Table("list", "Codecs", headers, rows, notes, words=2)
+        yield f'<div id="codecs-list">{table_html(codecs, self._to_codec)}</div>'
         yield _HAND_IN
         yield note(STATES)
 
@@ -101,41 +109,18 @@ class Board:
         name = label.replace(",", " ").split(maxsplit=1)[0] if label.strip() else ""
         return page_name("codec", name) if name in self.places else ""
 
-    def _materials(self) -> Table:
-        rows = []
-        for name, sources in by_material(self.sources):
-            rows.append([name, _kind(sources[0], name), ", ".join(source.title for source in sources)])
-        return Table("list", "Materials", [("material", ""), ("truth", ""), ("results", "")], rows, words=3)
-
-    def _codecs(self) -> Table:
-        rows = []
-        for name in self.codecs:
-            found, about = self.places[name], self.known[name].about if name in self.known else "not installed here"
-            won = sum(place.gap >= 0 for place in found)
-            rows.append([name, about, f"{won} of {len(found)}" if found else "no result"])
-        headers = [("codec", ""), ("about", ""), ("best of", "")]
-        return Table("list", "Codecs", headers, rows, ["Best of: the comparisons on its page."], words=2)
-
-    def _codec(self, name: str) -> Iterator[str]:
-        sources = [s for s in self.sources if any(tables.codec_of(r) == name for m in s.materials for r in m.rows)]
-        fits = [plot for source in sources for plot in _fits(name, source)]
-        return self._document(name, self._codec_body(name, sources), sources, fits)
-
     def _codec_body(self, name: str, sources: Sequence[Source]) -> Iterator[str]:
         yield contents([(FRONT, "All results")])
         yield from _about(self.known.get(name))
         standing = tables.standing(name, self.places[name])
-        yield table_html(standing, self._to_material) if standing else note("Nothing to compare was measured of it.")
+        yield table_html(standing, _to_material) if standing else note("Nothing to compare was measured of it.")
         yield CODECS
         yield f'<div class="plots" data-plots="{_FITS}" data-kinds="fits"></div>'
         for source in sources:
             yield f"<h2>{escape(source.title)}</h2>"
             yield _plots_of(source)
         if every := tables.all_rows(name, sources):
-            yield table_html(every, self._to_material)
-
-    def _to_material(self, _: str, name: str) -> str:
-        return page_name("material", name)
+            yield table_html(every, _to_material)
 
 
 class MaterialPage(Page):
@@ -180,7 +165,11 @@ class MaterialPage(Page):
             yield from super()._live(number, Live(material.models, {}))
 
 
-def _about(codec: "Codec | None") -> Iterator[str]:
+def _to_material(_: str, name: str) -> str:
+    return page_name("material", name)
+
+
+def _about(codec: Codec | None) -> Iterator[str]:
     """What an installed codec is, what to cite, and its recipes."""
     if codec is None:
         yield "<p>This codec is not installed where the pages were made: its records alone speak of it.</p>"
@@ -196,12 +185,6 @@ def _about(codec: "Codec | None") -> Iterator[str]:
         rows = [list(setting[: len(headers)]) for setting in codec.settings]
         title = "Both recipes: the defaults of every setting" if published else "The default of every setting"
         yield details(title, table_html(Table("recipes", title, headers, rows, words=2), lambda *_: ""))
-
-
-def _overview(source: Source) -> Iterator[Table]:
-    """The tables over all materials of a source."""
-    for kind in ("budgets", "when") if source.has_budgets else ("summary",):
-        yield from all_tables(source.run, kind=kind)
 
 
 def _plots(source: Source) -> Iterator[series.Plot]:

@@ -20,6 +20,21 @@ STATES = (
 )
 
 
+@dataclass(frozen=True)
+class Codec:
+    """What is known of an installed codec: a line about it, where its code is, what to cite, and its settings.
+
+    A setting is its name, its meaning, and its default in our recipe and as published, "" where the codec has but one.
+    """
+
+    about: str
+    origin: str
+    bibtex: str = ""
+    paper: str = ""
+    code: str = ""
+    settings: Sequence[tuple[str, str, str, str]] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class Source:
     """Records of one file, archive or run. Nobody but who handed it in has scored what is `claimed`."""
@@ -68,7 +83,10 @@ def with_files(records: Sequence[Source], runs: Sequence[Source]) -> list[Source
     """
     at_hand = {_key(job): (source.run, job) for source in runs for job in source.run.jobs if job["status"] == "ok"}
     known = {_key(job) for source in records if not source.claimed for job in source.run.jobs}
-    more = [_published(source) for source in runs if any(_key(job) not in known for job in source.run.jobs)]
+    more = []
+    for source in (each for each in runs if any(_key(job) not in known for job in each.run.jobs)):
+        jobs = Records({job["job"]: published_job(job, source.run.folder) for job in source.run.jobs})
+        more.append(replace(source, run=replace(source.run, jobs=jobs)))
     taken: dict[str, int] = {}
     named = []
     for source in (*records, *more):
@@ -76,12 +94,6 @@ def with_files(records: Sequence[Source], runs: Sequence[Source]) -> list[Source
         name = source.name if count == 1 else f"{source.name} ({count})"
         named.append(replace(source, name=name, run=_placed(source.run, at_hand)))
     return named
-
-
-def _published(source: Source) -> Source:
-    """A run with its records as files of records hold them."""
-    jobs = Records({job["job"]: published_job(job, source.run.folder) for job in source.run.jobs})
-    return replace(source, run=replace(source.run, jobs=jobs))
 
 
 def _placed(run: Run, at_hand: dict[tuple[str, ...], tuple[Run, Record]]) -> Run:
@@ -103,10 +115,7 @@ def _key(job: Record) -> tuple[str, ...]:
 
 
 def joined(parts: Sequence[tuple[str, Source, str]]) -> Run:
-    """One run of a material of several sources each: each part as a material of its own name.
-
-    A part is that name, the source, and its name of the material, "" for the codecs of all.
-    """
+    """One run of parts: each the name that a material gets, its source, and its own name there."""
     run = Run(Path())
     for name, source, material in parts:
         for job in source.run.jobs:

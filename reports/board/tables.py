@@ -86,6 +86,13 @@ def _places(name: str, source: Source) -> Iterator[Place]:
         yield from _place(material.name, source.name, name, known)
 
 
+def _place(material: str, results: str, name: str, known: Sequence[tuple[str, Entry]]) -> Iterator[Place]:
+    """The best of a codec and the best of the others, given by codec; none if either is missing."""
+    mine, others = ([each for codec, each in known if (codec == name) == own] for own in (True, False))
+    if mine and others:
+        yield Place(material, results, *(max(each, key=lambda item: item[2]) for each in (mine, others)))
+
+
 def _at_budgets(name: str, source: Source) -> Iterator[Place]:
     result = budgets(source.run)
     for budget, lines in result.picks.items():
@@ -98,20 +105,14 @@ def _at_budgets(name: str, source: Source) -> Iterator[Place]:
             yield from _place(material, f"{source.name}, {in_words(budget)}", name, known)
 
 
-def _place(material: str, results: str, name: str, known: Sequence[tuple[str, Entry]]) -> Iterator[Place]:
-    """The best of a codec and the best of the others, given by codec; none if either is missing."""
-    mine, others = ([each for codec, each in known if (codec == name) == own] for own in (True, False))
-    if mine and others:
-        yield Place(material, results, *(max(each, key=lambda item: item[2]) for each in (mine, others)))
-
-
 def standing(name: str, found: Sequence[Place]) -> Table | None:
     """A row a place."""
     rows = []
     for place in found:
         (mine, size, quality), (best, its_size, its_quality) = place.mine, place.best
-        numbers = [integer(size), integer(its_size), _decibels(quality), _decibels(its_quality), _difference(place.gap)]
-        rows.append([place.material, place.results, mine, best, *numbers])
+        decibels = [EXACT if psnr == math.inf else fixed(psnr, 2) for psnr in (quality, its_quality)]
+        gap = signed(place.gap) if math.isfinite(place.gap) else EXACT if place.gap > 0 else NONE
+        rows.append([place.material, place.results, mine, best, integer(size), integer(its_size), *decibels, gap])
     headers = [("material", ""), ("results", ""), (name, ""), ("best of the others", "")]
     headers += [("total", "bytes"), ("its total", "bytes"), ("PSNR", "dB ↑"), ("its PSNR", "dB ↑")]
     note = (
@@ -120,11 +121,3 @@ def standing(name: str, found: Sequence[Place]) -> Table | None:
     )
     title = "Where it wins and loses, against the best of the others"
     return Table("standing", title, [*headers, ("difference", "dB ↑")], rows, [note], words=4) if rows else None
-
-
-def _decibels(quality: float) -> str:
-    return EXACT if quality == math.inf else fixed(quality, 2)
-
-
-def _difference(gap: float) -> str:
-    return signed(gap) if math.isfinite(gap) else EXACT if gap > 0 else NONE

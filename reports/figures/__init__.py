@@ -4,17 +4,14 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 from bench.records import Run
-from reports.figures.abrdf import abrdf_maps
 from reports.figures.angles import angle_curves
 from reports.figures.canvas import Figure as Figure
 from reports.figures.contact import contact_sheets
-from reports.figures.fronts import fronts
+from reports.figures.errors import abrdf_maps, polar_maps
+from reports.figures.fronts import fronts, trade_fronts
 from reports.figures.latents import latent_channels
 from reports.figures.plots import plot_figures
-from reports.figures.polar import polar_maps
-from reports.figures.ranks import critical_differences
-from reports.figures.significance import significance
-from reports.figures.trade import trade_fronts
+from reports.figures.significance import critical_differences, significance
 
 # By kind; the names of their files begin with it.
 ALL: dict[str, Callable[[Run], Iterator[Figure]]] = {

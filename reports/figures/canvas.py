@@ -94,10 +94,7 @@ def new(width: float, height: float, **options: Any) -> Drawing:
 
 
 class Sheet:
-    """A figure addressed in pixels from its top left corner: pictures keep their pixels, and cost no axes.
-
-    Its content is drawn when `png` is called.
-    """
+    """A figure addressed in pixels from its top left corner: pictures keep their pixels, and cost no axes."""
 
     def __init__(self, width: int, height: int):
         self.width, self.height = width, height
@@ -189,11 +186,9 @@ def legend(axes: Any, handles: Sequence[Any], labels: Sequence[str]) -> None:
 
 
 def plots(width: float, height: float, count: int = 1) -> tuple[Drawing, list[Any]]:
-    """A figure of that size in inches, and `count` axes side by side that share their y axis.
-
-    The margins are fixed, because measuring all texts, as Matplotlib's layouts do, takes longer than drawing them.
-    """
+    """A figure of that size in inches, and `count` axes side by side that share their y axis."""
     drawing = new(width, height)
     axes = drawing.subplots(1, count, sharey=True, squeeze=False)[0]
+    # Matplotlib's layouts measure all texts, which takes longer than drawing them.
     drawing.subplots_adjust(left=0.7 / width, top=1 - 0.5 / height, bottom=0.65 / height, wspace=0.1)
     return drawing, list(axes)

@@ -16,7 +16,7 @@ _GAP, _LEFT, _TOP, _BOTTOM = 6, 150, 76, 22
 
 @of_each_material
 def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
-    """One row a codec below the truth, one pair of columns (slice, FLIP map) for each marked slice, or for all."""
+    """A row a codec below the truth; a pair of columns (slice, FLIP map) for each marked slice, or for all."""
     rows = [
         (row, {name: array[each["sheet"]] for name, array in each.items()} if "sheet" in each else each)
         for row, each in of_shown(run, material, "pictures")
@@ -33,8 +33,8 @@ def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
     sheet.text(_GAP, 14, f"{title} ({material.split})", fontsize=10)
     for k in range(count):
         left = _LEFT + k * pair
-        sheet.text(left, _TOP - 34, _angles("view", first["wo_deg"][k]))
-        sheet.text(left, _TOP - 18, _angles("light", first["wi_deg"][k]))
+        for up, side, (theta, phi) in ((34, "view", first["wo_deg"][k]), (18, "light", first["wi_deg"][k])):
+            sheet.text(left, _TOP - up, f"{side}: θ {theta:.0f}°, φ {phi:.0f}°")
         sheet.picture(left, _TOP, enlarged(first["truth"][k], factor))
     _label(sheet, "truth", _TOP + cell[1] / 2)
     for number, (row, pictures) in enumerate(rows, 1):
@@ -52,10 +52,6 @@ def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
                     sheet.text(right - 4, bottom - 9, means[k], color="white", fontsize=7.5, ha="right")
     _scale(sheet, _LEFT + cell[0] + 2, _TOP + cell[1] // 2, cell[0])
     return Figure(material.name, "contact", title, sheet.png(), sheet)
-
-
-def _angles(side: str, degrees: np.ndarray) -> str:
-    return f"{side}: θ {degrees[0]:.0f}°, φ {degrees[1]:.0f}°"
 
 
 def _flip_means(run: Run, row: Row, pictures: Arrays) -> list[str]:

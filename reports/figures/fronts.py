@@ -1,11 +1,11 @@
-"""Quality within budgets: dB over bits a texel, and over the time of a query, of each codec's chosen rungs."""
+"""Quality over cost: each codec's chosen rungs within budgets, and the choices of `trade.json` with their fronts."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 from bench.compare.choosing.budgets import BITS, BYTES, EAGER, TIMES, Budgets, budgets
-from bench.records import KINDS, Run, kind_of
-from reports.figures.canvas import Figure, legend, plots, png, style
+from bench.records import KINDS, Record, Run, grouped, kind_of, load_trade
+from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style
 from reports.styles import Styles
 
 _COSTS = {BYTES: "bits of the file a texel", EAGER: "time of a query, × floor"}
@@ -15,8 +15,7 @@ def fronts(run: Run) -> Iterator[Figure]:
     """One figure for each kind of surface, if budgets have a rung."""
     result, styles = budgets(run), Styles(run)
     for kind in KINDS:
-        surfaces = [name for name, job in result.surfaces.items() if kind_of(job) == kind]
-        if surfaces:
+        if surfaces := [name for name, job in result.surfaces.items() if kind_of(job) == kind]:
             with style():
                 drawing = _drawn(result, surfaces, kind, styles)
                 yield Figure("", f"fronts-{kind}", f"Quality within budgets, {kind} surfaces", png(drawing), drawing)
@@ -42,3 +41,50 @@ def _drawn(result: Budgets, surfaces: Sequence[str], kind: str, styles: Styles) 
     panels[0].set_title(f"{kind} surfaces: {', '.join(surfaces)}", loc="left")
     legend(panels[1], list(handles.values()), list(handles))
     return drawing
+
+
+def trade_fronts(run: Run) -> Iterator[Figure]:
+    """One figure for each material whose choices were measured."""
+    trade = load_trade(run.folder) or {"choices": []}
+    for material in dict.fromkeys(row["material"] for row in trade["choices"]):
+        rows = [r for r in trade["choices"] if r["material"] == material and r.get("psnr") is not None]
+        if rows:
+            with style():
+                drawing = _fronts(material, rows, Styles(run))
+                yield Figure(material, "trade", f"{material}: speed, accuracy and bytes", png(drawing), drawing)
+
+
+def _fronts(material: str, rows: Sequence[Record], styles: Styles) -> Any:
+    groups = grouped(rows, lambda row: row["codec"] + _how(row))
+    drawing, (speed, rate) = plots(11.5, max(5.0, 1.4 + 0.2 * len(groups)), 2)
+    handles = []
+    for name, group in groups.items():
+        default = not _how(group[0])
+        look = styles.of_codec(name) | {"linestyle": "none"} | ({} if default else {"markerfacecolor": "white"})
+        psnr = [row["psnr"] for row in group]
+        handles += speed.plot([row["ns_per_sample"] for row in group], psnr, **look, markersize=6)
+        if default:  # executions do not change bytes
+            rate.plot([row["bytes"] for row in group], psnr, **look, markersize=6)
+    _front(speed, [row for row in rows if row["fastest"]], "ns_per_sample", "ns a sample (less is better)", "")
+    _front(rate, [row for row in rows if row["smallest"]], "bytes", "size of the file (less is better)", "B")
+    speed.set_ylabel("display PSNR, dB (held-out pairs; higher is better)")
+    speed.set_title(f"{material}: speed and accuracy", loc="left")
+    rate.set_title("rate and accuracy; grey: no other is as good for less", loc="left")
+    legend(rate, handles, list(groups))
+    return drawing
+
+
+def _how(row: Record) -> str:
+    """The execution and precision of a row in words, "" for the default ones."""
+    how = row["execution"], row["precision"]
+    return "" if how == ("eager", "float32") else f" [{' '.join(how)}]"
+
+
+def _front(axes: Any, best: Sequence[Record], cost: str, label: str, unit: str) -> None:
+    """The front as a stair, and the axis of its cost."""
+    stair = sorted((row[cost], row["psnr"]) for row in best)
+    axes.plot([x for x, _ in stair], [y for _, y in stair], color="0.4", linewidth=1, drawstyle="steps-post", zorder=0)
+    axes.set_xscale("log")
+    log_ticks(axes.xaxis, unit)
+    axes.set_xlabel(label)
+    axes.margins(0.08)

@@ -19,10 +19,7 @@ _QUANTITIES: dict[str, Callable[[Record, Record], float | None]] = {  # of a job
 
 
 def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
-    """One figure for each material with results. Starts stand in the order of their times, named by revision.
-
-    A point is the mean over seeds; a codec without an error, a size or a time has no point.
-    """
+    """One figure a material, its starts in the order of their times; a point is a mean over seeds."""
     jobs = Records({(number, job["job"]): job for number, run in enumerate(runs) for job in run.jobs})
     styles = Styles(Run(Path(), jobs=jobs))
     starts = {start["run"]: start for run in runs for start in run.starts}
@@ -34,18 +31,17 @@ def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
             for axes, (name, quantity) in zip(drawing.subplots(3, 1, sharex=True), _QUANTITIES.items(), strict=True):
                 handles = []
                 for (label, pairs), by_start in codecs.items():
-                    values = [_mean(quantity, by_start.get(when, [])) for when in order]
+                    known = [[quantity(*each) for each in by_start.get(when, ())] for when in order]
+                    numbers = [[value for value in seeds if value is not None] for seeds in known]
+                    values = [fmean(seeds) if seeds else math.nan for seeds in numbers]  # NaN is not drawn
                     drawn = styles.of_codec(label) | ({"linestyle": ":"} if pairs == "validation" else {})
                     handles += axes.plot(range(len(order)), values, **drawn, markersize=4, linewidth=1)
                 axes.set_ylabel(name, fontsize=8)
                 if axes.get_subplotspec().is_first_row():
                     axes.set_title(title, loc="left")
                     several = len({pairs for _, pairs in codecs}) > 1
-                    legend(
-                        axes,
-                        handles,
-                        [f"{label}, {pairs} pairs" if several and pairs else label for label, pairs in codecs],
-                    )
+                    names = [f"{label}, {pairs} pairs" if several and pairs else label for label, pairs in codecs]
+                    legend(axes, handles, names)
                 else:
                     axes.set_yscale("log")
                     log_ticks(axes.yaxis, "B" if name.startswith("bytes") else "")
@@ -64,21 +60,12 @@ def _materials(runs: Sequence[Run]) -> dict[str, Codecs]:
     return by_material
 
 
-def _mean(quantity: Callable[[Record, Record], float | None], jobs: Sequence[Measured]) -> float:
-    """The mean of a quantity over the seeds that have it; NaN, which is not drawn, if none has it."""
-    known = [value for job, timing in jobs if (value := quantity(job, timing)) is not None]
-    return fmean(known) if known else math.nan
-
-
 def _ticks(order: Sequence[str], starts: dict[str, Record]) -> list[str]:
     """The names of starts on an axis: the revision, or the day, with the time of day if several are equal."""
     names = [str(starts.get(when, {}).get("git") or when[:8])[:12] for when in order]
-    return [
-        f"{name}, {_time(when)}" if names.count(name) > 1 else name for name, when in zip(names, order, strict=True)
-    ]
-
-
-def _time(when: str) -> str:
-    """The day and time of a start's name: 11-23 09:31 of 20251123T093106."""
-    digits = "".join(filter(str.isdigit, when[:16]))
-    return f"{digits[4:6]}-{digits[6:8]} {digits[8:10]}:{digits[10:12]}" if len(digits) >= 12 else when
+    times = []
+    for when in order:  # 11-23 09:31 of a start named 20251123T093106
+        n = "".join(filter(str.isdigit, when[:16]))
+        times.append(f"{n[4:6]}-{n[6:8]} {n[8:10]}:{n[10:12]}" if len(n) >= 12 else when)
+    several = [names.count(name) > 1 for name in names]
+    return [f"{name}, {time}" if more else name for name, time, more in zip(names, times, several, strict=True)]

@@ -24,7 +24,12 @@ def latent_channels(run: Run, material: MaterialRows) -> Figure | None:
     if not codecs:
         return None
     title = f"{material.name}: channels of each codec's texture"
-    blocks = [(label, _counted(each), _cells(np.concatenate(each, -1))) for label, each in codecs]
+    blocks = []
+    for label, each in codecs:
+        counts = [texture.shape[-1] for texture in each]
+        more = f", {_MOST} shown" if sum(counts) > _MOST else ""
+        counted = f"{' + '.join(map(str, counts))} channel{'s' * (sum(counts) > 1)}{more}"
+        blocks.append((label, counted, _cells(np.concatenate(each, -1))))
     cell = max(max(cells.shape[1:]) for *_, cells in blocks) + _GAP
     lines = [-(-len(cells) // _LINE) for *_, cells in blocks]
     sheet = Sheet(_LEFT + _LINE * cell + _GAP, _TOP + sum(lines) * (cell + _GAP))
@@ -50,13 +55,10 @@ def _stored(run: Run, job: Record) -> Textures:
 
 
 def textures(program: Program) -> Textures:
-    """The textures (H, W, D) of a program, with the finest level of a pyramid: the tables that it interpolates at `uv`.
-
-    A table of directions may by chance have a row for each texel, but is looked up without `uv`.
-    """
+    """The textures (H, W, D) of a program: the tables that it interpolates at `uv`, of a pyramid the finest level."""
     height, width = program.size
     levels = [max(1, height >> k) * max(1, width >> k) for k in range(max(height, width).bit_length())]
-    by_place, tables = {"uv"}, []
+    by_place, tables = {"uv"}, []  # a table of directions may have a row for each texel, too, but is read without uv
     for step in program.steps:
         if not by_place.isdisjoint(names := step.names()):
             by_place.add(step.name)
@@ -74,13 +76,6 @@ def _standardised(texture: np.ndarray) -> np.ndarray:
     deviation[deviation <= 1e-6 * abs(flat).max(0)] = np.inf  # a constant channel is grey
     shown = 255 / (1 + np.exp(-(flat - flat.mean(0)) / deviation))
     return np.round(shown).astype(np.uint8).reshape(texture.shape)
-
-
-def _counted(textures: Textures) -> str:
-    """The number of channels of each texture, in words."""
-    counts = [texture.shape[-1] for texture in textures]
-    more = f", {_MOST} shown" if sum(counts) > _MOST else ""
-    return f"{' + '.join(map(str, counts))} channel{'s' * (sum(counts) > 1)}{more}"
 
 
 def _cells(texture: np.ndarray) -> np.ndarray:

@@ -1,7 +1,6 @@
 """The plots that the page also draws, as pictures: rate, speed, fits and level of detail."""
 
 from collections.abc import Iterator
-from typing import Any
 
 from matplotlib.ticker import NullLocator
 
@@ -23,11 +22,19 @@ def plot_figures(run: Run, kind: str) -> Iterator[Figure]:
 
 
 def _figure(plot: Plot, material: MaterialRows, styles: Styles) -> Figure:
-    fits, curves = plot["kind"] == "fits", _curves(plot)
+    fits, curves = plot["kind"] == "fits", dict[str, list[list[float]]]()
+    for series in plot["series"]:  # of each codec, or of a whole ladder of rates
+        curves.setdefault(series.get("curve", series["label"]), []).extend(series["points"])
     title = f"{material.name}: {'how soon a fit is good' if fits else plot['title'].lower()}"
     drawing, (axes,) = plots(8.2, max(4.4, 1.6 + 0.2 * len(curves)))
     look = {"markersize": 3} if fits else {"markersize": 6, "alpha": 0.9}
-    handles = [_draw(axes, styles.of_codec(name) | look, points) for name, points in curves.items()]
+    handles = []
+    for name, points in curves.items():
+        x, y, *ends = zip(*sorted(points), strict=True)
+        drawn = styles.of_codec(name) | look
+        if ends:
+            axes.hlines(y, *ends, color=drawn["color"], linewidth=1)
+        handles += axes.plot(x, y, **drawn, linewidth=1)
     low, high = axes.get_ylim()
     for goal in GOALS_DB if fits else ():
         if low < goal < high:
@@ -46,18 +53,3 @@ def _figure(plot: Plot, material: MaterialRows, styles: Styles) -> Figure:
         drawing.supxlabel("not drawn, because they have no error: " + ", ".join(absent), fontsize=8)
     legend(axes, handles, list(curves))
     return Figure(material.name, plot["kind"], title, png(drawing), drawing)
-
-
-def _curves(plot: Plot) -> dict[str, list[list[float]]]:
-    """The points of each codec, or of a whole ladder of rates in the order of their x."""
-    curves: dict[str, list[list[float]]] = {}
-    for series in plot["series"]:
-        curves.setdefault(series.get("curve", series["label"]), []).extend(series["points"])
-    return {name: sorted(points) for name, points in curves.items()}
-
-
-def _draw(axes: Any, look: dict[str, Any], points: list[list[float]]) -> Any:
-    x, y, *ends = zip(*points, strict=True)
-    if ends:
-        axes.hlines(y, *ends, color=look["color"], linewidth=1)
-    return axes.plot(x, y, **look, linewidth=1)[0]

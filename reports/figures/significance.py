@@ -1,10 +1,12 @@
-"""The difference of each codec to one of them, slice by slice, and whether the two are told apart."""
+"""Which codecs are told apart: paired differences to one of them, slice by slice, and mean ranks over surfaces."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from bench.compare.choosing.budgets import ENOUGH, budgets
 from bench.compare.paired import FEWEST, Interval
 from bench.records import Run
+from reports.budgets import in_words
 from reports.figures.canvas import Figure, new, png, short, style
 from reports.numbers import interval
 from reports.ranking import against_one
@@ -31,24 +33,21 @@ def _figure(material: str, where: str, first: str, differences: Differences, sty
         height = 1.45 + 0.24 * (len(differences) + 1)
         drawing = new(9.6, height)
         axes = drawing.add_axes((0.27, 0.95 / height, 0.46, 1 - 1.25 / height))
-        _draw(axes, first, differences, styles)
+        axes.axvline(0, color="0.6", linewidth=0.8, zorder=0)
+        axes.plot(0, 0, **styles.of_codec(first) | {"linestyle": "none"}, markersize=6)
+        beside: Any = {"transform": axes.get_yaxis_transform(), "fontsize": 8, "va": "center"}
+        for row, (label, each) in enumerate(differences.items(), 1):
+            look = styles.of_codec(label) | {"linestyle": "none"}
+            axes.plot([each.low, each.high], [row, row], color=look["color"], linewidth=2.2, solid_capstyle="butt")
+            axes.plot(each.mean, row, **look, markersize=6)
+            remark = ", not told apart" if each.materials >= FEWEST and not each.apart else ""
+            axes.text(1.02, row, interval(each) + remark, **beside)
+        axes.set_yticks(range(len(differences) + 1), list(map(short, (first, *differences))), fontsize=8)
+        axes.set(ylim=(len(differences) + 0.6, -0.6), xlabel="dB a slice of display PSNR (right of 0: better)")
+        axes.grid(axis="y", visible=False)
         drawing.text(0.012, 1 - 0.18 / height, title, va="center")
         drawing.text(0.012, 0.1 / height, _caption(differences), fontsize=8, color="0.3", va="bottom")
         return Figure(material, "significance", title, png(drawing), drawing)
-
-
-def _draw(axes: Any, first: str, differences: Differences, styles: Styles) -> None:
-    axes.axvline(0, color="0.6", linewidth=0.8, zorder=0)
-    axes.plot(0, 0, **styles.of_codec(first) | {"linestyle": "none"}, markersize=6)
-    for row, (label, each) in enumerate(differences.items(), 1):
-        look = styles.of_codec(label) | {"linestyle": "none"}
-        axes.plot([each.low, each.high], [row, row], color=look["color"], linewidth=2.2, solid_capstyle="butt")
-        axes.plot(each.mean, row, **look, markersize=6)
-        remark = ", not told apart" if each.materials >= FEWEST and not each.apart else ""
-        axes.text(1.02, row, interval(each) + remark, transform=axes.get_yaxis_transform(), fontsize=8, va="center")
-    axes.set_yticks(range(len(differences) + 1), [short(label) for label in (first, *differences)], fontsize=8)
-    axes.set(ylim=(len(differences) + 0.6, -0.6), xlabel="dB a slice of display PSNR (right of 0: better)")
-    axes.grid(axis="y", visible=False)
 
 
 def _caption(differences: Differences) -> str:
@@ -63,3 +62,23 @@ def _caption(differences: Differences) -> str:
         words = f"of a bootstrap over {'seeds and ' * (seeds > 1)}pairs, of this material only"
         caveat = "" if seeds > 1 else " With one seed, it does not include the scatter of fits."
     return f"Bars: 95 % interval {words}: {', '.join(counts)}.{caveat}\nBoth codecs at the same pairs."
+
+
+def critical_differences(run: Run) -> Iterator[Figure]:
+    """The diagram of Demšar (2006), if there are ranks: a row a codec, and a bar of the critical difference."""
+    if not (ranking := budgets(run).ranks()):
+        return
+    title, styles, count = f"Mean ranks over surfaces at {in_words(ENOUGH)}", Styles(run), len(ranking.mean)
+    with style():
+        drawing = new(9.6, 1.2 + 0.24 * count)
+        axes = drawing.add_axes((0.24, 0.14, 0.72, 0.74))
+        for row, (line, rank) in enumerate(ranking.mean.items()):
+            look = styles.of_codec(line.partition(",")[0]) | {"linestyle": "none"}
+            end = min(rank + ranking.critical, count)
+            axes.plot([rank, end], [row, row], color="0.8", linewidth=5, solid_capstyle="butt", zorder=0)
+            axes.plot(rank, row, **look, markersize=7)
+        axes.set_yticks(range(count), list(map(short, ranking.mean)), fontsize=8)
+        axes.set(ylim=(count - 0.4, -0.6), xlabel="mean rank (1: the best); grey: not told apart")
+        axes.grid(axis="y", visible=False)
+        axes.set_title(f"{title}; critical difference {ranking.critical:.2f}", loc="left")
+        yield Figure("", "ranks", title, png(drawing), drawing)

@@ -38,10 +38,7 @@ levels and no colour conversion.
 
 
 def export(program: Program, name: str, language: str, folder: Path) -> tuple[list[Path], int]:
-    """Write shader, textures and README of a program into a new folder; returns them, and the textures' bytes on a GPU.
-
-    Raises `InputError` if no shader can compute the program.
-    """
+    """Write shader, textures and README into a folder; returns them, and the bytes on a GPU. May raise `InputError`."""
     if language not in DIALECTS:
         raise InputError(f"format {language!r}: use one of {', '.join(DIALECTS)}")
     dialect = DIALECTS[language]
@@ -56,12 +53,8 @@ def export(program: Program, name: str, language: str, folder: Path) -> tuple[li
     files = [folder / f"{name}.{language}", folder / "exact.exr", folder / "half.exr", folder / "README.md"]
     write(files[0], code.text.encode())
     for path, array in ((files[1], code.exact), (files[2], code.half)):
-        _write_exr(path, array)
+        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+        with replacing(path) as partial, OpenEXR.File(header, {"RGBA": np.ascontiguousarray(array)}) as file:
+            file.write(str(partial))
     write(files[3], text.encode())
     return files, code.exact.nbytes + code.half.nbytes
-
-
-def _write_exr(path: Path, array: np.ndarray) -> None:
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with replacing(path) as partial, OpenEXR.File(header, {"RGBA": np.ascontiguousarray(array)}) as file:
-        file.write(str(partial))

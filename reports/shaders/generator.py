@@ -24,10 +24,7 @@ UNIFORMS = 1_024  # vectors of a uniform buffer: 16 kB, which WebGL 2 guarantees
 
 @dataclass(frozen=True)
 class Shader:
-    """The text of a function `material` and the two textures it reads, (h, WIDTH, 4): float32 and float16.
-
-    `uniforms` (n, 4) float32 are the weights of its uniform buffer, if it has one.
-    """
+    """The text of `material`, its textures (h, WIDTH, 4), float32 and float16, and weights of its uniforms (n, 4)."""
 
     text: str
     exact: Array

@@ -150,16 +150,13 @@ class Writer(Backend):
             terms = [start]
             for i, pack in enumerate(packs):
                 block = weights[4 * j : 4 * j + 4, 4 * i : 4 * i + 4].T  # four columns of the matrix
-                texts = [self._column(column) for column in block]
+                texts = [f"{self.dialect.vec4}({', '.join(map(literal, column))})" for column in block]
+                if self.weights == "uniform":
+                    texts = [f"weights[{len(self.uniforms) + k}]" for k in range(4)]
+                    self.uniforms += list(block)
                 terms.append(self.dialect.matrix.format(columns=", ".join(texts), vector=pack))
             results.append(" + ".join(terms))
         return results
-
-    def _column(self, column: Array) -> str:
-        if self.weights == "literal":
-            return f"{self.dialect.vec4}({', '.join(map(literal, column))})"
-        self.uniforms.append(column)
-        return f"weights[{len(self.uniforms) - 1}]"
 
     def _in_a_loop(self, weights: Array, packs: list[str], starts: list[str]) -> list[str]:
         """The product as two loops over weights in the texture: slower, but the text stays short."""

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
+from typing import NamedTuple
 
 from bench.program import Program
 from reports.shaders.dialects import GLSL
@@ -46,12 +47,7 @@ class Model:
     note: str = ""
 
 
-def in_base64(raw: bytes) -> object:
-    """An array inside JSON."""
-    return base64.b64encode(raw).decode()
-
-
-def model_data(model: Model, encode: Callable[[bytes], object] = in_base64) -> dict[str, object]:
+def model_data(model: Model, encode: Callable[[bytes], object]) -> dict[str, object]:
     """What the page needs of a model, its arrays encoded. `InputError` where no shader can do its program."""
     full, spare = shader(model.program, GLSL), fallback(model.program, GLSL)
     data: dict[str, object] = {"label": model.label, "note": model.note, "exposure": model.exposure}
@@ -66,37 +62,35 @@ def _encoded(source: Shader, encode: Callable[[bytes], object]) -> dict[str, obj
     return {"shader": source.text, **{name: encode(each.tobytes()) for name, each in arrays.items()}}
 
 
-@dataclass(frozen=True)
-class Fragment:
-    """The viewer as parts of a page: styles and script once, markup and data for each viewer.
+class Fragment(NamedTuple):
+    """The viewer as parts of a page: styles and script once, markup for each viewer.
 
-    The script defines `mountViewer(element, data)`, where `element` is the section that `html` makes and `data` is the
-    parsed `data`. It returns the viewer, or null if the browser cannot draw.
+    The script defines `mountViewer(section, data)`, which returns the viewer, or null if the browser cannot draw.
     """
 
     css: str
     html: str
     script: str
-    data: str  # JSON that can stand inside a script element
 
 
-def fragment(models: Sequence[Model]) -> Fragment:
-    """The viewer of some models, for any page. `InputError` if no shader can compute a program."""
+def fragment() -> Fragment:
+    """The viewer for any page."""
     folder = files("reports.viewer")
     css, html = ((folder / f"viewer.{name}").read_text("utf-8") for name in ("css", "html"))
     scripts = [(folder / name).read_text("utf-8") for name in SCRIPTS]
-    data = {"width": WIDTH, "models": [model_data(model) for model in models]}
     # A page sees only one of their names.
     script = f"const mountViewer = (() => {{\n{''.join(scripts)}\nreturn mountViewer;\n}})();\n"
-    return Fragment(css, html, script, as_json(data))
+    return Fragment(css, html, script)
 
 
 def page(title: str, models: Sequence[Model]) -> str:
     """The whole page. `InputError` if no shader can compute a program."""
-    parts = fragment(models)
+    parts = fragment()
     style, script = STYLE + parts.css, parts.script + START
+    drawn = [model_data(model, lambda raw: base64.b64encode(raw).decode()) for model in models]
+    data = as_json({"width": WIDTH, "models": drawn})
     hashes = {"style_hash": hash_source(style), "script_hash": hash_source(script)}
-    return PAGE.format(title=escape(title), style=style, html=parts.html, script=script, data=parts.data, **hashes)
+    return PAGE.format(title=escape(title), style=style, html=parts.html, script=script, data=data, **hashes)
 
 
 def hash_source(text: str) -> str:

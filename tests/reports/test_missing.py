@@ -1,6 +1,6 @@
 from bench.records import append, load_run
 from reports import table_text
-from reports.missing import missing_note
+from reports.notes import missing_note
 from reports.summary import summary_table
 
 

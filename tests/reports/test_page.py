@@ -51,7 +51,7 @@ def test_scripts_run_by_their_hash_alone(made):
 
 
 def test_records_that_have_no_room_are_said_to_be_elsewhere(made, monkeypatch):
-    monkeypatch.setattr("reports.page_records.BUDGET", 9_000)
+    monkeypatch.setattr("reports.page.RECORDS_BUDGET", 9_000)
     page = page_of(made.job("one").job("two").job("three").job("four"))
     left = page.count('<details id="r0')
     assert 0 < left < 4

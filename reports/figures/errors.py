@@ -1,16 +1,47 @@
-"""Polar maps of a codec's error over the hemispheres of views and of lights."""
+"""Maps of a codec's error: of each texel's ABRDF, and over the hemispheres of views and of lights."""
 
 from typing import Any
 
 import numpy as np
-from matplotlib.colors import Normalize
+from matplotlib.colors import LogNorm, Normalize
 
 from bench.records import FLIP, Run
-from reports.artefacts import angular
-from reports.figures.canvas import Figure, Sheet, coloured, grid_of, of_each_material, short
+from reports.artefacts import angular, of_shown
+from reports.figures.canvas import Figure, Sheet, coloured, enlarged, grid_of, log_ticks, of_each_material, short
 from reports.rows import MaterialRows
 
+_EDGE, _BAR = 14, 100  # pixels: the margin, and the room of a colour bar
+_ABRDF_TOP, _ABRDF_CELL = 54, 176  # the head of the figure, and the least side of a map
 _SIDES = {"view": "by view", "light": "by light"}
+
+
+@of_each_material
+def abrdf_maps(run: Run, material: MaterialRows) -> Figure | None:
+    """The squared log1p error of each texel over all pairs, one logarithmic scale for all codecs."""
+    maps = [(row.label, scores["abrdf"]) for row, scores in of_shown(run, material, "slices", ("abrdf",))]
+    if not maps:
+        return None
+    title = f"{material.name}: error of each texel's ABRDF"
+    rows, columns = grid_of(len(maps), 5)
+    height, width = (max(error.shape[axis] for _, error in maps) for axis in (0, 1))
+    factor = max(1, -(-_ABRDF_CELL // max(height, width)))
+    cell, scale = (width * factor + 14, height * factor + 26), LogNorm(1e-6, 1)
+    positive = np.concatenate([error[error > 0] for _, error in maps])
+    if len(
+        positive
+    ):  # from the smallest to the largest error of any codec, at most five decades; none is off the scale
+        top = float(positive.max())
+        scale = LogNorm(max(float(positive.min()), top * 1e-5), top * 1.0001, clip=True)
+    sheet = Sheet(2 * _EDGE + max(columns, 3) * cell[0] + _BAR, _ABRDF_TOP + rows * cell[1])
+    sheet.text(_EDGE, 16, f"{title} ({material.split})", fontsize=9)
+    for number, (label, error) in enumerate(maps):
+        left, above = _EDGE + number % columns * cell[0], _ABRDF_TOP + number // columns * cell[1]
+        sheet.text(left, above - 10, short(label, 24))
+        sheet.picture(left, above, enlarged(coloured(error, "cividis", scale), factor))
+    bar = sheet.scale(sheet.width - _BAR, _ABRDF_TOP, (14, min(rows * cell[1] - 40, 300)), "cividis", norm=scale)
+    log_ticks(bar.ax.yaxis)
+    bar.set_label("mean squared error of log1p, all pairs", fontsize=8)
+    return Figure(material.name, "abrdf", title, sheet.png(), sheet)
 
 
 @of_each_material
@@ -45,7 +76,7 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
 
 
 _SIDE = 140  # side of a disc in pixels
-_EDGE, _CELL, _BLOCK, _BAR, _TOP = 14, _SIDE + 24, 2 * _SIDE + 80, 100, 76
+_CELL, _BLOCK, _TOP = _SIDE + 24, 2 * _SIDE + 80, 76
 
 
 def _disc(stored: dict[str, Any], value: np.ndarray, scale: Normalize) -> np.ndarray:
