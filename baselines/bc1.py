@@ -1,10 +1,8 @@
 """The texture format BC1 (DXT1): 4 × 4 texels of three channels in 8 bytes, as a GPU decodes them while it fetches.
 
 A block holds two colours of 5, 6 and 5 bits, low byte first, and for each texel two bits, row by row from the lowest
-bit, that choose among four colours between the two. Here a texel has a step 0 … 3 along the line from the first to the
-second colour; the format's own codes are 0, 2, 3, 1. Interpolated colours follow Direct3D's documentation of the
-format: colours are widened to eight bits by repeating their highest bits, then (2 a + b + 1) / 3 in whole numbers.
-Graphics processors may differ from that in the last bits.
+bit, that choose among four colours between the two. As Direct3D documents it, colours are widened to eight bits by
+repeating their highest bits, then (2 a + b + 1) / 3 in whole numbers; processors may differ in the last bits.
 """
 
 import torch
@@ -32,8 +30,7 @@ def write(ends: Tensor, steps: Tensor) -> Tensor:
 
     A block has four colours only if its first is the larger number, so they may change places; if equal, all take it.
     """
-    colours = sum(ends[..., i] << place for i, place in enumerate(PLACES))
-    assert isinstance(colours, Tensor)
+    colours = (ends << torch.tensor(PLACES)).sum(2)
     swapped = colours[:, :1] < colours[:, 1:]
     colours = torch.where(swapped, colours.flip(1), colours)
     steps = torch.where(swapped, 3 - steps, steps).masked_fill(colours[:, :1] == colours[:, 1:], 0)
@@ -45,13 +42,12 @@ def write(ends: Tensor, steps: Tensor) -> Tensor:
 def read(blocks: Tensor) -> Tensor:
     """The colours (n, 16, 3) of eight bits, int64, of blocks (n, 8), uint8.
 
-    A block whose first colour is not the larger number has three colours (one is their mean), and black. `write` makes
-    such a block only from equal colours, and uses the first.
+    A block whose first colour is not the larger number has three colours (one is their mean), and black.
     """
     low, high = blocks.long().unflatten(1, (4, 2)).unbind(2)
     words = low | (high << 8)
     colours = words[:, :2]
-    ends = torch.stack([(colours >> place) & (2**b - 1) for b, place in zip(BITS, PLACES, strict=True)], 2)
+    ends = (colours[..., None] >> torch.tensor(PLACES)) & (2 ** torch.tensor(BITS) - 1)
     first, second = (end[:, None] for end in widened(ends).unbind(1))
     codes = (words[:, 2:] >> (2 * torch.arange(8))[:, None, None]).permute(1, 2, 0).flatten(1) & 3
     steps = torch.tensor(CODES).argsort()[codes]

@@ -2,9 +2,8 @@
 
 Weinreich et al., "Real-time neural materials using block-compressed features" (Eurographics 2024), learn features in
 the layout of BC6 blocks, emulate their decoding in training, and decode channels of a material from them. The blocks
-here are BC1's, three latents in four bits a texel, and a network like NeuBTF's answers with radiance. Each block has
-two ends, and each texel a place between them. From halfway through the fit both are rounded as in the file, and
-gradients ignore the rounding. Queries use the texture decoded from the blocks of the file. See docs/recipes.md.
+here are BC1's, three latents in four bits a texel, and a network like NeuBTF's answers with radiance. From halfway
+through the fit ends and places between them are rounded as in the file. See docs/recipes.md.
 """
 
 import math
@@ -22,7 +21,6 @@ from bench.material import Material
 from bench.training import Batch, DirectedObjective, FitSettings, Samples, TextureMaterial, first_latents, fitted
 from bench.training.decoder import Architecture, Decoder, load_network
 from bench.training.inputs import COUNTS, Directions
-from bench.training.quantise import WeightPrecision
 
 OMEGA = 2.0  # frequency of the network's sine, as NeuBTF's
 ROUNDED_FROM = 0.5  # share of the steps after which latents are those of real blocks
@@ -53,7 +51,6 @@ class BCF(Codec):
         directions: Directions = "xyzh"  # inputs: x and y of both, or all of both and of their half vector
         layers: Layers = 3  # hidden layers of the network
         width: Width = 32  # channels of each hidden layer
-        weights: WeightPrecision = "half"  # precision of the stored network
 
         @property
         def architecture(self) -> Architecture:
@@ -83,10 +80,7 @@ def across(size: tuple[int, ...]) -> tuple[int, int]:
 
 
 def members(size: tuple[int, int]) -> Tensor:
-    """The texel (B, 16) of each place in each block of a picture (H, W), which repeats beyond its last row and column.
-
-    So a size that is not a multiple of 4 is padded periodically.
-    """
+    """The texel (B, 16) of each place in each block of a picture (H, W), which repeats beyond its borders."""
     row, col = (torch.arange(count * bc1.SIDE) % side for count, side in zip(across(size), size, strict=True))
     texel = row[:, None] * size[1] + col
     return texel.unflatten(1, (-1, bc1.SIDE)).unflatten(0, (-1, bc1.SIDE)).transpose(1, 2).flatten(2).flatten(0, 1)
@@ -115,12 +109,10 @@ class BCFObjective(DirectedObjective):
         places, order = within.flatten().flip(0), torch.arange(within.numel()).flip(0)
         block[places], share[places] = order // within.shape[1], shares.flatten(0, 1)[order]
         self.share = nn.Parameter(share)
-        for name, values in (("block", block), ("within", within)):
+        for name, values in {"block": block, "within": within, "levels": LEVELS}.items():
             self.register_buffer(name, values, persistent=False)
-        # The range of each channel's codes; a span of 0 means that there are none yet.
-        self.register_buffer("low", torch.zeros(settings.textures, 3))
-        self.register_buffer("span", torch.zeros(settings.textures, 3))
-        self.register_buffer("levels", LEVELS, persistent=False)
+        for name in ("low", "span"):  # the range of each channel's codes; a span of 0 means that there are none yet
+            self.register_buffer(name, torch.zeros(settings.textures, 3))
         self.ranged = False  # whether the range is set: kept on the host, which else would wait for a GPU at each step
 
     block: Tensor
@@ -148,12 +140,11 @@ class BCFObjective(DirectedObjective):
     def codes(self, ends: Tensor) -> Tensor:
         """Ends (…, T, 3) in 5, 6 and 5 bits, int64; the first call sets their range."""
         if not self.ranged:
-            low, high = self.ends.flatten(0, 1).amin(0), self.ends.flatten(0, 1).amax(0)
+            low, high = torch.aminmax(self.ends.flatten(0, 1), dim=0)
             self.low.copy_(low)
             self.span.copy_((high - low).clamp_min(1e-6))
             self.ranged = True
-        levels = self.levels
-        return ((ends - self.low) / self.span * levels).round().clamp(torch.zeros_like(levels), levels).long()
+        return ((ends - self.low) / self.span * self.levels).round().clamp_min(0).minimum(self.levels).long()
 
     def rounded(self, first: Tensor, second: Tensor, share: Tensor) -> Tensor:
         """The latents (n, T, 3) that a file gives back for texels with those ends (n, T, 3) and shares (n, T)."""
@@ -162,10 +153,7 @@ class BCFObjective(DirectedObjective):
 
     @torch.no_grad()
     def blocks(self) -> tuple[Tensor, Tensor, Tensor]:
-        """The blocks (B, T, 8) of the file, and the lowest value and the range (3 · T,) of its channels.
-
-        If a texel is repeated in a second block, it takes the nearest step on the line of that block.
-        """
+        """The blocks (B, T, 8) of the file, and the lowest value and the range (3 · T,) of its channels."""
         self.share.clamp_(0, 1)
         first, second = self.ends
         latents = self.rounded(first[self.block], second[self.block], self.share)

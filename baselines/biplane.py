@@ -1,9 +1,8 @@
 """Biplane (Fan 2023): a plane of features over half vectors, one over texels, and a decoder for all materials.
 
-Fan et al., "Neural biplane representation for BTF rendering and acquisition" (SIGGRAPH 2023). The decoder is trained
-once (`neubtf-bench pretrain biplane`) and kept in a file of its own. A material is its two planes and, for each texel,
-a matrix and an offset that colour the decoder's answer; they are fitted while the decoder stays. Facts are from the
-authors' code, which answers with radiance up to 1; here the answer is log radiance. See docs/recipes.md.
+The decoder is trained once (`neubtf-bench pretrain biplane`) and kept in its own file. A material is its two planes and
+for each texel a matrix and an offset that colour the decoder's answer; they are fitted while the decoder stays. Facts
+are from the authors' code; here the answer is log radiance, not radiance up to 1. See docs/recipes.md.
 """
 
 import math
@@ -22,22 +21,10 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts, SharedNetwork
 from bench.inputs.settings import BatchSize, Count, Natural, NotNegative, Positive
 from bench.material import HALF_MAX, DecoderCost, Material, sample_texture, saturated, texel_corners, to_radiance
-from bench.training import (
-    RANDOM_SPREAD,
-    Batch,
-    Bits,
-    Loss,
-    Rounding,
-    Samples,
-    TextureObjective,
-    distance,
-    gain_of,
-    load_texture,
-    store_texture,
-    train,
-)
+from bench.training import RANDOM_SPREAD, Batch, Loss, Samples, TextureObjective, distance, gain_of, train
 from bench.training.decoder import LEAK, load_network, store_network
 from bench.training.quantise import WeightPrecision
+from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
 
 FEATURES = 6  # of each plane
 MATRIX, COLOURS = 9, 12  # numbers of a texel's matrix, and of matrix and offset
@@ -126,19 +113,15 @@ class Biplane(Codec):
 
 
 class BiplaneDecoder(nn.Module):
-    """Numbers (n, 14) → (n, 3) from 0 to 1: 14 → 256, two residual blocks 256 → 128 → 256, 256 → 3 and a sigmoid.
-
-    All but the last layer have a leaky ReLU, which in a block follows the sum.
-    """
+    """Numbers (n, 14) → (n, 3) from 0 to 1: 14 → 256, two residual blocks 256 → 128 → 256, 256 → 3 and a sigmoid."""
 
     def __init__(self, generator: torch.Generator | None = None):
         super().__init__()
         layers = [nn.Linear(a, b) for a, b in pairwise(WIDTHS)]
-        with torch.no_grad():
-            for layer in layers:
-                bound = layer.in_features**-0.5
-                layer.weight.uniform_(-bound, bound, generator=generator)
-                layer.bias.uniform_(-bound, bound, generator=generator)
+        for layer in layers:
+            bound = layer.in_features**-0.5
+            nn.init.uniform_(layer.weight, -bound, bound, generator)
+            nn.init.uniform_(layer.bias, -bound, bound, generator)
         self.layers = nn.ModuleList(layers)
 
     @property
@@ -166,10 +149,7 @@ def coloured(answer: Tensor, colours: Tensor) -> Tensor:
 
 
 class Pool(Samples):
-    """Some texels and pairs of many BTFs: texel t is of BTF `material[t]`, which has `PAIRS` rows of `wo` and `wi`.
-
-    Those of `fit.unseen` come last: planes are fitted to them too, but the decoder does not learn from them.
-    """
+    """Some texels of many BTFs, t of `material[t]`, which has `PAIRS` rows of `wo` and `wi`; `fit.unseen` come last."""
 
     def __init__(self, btfs: Sequence[BTF], most: int, fit: Fit):
         generator, abrdfs, wo, wi, material = fit.generator(), [], [], [], []
@@ -257,11 +237,10 @@ class BiplaneObjective(TextureObjective):
             abrdfs = self.samples.abrdfs(texel)
             mean, truth = abrdfs.mean(1), abrdfs[:, checked]
             each = Batch(texel.repeat_interleave(len(checked)), checked.repeat(len(texel)), truth)
-            errors = [
-                (x - truth).square().mean((1, 2)) for x in (self.predict(each, 1.0).reshape(truth.shape), mean[:, None])
-            ]
-            plain = torch.cat([torch.zeros_like(colours[texel, :MATRIX]), mean], 1)
-            colours[texel] = torch.where((errors[0] < errors[1])[:, None], colours[texel], plain)
+            answers = self.predict(each, 1.0).reshape(truth.shape)
+            ours, means = ((x - truth).square().mean((1, 2)) for x in (answers, mean[:, None]))
+            plain = functional.pad(mean, (MATRIX, 0))
+            colours[texel] = torch.where((ours < means)[:, None], colours[texel], plain)
         return colours
 
 

@@ -1,16 +1,13 @@
 """Clusters of texels, found by k-means among the principal components of their log ABRDFs, and their index."""
 
-from functools import partial
-
 import numpy as np
 import torch
 from torch import Tensor
 
+from baselines.components import principal
 from bench.btf import BTF
 from bench.codec import Fit
 from bench.training import compress, expand
-from bench.training.reading import blocks
-from bench.training.svd import truncated_svd
 
 Array = np.ndarray
 BLOCK_BYTES = 64 << 20  # slices read together
@@ -20,13 +17,8 @@ MOST_CODES = 65_536
 
 
 def reduced(btf: BTF, gain: float, components: int, fit: Fit) -> tuple[Tensor, Tensor, Array]:
-    """The texels in the space of the first principal components of their log ABRDFs, at true distances.
-
-    Returns the mean (3 · pairs,), the directions (3 · pairs, k) of that space, and the texels (H · W, k) in it.
-    """
-    read = partial(blocks, btf, fit, gain=gain, block_bytes=BLOCK_BYTES)
-    shape = (3 * len(btf), btf.shape[0] * btf.shape[1])
-    factors = truncated_svd(read, shape, components, PASSES, fit.generator(), fit.device, fit.row_weights)
+    """The mean (3 · pairs,) of log ABRDFs, principal directions (3 · pairs, k), and the texels (H · W, k) there."""
+    factors = principal(btf, fit, gain, components, PASSES, BLOCK_BYTES)
     weight = 1 if fit.row_weights is None else fit.row_weights.to(fit.device).sqrt()[:, None]
     lengths = torch.linalg.vector_norm(factors.basis * weight, dim=0)
     points: Array = (factors.coefficients.T * lengths).cpu().numpy()
@@ -34,10 +26,7 @@ def reduced(btf: BTF, gain: float, components: int, fit: Fit) -> tuple[Tensor, T
 
 
 def clustered(points: Array, codes: int, seed: int) -> Array:
-    """The cluster (n,) of each point (n, k); clusters are numbered without gaps.
-
-    With at most as many points as codes, each has its own cluster; points that are equal as halves share one.
-    """
+    """The cluster (n,) of each point (n, k), numbered without gaps; points that are equal as halves share one."""
     from sklearn.cluster import MiniBatchKMeans
 
     if codes == 1 or points.shape[1] == 0:

@@ -1,5 +1,7 @@
 """Common parts of codecs whose material is coefficients of texels times components interpolated over pairs."""
 
+from functools import partial
+
 import torch
 from torch import Tensor
 from torch.nn import functional
@@ -10,8 +12,16 @@ from bench.directions.interpolation import PairInterpolator
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.training import Rounding, round_after
 from bench.training.reading import blocks
+from bench.training.svd import Factors, truncated_svd
 
 PROBED_PAIRS, PROBED_TEXELS = 32, 1_024  # samples that measure the error of rounding a number
+
+
+def principal(btf: BTF, fit: Fit, gain: float | None, count: int, passes: int, block_bytes: int = 0) -> Factors:
+    """The `count` strongest principal components of the texels' ABRDFs, read as by `blocks`, in some passes."""
+    read = partial(blocks, btf, fit, gain=gain, block_bytes=block_bytes)
+    shape = (3 * len(btf), btf.shape[0] * btf.shape[1])
+    return truncated_svd(read, shape, count, passes, fit.generator(), fit.device, fit.row_weights)
 
 
 def probed(btf: BTF, fit: Fit, gain: float | None) -> tuple[Tensor, Tensor]:
@@ -29,10 +39,7 @@ def rounded_coefficients(texture: Tensor, bits: int, mean: Tensor, rows: Tensor,
 
 
 class ComponentsMaterial(Material):
-    """Coefficients (H, W, k), fetched bilinearly, times components of pairs; the mean's, put before them, is 1.
-
-    With a `gain` they add up to log radiance, else to radiance. A codec writes `combined`.
-    """
+    """Coefficients (H, W, k), bilinear, and 1 for the mean, times components: log radiance; without `gain` radiance."""
 
     def __init__(self, texture: Tensor, interpolator: PairInterpolator, gain: float | None, cost: DecoderCost):
         super().__init__((texture.shape[0], texture.shape[1]), cost)

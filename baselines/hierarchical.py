@@ -2,8 +2,8 @@
 
 NeuMIP's pyramid and offset; a decoder of two Inception modules, convolutions side by side, sees the neighbours of a
 point, and the place and the directions as sines of octaves. The authors convolve over the picture that a renderer asks
-for, so that an answer depends on the queries beside it. Here the neighbours are in the material: 9 × 9 places a
-footprint apart, at the directions of the query, as in a slice. So every query has one answer. See docs/recipes.md.
+for; here the neighbours are in the material, 9 × 9 places a footprint apart at the directions of the query, so that
+every query has one answer. See docs/recipes.md.
 """
 
 import math
@@ -14,14 +14,13 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from baselines.neumip import COARSE_SHARE, Networks, NeuMIP, NeuMIPObjective, Pyramid, _log
+from baselines.neumip import COARSE_SHARE, Networks, NeuMIP, NeuMIPObjective, Pyramid, PyramidSettings, _log
 from baselines.pyramids import queries_of
-from bench.inputs.settings import BatchSize, Natural, NotNegative, Positive, Range, Width
+from bench.inputs.settings import BatchSize, NotNegative, Range
 from bench.material import DecoderCost, Material, sample_texture, saturated, to_radiance
 from bench.metrics.display import LOG_SCALE
-from bench.training import Batch, Bits, Optimiser, Samples, Start, distance
-from bench.training.inputs import COUNTS, Directions, direction_inputs
-from bench.training.quantise import WeightPrecision
+from bench.training import Batch, Samples, distance
+from bench.training.inputs import COUNTS, direction_inputs
 
 CHANNELS = 25  # between the layers: 7, 12, 3 and 3 of the branches
 BRANCHES = (7, 12, 3, 3)  # of 1 × 1, 3 × 3 and 5 × 5, and of the maximum of 3 × 3
@@ -56,26 +55,14 @@ class Hierarchical(NeuMIP):
     recipes: ClassVar = {"paper": PAPER}
 
     @dataclass(frozen=True)
-    class Settings:
-        steps: Natural = 2_500  # steps of the fit
+    class Settings(PyramidSettings):
         batch: BatchSize = 4_096  # samples a step, in whole patches
         patch: Annotated[int, Range(1, 1024)] = 8  # texels a side of a patch, whose samples share their directions
-        patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: takes all its steps
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, start, Adam, blur, loss, rate and batch
-        start: Start = "mixed"  # of finest latents and offsets: components, both; or random, and zeros
-        optimiser: Optimiser = "muon"  # of the hidden matrices; Adam takes all others
-        hidden_rate: Positive = 2e-2  # highest learning rate of Muon
-        rate: Positive = 1e-2  # highest learning rate
-        directions: Directions = "xyzh"  # inputs: x and y of both as published, or all of both and of their half vector
         octaves: Octaves = 0  # octaves of the sines of each of these inputs; 0: the inputs themselves
         places: Octaves = 10  # octaves of the sines of u and of v; those that texels cannot show are 0
-        channels: Width = 7  # of the pyramid, and of the offset texture
-        offset: bool = True  # the neural offset; without it the decoder alone
-        blur: bool = False  # blur the textures at first, less and less, as NeuMIP's authors do
         loss: Literal["both", "l1", "root"] = "both"  # log errors; or the absolute error of fourth roots, as published
         gradient: NotNegative = 0.0  # weight of the squared error of Sobel gradients, from a quarter of the steps on
-        bits: Bits = 0  # bits of a stored number of the textures on average; 0: chosen by the fit; 16, 32: floats
-        weights: WeightPrecision = "half"  # precision of the stored networks
 
     def networks(self) -> Networks:
         return HierarchicalNetworks(self.settings)
@@ -99,13 +86,9 @@ class Inception(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         point, to_three, three, to_five, five, pooled = self.kernels
         inner, outer = x[..., 1:-1, 1:-1], x[..., 2:-2, 2:-2]
-        branches = (
-            convolved(outer, point),
-            convolved(convolved(inner, to_three), three),
-            convolved(convolved(x, to_five), five),
-            convolved(functional.max_pool2d(inner, 3, 1), pooled),
-        )
-        return torch.cat(branches, 1)
+        small, large = convolved(convolved(inner, to_three), three), convolved(convolved(x, to_five), five)
+        highest = convolved(functional.max_pool2d(inner, 3, 1), pooled)
+        return torch.cat([convolved(outer, point), small, large, highest], 1)
 
     def flops(self, side: int) -> int:
         """Operations of an answer of side × side."""
@@ -177,9 +160,9 @@ class HierarchicalNetworks(Networks):
     def pictures(
         self, pyramid: Pyramid, textures: tuple[Tensor, Tensor | None], queries: tuple[Tensor, ...], side: int = 1
     ) -> Tensor:
-        """gain · radiance (n, S, S, 3), not clamped, of pictures of S × S texels of a level.
+        """gain · radiance (n, S, S, 3), not clamped, of pictures of S × S texels of a level, which see S + 8.
 
-        Queries: uv (n, 2) of their middles, wo and wi (n, 3), and level (n,), whole in a fit; texels of S + 8 are seen.
+        Queries: uv (n, 2) of their middles, wo and wi (n, 3), and level (n,), whole in a fit.
         """
         (middle, wo, wi, level), (table, offset), side = queries, textures, side + 2 * HALO
         at = torch.arange(side, device=middle.device) - (side - 1) / 2

@@ -1,9 +1,9 @@
 """Hemispherical harmonics for each texel, fitted by least squares: the graphics default for one view, many lights.
 
-The basis is Gautron et al.'s ("A novel hemispherical basis for accurate and efficient rendering", EGSR 2004): spherical
-harmonics of the hemisphere stretched over the sphere. Reflectance transformation imaging (RTI) gives each texel and
-colour nine or sixteen harmonics of the light. With several views, each texel has the products of the light's and the
-view's harmonics, as in Gunawardane et al. ("Optimized image sampling for view and light interpolation", 2009).
+The basis is Gautron et al.'s: spherical harmonics of the hemisphere stretched over the sphere. Reflectance
+transformation imaging (RTI) gives each texel and colour nine or sixteen harmonics of the light. With several views,
+each texel has the products of the light's and the view's harmonics, as in Gunawardane et al. ("Optimized image sampling
+for view and light interpolation", 2009).
 """
 
 import math
@@ -70,10 +70,9 @@ class HSH(Codec):
             values = block.clamp_min(0).to(fit.device) / cosine[rows].to(fit.device)
             coefficients += solve[:, rows] @ ((gain * values).log1p() if settings.domain == "log" else values)
         texture = coefficients.unflatten(1, (*btf.shape, 3)).permute(1, 2, 3, 0).flatten(2)
+        rounding = self._rounding(btf, texture, gain, bands, fit)
         other = {"gain": torch.tensor([gain]), "bands": torch.tensor(bands, dtype=torch.uint8)}
-        return Parts(
-            texture=store_texture("coefficients", texture, self._rounding(btf, texture, gain, bands, fit)), other=other
-        )
+        return Parts(texture=store_texture("coefficients", texture, rounding), other=other)
 
     def _rounding(self, btf: BTF, texture: Tensor, gain: float, bands: list[int], fit: Fit) -> Rounding:
         """How the coefficients are rounded, by their errors at some pairs."""
@@ -85,19 +84,16 @@ class HSH(Codec):
             values = (gain * values).log1p()
         # Each colour has its own coefficients; an error of radiance is one of radiance / cosine times the cosine.
         rows = torch.einsum("pk,cd->pcdk", basis(wo, wi, bands), torch.eye(3)).flatten(2).flatten(0, 1) * cosine
-        rows = rows.to(values)
-        return rounded_coefficients(
-            texture, self.settings.bits, torch.zeros_like(rows[:, :1]), rows, values * cosine.to(values)
-        )
+        rows, known = rows.to(values), torch.zeros(len(rows), 1, device=values.device)
+        return rounded_coefficients(texture, self.settings.bits, known, rows, values * cosine.to(values))
 
     def _solution(self, btf: BTF, bands: list[int], cosine: Tensor, fit: Fit) -> Tensor:
         """The matrix (K, N) from the values of the pairs to the coefficients: weighted, regularised least squares."""
         terms = basis(torch.from_numpy(btf.wo).double(), torch.from_numpy(btf.wi).double(), bands)
         # An error of radiance is one of radiance / cosine times the cosine.
         weight = cosine.double().square() * (1 if fit.density is None else fit.density.weights.double()[:, None])
-        light, view = (
-            torch.tensor([band * (band + 1.0) for band in range(n) for _ in range(2 * band + 1)]) for n in bands
-        )
+        of_bands = ([band * (band + 1.0) for band in range(n) for _ in range(2 * band + 1)] for n in bands)
+        light, view = map(torch.tensor, of_bands)
         rough = (light[:, None] + view).flatten().double().square()
         normal = terms.T @ (weight * terms) + len(btf) * torch.diag(self.settings.smoothness * rough + RIDGE)
         return torch.linalg.solve(normal, (weight * terms).T).float()

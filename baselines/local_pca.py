@@ -1,6 +1,5 @@
 """Local PCA (Müller, Meseth and Klein, "Compression and real-time rendering of measured BTFs using local PCA", 2003).
 
-Each cluster of texels has a mean and a few components of its own; a texel stores its cluster and its coefficients.
 Clusters are those of Kambhatla and Leen ("Dimension reduction by local principal component analysis", Neural
 Computation 9(7), 1997): from k-means on, each texel moves to the cluster whose components give it the least error.
 """
@@ -71,10 +70,10 @@ class LocalPCA(Codec):
 
         of_table = round_after(table[pairs], settings.bits, lambda each: answers(each, seen), target)
         of_texture = round_after(seen, settings.bits, lambda each: answers(table[pairs], each), target)
+        stored = store_texture("coefficients", texture, of_texture.fit_to(texture))
         return Parts(
             decoder=store_texture("components", table, of_table.fit_to(table)),
-            texture=store_texture("coefficients", texture, of_texture.fit_to(texture))
-            | {"clusters": pack_index(found.label, count)},
+            texture=stored | {"clusters": pack_index(found.label, count)},
             other={"gain": torch.tensor([gain]), "count": torch.tensor([count]), **pack_layout(btf.layout)},
         )
 
@@ -134,9 +133,9 @@ def _error(points: np.ndarray, axes: np.ndarray) -> np.ndarray:
 
 
 class LocalPCAMaterial(Material):
-    """Clusters (H · W) and coefficients (H, W, k) bilinear over texels; components (N, 3, clusters · (k + 1)) of pairs.
+    """Clusters (H · W) and coefficients (H, W, k) of texels, each decoded by its own components, then bilinear.
 
-    Neighbours may be of different clusters, so each of the four texels around a point is decoded by its own.
+    Components of pairs are (N, 3, clusters · (k + 1)).
     """
 
     def __init__(self, label: Tensor, texture: Tensor, table: Tensor, interpolator: PairInterpolator, gain: float):
@@ -164,8 +163,7 @@ class LocalPCAMaterial(Material):
         # Products of halves may overflow a half with either sign, so they are added in float32.
         dtype = at_least_float32(rows.dtype)
         numbers = saturated(rows).to(dtype).unflatten(0, row.shape[:2]).unflatten(2, (3, -1))  # (n, 4, 3, k + 1)
-        known = functional.pad(self.coefficients[texel], (1, 0), value=1.0).to(dtype) * texel_weight[..., None].to(
-            dtype
-        )
+        known = functional.pad(self.coefficients[texel], (1, 0), value=1.0).to(dtype)
+        known *= texel_weight[..., None].to(dtype)
         level = (numbers * known[:, :, None]).sum((1, 3)).clamp_min(0)
         return to_radiance(level, self.gain) * (wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level))

@@ -1,8 +1,7 @@
 """NeuMIP (Kuznetsov et al., "NeuMIP: Multi-resolution neural materials", ACM Trans. Graph. 40(4), 2021).
 
 A pyramid of latents fetched trilinearly by footprint, a small decoder, and a neural offset that moves the look-up along
-the view, as parallax does. Details that the paper leaves open follow the authors' published default configuration:
-output stage, losses, and a Gaussian blur of the textures that fades during the fit and is baked into the stored ones.
+the view, as parallax does. Details that the paper leaves open follow the authors' published default configuration.
 """
 
 import math
@@ -13,33 +12,19 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from baselines.pyramids import Levels, drawn, fitted_levels, queries_of
+from baselines.pyramids import Levels, drawn, fitted_levels, mixed, queries_of
 from bench.btf import BTF, periods
 from bench.codec import Codec, Fit, Parts
 from bench.inputs.errors import InputError
-from bench.inputs.settings import BatchSize, Natural, Positive, Width
+from bench.inputs.settings import Natural, Positive, Width
 from bench.machine.devices import is_gpu
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.metrics.display import LOG_SCALE
-from bench.training import (
-    RANDOM_SPREAD,
-    Batch,
-    Bits,
-    Objective,
-    Optimiser,
-    Rounding,
-    Samples,
-    Start,
-    first_latents,
-    gain_of,
-    groups_of,
-    load_texture,
-    store_texture,
-    train,
-)
+from bench.training import Batch, Objective, Samples, TextureSettings, gain_of, groups_of, train
 from bench.training.decoder import Architecture, Decoder, load_network, store_network
+from bench.training.initial_latents import RANDOM_SPREAD, Start, first_latents
 from bench.training.inputs import COUNTS, Directions, direction_inputs
-from bench.training.quantise import WeightPrecision
+from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
 
 WIDTHS = (25, 25, 25)  # of the offset network
 OFFSET_SCALE = 0.05  # texture units; the authors' 0.1 counts in uv from −1 to 1
@@ -53,6 +38,20 @@ YUV_TO_RGB = ((1.0, 0.0, 1.13983), (1.0, -0.39465, -0.58060), (1.0, 2.03211, 0.0
 # Weights of the loss: squared error of log radiance, its absolute error, absolute error of radiance.
 LOSSES = {"balanced": (1.0, 0.0, 0.01), "highlights": (1.0, 0.0, 0.1), "l1": (0.0, 1.0, 0.0), "both": (1.0, 1.0, 0.0)}
 PAPER = {"bits": 8, "directions": "xy", "start": "random", "optimiser": "adam", "blur": True, "loss": "balanced"}
+
+
+@dataclass(frozen=True)
+class PyramidSettings(TextureSettings):
+    """The settings that `neumip` and `hierarchical` share."""
+
+    patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
+    start: Start = "mixed"  # of finest latents and offsets: components, both; or random, and zeros
+    rate: Positive = 1e-2  # highest learning rate
+    directions: Directions = "xyzh"  # inputs: x and y of both as published, or all of both and of their half vector
+    channels: Width = 7  # of the pyramid, and of the offset texture
+    offset: bool = True  # the neural offset; without it the decoder alone
+    blur: bool = False  # blur the textures at first, less and less, as NeuMIP's authors do
+    bits: Bits = 0  # bits of a stored number of the textures on average; 0: chosen by the fit; 16, 32: floats
 
 
 class NeuMIP(Codec):
@@ -77,24 +76,12 @@ class NeuMIP(Codec):
     recipes: ClassVar = {"paper": PAPER}
 
     @dataclass(frozen=True)
-    class Settings:
-        steps: Natural = 10_000  # steps of the fit
-        batch: BatchSize = 4_096  # samples a step
-        patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
+    class Settings(PyramidSettings):
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs and start, Adam, the authors' blur and loss
-        start: Start = "mixed"  # of finest latents and offsets: components, both; or random, and zeros
-        optimiser: Optimiser = "muon"  # of hidden matrices; Adam takes all others
-        hidden_rate: Positive = 2e-2  # highest learning rate of Muon
-        rate: Positive = 1e-2  # highest learning rate
-        directions: Directions = "xyzh"  # inputs: x and y of both as published, or all of both and of their half vector
-        channels: Width = 7  # of the pyramid, and of the offset texture
+        steps: Natural = 10_000  # steps of the fit
         width: Width = 25  # of the decoder's hidden layers
         outputs: int = 6  # of the decoder: colour and mask, as in the authors' code, or 3, colour, as in their text
-        offset: bool = True  # the neural offset; without it the decoder alone
-        blur: bool = False  # blur the textures at first, less and less, as the authors do
         loss: Literal["both", "l1", "balanced", "highlights"] = "both"  # log errors; the last two are the authors'
-        bits: Bits = 0  # bits of a stored number of the textures on average; 0: chosen by the fit; 16, 32: floats
-        weights: WeightPrecision = "half"  # precision of the stored networks
 
         def __post_init__(self) -> None:
             if self.outputs not in (3, 6):
@@ -157,29 +144,12 @@ class Pyramid(Levels):
         """As `fetch` at real levels, without a gradient: one bilinear fetch if all levels are the finest."""
         if not (torch.compiler.is_exporting() or is_gpu(uv.device) or level.any()):  # these two take no branches
             return sample_texture(table[: self.counts[0]].unflatten(0, self.levels[0]), uv)
-        index, weight = self._around(uv, level)
+        index, weight = self.around(uv, level)
         return functional.embedding_bag(index, table, per_sample_weights=weight.to(table.dtype), mode="sum")
 
     def fetch(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
-        """Values (n, C) of a table of all levels at uv (n, 2), bilinear and periodic.
-
-        A whole number as level (n,) is that level; a real one interpolates linearly between two.
-        """
-        index, weight = self._around(uv, level)
-        # An embedding bag would be one call, but its gradient takes more than twice as long.
-        corners = table.index_select(0, index.flatten()).unflatten(0, index.shape)
-        return (corners * weight[..., None].to(table.dtype)).sum(1)
-
-    def _around(self, uv: Tensor, level: Tensor) -> tuple[Tensor, Tensor]:
-        """Rows of the table and weights of a fetch, both (n, 4) at whole levels and (n, 8) at real ones."""
-        lower = level.long()
-        index, weight = self.corners(uv, lower)
-        if level.is_floating_point():
-            share = (level - lower)[:, None]
-            upper, upper_weight = self.corners(uv, (lower + 1).clamp_max(len(self.levels) - 1))
-            index = torch.cat([index, upper], 1)
-            weight = torch.cat([weight * (1 - share), upper_weight * share], 1)
-        return index, weight
+        """Values (n, C) of a table of all levels at uv (n, 2), bilinear, periodic, and linear between two levels."""
+        return mixed(table, *self.around(uv, level))
 
 
 class Networks(nn.Module):
@@ -285,9 +255,7 @@ class NeuMIPObjective(Objective):
         return _log(answer(self.networks, self.pyramid, *self.textures(progress), queries))
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        batches = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)
-        each = zip(*(queries_of(self.levels, *batch) for batch in batches), strict=True)
-        queries, target = tuple(map(torch.cat, each)), torch.cat([batch.target for _, batch in batches])
+        queries, target = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)
         ours = answer(self.networks, self.pyramid, *self.textures(progress), queries)
         squared, log, linear = LOSSES[self.settings.loss]
         loss = squared * functional.mse_loss(_log(ours), target) + log * functional.l1_loss(_log(ours), target)
@@ -316,18 +284,16 @@ class NeuMIPMaterial(Material):
         channels = networks.decoder.architecture.inputs - COUNTS[networks.directions]
         if table.shape != (sum(pyramid.counts), channels):
             raise InputError(f"a pyramid over {size} has {sum(pyramid.counts)} rows, not {tuple(table.shape)}")
-        both = [networks.decoder, *([] if networks.offset is None else [networks.offset])]
+        architectures = [each.architecture for each in (networks.decoder, networks.offset) if each is not None]
         reads = channels * (8 + (0 if offset is None else 4))
-        super().__init__(
-            size,
-            DecoderCost(
-                parameters=sum(network.architecture.parameters for network in both),
-                texture_channels=channels * len(both),
-                texture_floats=table.numel() + (0 if offset is None else offset.numel()),
-                flops_per_sample=sum(network.architecture.flops for network in both) + 2 * reads + 2 * 9,
-                bytes_per_sample=reads * table.element_size(),
-            ),
+        cost = DecoderCost(
+            parameters=sum(each.parameters for each in architectures),
+            texture_channels=channels * len(architectures),
+            texture_floats=table.numel() + (0 if offset is None else offset.numel()),
+            flops_per_sample=sum(each.flops for each in architectures) + 2 * reads + 2 * 9,
+            bytes_per_sample=reads * table.element_size(),
         )
+        super().__init__(size, cost)
         self.networks, self.pyramid, self.table, self.offset, self.gain = networks, pyramid, table, offset, gain
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:

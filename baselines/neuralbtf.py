@@ -1,13 +1,13 @@
 """NeuralBTF (2026): a pyramid of latents, a look-up offset that depends on the view, and a wide network.
 
 Three levels of the texture are fetched at one uv and concatenated. A second, small network moves this uv first; a
-learned factor, the gate, scales its output and starts at 0. Both directions enter as spherical harmonics. Facts are
-from the authors' code, mandyxmq/NeuralBTF-release; see docs/recipes.md for what differs. It has half a million weights.
+learned factor, the gate, scales its output and starts at 0. For what differs from the authors' code see
+docs/recipes.md.
 """
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import torch
 from torch import Tensor, nn
@@ -19,22 +19,10 @@ from bench.inputs.errors import InputError
 from bench.inputs.settings import BatchSize, Layers, Natural, Positive, Width
 from bench.material import DecoderCost, Material, at_least_float32, sample_texture, to_radiance
 from bench.metrics.display import LOG_SCALE
-from bench.training import (
-    Batch,
-    Bits,
-    FitSettings,
-    Optimiser,
-    Rounding,
-    Samples,
-    TextureObjective,
-    first_latents,
-    fitted,
-    load_texture,
-    store_texture,
-)
+from bench.training import Batch, FitSettings, Optimiser, Samples, TextureObjective, first_latents, fitted
 from bench.training.decoder import Architecture, Decoder, load_network
 from bench.training.inputs import COUNTS, direction_inputs
-from bench.training.quantise import WeightPrecision
+from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
 
 Inputs = Literal["xyzh", "harmonics"]
 
@@ -79,7 +67,6 @@ class NeuralBTF(Codec):
         layers: Layers = 3  # hidden layers of the network
         width: Width = 512  # channels of each hidden layer, and of the offset's one
         bits: Bits = 0  # bits of a stored number of the textures on average; 0: chosen by the fit; 16, 32: floats
-        weights: WeightPrecision = "half"  # precision of the stored networks
 
         @property
         def architecture(self) -> Architecture:
@@ -90,9 +77,7 @@ class NeuralBTF(Codec):
         fitting = fitted(NeuralBTFObjective, self.settings, btf, fit)
         texture: dict[str, Tensor] = {}
         for name, values in fitting.free.items():
-            rounding = fitting.roundings[name]
-            assert isinstance(rounding, Rounding)
-            texture |= store_texture(name, values.detach(), rounding)
+            texture |= store_texture(name, values, fitting.roundings[name])
         return fitting.parts(texture)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
@@ -123,11 +108,8 @@ def harmonics(w: Tensor) -> Tensor:
 
 
 def seen(wo: Tensor, wi: Tensor, kind: Inputs) -> Tensor:
-    """The network's inputs for two directions (n, 3): (n, 18) or (n, 9).
-
-    As published harmonics are of 2 ω − 1: the authors' encoder expects a direction from 0 to 1 and is given ω itself.
-    """
-    if kind == "harmonics":
+    """The network's inputs for two directions (n, 3): (n, 18) or (n, 9)."""
+    if kind == "harmonics":  # of 2 ω − 1: the authors' encoder expects directions from 0 to 1, and is given ω itself
         return torch.cat([harmonics(2 * wi - 1), harmonics(2 * wo - 1)], 1)
     return torch.cat(direction_inputs(wo, wi, kind), 1)
 
@@ -145,10 +127,7 @@ class Networks(nn.Module):
             self.gate = nn.Parameter(torch.zeros(1))
 
     def forward(self, textures: list[Tensor], uv: Tensor, wo: Tensor, directions: Tensor) -> Tensor:
-        """The network's output (n, 3) at uv (n, 2), for the view wo (n, 3) and the inputs of `seen`.
-
-        Textures (H, W, C) are in the order of `names`.
-        """
+        """The output (n, 3) of textures (H, W, C), as `names`, at uv (n, 2), for a view (n, 3) and inputs of `seen`."""
         if self.offset is not None:
             *textures, texture = textures
             moved = self.offset(torch.cat([sample_texture(texture, uv), wo], 1)).tanh()
@@ -172,7 +151,7 @@ class NeuralBTFObjective(TextureObjective):
         mean = samples.mean(generator)
         self.network.decoder.start_at(mean.expm1() / LOG_SCALE if settings.relative else mean)
         self.free = nn.ParameterDict(first_textures(samples, settings, generator))
-        self.roundings = nn.ModuleDict({name: Rounding(settings.channels, settings.bits) for name in self.free})
+        self.roundings: Any = nn.ModuleDict({name: Rounding(settings.channels, settings.bits) for name in self.free})
         self.register_buffer("directions", seen(samples.wo, samples.wi, settings.directions), persistent=False)
 
     def rate(self, step: int, steps: int, group: int) -> float:
@@ -197,18 +176,16 @@ class NeuralBTFObjective(TextureObjective):
 
 
 def first_textures(samples: Samples, settings: NeuralBTF.Settings, generator: torch.Generator) -> dict[str, Tensor]:
-    """The first textures (H, W, C) by name.
+    """The first textures (H, W, C) by name: components, the strongest at the finest level and in the offset.
 
-    Ours: components of the log ABRDFs, the strongest at the finest level and in the offset, further ones at the coarser
-    levels. As published: nearly 0, and 0 in the offset.
+    Further components are at the coarser levels. As published: nearly 0, and 0 in the offset.
     """
     sizes, channels = names(settings, samples.shape), settings.channels
     if settings.start == "random":
         spread = {name: 0.0 if name == "offset" else FIRST for name in sizes}
         return {n: spread[n] * (2 * torch.rand(*size, channels, generator=generator) - 1) for n, size in sizes.items()}
-    picture = first_latents(samples, settings.levels * channels, settings.start, generator).T.unflatten(
-        1, samples.shape
-    )
+    latents = first_latents(samples, settings.levels * channels, settings.start, generator)
+    picture = latents.T.unflatten(1, samples.shape)
     parts = [*picture.split(channels), picture[:channels]]
     means = {n: functional.adaptive_avg_pool2d(part, sizes[n]) for n, part in zip(sizes, parts, strict=False)}
     return {name: mean.permute(1, 2, 0).contiguous() for name, mean in means.items()}
@@ -218,20 +195,17 @@ class NeuralBTFMaterial(Material):
     """The levels (H, W, C), the finest first, then the offset's texture if there is one, and the networks."""
 
     def __init__(self, networks: Networks, textures: list[Tensor], gain: float):
-        both = [networks.decoder, *([] if networks.offset is None else [networks.offset])]
-        architectures = [network.architecture for network in both]
+        architectures = [each.architecture for each in (networks.decoder, networks.offset) if each is not None]
         channels = sum(texture.shape[2] for texture in textures)
         size = (textures[0].shape[0], textures[0].shape[1])
-        super().__init__(
-            size,
-            DecoderCost(
-                parameters=sum(each.parameters for each in architectures) + len(both) - 1,  # and the gate
-                texture_channels=sum(texture.shape[2] for texture in textures if texture.shape[:2] == size),
-                texture_floats=sum(texture.numel() for texture in textures),
-                flops_per_sample=sum(each.flops for each in architectures) + 2 * 4 * channels,
-                bytes_per_sample=4 * channels * textures[0].element_size(),
-            ),
+        cost = DecoderCost(
+            parameters=sum(p.numel() for p in networks.parameters()),
+            texture_channels=sum(texture.shape[2] for texture in textures if texture.shape[:2] == size),
+            texture_floats=sum(texture.numel() for texture in textures),
+            flops_per_sample=sum(each.flops for each in architectures) + 2 * 4 * channels,
+            bytes_per_sample=4 * channels * textures[0].element_size(),
         )
+        super().__init__(size, cost)
         self.networks, self.gain = networks, gain
         for place, texture in enumerate(textures):
             setattr(self, f"texture{place}", texture)

@@ -2,8 +2,8 @@
 
 "Random-access neural compression of material textures": two grids of features, of a few bits each, and a tiled encoding
 of the texel's place enter a network that answers with channels of a material. Here directions enter too, and the answer
-is radiance. The finer grid is read at the four points around a texel, side by side, so that the network learns to
-interpolate them; the coarser one is read bilinearly. The network answers texels; queries between them are interpolated.
+is radiance. The finer grid is read at the four points around a texel, side by side, the coarser one bilinearly. The
+network answers texels; queries between them are interpolated.
 """
 
 import copy
@@ -22,7 +22,7 @@ from bench.material import DecoderCost, Material, texel_centres, texel_corners, 
 from bench.training import Batch, DirectedObjective, FitSettings, Samples, distance, first_latents, fitted
 from bench.training.decoder import Activation, Architecture, Decoder, load_network
 from bench.training.inputs import COUNTS, Directions, direction_inputs
-from bench.training.quantise import WeightPrecision, pack_bits, unpack_bits
+from bench.training.quantise import pack_bits, unpack_bits
 
 OCTAVES, TILE, PLACE = 3, 8, 12  # encoding of places: it repeats after 8 texels, and has 12 numbers
 OMEGA = 2.0  # frequency of the sine, if the activation is a sine
@@ -66,7 +66,6 @@ class NTC(Codec):
         layers: Layers = 2  # hidden layers of the network
         width: Width = 64  # channels of each hidden layer
         activation: Activation = "sine"  # activation of the hidden layers; a sine has a layer norm before it
-        weights: WeightPrecision = "half"  # precision of the stored network
 
         @property
         def architecture(self) -> Architecture:
@@ -76,8 +75,8 @@ class NTC(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         fitting, bits = fitted(NTCObjective, self.settings, btf, fit), self.settings.bits
-        grids = zip(GRIDS, fitting.free, strict=True)
-        texture = {name: pack_bits(codes_of(grid, bits).flatten(), bits) for name, grid in grids}
+        packed = (pack_bits(codes_of(grid, bits).flatten(), bits) for grid in fitting.free)
+        texture = dict(zip(GRIDS, packed, strict=True))
         return fitting.parts(texture, size=torch.tensor(btf.shape, dtype=torch.int32))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:

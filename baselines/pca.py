@@ -1,7 +1,6 @@
 """Principal components of the ABRDFs: a texture of coefficients times a few eigen-ABRDFs."""
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Annotated, Literal
 
 import numpy as np
@@ -9,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from baselines.components import ComponentsMaterial, probed, rounded_coefficients
+from baselines.components import ComponentsMaterial, principal, probed, rounded_coefficients
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.directions.interpolation import PairInterpolator, pack_layout, unpack_layout
@@ -18,8 +17,7 @@ from bench.material import DecoderCost, Material, at_least_float32, saturated
 from bench.metrics.display import exposure
 from bench.training import Bits, load_texture, round_after, store_texture
 from bench.training.quantise import pack, unpack
-from bench.training.reading import blocks
-from bench.training.svd import Factors, strongest, truncated_svd
+from bench.training.svd import Factors, strongest
 
 LOG_GAIN = 8.0  # the suite's log domain: log1p(8 · exposure · x)
 LARGE = 4 << 30  # bytes of a matrix in float32; the components of a larger one are found in a part: see `_of_part`
@@ -55,8 +53,8 @@ class PCA(Codec):
         log = self.settings.domain == "log"
         gain = LOG_GAIN * exposure(btf, fit.seed) if log else 1.0
         large = 12 * len(btf) * btf.shape[0] * btf.shape[1] > LARGE and not fit.density
-        level, count = gain if log else None, self.settings.components
-        factors = self._of_part(btf, fit, level) if large else self._of_all(btf, fit, level, count)
+        level = gain if log else None
+        factors = self._of_part(btf, fit, level) if large else self._of_all(btf, fit, level)
         bits, texture = self.settings.bits, factors.coefficients.T.unflatten(0, btf.shape)
         mean, basis = factors.mean.reshape(-1, 3), factors.basis.unflatten(0, (-1, 3))
         pairs, values = probed(btf, fit, level)
@@ -76,22 +74,19 @@ class PCA(Codec):
             other={"gain": torch.tensor([gain]), **pack_layout(btf.layout)},
         )
 
-    def _of_all(self, btf: BTF, fit: Fit, gain: float | None, components: int) -> Factors:
-        read, shape = partial(blocks, btf, fit, gain=gain), (3 * len(btf), btf.shape[0] * btf.shape[1])
-        passes = self.settings.passes
-        return truncated_svd(read, shape, components, passes, fit.generator(), fit.device, fit.row_weights)
+    def _of_all(self, btf: BTF, fit: Fit, gain: float | None, spare: int = 0) -> Factors:
+        return principal(btf, fit, gain, self.settings.components + spare, self.settings.passes)
 
     def _of_part(self, btf: BTF, fit: Fit, gain: float | None) -> Factors:
         """The components of a whole measurement, for which four readings would take a quarter of an hour.
 
         More components than requested are found in some pairs; then all pairs are fitted by them at some texels, which
-        shows the strongest ones. A row of a hundred numbers is fitted to 16,384 texels: its error grows by 0.6 %.
+        shows the strongest ones; the error of a row grows by 0.6 %.
         """
-        pairs, texels = (
-            torch.randperm(count, generator=fit.generator())[:most].sort().values
-            for count, most in ((len(btf), PART_PAIRS), (btf.shape[0] * btf.shape[1], PART_TEXELS))
-        )
-        factors = self._of_all(btf.subset(pairs.numpy()), fit, gain, self.settings.components + SPARE)
+        counts = ((len(btf), PART_PAIRS), (btf.shape[0] * btf.shape[1], PART_TEXELS))
+        orders = (torch.randperm(count, generator=fit.generator())[:most] for count, most in counts)
+        pairs, texels = (order.sort().values for order in orders)
+        factors = self._of_all(btf.subset(pairs.numpy()), fit, gain, SPARE)
         known = functional.pad(factors.coefficients[:, texels].double(), (0, 0, 1, 0), value=1.0)  # the mean's is 1
         solve = torch.linalg.pinv(known).T.float()
         place, rows = np.divmod(texels.numpy(), btf.shape[1]), []

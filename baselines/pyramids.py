@@ -11,6 +11,8 @@ from bench.btf import BTF
 from bench.codec import Fit
 from bench.training import Batch, Samples
 
+Queries = tuple[Tensor, Tensor, Tensor, Tensor]  # uv (n, 2) in [0, 1], wo and wi (n, 3), level of detail (n,)
+
 
 def level_count(size: tuple[int, int]) -> int:
     """Levels over a picture (H, W): each halves both sides, and none of them goes below a texel."""
@@ -22,17 +24,19 @@ def fitted_levels(btf: BTF, fit: Fit, count: int) -> int:
     return min(count, fit.density.levels(max(btf.shape))) if fit.density else count
 
 
-def drawn(levels: Sequence[Samples], count: int, share: int, generator: torch.Generator) -> list[tuple[int, Batch]]:
-    """`count` random samples, by level: one of `share` is of a random coarser level, if there is one."""
+def drawn(levels: Sequence[Samples], count: int, share: int, generator: torch.Generator) -> tuple[Queries, Tensor]:
+    """The queries and targets of random samples; one of `share` is of a random coarser level, if there is one."""
     coarse = count // share if len(levels) > 1 else 0
     batches = [(0, levels[0].draw(count - coarse, generator))]
     if coarse:
         level = int(torch.randint(1, len(levels), (), generator=generator))
         batches.append((level, levels[level].draw(coarse, generator)))
-    return batches
+    uv, wo, wi, whole = zip(*(queries_of(levels, *batch) for batch in batches), strict=True)
+    queries = torch.cat(uv), torch.cat(wo), torch.cat(wi), torch.cat(whole)
+    return queries, torch.cat([batch.target for _, batch in batches])
 
 
-def queries_of(levels: Sequence[Samples], level: int, batch: Batch) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def queries_of(levels: Sequence[Samples], level: int, batch: Batch) -> Queries:
     """uv, wo, wi and level of a batch of a level. Its texels are boxes of finest texels, which may be incomplete."""
     samples, factor, (height, width) = levels[level], 2**level, levels[0].shape
     row = batch.texel.div(samples.shape[1], rounding_mode="floor")
@@ -49,9 +53,9 @@ class Levels(nn.Module):
         self.levels = [(size[0] >> level, size[1] >> level) for level in range(levels)]
         self.counts = counts = [height * width for height, width in self.levels]
         self.side = max(size)
+        starts = [sum(counts[:i]) for i in range(levels)]
         self.register_buffer("sizes", torch.tensor(self.levels), persistent=False)
-        starts = torch.tensor([sum(counts[:i]) for i in range(levels)])
-        self.register_buffer("starts", starts, persistent=False)
+        self.register_buffer("starts", torch.tensor(starts), persistent=False)
 
     sizes: Tensor
     starts: Tensor
@@ -75,6 +79,23 @@ class Levels(nn.Module):
         above, before = 1 - down, 1 - across
         return index, torch.stack([above * before, above * across, down * before, down * across], 1)
 
+    def around(self, uv: Tensor, level: Tensor) -> tuple[Tensor, Tensor]:
+        """Rows of the table and weights, (n, 4) at whole numbers as levels (n,), (n, 8) between two at real ones."""
+        lower = level.long()
+        index, weight = self.corners(uv, lower)
+        if level.is_floating_point():
+            share = (level - lower)[:, None]
+            upper, upper_weight = self.corners(uv, (lower + 1).clamp_max(len(self.levels) - 1))
+            index = torch.cat([index, upper], 1)
+            weight = torch.cat([weight * (1 - share), upper_weight * share], 1)
+        return index, weight
+
+
+def mixed(table: Tensor, index: Tensor, weight: Tensor) -> Tensor:
+    """The sums (n, C) of weighted rows (n, k) of a table; an embedding bag's gradient takes more than twice as long."""
+    corners = table.index_select(0, index.flatten()).unflatten(0, index.shape)
+    return (corners * weight[..., None].to(table.dtype)).sum(1)
+
 
 class Pyramid(Levels):
     """A texture and its box-filtered levels; a file holds only the finest."""
@@ -92,20 +113,8 @@ class Pyramid(Levels):
         return torch.cat(tables)
 
     def fetch(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
-        """Values (n, C) of a table at uv (n, 2) in [0, 1], bilinear, periodic, and linear between two levels.
-
-        A fit asks for whole numbers as levels: only these one levels are then read.
-        """
-        lower = level.long()
-        share = (level - lower)[:, None]
-        near, near_weight = self.corners(uv, lower)
-        if table.requires_grad and not level.is_floating_point():
-            # The gradient of a bag or a matrix product takes longer than that of this sum.
-            corners = table.index_select(0, near.flatten()).unflatten(0, near.shape)
-            return (near_weight.to(table.dtype)[:, :, None] * corners).sum(1)
-        far, far_weight = self.corners(uv, (lower + 1).clamp_max(len(self.levels) - 1))
-        index = torch.cat([near, far], 1)
-        weight = torch.cat([near_weight * (1 - share), far_weight * share], 1).to(table.dtype)
+        """Values (n, C) of a table at uv (n, 2) in [0, 1], bilinear, periodic, and linear between two levels."""
+        index, weight = self.around(uv, level)
         if not table.requires_grad:
-            return functional.embedding_bag(index, table, per_sample_weights=weight, mode="sum")
-        return torch.einsum("nk,nkc->nc", weight, table[index])
+            return functional.embedding_bag(index, table, per_sample_weights=weight.to(table.dtype), mode="sum")
+        return mixed(table, index, weight)  # a bag's gradient would take longer

@@ -1,7 +1,7 @@
 """Common parts of Rainer's two codecs: the encoder of ABRDFs, the decoder's inputs and output, the fit, the material.
 
-An encoder maps a texel's ABRDF to latents. Six further channels hold the mean and the deviation of its log radiance in
-each colour. The decoder maps latents and two directions to a colour, scaled by the deviation and shifted by the mean.
+An encoder maps a texel's ABRDF to latents; six further channels hold the mean and the deviation of its log radiance.
+The decoder maps latents and two directions to a colour, scaled by the deviation and shifted by the mean.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from bench.codec import Fit
 from bench.directions.interpolation import stereographic
 from bench.inputs.settings import BatchSize, Natural, Positive
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
-from bench.training import Batch, Loss, Optimiser, Samples, TextureObjective, distance, groups_of
+from bench.training import Batch, Loss, NetworkSettings, Samples, TextureObjective, distance, groups_of
 from bench.training.decoder import LEAK, Architecture, Decoder
 from bench.training.inputs import direction_inputs
 
@@ -80,21 +80,19 @@ def coordinates(wo: Tensor, wi: Tensor, directions: Directions = "stereographic"
     return torch.cat(direction_inputs(wo, wi, directions), 1)
 
 
-def radiance(decoder: Decoder, latents: Tensor, stats: Tensor, where: Tensor) -> Tensor:
-    """Log radiance (n, 3) of latents (n, D), statistics (n, 6), and coordinates of directions (n, 4)."""
-    mean, deviation = stats.chunk(2, 1)
+def radiance(decoder: Decoder, rows: Tensor, where: Tensor) -> Tensor:
+    """Log radiance (n, 3) of latents and statistics (n, D + 6) at coordinates of directions (n, k)."""
+    latents, mean, deviation = rows.tensor_split([-STATISTICS, -3], dim=1)
     return mean + deviation * decoder(torch.cat([latents, where], 1))
 
 
 @dataclass(frozen=True)
-class RainerSettings:
+class RainerSettings(NetworkSettings):
     """The settings of a fit of Rainer's networks."""
 
     steps: Natural = 10_000  # steps of the fit
     texels: BatchSize = 64  # ABRDFs encoded in a step
     pairs: BatchSize = 32  # pairs decoded of each of them
-    optimiser: Optimiser = "muon"  # of the decoder's hidden matrices; Adam takes all others
-    hidden_rate: Positive = 2e-2  # highest learning rate of Muon
     rate: Positive = 3e-3  # highest learning rate
     loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
 
@@ -119,12 +117,12 @@ class Fitted(TextureObjective):
 
     def decode(self, latents: Tensor, batch: Batch) -> Tensor:
         """Log radiance (n, 3) of latents (n, D) at the texels and pairs of a batch."""
-        return radiance(self.network, latents, self.statistics[batch.texel].flatten(1), self.where(batch))
+        rows = torch.cat([latents, self.statistics[batch.texel].flatten(1)], 1)
+        return radiance(self.network, rows, self.where(batch))
 
     def answers(self, texture: Tensor, batch: Batch) -> Tensor:
         """Log radiance (n, 3) of a texture (texels, D + 6) of latents and statistics, at the pairs of a batch."""
-        latents, stats = texture.index_select(0, batch.texel).tensor_split([-STATISTICS], dim=1)
-        return radiance(self.network, latents, stats, self.where(batch))
+        return radiance(self.network, texture.index_select(0, batch.texel), self.where(batch))
 
 
 class Autoencoder(Fitted):
@@ -152,9 +150,9 @@ class Autoencoder(Fitted):
         return self.decode(self.encode(texel)[place], batch)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        settings, device = self.settings, self.samples.device
+        settings = self.settings
         texel = torch.randint(self.samples.trained, (settings.texels,), generator=generator)
-        texel = texel.to(device, non_blocking=True)
+        texel = texel.to(self.samples.device, non_blocking=True)
         batch = self.samples.draw_at(texel.repeat_interleave(settings.pairs), generator)
         latents = self.latents(texel).repeat_interleave(settings.pairs, 0)
         return distance(self.decode(latents, batch), batch.target, settings.loss)
@@ -170,5 +168,5 @@ class RainerMaterial(Material):
         self.decoder, self.texture, self.gain, self.directions = decoder, texture, gain, directions
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        latents, stats = sample_texture(self.texture, uv).tensor_split([-STATISTICS], dim=1)
-        return to_radiance(radiance(self.decoder, latents, stats, coordinates(wo, wi, self.directions)), self.gain)
+        rows, where = sample_texture(self.texture, uv), coordinates(wo, wi, self.directions)
+        return to_radiance(radiance(self.decoder, rows, where), self.gain)

@@ -2,8 +2,7 @@
 
 An encoder maps each texel's ABRDF to a few latents, a decoder maps latents and two directions to colour; both are
 fitted together, one pair of networks per material. Only the decoder is stored; it has the published 35,725 parameters.
-Details that no available text confirms are settings or constants here and in `baselines.rainer`: the encoder's layers,
-the activation, the loss, the optimiser, and the six further channels.
+Details that no available text confirms are settings or constants here and in `baselines.rainer`.
 """
 
 from dataclasses import dataclass
@@ -18,22 +17,10 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.inputs.settings import Natural, Positive, Width
 from bench.material import Material
-from bench.training import (
-    Batch,
-    Bits,
-    Rounding,
-    Samples,
-    distance,
-    first_latents,
-    gain_of,
-    load_texture,
-    round_after,
-    store_texture,
-    train,
-)
+from bench.training import Batch, Samples, distance, first_latents, gain_of, train
 from bench.training.decoder import Architecture, Decoder, load_network
 from bench.training.fitting import ROUNDING_SAMPLES
-from bench.training.quantise import WeightPrecision
+from bench.training.stored_texture import Bits, Rounding, load_texture, round_after, store_texture
 
 
 class Rainer2019(Codec):
@@ -69,7 +56,6 @@ class Rainer2019(Codec):
         latent_rate: Positive = 1e-2  # highest learning rate of latents that no encoder makes
         activation: rainer.Activation = "leaky-relu"  # activation of the decoder's hidden layers
         bits: Bits = 0  # bits of a stored latent, mean or deviation on average; 0: chosen by the fit; 16, 32: floats
-        weights: WeightPrecision = "half"  # precision of the stored decoder
 
         @property
         def architecture(self) -> Architecture:

@@ -1,9 +1,8 @@
 """Rainer et al., "Unified neural encoding of BTFs" (Computer Graphics Forum 39(2), 2020).
 
 One encoder and one decoder for all materials, trained once (`neubtf-bench pretrain rainer2020`) and kept in a file of
-their own; the decoder has the published 38,269 parameters. A new material is a forward pass: its ABRDFs are resampled
-to the canonical pairs of the shared file, so any set of directions can be used, and encoded texel by texel. Details
-that no available text confirms are settings or constants here and in `baselines.rainer`.
+their own; the decoder has the published 38,269 parameters. A new material's ABRDFs are resampled to the canonical pairs
+of that file and encoded. Details that no text confirms are settings or constants here and in `baselines.rainer`.
 """
 
 from collections.abc import Sequence
@@ -24,7 +23,6 @@ from bench.material import Material
 from bench.training import Batch, Bits, Optimiser, Samples, gain_of, load_texture, round_after, store_texture, train
 from bench.training.decoder import Decoder, load_network, store_network
 from bench.training.fitting import ROUNDING_SAMPLES
-from bench.training.quantise import WeightPrecision
 
 CANONICAL = 25  # views, and lights, of the pairs that the encoder sees
 CHECKED = 128  # pairs of a material at which the decoder's answers are checked during encoding
@@ -45,7 +43,6 @@ class Rainer2020Network(SharedNetwork):
         kept: Count = 512  # training ABRDFs of each material
         latents: Width = 32  # channels that the encoder makes
         activation: rainer.Activation = "leaky-relu"  # activation of the decoder's hidden layers
-        weights: WeightPrecision = "half"  # precision of the stored networks
 
     def train(self, btfs: Sequence[BTF], fit: Fit) -> Parts:
         canonical = canonical_pairs()
@@ -85,14 +82,12 @@ class Rainer2020(Codec):
         samples = Samples(btf, gain, fit)
         coder = Coder(network, samples).to(fit.device)
         blocks = torch.arange(samples.texels, device=fit.device).split(rainer.BLOCK)
-        rows = [coder(samples.abrdfs(block)) for block in fit.progress(blocks, "encoding")]
-        texture = torch.cat(rows)
+        texture = torch.cat([coder(samples.abrdfs(block)) for block in fit.progress(blocks, "encoding")])
         batch = samples.draw(ROUNDING_SAMPLES, fit.generator())
         where = rainer.coordinates(samples.wo, samples.wi)[batch.pair]
 
         def answers(texture: Tensor) -> Tensor:
-            latents, stats = texture.index_select(0, batch.texel).tensor_split([-rainer.STATISTICS], dim=1)
-            return rainer.radiance(coder.decoder, latents, stats, where)
+            return rainer.radiance(coder.decoder, texture.index_select(0, batch.texel), where)
 
         rounding = round_after(texture, self.settings.bits, answers, batch.target)
         return Parts(
@@ -114,13 +109,6 @@ def canonical_pairs() -> Layout:
     return Layout.of(np.repeat(side, CANONICAL, 0), np.tile(side, (CANONICAL, 1)))
 
 
-def encoder_of(network: TrainedNetwork) -> tuple[rainer.Encoder, Layout]:
-    """The encoder of a trained network, and the pairs that it sees."""
-    settings = Rainer2020Network(**network.settings).settings
-    canonical = unpack_layout(network.parts.encoder)
-    return load_network(rainer.Encoder(len(canonical.view), settings.latents), network.parts.encoder), canonical
-
-
 def decoder_of(network: TrainedNetwork) -> Decoder:
     """The decoder of a trained network."""
     settings = Rainer2020Network(**network.settings).settings
@@ -131,12 +119,14 @@ class Coder(torch.nn.Module):
     """Log ABRDFs (n, N, 3) of one material → its texture's channels (n, D + 6): latents, means, deviations.
 
     If the decoder's answer at the material's own pairs is worse than their mean, the mean is stored, with a deviation
-    of 0: the network may not know such a material, and interpolation by cosine makes a constant ABRDF vary.
+    of 0: the network may not know such a material.
     """
 
     def __init__(self, network: TrainedNetwork, samples: Samples):
         super().__init__()
-        self.encoder, canonical = encoder_of(network)
+        stored, settings = network.parts.encoder, Rainer2020Network(**network.settings).settings
+        canonical = unpack_layout(stored)
+        self.encoder = load_network(rainer.Encoder(len(canonical.view), settings.latents), stored)
         self.decoder = decoder_of(network)
         self.resampled = Resampler(samples.btf.layout, canonical)
         count = min(samples.pairs, CHECKED)
@@ -151,17 +141,14 @@ class Coder(torch.nn.Module):
         canonical, own = self.resampled(abrdfs), rainer.statistics(abrdfs)
         stats = rainer.statistics(canonical)
         latents = rainer.encoded(self.encoder, canonical, stats)
-        answers, truth, mean = self.answers(latents, stats), abrdfs[:, self.checked], own[:, :1]
+        count, where = len(self.where), self.where.repeat(len(latents), 1)
+        rows = torch.cat([latents, stats.flatten(1)], 1).repeat_interleave(count, 0)
+        answers = rainer.radiance(self.decoder, rows, where).unflatten(0, (-1, count))  # (n, P, 3)
+        truth, mean = abrdfs[:, self.checked], own[:, :1]
         usable = (answers - truth).square().mean(1) <= (mean - truth).square().mean(1)
         usable &= answers.amax(1).expm1() <= FIREFLY * abrdfs.amax(1).expm1()
         plain = torch.cat([mean, torch.zeros_like(mean)], 1)
         return torch.cat([latents, stats.where(usable[:, None], plain).flatten(1)], 1)
-
-    def answers(self, latents: Tensor, stats: Tensor) -> Tensor:
-        """The decoder's answers at the queried pairs, (n, P, 3)."""
-        count, where = len(self.where), self.where.repeat(len(latents), 1)
-        latent, statistic = (x.repeat_interleave(count, 0) for x in (latents, stats.flatten(1)))
-        return rainer.radiance(self.decoder, latent, statistic, where).unflatten(0, (-1, count))
 
 
 class Resampler(torch.nn.Module):
@@ -186,8 +173,7 @@ class Resampler(torch.nn.Module):
 class Pool(Samples):
     """Some texels of many BTFs: log ABRDFs at the canonical pairs to encode, and at other pairs to answer for.
 
-    Those of `fit.unseen` come last, and are used only for the curve. Texel t is of BTF `material[t]`; pair p of that
-    BTF has the decoder's coordinates `where[material[t], p]`.
+    Those of `fit.unseen` come last, for the curve. Pair p of texel t has the coordinates `where[material[t], p]`.
     """
 
     def __init__(self, btfs: Sequence[BTF], canonical: Layout, most: int, fit: Fit):

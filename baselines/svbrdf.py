@@ -137,13 +137,10 @@ class MapsMaterial(Material):
 
     def __init__(self, codes: Tensor, scale: float):
         size = (codes.shape[0], codes.shape[1])
-        self.codes = codes.to(torch.uint8)
-        pyramid = Pyramid(size)
-        table = pyramid.table(maps_of(codes.flatten(0, 1)))
+        self.codes, self.pyramid, self.scale = codes.to(torch.uint8), Pyramid(size), scale
+        self.table = table = self.pyramid.table(maps_of(codes.flatten(0, 1)))
         read = 8 * CHANNELS
-        cost = DecoderCost(0, CHANNELS, table.numel(), FLOPS + 2 * read, read * table.element_size())
-        super().__init__(size, cost)
-        self.pyramid, self.table, self.scale = pyramid, table, scale
+        super().__init__(size, DecoderCost(0, CHANNELS, table.numel(), FLOPS + 2 * read, read * table.element_size()))
 
     def maps(self) -> tuple[dict[str, np.ndarray], float]:
         codes = self.codes.cpu()

@@ -16,23 +16,10 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.inputs.settings import Count, Natural, NotNegative, Positive
 from bench.material import DecoderCost, Material, sample_texture, saturated, texel_corners, to_radiance
-from bench.training import (
-    RANDOM_SPREAD,
-    Batch,
-    Bits,
-    Loss,
-    Optimiser,
-    Rounding,
-    Samples,
-    Start,
-    TextureObjective,
-    first_latents,
-    fitted,
-    load_texture,
-    store_texture,
-)
+from bench.training import Batch, Loss, Samples, TextureObjective, TextureSettings, fitted
 from bench.training.decoder import Architecture, Decoder, load_network
-from bench.training.quantise import WeightPrecision
+from bench.training.initial_latents import RANDOM_SPREAD, Start, first_latents
+from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
 
 WIDTHS = (32, 32, 32)
 PAPER = {"bits": 8, "difference": "rusinkiewicz", "blur": 0.0, "start": "random", "optimiser": "adam", "loss": "l1"}
@@ -61,9 +48,8 @@ class TriplePlane(Codec):
     recipes: ClassVar = {"paper": PAPER}
 
     @dataclass(frozen=True)
-    class Settings:
+    class Settings(TextureSettings):
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its difference vector, loss, random planes, no blur, Adam
-        steps: Natural = 2_500  # steps of the fit
         batch: Count = 4_096  # samples a step
         patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
         channels: Count = 8  # of each plane
@@ -71,13 +57,9 @@ class TriplePlane(Codec):
         difference: Difference = "nearest"  # turn to the half vector: about z, then y as published, or the shortest way
         blur: NotNegative = 5.0  # σ in texels of the planes over directions, so that neighbours fill unseen directions
         start: Start = "mixed"  # start of the planes: the directions and components or both; or random
-        optimiser: Optimiser = "muon"  # of the network's hidden matrices; Adam takes all others
-        hidden_rate: Positive = 2e-2  # highest learning rate of Muon
-        rate: Positive = 1e-2  # highest learning rate of the network
         plane_rate: Positive = 1e-2  # highest learning rate of the planes
         loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
         bits: Bits = 0  # bits of a stored number of the planes on average; 0: chosen by the fit; 16, 32: floats
-        weights: WeightPrecision = "half"  # precision of the stored network
 
         @property
         def architecture(self) -> Architecture:
@@ -115,15 +97,16 @@ class TriplePlaneObjective(TextureObjective):
             first[..., : min(2, channels)] = place[..., :channels]
         self.free = nn.Parameter(first)
         self.rounded_texture, self.rounded_planes = (Rounding(channels, settings.bits) for _ in range(2))
-        self.kernel: Tensor
-        self.register_buffer("kernel", blurring(side, settings.blur), persistent=False)
         uv = [places(w, side).cpu() for w in half_and_difference(samples.wo, samples.wi, settings.difference)]
-        corners = [texel_corners((side, side), each) for each in uv]
-        self.texel: Tensor
-        self.weight: Tensor
-        index = torch.stack([texel + plane * side * side for plane, (texel, _) in enumerate(corners)], 1)
-        self.register_buffer("texel", index, persistent=False)  # (N, 2, 4)
-        self.register_buffer("weight", torch.stack([weight for _, weight in corners], 1), persistent=False)
+        corners = zip(*(texel_corners((side, side), each) for each in uv), strict=True)
+        texel, weight = (torch.stack(both, 1) for both in corners)
+        texel += torch.tensor([[0], [side * side]])
+        for name, values in {"kernel": blurring(side, settings.blur), "texel": texel, "weight": weight}.items():
+            self.register_buffer(name, values, persistent=False)
+
+    kernel: Tensor
+    texel: Tensor  # (N, 2, 4), as the next
+    weight: Tensor
 
     def planes(self) -> Tensor:
         """The planes (2, side, side, C) over the half and the difference vector, blurred."""

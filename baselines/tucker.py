@@ -2,19 +2,19 @@
 
 TensorTextures (Vasilescu and Terzopoulos, SIGGRAPH 2004) factors texels × views × lights by one singular value
 decomposition a mode; Wang et al. ("Out-of-core tensor approximation of multi-dimensional matrices of visual data",
-SIGGRAPH 2005) continue with alternating least squares, known as HOOI. Here the texels' components come from the suite's
-decomposition of the matrix of ABRDFs, which is small enough to alternate in memory. The three colours stay whole.
+SIGGRAPH 2005) continue with alternating least squares, known as HOOI. Here this begins with the principal components of
+the texels, which fit in memory. The three colours stay whole.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import ClassVar, Literal
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-from baselines.components import ComponentsMaterial, probed, rounded_coefficients
+from baselines.components import ComponentsMaterial, principal, probed, rounded_coefficients
 from bench.btf import BTF, Layout
 from bench.codec import Codec, Fit, Parts
 from bench.directions.interpolation import PairInterpolator, pack_layout, unpack_layout
@@ -22,8 +22,7 @@ from bench.inputs.settings import Count, Natural
 from bench.material import DecoderCost, Material, at_least_float32, saturated
 from bench.training import Bits, Rounding, gain_of, load_texture, store_texture
 from bench.training.quantise import WeightPrecision, pack, unpack
-from bench.training.reading import blocks
-from bench.training.svd import Factors, truncated_svd
+from bench.training.svd import Factors
 
 PASSES = 4  # passes over the data, one if they are small
 OVERSAMPLED = 2  # components of the texels that the alternation chooses from, as a multiple of those kept
@@ -61,9 +60,8 @@ class Tucker(Codec):
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         settings, layout = self.settings, btf.layout
         gain = gain_of(btf, fit)
-        read = partial(blocks, btf, fit, gain=gain if settings.domain == "log" else None)
-        shape, rank = (3 * len(btf), btf.shape[0] * btf.shape[1]), OVERSAMPLED * settings.components
-        factors = truncated_svd(read, shape, rank, PASSES, fit.generator(), fit.device, fit.row_weights)
+        level = gain if settings.domain == "log" else None
+        factors = principal(btf, fit, level, OVERSAMPLED * settings.components, PASSES)
         tensor, turn = _tensor(factors, layout)
         ranks = _ranks(settings, layout)
         texel, view, light, core = factored(tensor, (settings.components, *ranks), settings.alternations)
@@ -71,10 +69,10 @@ class Tucker(Codec):
         # Coefficients in [−1, 1], as in `pca`, so that eight bits suit all slices of the core equally.
         scale = coefficients.abs().amax(0).clamp_min(torch.finfo(torch.float32).tiny)
         core[1:] *= scale[:, None, None, None]
-        core[0] /= shape[1] ** 0.5
+        core[0] /= len(coefficients) ** 0.5
         core = core.permute(1, 2, 3, 0).contiguous()
         coefficients, bits = (coefficients / scale).reshape(*btf.shape, -1), settings.bits
-        pairs, values = probed(btf, fit, gain if settings.domain == "log" else None)
+        pairs, values = probed(btf, fit, level)
         joined = [mode[index[pairs]] for mode, index in zip((view, light), _modes(layout), strict=True)]
         rows = torch.einsum("pj,pm,jmck->pck", *joined, core).flatten(0, 1)
         rounding = rounded_coefficients(coefficients, bits, rows[:, :1], rows[:, 1:], values)
@@ -150,10 +148,7 @@ def factored(tensor: Tensor, ranks: tuple[int, int, int], alternations: int) -> 
 
 
 def _signed(basis: Tensor) -> Tensor:
-    """A basis (size, ≤ size); the sign of each vector is chosen to be positive along 1, ½, ⅓, …
-
-    Rounding decides the sign in a decomposition, and eight bits would then divide another range.
-    """
+    """A basis (size, ≤ size), each vector positive along 1, ½, ⅓, …: in a decomposition rounding decides the sign."""
     along = 1 / torch.arange(1, len(basis) + 1, dtype=basis.dtype, device=basis.device)
     return basis * torch.where(along @ basis < 0, -1.0, 1.0)
 
@@ -161,10 +156,10 @@ def _signed(basis: Tensor) -> Tensor:
 def rounding_with_zero(values: Tensor, bits: int) -> Rounding:
     """The rounding of values (…, C) to 8 bits, with 0 among each channel's levels; `bits` above 8 are floats.
 
-    Most numbers of a core are nearly 0. If 0 were between two levels, all of them would be wrong to the same side.
+    Most numbers of a core are nearly 0: if 0 were between two levels, all would be wrong to the same side.
     """
-    flat, rounding = values.flatten(0, -2), Rounding(values.shape[-1], max(8, bits)).to(values.device)
-    low, high = flat.amin(0), flat.amax(0)
+    rounding = Rounding(values.shape[-1], max(8, bits)).to(values.device)
+    low, high = torch.aminmax(values.flatten(0, -2), dim=0)
     step = ((high - low) / 254).clamp_min(1e-12)
     for ours, chosen in ((rounding.low, (low / step).floor() * step), (rounding.step, step)):
         ours.copy_(chosen)
@@ -176,12 +171,7 @@ class TuckerMaterial(ComponentsMaterial):
     """Coefficients (H, W, K) bilinear over texels, components (N, J), (N, M) of pairs' views and lights, the core."""
 
     def __init__(
-        self,
-        texture: Tensor,
-        core: Tensor,
-        modes: tuple[Tensor, Tensor],
-        interpolator: PairInterpolator,
-        gain: float | None,
+        self, texture: Tensor, core: Tensor, modes: Sequence[Tensor], interpolator: PairInterpolator, gain: float | None
     ):
         components, joined = texture.shape[2], core.shape[0] * core.shape[1]
         directions = interpolator.reads * (core.shape[0] + core.shape[1])

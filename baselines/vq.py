@@ -65,24 +65,13 @@ class VQ(Codec):
         rows, codebook = torch.from_numpy(np.stack(labels, 1)) + starts, torch.cat(books)
         pairs, values = probed(btf, fit, gain)
         some = slice(None, None, -(-len(rows) // PROBED_TEXELS))
-        rounding = round_after(
-            codebook[:, pairs],
-            self.settings.bits,
-            lambda book: book[rows[some]].sum(1).flatten(1),
-            values[:, some].T.cpu(),
-        )
+        target, bits = values[:, some].T.cpu(), self.settings.bits
+        rounding = round_after(codebook[:, pairs], bits, lambda book: book[rows[some]].sum(1).flatten(1), target)
+        size, codes = (torch.tensor(numbers, dtype=torch.int32) for numbers in (btf.shape, counts))
         return Parts(
             decoder=store_texture("codebook", codebook, rounding.fit_to(codebook)),
-            texture={
-                f"index{stage}": pack_index(label, count)
-                for stage, (label, count) in enumerate(zip(labels, counts, strict=True))
-            },
-            other={
-                "gain": torch.tensor([gain]),
-                "size": torch.tensor(btf.shape, dtype=torch.int32),
-                "codes": torch.tensor(counts, dtype=torch.int32),
-                **pack_layout(btf.layout),
-            },
+            texture={f"index{s}": pack_index(*each) for s, each in enumerate(zip(labels, counts, strict=True))},
+            other={"gain": torch.tensor([gain]), "size": size, "codes": codes, **pack_layout(btf.layout)},
         )
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
@@ -123,10 +112,8 @@ class VQMaterial(Material):
         pair, share = self.interpolator.shares(wo, wi)
         row = self.rows[texel][..., None] * self.pairs + pair[:, None, None]
         weight = texel_weight[:, :, None, None].to(share.dtype) * share[:, None, None]
-        weight = weight.expand(row.shape).to(self.codebook.dtype)
-        mixed = functional.embedding_bag(
-            row.flatten(1), self.codebook, per_sample_weights=weight.flatten(1), mode="sum"
-        )
+        weight = weight.expand(row.shape).to(self.codebook.dtype).flatten(1)
+        mixed = functional.embedding_bag(row.flatten(1), self.codebook, per_sample_weights=weight, mode="sum")
         level = saturated(mixed).to(share.dtype).clamp_min(0)  # shares in halves may add up to more than 1
         return to_radiance(level, self.gain) * (wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level))
 

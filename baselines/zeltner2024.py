@@ -1,9 +1,9 @@
 """Zeltner et al., "Real-time neural appearance models" (ACM Trans. Graph. 43(3), 2024).
 
 Eight latents a texel make two shading frames, into which both directions are turned; latents and turned directions
-enter a network of two hidden layers. `edition` chooses between the article and the authors' code of 2026. The authors'
-encoder maps the parameters of a layered material to latents. BTFs have no such parameters, so the texture is free, as
-in their second stage. See docs/recipes.md for other open details.
+enter a network of two hidden layers. `edition` chooses between the article and the authors' code of 2026. BTFs have no
+parameters of a layered material for the authors' encoder, so the texture is free, as in their second stage. See
+docs/recipes.md for other open details.
 """
 
 import math
@@ -19,22 +19,10 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.inputs.settings import Count, Natural
 from bench.material import HIGHEST_LEVEL, DecoderCost, Material, at_least_float32, sample_texture, to_radiance
-from bench.training import (
-    Batch,
-    Bits,
-    FitSettings,
-    Rounding,
-    Samples,
-    TextureObjective,
-    distance,
-    first_latents,
-    fitted,
-    load_texture,
-    store_texture,
-)
+from bench.training import Batch, FitSettings, Samples, TextureObjective, distance, first_latents, fitted
 from bench.training.decoder import Activation, Architecture, Decoder, load_network
 from bench.training.frames import Frames
-from bench.training.quantise import WeightPrecision
+from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
 
 BRIGHTEST = 1e5  # gain · radiance that the sigmoid of the authors' code can answer
 PAPER = {"edition": "code", "halfway": False, "layers": 2, "width": 16, "activation": "smelu", "bits": 8}
@@ -74,7 +62,6 @@ class Zeltner2024(Codec):
         width: Count = 32  # channels of each hidden layer
         activation: Activation = "leaky-relu"  # activation of the hidden layers
         bits: Bits = 0  # bits of a stored latent on average; 0: chosen by the fit; 16, 32: floats
-        weights: WeightPrecision = "half"  # precision of the stored network
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         fitting = fitted(Zeltner2024Objective, self.settings, btf, fit)

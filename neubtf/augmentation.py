@@ -32,10 +32,9 @@ class Window:
         """A random window in pictures of a shape (H, W), rescaled by `scale`.
 
         The window has at most `largest` texels a side, in multiples of the autoencoder's stride if it can, and `around`
-        more around them, because the autoencoder pads its input circularly, and a cut side does not repeat: with 16 the
-        root mean square difference of latents from those of the whole picture is 1e-4 of their deviation, with none
-        0.15. A side that would need all its texels is taken whole. The inner texels reach over the border only if the
-        picture is periodic; the surroundings always do, because the autoencoder sees the whole picture so.
+        more around them, because a cut side does not repeat: with 16 the root mean square difference of latents from
+        those of the whole picture is 1e-4 of their deviation, with none 0.15. A side that would need all its texels is
+        taken whole. The inner texels reach over the border only if the picture is periodic, the surroundings always.
         """
         places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
         sides = [_Side.drawn(*each, largest, scale, periodic, around) for each in zip(shape, places, strict=True)]
@@ -61,10 +60,8 @@ class Window:
 
     def texels(self, shape: tuple[int, int]) -> Tensor:
         """The source's texels (n,) in a picture of a shape (H, W), as row · W + column, row by row."""
-        row, col = (
-            torch.arange(first, first + count) % side
-            for first, count, side in zip(self.corner, self.source, shape, strict=True)
-        )
+        axes = zip(self.corner, self.source, shape, strict=True)
+        row, col = (torch.arange(first, first + count) % side for first, count, side in axes)
         return (row[:, None] * shape[1] + col).flatten()
 
     def taps(self, texel: Tensor) -> tuple[Tensor, Tensor]:
@@ -99,8 +96,7 @@ class _Side(NamedTuple):
         beyond = math.ceil(around / scale)
         size = _fitting(min(round(side * scale), largest))
         source = min(round(size / scale), side)
-        # At its own scale a side that is not a multiple of the stride is cut, because the autoencoder would pad it by
-        # more.
+        # At its own scale a side that is not a multiple of the stride is cut: the autoencoder would pad it by more.
         if source < side <= source + 2 * beyond and (scale < 1 or side % STRIDE == 0):
             size, source = _fitting(round(side * scale)), side
         corner = int(place * (side if periodic else side - source + 1))
@@ -147,16 +143,11 @@ class Disturbance:
 
 
 def turned(pictures: Tensor, turn: float) -> Tensor:
-    """Pictures (B, 3, H, W) with their hue turned by a share of the wheel, around the grey axis: grey stays grey.
-
-    A third of a turn makes red green, green blue, and blue red. The channels' mean stays; values are clipped to [0, 1].
-    """
+    """Pictures (B, 3, H, W) with their hue turned by a share of the wheel, clipped to [0, 1]; grey stays grey."""
     angle = 2 * math.pi * turn
     # Rodrigues' rotation around (1, 1, 1)/√3: cos + (1 − cos)/3 on the diagonal, (1 − cos)/3 ± sin/√3 beside it.
-    same, less, more = (
-        (1 - math.cos(angle)) / 3 + part
-        for part in (math.cos(angle), -math.sin(angle) / math.sqrt(3), math.sin(angle) / math.sqrt(3))
-    )
+    parts = (math.cos(angle), -math.sin(angle) / math.sqrt(3), math.sin(angle) / math.sqrt(3))
+    same, less, more = ((1 - math.cos(angle)) / 3 + part for part in parts)
     matrix = torch.tensor([[same, less, more], [more, same, less], [less, more, same]], dtype=pictures.dtype)
     matrix = matrix.to(pictures.device, non_blocking=True)
     return torch.einsum("ij,bjhw->bihw", matrix, pictures).clamp(0, 1)

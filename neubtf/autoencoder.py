@@ -4,19 +4,9 @@ A light U-Net of ConvNeXt blocks, as in Rodriguez-Pardo et al., "NeuBTF", 2023: 
 GELU, residuals scaled by 1/√2 everywhere (Karras et al., "StyleGAN2", 2020), 1×1 convolutions on the skips, CBAM
 attention at the bottleneck (Woo et al., 2018), nearest-neighbour upsampling, circular padding, orthogonal weights.
 
-**Whole pictures:** `texture = autoencoder(guidance)`.
-
-**Tiles.** Everything is local except one pooling over the whole picture for CBAM, so tiles take two passes:
-
-    pooled = None
-    for tile in tiles:                           # with HALO texels of the periodic picture around each
-        here = Pooled.of_cells(autoencoder.encode(tile).deep[..., inner cells])
-        pooled = here if pooled is None else pooled.joined(here)
-    for tile in tiles:
-        texture = autoencoder.decode(autoencoder.encode(tile), pooled)[..., inner texels]
-
-Tiles begin and end at multiples of STRIDE, cells are texels / STRIDE, and the outer HALO of the result is invalid. A
-texel depends only on the guidance within RADIUS texels, in rows and in columns, and on `pooled`.
+Everything is local except one pooling over the whole picture for CBAM, so tiles, with HALO texels of the periodic
+picture around each, take two passes: see `neubtf.propagation`. Tiles begin and end at multiples of STRIDE. A texel
+depends only on the guidance within RADIUS texels, in rows and in columns, and on what is pooled.
 """
 
 import math

@@ -1,8 +1,7 @@
 """NeuBTF: an autoencoder makes the neural texture from a guidance image; has our recipe and the paper's.
 
-The autoencoder, with its weights as stored, makes the file's texture from one slice of the BTF. The paper fits
-autoencoder and renderer end to end; `neubtf.training` fits in stages, with better quality in the same time. A file that
-holds the autoencoder (`keep_encoder`) can be re-textured.
+The autoencoder, with its weights as stored, makes the file's texture from one slice of the BTF. A file that holds the
+autoencoder (`keep_encoder`) can be re-textured.
 """
 
 import logging
@@ -92,10 +91,9 @@ def texture_of(stored: dict[str, Tensor], channels: int, device: torch.device) -
 
 
 def guiding_pair(samples: Samples) -> int:
-    """The pair whose slice is the guidance: the most frontal one with enough contrast.
+    """The pair whose slice is the guidance: the most frontal with at least `TELLING` times the best contrast of others.
 
-    This is the most frontal pair of all, unless its slice has less than `TELLING` times the contrast of the best other
-    slice: a texture made from such a slice would be nearly constant.
+    A texture made from a slice of less would be nearly constant.
     """
     some = range(0, samples.pairs, -(-samples.pairs // TRIED))
     least = TELLING * max(_contrast(samples, pair) for pair in some)

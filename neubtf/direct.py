@@ -12,16 +12,8 @@ from torch import Tensor, nn
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.material import Material
-from bench.training import (
-    Batch,
-    DirectedObjective,
-    FitSettings,
-    Rounding,
-    Samples,
-    first_latents,
-    fitted,
-    store_texture,
-)
+from bench.training import Batch, DirectedObjective, FitSettings, Samples, first_latents, fitted
+from bench.training.stored_texture import Rounding, store_texture
 from neubtf.renderer import RendererSettings, load
 
 PAPER = {"bits": 8, "directions": "xy", "start": "random", "optimiser": "adam", "loss": "l1", "steps": 10_000}

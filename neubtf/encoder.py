@@ -5,8 +5,7 @@ It is a part of a NeuBTF file that is needed for new textures of the material, b
     encoder, picture = read_encoder(path)             # a file written with keep_encoder = true, and its own guidance
     texture = encoder(as_guidance(picture))           # (1, D, H, W)
 
-Guidance images are sRGB in [0, 1], (B, 3, H, W). For tiles, see `neubtf.autoencoder`, with `encoder.prepared(guidance)`
-instead of the guidance and `encoder.autoencoder`.
+Guidance images are sRGB in [0, 1], (B, 3, H, W). For tiles, see `neubtf.propagation`.
 """
 
 from pathlib import Path
@@ -24,10 +23,7 @@ LEAST_SPREAD = 1 / 255  # least deviation, because that of a guidance image of o
 
 
 class Encoder(nn.Module):
-    """Guidance images (B, 3, H, W), sRGB in [0, 1] → neural textures (B, D, H, W).
-
-    `centre` and `spread` bring every guidance image to the same scale.
-    """
+    """Guidance images (B, 3, H, W), sRGB in [0, 1], brought to one scale → neural textures (B, D, H, W)."""
 
     def __init__(self, autoencoder: Autoencoder, centre: float, spread: float):
         super().__init__()
@@ -39,8 +35,7 @@ class Encoder(nn.Module):
     def for_guidance(cls, guidance: Tensor, autoencoder: Autoencoder) -> "Encoder":
         """An encoder to which a guidance image (1, 3, H, W) has mean 0 and deviation 1, the mean of its channels'.
 
-        The deviation over all slices would include the differences between slices, and a slice of little contrast would
-        then be nearly constant. The bias of the autoencoder's head changes: each channel's mean becomes 0.
+        The bias of the autoencoder's head changes: each channel's mean becomes 0.
         """
         spread = guidance[0].flatten(1).std(1, correction=0).mean().item()
         encoder, bias = cls(autoencoder, guidance.mean().item(), max(spread, LEAST_SPREAD)), autoencoder.head.bias
@@ -74,10 +69,7 @@ def load_encoder(tensors: dict[str, Tensor], channels: int) -> Encoder:
 
 
 def read_encoder(path: Path) -> tuple[Encoder, Tensor]:
-    """The encoder of a file, and the guidance image of its own texture, bytes (H, W, 3).
-
-    Raises `InputError` if the file has none, `ContainerError` if it is damaged.
-    """
+    """The encoder and the guidance, bytes (H, W, 3), of a file. `InputError` if none, `ContainerError` if damaged."""
     header, parts = container.read_parts(path)
     if header.codec != "neubtf":
         raise InputError(f"{path}: its codec is {header.codec}: only neubtf makes textures from guidance images")

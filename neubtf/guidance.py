@@ -28,14 +28,12 @@ MATCH, RADIANCE = "match", "radiance"
 class Treatment:
     """The preparation of a picture as guidance.
 
-    `scale` shrinks it (below 1) by area averages or enlarges it linearly. `margin` is the share of each side that is
-    blended away to make it tileable; 0 leaves the picture unchanged. `exposure` is a factor on linear values, or
-    `match`: the mean luminance becomes that of the material's own guidance; or `radiance`: the picture holds radiance
-    in the units of the fitted BTF, like its slices.
+    `exposure` is a factor on linear values, or `match`: the mean luminance becomes that of the material's own guidance;
+    or `radiance`: the picture holds radiance in the units of the fitted BTF, like its slices.
     """
 
-    scale: float = 1.0
-    margin: float = 0.0
+    scale: float = 1.0  # shrinks it (below 1) by area averages, or enlarges it linearly
+    margin: float = 0.0  # share of each side that is blended away to make it tileable; 0: none
     exposure: str = MATCH
 
     def __post_init__(self) -> None:
@@ -54,9 +52,8 @@ class Treatment:
 def read_guidance(path: Path, treatment: Treatment, own: Tensor, exposure: float) -> tuple[Tensor, dict[str, Any]]:
     """The guidance image (1, 3, H, W), sRGB in [0, 1], of a picture file, and its provenance for a file.
 
-    The material has a guidance image of its `own`, bytes (H, W, 3), and `exposure`, from radiance to the display. JPEG
-    and PNG of 8 or 16 bits are decoded as sRGB; EXR and Radiance `.hdr` are linear. Grey is repeated, alpha is left
-    out. `InputError` if it cannot be read, and before reading if the texture would have more than `LARGEST` texels.
+    The material has a guidance image of its `own`, bytes (H, W, 3), and `exposure`, from radiance to the display.
+    `InputError` if it cannot be read, and before reading if the texture would have more than `LARGEST` texels.
     """
     files = FolderFiles(path.parent)
     if not path.is_file():

@@ -17,10 +17,7 @@ WHITE = 255
 
 
 def standardised(texture: Tensor) -> Tensor:
-    """A texture (H, W, D) with each channel c at mean 0 and variance 1, through the paper's 1 / (e^(1 − c) + 1).
-
-    All is in (0, 1); a channel that is constant becomes 1 / (e + 1).
-    """
+    """A texture (H, W, D) with each channel c at mean 0 and variance 1 or 0, then the paper's 1 / (e^(1 − c) + 1)."""
     flat = texture.double().flatten(0, 1)
     deviation = flat.std(0, correction=0)
     steady = deviation <= 1e-6 * flat.abs().amax(0)
@@ -39,12 +36,10 @@ def sheet(texture: Tensor) -> np.ndarray:
     height, width, count = cells.shape
     columns = min(count, max(1, round(np.sqrt(count * (height + GAP) / (width + GAP)))))
     rows = -(-count // columns)
-    page = np.full((rows * (height + GAP) + GAP, columns * (width + GAP) + GAP), WHITE, np.uint8)
-    for channel in range(count):
-        row, col = divmod(channel, columns)
-        top, left = GAP + row * (height + GAP), GAP + col * (width + GAP)
-        page[top : top + height, left : left + width] = cells[..., channel]
-    return page
+    framed = np.full((rows * columns, height + GAP, width + GAP), WHITE, np.uint8)
+    framed[:count, GAP:, GAP:] = cells.transpose(2, 0, 1)
+    page = framed.reshape(rows, columns, height + GAP, -1).swapaxes(1, 2).reshape(rows * (height + GAP), -1)
+    return np.pad(page, ((0, GAP), (0, GAP)), constant_values=WHITE)
 
 
 def draw(texture: Tensor, out: Path) -> None:

@@ -25,8 +25,7 @@ class Style(nn.Module):
     """The distance of two pictures' textures: the squared difference of Gram matrices (Gatys et al. 2016), averaged.
 
     The features are those of Ustyuzhaninov et al., "What does it take to generate natural textures?", 2017: one layer
-    of fixed random filters at several scales, rectified, so that no trained weights are needed. A Gram matrix holds the
-    mean product of each two features over all texels, so positions do not matter.
+    of fixed random filters at several scales, rectified, so that no trained weights are needed.
     """
 
     bank: Tensor  # (SCALES, FILTERS, 3, KERNEL, KERNEL)
@@ -40,10 +39,7 @@ class Style(nn.Module):
         self.register_buffer("bank", bank.reshape(SCALES, FILTERS, 3, KERNEL, KERNEL), persistent=False)
 
     def forward(self, ours: Tensor, theirs: Tensor, periodic: tuple[bool, bool] = (True, True)) -> Tensor:
-        """The distance of pictures that repeat, or not, in rows and in columns.
-
-        A scale at which a side that does not repeat is shorter than the filters is left out.
-        """
+        """The distance of pictures that repeat, or not, in rows and in columns, at scales that fit the filters."""
         distances = list[Tensor]()
         for scale, filters in enumerate(self.bank):
             if scale:
@@ -69,7 +65,7 @@ def focal_frequency(ours: Tensor, theirs: Tensor) -> Tensor:
     """Focal frequency loss (Jiang et al., "Focal frequency loss for image reconstruction and synthesis", 2021), α = 1.
 
     The mean of w · |F − F'|² over the orthonormal spectra F, F' of both pictures, with w = |F − F'| over its maximum in
-    each channel of each picture, held constant, so large errors weigh more.
+    each channel of each picture, held constant.
     """
     difference = torch.fft.fft2(ours - theirs, norm="ortho")
     squared = difference.real.square() + difference.imag.square()

@@ -1,7 +1,7 @@
 """Makes new neural textures of a fitted material: any guidance image in, a codec file out.
 
-The texture is made in tiles with halos, so working memory does not grow with the picture: one pass gathers the
-statistics that CBAM pools over the whole picture, and the next makes the texture.
+The texture is made in tiles with halos, so working memory does not grow with the picture: one pass gathers what CBAM
+pools over the whole picture, and the next makes the texture.
 """
 
 from collections.abc import Iterator
@@ -56,10 +56,9 @@ class FittedMaterial:
 def propagate(
     path: Path, picture: Path, out: Path, treatment: Treatment, show: Progress = silent, device: str = "cpu"
 ) -> Header:
-    """Write the material of a file with a new neural texture, made from a picture; see `Treatment`.
+    """Write the material of a file with a new neural texture, made from a picture; its provenance names both.
 
-    The provenance of the new file names its sources. Raises `InputError` for a file without autoencoder and for a
-    picture that cannot be read, and leaves nothing behind.
+    Raises `InputError` for a file without autoencoder and a picture that cannot be read, and leaves nothing behind.
     """
     if out.exists() and out.samefile(path):
         raise InputError(f"{out}: it would replace the file that it is made from: give another name")
@@ -73,10 +72,7 @@ def propagate(
 
 @torch.no_grad()
 def textured(encoder: Encoder, guidance: Tensor, show: Progress = silent, tile: int = TILE) -> Tensor:
-    """The neural texture (H, W, D) of a guidance image (1, 3, H, W), the same as `encoder(guidance)` within rounding.
-
-    Memory beyond inputs and outputs depends only on the tile.
-    """
+    """The neural texture (H, W, D) of a guidance image (1, 3, H, W), that of `encoder(guidance)` within rounding."""
     height, width = guidance.shape[2:]
     network, windows = encoder.autoencoder, list(_windows(height, width, tile))
     pooled, inner = None, slice(HALO // STRIDE, -(HALO // STRIDE))

@@ -60,19 +60,12 @@ class Published(Guided):
         return Element(window, picture, target, *pairs.tolist())
 
     def exposed(self, level: Tensor) -> Tensor:
-        """Log radiance (1, 3, h, w) of a slice to be shown, at the brightness of the guidance.
-
-        So is the photograph that guides later, see `neubtf.guidance`. Most slices are darker, or clip: what their
-        texels are cannot be seen at one exposure.
-        """
+        """Log radiance (1, 3, h, w) of a slice at the brightness of the guidance, as a later photograph."""
         mean = shown(level).mean().clamp_min(DARKEST)
         return (level.expm1() * (self.brightness / mean)).log1p()
 
     def losses(self, elements: list[Element]) -> Tensor:
-        """The losses (3,) of pixels, style and spectrum, not weighted, as means over elements.
-
-        Elements of one size go through the network at once. All have it, but for small pictures that a window may fill.
-        """
+        """The losses (3,) of pixels, style and spectrum, not weighted, as means over elements."""
         alike: dict[Window, list[Element]] = {}
         for element in elements:
             alike.setdefault(element.window.at_origin(), []).append(element)

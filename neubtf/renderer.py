@@ -15,7 +15,6 @@ from bench.inputs.settings import Layers, Positive, Width
 from bench.training import Bits, TextureMaterial, load_texture
 from bench.training.decoder import Architecture, Decoder, load_network
 from bench.training.inputs import COUNTS, Directions, direction_inputs
-from bench.training.quantise import WeightPrecision
 
 
 @dataclass(frozen=True)
@@ -31,18 +30,11 @@ class RendererSettings:
     norm: bool = True  # layer norm before each activation
     residual: bool = True  # residual connections between layers of equal width
     bits: Bits = 0  # bits of a stored latent on average; 0: chosen by the fit; 16, 32: floats
-    weights: WeightPrecision = "half"  # precision of the stored renderer
 
     @property
     def architecture(self) -> Architecture:
-        return Architecture(
-            inputs=self.latents + COUNTS[self.directions],
-            widths=(self.width,) * self.layers,
-            activation=self.activation,
-            omega=self.omega,
-            norm=self.norm,
-            residual=self.residual,
-        )
+        inputs, widths = self.latents + COUNTS[self.directions], (self.width,) * self.layers
+        return Architecture(inputs, widths, 3, self.activation, self.omega, self.norm, self.residual)
 
 
 def render(renderer: Decoder, latents: Tensor, wo: Tensor, wi: Tensor, directions: Directions) -> Tensor:

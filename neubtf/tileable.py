@@ -14,10 +14,9 @@ FRONTAL = np.array([[[0.0, 0, 1], [0, 0, 1]]])  # only the pair along the normal
 
 
 def blended(picture: Array, margin: float) -> Array:
-    """A linear picture (H, W, 3); its far margins, a share of each side, are blended into its near ones.
+    """A linear picture (H, W, 3), ≥ 0; its far margins, a share of each side, are blended into its near ones.
 
-    The picture loses the margins, and up to three more texels, so that the autoencoder's cells fit the period. Values
-    below 0 from the blend's contrast become 0.
+    The picture loses the margins, and up to three more texels, so that the autoencoder's cells fit the period.
     """
     overlap = (_overlap(picture.shape[0], margin), _overlap(picture.shape[1], margin))
     return np.maximum(make_periodic(picture, overlap), 0).astype(np.float32) if any(overlap) else picture
@@ -39,9 +38,8 @@ class Seam(NamedTuple):
 def seam_of(material: NeuBTFMaterial, pairs: Array) -> tuple[Seam, Seam]:
     """The seam at the left–right, and at the top–bottom border of a material, in displayed slices.
 
-    `pairs` (n, 2, 3) are wo and wi; gradients are means over their slices. The border is compared with the steps
-    between two of the autoencoder's cells inside, because nearest-neighbour upsampling makes these larger than those
-    within a cell. If there is no such step, the ratios are infinite.
+    `pairs` (n, 2, 3) are wo and wi; gradients are means over their slices. The border is compared with steps between
+    two of the autoencoder's cells, larger than those within a cell; the ratios are infinite if there is no such step.
     """
     exposure = material.gain / LOG_SCALE
     slices = [to_display(material.slice(wo.tolist(), wi.tolist()).numpy(), exposure) for wo, wi in pairs]

@@ -2,11 +2,9 @@
 
 1. *Direct*: a neural texture and the renderer, without the encoder. Its steps are ten times as fast as the others.
 2. *Taught*: the encoder learns that texture; each step compares all of its latents at once.
-3. *Guided*: the encoder learns from the renderer's answers for its texture; the first stage's texture is dropped. The
-   renderer stays fixed, which gives better answers in unseen directions. Without a first stage both learn, end to end.
+3. *Guided*: the encoder learns from the answers of the renderer, which stays fixed; without a first stage both learn.
 
-A step of the last two shows the encoder a picture: a random slice, disturbed, in a random window, or the guidance of
-the file's own texture.
+A step of the last two shows the encoder a random slice, disturbed, in a random window, or the file's own guidance.
 """
 
 import bisect
@@ -18,7 +16,7 @@ from torch import Tensor, nn
 
 from bench.inputs.errors import InputError
 from bench.inputs.settings import BatchSize, Natural, NotNegative, Positive, Range, Share
-from bench.training import Batch, Decoder, Loss, Objective, Optimiser, Samples, distance, first_latents, groups_of
+from bench.training import Batch, Decoder, Loss, NetworkSettings, Objective, Samples, distance, first_latents, groups_of
 from neubtf.augmentation import Disturbance, Window, draw_scale
 from neubtf.autoencoder import STRIDE
 from neubtf.encoder import Encoder, displayed
@@ -28,7 +26,7 @@ ENCODERS = {"adam": 1, "muon": 2}  # its groups of parameters, before those of t
 
 
 @dataclass(frozen=True)
-class StagedSettings(RendererSettings):
+class StagedSettings(NetworkSettings, RendererSettings):
     """The settings of a NeuBTF file and of its fit."""
 
     steps: Natural = 2_500  # steps of the fit, in three stages
@@ -44,8 +42,6 @@ class StagedSettings(RendererSettings):
     keep_scale: Share = 0.5  # share of the inputs that keep their scale
     init: Literal["faint", "published"] = "faint"  # of the renderer: answers the mean, or as SIREN's, about the mean
     start: Literal["components", "encoder"] = "components"  # of the first texture; or what the autoencoder makes
-    optimiser: Optimiser = "muon"  # of the renderer's hidden matrices; Adam takes all others
-    hidden_rate: Positive = 2e-2  # highest learning rate of Muon
     rate: Positive = 1e-2  # highest learning rate of the renderer and of the first stage's texture
     encoder_rate: Positive = 2e-3  # highest learning rate of the autoencoder
     encoder_hidden_rate: Positive = 2e-2  # highest learning rate of Muon for the autoencoder's pointwise layers

@@ -1,10 +1,8 @@
 """Refines a height: at which height does each surface point look most like the other points of the material?
 
 A sweep that compares views with one another mistakes a highlight, which moves with the view, for parallax. So the
-ABRDFs of the surface points at a first height give principal components, which describe how the reflectance of this
-material changes with the view. A second sweep looks for the height at which they explain most of a point's ABRDF.
-
-If much of the surface hides behind itself, the first height stays: components would learn other points' samples too.
+ABRDFs of the surface points at a first height give principal components, and a second sweep looks for the height at
+which they explain most of a point's ABRDF. If much of the surface hides behind itself, the first height stays.
 """
 
 import torch

@@ -14,15 +14,13 @@ from baselines.pyramids import fitted_levels, level_count
 from baselines.relief import sweep
 from baselines.relief.fitting import HIGHEST, ReliefObjective
 from baselines.relief.geometry import Surface, restored, stepped
-from baselines.relief.material import ReliefMaterial
-from baselines.relief.network import Network
+from baselines.relief.material import Network, ReliefMaterial
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.inputs.settings import BatchSize, Layers, Natural, Positive, Range, Width
+from bench.inputs.settings import Layers, Natural, Positive, Range, Width
 from bench.material import Material
-from bench.training import Loss, Optimiser, Samples, Start, compress, expand, gain_of, load_texture, train
+from bench.training import Loss, Samples, TextureSettings, compress, expand, gain_of, load_texture, train
 from bench.training.decoder import load_network, store_network
-from bench.training.quantise import WeightPrecision
 
 
 class Relief(Codec):
@@ -32,9 +30,8 @@ class Relief(Codec):
     sizes = ("latents", "width")
 
     @dataclass(frozen=True)
-    class Settings:
+    class Settings(TextureSettings):
         steps: Natural = 2_600  # steps of the fit
-        batch: BatchSize = 4_096  # samples a step
         latents: Width = 14  # channels of the neural texture
         bits: Annotated[int, Range(0, 8)] = 0  # bits of a stored latent on average; 0: as few as add little error
         layers: Layers = 3  # hidden layers of the network
@@ -44,13 +41,8 @@ class Relief(Codec):
         frames: bool = True  # turn the directions into two learned shading frames
         refine: bool = True  # refine the height in the second half of the fit
         shadow: bool = True  # also march toward the light, if there is a height
-        start: Start = "mixed"  # of the latents: components of the ABRDFs, random, or both
-        optimiser: Optimiser = "muon"  # of the matrices between hidden layers
-        rate: Positive = 1e-2  # highest learning rate of the network
         latent_rate: Positive = 1e-2  # highest learning rate of the latents
-        hidden_rate: Positive = 2e-2  # highest learning rate of Muon
         loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
-        weights: WeightPrecision = "half"  # precision of the stored network
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)

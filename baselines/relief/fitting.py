@@ -8,8 +8,7 @@ from torch import Tensor, nn
 
 from baselines.pyramids import Pyramid, drawn, queries_of
 from baselines.relief.geometry import Surface, slope, smoothed, stepped, wrapped
-from baselines.relief.material import answer
-from baselines.relief.network import Network
+from baselines.relief.material import Network, answer
 from baselines.relief.planes import REACH
 from bench.codec import Fit
 from bench.material import sample_texture
@@ -84,14 +83,12 @@ class ReliefObjective(Objective):
         return answer(self.network, self.pyramid, self.relief, self.table(), queries_of(self.levels, 0, batch))
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        batches = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)
-        each = zip(*(queries_of(self.levels, *batch) for batch in batches), strict=True)
-        uv, wo, wi, level = (torch.cat(parts) for parts in each)
+        queries, target = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)
         height = self.height if self.offset is not None and progress >= REFINED_FROM else None
         # By the number of the step, so that a resumed fit marches the same surface. A fit that was set back to before
         # the height moved marches the found height.
         if (height is not None or self.moved) and round(progress * self.settings.steps) % RENEWED == 0:
             self.renew()
             self.moved = height is not None
-        ours = answer(self.network, self.pyramid, self.relief, self.table(), (uv, wo, wi, level), height)
-        return distance(ours, torch.cat([batch.target for _, batch in batches]), self.settings.loss)
+        ours = answer(self.network, self.pyramid, self.relief, self.table(), queries, height)
+        return distance(ours, target, self.settings.loss)

@@ -34,11 +34,7 @@ def slope(direction: Tensor, shape: tuple[int, int]) -> Tensor:
 
 
 class Surface(nn.Module):
-    """A height (H, W), prepared for searching.
-
-    The search reads the nearest sample of a finer copy, padded so that no ray leaves it, or wrapped around; the last
-    steps interpolate.
-    """
+    """A height (H, W) and a finer copy for searching, padded so that no ray leaves it, or wrapped around."""
 
     def __init__(self, height: Tensor):
         super().__init__()
@@ -108,10 +104,9 @@ class Surface(nn.Module):
         return wrapped(uv + along * z), z
 
     def follow(self, height: Tensor, uv: Tensor, wo: Tensor) -> Tensor:
-        """The uv (n, 2), unchanged, where rays toward wo (n, 3) hit the surface, with a gradient to a height.
+        """The uv (n, 2), unchanged, where rays toward wo (n, 3) hit the surface, with a gradient to its refined height.
 
-        The height is that of this surface in its refinement. A ray meets it where h equals z, at a place that moves by
-        `along` with z. So z changes by dh / (1 − ∇h · along), and uv by that times `along`.
+        A place moves by `along` with z, and z = h there: so z changes by dh / (1 − ∇h · along), uv by that · `along`.
         """
         along = slope(wo, self.shape)
         rise = sample_texture(height[..., None], uv)
@@ -122,10 +117,7 @@ class Surface(nn.Module):
         return uv + along * ((rise - rise.detach()) / facing)
 
     def excess(self, uv: Tensor, z: Tensor, wi: Tensor) -> Tensor:
-        """The largest rise (n, 1) of the surface, in texels, above the rays from uv at height z (n, 1) toward wi.
-
-        It is negative if nothing blocks the light, which then passes at that distance.
-        """
+        """The largest rise (n, 1) of the surface, in texels, above rays from uv at height z (n, 1) toward wi."""
         along = slope(wi, self.shape)
         share = (torch.arange(LIGHT_STEPS, device=uv.device, dtype=uv.dtype) + 0.5) / LIGHT_STEPS
         rise = (self.high - z).clamp_min(0).T * share[:, None]
@@ -147,10 +139,7 @@ def wrapped(uv: Tensor) -> Tensor:
 
 
 def stepped(height: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """The codes of a height (H, W) from 0, the lowest height and the step (2,), and the height as read back.
-
-    Steps are counted from z = 0, so a height that moves slightly keeps most of its codes.
-    """
+    """The codes of a height (H, W) from 0, the lowest height and the step (2,), and the height as read back."""
     low, high = height.aminmax()
     step = torch.maximum(height.new_tensor(STEP * LOWEST / height.shape[1]), (high - low) / (MOST_CODES - 2))
     codes = (height / step).round()

@@ -37,9 +37,8 @@ def fitted(codes: NDArray[np.uint8], bits: Ints, canvas: Canvas) -> Model:
         now = model.activity(channel, values[cell], guess, before)
         canvas.fill(activity, channel + 1, now)
         around = canvas.around(activity, cell + canvas.plane)
-        model.mixture[channel] = _mixture(
-            model, channel, codes[some, channel].astype(np.int64), guess[some], around[some], before[some]
-        )
+        seen = codes[some, channel].astype(np.int64), guess[some], around[some], before[some]
+        model.mixture[channel] = _mixture(model, channel, *seen)
     return model
 
 

@@ -38,10 +38,7 @@ HEAD = 5  # bytes of a channel's parameters before its terms
 
 @dataclass(frozen=True)
 class Canvas:
-    """Pictures one below the other in a frame of two rows above, one below, two columns left and one right.
-
-    Much higher than wide, they are laid on their side: that takes fewer steps.
-    """
+    """Pictures one below the other, beside if that takes fewer steps, framed: 2 above, 1 below, 2 left, 1 right."""
 
     stride: int
     plane: int  # numbers of a channel, frame included
@@ -184,13 +181,8 @@ class Model:
         """The distributions (n,) of codes; `steepness` is 2^26 over the deviation."""
         bits = self.bits[channel]
         first = ONE // 2 * (-2 * self.middle[channel] - 1 << 8 - bits)
-        return Curve(
-            (first - guess) * steepness,
-            (ONE << 8 - bits) * steepness,
-            self.mixture[channel, 3] * (2 * REACH) + REACH,
-            1 << bits,
-            TOTAL - (1 << bits),
-        )
+        start, slope, codes = (first - guess) * steepness, (ONE << 8 - bits) * steepness, 1 << bits
+        return Curve(start, slope, self.mixture[channel, 3] * (2 * REACH) + REACH, codes, TOTAL - codes)
 
 
 class Curve(NamedTuple):

@@ -1,7 +1,4 @@
-"""The small network of every learned codec, in one class, so that counting, timing and export are written once.
-
-NeuBTF's renderer, Rainer's decoders and NeuMIP's two networks are settings of it; see `Architecture`.
-"""
+"""The small network of every learned codec, in one class, so that counting, timing and export are written once."""
 
 import math
 from collections.abc import Iterator
@@ -9,7 +6,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import torch
 from torch import Tensor, nn
@@ -31,17 +28,16 @@ PARABOLA = (1 - LEAK) / (4 * BEND)  # SmeLU adds PARABOLA · (BEND − |x|)² th
 class Architecture:
     """The shape of a network: `inputs` numbers → hidden layers of `widths` → `outputs` numbers, the last layer linear.
 
-    A hidden layer is linear → layer norm with gain and offset, if `norm` → activation; `omega` is the sine's frequency.
-    With `residual`, a hidden layer whose input has its own width adds that input.
+    A hidden layer is linear → layer norm with gain and offset, if `norm` → activation.
     """
 
     inputs: int
     widths: tuple[int, ...]
     outputs: int = 3
     activation: Activation = "relu"
-    omega: float = 1.0
+    omega: float = 1.0  # frequency of the sine
     norm: bool = False
-    residual: bool = False
+    residual: bool = False  # a hidden layer adds its input, if that has its own width
 
     @property
     def sizes(self) -> tuple[int, ...]:
@@ -56,10 +52,7 @@ class Architecture:
 
     @property
     def flops(self) -> int:
-        """Operations of one sample, a fused multiply-add counted as two.
-
-        An activation counts as one a channel and a layer norm as eight: mean, variance, two of each to apply.
-        """
+        """Operations of one sample: a fused multiply-add counts as two, a layer norm as eight a channel."""
         linear = sum(2 * a * b for a, b in pairwise(self.sizes))
         added = sum(b for a, b in zip(self.sizes, self.widths, strict=False) if self.residual and a == b)
         return linear + added + sum(self.widths) * (9 if self.norm else 1)
@@ -78,8 +71,7 @@ class Decoder(Network):
     """The network of an architecture: (n, inputs) → (n, outputs). Initialised from a generator, in float32.
 
     Sine layers start as in SIREN (Sitzmann et al., "Implicit neural representations with periodic activation
-    functions", 2020, section 3.2), the others after He et al. 2015; the last layer is drawn like a hidden one, its bias
-    is 0. A layer norm starts with gain 1 and offset 0.
+    functions", 2020, section 3.2), the others after He et al. 2015; the last like a hidden one, but its bias is 0.
     """
 
     def __init__(self, architecture: Architecture, generator: torch.Generator | None = None):
@@ -88,27 +80,22 @@ class Decoder(Network):
         if most is not None and architecture.parameters > most:
             raise ValueError(f"it has a network of {architecture.parameters:,} weights, but fewer numbers")
         self.architecture = architecture
-        self.layers = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(architecture.sizes))
-        self.norms = nn.ModuleList(nn.LayerNorm(b) for b in architecture.widths) if architecture.norm else None
+        self.layers: Any = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(architecture.sizes))
+        self.norms: Any = nn.ModuleList(nn.LayerNorm(b) for b in architecture.widths) if architecture.norm else None
         with torch.no_grad():
             for depth, layer in enumerate(self.layers):
                 _initialise(layer, architecture, depth, generator)
 
     @torch.no_grad()
     def start_at(self, outputs: Tensor, everywhere: bool = True) -> None:
-        """Set the last layer's bias to `outputs` (outputs,); `everywhere`, its weights to 0: the output for any input.
-
-        A fit from the mean of its data converges sooner than from random outputs; a constant material is exact at once.
-        """
-        last = self.layers[-1]
-        assert isinstance(last, nn.Linear)
+        """Set the last layer's bias to `outputs` (outputs,); `everywhere`, its weights to 0: any input gives it."""
         if everywhere:
-            last.weight.zero_()
-        last.bias.copy_(outputs)
+            self.layers[-1].weight.zero_()
+        self.layers[-1].bias.copy_(outputs)
 
     def hidden_matrices(self) -> list[Tensor]:
         """The weights between hidden layers: see `bench.training.optimiser`."""
-        return [layer.weight for layer in self.layers[1:-1] if isinstance(layer, nn.Linear)]
+        return [layer.weight for layer in self.layers[1:-1]]
 
     def forward(self, inputs: Tensor) -> Tensor:
         """Outputs (n, outputs) for inputs (n, inputs), in their dtype; intermediates have the dtype of the weights."""
@@ -121,17 +108,10 @@ class Decoder(Network):
         return saturated(self.layers[-1](x)).to(inputs.dtype)
 
     def _normed(self, x: Tensor, depth: int) -> Tensor:
-        """Apply a linear layer and its norm; without gradients, in fewer passes over the samples.
-
-        Then the mean is removed from the weights, not from each output, where half precision would round it.
-        """
-        assert self.norms is not None
+        """Apply a linear layer and its norm; without gradients in fewer passes: the weights then have mean 0."""
         layer, norm = self.layers[depth], self.norms[depth]
-        assert isinstance(layer, nn.Linear)
-        assert isinstance(norm, nn.LayerNorm)
         if torch.is_grad_enabled() or x.dtype.itemsize < 4:
-            normed: Tensor = norm(saturated(layer(x)))
-            return saturated(normed)
+            return saturated(norm(saturated(layer(x))))
         hidden = functional.linear(x, layer.weight - layer.weight.mean(0), layer.bias - layer.bias.mean())
         length = torch.linalg.vector_norm(hidden, dim=1, keepdim=True)
         hidden *= length.square_().div_(hidden.shape[1]).add_(norm.eps).rsqrt_()
@@ -158,8 +138,7 @@ def smelu(x: Tensor) -> Tensor:
     return functional.leaky_relu(x, LEAK) + PARABOLA * functional.relu(BEND - x.abs()).square()
 
 
-def _initialise(layer: nn.Module, architecture: Architecture, depth: int, generator: torch.Generator | None) -> None:
-    assert isinstance(layer, nn.Linear)
+def _initialise(layer: Any, architecture: Architecture, depth: int, generator: torch.Generator | None) -> None:
     bound = math.sqrt(6 / layer.in_features)
     if architecture.activation == "sine":
         bound = 1 / layer.in_features if depth == 0 else bound / architecture.omega
@@ -175,7 +154,7 @@ def _initialise(layer: nn.Module, architecture: Architecture, depth: int, genera
 def decoding(numbers: int) -> Iterator[None]:
     """Raise a `ValueError` for any `Decoder` with more weights than a file with so many numbers can hold.
 
-    A network is built from the settings in a file's header before its weights are read, and settings cost no bytes.
+    Otherwise the settings in a file's header, which cost no bytes, could ask for any size.
     """
     token = _most.set(max(FREE, numbers))
     try:

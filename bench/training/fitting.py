@@ -1,8 +1,7 @@
 """Fits learned codecs: seeded random samples of a BTF, and one training loop for every network.
 
-The loop uses Adam (Kingma and Ba 2015) with a linear warm-up and a cosine decay to 0, a budget in steps, a curve of
-PSNR over steps and seconds, a state on disk to resume from, and a guard against divergence. The same seed, machine,
-versions and threads give the same parameters, whether or not the fit was interrupted.
+The loop has a curve of PSNR over steps and seconds, a state on disk to resume from, and a guard against divergence. The
+same seed, machine, versions and threads give the same parameters, whether or not the fit was interrupted.
 """
 
 import logging
@@ -63,22 +62,18 @@ def distance(ours: Tensor, target: Tensor, loss: Loss) -> Tensor:
 
 
 class Batch(NamedTuple):
-    """Random samples of a BTF: texel (n,) as row · W + column, pair (n,), and log radiance (n, 3).
+    """Random samples of a BTF."""
 
-    `pair` indexes `Samples.wo` and `wi`: a pair, or in a fit to a scene a direction between pairs.
-    """
-
-    texel: Tensor
-    pair: Tensor
-    target: Tensor
+    texel: Tensor  # (n,), row · W + column
+    pair: Tensor  # (n,), of `Samples.wo` and `wi`: a pair, or in a fit to a scene a direction between pairs
+    target: Tensor  # (n, 3), log radiance
 
 
 class Samples:
     """A BTF as log radiance, log1p(gain · radiance), for random reads; negative radiance counts as 0.
 
-    Within `MEMORY_LIMIT` it is read once, slice by slice, and kept as half floats, whose rounding (5e-4 of a value) is
-    far below any codec's error. `gain` is 8 × exposure: see `gain_of`. Random numbers are the CPU's, so that a fit is
-    the same on any device; they go up `non_blocking`: PyTorch reads them at once, and no step waits for a GPU.
+    Within `MEMORY_LIMIT` it is read once and kept as half floats, whose rounding (5e-4 of a value) is far below any
+    codec's error. Random numbers are the CPU's, so that a fit is the same on any device; no step waits for a GPU.
     """
 
     density: Density | None = None  # density of the scene, in a fit to one
@@ -101,8 +96,7 @@ class Samples:
     def levels(cls, btf: BTF, count: int, gain: float, fit: Fit) -> "list[Samples]":
         """The samples of the BTF at each level of detail, box-filtered over 2^level texels, by level.
 
-        The levels that fit into memory are made in one reading. If the finest does not fit, the others hold
-        `COARSE_PAIRS` random pairs, because reading a whole measurement takes minutes.
+        If the finest does not fit into memory, the others hold `COARSE_PAIRS` random pairs: all would take minutes.
         """
         levels = {1: cls(btf, gain, fit, memory_limit=0)}
         if 6 * btf.shape[0] * btf.shape[1] * len(btf) > MEMORY_LIMIT and len(btf) > COARSE_PAIRS and not fit.density:
@@ -193,10 +187,7 @@ def gain_of(btf: BTF, fit: Fit) -> float:
 
 
 class Objective(nn.Module):
-    """The objective of a fit: parameters, their learning rates, and the loss of one step. Each codec writes one.
-
-    State that must survive an interruption must be a parameter or a buffer.
-    """
+    """The objective of a fit: parameters, rates, the loss of a step. Its state must be in parameters and buffers."""
 
     settings: Any  # of the codec
 
@@ -205,10 +196,7 @@ class Objective(nn.Module):
         self.samples = samples
 
     def groups(self) -> list[dict[str, Any]]:
-        """Parameter groups, each with its highest learning rate, `lr`.
-
-        Muon steps a group with `hidden`, which holds matrices between hidden layers; Adam steps the others.
-        """
+        """Parameter groups, each with its highest learning rate, `lr`; Muon steps those with `hidden`, Adam others."""
         raise NotImplementedError
 
     def rate(self, step: int, steps: int, group: int) -> float:
@@ -220,9 +208,9 @@ class Objective(nn.Module):
         raise NotImplementedError
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        """The loss of one step, a scalar; every random number comes from the generator, which lives on the CPU.
+        """The loss of one step, a scalar: the distance of `predict` from the data at random samples, or a codec's own.
 
-        Unless a codec writes another, it is the distance of `predict` from the data at uniform random samples.
+        Every random number comes from the generator, which lives on the CPU.
         """
         batch = self.samples.draw(self.settings.batch, generator)
         return distance(self.predict(batch, progress), batch.target, self.settings.loss)
@@ -252,12 +240,10 @@ def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> floa
     """Fit the parameters of an objective in place, in at most `steps` steps; return the share of steps taken.
 
     With a `patience` above 0 a fit ends early, once its curve gained less than `GAIN` dB in that many steps; the last
-    point of the curve then has `ended`.
-
-    If `fit.checkpoint` names a file, the state is saved there, and a fit resumes from an existing one; the caller
-    removes it once the result is stored. If the loss or a parameter is not finite, or the error exceeds `AWAY`, the
-    last good state is restored and the learning rate halved; the fourth time, `DivergedError` is raised. Raises
-    `InputError` if the file on disk belongs to another fit.
+    point of the curve then has `ended`. The state is saved in `fit.checkpoint`, if given, and a fit resumes from it;
+    the caller removes it. If the loss or a parameter is not finite, or the error exceeds `AWAY`, the last good state
+    is restored and the learning rate halved; the fourth time, `DivergedError` is raised. Raises `InputError` if the
+    file on disk belongs to another fit.
     """
     if steps < 1:
         raise InputError(f"a fit needs at least 1 step, not {steps}")
@@ -316,18 +302,16 @@ class _Loop:
     def resume(self) -> None:
         """Resume from the state on disk, if there is one, and show the progress."""
         path = self.fit.checkpoint
-        if path is None or not path.exists():
-            self._show()
-            return
-        try:
-            self.good = load_file(path)
-        except Exception as error:  # safetensors raises its own types; the remedy is the same for all
-            raise InputError(f"{path}: it is not the state of a fit: remove it ({error})") from error
-        self._restore(self.good)
-        log.info("going on from step %d of %d: %s", self.step, self.steps, path)
-        for step, seconds, psnr in self.curve:
-            self.fit.log(step, seconds=seconds, psnr=psnr)
-        self.started -= self.curve[-1][1] if self.curve else 0.0
+        if path is not None and path.exists():
+            try:
+                self.good = load_file(path)
+            except Exception as error:  # safetensors raises its own types; the remedy is the same for all
+                raise InputError(f"{path}: it is not the state of a fit: remove it ({error})") from error
+            self._restore(self.good)
+            log.info("going on from step %d of %d: %s", self.step, self.steps, path)
+            for step, seconds, psnr in self.curve:
+                self.fit.log(step, seconds=seconds, psnr=psnr)
+            self.started -= self.curve[-1][1] if self.curve else 0.0
         self._show()
 
     @property
@@ -384,9 +368,9 @@ class _Loop:
 
     @torch.no_grad()
     def _measured(self) -> bool:
-        """Add the PSNR to the curve, at about `POINTS` steps of the fit and at its end; return False if it diverged.
+        """Add the PSNR to the curve, at about `POINTS` steps of the fit and at its end.
 
-        Dead rectifiers or arbitrary sine outputs can diverge while every number is finite.
+        False if it diverged: dead rectifiers or arbitrary sine outputs can do so while every number is finite.
         """
         last = self.curve[-1][0] if self.curve else 0
         if self.step < self.steps and self.step - last < self.steps / POINTS:

@@ -14,10 +14,7 @@ SPREAD = 0.1  # standard deviation of the first weights
 
 
 class Frames(nn.Linear):
-    """`count` frames from latents (n, latents); they start near the surface's own. 6 · count outputs a texel.
-
-    With `bias` each frame's mean axes are learned as well; without, the surface's own are added to the outputs.
-    """
+    """`count` frames from latents (n, latents), 6 · count outputs; with no `bias` the surface's own axes are added."""
 
     canonical: Tensor
 

@@ -1,8 +1,7 @@
 """The initial latents of a fit: principal components of the texels' log ABRDFs, random numbers, or a mixture of both.
 
-The components already group texels that look alike; a random start must learn this first. Scores are whitened, since a
-network ignores small inputs, and scaled down, since it makes little use of the directions beside strong latents. Mixed
-with as much noise, they hold a fit less to the training directions that they were found on.
+Scores are whitened, since a network ignores small inputs, and scaled down, since it makes little use of the directions
+beside strong latents. Mixed with as much noise, they hold a fit less to the training directions.
 """
 
 from collections.abc import Callable, Iterator
@@ -29,9 +28,9 @@ BLOCK_BYTES = 16 << 20  # bytes of the matrix in memory at once
 def first_latents(
     samples: "Samples", channels: int, start: Start, generator: torch.Generator, slices: Slices | None = None
 ) -> Tensor:
-    """The first latents (texels, channels) of a fit, float32. Channels beyond the rank of the data are random.
+    """The first latents (texels, channels), float32, found on `slices` instead of `Samples.slices` if they are given.
 
-    They are found on `Samples.slices`, or on the `slices` that are given instead.
+    Channels beyond the rank of the data are random.
     """
     noise = torch.randn(samples.texels, channels, generator=generator)
     latents = RANDOM_SPREAD * noise

@@ -1,7 +1,7 @@
 """Codes as bytes by a model of each: see `code_model`.
 
-All channels and rows are decoded side by side, step by step, by interleaved range coders (rANS: Duda 2013; Giesen 2014,
-"Interleaved entropy coders"), which take a step's symbols in turn. One that ends otherwise than it began read others.
+Interleaved range coders (rANS: Duda 2013; Giesen 2014, "Interleaved entropy coders") take a step's symbols in turn. One
+that ends otherwise than it began read others.
 """
 
 from collections.abc import Callable, Sequence

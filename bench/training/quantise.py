@@ -16,10 +16,7 @@ HALF_PEAKS = (2.0**-4, 65504.0)  # range of the largest magnitude that halves ho
 
 
 def half_scale(peak: float) -> float:
-    """The divisor of numbers up to ±`peak` before they become halves: 1, or a power of two.
-
-    Half precision ends at 65,504 and loses digits below 6e-5; division by a power of two is exact.
-    """
+    """The divisor of numbers up to ±`peak` before they become halves: 1, or a power of two, which is exact."""
     if peak == 0 or HALF_PEAKS[0] <= peak <= HALF_PEAKS[1]:
         return 1.0
     return 2.0 ** max(-126, math.ceil(math.log2(peak)) - 15)

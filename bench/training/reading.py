@@ -13,10 +13,9 @@ BLOCK_BYTES = 16 << 20  # slices read together: enough for fast products, few en
 
 
 def blocks(btf: BTF, fit: Fit, label: str, gain: float | None, block_bytes: int = 0) -> Iterator[Tensor]:
-    """The slices of a BTF as blocks (3 · slices, texels) float32 on the fit's device; each block is new.
+    """The slices of a BTF as new blocks (3 · slices, texels) float32 of `block_bytes`, or `BLOCK_BYTES`, on its device.
 
-    With a `gain` they are log1p(gain · radiance), negative radiance counting as 0; without, radiance as it is. As many
-    slices are read at once as fill `block_bytes`, or `BLOCK_BYTES`.
+    With a `gain` they are log1p(gain · radiance), negative radiance counting as 0; without, radiance as it is.
     """
     texels = btf.shape[0] * btf.shape[1]
     step = max(1, (block_bytes or BLOCK_BYTES) // (texels * 12))

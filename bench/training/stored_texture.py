@@ -27,9 +27,8 @@ RANGES = 29  # number of tried shares of a channel's range, from 0.3 to 1: small
 
 
 class Rounding(nn.Module):
-    """The rounding of the channels of a texture (…, C); it changes nothing until `choose_bits` has chosen the bits.
+    """The rounding of a texture (…, C), which a codec calls with all of it; none until `choose_bits` has chosen bits.
 
-    A codec calls it with the whole texture, uses the result for look-ups, and stores the texture by `store_texture`.
     Gradients ignore the rounding. Textures of 16 and 32 bits are stored as floats, and never rounded.
     """
 
@@ -78,8 +77,8 @@ class Rounding(nn.Module):
 def choose_bits(roundings: Sequence[Rounding], answers: Callable[[], Tensor], target: Tensor) -> None:
     """Choose the bits of textures by the change of `answers`, which should be `target`, if one channel is rounded.
 
-    `answers()` looks the textures up through their roundings. The squared error that a channel adds grows with the
-    square of its rounding. All roundings want the same bits; their textures share them.
+    `answers()` looks the textures up through their roundings, which want the same bits and share them. The squared
+    error that a channel adds grows with the square of its rounding.
     """
     roundings = [each for each in roundings if each.undecided]
     if not roundings:
@@ -147,8 +146,7 @@ def steps_for(values: Tensor, bits: Tensor) -> tuple[Tensor, Tensor]:
 def shared_out(noise: Tensor, sizes: Tensor, total: int, bearable: float) -> Tensor:
     """The bits (C,) of each channel, 1 to `MOST_BITS`, from the errors (C, 8) that rounding to 1, 2 … bits adds.
 
-    Each bit goes to the channel that adds most error for each of its numbers (C,), until all together add no more than
-    the bearable error, or `total` bits of numbers are spent.
+    Each bit goes to the channel that adds most error a number (C,), until all add a bearable error or `total` is spent.
     """
     bits = torch.ones(len(noise), dtype=torch.long)
     while (bits * sizes).sum() < min(total, MOST_BITS * int(sizes.sum())):
@@ -173,10 +171,7 @@ def rounded(values: Tensor, low: Tensor, step: Tensor, bits: Tensor) -> Tensor:
 
 @torch.no_grad()
 def store_texture(name: str, values: Tensor, rounding: Rounding, sizes: Sizes = None) -> dict[str, Tensor]:
-    """A texture (…, C) as named tensors: codes, their steps, and the size of the texture; or floats.
-
-    A texture (N, C) may be of pictures of some sizes (H, W), one after the other; `load_texture` needs the same sizes.
-    """
+    """A texture (…, C) as named tensors: codes, steps and size, or floats. `load_texture` needs the same sizes."""
     if rounding.wanted > MOST_BITS or not values.numel():
         return pack(name, values, "float32" if rounding.wanted == 32 else "half")
     return {
@@ -202,7 +197,6 @@ def load_texture(name: str, tensors: dict[str, Tensor], sizes: Sizes = None) -> 
         return unpack(name, tensors)
     low, step = tensors[f"{name}.low"], tensors[f"{name}.step"]
     if step.ndim != 1 or low.shape != step.shape:  # other shapes would be broadcast over all codes
-        raise InputError(
-            f"a texture of this file has steps {tuple(step.shape)} from {tuple(low.shape)}: encode it again"
-        )
+        shapes = f"{tuple(step.shape)} from {tuple(low.shape)}"
+        raise InputError(f"a texture of this file has steps {shapes}: encode it again")
     return expand(tensors[name], (*tensors[f"{name}.size"].tolist(), len(step)), sizes) * step + low

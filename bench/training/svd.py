@@ -1,10 +1,9 @@
 """Truncated singular value decomposition of a matrix read in blocks of rows, in a fixed number of passes.
 
 The matrix A is features × texels (a slice gives three rows), each row centred over the texels. With rows Q in texel
-space, one pass gives both A Qᵀ and its image under Aᵀ: a whole power iteration. The images of all
-passes together span a Krylov space, in which the last pass finds the components. For a flat spectrum this converges
-far faster than the last image alone: Musco and Musco, "Randomized Block Krylov Methods for Stronger and
-Faster Approximate Singular Value Decomposition", NeurIPS 2015; Halko, Martinsson and Tropp, SIAM Review 53 (2011).
+space, one pass gives both A Qᵀ and its image under Aᵀ: a whole power iteration. The images of all passes together span
+a Krylov space, in which the last pass finds the components: Musco and Musco, "Randomized Block Krylov Methods for
+Stronger and Faster Approximate Singular Value Decomposition", NeurIPS 2015; Halko et al., SIAM Review 53 (2011).
 """
 
 from collections.abc import Callable, Iterator
@@ -26,14 +25,11 @@ Blocks = Callable[[str], Iterator[Tensor]]
 
 @dataclass(frozen=True)
 class Factors:
-    """mean (F,) and the factors of the centred matrix (F, T) ≈ basis (F, k) · coefficients (k, T).
+    """The mean and the factors, basis · coefficients, of a centred matrix (F, T), in falling order of energy."""
 
-    Components come in falling order of energy; each row of coefficients has 1 as its entry of largest magnitude.
-    """
-
-    mean: Tensor
-    basis: Tensor
-    coefficients: Tensor
+    mean: Tensor  # (F,)
+    basis: Tensor  # (F, k)
+    coefficients: Tensor  # (k, T), 1 the entry of largest magnitude in each row
 
 
 def truncated_svd(
@@ -47,11 +43,10 @@ def truncated_svd(
 ) -> Factors:
     """The `rank` strongest components of a matrix of `shape` (F, T), or all above rounding error if fewer.
 
-    A `weight` (F,) weights the squared error of each row.
-    `read(label)` yields the matrix in float32 blocks of rows, in order, which will be overwritten; it is called
-    `passes` ≥ 2 times. Memory: images of (rank + 10) · T numbers, one for each pass except the last, as many as
-    `SPACE_BYTES` holds but at least two; one or two more; and the same for F. A small matrix, and one that all images
-    together would hold (as many rows as its smaller side), is read once and decomposed exactly.
+    A `weight` (F,) weights the squared error of each row. `read(label)` yields the matrix in float32 blocks of rows, in
+    order, which will be overwritten; it is called `passes` ≥ 2 times. Memory: for each pass except the last an image
+    of (rank + 10) · T numbers, as `SPACE_BYTES` holds but at least two; one or two more; and the same for F. A small
+    matrix, and one that all images together would hold, is read once and decomposed exactly.
     """
     if weight is not None:
         root = weight.clamp_min(LEAST_WEIGHT).sqrt().to(device)

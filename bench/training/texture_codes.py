@@ -26,7 +26,7 @@ PACKED, PLAIN, IN_CONTEXT, PREDICTED = range(4)  # the ways; LZMA's context are 
 def compress(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] | None = None) -> Tensor:
     """Codes (…, C), those of each channel below 2^bits, as bytes (n,), uint8, without loss.
 
-    Codes (N, C) are of pictures of some sizes (H, W), one after the other; without sizes no neighbours predict them.
+    Without the `sizes` (H, W) of the pictures that codes (N, C) are of, no neighbours predict them.
     """
     planes = np.ascontiguousarray(codes.cpu().numpy().astype(np.uint8).reshape(-1, len(bits)).T)
     shifted = planes << (MOST_BITS - np.array(bits, np.uint8))[:, None]
@@ -92,7 +92,6 @@ def expand(data: Tensor, shape: Sequence[int], sizes: Sequence[tuple[int, int]] 
 
 
 def _coder(way: int, count: int) -> list[dict[str, int]]:
-    context = 4 if way == IN_CONTEXT else 0
-    size = min(max(4096, count), 1 << 24)
+    context, size = 4 if way == IN_CONTEXT else 0, min(max(4096, count), 1 << 24)
     preset = 9 | lzma.PRESET_EXTREME
     return [{"id": lzma.FILTER_LZMA2, "preset": preset, "lc": context, "lp": 0, "pb": 0, "dict_size": size}]

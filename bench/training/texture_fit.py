@@ -16,19 +16,33 @@ from bench.training.fitting import Loss, Objective, Samples, gain_of, train
 from bench.training.initial_latents import Start
 from bench.training.inputs import Directions, direction_inputs
 from bench.training.optimiser import Optimiser, groups_of
+from bench.training.quantise import WeightPrecision
 
 
 @dataclass(frozen=True)
-class FitSettings:
-    """The settings of a fit of a neural texture and its network."""
+class NetworkSettings:
+    """The settings of every fit of a network, and of its part of a file."""
 
     steps: Natural = 2_500  # steps of the fit
-    batch: BatchSize = 4_096  # samples a step
-    patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
-    start: Start = "mixed"  # of the neural texture: components of the log ABRDFs, random, or both
     optimiser: Optimiser = "muon"  # of the network's hidden matrices; Adam takes all others
     hidden_rate: Positive = 2e-2  # highest learning rate of Muon
     rate: Positive = 1e-2  # highest learning rate of the network
+    weights: WeightPrecision = "half"  # precision of the stored network
+
+
+@dataclass(frozen=True)
+class TextureSettings(NetworkSettings):
+    """Further settings of a fit of a neural texture with its network."""
+
+    batch: BatchSize = 4_096  # samples a step
+    start: Start = "mixed"  # of the neural texture: components of the log ABRDFs, random, or both
+
+
+@dataclass(frozen=True)
+class FitSettings(TextureSettings):
+    """Further settings of a fit in which every latent is free."""
+
+    patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
     latent_rate: Positive = 1e-2  # highest learning rate of the neural texture
     loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
 
@@ -88,10 +102,7 @@ class DirectedObjective(TextureObjective):
 
 
 class TextureMaterial(Material):
-    """A texture (H, W, D) of latents, fetched bilinearly, and a network: latents, directions → log radiance (n, 3).
-
-    `gain` is that of the log radiance, see `to_radiance`. The footprint is ignored.
-    """
+    """A texture (H, W, D) of latents, fetched bilinearly, and a network: latents, directions → log radiance (n, 3)."""
 
     def __init__(self, network: Decoder, texture: Tensor, gain: float, directions: Directions):
         architecture = network.architecture
