@@ -52,8 +52,9 @@ class Treatment:
 def read_guidance(path: Path, treatment: Treatment, own: Tensor, exposure: float) -> tuple[Tensor, dict[str, Any]]:
     """The guidance image (1, 3, H, W), sRGB in [0, 1], of a picture file, and its provenance for a file.
 
-    The material has a guidance image of its `own`, bytes (H, W, 3), and `exposure`, from radiance to the display.
-    `InputError` if it cannot be read, and before reading if the texture would have more than `LARGEST` texels.
+    The material has a guidance image of its `own`, bytes (H, W, 3), and `exposure`, from radiance to the display. JPEG
+    and PNG are decoded as sRGB; EXR and Radiance `.hdr` are linear. `InputError` if it cannot be read, and before
+    reading if the texture would have more than `LARGEST` texels.
     """
     files = FolderFiles(path.parent)
     if not path.is_file():
