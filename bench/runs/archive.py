@@ -31,7 +31,7 @@ from bench.runs.job import keep, machine, stamp
 from bench.runs.provenance import provenance
 from bench.runs.suite import CodecSpec
 from bench.runs.task import Task
-from bench.runs.workbench import Workbench, workbench
+from bench.runs.workbench import Workbench, opened
 
 MOST_BYTES, LEAST_BYTES, RATIO = 4 << 30, 256 << 20, 64  # limits of all unpacked files; RATIO: over the archive
 MOST_BAKED = 4 << 30  # bytes of radiance that an archive may make us bake, before we know whether its data are the same
@@ -159,10 +159,10 @@ def _verified(
         return Verdict(name, NOT_VERIFIED, other)
     metrics = tuple(job["score_key"]["metrics"])
     task = Task(job["run"], folder, spec, data, CodecSpec(job["codec"]), int(job["seed"]), 1, metrics=metrics)
-    with workbench(task, show) as bench:
-        if bench.btf.fingerprint != job["score_key"]["btf"]:
+    with opened(task, show) as workbench:
+        if workbench.btf.fingerprint != job["score_key"]["btf"]:
             return Verdict(name, NOT_VERIFIED, _OTHER.format(spec.name))
-        return _judged(job, bench, folder, out, show, data.split)
+        return _judged(job, workbench, folder, out, show, data.split)
 
 
 def _material(job: Record, start: Record, places: Mapping[str, str]) -> MaterialSpec:
@@ -193,7 +193,7 @@ def _other_data(job: Record, spec: MaterialSpec, data: Preparation) -> str:
     return f"baking {spec.name} would need {needed >> 30} GiB" if baked and needed > MOST_BAKED else ""
 
 
-def _judged(job: Record, bench: Workbench, folder: Path, out: Path, show: Progress, split: str) -> Verdict:
+def _judged(job: Record, workbench: Workbench, folder: Path, out: Path, show: Progress, split: str) -> Verdict:
     file = folder / "files" / Path(job["file"]).name
     loaded = loading.load(file)
     header = loaded.header
@@ -201,12 +201,12 @@ def _judged(job: Record, bench: Workbench, folder: Path, out: Path, show: Progre
         return Verdict(job["job"], DIFFERS, f"the file is of codec {header.codec}")
     if names := list(claims.misnamed(job, header)):
         return Verdict(job["job"], DIFFERS, "; ".join(names))
-    measured = evaluate(bench, loaded, 1, partial(keep, out), show)
-    measured |= {"score_key": score_key(bench, header), "scored": stamp(), "machine": machine(), "status": "ok"}
+    measured = evaluate(workbench, loaded, 1, partial(keep, out), show)
+    measured |= {"score_key": score_key(workbench, header), "scored": stamp(), "machine": machine(), "status": "ok"}
     measured["verified"] = True
     fit = {"codec": header.codec, "version": header.version, "settings": header.settings}
     fit |= {"store": job["fit_key"]["store"]} if "store" in job["fit_key"] else {}  # no file says it
-    fit |= {"training": bench.training.fingerprint} | ({"shared": header.network} if header.network else {})
+    fit |= {"training": workbench.training.fingerprint} | ({"shared": header.network} if header.network else {})
     record = kept(job, NAMES) | {"split": split, "fit_key": fit} | measured
     record["file"] = f"files/{file.name}"
     atomic.write(out / record["file"], file.read_bytes())

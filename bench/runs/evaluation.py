@@ -34,74 +34,76 @@ DESCRIBED = ("unit", "direction", "space", "version")  # fields of a metric that
 Keep = Callable[[str, dict[str, Any]], str]
 
 
-def score_key(bench: Workbench, header: Header) -> dict[str, Any]:
+def score_key(workbench: Workbench, header: Header) -> dict[str, Any]:
     """Everything that the figures of a file depend on. A file is not scored again if a record has the same key."""
     codec = registry.load_codec(header.codec, wanted_by=str(header.path))(**header.settings)
-    code = identity(codec, __name__, *(type(metric).__module__ for metric in bench.scorer.metrics.values()))["code"]
-    return {"sha256": header.sha256, "code": code} | conditions(bench)
+    code = identity(codec, __name__, *(type(metric).__module__ for metric in workbench.scorer.metrics.values()))["code"]
+    return {"sha256": header.sha256, "code": code} | conditions(workbench)
 
 
-def conditions(bench: Workbench) -> dict[str, Any]:
+def conditions(workbench: Workbench) -> dict[str, Any]:
     """Everything besides the file that scores depend on: the part of a score key that comparable rows share."""
-    versions = {name: get_metric(name).version for name in bench.scorer.names}
-    key = {"btf": bench.btf.fingerprint, "exposure": bench.exposure}
+    versions = {name: get_metric(name).version for name in workbench.scorer.names}
+    key = {"btf": workbench.btf.fingerprint, "exposure": workbench.exposure}
     key |= {"metrics": versions, "footprints": scoring.FOOTPRINTS_VERSION}
-    if bench.demand:
-        key |= {"demand": bench.demand.fingerprint}
-    if len(bench.scored) < len(bench.btf):
-        key |= {"scored": len(bench.scored)}
-    if len(bench.deciding) < len(bench.groups[gate(bench.groups)]):
-        key |= {"deciding": sha256(bench.deciding.astype("<i8").tobytes()).hexdigest()[:16]}
+    if workbench.demand:
+        key |= {"demand": workbench.demand.fingerprint}
+    if len(workbench.scored) < len(workbench.btf):
+        key |= {"scored": len(workbench.scored)}
+    if len(workbench.deciding) < len(workbench.groups[gate(workbench.groups)]):
+        key |= {"deciding": sha256(workbench.deciding.astype("<i8").tobytes()).hexdigest()[:16]}
     return key
 
 
-def evaluate(bench: Workbench, file: Loaded, threads: int, keep: Keep, show: Progress) -> Record:
+def evaluate(workbench: Workbench, file: Loaded, threads: int, keep: Keep, show: Progress) -> Record:
     """Score the material decoded from a codec file; returns the part of its record that the score key covers.
 
     `keep(name, content)` stores content that is too large for the record, and returns the name that the record holds.
     """
-    shared.refuse(file.network, bench.btf)
-    figures = scored(bench, unreported(file.material), file.header.path.stem, threads, keep, show)
+    shared.refuse(file.network, workbench.btf)
+    figures = scored(workbench, unreported(file.material), file.header.path.stem, threads, keep, show)
     sizes = file.header.part_bytes() | {"total": file.header.file_bytes}
     sizes |= {"shared": file.network.file_bytes} if file.network else {}
     return {"settings": file.header.settings, "bytes": sizes} | figures
 
 
-def scored(bench: Workbench, material: Material, name: str, threads: int, keep: Keep, show: Progress) -> Record:
+def scored(workbench: Workbench, material: Material, name: str, threads: int, keep: Keep, show: Progress) -> Record:
     """Score any material: its record without settings and bytes; kept files are called after `name`."""
-    decoder = Slices(bench, material, show)
-    groups, decides = dict(bench.groups), gate(bench.groups)
-    if decides != "all" and len(bench.scored) < len(bench.btf):
+    decoder = Slices(workbench, material, show)
+    groups, decides = dict(workbench.groups), gate(workbench.groups)
+    if decides != "all" and len(workbench.scored) < len(workbench.btf):
         del groups["all"]  # if only some training pairs are scored, a mean over all scored pairs represents neither set
     with torch_threads(threads):
-        scores = bench.scorer.score(bench.scored, decoder.watched)
-        coarse = scoring.footprint_errors(bench.btf, bench.deciding, decoder.slice, bench.exposure, COARSE)
-        pictures = _pictures(bench, decoder)
-        scene = bench.judge.record(material) if bench.judge else {}
-    summary = scoring.summarise(scores, bench.btf.wo, bench.btf.wi, groups)
+        scores = workbench.scorer.score(workbench.scored, decoder.watched)
+        coarse = scoring.footprint_errors(workbench.btf, workbench.deciding, decoder.slice, workbench.exposure, COARSE)
+        pictures = _pictures(workbench, decoder)
+        scene = workbench.judge.record(material) if workbench.judge else {}
+    summary = scoring.summarise(scores, workbench.btf.wo, workbench.btf.wi, groups)
     finest = summary[decides]["metrics"][PSNR]
     one = {PSNR: finest["pooled"]} | {key: finest[key] for key in ("mean", "exact", "slices")}
-    if bench.scene_shares is not None:
-        summary["scene"] = scoring.weighted(scores, bench.scene_shares)
+    if workbench.scene_shares is not None:
+        summary["scene"] = scoring.weighted(scores, workbench.scene_shares)
     angular: dict[str, Any] = {"bins": {name: group.pop("bins", {}) for name, group in summary.items()}}
-    angular["polar"] = scoring.polar_maps(scores, bench.btf.wo, bench.btf.wi)
+    angular["polar"] = scoring.polar_maps(scores, workbench.btf.wo, workbench.btf.wi)
     program: Record = {}
     if isinstance(material, ProgramMaterial):  # its time would include exchanging files
         nanoseconds = 1e9 * material.waited / max(1, material.queries)
         program = {"program": {"queries": material.queries, "ns_per_query": nanoseconds}}
     return {
-        "shape": list(bench.btf.shape),
-        "pairs": {name: len(pairs) for name, pairs in bench.groups.items()},
-        "provenance": bench.btf.provenance,
+        "shape": list(workbench.btf.shape),
+        "pairs": {name: len(pairs) for name, pairs in workbench.groups.items()},
+        "provenance": workbench.btf.provenance,
         "parameters": None if material.opaque else parameters(material),
         "resident": None if material.opaque else resident_bytes(material),
         "cost": dataclasses.asdict(material.cost),
-        "metrics": {name: {word: getattr(get_metric(name), word) for word in DESCRIBED} for name in bench.scorer.names},
+        "metrics": {
+            name: {word: getattr(get_metric(name), word) for word in DESCRIBED} for name in workbench.scorer.names
+        },
         "scores": summary,
         "footprints": {"1": one} | scoring.summarise_footprints(coarse),
         **({"scene": scene} if scene else {}),
         **program,
-        "slices": keep(f"slices/{name}.npz", _slices(bench, scores, coarse)),
+        "slices": keep(f"slices/{name}.npz", _slices(workbench, scores, coarse)),
         "angular": keep(f"angular/{name}.json", angular),
         "pictures": keep(f"pictures/{name}.npz", pictures),
     }
@@ -130,50 +132,50 @@ def recorded(folder: Path, job: Record, device: str) -> Material:
 class Slices:
     """Slices of the decoded material at the pairs of its BTF."""
 
-    bench: Workbench
+    workbench: Workbench
     material: Material
     show: Progress
 
     def slice(self, pair: int, factor: int = 1) -> np.ndarray:
         """Linear radiance (H // factor, W // factor, 3) of one pair, over whole boxes of texels."""
-        btf = self.bench.btf
+        btf = self.workbench.btf
         return self.material.boxes(btf.wo[pair].tolist(), btf.wi[pair].tolist(), factor, btf.shape).numpy()
 
     def watched(self, pair: int) -> np.ndarray:
         """The slice of one pair; also moves the progress bar."""
-        done = int(np.searchsorted(self.bench.scored, pair)) + 1
-        self.show("scoring", done, len(self.bench.scored))
+        done = int(np.searchsorted(self.workbench.scored, pair)) + 1
+        self.show("scoring", done, len(self.workbench.scored))
         return self.slice(pair)
 
 
-def _slices(bench: Workbench, scores: scoring.Scores, coarse: dict[int, np.ndarray]) -> dict[str, np.ndarray]:
+def _slices(workbench: Workbench, scores: scoring.Scores, coarse: dict[int, np.ndarray]) -> dict[str, np.ndarray]:
     """The scores of every slice, with its directions in degrees.
 
     `footprint_2`, …: the errors at larger footprints; NaN where none was measured.
     """
-    heldout = np.isin(scores.pairs, bench.groups.get("heldout", []))
+    heldout = np.isin(scores.pairs, workbench.groups.get("heldout", []))
     arrays = {"pairs": scores.pairs, "heldout": heldout, "abrdf": scores.abrdf} | scores.raw
-    arrays |= {f"{w}_deg": np.stack(to_degrees(getattr(bench.btf, w)[scores.pairs]), 1) for w in ("wo", "wi")}
-    decides = np.isin(bench.scored, bench.deciding)
+    arrays |= {f"{w}_deg": np.stack(to_degrees(getattr(workbench.btf, w)[scores.pairs]), 1) for w in ("wo", "wi")}
+    decides = np.isin(workbench.scored, workbench.deciding)
     for factor, raw in coarse.items():
         arrays[f"footprint_{factor}"] = np.full(len(decides), np.nan)
         arrays[f"footprint_{factor}"][decides] = raw
     return arrays
 
 
-def _pictures(bench: Workbench, decoder: Slices) -> dict[str, np.ndarray]:
+def _pictures(workbench: Workbench, decoder: Slices) -> dict[str, np.ndarray]:
     """The shown slices, truth and decoded, display-transformed, 8 bit, and their FLIP maps in magma.
 
     `sheet` says which of them a contact sheet holds.
     """
-    truth = np.stack([bench.btf[i] for i in bench.shown])
-    decoded = np.stack([decoder.slice(i) for i in bench.shown])
-    eight = [np.round(to_display(x, bench.exposure) * 255).astype(np.uint8) for x in (truth, decoded)]
-    angles = [np.stack(to_degrees(w[bench.shown]), 1) for w in (bench.btf.wo, bench.btf.wi)]
+    truth = np.stack([workbench.btf[i] for i in workbench.shown])
+    decoded = np.stack([decoder.slice(i) for i in workbench.shown])
+    eight = [np.round(to_display(x, workbench.exposure) * 255).astype(np.uint8) for x in (truth, decoded)]
+    angles = [np.stack(to_degrees(w[workbench.shown]), 1) for w in (workbench.btf.wo, workbench.btf.wi)]
     pictures = {"truth": eight[0], "decoded": eight[1], "wo_deg": angles[0], "wi_deg": angles[1]}
-    pictures |= {"pairs": bench.shown, "sheet": np.isin(bench.shown, bench.sheet)}
-    flip = bench.scorer.metrics.get(metric_of(bench.scorer.names, FLIP))
-    if flip and min(bench.btf.shape) >= flip.smallest:
-        error = flip.error_map(flip.prepare(truth, bench.exposure), np.maximum(decoded, 0))
+    pictures |= {"pairs": workbench.shown, "sheet": np.isin(workbench.shown, workbench.sheet)}
+    flip = workbench.scorer.metrics.get(metric_of(workbench.scorer.names, FLIP))
+    if flip and min(workbench.btf.shape) >= flip.smallest:
+        error = flip.error_map(flip.prepare(truth, workbench.exposure), np.maximum(decoded, 0))
         pictures["flip"] = np.round(magma(error) * 255).astype(np.uint8)
     return pictures

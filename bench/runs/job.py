@@ -42,7 +42,7 @@ from bench.runs.identity import identity
 from bench.runs.process_state import restored_process_state
 from bench.runs.provenance import processor, revision
 from bench.runs.task import Task
-from bench.runs.workbench import Workbench, workbench
+from bench.runs.workbench import Workbench, opened
 from bench.training import stored_texture
 
 log = logging.getLogger(__name__)
@@ -70,8 +70,8 @@ def work(task: Task, show: Progress = silent) -> Outcome:
     if not lock.reaches(task.folder, task.run):
         raise lock.unseen(task.folder, f"on {platform.node()}")
     try:
-        with workbench(task, show) as bench, restored_process_state():
-            return Job(task, bench, lambda label, done, total: show(f"{task.name}: {label}", done, total)).run()
+        with opened(task, show) as workbench, restored_process_state():
+            return Job(task, workbench, lambda label, done, total: show(f"{task.name}: {label}", done, total)).run()
     except MissingDataError as error:
         return Outcome(task.base | {"status": "unavailable", "error": str(error)})
     except OSError as error:  # while opening the material: the cache has no room, which is not the job's fault
@@ -95,7 +95,7 @@ class Job:
     """A task with its material opened."""
 
     task: Task
-    bench: Workbench
+    workbench: Workbench
     show: Progress
 
     @cached_property
@@ -104,7 +104,7 @@ class Job:
 
     @property
     def seed(self) -> int:
-        return seed_of(self.bench.name, self.codec.name, self.task.repetition)
+        return seed_of(self.workbench.name, self.codec.name, self.task.repetition)
 
     @cached_property
     def network(self) -> TrainedNetwork | None:
@@ -118,15 +118,19 @@ class Job:
     @cached_property
     def fit_key(self) -> dict[str, Any]:
         key = {"codec": self.codec.name, "version": self.codec.version, "store": stored_texture.VERSION}
-        key |= {"settings": settings_dict(self.codec), "training": self.bench.training.fingerprint, "seed": self.seed}
+        key |= {
+            "settings": settings_dict(self.codec),
+            "training": self.workbench.training.fingerprint,
+            "seed": self.seed,
+        }
         key |= {"device": torch.device(self.task.device).type, "threads": self.task.threads}
         key |= {"torch": torch.__version__} | identity(self.codec)
         key |= {"shared": self.network.sha256} if self.network else {}
         if isinstance(self.codec, Programs):
             key |= {"programs": self.codec.digest}
-        require_demand(self.codec, self.bench.demand)
-        if self.codec.scene and self.bench.demand:
-            key |= {"demand": self.bench.demand.fingerprint, "uniform": self.task.uniform}
+        require_demand(self.codec, self.workbench.demand)
+        if self.codec.scene and self.workbench.demand:
+            key |= {"demand": self.workbench.demand.fingerprint, "uniform": self.task.uniform}
         return key
 
     @property
@@ -167,7 +171,7 @@ class Job:
         if earlier.get("status") == "failed" and earlier.get("fit_key", self.fit_key) == self.fit_key:
             return Outcome(earlier, "record")
         header, fit = self._file()
-        key = score_key(self.bench, header)
+        key = score_key(self.workbench, header)
         if earlier.get("score_key") == key:
             return Outcome(earlier, "record")
         record = self.task.base | {"fit_key": self.fit_key, "machine": machine()} | fit
@@ -176,16 +180,16 @@ class Job:
 
     def _scored(self, header: container.Header) -> Record:
         file = loading.load(header.path, self.task.device, self.network)
-        scores = evaluate(self.bench, file, self.task.threads, self.keep, self.show)
+        scores = evaluate(self.workbench, file, self.task.threads, self.keep, self.show)
         if self.task.repetition:  # only the first seed has pictures
             return scores
         if is_gpu(self.task.device):
             file = loading.load(header.path, "cpu", self.network)
-        truth = f"drawings/truth-{self.bench.btf.fingerprint[:16]}.npz"  # that a page draws live, once a material
+        truth = f"drawings/truth-{self.workbench.btf.fingerprint[:16]}.npz"  # that a page draws live, once a material
         try:
-            program = None if (self.task.folder / truth).exists() else sparse_truth(self.bench.btf)
+            program = None if (self.task.folder / truth).exists() else sparse_truth(self.workbench.btf)
         except Exception as error:  # a drawing for the report must not cost the job
-            log.warning("%s: its truth is not drawn: %s", self.bench.btf.name, error)
+            log.warning("%s: its truth is not drawn: %s", self.workbench.btf.name, error)
             program = None
         if program:
             self.keep(truth, program.arrays())
@@ -223,13 +227,13 @@ class Job:
         """Fit the codec; returns the facts of the fit (processor seconds and curve) and the encoded parts."""
         device, threads = torch.device(self.task.device), self.task.threads
         fit = Fit(device, threads, self.seed, self.show, self.checkpoint, network=self.network)
-        shared.refuse(self.network, self.bench.training)
+        shared.refuse(self.network, self.workbench.training)
         encode = self.codec.encode
-        if self.codec.scene and self.bench.demand:
-            encode = partial(fitting.encode, self.codec, demand=self.bench.demand, uniform=self.task.uniform)
+        if self.codec.scene and self.workbench.demand:
+            encode = partial(fitting.encode, self.codec, demand=self.workbench.demand, uniform=self.task.uniform)
         with restored_process_state(), torch_threads(threads):
             start = processor_seconds()
-            parts = encode(self.bench.training, fit)
+            parts = encode(self.workbench.training, fit)
             seconds = processor_seconds() - start
         if fit.history:  # its clock continues when an interrupted fit is resumed
             seconds = max(seconds, fit.history[-1].get("seconds", 0.0))

@@ -101,18 +101,18 @@ def score(
     of several texels; `bytes`, `parameters` and `cost` are those of the file. With `demand`, a demand file, the scores
     include those in its scene. Raises `ContainerError` for a bad file, `InputError` if the BTF has another resolution.
     """
-    bench = Workbench(btf, btf.name, demand=load_demand(Path(demand)) if demand else None)
+    workbench = Workbench(btf, btf.name, demand=load_demand(Path(demand)) if demand else None)
     if isinstance(decoded, str | os.PathLike) and not Path(decoded).is_dir():
         loaded = loading.load(Path(decoded), device)
         _same_size(str(decoded), loaded.material.size, btf)
-        figures = {"codec": loaded.header.codec, "score_key": score_key(bench, loaded.header)}
-        figures |= evaluate(bench, loaded, threads, lambda name, content: name, show)
+        figures = {"codec": loaded.header.codec, "score_key": score_key(workbench, loaded.header)}
+        figures |= evaluate(workbench, loaded, threads, lambda name, content: name, show)
     else:
         name, material = _material(decoded, btf)
         if demand and isinstance(material, SlicesMaterial):
             raise InputError(f"{name}: slices cannot be scored in a scene, which needs more pairs: leave out demand")
-        figures = {"codec": name, "settings": {}, "bytes": {}, "score_key": conditions(bench)}
-        figures |= scored(bench, material, name, threads, lambda name, content: name, show)
+        figures = {"codec": name, "settings": {}, "bytes": {}, "score_key": conditions(workbench)}
+        figures |= scored(workbench, material, name, threads, lambda name, content: name, show)
     for field in field_names(ARTEFACT):  # a run keeps these files, `score` does not
         figures.pop(field, None)
     return figures

@@ -35,7 +35,7 @@ from bench.runs import runner
 from bench.runs.evaluation import Slices, recorded
 from bench.runs.suite import Suite, canonical
 from bench.runs.task import Task
-from bench.runs.workbench import Workbench, workbench
+from bench.runs.workbench import Workbench, opened
 from bench.timing import native
 from bench.timing.execution import Variant, exists_on, is_whole, networks, prepared
 from bench.timing.profile import profile
@@ -103,8 +103,8 @@ def measure(
         if jobs := [job for job in recorded_jobs if job and job["status"] == "ok"]:
             first = suite.codecs[0], suite.seeds[0], 1
             task = Task("trade", run.folder, spec, suite.data, *first, metrics=suite.metrics)
-            with workbench(task, show) as bench:
-                choices = _choices(bench, jobs, suite, run, device, ceilings, show)
+            with opened(task, show) as workbench:
+                choices = _choices(workbench, jobs, suite, run, device, ceilings, show)
             result["choices"] += [row | _noise(run, row, show) for row in choices] if noise else choices
             plain = {job["label"]: recorded(run.folder, job, device) for job in jobs if _plain(suite, job)}
             records = profile(plain or {jobs[0]["label"]: recorded(run.folder, jobs[0], device)}, cores, batches)
@@ -154,7 +154,13 @@ def _plain(suite: Suite, job: Record) -> bool:
 
 
 def _choices(
-    bench: Workbench, jobs: list[Record], suite: Suite, run: Run, device: str, ceilings: list[Record], show: Progress
+    workbench: Workbench,
+    jobs: list[Record],
+    suite: Suite,
+    run: Run,
+    device: str,
+    ceilings: list[Record],
+    show: Progress,
 ) -> list[Record]:
     """Every choice of one material: quality, bytes, time in turns with all others, and whether it is on a front."""
     rows, timed = [], {}
@@ -172,7 +178,7 @@ def _choices(
                     decide = slices["heldout"] if gate(job["scores"]) == "heldout" else slice(None)
                     row |= _figures(job, slices[PSNR][decide])
                 else:
-                    row |= _score(bench, ready, suite.threads, show) | _deviation(bench, ready, material, show)
+                    row |= _score(workbench, ready, suite.threads, show) | _deviation(workbench, ready, material, show)
             except Exception as error:  # an error in one variant must not lose the figures of the others
                 kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "  # an unexpected error
                 rows.append(row | {"error": kind + " ".join(str(error).split())})
@@ -186,7 +192,7 @@ def _choices(
         summary = measured[str(i)].summary()
         least = _limit(ready, ceilings)
         rows[i] |= summary | conditions | {"limit_ns": least, "of_limit": least / summary["ns_per_sample"]}
-    floor = {"material": bench.name, "label": timing.FLOOR, "execution": "eager", "precision": "float32"}
+    floor = {"material": workbench.name, "label": timing.FLOOR, "execution": "eager", "precision": "float32"}
     _mark([row for row in rows if "error" not in row])
     return [*rows, floor | conditions | measured[timing.FLOOR].summary()]
 
@@ -208,22 +214,24 @@ def _limit(material: Material, ceilings: list[dict[str, Any]]) -> float:
     return min(limit_ns(cost, c) for c in ceilings if c["threads"] == threads and c["dtype"] in usable)
 
 
-def _score(bench: Workbench, material: Material, threads: int, show: Progress) -> dict[str, Any]:
+def _score(workbench: Workbench, material: Material, threads: int, show: Progress) -> dict[str, Any]:
     """The figures of a material in another execution or precision, scored now."""
-    groups = {gate(bench.groups): bench.deciding} | {
-        name: np.intersect1d(bench.scored, pairs) for name, pairs in bench.groups.items() if name == VALIDATION
+    groups = {gate(workbench.groups): workbench.deciding} | {
+        name: np.intersect1d(workbench.scored, pairs) for name, pairs in workbench.groups.items() if name == VALIDATION
     }
     with torch_threads(threads):
-        scores = bench.scorer.score(np.unique(np.concatenate([*groups.values()])), Slices(bench, material, show).slice)
-    summary = summarise(scores, bench.btf.wo, bench.btf.wi, groups)
-    return _figures({"scores": summary}, scores.raw[PSNR][np.isin(scores.pairs, bench.deciding)])
+        scores = workbench.scorer.score(
+            np.unique(np.concatenate([*groups.values()])), Slices(workbench, material, show).slice
+        )
+    summary = summarise(scores, workbench.btf.wo, workbench.btf.wi, groups)
+    return _figures({"scores": summary}, scores.raw[PSNR][np.isin(scores.pairs, workbench.deciding)])
 
 
-def _deviation(bench: Workbench, ours: Material, plain: Material, show: Progress) -> dict[str, Any]:
+def _deviation(workbench: Workbench, ours: Material, plain: Material, show: Progress) -> dict[str, Any]:
     """PSNR, against the answers of eager float32, of the held-out slice that differs most; None if none differs."""
-    at, at_plain = (Slices(bench, material, show).slice for material in (ours, plain))
-    exposure = bench.scorer.exposure
-    worst = max(display_error(at(pair), at_plain(pair), exposure) for pair in bench.deciding.tolist())
+    at, at_plain = (Slices(workbench, material, show).slice for material in (ours, plain))
+    exposure = workbench.scorer.exposure
+    worst = max(display_error(at(pair), at_plain(pair), exposure) for pair in workbench.deciding.tolist())
     return {"from_float32": as_number(float(decibels(worst)))}
 
 

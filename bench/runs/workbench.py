@@ -138,7 +138,7 @@ def demand_of(run: str, path: str) -> Demand:
 
 
 @contextmanager
-def workbench(task: Task, show: Progress) -> Iterator[Workbench]:
+def opened(task: Task, show: Progress) -> Iterator[Workbench]:
     """The workbench of a task's material, for one thread at a time; consecutive tasks on one material share it.
 
     Tasks of another repetition are scored at another draw of test pairs, if the material has several.
