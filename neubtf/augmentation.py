@@ -16,7 +16,7 @@ from neubtf.autoencoder import STRIDE
 
 
 @dataclass(frozen=True)
-class Window:
+class Crop:
     """A crop and a rescale that every picture of one step shares: `source` texels from `corner` on, become `size`."""
 
     corner: tuple[int, int]  # row, column
@@ -28,7 +28,7 @@ class Window:
     @classmethod
     def drawn(
         cls, shape: tuple[int, int], largest: int, scale: float, periodic: bool, generator: torch.Generator, around: int
-    ) -> "Window":
+    ) -> "Crop":
         """A random window in pictures of a shape (H, W), rescaled by `scale`.
 
         The window has at most `largest` texels a side, in multiples of the autoencoder's stride if it can, and `around`
@@ -49,11 +49,11 @@ class Window:
     def inner_size(self) -> tuple[int, int]:
         return self.size[0] - 2 * self.around[0], self.size[1] - 2 * self.around[1]
 
-    def at_origin(self) -> "Window":
+    def at_origin(self) -> "Crop":
         """The window without its place and its scale: equal for windows of one size."""
         return dataclasses.replace(self, corner=(0, 0), source=self.size)
 
-    def aligned(self) -> "Window":
+    def aligned(self) -> "Crop":
         """The window with its corner moved to a corner of the autoencoder's cells."""
         row, col = (first // STRIDE * STRIDE for first in self.corner)
         return dataclasses.replace(self, corner=(row, col))
@@ -83,7 +83,7 @@ class Window:
 
 
 class _Side(NamedTuple):
-    """One side of a window, with fields as in `Window`."""
+    """One side of a window, with fields as in `Crop`."""
 
     corner: int
     source: int

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from bench.metrics.display import decode_srgb
 from bench.training import Samples, distance
-from neubtf.augmentation import Window, draw_scale
+from neubtf.augmentation import Crop, draw_scale
 from neubtf.encoder import Encoder, displayed
 from neubtf.losses import Style, focal_frequency, shown
 from neubtf.training import Guided, StagedSettings, pictures
@@ -26,7 +26,7 @@ PAPER |= {"steps": 30_000, "crop": 16, "around": 0, "smallest": 0.75, "blur": 0.
 class Element(NamedTuple):
     """One element of a batch: its window, its input (1, 3, h, w) in sRGB, and log radiance (1, 3, h, w) to meet."""
 
-    window: Window
+    window: Crop
     picture: Tensor
     target: Tensor
     view: int  # the pair of the input
@@ -52,7 +52,7 @@ class Published(Guided):
         """An element, drawn at random."""
         settings, samples = self.settings, self.samples
         scale = draw_scale(settings.smallest, settings.keep_scale, generator)
-        window = Window.drawn(samples.shape, settings.crop, scale, samples.btf.periodic, generator, settings.around)
+        window = Crop.drawn(samples.shape, settings.crop, scale, samples.btf.periodic, generator, settings.around)
         pairs = torch.randint(samples.pairs, (2,), generator=generator)
         texels = window.texels(samples.shape).to(samples.device, non_blocking=True)
         view, target = self.radiance(window, texels, pairs).split(1)
@@ -66,13 +66,13 @@ class Published(Guided):
 
     def losses(self, elements: list[Element]) -> Tensor:
         """The losses (3,) of pixels, style and spectrum, not weighted, as means over elements."""
-        alike: dict[Window, list[Element]] = {}
+        alike: dict[Crop, list[Element]] = {}
         for element in elements:
             alike.setdefault(element.window.at_origin(), []).append(element)
         each = [len(group) * self._compared(window, group) for window, group in alike.items()]
         return torch.stack(each).sum(0) / len(elements)
 
-    def _compared(self, window: Window, elements: list[Element]) -> Tensor:
+    def _compared(self, window: Crop, elements: list[Element]) -> Tensor:
         inner = window.inner().to(self.samples.device, non_blocking=True)
 
         def by_texel(values: list[Tensor]) -> Tensor:

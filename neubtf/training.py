@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from bench.inputs.errors import InputError
 from bench.inputs.settings import BatchSize, Natural, NotNegative, Positive, Range, Share
 from bench.training import Batch, Decoder, Loss, NetworkSettings, Objective, Samples, distance, first_latents, groups_of
-from neubtf.augmentation import Disturbance, Window, draw_scale
+from neubtf.augmentation import Crop, Disturbance, draw_scale
 from neubtf.autoencoder import STRIDE
 from neubtf.encoder import Encoder, displayed
 from neubtf.renderer import RendererSettings, render
@@ -63,7 +63,7 @@ class StagedSettings(NetworkSettings, RendererSettings):
 class Example(NamedTuple):
     """The input of one step: a window, its texels as row · W + column, its picture, and the shown pair."""
 
-    window: Window
+    window: Crop
     texels: Tensor  # (h · w,) of the window's source
     picture: Tensor  # (1, 3, h, w)
     pair: int | None  # None: the guidance
@@ -102,7 +102,7 @@ class Guided(Objective):
         wo, wi = self.samples.wo[pair], self.samples.wi[pair]
         return render(self.renderer, latents.index_select(0, texel), wo, wi, self.settings.directions)
 
-    def radiance(self, window: Window, texels: Tensor, pairs: Tensor) -> Tensor:
+    def radiance(self, window: Crop, texels: Tensor, pairs: Tensor) -> Tensor:
         """Log radiance (B, 3, h, w) of a window of the slices of some pairs (B,); averages are of radiance."""
         each = pairs.to(texels.device, non_blocking=True).repeat_interleave(len(texels))
         values = pictures(self.samples.at(texels.repeat(len(pairs)), each).target, window.source)
@@ -150,7 +150,7 @@ class Staged(Guided):
         samples, settings = self.samples, self.settings
         exploring = float(torch.rand((), generator=generator)) < settings.explore
         scale = draw_scale(smallest, settings.keep_scale, generator) if exploring else 1.0
-        window = Window.drawn(samples.shape, settings.crop, scale, samples.btf.periodic, generator, settings.around)
+        window = Crop.drawn(samples.shape, settings.crop, scale, samples.btf.periodic, generator, settings.around)
         window = window if exploring else window.aligned()
         texels = window.texels(samples.shape).to(samples.device, non_blocking=True)
         if not exploring:

@@ -16,7 +16,7 @@ from bench.inputs.errors import InputError
 from bench.records import Run
 from reports.artefacts import program
 from reports.rows import MaterialRows, Row
-from reports.viewer.page import Model, model_data
+from reports.viewer.page import Shown, model_data
 
 BUDGET = 11_000_000  # characters of all models in a page
 LARGEST = 2_500_000  # of one model: more than a network with its latents takes, less than most tables of all pairs
@@ -75,7 +75,7 @@ def _packed_truth(run: Run, material: MaterialRows) -> str:
     if not path.is_file():
         return ""
     try:
-        data = model_data(Model("truth", program(path), job["score_key"]["exposure"], _TRUTH), bytes)
+        data = model_data(Shown("truth", program(path), job["score_key"]["exposure"], _TRUTH), bytes)
     except InputError:
         return ""  # a run's records are worth reading without its bulky parts
     data["white"], data["half"] = _painted(cast(bytes, data["half"]), job["shape"])
@@ -105,7 +105,7 @@ def _packed(run: Run, row: Row, room: int) -> str:
     if path.is_file() and PACKED * path.stat().st_size > room:
         raise InputError(_TOO_LARGE)
     note = f"{row.label}: {row.job['bytes']['total']:,} bytes"
-    packed = pack(model_data(Model(row.label, program(path), row.job["score_key"]["exposure"], note), bytes))
+    packed = pack(model_data(Shown(row.label, program(path), row.job["score_key"]["exposure"], note), bytes))
     if len(packed) > room:
         raise InputError(_TOO_LARGE)
     return packed

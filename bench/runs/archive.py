@@ -108,7 +108,7 @@ def _belongs(name: str) -> bool:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Verified:
     """The verdict on one job: `AGREES`, `DIFFERS` or `NOT_VERIFIED`, why, and the record of the measurement here."""
 
     job: str
@@ -117,7 +117,7 @@ class Verdict:
     record: Record | None = None
 
 
-def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, str] | None = None) -> Iterator[Verdict]:
+def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, str] | None = None) -> Iterator[Verified]:
     """Decode and score the files of an unpacked archive, and write the measurements as a run's folder.
 
     `places` are paths of materials by name. Without one, measured data must be under `NEUBTF_DATA`: an archive may not
@@ -132,36 +132,36 @@ def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, st
         try:
             yield _verified(job, starts.get(job.get("run"), {}), run.folder, out, show, places or {})
         except InputError as error:
-            yield Verdict(name, NOT_VERIFIED, str(error))
+            yield Verified(name, NOT_VERIFIED, str(error))
         except OSError:
             raise
         except Exception as error:  # records and codec files of others may raise any error
             what = f"{type(error).__name__}: {error}".splitlines()[0]
-            yield Verdict(name, NOT_VERIFIED, f"cannot be scored here ({what})")
+            yield Verified(name, NOT_VERIFIED, f"cannot be scored here ({what})")
 
 
 def _verified(
     job: Record, start: Record, folder: Path, out: Path, show: Progress, places: Mapping[str, str]
-) -> Verdict:
+) -> Verified:
     name = job["job"]
     if job["status"] != "ok":
-        return Verdict(name, NOT_VERIFIED, f"no result was submitted: {job.get('error', '')}")
+        return Verified(name, NOT_VERIFIED, f"no result was submitted: {job.get('error', '')}")
     records.require(job, "verification", folder)
     if job["codec"] not in (*codec_entries(), COMMAND):
         libraries = ", ".join(f"{each} {version}" for each, version in job["fit_key"].get("libraries", {}).items())
         codec = f"codec {job['codec']} version {job['fit_key']['version']}, code {str(job['fit_key']['code'])[:12]}"
-        return Verdict(name, NOT_VERIFIED, f"{codec} is not installed here ({libraries})")
+        return Verified(name, NOT_VERIFIED, f"{codec} is not installed here ({libraries})")
     if "pooled" not in metrics_of(job).get(PSNR, {}):
-        return Verdict(name, NOT_VERIFIED, "its record has no scores to compare")
+        return Verified(name, NOT_VERIFIED, "its record has no scores to compare")
     spec = _material(job, start, places)
     data = table(f"data of {name}", Preparation, start.get("data"))
     if other := _other_data(job, spec, data):
-        return Verdict(name, NOT_VERIFIED, other)
+        return Verified(name, NOT_VERIFIED, other)
     metrics = tuple(job["score_key"]["metrics"])
     task = Task(job["run"], folder, spec, data, CodecSpec(job["codec"]), int(job["seed"]), 1, metrics=metrics)
     with opened(task, show) as workbench:
         if workbench.btf.fingerprint != job["score_key"]["btf"]:
-            return Verdict(name, NOT_VERIFIED, _OTHER.format(spec.name))
+            return Verified(name, NOT_VERIFIED, _OTHER.format(spec.name))
         return _judged(job, workbench, folder, out, show, data.split)
 
 
@@ -193,14 +193,14 @@ def _other_data(job: Record, spec: MaterialSpec, data: Preparation) -> str:
     return f"baking {spec.name} would need {needed >> 30} GiB" if baked and needed > MOST_BAKED else ""
 
 
-def _judged(job: Record, workbench: Workbench, folder: Path, out: Path, show: Progress, split: str) -> Verdict:
+def _judged(job: Record, workbench: Workbench, folder: Path, out: Path, show: Progress, split: str) -> Verified:
     file = folder / "files" / Path(job["file"]).name
     loaded = loading.load(file)
     header = loaded.header
     if header.codec != job["codec"]:
-        return Verdict(job["job"], DIFFERS, f"the file is of codec {header.codec}")
+        return Verified(job["job"], DIFFERS, f"the file is of codec {header.codec}")
     if names := list(claims.misnamed(job, header)):
-        return Verdict(job["job"], DIFFERS, "; ".join(names))
+        return Verified(job["job"], DIFFERS, "; ".join(names))
     measured = evaluate(workbench, loaded, 1, partial(keep, out), show)
     measured |= {"score_key": score_key(workbench, header), "scored": stamp(), "machine": machine(), "status": "ok"}
     measured["verified"] = True
@@ -213,4 +213,4 @@ def _judged(job: Record, workbench: Workbench, folder: Path, out: Path, show: Pr
     reasons = list(claims.differences(job, record))
     records.append(out, record)
     more = f" and {len(reasons) - SHOWN} more" if len(reasons) > SHOWN else ""
-    return Verdict(job["job"], DIFFERS if reasons else AGREES, "; ".join(reasons[:SHOWN]) + more, record)
+    return Verified(job["job"], DIFFERS if reasons else AGREES, "; ".join(reasons[:SHOWN]) + more, record)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.training.code_model import AROUND, MOST_TERMS, ONE, OWN, SHAPES, TOTAL, USUAL, Canvas, Ints, Model
+from bench.training.code_model import AROUND, MOST_TERMS, ONE, OWN, SHAPES, TOTAL, USUAL, Canvas, CodeModel, Ints
 
 Floats = NDArray[np.float64]
 
@@ -14,11 +14,11 @@ NUDGE = 1e-6  # of a variance, so that terms that are alike can be told apart
 FIRST = 8, 4, 4, 2  # the mixture where the search starts
 
 
-def fitted(codes: NDArray[np.uint8], bits: Ints, canvas: Canvas) -> Model:
+def fitted(codes: NDArray[np.uint8], bits: Ints, canvas: Canvas) -> CodeModel:
     """The model of codes (N, C)."""
     count, channels = codes.shape
     middle = codes.mean(0).round().astype(np.int64)
-    model = Model(bits, middle, np.zeros_like(bits), np.tile(np.array(FIRST, np.int64), (channels, 1)), [])
+    model = CodeModel(bits, middle, np.zeros_like(bits), np.tile(np.array(FIRST, np.int64), (channels, 1)), [])
     values = np.zeros(channels * canvas.plane, np.int32)
     for channel in range(channels):
         canvas.fill(values, channel, model.value(channel, codes[:, channel].astype(np.int64)))
@@ -67,7 +67,7 @@ def _terms(values: Ints, cell: Ints, channel: int, count: int, step: float, canv
     return [(term, weight) for term, weight in zip(chosen, rounded.tolist(), strict=True) if weight]
 
 
-def _mixture(model: Model, channel: int, code: Ints, guess: Ints, around: Ints, before: Ints) -> Ints:
+def _mixture(model: CodeModel, channel: int, code: Ints, guess: Ints, around: Ints, before: Ints) -> Ints:
     """The mixture (4,) that takes the fewest bits: each number in turn, while that helps."""
 
     def length(mixture: tuple[int, ...]) -> float:

@@ -110,7 +110,7 @@ def feasible(sizes: Sequence[Size], channels: int) -> bool:
 
 
 @dataclass
-class Model:
+class CodeModel:
     """What predicts the codes of C channels, on the scale of eight bits: stored as bytes, and used as it is stored."""
 
     bits: Ints  # (C,)
@@ -128,7 +128,7 @@ class Model:
         return bytes(out)
 
     @classmethod
-    def from_bytes(cls, data: bytes, bits: Ints) -> tuple["Model", int]:
+    def from_bytes(cls, data: bytes, bits: Ints) -> tuple["CodeModel", int]:
         """A model, and the number of bytes that it takes."""
         at, heads, terms = 0, [], list[list[tuple[int, int]]]()
         for channel in range(len(bits)):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bench.inputs.errors import InputError
 from bench.training.code_fit import fitted
-from bench.training.code_model import TOTAL, USUAL, Canvas, Curve, Ints, Model, Size
+from bench.training.code_model import TOTAL, USUAL, Canvas, CodeModel, Curve, Ints, Size
 
 Codes = NDArray[np.uint8]
 Step = Callable[[Ints, Ints, Curve], Ints]  # the codes (n,) of texels and channels with some distributions
@@ -45,7 +45,7 @@ def encode(codes: Codes, bits: Ints, sizes: Sequence[Size]) -> bytes:
 
 def decode(data: bytes, bits: Ints, sizes: Sequence[Size]) -> Codes:
     """The codes (N, C) that `encode` stored. `InputError` if the bytes are not of such codes."""
-    model, start = Model.from_bytes(data, bits)
+    model, start = CodeModel.from_bytes(data, bits)
     canvas = Canvas.of(sizes)
     count = len(canvas.cells) * len(bits)
     reader = _Reader(model, data[start:], _lanes(count))
@@ -72,7 +72,7 @@ def _rounds(count: int, lanes: int) -> list[slice]:
     return [slice(at, at + lanes) for at in range(0, count, lanes)]
 
 
-def _walk(model: Model, canvas: Canvas, code_step: Step) -> None:
+def _walk(model: CodeModel, canvas: Canvas, code_step: Step) -> None:
     """Visit all codes in their order, each with its guess and the steepness of its distribution."""
     channels, plane = len(model.bits), canvas.plane
     offsets, weights = model.taps(canvas)
@@ -95,7 +95,7 @@ def _walk(model: Model, canvas: Canvas, code_step: Step) -> None:
 class _Reader:
     """The coders of some bytes: their states (lanes,), and the words that are still to be read."""
 
-    def __init__(self, model: Model, data: bytes, lanes: int):
+    def __init__(self, model: CodeModel, data: bytes, lanes: int):
         self.model, self.at = model, 0
         if len(data) < 4 * lanes or len(data) % 2:
             raise InputError(f"a texture of this file has {len(data)} bytes for {lanes} coders: encode it again")

@@ -9,13 +9,13 @@ from typing import Any
 
 from bench.files.atomic import replacing
 from reports.board.pages import Board
-from reports.board.sources import Codec, Source, with_files
+from reports.board.sources import Codec, Publication, with_files
 
 TEXT: Any = {"encoding": "utf-8", "errors": "replace", "newline": "\n"}  # halves of letters are no reason to fail
 
 
 def write_site(
-    records: Sequence[Source], runs: Sequence[Source], codecs: Mapping[str, Codec], folder: Path
+    records: Sequence[Publication], runs: Sequence[Publication], codecs: Mapping[str, Codec], folder: Path
 ) -> list[Path]:
     """Write the pages of some records into a folder, each file whole or not at all; returns them, the front first.
 

@@ -6,7 +6,7 @@ from html import escape
 from bench.records import KINDS, kind_of
 from reports import series
 from reports.board import tables
-from reports.board.sources import STATES, Codec, Source, by_material, joined, page_name
+from reports.board.sources import STATES, Codec, Publication, by_material, joined, page_name
 from reports.figures.fronts import fronts
 from reports.fits import curves_by_material
 from reports.html_tables import anchors, contents, details, note, table_html
@@ -40,7 +40,7 @@ _Piece = tuple[str, Iterator[str]]  # the name of a page and its text
 class Board:
     """All pages of some sources; what installed codecs say of themselves stands on theirs."""
 
-    def __init__(self, sources: Sequence[Source], codecs: Mapping[str, Codec]):
+    def __init__(self, sources: Sequence[Publication], codecs: Mapping[str, Codec]):
         filled = (source for source in sources if source.materials)
         places = {kind: place for place, kind in enumerate((*KINDS, ""))}
         self.sources = sorted(filled, key=lambda s: (not s.has_budgets, places[_kind(s).partition(",")[0]]))
@@ -66,7 +66,7 @@ class Board:
             yield page_name("codec", name), self._document(name, self._codec_body(name, mine), mine, fits)
 
     def _document(
-        self, title: str, body: Iterable[str], sources: Sequence[Source], more: Sequence[series.Plot] = ()
+        self, title: str, body: Iterable[str], sources: Sequence[Publication], more: Sequence[series.Plot] = ()
     ) -> Iterator[str]:
         plots = [*(plot for source in sources for plot in self.plots[source.name]), *more]
         labels = {each["label"] for plot in plots for each in plot["series"]}
@@ -74,7 +74,7 @@ class Board:
         every = series.codecs(joined([(f"{source.name}/{name}", source, name) for source, name in names]))
         return document(title, body, [look for look in every if look["label"] in labels], plots)
 
-    def _front_body(self, sources: Sequence[Source]) -> Iterator[str]:
+    def _front_body(self, sources: Sequence[Publication]) -> Iterator[str]:
         yield f"<p>{_INTRO}</p>"
         links = [("materials", "Materials"), ("codecs-list", "Codecs"), ("hand-in", "Hand in results")]
         links = [(page_name("s", source.name), source.name) for source in sources] + links
@@ -109,7 +109,7 @@ class Board:
         name = label.replace(",", " ").split(maxsplit=1)[0] if label.strip() else ""
         return page_name("codec", name) if name in self.places else ""
 
-    def _codec_body(self, name: str, sources: Sequence[Source]) -> Iterator[str]:
+    def _codec_body(self, name: str, sources: Sequence[Publication]) -> Iterator[str]:
         yield contents([(FRONT, "All results")])
         yield from _about(self.known.get(name))
         standing = tables.standing(name, self.places[name])
@@ -126,7 +126,7 @@ class Board:
 class MaterialPage(Page):
     """The rows of one material, a section for each source, as the page of a run has one for each material."""
 
-    def __init__(self, name: str, sources: Sequence[Source], board: Board):
+    def __init__(self, name: str, sources: Sequence[Publication], board: Board):
         self.name, self.sources = name, {source.title: source for source in sources}
         self.board = board
         run = joined([(source.title, source, name) for source in sources])
@@ -187,14 +187,14 @@ def _about(codec: Codec | None) -> Iterator[str]:
         yield details(title, table_html(Table("recipes", title, headers, rows, words=2), lambda *_: ""))
 
 
-def _plots(source: Source) -> Iterator[series.Plot]:
+def _plots(source: Publication) -> Iterator[series.Plot]:
     """The plots over all materials of a source, or those of its only one, under the name of the source."""
     every = series.plots_of(source.run)
     over = [plot for plot in every if not plot["material"]] or every
     yield from (plot | {"material": source.name} for plot in over if plot["kind"] in _KINDS.split())
 
 
-def _fits(name: str, source: Source) -> Iterator[series.Plot]:
+def _fits(name: str, source: Publication) -> Iterator[series.Plot]:
     """Curves of a codec's fits over steps and over seconds, for each material where its published recipe has one."""
     for material, curves in curves_by_material(source.run).items():
         mine = [fit for fit in curves if fit.label.split()[0] == name]
@@ -213,11 +213,11 @@ def _fits(name: str, source: Source) -> Iterator[series.Plot]:
             }
 
 
-def _plots_of(source: Source) -> str:
+def _plots_of(source: Publication) -> str:
     return f'<div class="plots" data-plots="{escape(source.name)}" data-kinds="{_KINDS}"></div>'
 
 
-def _kind(source: Source, material: str = "") -> str:
+def _kind(source: Publication, material: str = "") -> str:
     """The kinds of truth of a source or of one of its materials, in words."""
     jobs = (job for job in source.run.jobs if job["status"] == "ok" and material in ("", job["material"]))
     return ", ".join(sorted({kind_of(job) for job in jobs}, key=KINDS.index))

@@ -36,7 +36,7 @@ class Codec:
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class Publication:
     """Records of one file, archive or run. Nobody but who handed it in has scored what is `claimed`."""
 
     name: str
@@ -76,7 +76,7 @@ def may_be_shown(job: Record, run: Run) -> bool:
     return source == RENDERED or (source == BAKED and "CC0" in where and not job.get("verified"))
 
 
-def with_files(records: Sequence[Source], runs: Sequence[Source]) -> list[Source]:
+def with_files(records: Sequence[Publication], runs: Sequence[Publication]) -> list[Publication]:
     """The sources, each job with those files of runs at hand that may be shown, and with no other path.
 
     A run follows as a source of its own unless all its jobs are in the records.
@@ -114,7 +114,7 @@ def _key(job: Record) -> tuple[str, ...]:
     return job["job"], str(key.get("sha256")), str(key.get("btf"))
 
 
-def joined(parts: Sequence[tuple[str, Source, str]]) -> Run:
+def joined(parts: Sequence[tuple[str, Publication, str]]) -> Run:
     """One run of parts: each the name that a material gets, its source, and its own name there."""
     run = Run(Path())
     for name, source, material in parts:
@@ -134,7 +134,7 @@ def page_name(kind: str, name: str) -> str:
     return f"{kind}-{plain}.html" if plain == name else f"{kind}-{plain}-{digest}.html"
 
 
-def by_material(sources: Sequence[Source]) -> Iterator[tuple[str, list[Source]]]:
+def by_material(sources: Sequence[Publication]) -> Iterator[tuple[str, list[Publication]]]:
     """Every material that has a row, with its sources."""
     names = dict.fromkeys(material.name for source in sources for material in source.materials)
     yield from ((name, [s for s in sources if any(m.name == name for m in s.materials)]) for name in names)

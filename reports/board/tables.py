@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from bench.compare.choosing.budgets import budgets, most_bytes, shown
 from bench.records import PSNR
 from reports import columns
-from reports.board.sources import STATES, Source
+from reports.board.sources import STATES, Publication
 from reports.budgets import in_words
 from reports.numbers import EXACT, NONE, fixed, integer, signed
 from reports.rows import MaterialRows, Row
@@ -32,14 +32,14 @@ class Place:
         return 0.0 if self.mine[2] == self.best[2] else self.mine[2] - self.best[2]
 
 
-def origins(source: Source, material: MaterialRows, name: str) -> Table:
+def origins(source: Publication, material: MaterialRows, name: str) -> Table:
     """Where each row of a material is from: whose word, seed, hash, revisions, processor."""
     rows = [[row.label, *_from(source, row)] for row in material.rows]
     headers = [("codec", ""), *((header, "") for header in _FROM)]
     return Table("origins", f"{name}: where each row is from", headers, rows, [STATES], material=name)
 
 
-def _from(source: Source, row: Row) -> list[str]:
+def _from(source: Publication, row: Row) -> list[str]:
     job = row.job
     scored = job.get("scored") or {}
     texts = [source.state(job), job["seed"], str(job.get("score_key", {}).get("sha256", ""))[:12]]
@@ -47,7 +47,7 @@ def _from(source: Source, row: Row) -> list[str]:
     return [str(NONE if text in (None, "") else text) for text in (*texts, str(scored.get("at") or "")[:10])]
 
 
-def all_rows(name: str, sources: Sequence[Source]) -> Table | None:
+def all_rows(name: str, sources: Sequence[Publication]) -> Table | None:
     """Every row of a codec, of every source and material, with its numbers and where they are from."""
     wanted = [columns.TOTAL, columns.BITS, columns.HELDOUT, *(each for each in columns.time() if not each.sparse)]
     rows = []
@@ -66,13 +66,13 @@ def codec_of(row: Row) -> str:
     return row.label.split(maxsplit=1)[0]
 
 
-def places(name: str, sources: Sequence[Source]) -> list[Place]:
+def places(name: str, sources: Sequence[Publication]) -> list[Place]:
     """Where a codec stands against the best of the others, its best place first; claimed results do not count."""
     found = [place for source in sources if not source.claimed for place in _places(name, source)]
     return sorted(found, key=lambda place: -place.gap)
 
 
-def _places(name: str, source: Source) -> Iterator[Place]:
+def _places(name: str, source: Publication) -> Iterator[Place]:
     if source.has_budgets:
         yield from _at_budgets(name, source)
         return
@@ -93,7 +93,7 @@ def _place(material: str, results: str, name: str, known: Sequence[tuple[str, En
         yield Place(material, results, *(max(each, key=lambda item: item[2]) for each in (mine, others)))
 
 
-def _at_budgets(name: str, source: Source) -> Iterator[Place]:
+def _at_budgets(name: str, source: Publication) -> Iterator[Place]:
     result = budgets(source.run)
     for budget, lines in result.picks.items():
         for material in result.surfaces:

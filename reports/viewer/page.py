@@ -38,7 +38,7 @@ window.viewer = mountViewer(document.querySelector(".viewer"), data);
 
 
 @dataclass(frozen=True)
-class Model:
+class Shown:
     """A material to draw: its name, a line about it, its program, and its exposure."""
 
     label: str
@@ -47,7 +47,7 @@ class Model:
     note: str = ""
 
 
-def model_data(model: Model, encode: Callable[[bytes], object]) -> dict[str, object]:
+def model_data(model: Shown, encode: Callable[[bytes], object]) -> dict[str, object]:
     """What the page needs of a model, its arrays encoded. `InputError` where no shader can do its program."""
     full, spare = shader(model.program, GLSL), fallback(model.program, GLSL)
     data: dict[str, object] = {"label": model.label, "note": model.note, "exposure": model.exposure}
@@ -83,7 +83,7 @@ def fragment() -> Fragment:
     return Fragment(css, html, script)
 
 
-def page(title: str, models: Sequence[Model]) -> str:
+def page(title: str, models: Sequence[Shown]) -> str:
     """The whole page. `InputError` if no shader can compute a program."""
     parts = fragment()
     style, script = STYLE + parts.css, parts.script + START

@@ -6,7 +6,7 @@ import torch
 from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
-from neubtf.augmentation import Disturbance, Window, blurred, draw_scale, turned
+from neubtf.augmentation import Crop, Disturbance, blurred, draw_scale, turned
 from neubtf.autoencoder import STRIDE, Autoencoder, Pooled
 
 
@@ -18,9 +18,9 @@ def picture(height: int = 24, width: int = 32) -> Tensor:
     return torch.rand(1, 3, height, width, generator=generator(7))
 
 
-def windows(shape: tuple[int, int], largest: int, periodic: bool) -> list[Window]:
+def windows(shape: tuple[int, int], largest: int, periodic: bool) -> list[Crop]:
     random = generator()
-    return [Window.drawn(shape, largest, draw_scale(0.5, 0.5, random), periodic, random, 16) for _ in range(200)]
+    return [Crop.drawn(shape, largest, draw_scale(0.5, 0.5, random), periodic, random, 16) for _ in range(200)]
 
 
 @pytest.mark.parametrize("keep", [0.0, 0.5, 1.0])
@@ -54,7 +54,7 @@ def test_a_crop_is_coded_as_in_the_whole_picture() -> None:
     """Padded as if it repeated, its borders would be far off: the autoencoder reaches 36 texels."""
     whole = torch.rand(1, 3, 128, 128, generator=generator(3))
     network = Autoencoder(6, generator())
-    window = Window.drawn((128, 128), 32, 1.0, True, generator(5), 16).aligned()
+    window = Crop.drawn((128, 128), 32, 1.0, True, generator(5), 16).aligned()
     seen = whole.flatten(2)[..., window.texels((128, 128))].unflatten(2, window.source)
     with torch.no_grad():
         pooled = Pooled.of_cells(network.encode(whole).deep)  # over the whole picture, which no crop can know
@@ -69,20 +69,20 @@ def test_a_crop_is_coded_as_in_the_whole_picture() -> None:
 
 def test_a_window_beyond_the_border_goes_on_at_the_other() -> None:
     whole = picture()
-    window = Window((20, 30), (8, 4), (8, 4))
+    window = Crop((20, 30), (8, 4), (8, 4))
     seen = whole.flatten(2)[..., window.texels((24, 32))].unflatten(2, window.source)
     torch.testing.assert_close(window.rescaled(seen), whole.roll((-20, -30), (2, 3))[..., :8, :4])
 
 
 def test_half_the_scale_averages() -> None:
-    window, whole = Window((0, 0), (24, 32), (12, 16)), picture()
+    window, whole = Crop((0, 0), (24, 32), (12, 16)), picture()
     torch.testing.assert_close(window.rescaled(torch.full((1, 3, 24, 32), 0.3)), torch.full((1, 3, 12, 16), 0.3))
     assert window.rescaled(whole).std() < 0.6 * whole.std()
     assert window.rescaled(whole).mean() == pytest.approx(whole.mean().item(), abs=0.01)
 
 
 def test_taps_are_the_rescale_of_single_texels() -> None:
-    for window in (Window((3, 5), (21, 13), (16, 8)), Window((3, 5), (8, 8), (8, 8)), Window((0, 0), (9, 16), (4, 4))):
+    for window in (Crop((3, 5), (21, 13), (16, 8)), Crop((3, 5), (8, 8), (8, 8)), Crop((0, 0), (9, 16), (4, 4))):
         seen = torch.rand(1, 3, *window.source, generator=generator())
         texel = torch.arange(window.size[0] * window.size[1])
         index, weight = window.taps(texel)

@@ -18,7 +18,7 @@ from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
 from bench.program.recording import program_of
 from bench.records import append, load_run
-from reports.board import Codec, Source, write_site
+from reports.board import Codec, Publication, write_site
 from reports.board.sources import page_name
 
 ROOT = Path(__file__).parents[2]
@@ -55,7 +55,7 @@ def dead_links(site):
 
 
 def write(site, *records, runs=(), codecs=None):
-    write_site([Source(f"source{i}", run) for i, run in enumerate(records)], list(runs), codecs or {}, site)
+    write_site([Publication(f"source{i}", run) for i, run in enumerate(records)], list(runs), codecs or {}, site)
     return {path.name: path.read_text(encoding="utf-8") for path in site.glob("*.html")}
 
 
@@ -92,7 +92,7 @@ def test_no_picture_of_a_material_is_written_whose_licence_is_not_stated(made, t
         made.job(material=name, provenance={"source": source}, drawing="drawn.npz")
     made.job(material="five", provenance={"source": BAKED}, verified=True, drawing="drawn.npz")
     made.job(material="six", drawing="drawn.npz")
-    pages = write(tmp_path / "site", runs=[Source("mine", load_run(made.folder))])
+    pages = write(tmp_path / "site", runs=[Publication("mine", load_run(made.folder))])
     for part in ("data:image", "data-live="):
         shown = {name for name in (*where, "six") if part in pages[f"material-{name}.html"]}
         assert shown == {"two", "four"}, part
@@ -105,7 +105,7 @@ def test_records_get_the_pictures_of_a_run_at_hand_of_the_same_files_alone(made,
     made.job("pca", provenance=built_in).job("vq", "brick", provenance=built_in)
     records = run_maker(tmp_path / "records").start().job("pca", provenance=built_in, slices={}, pictures="none.npz")
     records.job("vq", "brick", provenance=built_in, btf="other", pictures="/etc/passwd")
-    published, run = load_run(records.folder), Source("quick", load_run(made.folder))
+    published, run = load_run(records.folder), Publication("quick", load_run(made.folder))
     pages = write(tmp_path / "site", published, runs=[run])
     found = json.loads(re.search(r'id="slices0">(.*?)</script>', pages["material-satin.html"])[1])
     assert [codec["label"] for codec in found["codecs"]] == ["pca"]
@@ -118,7 +118,7 @@ def test_each_row_says_whose_word_it_is_and_claims_count_nowhere(made, run_maker
     seal = {"fitted": {"git": "abc"}, "scored": {"git": "def", "at": "2026-01-02T03"}, "machine": {"processor": "mine"}}
     own = made.job("pca", psnr=30.0, **seal).job("vq", psnr=31.0, verified=True)
     claim = run_maker(tmp_path / "claim").start().job("hero", psnr=99.0, verified=True)
-    sources = [Source("own", load_run(own.folder)), Source("hero.zip", load_run(claim.folder), claimed=True)]
+    sources = [Publication("own", load_run(own.folder)), Publication("hero.zip", load_run(claim.folder), claimed=True)]
     write_site(sources, [], {}, tmp_path / "site")
     page = " ".join(text_of((tmp_path / "site/material-satin.html").read_text()).split())
     assert "pca own run 0 0 abc def mine 2026-01-02" in page
@@ -138,7 +138,9 @@ def test_strings_of_records_stay_text_and_name_no_other_place(made, tmp_path):
         made.job(f"{name} x=1", material=name).unfinished("failed", name, material=name)
     run = load_run(made.folder)
     site = tmp_path / "site"
-    write_site([Source(name, run, claimed) for name in HOSTILE for claimed in (False, True)], [], {"pca": CITED}, site)
+    write_site(
+        [Publication(name, run, claimed) for name in HOSTILE for claimed in (False, True)], [], {"pca": CITED}, site
+    )
     assert {path.parent for path in tmp_path.rglob("*.html")} == {site}
     assert len(list(site.glob("material-*"))) == len(HOSTILE)
     assert dead_links(site) == []
@@ -153,7 +155,7 @@ def test_a_run_at_hand_says_nothing_of_this_machine(made, tmp_path):
     made.job(**job, drawing="gone.npz").unfinished("failed", f"no {Path.home()}/secret").timing(host="my-host")
     job = load_run(made.folder).jobs[1]
     append(made.folder, job | {"traceback": "in my-host"})
-    pages = write(tmp_path / "site", runs=[Source("mine", load_run(made.folder))])
+    pages = write(tmp_path / "site", runs=[Publication("mine", load_run(made.folder))])
     packed = re.search(r'id="records-data">(.*?)</script>', pages["material-satin.html"])[1]
     told = zlib.decompress(base64.b64decode(packed)).decode() + "".join(pages.values())
     assert "processor" in told

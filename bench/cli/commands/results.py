@@ -87,22 +87,22 @@ def _site(records: Path, runs: list[Path], site: Path) -> None:
     import tempfile
 
     from bench.records import FILE, load_run
-    from reports.board import Source, write_site
+    from reports.board import Publication, write_site
 
     files = sorted(records.glob("*.jsonl"))
     if not files:
         raise InputError(f"--records {records}: no file of records (*.jsonl) is there")
     with tempfile.TemporaryDirectory(prefix="neubtf-site-") as scratch, writable(site, "choose another --site"):
-        found = [Source(path.stem, load_run(path)) for path in files]
+        found = [Publication(path.stem, load_run(path)) for path in files]
         for path in sorted(records.glob("*.zip")):
             from bench.runs.archive import unpack  # loads PyTorch
 
-            found.append(Source(path.name, unpack(path, Path(scratch) / path.stem), claimed=True))
+            found.append(Publication(path.name, unpack(path, Path(scratch) / path.stem), claimed=True))
         folders: list[Path] = []
         for run in runs:  # a run itself, or a folder of runs
             inside = [] if (run / FILE).exists() else sorted(path.parent for path in run.glob(f"*/{FILE}"))
             folders += inside or [run]
-        written = write_site(found, [Source(path.name, load_run(path)) for path in folders], _codecs(), site)
+        written = write_site(found, [Publication(path.name, load_run(path)) for path in folders], _codecs(), site)
     size = sum(path.stat().st_size for path in written)
     print(f"wrote {written[0]}: {len(written)} pages, {size / 1e6:.1f} MB")
 

@@ -37,7 +37,7 @@ def run(options: argparse.Namespace) -> int:
     from bench.data.open import open_named
     from bench.files import atomic
     from bench.runs.drawing import drawable_truth
-    from reports.viewer.page import Model, page
+    from reports.viewer.page import Shown, page
 
     if options.set and not options.truth:
         raise InputError("--set: it says how --truth is prepared: give --truth, too")
@@ -48,12 +48,12 @@ def run(options: argparse.Namespace) -> int:
             btf = open_named(options.truth, changes, console.show)
             program, shown = drawable_truth(btf, console.show)
             note = "truth: the training pairs, interpolated between directions"
-            models = [Model(f"{btf.name}, truth", program, shown, note)]
+            models = [Shown(f"{btf.name}, truth", program, shown, note)]
         for file in map(load, options.files):
             (program, exposure), note = _drawn(file, console.show)
             shown = shown or exposure  # one exposure for all, so that brightness can be compared
             label = f"{file.header.path.stem}: {file.header.codec}, {file.header.file_bytes:,} bytes"
-            models.append(Model(label, program, shown, note))
+            models.append(Shown(label, program, shown, note))
         text = page(models[0].label.removesuffix(", truth") if options.truth else options.files[0].stem, models)
     out = options.out or Path(tempfile.mkdtemp(prefix="neubtf-view-")) / "view.html"
     atomic.write(out, text.encode())

@@ -98,7 +98,7 @@ def test_bytes_that_are_cut_too_many_or_altered_are_refused() -> None:
 
 def test_few_bytes_claim_no_more_codes_than_can_be_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match="how its codes are predicted"):  # a term before the first channel
-        code_model.Model.from_bytes(bytes([0, 0, 0, 0, 1, len(code_model.OWN), 1]), np.array([4]))
+        code_model.CodeModel.from_bytes(bytes([0, 0, 0, 0, 1, len(code_model.OWN), 1]), np.array([4]))
     codes = torch.zeros(64, 64, 2)
     predicted = torch.tensor([PREDICTED, 4, 4, *bytes(40)], dtype=torch.uint8)
     with pytest.raises(InputError, match="40 bytes for"):

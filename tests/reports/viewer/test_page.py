@@ -18,7 +18,7 @@ from bench.directions.hemisphere import from_degrees
 from bench.material import Material
 from bench.metrics.display import to_display
 from bench.runs.drawing import drawable
-from reports.viewer.page import Model, as_json, page
+from reports.viewer.page import Shown, as_json, page
 from tests.baselines.surfaces import bumps
 
 CODECS: dict[str, dict[str, Any]] = {
@@ -38,7 +38,7 @@ def test_no_text_of_the_data_ends_the_script() -> None:
 def test_a_page_runs_its_own_script_and_nothing_else() -> None:
     codec = load_codec("mean-colour")()
     material = codec.decode(codec.encode(tiny_btf(), Fit()), torch.device("cpu"))
-    text = page("a", [Model("a", drawable(material)[0], 1.0)])
+    text = page("a", [Shown("a", drawable(material)[0], 1.0)])
     policy = re.search('<meta http-equiv="Content-Security-Policy" content="(.*?)">', text, re.S)
     assert policy is not None
     assert policy[1].startswith("default-src 'none';")
@@ -59,7 +59,7 @@ def materials() -> dict[str, Material]:
 def opened(browser: Any, materials: dict[str, Material], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     folder = tmp_path_factory.mktemp("page")
     programs = {name: drawable(material)[0] for name, material in materials.items()}
-    models = [Model(f"<b>{name}</b>", program, 1.0) for name, program in programs.items()]
+    models = [Shown(f"<b>{name}</b>", program, 1.0) for name, program in programs.items()]
     (folder / "view.html").write_text(page("a <b>page</b>", models), encoding="utf-8")
     tab = browser.new_page(viewport={"width": 240, "height": 320})
     tab.set_default_timeout(100_000)
@@ -95,7 +95,7 @@ def test_pixels_are_what_the_material_answers(opened: Any, materials: dict[str, 
 def test_a_texture_that_is_not_square_is_not_squeezed(browser: Any, tmp_path: Path) -> None:
     codec = load_codec("mean-colour")()
     material = codec.decode(codec.encode(tiny_btf().crop(0, 0, 4, 8), Fit()), torch.device("cpu"))
-    model = Model("wide", drawable(material)[0], 1.0)
+    model = Shown("wide", drawable(material)[0], 1.0)
     (tmp_path / "view.html").write_text(page("wide", [model]), encoding="utf-8")
     tab = browser.new_page(viewport={"width": 300, "height": 500})
     tab.goto((tmp_path / "view.html").as_uri())
