@@ -17,6 +17,7 @@ _NO_VALIDATION = (
     "`validation = true` under [data], as `neubtf-bench run budgets` does"
 )
 WHY_EMPTY = {
+    "front": _NO_VALIDATION,
     "budgets": _NO_VALIDATION,
     "when": _NO_VALIDATION,
     "ranks": "fewer than two codecs have a rung at 32 bits a texel on each of three or more surfaces",
@@ -38,7 +39,7 @@ WHY_EMPTY = {
 }
 KINDS = tuple(WHY_EMPTY)
 FORMATS = ("text", "markdown", "latex", "csv", "raw")
-BY_BUDGET = ("budgets", "when", "ranks", "rungs")  # tables of records that have a score of validation pairs
+BY_BUDGET = ("front", "budgets", "when", "ranks", "rungs")  # tables of records that have a score of validation pairs
 
 
 @dataclass(frozen=True)

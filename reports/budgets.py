@@ -8,6 +8,7 @@ from bench.compare.choosing import NEAR_DB, Rung
 from bench.compare.choosing.budgets import (
     BITS,
     BYTES,
+    EAGER,
     ENOUGH,
     FIT,
     Budget,
@@ -161,7 +162,33 @@ def ranks_table(run: Run) -> Iterator[Table]:
     yield Table("ranks", title, [("codec", ""), ("mean rank", "↓"), ("not told apart from", "")], rows, [note, _CHOICE])
 
 
-TABLES = {"budgets": budgets_table, "when": when_table, "rungs": rung_tables, "ranks": ranks_table}
+def front_table(run: Run) -> Iterator[Table]:
+    """Each codec at `ENOUGH`: decoder, file, time, and quality by kind of surface, all as means over surfaces."""
+    result = budgets(run)
+    kinds = grouped(result.surfaces, lambda material: kind_of(result.surfaces[material]))
+    kinds = {kind: kinds[kind] for kind in KINDS if kind in kinds} | {"all": list(result.surfaces)}
+    ranked = {kind: result.ranked(ENOUGH, surfaces) for kind, surfaces in kinds.items()}
+    rows = []
+    for line in dict.fromkeys(line for lines in reversed(ranked.values()) for line in lines):
+        rungs = [rung.of for rung in result.picks[ENOUGH][line].values()]
+        parameters, size = (round(fmean(map(of, rungs))) for of in (lambda jobs: jobs[0]["parameters"], most_bytes))
+        times = [time for jobs in rungs if (time := result.times.get(EAGER, {}).get(jobs[0]["job"]))]
+        quality = [_number(lines.get(line)) for lines in ranked.values()]
+        rows.append([line, integer(parameters), integer(size), *quality, significant(fmean(times) if times else None)])
+    surfaces = [(f"{kind}, {len(many)}", "dB ↑") for kind, many in kinds.items()]
+    headers = [("codec", ""), ("decoder", "param."), ("total", "bytes ↓"), *surfaces, ("time", "× floor ↓")]
+    if rows:
+        title = f"At {in_words(ENOUGH)}: test PSNR, means over {', '.join(result.surfaces)}"
+        yield Table("front", title, headers, rows, [_CHOICE, *_common(run, result)])
+
+
+TABLES = {
+    "front": front_table,
+    "budgets": budgets_table,
+    "when": when_table,
+    "rungs": rung_tables,
+    "ranks": ranks_table,
+}
 
 
 def _number(value: float | None, family: str = PSNR) -> str:

@@ -77,6 +77,9 @@ def test_each_kind_of_surface_has_a_table_and_all_together_have_one(made):
     (told,) = (note for note in tables[3].notes if note.startswith("*: told apart from neubtf-direct"))
     assert "Holm's correction over the column" in told
     assert tables[3].rows[1] == ["pca", "—", "25.00*", "25.00*", "25.00*", "25.00*", "25.00*"]
+    (front,) = TABLES["front"](load_run(made.folder))
+    assert [row[0] for row in front.rows] == ["neubtf-direct", "pca"]
+    assert front.rows[1][2:] == [f"{8 * SIZE:,}", "25.00", "25.00", "25.00", "25.00", "—"]
 
 
 def test_ranks_are_of_three_surfaces_and_name_who_is_not_told_apart(made):
