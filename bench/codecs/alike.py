@@ -51,7 +51,6 @@ def _scored(key: Record, newest: Record) -> list[str]:
     reasons = scored_unlike(key, newest)
     reasons += ["another demand"] if key.get("demand") != newest.get("demand") else []
     mine, theirs = key.get("metrics", {}), newest.get("metrics", {})
-    for name in sorted(mine.keys() & theirs.keys()):  # if only one has a metric, they are still comparable
-        if mine[name] != theirs[name]:
-            reasons.append(f"{name} version {mine[name]} instead of version {theirs[name]}")
-    return reasons
+    both = sorted(mine.keys() & theirs.keys())  # if only one has a metric, they are still comparable
+    differ = [name for name in both if mine[name] != theirs[name]]
+    return reasons + [f"{name} version {mine[name]} instead of version {theirs[name]}" for name in differ]

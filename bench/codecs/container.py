@@ -14,11 +14,11 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from bench.codecs.zstd import compressed, expanded
 from bench.files import atomic
-from bench.inputs.errors import ContainerError, answered, refuse_pipe
+from bench.inputs.errors import ContainerError, answered, installed, refuse_pipe
 from bench.records import fields as described
 from bench.records import kinds
 from bench.records.schema import FileScene
@@ -36,6 +36,7 @@ SUFFIX = ".nbtf"
 MATERIAL, SHARED = "material", "shared"  # kinds of file: a material, or a network shared over materials
 ZEROS = b"0" * 64
 HEADER_LIMIT = 1 << 24
+LEVEL = 19  # of Zstandard
 MOST_EXPANSION, LEAST_EXPANDED = 16, 64 << 20  # limits of all expanded parts: × the file, or bytes
 PARTS = ("decoder", "texture", "encoder", "sampling", "other")
 # Bytes a number of the dtypes that safetensors names and a codec may write.
@@ -59,10 +60,7 @@ class Header:
     provenance: dict[str, Any] = field(default_factory=dict)  # the sources of the file other than a BTF
 
     def part_bytes(self) -> dict[str, int]:
-        """Bytes of the tensors by part, and of `header`, the rest of the file. They add up to the file's size.
-
-        `encoder` and `sampling` are listed only if the file has them.
-        """
+        """Bytes of tensors by part, `encoder` and `sampling` if it has them, and of `header`, the rest of the file."""
         sums = {"decoder": 0, "texture": 0, "other": 0}
         for name, (_, _, size) in self.tensors.items():
             part = name.split("/")[0]
@@ -243,3 +241,34 @@ def _tensor(path: Path, name: str, entry: dict[str, Any]) -> tuple[str, tuple[in
     except (KeyError, ValueError, TypeError) as error:
         raise ContainerError(f"{path}: tensor {name!r:.60} is not sound") from error
     return entry["dtype"], shape, end - begin
+
+
+def compressed(data: bytes) -> "Tensor":
+    """Compress bytes into a tensor (n,) uint8."""
+    import torch
+
+    packed = _library("zstd = true").ZstdCompressor(level=LEVEL).compress(data)
+    return torch.frombuffer(bytearray(packed), dtype=torch.uint8)
+
+
+def expanded(payload: "Tensor", path: Path, most: int) -> "dict[str, Tensor]":
+    """Expand a compressed safetensors file of at most `most` bytes. `ContainerError` if it is damaged."""
+    from safetensors import SafetensorError
+    from safetensors.torch import load
+
+    zstandard = _library(str(path))
+    if str(payload.dtype) != "torch.uint8":
+        raise ContainerError(f"{path}: a compressed part is {payload.dtype}, not bytes")
+    data = payload.numpy().tobytes()
+    try:
+        if not 0 <= zstandard.frame_content_size(data) <= most:
+            raise ContainerError(f"{path}: a compressed part gives no size, or one far too large for the file")
+        return load(zstandard.ZstdDecompressor().decompress(data))
+    except (zstandard.ZstdError, SafetensorError) as error:
+        raise ContainerError(f"{path}: a compressed part is not sound ({error})") from error
+
+
+def _library(what: str) -> ModuleType:
+    with installed(f"{what}: needs the package zstandard: pip install 'neubtf-bench[zstd]'"):
+        import zstandard
+    return zstandard

@@ -88,10 +88,7 @@ def _try(material: Material) -> None:
 
 
 class DecodedSource(Source):
-    """A decoded material as the source of a BTF at the pairs wo, wi (N, 3), so that it can be written like any BTF.
-
-    `identity` names the file it was decoded from.
-    """
+    """A decoded material at the pairs wo, wi (N, 3), to be written like any BTF; `identity` names its file."""
 
     def __init__(self, material: Material, wo: np.ndarray, wi: np.ndarray, identity: str):
         self.material, self.wo, self.wi, self.identity = material, wo, wi, identity

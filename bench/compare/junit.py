@@ -21,8 +21,13 @@ def junit(comparison: Comparison) -> str:
         for row in rows:
             if row.material == material:
                 suite.extend(_cases(row))
-        _count(suite, list(suite))
-    _count(root, list(root.iter("testcase")))
+    for element in (root, *root):
+        cases = list(element.iter("testcase"))
+        failed, skipped = (sum(case.find(what) is not None for case in cases) for what in ("failure", "skipped"))
+        element.attrib |= {"tests": str(len(cases)), "failures": str(failed), "errors": "0"}
+        if element is not root:
+            element.set("skipped", str(skipped))
+        element.set("time", "0")
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True).decode() + "\n"
 
@@ -41,15 +46,6 @@ def _case(row: ComparedRow, what: str, verdict: Verdict, text: str) -> Element:
     elif verdict in (Verdict.UNLIKE, Verdict.GONE, Verdict.NEW):
         SubElement(case, "skipped", message=_legal(text or verdict))
     return case
-
-
-def _count(element: Element, cases: list[Element]) -> None:
-    element.set("tests", str(len(cases)))
-    element.set("failures", str(sum(case.find("failure") is not None for case in cases)))
-    element.set("errors", "0")
-    if element.tag == "testsuite":
-        element.set("skipped", str(sum(case.find("skipped") is not None for case in cases)))
-    element.set("time", "0")
 
 
 def _legal(text: str) -> str:

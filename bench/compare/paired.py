@@ -8,9 +8,9 @@ the same pairs draw the same ones. It holds for that material only, and with one
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from itertools import takewhile
 from pathlib import Path
 
@@ -26,6 +26,8 @@ FEWEST = 3  # materials on which codecs may be told apart
 FALSE = 0.05  # the largest chance that a table of equal codecs tells any of them apart from that codec
 DRAWS = 2000
 SEED = 0
+
+Slices = Callable[[Record], Array | None]  # the PSNR (n,) of each slice of a job
 
 
 @dataclass(frozen=True)
@@ -80,15 +82,14 @@ def against(run: Run, first: str, others: Iterable[str]) -> Against:
 def against_jobs(folder: Path, first: str, jobs: Mapping[str, Mapping[tuple[str, int], Record]]) -> Against:
     """The same for any jobs, which are given by name, then by material and seed."""
     ours = jobs[first]
-    read = cache(lambda key: decibels(folder, ours[key]))
+    read = cache(lambda *key: decibels(folder, ours[key]))
     differences = Against(first, {}, {})
     for label in (name for name in jobs if name != first):
-        both = [(key, job, jobs[label][key]) for key, job in ours.items() if key in jobs[label]]
+        both = [(job, jobs[label][key]) for key, job in ours.items() if key in jobs[label]]
         try:
-            every = [_cell(job, read(key), decibels(folder, other)) for key, job, other in both if _same(job, other)]
+            cells = _cells(both, lambda job: read(job["material"], job["seed"]), partial(decibels, folder))
         except InputError:
             continue
-        cells = [cell for cell in every if cell]
         if whole := interval(cells):
             differences.over[label] = whole
         for material, own in grouped(cells, lambda cell: cell.material).items():
@@ -98,10 +99,7 @@ def against_jobs(folder: Path, first: str, jobs: Mapping[str, Mapping[tuple[str,
 
 
 def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
-    """The differences of codecs to one that was named beforehand; each says whether the two are told apart.
-
-    Uses Holm's correction (1979) over the codecs.
-    """
+    """The differences to a codec named beforehand, with whether each is told apart: by Holm's correction (1979)."""
     order = enumerate(sorted(over, key=lambda label: over[label].chance))
     told = {label for _, label in takewhile(lambda at: over[at[1]].chance <= FALSE / (len(over) - at[0]), order)}
     return {label: replace(each, apart=label in told) for label, each in over.items()}
@@ -111,20 +109,18 @@ def between(base: Run, before: Iterable[Record], new: Run, after: Iterable[Recor
     """The mean difference of the jobs of a row in two runs, seed by seed."""
     theirs = {job["seed"]: job for job in after}
     pairs = [(job, theirs[job["seed"]]) for job in before if job["seed"] in theirs]
-    every = [_cell(a, decibels(base.folder, a), decibels(new.folder, b)) for a, b in pairs if _same(a, b)]
-    return interval([cell for cell in every if cell])
+    return interval(_cells(pairs, partial(decibels, base.folder), partial(decibels, new.folder)))
 
 
-def _same(job: Record, other: Record) -> bool:
-    """Whether two jobs were scored at the same pairs of the same data."""
-    return all(job["score_key"].get(part) == other["score_key"].get(part) for part in ("btf", "deciding"))
-
-
-def _cell(job: Record, ours: Array | None, others: Array | None) -> Cell | None:
-    """The differences of the slices; None if there are none."""
-    if ours is None or others is None or len(ours) != len(others) or not len(ours):
-        return None
-    return Cell(job["material"], job["seed"], job["score_key"]["btf"], others - ours)
+def _cells(pairs: Iterable[tuple[Record, Record]], ours_of: Slices, theirs_of: Slices) -> list[Cell]:
+    """The differences of the slices of each two jobs, if they were scored at the same pairs of the same data."""
+    cells = []
+    for job, other in pairs:
+        if all(job["score_key"].get(part) == other["score_key"].get(part) for part in ("btf", "deciding")):
+            ours, theirs = ours_of(job), theirs_of(other)
+            if ours is not None and theirs is not None and 0 < len(ours) == len(theirs):
+                cells.append(Cell(job["material"], job["seed"], job["score_key"]["btf"], theirs - ours))
+    return cells
 
 
 def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:

@@ -14,10 +14,7 @@ from bench.records import PSNR, RESULTS, VALIDATION, Record, Run, gate, kept
 
 
 def published(run: Run) -> str:
-    """The text of the file: a line for each start that produced something, each job and each timing.
-
-    Raises `InputError` if nothing was measured.
-    """
+    """A line for each start that produced something, each job and each timing. `InputError` if there is no result."""
     if not any(job["status"] == "ok" for job in run.jobs):
         raise InputError(f"{run.folder}: the run has no results")
     jobs = [published_job(job, run.folder) for job in run.jobs]

@@ -22,10 +22,7 @@ class Standing:
 
 
 def standings(cells: Jobs) -> list[Standing]:
-    """Every measured codec, sorted by rank, then by PSNR; codecs without a rank come last.
-
-    Only codecs that were measured on all materials are ranked.
-    """
+    """Every codec by rank, then PSNR; one that was not measured on all materials has no rank, and comes last."""
     quality = {name: _qualities(codecs) for name, codecs in cells.items()}
     labels = dict.fromkeys(label for by_label in quality.values() for label in by_label)
     racing = [label for label in labels if all(label in by_label for by_label in quality.values())]

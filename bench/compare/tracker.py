@@ -8,7 +8,7 @@ import math
 from typing import Any
 
 from bench.compare.quantities import deciding, undeciding
-from bench.compare.timings import multiples
+from bench.compare.rows import multiples
 from bench.records import Run, by_row
 
 FILES = {"higher": "bigger-is-better.json", "lower": "smaller-is-better.json"}

@@ -166,10 +166,7 @@ def _paired_scatter(differences: Values) -> Chance | None:
 
 
 def scatter(known: Values, new: Values, n: int) -> Chance | None:
-    """The scatter of the difference between the means of `n` base seeds and of the new seeds; None if unknown.
-
-    `known` holds the values of all seeds of the base.
-    """
+    """The scatter of the mean of new less that of `n` base seeds, `known` are all of the base; None if unknown."""
     finite, others = _finite(known), _finite(new)
     if len(finite) < 2 or not new:
         return None

@@ -5,6 +5,7 @@ A codec under test encodes a small synthetic BTF, writes the file, and decodes i
 
 import inspect
 import itertools
+import math
 import subprocess
 import sys
 import traceback
@@ -15,12 +16,12 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from bench.btf import BTF, ArraySource
 from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, settings_dict, silent
 from bench.codecs import container, loading, shared
-from bench.conformance import counting, emulated, frame
+from bench.conformance import emulated, frame
 from bench.directions.hemisphere import thinned_product, ubo2003, uniform
 from bench.inputs.errors import CodecError, ContainerError, InputError, answered
 from bench.machine.devices import is_gpu
@@ -71,9 +72,8 @@ def tiny_btf(size: int = 8, views: int = 9, lights: int = 9) -> BTF:
 
 def tiny_radiance(row: np.ndarray, col: np.ndarray, wo: np.ndarray, wi: np.ndarray) -> np.ndarray:
     """The radiance (…, 3) of `tiny_btf` at any row and col (…) over the size and any directions (…, 3)."""
-    albedo = 0.4 + 0.3 * np.stack(
-        [np.sin(2 * np.pi * row), np.cos(2 * np.pi * col), np.sin(2 * np.pi * (row + col))], -1
-    )
+    waves = [np.sin(2 * np.pi * row), np.cos(2 * np.pi * col), np.sin(2 * np.pi * (row + col))]
+    albedo = 0.4 + 0.3 * np.stack(waves, -1)
     half = (wo + wi) / np.linalg.norm(wo + wi, axis=-1, keepdims=True)
     gloss = 0.5 * half[..., 2:] ** 20 * (1 + np.sin(2 * np.pi * col))[..., None]
     radiance: np.ndarray = (albedo / np.pi + gloss) * wi[..., 2:]
@@ -122,9 +122,8 @@ class CodecUnderTest:
     @cached_property
     def frame_answers(self) -> frame.FrameAnswers:
         """The codec's answers on the material on which every arrangement looks different."""
-        btf, folder = frame.material(), self.folder / "frame"
-        folder.mkdir(parents=True)
-        header = self.encode(f"frame/a{container.SUFFIX}", btf)
+        btf = frame.material()
+        header = self.encode(f"frame{container.SUFFIX}", btf)
         with torch_threads(1):
             return frame.FrameAnswers.at_texel_centres(loading.load(header.path, network=self.network)[1], btf)
 
@@ -221,8 +220,8 @@ def counted(tested: CodecUnderTest) -> None:
     if declared.parameters != counted_parameters:
         raise CheckError(f"declares {declared.parameters:,} parameters, holds {counted_parameters:,}")
     texture = container.read_parts(tested.header.path)[1].texture
-    floats, channels = counting.texture_floats(texture), counting.texture_channels(texture, tested.material.size)
-    held = counting.held_floats(tested.material)
+    floats, channels = texture_floats(texture), texture_channels(texture, tested.material.size)
+    held = held_floats(tested.material)
     if declared.texture_floats not in floats and declared.texture_floats != held:
         stores = " to ".join(f"{count:,}" for count in dict.fromkeys((floats[0], floats[-1])))
         raise CheckError(
@@ -230,6 +229,43 @@ def counted(tested: CodecUnderTest) -> None:
         )
     if channels is not None and declared.texture_channels != channels:
         raise CheckError(f"declares {declared.texture_channels:,} texture channels, stores {channels:,}")
+
+
+def texture_floats(texture: dict[str, Tensor]) -> range:
+    """The number of numbers in the textures of a file: one count, or a range if indices are packed into bytes.
+
+    Vectors of floats are not counted: they are scales, offsets and the like. A packed index has 1 to 32 bits.
+    """
+    counted = sum(values.numel() for values in texture.values() if values.ndim > 1)
+    packed = 8 * sum(values.nbytes for values in texture.values() if values.ndim < 2 and not values.is_floating_point())
+    return range(counted + math.ceil(packed / 32), counted + packed + 1)
+
+
+def held_floats(material: Material) -> int:
+    """Count the numbers of a decoder outside its network: textures, and the levels and copies made of them."""
+    held, network = list(vars(material).values()), material.modules()
+    values = [value for value in held if isinstance(value, Tensor)]
+    plain = (value for value in held if isinstance(value, nn.Module) and value not in network)
+    values += [buffer for module in plain for buffer in module.buffers()]
+    return sum(value.numel() for value in values if value.is_floating_point())
+
+
+def texture_channels(texture: dict[str, Tensor], size: tuple[int, int]) -> int | None:
+    """Numbers a texel of the finest textures, by their shapes; None if one is packed or has another layout."""
+    channels = [_channels(tuple(values.shape), size) for values in texture.values() if values.ndim != 1]
+    packed = any(values.ndim == 1 and not values.is_floating_point() for values in texture.values())
+    return None if packed or None in channels else sum(count for count in channels if count)
+
+
+def _channels(shape: tuple[int, ...], size: tuple[int, int]) -> int | None:
+    """The channels of one tensor: its shape contains (H, W), or its rows are the texels of all levels."""
+    places = [i for i in range(len(shape) - 1) if shape[i : i + 2] == size]
+    if places:
+        return math.prod(shape) // math.prod(size)
+    if len(shape) == 2 and shape[0] >= math.prod(size):
+        return shape[1]
+    coarser = len(shape) > 2 and math.prod(shape[:2]) < math.prod(size)
+    return 0 if coarser else None
 
 
 def follows_data(tested: CodecUnderTest) -> None:

@@ -35,6 +35,7 @@ _WITHOUT_KERNEL = ("aten::empty", "aten::set_", "aten::resize_")
 _aten = torch.ops.aten
 _place = _aten.set_.source_Storage_storage_offset
 _clone = torch.UntypedStorage.clone
+_cpu_keys: Any = torch._C.DispatchKeySet(torch._C.DispatchKey.CPU)
 _libraries = list[torch.library.Library]()  # they hold the kernels
 
 
@@ -104,7 +105,7 @@ def register() -> None:
     every.fallback(_computed, "PrivateUse1")
     kernels: dict[str, Callable[..., Any]] = {
         "_copy_from": _copied,
-        "set_.source_Storage_storage_offset": partial(_place.redispatch, _cpu_keys()),
+        "set_.source_Storage_storage_offset": partial(_place.redispatch, _cpu_keys),
         "convolution_overrideable": partial(_computed, _aten.convolution.default),
         "convolution_backward_overrideable": _convolved_back,
         # Otherwise PyTorch makes these of several kernels, unlike CUDA.
@@ -113,10 +114,6 @@ def register() -> None:
     for name, kernel in kernels.items():
         aten.impl(name, kernel, "PrivateUse1")
     _libraries.extend([every, aten])
-
-
-def _cpu_keys() -> Any:
-    return torch._C.DispatchKeySet(torch._C.DispatchKey.CPU)
 
 
 def _here(value: Any) -> bool:
@@ -144,7 +141,7 @@ def _device(host: Tensor, storage: Any = None, out: Tensor | None = None) -> Ten
     acc: Any = torch._C._acc
     out = acc.create_empty_tensor((0,), host.dtype) if out is None else out
     storage = _storage(host.untyped_storage()) if storage is None else storage
-    moved: Tensor = _place.redispatch(_cpu_keys(), out, storage, host.storage_offset(), host.size(), host.stride())
+    moved: Tensor = _place.redispatch(_cpu_keys, out, storage, host.storage_offset(), host.size(), host.stride())
     return moved
 
 

@@ -13,8 +13,8 @@ from typing import Any
 from bench.codec import Codec, Progress, followed, settings_dict, silent
 from bench.codecs.registry import load_codec
 from bench.conformance import emulated, stress
-from bench.conformance.check import STAGES, Check, CheckError, CodecUnderTest, NotApplicable, raised
-from bench.conformance.stress.case import short
+from bench.conformance.check import STAGES, Check, CodecUnderTest, NotApplicable, raised
+from bench.conformance.stress.case import Measured, judged, short
 from bench.material import parameters
 from bench.records import Record, load_run
 
@@ -64,16 +64,13 @@ def codec_to_check(name: str, settings: dict[str, Any]) -> Codec:
 
 
 def _stage(tested: CodecUnderTest, checks: tuple[Check, ...]) -> Iterator[Result]:
+    def noted(one: Check) -> Measured:
+        return Measured(detail=one(tested) or "")
+
     for one in checks:
-        name = one.__doc__ or one.__name__
-        try:
-            yield Result(name, note=one(tested) or "")
-        except NotApplicable as reason:
-            yield Result(name, reason=str(reason))
-        except CheckError as error:
-            yield Result(name, str(error))
-        except Exception as error:  # any exception of a foreign codec is its failure
-            yield Result(name, raised(error, tested.codec))
+        verdict = judged(partial(noted, one), NotApplicable, partial(raised, codec=tested.codec))
+        word = {"fail": "failure", "n/a": "reason", "pass": "note"}[verdict.verdict]
+        yield Result(one.__doc__ or one.__name__, **{word: verdict.detail})
 
 
 def _extremes(tested: CodecUnderTest) -> Iterator[Result]:
@@ -122,12 +119,5 @@ def count(name: str) -> Record:
     with tempfile.TemporaryDirectory() as folder:
         material = CodecUnderTest(codec, Path(folder)).material
     label = f"{name} recipe=paper" if codec_class.recipes else name
-    return {
-        "codec": name,
-        "job": label,
-        "label": label,
-        "status": "ok",
-        "settings": settings_dict(codec),
-        "parameters": parameters(material),
-        "cost": dataclasses.asdict(material.cost),
-    }
+    counted = {"parameters": parameters(material), "cost": dataclasses.asdict(material.cost)}
+    return {"codec": name, "job": label, "label": label, "status": "ok", "settings": settings_dict(codec)} | counted

@@ -8,13 +8,14 @@ from typing import Any, Literal, Required, get_args, get_origin, get_type_hints,
 from bench.inputs.errors import InputError
 from bench.records import kinds
 from bench.records.kinds import Each, Fields, Kind, Plain, Several
-from bench.records.schema import Facts, FileScene, Job, Needed, Record, Shown, Start, Stress, Timing, Trade, Use
+from bench.records.schema import Job, Needed, Record, Shown, Start, Stress, Timing, Trade, Use
 
 _MEASURED = ("scores", "metrics", "bytes", "parameters")  # the fields of a job that has a result
 _TIMED = ("ns_per_sample", "ratio_to_floor", "ratio_interval95", "batch", "threads")
 _CHOSEN = ("codec", "settings", "psnr", "worst", "flip", "of_limit", "fastest", "smallest")
 
 
+@cache
 def kind_of(hint: Any) -> Kind:
     """The kind of values that a type describes."""
     marks = getattr(hint, "__metadata__", ())
@@ -40,7 +41,6 @@ def kind_of(hint: Any) -> Kind:
 
 
 FIELDS = {name: kind_of(each) for name, each in {"run": Start, "job": Job, "timing": Timing, "stress": Stress}.items()}
-_OTHERS: dict[type, Kind] = {described: kind_of(described) for described in (Facts, FileScene, Trade)}
 
 
 def fault(record: Mapping[str, Any]) -> str:
@@ -64,7 +64,7 @@ def fault_of_trade(trade: Mapping[str, Any]) -> str:
 
 def fault_of(described: type, value: Any) -> str:
     """The same for the facts of a fit, or for the scene that a codec file was fitted to."""
-    return kinds.fault_of(_OTHERS[described], value)
+    return kinds.fault_of(kind_of(described), value)
 
 
 def kept(record: Record, use: Use) -> Record:

@@ -214,18 +214,14 @@ def _add_line(run: Run, line: Line) -> bool:
             (run.jobs if named[1] == b"job" else run.timings).put(str(json.loads(named[2])), line)
             return True
     record = _record_of(line)
-    match record:
-        case {"kind": "run"}:
+    match record.get("kind"):
+        case "run":
             run.starts.append(record)
-        case {"kind": "job", "job": name}:
-            run.jobs.put(name, record)
-        case {"kind": "timing", "job": name}:
-            run.timings.put(name, record)
-        case {"kind": "stress", "subject": subject, "extreme": extreme}:
-            run.stress.put((subject, extreme), record)
-        case _:
-            return False
-    return True
+        case "stress":
+            run.stress.put((record["subject"], record["extreme"]), record)
+        case "job" | "timing" as kind:
+            (run.jobs if kind == "job" else run.timings).put(record["job"], record)
+    return bool(record)
 
 
 def _record_of(line: Line) -> Record:

@@ -11,8 +11,10 @@ floor on one processor and 23 to 28 times on another.
 """
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
+from time import perf_counter_ns, process_time_ns
 from typing import Any
 
 import numpy as np
@@ -23,13 +25,17 @@ from bench.codec import Progress, followed, silent
 from bench.machine.devices import described, is_gpu
 from bench.machine.threads import torch_threads
 from bench.material import DecoderCost, Material, sample_texture
-from bench.timing.clock import calibrated, clock_of
 from bench.timing.queries import Queries
 
 TURNS = 60
 BATCH = 16_384
 GPU_BATCH = 1 << 20  # with fewer a GPU's time counts its launches
 FLOOR = "floor"
+
+Clock = Callable[[], int]  # tells a time on the CPU in ns
+SPAN_NS = 3_000_000  # an inner loop runs about this long: far above the clock's resolution, below what disturbs both
+STABLE = 0.1  # a call is warm if two in a row differ by less
+MOST_WARM_UPS = 10
 
 
 @dataclass(frozen=True)
@@ -113,3 +119,40 @@ def in_turns(
                 ratios[turn, i] = samples[turn, i] / floors[turn, at : at + 2].mean()
     found = {name: Timing(samples[:, i] / batch, ratios[:, i]) for i, name in enumerate(calls)}
     return {FLOOR: Timing(floors.mean(1) / batch, np.ones(TURNS))} | found
+
+
+def clock_of(threads: int) -> Clock:
+    """The clock of calls on so many CPU threads; of one it leaves out what other processes take."""
+    return process_time_ns if threads == 1 else perf_counter_ns
+
+
+def calibrated(
+    call: Callable[[], Any], device: torch.device, clock: Clock = perf_counter_ns, wall: Clock = perf_counter_ns
+) -> Callable[[], float]:
+    """A function that times one turn by `clock`, in ns a call; the call is warm, and repeated until a turn is long
+    enough by `wall`: one that waits for another process takes no time of this one."""
+    last = elapsed(call, 1, device, wall)
+    for _ in range(MOST_WARM_UPS):
+        before, last = last, elapsed(call, 1, device, wall)
+        if abs(last - before) < STABLE * before:
+            break
+    repeat = max(1, round(SPAN_NS / max(last, 1)))
+    return lambda: elapsed(call, repeat, device, clock) / repeat
+
+
+def elapsed(call: Callable[[], Any], repeat: int, device: torch.device, clock: Clock = perf_counter_ns) -> float:
+    """ns that `repeat` calls take."""
+    if is_gpu(device):
+        module = torch.get_device_module(device)
+        with module.device(device) if device.index else nullcontext():  # `cuda:1` has a queue of its own
+            start, end = (module.Event(enable_timing=True) for _ in range(2))
+            start.record()
+            for _ in range(repeat):
+                call()
+            end.record()
+            end.synchronize()
+        return float(1e6 * start.elapsed_time(end))
+    begun = clock()
+    for _ in range(repeat):
+        call()
+    return clock() - begun

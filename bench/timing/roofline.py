@@ -6,7 +6,7 @@ import torch
 
 from bench.machine.threads import torch_threads
 from bench.material import DecoderCost
-from bench.timing.clock import calibrated
+from bench.timing import calibrated
 
 SIDE = 1024  # side of the multiplied matrices
 COPIED = 64 << 20  # bytes: far beyond any cache

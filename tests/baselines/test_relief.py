@@ -11,8 +11,7 @@ from baselines.relief.fitting import ReliefObjective
 from baselines.relief.material import ReliefMaterial
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
-from bench.conformance.check import tiny_btf
-from bench.conformance.counting import held_floats
+from bench.conformance.check import held_floats, tiny_btf
 from bench.data.materials import load, recipe
 from bench.data.materials.maps import resize
 from bench.material import parameters

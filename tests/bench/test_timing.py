@@ -8,8 +8,7 @@ from bench import timing
 from bench.machine.threads import torch_threads
 from bench.material import DecoderCost, Material
 from bench.runs.timed import measured
-from bench.timing import BATCH, FLOOR, TURNS, Timing, in_turns, time_materials
-from bench.timing.clock import calibrated
+from bench.timing import BATCH, FLOOR, TURNS, Timing, calibrated, in_turns, time_materials
 from bench.timing.profile import profile
 from bench.timing.queries import Queries
 from bench.timing.roofline import limit_ns, roofline
@@ -107,7 +106,7 @@ def test_queries_are_random_or_the_slices_of_one_pair():
 
 def test_a_profile_times_each_part_and_condition(monkeypatch):
     monkeypatch.setattr(timing, "TURNS", 2)
-    monkeypatch.setattr("bench.timing.clock.SPAN_NS", 10_000)
+    monkeypatch.setattr("bench.timing.SPAN_NS", 10_000)
     network = Sleeper(0.0)
     network.net = Decoder(Architecture(4, (4,)))
     records = list(profile({"net": network, "table": Sleeper(0.0)}, 2, (1, 8)))

@@ -15,6 +15,7 @@ from bench.codecs.alike import obstacles
 from bench.compare.choosing import NEAR_DB, Limits, Rung, chosen, has_validation, validation_of
 from bench.compare.choosing.trades import fused_times
 from bench.compare.paired import AGAINST, against_jobs
+from bench.compare.quantities import average
 from bench.compare.ranks import Ranks, ranks
 from bench.records import FLIP, PSNR, Record, Run, grouped, stats_of
 
@@ -53,7 +54,7 @@ class Budgets:
     def ranked(self, budget: Budget, materials: Collection[str], family: str = PSNR) -> dict[str, float]:
         """The lines with a rung on each of some materials, with their mean of a metric over these, the best first."""
         means = {
-            line: mean(shown(rungs[name], family) for name in materials)
+            line: average([shown(rungs[name], family) for name in materials])
             for line, rungs in self.picks.get(budget, {}).items()
             if rungs.keys() >= set(materials)
         }
@@ -103,13 +104,10 @@ def budgets(run: Run) -> Budgets:
             if rung := chosen([rung_of(rungs[key], times.get(budget.kind, {})) for key in ladder], budget.limits):
                 lines.setdefault(line, {})[material] = rung
     there = {material for lines in picks.values() for by_material in lines.values() for material in by_material}
-    return Budgets(
-        {job["material"]: job for job in alike if job["material"] in there},
-        picks,
-        times,
-        [job for job in done if not has_validation(job)],
-        [job for job in judged if job["job"] in obstacle],
-    )
+    surfaces = {job["material"]: job for job in alike if job["material"] in there}
+    without = [job for job in done if not has_validation(job)]
+    unlike = [job for job in judged if job["job"] in obstacle]
+    return Budgets(surfaces, picks, times, without, unlike)
 
 
 def _times(run: Run, jobs: Sequence[Record]) -> dict[str, Times]:
@@ -151,11 +149,4 @@ def setting_of(job: Record) -> str:
 
 def shown(rung: Rung, family: str) -> float | None:
     """The mean of a metric's family over test slices, then over seeds; None without a score."""
-    return mean(stats_of(job, family).get("mean") for job in rung.of)
-
-
-def mean(values: Iterable[float | None]) -> float | None:
-    """The mean of some numbers; None if one is missing."""
-    every = list(values)
-    known = [value for value in every if value is not None]
-    return fmean(known) if known and len(known) == len(every) else None
+    return average([stats_of(job, family).get("mean") for job in rung.of])

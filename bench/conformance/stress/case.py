@@ -4,7 +4,7 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -152,7 +152,7 @@ def judge(case: Case, subject: Subject) -> CaseVerdict:
         return case.test(subject)
 
     with torch_threads(1):
-        return judged(test, NotApplicable, lambda error: raised(error, subject.tested.codec))
+        return judged(test, NotApplicable, partial(raised, codec=subject.tested.codec))
 
 
 def judged(

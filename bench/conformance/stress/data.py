@@ -112,13 +112,8 @@ def not_finite() -> BTF:
 def mean_squares(encoded: Encoded, ours: Array) -> dict[str, tuple[float, float]]:
     """By space, the mean squared error of slices (N, H, W, 3) and the square of the peak."""
     exposure = exposure_of(encoded.truth)
-    return {
-        "display": (display_error(ours, encoded.truth, exposure), 1.0),
-        "log": (
-            float(np.square(to_log1p(ours, exposure) - to_log1p(encoded.truth, exposure)).mean()),
-            math.log1p(LOG_SCALE) ** 2,
-        ),
-    }
+    log = float(np.square(to_log1p(ours, exposure) - to_log1p(encoded.truth, exposure)).mean())
+    return {"display": (display_error(ours, encoded.truth, exposure), 1.0), "log": (log, math.log1p(LOG_SCALE) ** 2)}
 
 
 def quality(encoded: Encoded, ours: Array) -> dict[str, float]:

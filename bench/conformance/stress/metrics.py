@@ -35,10 +35,7 @@ def hdr(seed: int) -> Array:
 
 @dataclass(frozen=True)
 class PictureCase:
-    """A column: its name, the two pictures, and whether they must count as equal.
-
-    The reference and the test are (H, W, 3) of linear radiance, seen at an exposure of 1.
-    """
+    """A column: a reference and a test (H, W, 3), linear radiance at exposure 1, and whether they must be equal."""
 
     name: str
     make: Callable[[], tuple[Array, Array]]

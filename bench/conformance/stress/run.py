@@ -72,10 +72,6 @@ def picture_records() -> Iterator[Record]:
 
 
 def _record(subject: str, case: Case | metrics.PictureCase, verdict: CaseVerdict) -> Record:
-    """A line of `records.jsonl`: `subject` is a codec or, in the group `pictures`, a metric or a loss.
-
-    `used` is the share of the bound that a comparison with float64 uses, else None. The record also has `order`, the
-    place in the catalogue, and for a codec its `version`.
-    """
+    """A line of `records.jsonl`; `subject` is a codec or, in the group `pictures`, a metric or a loss."""
     about = {"kind": "stress", "subject": subject, "group": case.group, "extreme": case.name, "holds": case.holds}
     return about | dataclasses.asdict(verdict)

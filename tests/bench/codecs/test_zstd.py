@@ -7,8 +7,8 @@ import zstandard
 
 from bench.codec import Fit, Parts, settings_dict
 from bench.codecs import container, loading
+from bench.codecs.container import compressed, expanded
 from bench.codecs.registry import load_codec
-from bench.codecs.zstd import compressed, expanded
 from bench.conformance.check import tiny_btf
 from bench.inputs.errors import ContainerError, InputError
 from bench.runs.suite import parse_suite, with_changes

@@ -4,7 +4,7 @@ from statistics import fmean, stdev
 
 import pytest
 
-from bench.compare.means import _merged
+from bench.compare.comparison import _merged
 from bench.compare.quantities import DECIBELS, Quantity
 from bench.compare.verdicts import Chance, Change, Verdict
 

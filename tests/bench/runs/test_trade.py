@@ -43,7 +43,7 @@ def without_drjit():
 def brief():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(timing, "TURNS", 3)
-        patch.setattr("bench.timing.clock.SPAN_NS", 10_000)
+        patch.setattr("bench.timing.SPAN_NS", 10_000)
         patch.setattr(trade, "BATCH", 256)
         yield
 
