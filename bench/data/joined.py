@@ -1,14 +1,12 @@
 """Joins tables of one surface into one BTF: training pairs, held-out pairs, and those that choose settings."""
 
-import dataclasses
 import hashlib
 from collections.abc import Callable
-from typing import Any, Literal
 
 import numpy as np
 
 from bench.btf import BTF, Array, Source
-from bench.data.spec import Preparation
+from bench.data.spec import Preparation, Table
 
 
 class Joined(Source):
@@ -54,8 +52,8 @@ class Joined(Source):
         return hashlib.sha256(" and ".join(part.digest for part in self.parts).encode()).hexdigest()
 
 
-def followed(btf: BTF, drawn: BTF, kind: Literal["heldout", "validation"], words: str) -> BTF:
-    """A BTF, followed by the pairs of another table of the surface: held-out ones, or those that choose settings."""
+def followed(btf: BTF, drawn: BTF, kind: str, words: str) -> BTF:
+    """A BTF, followed by another table of the surface, whose kind is `heldout` or `validation`: to choose settings."""
     marks = {kind: np.arange(len(btf) + len(drawn)) >= len(btf)}
     if kind == "validation":
         marks["heldout"] = np.concatenate([btf.heldout, np.zeros(len(drawn), bool)])
@@ -64,25 +62,10 @@ def followed(btf: BTF, drawn: BTF, kind: Literal["heldout", "validation"], words
     return BTF(btf.name, wo, wi, source, **marks, periodic=btf.periodic, provenance=provenance)
 
 
-def prepared(
-    data: Preparation,
-    name: str,
-    seed: int,
-    draw: int,
-    sampled: dict[str, Any],
-    opened: Callable[[tuple[Array, Array], dict[str, Any]], BTF],
-) -> BTF:
-    """The training pairs of a surface, which `sampled` describes, then its held-out and its validation pairs.
-
-    `opened(pairs, words)` is the table of some pairs, `wo` and `wi`. Each kind of pairs has its own table, so another
-    draw of held-out pairs makes only theirs again.
-    """
-    btf = opened(data.product(), sampled)
-    if data.heldout:
-        words = data.described(draw)
-        btf = followed(btf, opened(data.drawn(name, seed, draw), {"heldout": words}), "heldout", words)
-    if data.heldout and data.validation:
-        choosing = dataclasses.replace(data, split="validation", validation=False)
-        words = choosing.described()
-        btf = followed(btf, opened(choosing.drawn(name, seed), {"heldout": words}), "validation", words)
+def prepared(data: Preparation, name: str, seed: int, draw: int, opened: Callable[[Table], BTF]) -> BTF:
+    """The tables of a surface that a preparation asks for, each as `opened` makes it, joined."""
+    tables = data.tables(name, seed, draw)
+    btf = opened(tables[0])
+    for table in tables[1:]:
+        btf = followed(btf, opened(table), table.kind, table.words)
     return btf

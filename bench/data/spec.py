@@ -10,7 +10,7 @@ import hashlib
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, get_args, get_type_hints
+from typing import Annotated, Literal, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 
@@ -23,6 +23,14 @@ Split = Literal["test", "validation"]
 Renderer = Literal["builtin", "mitsuba"]
 MOST = 1 << 38  # bytes of the radiance of a rendered material, as float32
 Directions = Annotated[int, Range(1, 10_000)]
+
+
+class Table(NamedTuple):
+    """Pairs of one kind: their words in a provenance ("" of the product to train on), and `wo` and `wi` (N, 3)."""
+
+    kind: Literal["train", "heldout", "validation"]
+    words: str
+    pairs: tuple[Array, Array]
 
 
 @dataclass(frozen=True)
@@ -76,15 +84,25 @@ class Preparation:
         rng = np.random.default_rng(stream)
         return uniform(rng, self.heldout), uniform(rng, self.heldout)
 
-    def everything(self, material: str, seed: int) -> tuple[Array, Array]:
-        """`wo` and `wi` of the training pairs, then of the held-out ones."""
-        wo, wi = (np.concatenate(both) for both in zip(self.product(), self.drawn(material, seed), strict=True))
-        return wo, wi
-
     def described(self, draw: int = 0) -> str:
         """The held-out pairs in words, for a provenance."""
         which = f"test pairs, draw {draw}" if self.split == "test" else "validation pairs"
         return f"{self.heldout} {which}, uniform in solid angle, theta_deg <= 75"
+
+    def tables(self, material: str, seed: int, draw: int) -> list[Table]:
+        """All pairs to render, a table for each kind, so that another draw makes only its own table again."""
+        tables = [Table("train", "", self.product())]
+        if self.heldout:
+            tables.append(Table("heldout", self.described(draw), self.drawn(material, seed, draw)))
+        if self.validation:
+            choosing = dataclasses.replace(self, split="validation", validation=False)
+            tables.append(Table("validation", choosing.described(), choosing.drawn(material, seed)))
+        return tables
+
+    def everything(self, material: str, seed: int) -> tuple[Array, Array]:
+        """`wo` and `wi` of the training pairs, then of the held-out ones."""
+        wo, wi = (np.concatenate(both) for both in zip(self.product(), self.drawn(material, seed), strict=True))
+        return wo, wi
 
 
 # What to use instead of a setting that only the other kind of material has.

@@ -1,14 +1,20 @@
-"""Collects the demand of a scene, with any ray caster, within a limit of queries."""
+"""Collects the demand of a scene, with any ray caster, within a limit of queries.
+
+A caster gives the points of the surface that camera rays hit, and the lights there; each light makes a query of each
+point. A point's frame follows its texture: x along +u, y toward +v, z is the normal, so a material has the orientation
+of its picture.
+"""
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
+from bench.btf import Array
 from bench.codec import Progress, followed, silent
-from bench.demand.demand import CELLS, MOST, Demand
-from bench.demand.points import Light, Points, queries_of
+from bench.demand.demand import CELLS, FARTHEST, MOST, NAMES, Demand, unit
 from bench.inputs.errors import InputError
 
 PREVIEW = 96  # cells along the longer side of the first picture, which estimates how much of it shows the material
@@ -26,6 +32,82 @@ def checked(limit: int, out: Path) -> None:
         raise InputError(f"{out}: there is no such folder: make it first")
 
 
+@dataclass(frozen=True)
+class Points:
+    """Visible points of the surface, float64; `ahead_x`, `ahead_y` point from the camera through the next pixels."""
+
+    pixel: Array  # (n,) index into the frames, row by row
+    uv: Array  # (n, 2) of the surface, not wrapped: a unit is the longer side of the texture
+    position: Array  # (n, 3)
+    normal: Array  # (n, 3) unit
+    dp_du: Array  # (n, 3) derivative of the position by u
+    dp_dv: Array  # (n, 3) derivative of the position by v
+    eye: Array  # (n, 3) position of the camera
+    ahead_x: Array  # (n, 3) direction through the pixel to the right
+    ahead_y: Array  # (n, 3) direction through the pixel below
+
+    def __len__(self) -> int:
+        return len(self.pixel)
+
+    def local(self, directions: Array) -> Array:
+        """Directions (n, 3) of the scene in the frame of each point."""
+        x = unit(self.dp_du - self.normal * _dot(self.normal, self.dp_du))
+        y = np.cross(self.normal, x)
+        y *= np.where(_dot(y, self.dp_dv) < 0, -1.0, 1.0)  # a mirrored texture
+        return np.stack([(directions * axis).sum(-1) for axis in (x, y, self.normal)], -1)
+
+    @property
+    def wo(self) -> Array:
+        """The direction to the camera (n, 3), in the frame of each point."""
+        return self.local(unit(self.eye - self.position))
+
+    @property
+    def footprint(self) -> Array:
+        """The longer side (n,) of a pixel on the surface, in units of uv: the footprint for isotropic filtering."""
+        sides = [np.linalg.norm(self._uv_of(self._moved(ahead)), axis=1) for ahead in (self.ahead_x, self.ahead_y)]
+        return np.minimum(np.maximum(*sides), FARTHEST)
+
+    def _moved(self, ahead: Array) -> Array:
+        """The step (n, 3) from each point to where the ray of a neighbouring pixel meets its tangent plane."""
+        along = _dot(ahead, self.normal)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            moved = self.eye + ahead * (_dot(self.position - self.eye, self.normal) / along) - self.position
+        beyond = ~(np.isfinite(moved).all(-1)) | (((moved + self.position - self.eye) * ahead).sum(-1) <= 0)
+        return np.where(beyond[:, None], self.dp_du * FARTHEST, moved)
+
+    def _uv_of(self, moved: Array) -> Array:
+        """The change of uv (n, 2) of a step (n, 3) within the surface, by least squares."""
+        a, b = self.dp_du, self.dp_dv
+        uu, uv, vv, u, v = (_dot(*pair)[:, 0] for pair in ((a, a), (a, b), (b, b), (moved, a), (moved, b)))
+        return np.stack([u * vv - v * uv, v * uu - u * uv], -1) / (uu * vv - uv * uv)[:, None]
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return (a * b).sum(-1, keepdims=True)
+
+
+@dataclass(frozen=True)
+class Light:
+    """Light at some points from one light, or from one sample of it: its direction, and RGB irradiance facing it."""
+
+    toward: Array  # (n, 3) unit
+    irradiance: Array  # (n, 3)
+
+
+def queries_of(points: Points, lights: list[Light]) -> dict[str, Array]:
+    """The queries of some points under some lights, as the columns of `Demand`. Leaves out queries at or below a
+    horizon, and unlit ones."""
+    wo, footprint = points.wo, points.footprint
+    parts = []
+    for light in lights:
+        wi = points.local(light.toward)
+        seen = (wo[:, 2] > 0) & (wi[:, 2] > 0) & (light.irradiance > 0).any(1)
+        some = np.flatnonzero(seen)
+        parts.append((points.uv[some], footprint[some], wo[some], wi[some], light.irradiance[some], points.pixel[some]))
+    columns = {name: np.concatenate(each) for name, each in zip(NAMES, zip(*parts, strict=True), strict=True)}
+    return {name: each.astype(np.int32 if name == "pixel" else np.float32) for name, each in columns.items()}
+
+
 class Caster(Protocol):
     """A scene that can cast camera rays and sample its lights."""
 
@@ -34,7 +116,7 @@ class Caster(Protocol):
     picture: tuple[int, int]  # height and width in pixels
     samples: int  # samples of the lights at each point
 
-    def cast(self, frame: int, col: np.ndarray, row: np.ndarray) -> Points: ...  # through points (n,), in pixels
+    def cast(self, frame: int, col: Array, row: Array) -> Points: ...  # through points (n,), in pixels
 
     def lights(self, points: Points, rng: np.random.Generator) -> list[Light]: ...
 
@@ -82,7 +164,7 @@ def _size(scene: Caster, limit: int) -> tuple[int, int]:
     return max(1, int(height * scale)), max(1, int(width * scale))
 
 
-def _places(picture: tuple[int, int], size: tuple[int, int], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def _places(picture: tuple[int, int], size: tuple[int, int], rng: np.random.Generator) -> tuple[Array, Array]:
     """Column and row (H · W,) in pixels of a point in each of (H, W) cells: the middle of a pixel, else a random one. A
     regular grid would hit the same texels of a regular texture again and again."""
     within = 0.5 if size == picture else rng.random((2, *size))

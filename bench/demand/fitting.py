@@ -216,23 +216,17 @@ def outside(scorer: FrameScorer, material: Material) -> float | None:
 
 
 def rows(result: SearchResult, scorer: FrameScorer, threads: int) -> list[dict[str, Any]]:
-    """The costs and scores of the full model and the scene model, each as named numbers."""
+    """The costs and scores of the full model and the scene model, each as named numbers. Times are of whole queries of
+    the scene in random order, the models in turns."""
     models = {"full": result.full} | ({"scene": result.scene} if result.scene else {})
-    timed = _timed(models, scorer.demand, threads)
+    order = np.random.default_rng(0).permutation(len(scorer.demand))[: timing.BATCH]
+    device, size = result.full.material.device, result.full.material.size
+    queries = [torch.from_numpy(column[order]).to(device) for column in scorer.demand.queries(size)]
+    calls = {name: partial(model.material.query, *queries) for name, model in models.items()}
+    timings = timing.in_turns(calls, len(order), size, threads, device)
     table: list[dict[str, Any]] = []
     for name, model in models.items():
-        row = {"model": name, "bytes": model.header.file_bytes, "ns": timed[name]["ns_per_sample"]}
+        row = {"model": name, "bytes": model.header.file_bytes, "ns": timings[name].summary()["ns_per_sample"]}
         row |= {kept: getattr(model, kept) for kept in ("steps", "seconds", "psnr", "flip")}
         table.append(row | {"outside": outside(scorer, model.material), "settings": model.header.settings})
     return table
-
-
-def _timed(models: dict[str, Model], demand: Demand, threads: int) -> dict[str, dict[str, Any]]:
-    """The time of each model, whole queries of the scene in random order, in turns."""
-    order = np.random.default_rng(0).permutation(len(demand))[: timing.BATCH]
-    first = next(iter(models.values())).material
-    device, size = first.device, first.size
-    queries = [torch.from_numpy(column[order]).to(device) for column in demand.queries(size)]
-    calls = {name: partial(model.material.query, *queries) for name, model in models.items()}
-    timings = timing.in_turns(calls, len(order), size, threads, device)
-    return {name: timings[name].summary() for name in models}

@@ -101,22 +101,11 @@ def _span(place: Array, footprint: Array, side: int, factor: int, whole: int) ->
     edges = np.zeros(3 * side + 1, int)
     np.add.at(edges, first + side, 1)
     np.add.at(edges, last + side, -1)
-    seen = (np.cumsum(edges)[:-1].reshape(3, side) > 0).any(0)
-    if seen.all():
-        return 0, whole
-    gap = _longest_run(np.logical_not(seen))
-    length = -(-(side - gap[1]) // factor) * factor
-    return ((gap[0] + gap[1]) % side, length) if length < whole else (0, whole)
-
-
-def _longest_run(mask: Array) -> tuple[int, int]:
-    """Start and length of the longest run of True in a mask (n,), which may wrap around; the mask has a False."""
-    side, first = len(mask), int(np.flatnonzero(~mask)[0])
-    turned = np.concatenate([np.roll(mask, -first), [False]]).astype(int)
-    steps = np.diff(turned)
-    starts, ends = np.flatnonzero(steps == 1) + 1, np.flatnonzero(steps == -1) + 1
-    best = int(np.argmax(ends - starts))
-    return (int(starts[best]) + first) % side, int(ends[best] - starts[best])
+    seen = np.flatnonzero((np.cumsum(edges)[:-1].reshape(3, side) > 0).any(0))
+    steps = np.diff(seen, append=seen[0] + side)  # to the next seen texel; the longest jumps over the unseen rest
+    jump = int(np.argmax(steps))
+    length = -(-(side - int(steps[jump]) + 1) // factor) * factor
+    return (int(seen[jump] + steps[jump]) % side, length) if length < whole else (0, whole)
 
 
 def _cells(directions: Array) -> Array:

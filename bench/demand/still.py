@@ -9,11 +9,11 @@ import numpy as np
 
 from bench.btf import BTF, Array
 from bench.codec import Progress, silent
+from bench.demand.collect import queries_of
 from bench.demand.demand import Demand
-from bench.demand.points import queries_of
+from bench.demand.frame_scorer import truth
 from bench.demand.scene import LightSource, Scene
 from bench.demand.text_scene import TextScene
-from bench.demand.truth import truth
 from bench.directions.hemisphere import from_degrees
 from bench.files.atomic import replacing
 from bench.inputs.errors import InputError, writable

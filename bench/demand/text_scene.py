@@ -1,12 +1,15 @@
-"""Casts the rays of a scene that was read from a text: see `bench.demand.scene`."""
+"""Casts the rays of a scene that was read from a text, see `bench.demand.scene`, at its plane, sphere or drape."""
 
 import numpy as np
 
 from bench.btf import Array
+from bench.demand.collect import Light, Points
 from bench.demand.demand import unit
-from bench.demand.points import Light, Points
-from bench.demand.scene import Lamp, LightSource, Scene
-from bench.demand.shapes import distance, texture
+from bench.demand.scene import Lamp, LightSource, Scene, Surface
+
+STEPS, HALVINGS = 96, 24  # steps of the search for a drape along a ray
+DRAPE_HALF = 1.1  # half the side of the cloth in the units of `_height`
+DRAPE_LOW, DRAPE_HIGH = -0.35, 0.6  # bounds of all heights
 
 
 class TextScene:
@@ -75,3 +78,115 @@ def _in_cone(axis: Array, angle: float, count: int, rng: np.random.Generator) ->
     across = unit(np.cross(axis, [0.0, 0.0, 1.0] if abs(axis[2]) < 0.9 else [1.0, 0.0, 0.0]))
     other = np.cross(axis, across)
     return cos[:, None] * axis + (sin * np.cos(phi))[:, None] * across + (sin * np.sin(phi))[:, None] * other
+
+
+def distance(surface: Surface, eye: Array, ahead: Array) -> Array:
+    """The distance (n,) from an eye (3,) to a surface along unit directions (n, 3), infinite if they miss it."""
+    if surface.shape == "drape":
+        return _drape_distance(surface, eye, ahead)
+    offset = np.asarray(surface.centre) - eye
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if surface.shape == "plane":
+            normal = _axes(surface)[2]
+            along = offset @ normal / (ahead @ normal)
+        else:  # the nearer of the two crossings, for a camera outside
+            half = ahead @ offset
+            along = half - np.sqrt(half**2 - (offset @ offset - surface.radius**2))
+    return np.where(along > 0, along, np.inf)
+
+
+def texture(surface: Surface, position: Array) -> tuple[Array, Array, Array, Array, Array]:
+    """uv (n, 2), normal, dp/du and dp/dv (n, 3) of points of a surface, and which of them lie on it (n,). A unit of uv
+    is the longer side of the texture."""
+    axes = np.stack(_axes(surface), 1)
+    local = (position - np.asarray(surface.centre)) @ axes
+    if surface.shape == "sphere":
+        return _sphere_texture(surface, position, local)
+    size, repeat = np.asarray(surface.size), np.asarray(surface.repeat)
+    uv = (local[:, :2] / size + 0.5) * repeat
+    inside = (np.abs(local[:, :2]) <= size / 2).all(1)
+    slope = np.zeros((len(position), 2)) if surface.shape == "plane" else _slopes(surface, local[:, :2])
+    one, nothing = np.ones(len(position)), np.zeros(len(position))
+    along_u = np.stack([one, nothing, slope[:, 0]], 1) @ axes.T
+    along_v = np.stack([nothing, one, slope[:, 1]], 1) @ axes.T
+    step = size / repeat
+    return uv, unit(np.cross(along_u, along_v)), along_u * step[0], along_v * step[1], inside
+
+
+def _axes(surface: Surface) -> tuple[Array, Array, Array]:
+    """Unit vectors along +u, +v and the normal of a plane; for a sphere, two across its axis, and the axis."""
+    normal = unit(np.asarray(surface.normal, np.float64))
+    x = unit(np.cross(surface.up, normal))
+    return x, np.cross(normal, x), normal
+
+
+def _sphere_texture(surface: Surface, position: Array, local: Array) -> tuple[Array, Array, Array, Array, Array]:
+    x, y, _ = _axes(surface)
+    repeat = np.asarray(surface.repeat)
+    east_angle, height = np.arctan2(local[:, 1], local[:, 0]), local[:, 2] / surface.radius
+    north_angle = np.arcsin(np.clip(height, -1, 1))
+    uv = np.stack([east_angle / (2 * np.pi) + 0.5, north_angle / np.pi + 0.5], 1) * repeat
+    east = -np.sin(east_angle)[:, None] * x + np.cos(east_angle)[:, None] * y
+    normal = unit(position - np.asarray(surface.centre))
+    north = np.cross(normal, east)
+    # The poles have no direction of u, so a disc of a thousandth of the radius around them is left out.
+    ring = np.hypot(local[:, 0], local[:, 1]) / surface.radius
+    per_u = 2 * np.pi * surface.radius * ring / repeat[0]
+    return uv, normal, east * per_u[:, None], north * np.pi * surface.radius / repeat[1], ring > 1e-3
+
+
+# A cloth that lies over a ball and falls in seven folds: a height over the plane.
+
+
+def _height(place: Array) -> Array:
+    """The height (…) of the cloth at places (…, 2) within ± `DRAPE_HALF`."""
+    x, y = place[..., 0], place[..., 1]
+    square = x * x + y * y
+    radius = np.sqrt(square)
+    folds = 0.11 * np.sin(7 * np.arctan2(y, x)) * np.minimum(1, square) * np.exp(-0.4 * radius)
+    return np.asarray(0.75 * np.exp(-2.2 * square) + folds - 0.25)
+
+
+def _unit_of(surface: Surface) -> Array:
+    """Scene units (3,) of one unit of `_height` along u, v and the normal."""
+    across = np.asarray(surface.size) / (2 * DRAPE_HALF)
+    return np.array([*across, across.mean()])
+
+
+def _slopes(surface: Surface, place: Array) -> Array:
+    """The slopes (n, 2) of the cloth along u and v at places (n, 2) of the plane."""
+    scale, step = _unit_of(surface), 1e-5
+    place = place / scale[:2]
+    rise = [_height(place + move) - _height(place - move) for move in step * np.eye(2)]
+    return np.stack(rise, 1) / (2 * step) * scale[2] / scale[:2]
+
+
+def _drape_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
+    """The first crossing of each ray: steps through the box around the cloth, then halvings."""
+    axes, scale = np.stack(_axes(surface), 1), _unit_of(surface)
+    start, way = (eye - np.asarray(surface.centre)) @ axes / scale, ahead @ axes / scale
+    low, high = np.array([-DRAPE_HALF, -DRAPE_HALF, DRAPE_LOW]), np.array([DRAPE_HALF, DRAPE_HALF, DRAPE_HIGH])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sides = np.stack([(low - start) / way, (high - start) / way])
+    enter, leave = np.maximum(np.nanmax(sides.min(0), 1), 0), np.nanmin(sides.max(0), 1)
+    distances = np.full(len(way), np.inf)
+    some = np.flatnonzero(enter < leave)
+    enter, leave, way = enter[some], leave[some], way[some]
+
+    def above(along: Array) -> Array:
+        place = start + way * along[:, None]
+        return np.asarray(place[:, 2] > _height(place[:, :2]))
+
+    first, step = above(enter), (leave - enter) / STEPS
+    crossed = np.full(len(some), np.inf)
+    for number in range(STEPS, 0, -1):  # from far to near, so that the nearest crossing is kept
+        crossed[above(enter + step * number) != first] = number
+    near, far = enter + step * (crossed - 1), enter + step * crossed
+    hit = np.isfinite(crossed)
+    near, far = np.where(hit, near, 0), np.where(hit, far, 0)
+    for _ in range(HALVINGS):
+        middle = (near + far) / 2
+        before = above(middle) == first
+        near, far = np.where(before, middle, near), np.where(before, far, middle)
+    distances[some[hit]] = far[hit]
+    return distances

@@ -7,6 +7,7 @@
 import hashlib
 import json
 import logging
+import shutil
 from collections.abc import Iterator
 from dataclasses import fields, replace
 from pathlib import Path
@@ -16,8 +17,7 @@ import numpy as np
 
 from bench.btf import BAKED, BTF, Array, ArraySource
 from bench.codec import Progress
-from bench.data.bake.naming import MapFiles, looks_like_maps, recognise
-from bench.data.bake.partial import Partial
+from bench.data.bake.naming import looks_like_maps, recognise
 from bench.data.bake.surface import SUB_POINTS, Surface, read_surface
 from bench.data.convert import check_place, write_btf
 from bench.data.joined import prepared
@@ -25,7 +25,7 @@ from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, render
 from bench.data.readers import open_btf
 from bench.data.readers.files import FolderFiles
-from bench.data.spec import Preparation
+from bench.data.spec import Preparation, Table
 from bench.files import atomic
 from bench.files.atomic import cache_dir
 
@@ -44,6 +44,38 @@ class PathTracer(Protocol):
         self, maps: Maps, wo: Array, wi: Array, size: tuple[int, int], sub_points: int, seed: int, *, start: int
     ) -> Iterator[Array]:
         """Yield slices (n, H, W, 3) of the pairs wo, wi (N, 3) in order, from pair `start` on."""
+
+
+class Partial:
+    """Slices (N, H, W, 3) float32 in a hidden folder beside `out`; the first `done` of them are finished. `key` is made
+    from everything that determines the values; slices under another key are not used."""
+
+    def __init__(self, out: Path, key: str, shape: tuple[int, int, int, int]):
+        self.out = out
+        self.folder = out.with_name(f".{out.name}.{hashlib.sha256(key.encode()).hexdigest()[:16]}.baking")
+        self.folder.mkdir(exist_ok=True)
+        path = self.folder / "values.npy"
+        try:
+            self.done = int((self.folder / "finished").read_text()) if path.exists() else 0
+        except (OSError, ValueError):
+            self.done = 0
+        if not self.done:
+            with atomic.replacing(path) as fresh:
+                atomic.mapped(fresh, np.float32, shape)
+        self.values = np.lib.format.open_memmap(path, "r+")
+
+    def add(self, slices: Array) -> None:
+        """Keep the next slices (n, H, W, 3); they are on disk before they count."""
+        self.values[self.done : self.done + len(slices)] = slices
+        self.values.flush()
+        self.done += len(slices)
+        atomic.write(self.folder / "finished", str(self.done).encode())
+
+    def remove(self) -> None:
+        """Remove the folder, and those of other settings for the same `out`."""
+        for folder in self.out.parent.iterdir():
+            if folder.name.startswith(f".{self.out.name}.") and folder.suffix == ".baking":
+                shutil.rmtree(folder, ignore_errors=True)
 
 
 def bake(
@@ -116,31 +148,29 @@ def open_svbrdf(
     """
     name = folder.resolve().name
 
-    def cached(pairs: tuple[Array, Array], sampled: dict[str, Any]) -> BTF:
-        maps, sampled = recognise(folder), sampled | (path_tracer.described() if path_tracer else {})
-        path = cache_dir() / "materials" / f"{name}-{data.size}-{_key(maps, data.size, sampled)[:24]}.npz"
+    def cached(wanted: Table) -> BTF:
+        maps, sampled = recognise(folder), {"heldout": wanted.words} if wanted.words else _sampled(data)
+        sampled |= path_tracer.described() if path_tracer else {}
+        # Everything that determines the values of a bake with default options.
+        content = [FolderFiles(folder).digest(maps.files.values()), sorted(maps.files.items())]
+        described = json.dumps([BAKE_VERSION, RENDERER_VERSION, SUB_POINTS, data.size, sampled, content])
+        key = hashlib.sha256(described.encode()).hexdigest()
+        path = cache_dir() / "materials" / f"{name}-{data.size}-{key[:24]}.npz"
         if not path.exists():
             with atomic.locked(path):  # two processes must not both resume from the slices of a killed one
                 if not path.exists():
                     surface = read_surface(maps, data.size)
                     log.warning("baking %s\n%s", folder, table(surface))
-                    _bake(surface, pairs, None, sampled, path, show, 0, path_tracer)
+                    _bake(surface, wanted.pairs, None, sampled, path, show, 0, path_tracer)
         return replace(open_btf(path), name=name)
 
-    return prepared(data, name, 0, draw, _sampled(data), cached)
+    return prepared(data, name, 0, draw, cached)
 
 
 def table(surface: Surface) -> str:
     """List the recognised maps, one line per map or picture."""
     width = max(map(len, surface.notes))
     return "\n".join(f"  {role:<{width}}  {text}" for role, text in surface.notes.items())
-
-
-def _key(maps: MapFiles, size: int, sampled: dict[str, Any]) -> str:
-    """A hash of everything that determines the values of a bake with default options."""
-    content = [FolderFiles(maps.folder).digest(maps.files.values()), sorted(maps.files.items())]
-    described = json.dumps([BAKE_VERSION, RENDERER_VERSION, SUB_POINTS, size, sampled, content])
-    return hashlib.sha256(described.encode()).hexdigest()
 
 
 def _sampled(data: Preparation) -> dict[str, Any]:

@@ -17,12 +17,12 @@ _REGISTRY: dict[str, tuple[str, str]] = {  # name → "module:Class" of this pac
     "brick": ("photographs:Brick", "rough diffuse relief: brickwork from a photograph"),
     "gravel": ("photographs:Gravel", "rough diffuse relief with sharp shadows, from a photograph"),
     "grass": ("photographs:Grass", "fine, irregular relief from a photograph"),
-    "satin": ("satin:Satin", "woven anisotropic satin, warp and weft of two colours"),
-    "brushed-metal": ("brushed_metal:BrushedMetal", "brushed anisotropic metal with HDR highlights"),
-    "leather": ("leather:Leather", "glossy pebbled leather"),
-    "cable-knit": ("cable_knit:CableKnit", "cable-knit wool: strong parallax, occlusion and shadows"),
-    "hammered-copper": ("hammered_copper:HammeredCopper", "hammered copper: glossy dents with patina (kept apart)"),
-    "wicker": ("wicker:Wicker", "woven willow rods: parallax and gaps (kept apart)"),
+    "satin": ("procedural:Satin", "woven anisotropic satin, warp and weft of two colours"),
+    "brushed-metal": ("procedural:BrushedMetal", "brushed anisotropic metal with HDR highlights"),
+    "leather": ("procedural:Leather", "glossy pebbled leather"),
+    "cable-knit": ("procedural:CableKnit", "cable-knit wool: strong parallax, occlusion and shadows"),
+    "hammered-copper": ("procedural:HammeredCopper", "hammered copper: glossy dents with patina (kept apart)"),
+    "wicker": ("procedural:Wicker", "woven willow rods: parallax and gaps (kept apart)"),
 }
 
 

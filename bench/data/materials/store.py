@@ -16,7 +16,7 @@ from bench.btf import BTF, RENDERED, Array, ArraySource
 from bench.data.joined import prepared
 from bench.data.materials.maps import Maps, Recipe
 from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, SUB_POINTS, render
-from bench.data.spec import Preparation
+from bench.data.spec import Preparation, Table
 from bench.files import atomic
 from bench.files.atomic import cache_dir
 from bench.inputs.errors import InputError
@@ -51,27 +51,28 @@ def load_or_render(
         raise InputError(f"size must be at least 1, not {data.size}")
     directions: dict[str, Any] = {"directions": data.directions, "views": data.views, "lights": data.lights}
 
-    def rendered(pairs: tuple[Array, Array], sampled: dict[str, Any]) -> BTF:
+    def rendered(table: Table) -> BTF:
         # Everything that determines the values. Its hash is the cache key, and `BTF.provenance` contains it.
         described: dict[str, Any] = {"source": RENDERED, "renderer_version": RENDERER_VERSION, "material": name}
         described |= {"recipe": type(recipe).__name__, "parameters": asdict(recipe)}  # type: ignore[call-overload]
-        described |= {"seed": seed, "size": data.size, "sub_points": SUB_POINTS} | DESCRIBED | sampled
+        described |= {"seed": seed, "size": data.size, "sub_points": SUB_POINTS} | DESCRIBED
+        described |= {"heldout": table.words} if table.words else directions
         key = hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
         path = cache_dir() / "materials" / f"{name}-{data.size}-{key[:24]}.npy"
-        shape = (len(pairs[0]), data.size, data.size, 3)
+        shape = (len(table.pairs[0]), data.size, data.size, 3)
         values = np.broadcast_to(np.float16(0), shape) if outline else _read(path, shape)
         if values is None:
             with atomic.locked(path):
                 values = _read(path, shape)
                 if values is None:
-                    _write(path, recipe.maps(seed), *pairs, shape, described, show)
+                    _write(path, recipe.maps(seed), table, described, show)
                     values = _read(path, shape)
         if values is None:
             raise InputError(f"{path}: it cannot be read back after writing: is the disk full?")
         nothing, source = np.zeros(len(values), bool), StoredSource(values, key)
-        return BTF(name, *pairs, source, heldout=nothing, periodic=True, provenance=described)
+        return BTF(name, *table.pairs, source, heldout=nothing, periodic=True, provenance=described)
 
-    return prepared(data, name, seed, draw, directions, rendered)
+    return prepared(data, name, seed, draw, rendered)
 
 
 def _read(path: Path, shape: tuple[int, ...]) -> Array | None:
@@ -85,19 +86,12 @@ def _read(path: Path, shape: tuple[int, ...]) -> Array | None:
     return values if values.shape == shape else None
 
 
-def _write(
-    path: Path,
-    maps: Maps,
-    wo: Array,
-    wi: Array,
-    shape: tuple[int, ...],
-    described: dict[str, Any],
-    show: "Progress | None",
-) -> None:
+def _write(path: Path, maps: Maps, table: Table, described: dict[str, Any], show: "Progress | None") -> None:
+    size = described["size"]
     with atomic.replacing(path) as place:
         for dtype in (np.float16, np.float32):
-            values = atomic.mapped(place, dtype, shape)
-            render(maps, wo, wi, (shape[1], shape[2]), SUB_POINTS, values, show, f"rendering {described['material']}")
+            values = atomic.mapped(place, dtype, (len(table.pairs[0]), size, size, 3))
+            render(maps, *table.pairs, (size, size), SUB_POINTS, values, show, f"rendering {described['material']}")
             if all(np.isfinite(picture).all() for picture in values):
                 break
     atomic.write(path.with_suffix(".json"), json.dumps(described, indent=1, sort_keys=True).encode())

@@ -11,15 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.btf import BTF
-from bench.data.materials.brushed_metal import BrushedMetal
-from bench.data.materials.cable_knit import CableKnit
-from bench.data.materials.leather import Leather
 from bench.data.materials.maps import Maps, Recipe
 from bench.data.materials.noise import mix, normalised, smooth, srgb
-from bench.data.materials.satin import Satin
+from bench.data.materials.procedural import BrushedMetal, CableKnit, Colour, Leather, Satin
 
 RESOLUTION = 128  # of the maps: at 32² texels, the relief is as coarse in texels as in the suites
-Colour = tuple[float, float, float]
 Pair = tuple[float, float]
 
 
@@ -103,7 +99,7 @@ def _patchwork(rng: np.random.Generator) -> Patchwork:
     )
 
 
-# The built-in recipes that are procedural, with every parameter drawn.
+# Procedural recipes, with every parameter drawn.
 _KINDS: dict[str, Callable[[np.random.Generator], Recipe]] = {
     "satin": lambda rng: Satin(
         resolution=RESOLUTION,

@@ -1,14 +1,14 @@
 """Readers of measured BTFs. `open_btf` chooses one by the content of a file or folder, never by its extension.
 
 To add a reader, write one file with a function `opened(seen)` and add one line below. The function gets a
-`bench.data.readers.candidate.Candidate` and returns the BTF, or None if the file or folder has another format.
+`bench.data.readers.files.Candidate` and returns the BTF, or None if the file or folder has another format.
 """
 
 import importlib
 from pathlib import Path
 
 from bench.btf import BTF
-from bench.data.readers.candidate import Candidate
+from bench.data.readers.files import Candidate
 from bench.inputs.errors import InputError
 
 # A module of this package, or any other by its full name, and the format that it opens. They are tried in this order.
@@ -17,11 +17,9 @@ READERS = {
     "rti": "an RTI folder or .lp list",
     "ubo2003_pca": "UBO2003 as local PCA (meta.json)",
     "hdf5": "HDF5 with ground_color, ground_camera_dir, ground_light",
-    "npz": "an .npz with radiance, wo, wi",
-    "mean_abrdf": "a mean-ABRDF .npz",
+    "npz": "an .npz with radiance, wo, wi, a mean-ABRDF .npz",
     "ubo2014": "UBO2014 .btf",
-    "utia": "a UTIA folder",
-    "ubo2003": "a UBO2003 or ATRIUM zip",
+    "named": "a UTIA folder, a UBO2003 or ATRIUM zip",
 }
 
 

@@ -1,7 +1,10 @@
-"""Named files in a folder, read without state, so threads and forks can share them; `ZipFiles` reads archives."""
+"""Named files in a folder, read without state, so threads and forks can share them, and what shows their format."""
 
 import hashlib
+import os
 from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from bench.files.archive import MAX_FILE, ZipFiles
@@ -9,6 +12,8 @@ from bench.inputs.errors import InputError, readable, refuse_pipe
 
 WHOLE = 64 << 20
 BLOCK = 64 << 10
+HEAD = 4096
+MAX_DEPTH = 3
 
 
 class FolderFiles:
@@ -78,3 +83,64 @@ def _update(digest: "hashlib._Hash", path: Path, size: int, budget: int | None) 
 
 
 Files = FolderFiles | ZipFiles
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A file with its first bytes, or a folder, for which `head` is empty."""
+
+    path: Path
+    head: bytes
+
+    @classmethod
+    def read(cls, path: Path) -> "Candidate":
+        """Look at a path; `OSError` if it cannot be read."""
+        if path.is_dir():
+            return cls(path, b"")
+        refuse_pipe(path)
+        with open(path, "rb") as stream:
+            return cls(path, stream.read(HEAD))
+
+    @cached_property
+    def is_folder(self) -> bool:
+        return self.path.is_dir()
+
+    @property
+    def is_zip(self) -> bool:
+        return self.head[:4] == b"PK\x03\x04"
+
+    @cached_property
+    def names(self) -> list[str]:
+        """The files in a folder, three levels deep, or in a zip archive, with forward slashes; else empty. Raises
+        `InputError` for a damaged archive."""
+        if self.is_folder:
+            return list_folder(self.path)
+        return list(ZipFiles(self.path).entries) if self.is_zip else []
+
+    @property
+    def first_line(self) -> str:
+        """The first line of a text file; "" for an archive."""
+        if self.is_zip:
+            return ""
+        return self.head.decode("utf-8-sig", "replace").lstrip().split("\n", 1)[0].strip()
+
+    @property
+    def described(self) -> str:
+        """The reason why it is not a known BTF, and the start of a remedy."""
+        if self.is_folder:
+            held = ", ".join(sorted(p.name for p in self.path.iterdir())[:3]) or "nothing"
+            return f"it is not a BTF folder (it holds {held}): add pairs.csv, or"
+        if self.is_zip:
+            return f"it is not an archive of a known BTF (it holds {', '.join(self.names[:3]) or 'nothing'}):"
+        return f"it begins with {self.head[:10]!r}, like no known BTF:"
+
+
+def list_folder(path: Path) -> list[str]:
+    """Names of the files up to three levels below a folder, with forward slashes, sorted."""
+    names = []
+    for place, folders, files in os.walk(path):
+        inner = Path(place).relative_to(path)
+        if len(inner.parts) + 1 >= MAX_DEPTH:
+            folders.clear()
+        names += [(inner / name).as_posix() for name in files]
+    return sorted(names)

@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 
 from bench.btf import BTF, Array
-from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import AS_STORED, described, pairs_in_degrees, view_major, warn_of_radians
-from bench.data.readers.files import FolderFiles
+from bench.data.readers.files import Candidate, FolderFiles
 from bench.data.readers.pictures import PictureSource
 from bench.directions.hemisphere import to_degrees
 from bench.files.archive import inside

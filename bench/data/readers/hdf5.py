@@ -21,9 +21,8 @@ import numpy as np
 
 from bench.btf import BTF, Array, Source, finite
 from bench.data.joined import followed
-from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import described, no_duplicates, unit_directions
-from bench.data.readers.files import file_digest
+from bench.data.readers.files import Candidate, file_digest
 from bench.data.readers.pictures import MAX_PIXELS
 from bench.files.archive import LEAST, MAX_FILE, RATIO
 from bench.inputs.errors import InputError, installed, readable

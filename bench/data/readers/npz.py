@@ -1,4 +1,7 @@
-"""A single `.npz`: `radiance` (N, H, W, 3), `wo` and `wi` (N, 3), and optionally `heldout` (N,) and `periodic`."""
+"""A single `.npz`: `radiance` (N, H, W, 3), `wo` and `wi` (N, 3), and optionally `heldout` (N,) and `periodic`.
+
+Or a mean ABRDF: `rgb_geomean` (V, V, 3) by view and light, and the angles `theta_deg` and `phi_deg` (V,) of both sides.
+"""
 
 import json
 from pathlib import Path
@@ -7,21 +10,23 @@ from typing import Any
 import numpy as np
 
 from bench.btf import BTF, Array, ArraySource, finite
-from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import (
     AS_STORED,
+    IN_THE_DATA,
     described,
+    different_directions,
     no_duplicates,
     radiance_fault,
     unit_directions,
     warn_of_radians,
 )
-from bench.data.readers.files import file_digest
-from bench.directions.hemisphere import to_degrees
+from bench.data.readers.files import Candidate, file_digest
+from bench.directions.hemisphere import product, to_degrees
 from bench.files.archive import ZipFiles, stored
 from bench.inputs.errors import InputError, readable
 
 NOTES = 16 << 20  # the most bytes of a provenance, four to a character
+MEAN = "rgb_geomean"
 
 
 class NpzSource(ArraySource):
@@ -53,8 +58,10 @@ def opened(seen: Candidate) -> BTF | None:
     Radiance is linear Rec. 709 f_r · cos θ_i, taken as stored, in the order stored. Raises `InputError` that names the
     file, the array and the row.
     """
-    if not seen.is_zip or "radiance.npy" not in seen.names:
+    if not seen.is_zip or not {"radiance.npy", f"{MEAN}.npy"} & set(seen.names):
         return None
+    if "radiance.npy" not in seen.names:
+        return _mean_abrdf(seen.path)
     path, files = seen.path, ZipFiles(seen.path)
     radiance = stored(files, "radiance")
     if fault := radiance_fault(radiance.shape, radiance.dtype):
@@ -66,6 +73,23 @@ def opened(seen: Candidate) -> BTF | None:
     source, heldout, periodic = NpzSource(radiance.values(), path), _heldout(files, count), _periodic(files)
     provenance = described("npz", "taken as linear Rec. 709", AS_STORED) | _provenance(files)
     return BTF(path.stem, wo, wi, source, heldout=heldout, periodic=periodic, provenance=provenance)
+
+
+def _mean_abrdf(path: Path) -> BTF:
+    """The BTF (1 × 1 texel) of a mean ABRDF: view-major, linear Rec. 709, including the cosine of the light."""
+    files = ZipFiles(path)
+    table, *sides = (stored(files, key) for key in (MEAN, "theta_deg", "phi_deg"))
+    count = table.shape[0] if table.shape else 0
+    if table.shape != (count, count, 3) or count == 0 or table.dtype.kind != "f":
+        raise InputError(f"{path}: {MEAN} is {table.shape} {table.dtype}: it must be (V, V, 3) floats")
+    if any(angles.shape != (count,) or angles.dtype.kind not in "fiu" for angles in sides):
+        raise InputError(f"{path}: theta_deg and phi_deg must be ({count},) numbers")
+    theta, phi = (np.radians(np.asarray(angles.values(), np.float64)) for angles in sides)
+    directions = different_directions(theta, phi, lambda row: f"{path}: direction {row}", "_deg")
+    source = NpzSource(finite(table.values(), f"{path}: {MEAN}").reshape(-1, 1, 1, 3), path)
+    texels = "one: the geometric mean over the measured texels"
+    provenance = described("mean ABRDF", "linear Rec. 709 as stored", IN_THE_DATA, texels=texels)
+    return BTF(path.stem, *product(directions, directions), source, provenance=provenance)
 
 
 def _directions(files: ZipFiles, key: str, count: int) -> Array:

@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from bench.btf import BTF
-from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import described, no_duplicates, unit_directions, view_major
-from bench.data.readers.files import FolderFiles
+from bench.data.readers.files import Candidate, FolderFiles
 from bench.data.readers.pictures import PictureSource
 from bench.inputs.errors import InputError, readable
 

@@ -21,9 +21,8 @@ from typing import Any
 import numpy as np
 
 from bench.btf import BTF, Array, Source
-from bench.data.readers.candidate import HEAD, Candidate
 from bench.data.readers.checks import PHOTOGRAPHED
-from bench.data.readers.files import FolderFiles
+from bench.data.readers.files import HEAD, Candidate, FolderFiles
 from bench.data.readers.orientation import PNG_START
 from bench.data.readers.pictures import picture_size
 from bench.directions.hemisphere import product, ubo2003
@@ -41,24 +40,15 @@ SPLIT = re.compile(r"\d{1,3}_\d{1,3}")  # a clone has NAME/3_8: block size and c
 
 
 def opened(seen: Candidate) -> BTF | None:
-    """The BTF of a folder with such a `meta.json`, of one around it (`3_8`), or of that `meta.json`, or None."""
-    folder = seen.path if seen.is_folder else seen.path.parent
-    if not seen.is_folder:
-        return open_ubo2003_pca(folder) if FIELD in seen.head and seen.path.name == NOTES else None
-    inner = sorted(each for each in folder.iterdir() if SPLIT.fullmatch(each.name) and (each / NOTES).is_file())
-    for place in [folder, *inner[:1]]:
-        files = FolderFiles(place)
-        if files.has(NOTES) and (files.has(WEIGHTS) or FIELD in files.head(NOTES, HEAD)):
-            return open_ubo2003_pca(place)
-    return None
+    """The BTF of a folder with such a `meta.json`, of one around it (`3_8`), or of that `meta.json`, or None.
 
-
-def open_ubo2003_pca(folder: Path) -> BTF:
-    """The BTF of such a folder: 81 views × 81 lights in the order of UBO2003, by view, then light.
-
-    Opening reads `meta.json` and the headers of the pictures. Codes are clipped to [0, 1] and decoded as sRGB to linear
-    Rec. 709; radiance as photographed. Raises `InputError` that names the file and the field.
+    81 views × 81 lights in the order of UBO2003, by view, then light. Opening reads `meta.json` and the headers of the
+    pictures. Codes are clipped to [0, 1] and decoded as sRGB to linear Rec. 709; radiance as photographed. Raises
+    `InputError` that names the file and the field.
     """
+    folder = _folder(seen)
+    if folder is None:
+        return None
     files, place = FolderFiles(folder), folder.resolve()
     source = LocalPCA(files, _image_size(files))
     provenance = {
@@ -73,6 +63,17 @@ def open_ubo2003_pca(folder: Path) -> BTF:
     }
     name = place.parent.name if SPLIT.fullmatch(place.name) else place.name
     return BTF(name, *product(ubo2003(), ubo2003()), source, provenance=provenance)
+
+
+def _folder(seen: Candidate) -> Path | None:
+    if not seen.is_folder:
+        return seen.path.parent if FIELD in seen.head and seen.path.name == NOTES else None
+    inner = sorted(each for each in seen.path.iterdir() if SPLIT.fullmatch(each.name) and (each / NOTES).is_file())
+    for place in [seen.path, *inner[:1]]:
+        files = FolderFiles(place)
+        if files.has(NOTES) and (files.has(WEIGHTS) or FIELD in files.head(NOTES, HEAD)):
+            return place
+    return None
 
 
 def _image_size(files: FolderFiles) -> int:

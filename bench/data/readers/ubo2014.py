@@ -18,9 +18,8 @@ from typing import Any
 import numpy as np
 
 from bench.btf import BTF, Array, Source, finite
-from bench.data.readers.candidate import Candidate
 from bench.data.readers.checks import IN_THE_DATA, described, different_directions
-from bench.data.readers.files import file_digest
+from bench.data.readers.files import Candidate, file_digest
 from bench.directions.hemisphere import from_angles, product
 from bench.inputs.errors import InputError
 
@@ -84,15 +83,11 @@ class Matrix:
     @cached_property
     def dense(self) -> Array:
         """The whole factor in float32."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            return np.ascontiguousarray(self.stored, np.float32)
+        return np.ascontiguousarray(self.stored, np.float32)
 
     def rows(self, index: Array | slice) -> Array:
         """Some rows in float32."""
-        if self.expand:
-            return self.dense[index]
-        with np.errstate(over="ignore", invalid="ignore"):
-            return np.asarray(self.stored[index], np.float32)
+        return self.dense[index] if self.expand else np.asarray(self.stored[index], np.float32)
 
     def times(self, factors: Array) -> Array:
         """The products (n, rows) with some vectors (n, K)."""
@@ -248,16 +243,17 @@ class FactorSource(Source):
         self.shape, self.count = material.shape, len(material.views) * len(material.lights)
         self.at_once = max(1, MULTIPLIED // (24 * self.shape[0] * self.shape[1]))
 
+    @np.errstate(over="ignore", invalid="ignore")
     def slices(self, pairs: Array) -> list[Array]:
         factors = zip(self.material.texels, self.material.pairs, strict=True)
-        with np.errstate(over="ignore", invalid="ignore"):
-            channels = [texels.times(each.rows(pairs)).reshape(-1, *self.shape) for texels, each in factors]
+        channels = [texels.times(each.rows(pairs)).reshape(-1, *self.shape) for texels, each in factors]
         pictures = np.empty((len(pairs), *self.shape, 3), np.float32)
         for i, picture, planes in zip(pairs, pictures, zip(*channels, strict=True), strict=True):
             self._decode(planes, picture[::-1])  # the file counts from the bottom row
             finite(picture, f"{self.path}: slice of pair {i}")
         return list(pictures)
 
+    @np.errstate(over="ignore", invalid="ignore")
     def texels(self, rows: Array, cols: Array, pairs: Array, block: int = 64) -> Array:
         index = self._index(rows, cols)
         out = np.empty((len(index), len(pairs), 3), np.float32)
@@ -265,20 +261,19 @@ class FactorSource(Source):
         buffers = np.empty((3, block, len(pairs)), np.float32)
         for start in range(0, len(index), block):
             some, part = index[start : start + block], out[start : start + block]
-            with np.errstate(over="ignore", invalid="ignore"):
-                for matrix, factor, buffer in zip(self.material.texels, factors, buffers, strict=True):
-                    np.matmul(matrix.rows(some), factor, out=buffer[: len(some)])
+            for matrix, factor, buffer in zip(self.material.texels, factors, buffers, strict=True):
+                np.matmul(matrix.rows(some), factor, out=buffer[: len(some)])
             finite(self._decode(buffers[:, : len(some)], part), f"{self.path}: texels from {start}")
         return out
 
+    @np.errstate(over="ignore", invalid="ignore")
     def gather(self, pair: Array, row: Array, col: Array, block: int = 4096) -> Array:
         index = self._index(row, col)
         out = np.empty((len(index), 3), np.float32)
         for start in range(0, len(index), block):
             part = slice(start, start + block)
             factors = zip(self.material.texels, self.material.pairs, strict=True)
-            with np.errstate(over="ignore", invalid="ignore"):
-                channels = [np.einsum("nk,nk->n", t.rows(index[part]), p.rows(pair[part])) for t, p in factors]
+            channels = [np.einsum("nk,nk->n", t.rows(index[part]), p.rows(pair[part])) for t, p in factors]
             out[part] = finite(self._decode(channels), f"{self.path}: samples from {start}")
         return out
 
@@ -289,14 +284,13 @@ class FactorSource(Source):
     def _decode(self, channels: Sequence[Array] | Array, out: Array | None = None) -> Array:
         """Linear RGB (..., 3) float32 of three decorrelated channels (...), which it overwrites."""
         out = np.empty((*channels[0].shape, 3), np.float32) if out is None else out
-        with np.errstate(over="ignore", invalid="ignore"):
-            if self.material.model == 11:
-                _yuv_to_rgb(channels, out)
-                return out
-            for i, channel in enumerate(channels):
-                out[..., i] = channel
-            if self.material.model == 12:
-                np.subtract(np.exp(out, out=out), EPSILON, out=out)
+        if self.material.model == 11:
+            _yuv_to_rgb(channels, out)
+            return out
+        for i, channel in enumerate(channels):
+            out[..., i] = channel
+        if self.material.model == 12:
+            np.subtract(np.exp(out, out=out), EPSILON, out=out)
         return out
 
     def fingerprint(self) -> str:

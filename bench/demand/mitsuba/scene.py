@@ -1,4 +1,4 @@
-"""Casts the rays of a Mitsuba 3 scene, an XML file, at the surfaces of one BSDF: see `bench.demand.points`.
+"""Casts the rays of a Mitsuba 3 scene, an XML file, at the surfaces of one BSDF: see `bench.demand.collect`.
 
 Each sensor of the file is a frame, so a camera's path is a list of sensors. Only direct light from emitters counts,
 with its shadows; light reflected by other surfaces does not. A unit of a shape's uv is the longer side of the texture.
@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from bench.btf import Array
-from bench.demand.points import Light, Points
+from bench.demand.collect import Light, Points
 from bench.inputs.errors import InputError, did_you_mean
 from bench.program.llvm import unusable
 
@@ -41,21 +41,16 @@ class MitsubaScene:
 
     def cast(self, frame: int, col: Array, row: Array) -> Points:
         """What a sensor sees of the BSDF's surfaces, through points (n,) of the picture, in pixels."""
-        ahead: Callable[[int, int], Values] = lambda x, y: self._rays(frame, col + x, row + y)  # noqa: E731
-        rays = ahead(0, 0)
+        sensor, middle, (height, width) = self.sensors[frame], mi.Point2f(0.5, 0.5), self.picture
+        places = ((mi.Float((col + x) / width), mi.Float((row + y) / height)) for x, y in ((0, 0), (1, 0), (0, 1)))
+        rays, right, below = (sensor.sample_ray(0.0, 0.5, mi.Point2f(*place), middle)[0] for place in places)
         hit = self.scene.ray_intersect(rays)
         wanted = hit.is_valid() & (hit.bsdf() == mi.BSDFPtr(self.bsdf))
         some = np.flatnonzero(np.asarray(wanted))
         position, normal = _rows(hit.p), _rows(hit.sh_frame.n)
-        eye = np.broadcast_to(np.asarray(self.sensors[frame].world_transform().translation()).ravel(), position.shape)
+        eye = np.broadcast_to(np.asarray(sensor.world_transform().translation()).ravel(), position.shape)
         columns = (_rows(hit.uv), position, normal, _rows(hit.dp_du), _rows(hit.dp_dv), eye)
-        neighbours = _rows(ahead(1, 0).d), _rows(ahead(0, 1).d)
-        return Points(some, *(column[some] for column in (*columns, *neighbours)))
-
-    def _rays(self, frame: int, col: Array, row: Array) -> Values:
-        height, width = self.picture
-        place = mi.Point2f(mi.Float(col / width), mi.Float(row / height))
-        return self.sensors[frame].sample_ray(0.0, 0.5, place, mi.Point2f(0.5, 0.5))[0]
+        return Points(some, *(column[some] for column in (*columns, _rows(right.d), _rows(below.d))))
 
     def lights(self, points: Points, rng: np.random.Generator) -> list[Light]:
         """Every emitter that reaches the points without a shadow; for extended emitters, a few samples."""

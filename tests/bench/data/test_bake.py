@@ -12,8 +12,7 @@ from PIL import Image
 from bench import cli
 from bench.btf import box_filter
 from bench.codec import silent
-from bench.data.bake import bake, looks_like_maps, open_svbrdf, read_surface, recognise
-from bench.data.bake.partial import Partial
+from bench.data.bake import Partial, bake, looks_like_maps, open_svbrdf, read_surface, recognise
 from bench.data.bake.surface import SUB_POINTS
 from bench.data.materials.renderer import render
 from bench.data.open import open_material, open_named

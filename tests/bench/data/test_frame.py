@@ -5,8 +5,8 @@ from bench import cli
 from bench.btf import BTF, ArraySource
 from bench.conformance.check import tiny_btf
 from bench.data.convert import write_btf
-from bench.data.frame import mean_lobe
 from bench.data.materials import load
+from bench.data.portrait import mean_lobe
 from bench.directions.hemisphere import from_degrees
 
 

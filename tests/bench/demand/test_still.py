@@ -67,7 +67,7 @@ def test_more_rays_smooth_the_rim_alone() -> None:
 
 
 def test_a_ray_meets_the_drape_first_where_it_is_first_below_it() -> None:
-    from bench.demand.shapes import _height, _unit_of
+    from bench.demand.text_scene import _height, _unit_of
 
     scene = still.changed(named_scene("drape"), None, 1.0, 60)
     col, row = np.meshgrid(np.arange(60) + 0.5, np.arange(60) + 0.5)

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from bench.data.materials.heightfield import HeightField
 from bench.data.materials.noise import smooth
+from bench.data.materials.renderer import HeightField
 from bench.directions.hemisphere import from_degrees
 
 

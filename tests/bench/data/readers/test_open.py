@@ -7,7 +7,7 @@ from fuzz_readers import READERS
 
 from bench.data import readers
 from bench.data.readers import open_btf
-from bench.data.readers.named import list_folder
+from bench.data.readers.files import list_folder
 
 
 def test_a_folder_is_listed_three_levels_deep(tmp_path):

@@ -129,7 +129,7 @@ def test_drawn_directions_have_the_built_in_reflectance_as_their_mean(kind, o):
     """The albedo by drawing equals that by quadrature of `bench.data.materials.brdf`; 100,000 draws err by 0.4 %."""
     import mitsuba as mi
 
-    from bench.demand.mitsuba import brdf as mitsuba_brdf
+    from bench.demand.mitsuba import path_tracer
 
     names = ("roughness", "metalness", "specular", "anisotropy")
     values = {"metalness": 0.0, "specular": 1.0, "anisotropy": 0.0} | FLAT[kind]
@@ -143,11 +143,11 @@ def test_drawn_directions_have_the_built_in_reflectance_as_their_mean(kind, o):
     expected = 2 * np.pi * (at.diffuse[0] * through + brdf.specular_colour(at, between)[0] * highlight).mean()
     random = np.random.default_rng(0).random((3, 100_000)).astype(np.float32)
     with tracer().using(tracer().fastest_variant()):
-        here = mitsuba_brdf.shading(mi.Vector3f(*o), mi.Color3f(0.6), *(mi.Float(values[name]) for name in names))
+        here = path_tracer.shading(mi.Vector3f(*o), mi.Color3f(0.6), *(mi.Float(values[name]) for name in names))
         if mi.variant() == "scalar_rgb":
             pytest.skip("LLVM is not on this machine")
         choice, x, y = (mi.Float(row) for row in random)
-        drawn = np.array(mitsuba_brdf.sample(here, choice, mi.Point2f(x, y))[1])[0].mean()
+        drawn = np.array(path_tracer.sample(here, choice, mi.Point2f(x, y))[1])[0].mean()
     assert drawn == pytest.approx(expected, rel=0.01)
 
 

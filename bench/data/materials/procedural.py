@@ -1,0 +1,239 @@
+"""Materials made of noise, waves and scattered points: woven and knitted ones, leather and metals."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from bench.btf import Array
+from bench.data.materials.maps import Maps
+from bench.data.materials.noise import grid, mix, normalised, smooth, srgb, to_scattered
+
+Colour = tuple[float, float, float]  # sRGB codes
+
+
+@dataclass(frozen=True)
+class Satin:
+    """A warp-faced satin: each warp thread floats over four wefts and dips under the fifth, its neighbour two further.
+    Fibres run along their thread with some twist, and highlights stretch across the fibres."""
+
+    resolution: int = 256
+    threads: int = 10  # warp threads and weft threads in a tile, a multiple of five
+    height: float = 0.011  # height of a thread above the interlacing plane
+    twist_deg: float = 12.0  # angle of the fibres to the axis of their thread
+    roughness: float = 0.42
+    anisotropy: float = 0.85
+    warp_srgb: Colour = (150, 22, 48)
+    weft_srgb: Colour = (214, 170, 84)
+
+    def maps(self, seed: int) -> Maps:
+        rng = np.random.default_rng(seed)
+        u, v = grid(self.resolution)
+        across_u, across_v = u * self.threads, v * self.threads
+        warp, weft = np.floor(across_u).astype(int), np.floor(across_v).astype(int)
+        warp_top = self._ride(warp, across_v, 2) + _bulge(across_u)
+        weft_top = -self._ride(weft, across_u, 3) + _bulge(across_v)
+        is_warp = warp_top >= weft_top
+        thread = np.where(is_warp, warp, weft + self.threads)
+        tint = rng.normal(1, 0.06, 2 * self.threads)[thread]
+        fibre = np.where(is_warp, smooth(rng, self.resolution, 0.05, 0.004), smooth(rng, self.resolution, 0.004, 0.05))
+        colour = mix(srgb(*self.weft_srgb), srgb(*self.warp_srgb), is_warp.astype(float))
+        colour = colour * (tint * (1 + 0.12 * fibre))[..., None]
+        twist = np.radians(self.twist_deg) + 0.06 * fibre
+        along = np.where(is_warp, np.pi / 2, 0.0) + twist
+        top = np.maximum(warp_top, weft_top)
+        return Maps(
+            height=self.height * (top + 0.05 * fibre),
+            base_colour=np.clip(colour, 0, 1),
+            roughness=np.clip(self.roughness + 0.04 * fibre, 0.2, 0.8),
+            metalness=0.35,
+            anisotropy=self.anisotropy,
+            angle=along + np.pi / 2,
+        )
+
+    def _ride(self, thread: Array, along: Array, step: int) -> Array:
+        """Height of a thread's axis: +0.5 over, −0.5 in the middle of the thread it dips under, smooth between."""
+        away = np.abs((along - 0.5 - step * thread + 2.5) % 5 - 2.5)
+        return 0.5 - np.where(away < 1, 0.5 + 0.5 * np.cos(np.pi * away), 0)
+
+
+def _bulge(across: Array) -> Array:
+    """The round cross-section of a thread, 0 at its edge and 1 at its middle."""
+    x = 2 * (across % 1) - 1
+    return np.sqrt(np.maximum(1 - x * x, 0))
+
+
+@dataclass(frozen=True)
+class CableKnit:
+    """One cable in a tile. Its relief is a seventh of the tile's width, so that at 75° it shifts by half the tile."""
+
+    resolution: int = 256
+    height: float = 0.14  # from the deepest gap to the top of the cable
+    stitches: int = 10  # V stitches along a strand, rows of purl bumps on the ground
+    bumps: int = 8  # purl bumps across the whole tile
+    sway: float = 0.13  # how far a strand swings to each side
+    radius: float = 0.15  # half the width of a strand
+    yarn: float = 0.28  # relief of the yarns on a strand, as a share of the strand's
+    roughness: float = 0.75
+    colour_srgb: Colour = (226, 208, 172)
+
+    def maps(self, seed: int) -> Maps:
+        rng = np.random.default_rng(seed)
+        u, v = grid(self.resolution)
+        ground = self._ground(u, v)
+        strands = [self._strand(u, v, side) for side in (-1, 1)]
+        layers = np.stack([ground, *strands])
+        fuzz = smooth(rng, self.resolution, 0.004, 0.004)
+        height = normalised(layers.max(0) + 0.008 * fuzz)
+        tint = 1 + 0.05 * smooth(rng, self.resolution, 0.06, 0.06) + 0.05 * fuzz
+        return Maps(
+            height=self.height * height,
+            base_colour=np.clip(srgb(*self.colour_srgb) * tint[..., None], 0, 1),
+            roughness=self.roughness,
+            specular=0.5,
+        )
+
+    def _strand(self, u: Array, v: Array, side: int) -> Array:
+        """A round strand that winds about the other, covered by V stitches; below everything outside its width."""
+        turn = 2 * np.pi * v
+        centre = 0.5 + side * self.sway * np.sin(turn)
+        lean = side * self.sway * 2 * np.pi * np.cos(turn)
+        across = (u - centre) / (self.radius * np.sqrt(1 + lean * lean))
+        body = np.sqrt(np.maximum(1 - across * across, 0))
+        leg = np.abs(across)
+        ridge = np.abs(np.cos(np.pi * (v * self.stitches - 0.9 * leg)))
+        edge = np.sin(np.pi * np.clip(leg, 0, 1)) ** 0.5
+        yarn = self.yarn * (np.sqrt(ridge) * edge - 1)
+        lifted = 0.55 + 0.3 * side * np.cos(turn) + 0.6 * body + yarn
+        return np.where(leg < 1, lifted, -1)
+
+    def _ground(self, u: Array, v: Array) -> Array:
+        """Rows of purl bumps, every other row shifted by half a bump."""
+        row = v * self.stitches
+        column = u * self.bumps + 0.5 * (np.floor(row) % 2)
+        x, y = 2 * (column % 1) - 1, 2 * (row % 1) - 1
+        return 0.35 * np.sqrt(np.maximum(1 - 0.8 * x * x - 0.9 * y * y, 0))
+
+
+@dataclass(frozen=True)
+class Wicker:
+    """Rods run along x, stakes along y. A rod passes over one stake and under the next; its neighbours do the other."""
+
+    resolution: int = 256
+    height: float = 0.09
+    rods: int = 8  # in a tile; an even number, like the stakes
+    stakes: int = 4
+    roughness: float = 0.5
+    willow_srgb: Colour = (182, 134, 78)
+    bark_srgb: Colour = (96, 58, 30)
+
+    def maps(self, seed: int) -> Maps:
+        rng = np.random.default_rng(seed)
+        u, v = grid(self.resolution)
+        rod, stake = np.floor(v * self.rods).astype(int), np.floor(u * self.stakes).astype(int)
+        sway = np.cos(np.pi * (u * self.stakes - 0.5)) * (-1.0) ** rod
+        rod_top = 0.45 * sway + 0.5 * _round(v * self.rods, 0.46)
+        stake_top = 0.55 * _round(u * self.stakes, 0.22)
+        is_rod = rod_top >= stake_top
+        top = np.maximum(np.maximum(rod_top, stake_top), -0.6)
+        fibre = np.where(is_rod, smooth(rng, self.resolution, 0.003, 0.08), smooth(rng, self.resolution, 0.08, 0.003))
+        shade = rng.normal(0, 0.25, self.rods + self.stakes)[np.where(is_rod, rod, stake + self.rods)]
+        bark = np.clip(0.35 + shade + 0.2 * fibre, 0, 1)
+        colour = mix(srgb(*self.willow_srgb), srgb(*self.bark_srgb), bark)
+        return Maps(
+            height=self.height * (top + 0.02 * fibre),
+            base_colour=np.clip(colour * (1 + 0.08 * fibre)[..., None], 0, 1),
+            roughness=np.clip(self.roughness + 0.06 * fibre, 0.2, 1),
+            anisotropy=0.3,
+            angle=np.where(is_rod, np.pi / 2, 0.0),
+        )
+
+
+def _round(across: Array, half_width: float) -> Array:
+    """The profile of a row of cylinders, one a unit: 1 on top, −1 in the gaps."""
+    x = (across % 1 - 0.5) / half_width
+    return np.where(np.abs(x) < 1, np.sqrt(np.maximum(1 - x * x, 0)), -1.0)
+
+
+@dataclass(frozen=True)
+class Leather:
+    """Pebbles are the cells of scattered points (Worley 1996): they rise with the distance from the borders."""
+
+    resolution: int = 256
+    height: float = 0.02
+    cells: int = 10  # pebbles along a side
+    crease: float = 0.9  # width of a crease, as a share of a pebble
+    roughness: float = 0.38
+    skin_srgb: Colour = (112, 58, 30)
+    crease_srgb: Colour = (52, 24, 14)
+
+    def maps(self, seed: int) -> Maps:
+        rng = np.random.default_rng(seed)
+        coarse = self._pebbles(rng, self.cells, self.crease)
+        fine = self._pebbles(rng, 3 * self.cells, 0.9)
+        sag = smooth(rng, self.resolution, 0.1, 0.1)
+        pores = smooth(rng, self.resolution, 0.005, 0.005)
+        height = coarse * (0.85 + 0.08 * sag) + 0.15 * fine * coarse + 0.015 * pores
+        wear = np.clip(0.5 + 0.25 * sag + 0.3 * (coarse - 0.6), 0, 1)
+        colour = mix(srgb(*self.crease_srgb), srgb(*self.skin_srgb), np.clip(0.2 + 0.8 * coarse, 0, 1))
+        return Maps(
+            height=self.height * height,
+            base_colour=np.clip(colour * (0.85 + 0.3 * wear)[..., None], 0, 1),
+            roughness=np.clip(self.roughness + 0.2 * (1 - coarse) - 0.08 * wear, 0.05, 1),
+        )
+
+    def _pebbles(self, rng: np.random.Generator, cells: int, crease: float) -> Array:
+        """Height in [0, 1]: 0 on the border of two cells, rounded up to 1 inside."""
+        one, other = to_scattered(rng, self.resolution, cells, 0.42)
+        border = np.clip((other - one) * cells / crease, 0, 1)
+        return gaussian_filter(np.sqrt(1 - (1 - border) ** 2), 0.007 * self.resolution, mode="wrap")
+
+
+@dataclass(frozen=True)
+class BrushedMetal:
+    """Scratches are white noise stretched along x; they tilt the surface across, and change its roughness and tint."""
+
+    resolution: int = 256
+    height: float = 0.0012  # deviation of the scratches' depth
+    roughness: float = 0.34
+    anisotropy: float = 0.85
+    metal_srgb: Colour = (222, 206, 184)
+
+    def maps(self, seed: int) -> Maps:
+        rng = np.random.default_rng(seed)
+        scratches = 0.7 * smooth(rng, self.resolution, 0.006, 0.12) + 0.5 * smooth(rng, self.resolution, 0.012, 0.4)
+        shade = smooth(rng, self.resolution, 0.005, 0.2)
+        wander = smooth(rng, self.resolution, 0.02, 0.1)
+        return Maps(
+            height=self.height * scratches,
+            base_colour=np.clip(srgb(*self.metal_srgb) * (1 + 0.06 * shade)[..., None], 0, 1),
+            roughness=np.clip(self.roughness + 0.08 * shade, 0.15, 0.8),
+            metalness=1.0,
+            anisotropy=self.anisotropy,
+            angle=np.pi / 2 + 0.15 * wander,
+        )
+
+
+@dataclass(frozen=True)
+class HammeredCopper:
+    """Each dent is a bowl about one of many scattered points; the ridges between them catch the light in turn."""
+
+    resolution: int = 256
+    height: float = 0.018
+    dents: int = 7  # along a side
+    roughness: float = 0.34
+    copper_srgb: Colour = (222, 148, 118)
+    patina_srgb: Colour = (70, 116, 100)
+
+    def maps(self, seed: int) -> Maps:
+        rng = np.random.default_rng(seed)
+        away = to_scattered(rng, self.resolution, self.dents, 0.35)[0] * self.dents
+        tarnish = smooth(rng, self.resolution, 0.08, 0.08)
+        grain = smooth(rng, self.resolution, 0.006, 0.006)
+        low = np.clip(1.1 - 1.6 * away + 0.5 * tarnish, 0, 1) * 0.6
+        return Maps(
+            height=self.height * normalised(away * away + 0.01 * grain),
+            base_colour=np.clip(mix(srgb(*self.copper_srgb), srgb(*self.patina_srgb), low), 0, 1),
+            roughness=np.clip(self.roughness + 0.35 * low + 0.03 * grain, 0.1, 1),
+            metalness=1 - 0.8 * low,
+        )
