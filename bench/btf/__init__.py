@@ -303,6 +303,15 @@ class BTF:
         kept: dict[str, Any] = {name: None if values is None else values[chosen] for name, values in each_pair.items()}
         return replace(self, source=self.source.only(self.pairs[chosen]), **kept)
 
+    def without_test(self) -> "BTF":
+        """The BTF without its test pairs; its held-out pairs are then whole views and lights of the rest."""
+        return replace(self.subset(self.split().train), heldout=None)
+
+    def with_validation(self) -> "BTF":
+        """The BTF with validation pairs besides its test pairs: whole views and lights of the rest."""
+        train, rest = self.split().train, self.without_test().split()
+        return replace(self, validation=np.isin(np.arange(len(self)), np.delete(train, rest.train)))
+
     def downsample(self, factor: int) -> "BTF":
         """The BTF box-filtered over factor × factor texels, in linear light. Rows and columns at the end that do not
         fill a box are left out; the result is then not periodic."""

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from bench.btf import BTF, Array, Source
-from bench.data.spec import Preparation, Table
+from bench.data.spec import Table
 
 
 class Joined(Source):
@@ -62,9 +62,8 @@ def followed(btf: BTF, drawn: BTF, kind: str, words: str) -> BTF:
     return BTF(btf.name, wo, wi, source, **marks, periodic=btf.periodic, provenance=provenance)
 
 
-def prepared(data: Preparation, name: str, seed: int, draw: int, opened: Callable[[Table], BTF]) -> BTF:
-    """The tables of a surface that a preparation asks for, each as `opened` makes it, joined."""
-    tables = data.tables(name, seed, draw)
+def joined(tables: list[Table], opened: Callable[[Table], BTF]) -> BTF:
+    """The tables of a surface, each as `opened` makes it, in one BTF."""
     btf = opened(tables[0])
     for table in tables[1:]:
         btf = followed(btf, opened(table), table.kind, table.words)

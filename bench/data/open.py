@@ -2,10 +2,7 @@
 
 import os
 from collections.abc import Callable
-from dataclasses import replace
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from bench.btf import BTF
 from bench.codec import Progress, silent
@@ -58,9 +55,9 @@ def open_material(
 
     btf = thinned(open_btf(path), data.pairs)
     if data.split == "validation":
-        btf = without_test(btf)
+        btf = btf.without_test()
     elif data.validation:
-        btf = with_validation(btf)
+        btf = btf.with_validation()
     return shrunk(repaired(btf, show) if data.repair else btf, data.texels)
 
 
@@ -75,17 +72,6 @@ def outlined(spec: MaterialSpec, data: Preparation, draw: int = 0) -> BTF:
 def draw_of(spec: MaterialSpec, data: Preparation, repetition: int) -> int:
     """The draw of test pairs for a repetition; 0 if all repetitions share one."""
     return repetition if spec.rendered and data.split == "test" else 0
-
-
-def without_test(btf: BTF) -> BTF:
-    """The BTF without its test pairs; its held-out pairs are then validation pairs."""
-    return replace(btf.subset(btf.split().train), heldout=None)
-
-
-def with_validation(btf: BTF) -> BTF:
-    """A measured BTF with validation pairs besides its test pairs: whole views and lights of the rest."""
-    train, rest = btf.split().train, without_test(btf).split()
-    return replace(btf, validation=np.isin(np.arange(len(btf)), np.delete(train, rest.train)))
 
 
 def open_named(name: str, changes: dict[str, str], show: Progress = silent) -> BTF:

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bench.btf import BTF, Source, scratch
+from bench.btf import BTF, Layout, Source, scratch
 from bench.directions.hemisphere import thin
 
 
@@ -19,11 +19,13 @@ def thinned(btf: BTF, pairs: int) -> BTF:
     if not 0 < pairs < len(btf):
         return btf
     if btf.layout.grid is not None or btf.heldout is None or not btf.heldout.any():
-        return btf.subset(_even(btf, pairs))
-    train, heldout = np.flatnonzero(~btf.heldout), np.flatnonzero(btf.heldout)
-    share = max(1, round(pairs * len(heldout) / len(btf)))
-    chosen = train[_even(btf.subset(train), max(1, pairs - share))]
-    return btf.subset(np.concatenate([chosen, heldout[_drawn(len(heldout), share)]]))
+        chosen = _even(btf.layout, pairs)
+    else:
+        train, heldout = np.flatnonzero(~btf.heldout), np.flatnonzero(btf.heldout)
+        share = max(1, round(pairs * len(heldout) / len(btf)))
+        some = train[_even(Layout.of(btf.wo[train], btf.wi[train]), max(1, pairs - share))]
+        chosen = np.concatenate([some, heldout[_drawn(len(heldout), share)]])
+    return btf.subset(chosen)
 
 
 class _Shrunk(Source):
@@ -56,10 +58,9 @@ def shrunk(btf: BTF, texels: int) -> BTF:
     return small.over(_Shrunk(small.source))
 
 
-def _even(btf: BTF, pairs: int) -> np.ndarray:
-    layout = btf.layout
+def _even(layout: Layout, pairs: int) -> np.ndarray:
     if layout.grid is None:
-        return _drawn(len(btf), pairs)
+        return _drawn(len(layout.view), pairs)
     views, lights = len(layout.views), len(layout.lights)
     few = min(views, lights, math.isqrt(pairs))  # a side with few directions keeps all of them
     count = (few, min(lights, pairs // few)) if views <= lights else (min(views, pairs // few), few)

@@ -20,7 +20,7 @@ from bench.codec import Progress
 from bench.data.bake.naming import looks_like_maps, recognise
 from bench.data.bake.surface import SUB_POINTS, Surface, read_surface
 from bench.data.convert import check_place, write_btf
-from bench.data.joined import prepared
+from bench.data.joined import joined
 from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, render
 from bench.data.readers import open_btf
@@ -88,6 +88,7 @@ def bake(
     killed, its finished slices stay beside `out`, and the same call resumes from them. Raises `InputError` if `out`
     cannot be written or counts are out of range.
     """
+    check_place(out)
     wo, wi = data.everything(surface.name, seed)
     heldout = np.arange(len(wo)) >= data.views * data.lights if data.heldout else None
     _bake(surface, (wo, wi), heldout, _sampled(data) | {"heldout": data.described()}, out, show, seed, path_tracer)
@@ -104,7 +105,6 @@ def _bake(
     path_tracer: PathTracer | None,
 ) -> None:
     """Render a surface at some pairs, which `sampled` describes, into a file or folder; see `bake`."""
-    check_place(out)
     (wo, wi), label = pairs, f"baking {surface.name}"
     described = {"source": BAKED, "maps": surface.notes, "bake_version": BAKE_VERSION}
     described |= {"renderer_version": RENDERER_VERSION, "sub_points": SUB_POINTS, "seed": seed} | DESCRIBED | sampled
@@ -164,7 +164,7 @@ def open_svbrdf(
                     _bake(surface, wanted.pairs, None, sampled, path, show, 0, path_tracer)
         return replace(open_btf(path), name=name)
 
-    return prepared(data, name, 0, draw, cached)
+    return joined(data.tables(name, 0, draw), cached)
 
 
 def table(surface: Surface) -> str:

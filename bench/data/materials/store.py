@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bench.btf import BTF, RENDERED, Array, ArraySource
-from bench.data.joined import prepared
+from bench.data.joined import joined
 from bench.data.materials.maps import Maps, Recipe
 from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, SUB_POINTS, render
 from bench.data.spec import Preparation, Table
@@ -72,7 +72,7 @@ def load_or_render(
         nothing, source = np.zeros(len(values), bool), StoredSource(values, key)
         return BTF(name, *table.pairs, source, heldout=nothing, periodic=True, provenance=described)
 
-    return prepared(data, name, seed, draw, rendered)
+    return joined(data.tables(name, seed, draw), rendered)
 
 
 def _read(path: Path, shape: tuple[int, ...]) -> Array | None:

@@ -30,7 +30,7 @@ def open_btf(path: str | Path) -> BTF:
     if not path.exists():
         raise InputError(f"{path}: there is no such file or folder: give {supported}")
     try:
-        seen = Candidate.read(path)
+        seen = Candidate(path)
         for name in READERS:
             reader = importlib.import_module(name if "." in name else f"{__name__}.{name}")
             btf: BTF | None = reader.opened(seen)

@@ -87,19 +87,18 @@ Files = FolderFiles | ZipFiles
 
 @dataclass(frozen=True)
 class Candidate:
-    """A file with its first bytes, or a folder, for which `head` is empty."""
+    """A file or a folder whose format is sought; `OSError` if it cannot be read."""
 
     path: Path
-    head: bytes
 
-    @classmethod
-    def read(cls, path: Path) -> "Candidate":
-        """Look at a path; `OSError` if it cannot be read."""
-        if path.is_dir():
-            return cls(path, b"")
-        refuse_pipe(path)
-        with open(path, "rb") as stream:
-            return cls(path, stream.read(HEAD))
+    @cached_property
+    def head(self) -> bytes:
+        """The first bytes of a file; of a folder none."""
+        if self.is_folder:
+            return b""
+        refuse_pipe(self.path)
+        with open(self.path, "rb") as stream:
+            return stream.read(HEAD)
 
     @cached_property
     def is_folder(self) -> bool:

@@ -12,7 +12,6 @@ from bench import cli, timing
 from bench.cli.commands import choose as choose_command
 from bench.compare.choosing.trades import answers, named, usable
 from bench.conformance.check import tiny_btf
-from bench.data.open import with_validation
 from bench.data.spec import MaterialSpec, Preparation
 from bench.inputs.errors import InputError
 from bench.material import DecoderCost
@@ -52,7 +51,7 @@ def brief():
 def measured(tmp_path_factory, brief):
     folder = tmp_path_factory.mktemp("trade")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bench.runs.workbench.open_material", lambda *_: with_validation(tiny_btf(12, 6, 6)))
+        patch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6).with_validation())
         patch.setattr("bench.timing.execution.drjit", without_drjit)
         patch.setattr(trade, "BATCHES", (1,))
         patch.setattr("bench.timing.profile.FOOTPRINTS", (1,))
