@@ -25,6 +25,7 @@ from reports.table import Table, best_cells
 
 _DIGITS = {PSNR: 2, SSIM: 3, FLIP: 3}
 _METRICS = [("PSNR", "dB"), ("SSIM", ""), ("FLIP", "")]
+FRONT = Budget(BYTES, 40.0)  # the suite `front` has rungs for it
 _CHOICE = "Chosen by validation pairs, with numbers of test pairs: docs/metrics.md, “Budgets”."
 
 
@@ -163,14 +164,14 @@ def ranks_table(run: Run) -> Iterator[Table]:
 
 
 def front_table(run: Run) -> Iterator[Table]:
-    """Each codec at `ENOUGH`: decoder, file, time, and quality by kind of surface, all as means over surfaces."""
-    result = budgets(run)
+    """Each codec at `FRONT`: decoder, file, time, and quality by kind of surface, all as means over surfaces."""
+    result = budgets(run, (FRONT.most,))
     kinds = grouped(result.surfaces, lambda material: kind_of(result.surfaces[material]))
     kinds = {kind: kinds[kind] for kind in KINDS if kind in kinds} | {"all": list(result.surfaces)}
-    ranked = {kind: result.ranked(ENOUGH, surfaces) for kind, surfaces in kinds.items()}
+    ranked = {kind: result.ranked(FRONT, surfaces) for kind, surfaces in kinds.items()}
     rows = []
     for line in dict.fromkeys(line for lines in reversed(ranked.values()) for line in lines):
-        rungs = [rung.of for rung in result.picks[ENOUGH][line].values()]
+        rungs = [rung.of for rung in result.picks[FRONT][line].values()]
         parameters, size = (round(fmean(map(of, rungs))) for of in (lambda jobs: jobs[0]["parameters"], most_bytes))
         times = [time for jobs in rungs if (time := result.times.get(EAGER, {}).get(jobs[0]["job"]))]
         quality = [_number(lines.get(line)) for lines in ranked.values()]
@@ -178,7 +179,7 @@ def front_table(run: Run) -> Iterator[Table]:
     surfaces = [(f"{kind}, {len(many)}", "dB ↑") for kind, many in kinds.items()]
     headers = [("codec", ""), ("decoder", "param."), ("total", "bytes ↓"), *surfaces, ("time", "× floor ↓")]
     if rows:
-        title = f"At {in_words(ENOUGH)}: test PSNR, means over {', '.join(result.surfaces)}"
+        title = f"Within {in_words(FRONT)}: test PSNR, means over {', '.join(result.surfaces)}"
         yield Table("front", title, headers, rows, [_CHOICE, *_common(run, result)])
 
 

@@ -10,14 +10,14 @@ from reports import table_text, write_report
 
 @pytest.fixture
 def described():
-    caches = (fields.field_names, fields.shown_columns)
+    caches = (fields.field_names, fields.shown_columns, fields.kind_of)
     before, known = dict(schema.Job.__annotations__), fields.FIELDS["job"]
 
     def describe(**added):
         schema.Job.__annotations__.update(added)
-        fields.FIELDS["job"] = fields.kind_of(schema.Job)
         for cache in caches:
             cache.cache_clear()
+        fields.FIELDS["job"] = fields.kind_of(schema.Job)
 
     yield describe
     schema.Job.__annotations__.clear()

@@ -87,14 +87,14 @@ class Budgets:
 
 
 @lru_cache(maxsize=1)
-def budgets(run: Run) -> Budgets:
-    """The rung of each line for each budget and material."""
+def budgets(run: Run, bits: Sequence[float] = BITS) -> Budgets:
+    """The rung of each line for each budget, of so many bits a texel and of time, and material."""
     done = [job for job in run.jobs if job["status"] == "ok"]
     judged = [job for job in done if has_validation(job)]
     obstacle = obstacles(judged)
     alike = [job for job in judged if job["job"] not in obstacle]
     times = _times(run, alike)
-    limits = {BYTES: BITS} | dict.fromkeys(times, TIMES) | ({FIT: SECONDS} if FIT in times else {})
+    limits = {BYTES: bits} | dict.fromkeys(times, TIMES) | ({FIT: SECONDS} if FIT in times else {})
     rungs = grouped(alike, lambda job: (job["material"], line_of(job), json.dumps(job["settings"], sort_keys=True)))
     ladders = grouped(rungs, lambda rung: rung[:2])
     picks: dict[Budget, dict[str, dict[str, Rung]]] = {}
