@@ -75,17 +75,13 @@ class Material:
         return [network for network in networks if next(network.parameters(), None) is not None]
 
     def maps(self) -> tuple[dict[str, np.ndarray], float]:
-        """Ordinary PBR pictures by name, uint8 (H, W) or (H, W, 3), row 0 on top, and a factor on what they reflect.
-
-        Only a codec that stores such maps has any.
-        """
+        """PBR pictures by name, if the codec stores any, uint8 (H, W) or (H, W, 3), row 0 on top, and a factor on what
+        they reflect."""
         return {}, 1.0
 
     def at_one_texel(self) -> "Material | None":
-        """The same, but a query is answered by one texel, drawn by its bilinear weight: noisy, with the same mean.
-
-        Only for a codec whose network answers texels, which is timed both ways; None for others.
-        """
+        """The same, but a query is answered by one texel, drawn by its bilinear weight: noisy, with the same mean. None
+        but for a codec whose network answers texels, which is timed both ways."""
         return None
 
     def to(self, device: torch.device | str | None = None, dtype: torch.dtype | None = None) -> "Material":
@@ -144,9 +140,7 @@ class Material:
             zenith = torch.eye(3, dtype=wo.dtype, device=wo.device)[2]
             wo, wi = torch.where(below[:, None], zenith, wo), torch.where(below[:, None], zenith, wi)
         dtype = at_least_float32(self.dtype)
-        ahead = is_gpu(
-            self.device
-        )  # PyTorch reads a CPU's tensor before `to` returns; only what comes down is waited for
+        ahead = is_gpu(self.device)  # a CPU's tensor is read before `to` returns; only what comes down is waited for
         rgb = self.evaluate(*(x.to(self.device, dtype, non_blocking=ahead) for x in (uv, wo, wi, footprint)))
         if not isinstance(rgb, Tensor) or rgb.shape != (len(uv), 3):
             what = f"a tensor {tuple(rgb.shape)}" if isinstance(rgb, Tensor) else rgb
@@ -160,11 +154,8 @@ class Material:
     def boxes(
         self, wo: Sequence[float], wi: Sequence[float], factor: int, size: tuple[int, int] | None = None
     ) -> Tensor:
-        """The picture (H // factor, W // factor, 3) of one pair over the boxes of factor × factor texels of `size`.
-
-        If a side is not a multiple of the factor, texels at its end that do not fill a box are left out, as in
-        `bench.btf.box_filter`, so each box is queried at the place of its texels.
-        """
+        """The picture (H // factor, W // factor, 3) of one pair over the whole boxes of factor × factor texels of
+        `size`, each queried at the place of its texels, as in `bench.btf.box_filter`."""
         height, width = size or self.size
         uv = box_centres((height, width), factor)
         view, light = (torch.as_tensor(w, dtype=torch.float32).expand(len(uv), 3) for w in (wo, wi))
@@ -202,10 +193,7 @@ def resident_bytes(material: Material) -> int:
 
 
 def layers(material: Material) -> list[tuple[str, str, int]]:
-    """Name, kind and trainable parameters of each layer with parameters in the decoder networks, by torchinfo.
-
-    They add up to `parameters`.
-    """
+    """Name, kind and trainable parameters of each layer of the decoder networks, by torchinfo: `parameters` in all."""
     from torchinfo import summary
 
     rows, place = [], list[str]()
@@ -220,9 +208,7 @@ def layers(material: Material) -> list[tuple[str, str, int]]:
 @cache
 def keep_buffers() -> None:
     """Make the C library reuse freed blocks for the next chunk; by default it maps large blocks again, page by page.
-
-    glibc raises its mapping threshold to the largest block freed, up to 32 MB; an untouched block costs nothing.
-    """
+    glibc raises its mapping threshold to the largest block freed, up to 32 MB; an untouched block costs nothing."""
     torch.empty(31 << 20, dtype=torch.uint8)
 
 
@@ -281,9 +267,7 @@ def saturated(x: Tensor) -> Tensor:
 
 def to_radiance(level: Tensor, gain: float) -> Tensor:
     """Radiance of level = log1p(gain · radiance), at least in float32, since a half would overflow at 65,504 / gain.
-
-    A network can output any level; it is clamped to `HIGHEST_LEVEL`, so that the result is always finite.
-    """
+    The level, which may be any, is clamped to `HIGHEST_LEVEL`, so that the result is always finite."""
     return level.to(at_least_float32(level.dtype)).clamp(max=HIGHEST_LEVEL).expm1() / gain
 
 

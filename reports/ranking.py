@@ -3,7 +3,7 @@
 from functools import lru_cache
 
 from bench.compare.paired import AGAINST, Against, against
-from bench.compare.standings import Standing, standings
+from bench.compare.ranks import Standing, standings
 from bench.records import Record, Run
 from reports.rows import materials
 

@@ -7,7 +7,7 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 from bench.codecs.alike import obstacles
-from bench.compare.choosing.trades import fused_times
+from bench.compare.choosing import fused_times
 from bench.records import (
     CONDITIONS,
     PSNR,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.compare.slices import decibels
+from bench.compare.paired import decibels
 from bench.inputs.errors import InputError
 from bench.records import Run, grouped
 from reports.fits import FitCurve, curves_by_material

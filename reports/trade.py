@@ -6,7 +6,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-from bench.compare.choosing.trades import named
+from bench.compare.choosing import named
 from bench.records import MOST_DB, grouped, load_trade
 from reports.csv_tables import fields_csv
 from reports.numbers import EXACT, NONE, fixed, integer, signed, significant

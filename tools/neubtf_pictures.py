@@ -30,7 +30,7 @@ from bench.data.spec import Preparation, named
 from bench.directions.hemisphere import from_degrees, to_degrees
 from bench.machine.threads import torch_threads
 from bench.material import Material
-from bench.metrics import default_names
+from bench.metrics import DEFAULTS, chosen_names
 from bench.metrics.angular import THETA_EDGES_DEG
 from bench.metrics.display import decode_srgb, encode_srgb, exposure, to_display
 from bench.metrics.scoring import Scorer
@@ -310,7 +310,7 @@ def draw_failure(bench: Bench) -> None:
     codecs = [load_codec(name)(steps=2_500) for name in ("neubtf", "neumip")]
     files = {codec.name: bench.file(btf.subset(btf.split().train), codec, FAILING, str(SMALL)) for codec in codecs}
     materials = {name: loading.load(path)[1] for name, path in files.items()}
-    ssim = metric_of(default_names(btf.periodic), SSIM)
+    ssim = metric_of(chosen_names(DEFAULTS, btf.periodic), SSIM)
     scorer = Scorer(btf, ["psnr_display", ssim], threads=1)
     held = heldout(btf)
     ring = np.digitize(to_degrees(btf.wo[held])[0], THETA_EDGES_DEG[1:-1])

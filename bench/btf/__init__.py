@@ -9,8 +9,7 @@ Conventions, on which every docstring of the suite relies:
   col) has its centre at u = (col + 0.5) / W, v = 1 − (row + 0.5) / H. Texels are square: a period is W texels wide and
   H high. A footprint is the side of a square box, in units of the longer side of the picture; see `periods`.
 - **Values.** Linear Rec. 709 RGB of f_r · cos θ_i: the radiance that leaves toward ω_o under a directional light
-  of unit irradiance on a plane that faces it. Highlights are not clamped. `BTF.provenance` lists the conversions
-    that the reader made.
+  of unit irradiance on a plane that faces it. Highlights are not clamped. `BTF.provenance` lists the reader's changes.
 
 A *pair* is one (ω_o, ω_i); a *slice* is the picture of one pair, (H, W, 3); an *ABRDF* is one texel at all pairs.
 """

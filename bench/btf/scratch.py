@@ -34,11 +34,9 @@ def scattered(copy: Array, pair: Array, texel: Array) -> Array:
 def _written(
     path: Path, partial: Path, read: Callable[[int], Array], count: int, shape: tuple[int, int], dtype: type
 ) -> bool:
-    """Fill (blocks, H · W, pairs of a block, 3), each slice read once; return False where a value is beyond the dtype.
-
-    The file is written from front to back, with one block in memory. Written by texel instead, a whole measurement
-    would bring every page of it back into memory hundreds of times.
-    """
+    """Fill (blocks, H · W, pairs of a block, 3) from front to back, with each slice read once and one block in memory:
+    written by texel, a whole measurement would bring every page back into memory hundreds of times. Return False where
+    a value is beyond the dtype."""
     texels = shape[0] * shape[1]
     together = max(1, min(TOGETHER, count, BLOCK // (3 * texels * np.dtype(dtype).itemsize)))
     starts = range(0, count, together)

@@ -61,10 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:
-    """Build the parser of the wanted command; the others are only listed, not imported.
-
-    Raises `InputError` if there is no such command.
-    """
+    """The parser of the wanted command; the others are only listed, not imported. `InputError` if there is none."""
     known = commands.modules()
     about = "Compares neural codecs of bidirectional texture functions: real bytes, error, time per sample."
     top = argparse.ArgumentParser(

@@ -1,21 +1,19 @@
 """The interface of a codec: it encodes a BTF to named tensors, and decodes named tensors to a material."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import torch
 from torch import Tensor
 
-from bench.btf import BTF
+from bench.btf import BTF, periods
 from bench.inputs.errors import MissingDataError
 from bench.inputs.settings import Setting, convert, described, parse
 from bench.material import Material
-
-if TYPE_CHECKING:
-    from bench.codec.density import Density
 
 T = TypeVar("T")
 ZSTD, SCENE = COMMON = ("zstd", "scene")  # boolean settings that every codec has
@@ -26,6 +24,7 @@ COMMON_MEANINGS = {
 }
 Progress = Callable[[str, int, int], None]  # label, done, total; the text after REMARK in a label may change
 REMARK = " · "
+COVERED = 0.999  # share of the demand to cover; the rest may lie outside the kept pairs and levels of detail
 
 
 def silent(label: str, done: int, total: int) -> None:
@@ -40,6 +39,73 @@ def followed(show: Progress, items: Iterable[T], label: str, total: int) -> Iter
     show(label, total, total)
 
 
+class Drawn(NamedTuple):
+    """Random samples: texel (n,) as row · W + column, and direction (n,): a pair or, counted after the pairs, a
+    query."""
+
+    texel: Tensor
+    direction: Tensor
+
+
+@dataclass(frozen=True)
+class Density:
+    """A scene's demand over the pairs of one layout and a window of texels: a fit draws samples by it and
+    weights pairs with it. The share `uniform` of it is spread evenly."""
+
+    uv: Tensor  # (n, 2) within the window
+    footprint: Tensor  # (n,) in units of the window's longer side
+    wo: Tensor  # (n, 3)
+    wi: Tensor  # (n, 3)
+    cumulative: Tensor  # (n,) float64: running sums of the importance of the queries
+    pair: Tensor  # (n, k) the pairs around each query
+    weight: Tensor  # (n, k) their weights, including cosines
+    per_pair: Tensor  # (N,) float64: the share of each pair in the demand
+    uniform: float
+
+    def to(self, device: torch.device) -> "Density":
+        """The same, which tells the pairs around directions of a device; it still draws on the CPU."""
+        return dataclasses.replace(self, pair=self.pair.to(device), weight=self.weight.to(device))
+
+    @property
+    def weights(self) -> Tensor:
+        """The weight of each pair (N,), float32, 1 on average."""
+        even = 1 / len(self.per_pair)
+        mixed = self.uniform * even + (1 - self.uniform) * self.per_pair
+        return (mixed / even).float()
+
+    def levels(self, side: int) -> int:
+        """The number of levels of detail, from the finest, that the demand uses of a texture of `side` texels."""
+        coarsest = torch.quantile(self.footprint[:: max(1, len(self.footprint) // 100_000)], COVERED)
+        return max(0, math.ceil(math.log2(max(1.0, float(coarsest) * side)))) + 1
+
+    def draw(self, count: int, shape: tuple[int, int], generator: torch.Generator) -> Drawn:
+        """`count` random samples of the window at a resolution.
+
+        A texel is drawn at a random place in the footprint of a query, or within half a texel of its centre if that is
+        larger, so that the four texels around it are drawn in the proportions of bilinear interpolation.
+        """
+        height, width = shape
+        chance = torch.rand(count, 4, generator=generator, dtype=torch.float64)
+        query = torch.searchsorted(self.cumulative, chance[:, 0] * self.cumulative[-1]).clamp_max(len(self.uv) - 1)
+        side = self.footprint[query, None].clamp_min(1 / max(shape)) * torch.tensor(periods(shape))
+        place = self.uv[query] + (chance[:, 1:3].float() - 0.5) * side
+        col = (place[:, 0] * width).floor().long().remainder(width)
+        row = ((1 - place[:, 1]) * height).floor().long().remainder(height)
+        pairs = len(self.per_pair)
+        anywhere = torch.randint(math.prod(shape) * pairs, (count,), generator=generator)
+        texel, pair = anywhere.div(pairs, rounding_mode="floor"), anywhere.remainder(pairs)
+        even = chance[:, 3] < self.uniform
+        return Drawn(torch.where(even, texel, row * width + col), torch.where(even, pair, pairs + query))
+
+    def around(self, direction: Tensor) -> tuple[Tensor, Tensor]:
+        """The pairs that directions (n,), counted as in `Drawn`, are interpolated from, and their weights, both (n, k):
+        radiance is the sum of weight × radiance of the pair."""
+        pairs, corners = len(self.per_pair), self.pair.shape[1]
+        query, exact = (direction - pairs).clamp_min(0), (direction < pairs)[:, None]
+        pair = torch.where(exact, direction[:, None], self.pair[query].long())
+        return pair, torch.where(exact, 1 / corners, self.weight[query])
+
+
 @dataclass(frozen=True)
 class Fit:
     """The context of one fit: device, seed, progress callback, checkpoint, curve, scene and shared network."""
@@ -50,7 +116,7 @@ class Fit:
     show: Progress = silent
     checkpoint: Path | None = None  # the file that a long fit saves its state to, and resumes from
     history: list[dict[str, float]] = field(default_factory=list)  # the curve of the fit; stored in the record
-    density: "Density | None" = None  # the demand of the scene to fit to; None: uniform
+    density: Density | None = None  # the demand of the scene to fit to; None: uniform
     network: "TrainedNetwork | None" = None  # the network that the codec shares over materials, if any
     unseen: Sequence[BTF] = ()  # materials kept out of a shared network's training, for its curve
 
@@ -128,11 +194,8 @@ class Configured:
         pass
 
     def __init__(self, *, zstd: bool | str = False, scene: bool | str = False, **settings: Any):
-        """Set the given settings, and the others to the defaults of the recipe or of the class; convert strings.
-
-        Every codec has two more settings: `zstd` compresses its file by Zstandard, without loss; `scene` fits it to the
-        demand of a scene instead of to the whole BTF.
-        """
+        """Set the given settings, and the others to the defaults of the recipe or of the class; convert strings. Every
+        codec has `zstd` and `scene`: see `COMMON_MEANINGS`."""
         self.zstd: bool = convert(self.name, ZSTD, bool, zstd)
         self.scene: bool = convert(self.name, SCENE, bool, scene)
         recipe = self.recipes.get(settings.get(RECIPE, ""), {})
@@ -140,10 +203,7 @@ class Configured:
 
 
 class SharedNetwork(Configured):
-    """A network that a codec trains once for all materials: see `bench.codecs.shared`.
-
-    `name` and `version` are the codec's.
-    """
+    """A network that a codec trains once for all materials, with its name and version: see `bench.codecs.shared`."""
 
     shipped: ClassVar[Path | None] = None  # the file of a trained network that comes with the codec
 

@@ -1,16 +1,15 @@
 """Compares two runs: finds what got worse by more than chance and by enough to matter.
 
-A run is given as its folder, or as a file of records such as the reference that a project commits. A row is a material
-and a codec with its settings; its numbers are means over the seeds that both runs have, or over all seeds if they share
-none. `bench.compare.verdicts` states the rules. Fits scatter independently, so the mean of several rows scatters less:
-it can show a loss that no single row can tell from chance. Imports neither PyTorch nor pandas.
+A row is a material and a codec with its settings; its numbers are means over the seeds that both runs have, or over
+all seeds if they share none. `bench.compare.verdicts` states the rules. Fits scatter independently, so the mean of
+several rows can show a loss that no single row can tell from chance. Imports neither PyTorch nor pandas.
 """
 
 import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from fnmatch import fnmatchcase
+from fnmatch import fnmatch, fnmatchcase
 
 from bench.compare.rows import ORDER, ComparedRow, advice, compared, multiples, worst
 from bench.compare.verdicts import DECIDED, Chance, Change, Verdict, verdict
@@ -121,11 +120,9 @@ def _merged(changes: list[Change], every: bool) -> Change:
 
 
 def _together(changes: list[Change], weights: list[float]) -> Chance | None:
-    """The scatter of a weighted mean of differences, by Welch and Satterthwaite; None if no difference scatters.
-
-    A row that by chance scatters little in its seeds weighs more. So the plain sum of variances is too small; it is
-    corrected after Meier, "Variance of a weighted mean", Biometrics 9(1), 1953.
-    """
+    """The scatter of a weighted mean of differences, by Welch and Satterthwaite; None if no difference scatters. A row
+    that by chance scatters little in its seeds weighs more, so the plain sum of variances is too small: it is corrected
+    after Meier, "Variance of a weighted mean", Biometrics 9(1), 1953."""
     parts = [(w, c.chance.error, c.chance.freedom) for w, c in zip(weights, changes, strict=True) if c.chance]
     squares = [(weight * error) ** 2 for weight, error, _ in parts]
     total = math.fsum(squares)
@@ -191,3 +188,33 @@ def _notes(base: Run, new: Run, rows: list[ComparedRow]) -> Iterator[str]:
 def _conditions(start: Record) -> dict[str, object]:
     every = {"torch": start.get("packages", {}).get("torch")} | start.get("machine", {}) | start
     return {name: every.get(name) for name in ("torch", "processor", "capability", "device", "threads")}
+
+
+def compare_extremes(base: Run, new: Run, codecs: Sequence[str] = (), allow: Sequence[str] = ()) -> tuple[str, int]:
+    """Compare two stress tests cell by cell: each cell, `CODEC: EXTREME`, that got worse, as text; and the exit code.
+
+    A codec's version does not matter: an extreme that held must still hold; see `docs/stress.md`. The code is 1 if a
+    cell that `allow` does not name got worse, 4 if the two have no cell in common. Raises `InputError` for a codec that
+    neither has, and for a damaged base.
+    """
+    check_whole(base)
+    subjects = [{record["subject"] for record in run.stress} for run in (base, new)]
+    check_names("codec", codecs, set.union(*subjects))
+    wanted = set(codecs) or subjects[0]
+    ours, theirs = (
+        {f"{each['subject']}: {each['extreme']}": each for each in run.stress if each["subject"] in wanted}
+        for run in (base, new)
+    )
+    if not ours.keys() & theirs.keys():
+        return "the two stress tests have no cell in common", NOTHING
+    held = sum(record["verdict"] == "pass" for record in theirs.values())
+    worse = []
+    for name, before in ours.items():
+        after = theirs.get(name)
+        if before["verdict"] != "pass" or any(fnmatch(name, pattern) for pattern in allow):
+            continue
+        if after is None:
+            worse.append(f"{name} is gone")
+        elif after["verdict"] != "pass":
+            worse.append(f"{name} held, and is now {after['verdict']}: {after['detail'] or after['figure']}")
+    return "\n".join([*worse, f"{held} cells hold, {len(worse)} got worse"]), NO if worse else FINE

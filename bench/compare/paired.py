@@ -7,6 +7,7 @@ interval comes from a bootstrap, which draws seeds, then pairs of each seed, wit
 the same pairs draw the same ones. It holds for that material only, and with one seed it lacks the scatter of fits.
 """
 
+import base64
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,9 +18,10 @@ from pathlib import Path
 import numpy as np
 
 from bench.btf import Array
-from bench.compare.slices import decibels
+from bench.files.archive import MAX_FILE, read_arrays
 from bench.inputs.errors import InputError
-from bench.records import Record, Run, grouped, shown_label
+from bench.metrics.psnr import psnr
+from bench.records import MOST_DB, PSNR, Record, Run, gate, grouped, shown_label
 
 AGAINST = "neubtf-direct"  # the codec that others are compared with, named before anything was measured
 FEWEST = 3  # materials on which codecs may be told apart
@@ -68,10 +70,8 @@ class Against:
 
 
 def against(run: Run, first: str, others: Iterable[str]) -> Against:
-    """The mean differences in dB per slice between codecs of a run and `first`, by the labels that tables show.
-
-    Codecs without anything to compare, or whose slices cannot be read, are left out.
-    """
+    """The mean differences in dB per slice between codecs of a run and `first`, by the labels that tables show, without
+    codecs that have nothing to compare, or whose slices cannot be read."""
     jobs: dict[str, dict[tuple[str, int], Record]] = {first: {}, **{label: {} for label in others}}
     for job in run.jobs:
         if job["status"] == "ok" and (label := shown_label(job)) in jobs:
@@ -169,3 +169,40 @@ def _drawn(counts: tuple[int, ...], seeds: int, draws: int) -> tuple[list[Array]
         drawn = rng.integers(0, count, (draws, count)) + count * np.arange(draws)[:, None]
         shares.append(np.bincount(drawn.ravel(), minlength=draws * count).reshape(draws, count) / count)
     return shares, rng.integers(0, seeds, (seeds, draws))
+
+
+def decibels(folder: Path, job: Record) -> Array | None:
+    """The PSNR (n,) in dB of each slice of the pairs that decide, in the order of the BTF, at most `MOST_DB`.
+
+    It is read from the file beside the record, or from a reference, which stores it packed; None if it is in neither.
+    """
+    stored = job.get("slices")
+    if isinstance(stored, dict):
+        try:
+            return unpacked(stored[PSNR]) if PSNR in stored else None
+        except ValueError as error:
+            raise InputError(f"{folder}: the slices of {job['job']} cannot be read ({error}): run it again") from error
+    if not stored:
+        return None
+    path = folder / stored
+    if not path.exists():
+        return None
+    try:
+        arrays = read_arrays(path, MAX_FILE, (PSNR, "heldout"))
+        raw, heldout = arrays[PSNR], arrays["heldout"]
+        if raw.ndim != 1 or raw.shape != heldout.shape or (raw.dtype.kind, heldout.dtype.kind) != ("f", "b"):
+            raise ValueError(f"{PSNR} and heldout are {raw.shape} {raw.dtype} and {heldout.shape} {heldout.dtype}")
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"{path}: the slices of {job['job']} cannot be read ({error}): run it again") from error
+    raw = raw[heldout] if gate(job["scores"]) == "heldout" else raw
+    return np.minimum(psnr(raw[~np.isnan(raw)]), MOST_DB)
+
+
+def packed(values: Array) -> str:
+    """Encode dB as text for a reference, in hundredths, two bytes each."""
+    return base64.b64encode(np.round(100 * values).clip(-32768, 32767).astype("<i2").tobytes()).decode()
+
+
+def unpacked(text: str) -> Array:
+    """Decode the text of `packed`."""
+    return np.minimum(np.frombuffer(base64.b64decode(text), "<i2") / 100, MOST_DB)

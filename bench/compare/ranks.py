@@ -1,4 +1,4 @@
-"""Mean ranks of codecs over materials, with the critical difference of Nemenyi's test.
+"""Ranks codecs over several materials: mean quality, mean rank, materials won, Nemenyi's test.
 
 Source: Demšar, "Statistical comparisons of classifiers over multiple data sets", JMLR 7 (2006): over N materials and k
 codecs, two mean ranks that differ by less than q · sqrt(k (k + 1) / 6 N) are not told apart, where q is the quantile of
@@ -7,11 +7,17 @@ the studentised range of k groups divided by sqrt(2).
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from statistics import fmean
 from typing import NamedTuple
 
 import numpy as np
 
+from bench.records import PSNR, Record, stats_of
+
 ALPHA = 0.05
+SAME_DB = 0.005  # tables do not show a smaller difference, so such codecs share a rank
+Jobs = Mapping[str, Mapping[str, Sequence[Record]]]  # the jobs of each material and label, one a seed
 
 
 class Ranks(NamedTuple):
@@ -22,10 +28,8 @@ class Ranks(NamedTuple):
 
 
 def ranks(scores: Mapping[str, Sequence[float]]) -> Ranks | None:
-    """The mean ranks of codecs by their scores on the same materials, more is better; ties share their places.
-
-    None for fewer than two codecs or three materials, which tell nothing apart.
-    """
+    """The mean ranks of codecs by their scores on the same materials, more is better; ties share their places. None for
+    fewer than two codecs or three materials, which tell nothing apart."""
     from scipy.stats import rankdata, studentized_range  # slow to import
 
     table = np.array(list(scores.values()))
@@ -36,3 +40,45 @@ def ranks(scores: Mapping[str, Sequence[float]]) -> Ranks | None:
     quantile = studentized_range.ppf(1 - ALPHA, codecs, np.inf) / math.sqrt(2)
     critical = float(quantile) * math.sqrt(codecs * (codecs + 1) / (6 * materials))
     return Ranks(dict(sorted(mean.items(), key=lambda each: each[1])), critical)
+
+
+@dataclass(frozen=True)
+class Standing:
+    """One codec over its materials; `rank` and `wins` are None unless it was measured on all materials."""
+
+    label: str
+    materials: int
+    psnr: float  # dB; mean over slices, then over seeds, then over materials
+    rank: float | None = None  # mean over materials, 1 for the best
+    wins: int | None = None  # materials on which none is better
+
+
+def standings(cells: Jobs) -> list[Standing]:
+    """Every codec by rank, then PSNR; one that was not measured on all materials has no rank, and comes last."""
+    quality = {name: _qualities(codecs) for name, codecs in cells.items()}
+    labels = dict.fromkeys(label for by_label in quality.values() for label in by_label)
+    racing = [label for label in labels if all(label in by_label for by_label in quality.values())]
+    places_on = [_places({label: by_label[label] for label in racing}) for by_label in quality.values()]
+    every = []
+    for label in labels:
+        values = [by_label[label] for by_label in quality.values() if label in by_label]
+        places = [place[label] for place in places_on if label in place]
+        raced = (fmean(places), sum(place < 2 for place in places)) if places else ()
+        every.append(Standing(label, len(values), fmean(values), *raced))
+    return sorted(every, key=lambda each: (each.rank is None, each.rank, -each.psnr))
+
+
+def _qualities(codecs: Mapping[str, Sequence[Record]]) -> dict[str, float]:
+    """The mean over seeds of the mean PSNR of slices by label; absent where none was measured."""
+    means = {label: [stats_of(job, PSNR).get("mean") for job in jobs] for label, jobs in codecs.items()}
+    known = {label: [value for value in values if value is not None] for label, values in means.items()}
+    return {label: fmean(values) for label, values in known.items() if values}
+
+
+def _places(quality: dict[str, float]) -> dict[str, float]:
+    """1 for the best; codecs within `SAME_DB` of one share the mean of their places."""
+    rank = {}
+    for label, value in quality.items():
+        alike = sum(other == value or abs(other - value) <= SAME_DB for other in quality.values())
+        rank[label] = sum(other > value + SAME_DB for other in quality.values()) + (alike + 1) / 2
+    return rank

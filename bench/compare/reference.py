@@ -1,7 +1,9 @@
-"""Writes a reference: the records of a run, reduced to what a comparison needs, in a file small enough to commit.
+"""Writes the records of a run in a file small enough to commit: a reference, or the results beside a document.
 
-The same records give the same bytes. A reference contains no folder, host or time. It contains the processor and the
-versions of packages, because a comparison notes when they differ.
+A *reference* holds what a comparison needs; the same records give the same bytes. It contains no folder, host or time,
+but the processor and the versions of packages, because a comparison notes when they differ. *Results* hold everything
+that tables show, and nothing of host names, timing samples, tracebacks and pictures. Both hold the scores of slices,
+packed, so that paired intervals can be computed, and numbers of seven digits.
 """
 
 import json
@@ -11,11 +13,12 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from bench import records
+from bench.compare.paired import decibels, packed
 from bench.compare.quantities import MAIN, deciding
-from bench.compare.slices import decibels, packed
 from bench.compare.verdicts import FEW_SEEDS, agree, smallest_loss
 from bench.inputs.errors import InputError
-from bench.records import FLIP, PSNR, REFERENCE, Record, Run, by_row, gate, kept, metric_of, metrics_of, stats_of
+from bench.records import FLIP, PSNR, VALIDATION, Record, Run, by_row, gate, kept, metric_of, metrics_of, stats_of
 
 
 def committed(suite: str) -> Path:
@@ -42,7 +45,7 @@ def reference(run: Run, before: Run | None = None) -> str:
     reduced = [_reduced(job, run.folder, not judged or job["seed"] in judged) for job in jobs]
     kept_seeds = _seeds_to_keep(reduced, list(before.jobs) if before else [])
     timings = _timings(run, [job for job in jobs if not judged or job["seed"] in judged])
-    starts = [kept(start, REFERENCE) for start in run.starts[-1:]]
+    starts = [kept(start, records.REFERENCE) for start in run.starts[-1:]]
     for start in starts:
         packages = start.get("packages", {})
         start["packages"] = {name: packages[name] for name in ("neubtf-bench", "torch", "numpy") if name in packages}
@@ -63,10 +66,8 @@ def pairs_by_seed(run: Run) -> list[str]:
 
 
 def smallest_losses(run: Run, count: int) -> dict[str, dict[str, float]]:
-    """By row and quantity, the smallest losses of PSNR that `count` new seeds show, of held-out and training pairs.
-
-    A row whose seeds have pairs of their own is left out: its margin depends on the new run.
-    """
+    """By row and quantity, the smallest losses of PSNR that `count` new seeds show, of held-out and training pairs; not
+    of a row whose seeds have pairs of their own: its margin depends on the new run."""
     own = set(pairs_by_seed(run))
     found = {}
     for row, jobs in by_row(run.jobs).items():
@@ -85,7 +86,7 @@ def seeds_of(run: Run) -> int:
 def _timings(run: Run, jobs: list[Record]) -> Iterator[Record]:
     starts = {start["run"]: str(i) for i, start in enumerate(run.starts, 1)}
     for timing in filter(None, map(run.timing, jobs)):
-        yield rounded(kept(timing, REFERENCE)) | {"run": starts.get(timing["run"], timing["run"])}
+        yield rounded(kept(timing, records.REFERENCE)) | {"run": starts.get(timing["run"], timing["run"])}
 
 
 def _seeds_to_keep(jobs: list[Record], before: list[Record]) -> Iterator[Record]:
@@ -97,9 +98,9 @@ def _seeds_to_keep(jobs: list[Record], before: list[Record]) -> Iterator[Record]
             yield from (job for job in jobs if job["job"] not in now)
 
 
-def _in_order(records: Iterable[Record]) -> list[Record]:
+def _in_order(every: Iterable[Record]) -> list[Record]:
     """The jobs by material and label, both in the order of first appearance, then by seed."""
-    jobs = list(records)
+    jobs = list(every)
     materials, labels = (list(dict.fromkeys(job[name] for job in jobs)) for name in ("material", "label"))
     return sorted(jobs, key=lambda job: (materials.index(job["material"]), labels.index(job["label"]), job["seed"]))
 
@@ -114,7 +115,7 @@ def _judged(run: Run) -> set[int]:
 
 def _reduced(job: Record, folder: Path, whole: bool) -> Record:
     """A job's line; if not `whole`, only the numbers that decide."""
-    line = kept(job, REFERENCE)
+    line = kept(job, records.REFERENCE)
     decides, names = gate(job["scores"]), list(metrics_of(job))
     psnr = [metric_of(names, PSNR)]
     groups = {decides: names if whole else [*psnr, metric_of(names, FLIP)], "train": psnr}
@@ -152,3 +153,38 @@ def rounded(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: rounded(item) for key, item in value.items()}
     return [rounded(item) for item in value] if isinstance(value, list) else value
+
+
+def published(run: Run) -> str:
+    """A line for each start that produced something, each job and each timing. `InputError` if there is no result."""
+    if not any(job["status"] == "ok" for job in run.jobs):
+        raise InputError(f"{run.folder}: the run has no results")
+    jobs = [published_job(job, run.folder) for job in run.jobs]
+    timings = [kept(timing, records.RESULTS) for timing in run.timings]
+    used = {line["run"] for line in (*jobs, *timings)}
+    # Keep each start once: a file to which the same run is added again already has its earlier starts.
+    starts = {start["run"]: kept(start, records.RESULTS) for start in run.starts if start["run"] in used}
+    lines = [*starts.values(), *jobs, *timings]
+    return "".join(json.dumps(rounded(line), allow_nan=False) + "\n" for line in lines)
+
+
+def published_job(job: Record, folder: Path) -> Record:
+    """The record of a job of a run's folder as it is published: without host, paths, tracebacks and home folders."""
+    line = kept(job, records.RESULTS)
+    if "error" in line:
+        # The name of a home folder is often a person's name; 500 characters of an error are enough.
+        home, error = Path.home(), str(line["error"])
+        line["error"] = (error.replace(str(home), "~") if len(home.parts) > 1 else error)[:500]
+    if job["status"] != "ok":
+        return line
+    if "file" in job:
+        line["file"] = f"files/{Path(job['file']).name}"
+    decides = gate(job["scores"])
+    line["scores"] = {
+        name: group
+        for name, group in job["scores"].items()
+        if name in (decides, "all", "train", VALIDATION, "scene") or name.startswith(f"{decides}, ")
+    }
+    if (slices := decibels(folder, job)) is not None:
+        line["slices"] = {PSNR: packed(slices)}
+    return line

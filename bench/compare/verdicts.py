@@ -1,10 +1,9 @@
 """Decides when a change is a regression, and when two records cannot be compared.
 
-A loss or a gain counts if it exceeds its *margin*. If the seeds of a codec agree, its margin is a small tolerance. If
-they differ, it is max(tolerance, t · s · √(1/n + 1/m)). Here s is the standard deviation over the seeds of the base, n
-and m are the numbers of seeds in the means of base and new, and t is the value that Student's t, with the degrees of
-freedom of s, exceeds by chance as often as the quantity's tolerance says. So a change counts only if it is both larger
-than chance and large enough to matter. The margin is the smallest loss that the seeds of this codec can reveal.
+A loss or a gain counts if it exceeds its *margin*, so is larger than chance and large enough to matter. If the seeds
+of a codec agree, its margin is a small tolerance. If they differ, it is max(tolerance, t · s · √(1/n + 1/m)): s is the
+standard deviation over the seeds of the base, n and m are the numbers of seeds in the means of base and new, and t is
+what Student's t, with the degrees of freedom of s, exceeds by chance as often as the quantity's tolerance says.
 
 If all seeds are scored at the same pairs, the base mean is over all its seeds; otherwise over the seeds that new has
 too. A row whose seeds give the numbers of the base again did not change, whatever the other seeds give.
@@ -94,10 +93,8 @@ class Chance:
 def judge(
     quantity: Quantity, base: Sequence[Record], new: Sequence[Record], reference: Sequence[Record], draws: bool = False
 ) -> Change:
-    """The verdict on one quantity of two comparable sets of jobs; `reference` holds all seeds of the base.
-
-    `draws` marks a random codec, even if the seeds of this quantity agree: see `agree`.
-    """
+    """The verdict on one quantity of two comparable sets of jobs; `reference` holds all seeds of the base, and `draws`
+    marks a random codec, even if the seeds of this quantity agree: see `agree`."""
     before, after = ([quantity.value(job) for job in jobs] for jobs in (base, new))
     values = _scatter_values(quantity, base, new, reference)
     paired = not _same_pairs(reference)

@@ -16,8 +16,7 @@ import torch
 
 from bench import timing
 from bench.btf import BTF, Layout
-from bench.codec import SCENE, Codec, Fit, Parts, settings_dict
-from bench.codec.density import Density
+from bench.codec import SCENE, Codec, Density, Fit, Parts, settings_dict
 from bench.codecs import container, loading
 from bench.codecs.container import Header
 from bench.codecs.scene_material import unreported

@@ -21,9 +21,9 @@ from bench.material import Material, sample_texture
 from bench.metrics.angular import as_number
 from bench.metrics.base import Prepared, SliceMetric
 from bench.metrics.display import exposure_of
-from bench.metrics.magma import magma
+from bench.metrics.flip import magma
 
-NAMES = registry.default_names(periodic=False)  # a frame has borders
+NAMES = registry.chosen_names(registry.DEFAULTS, periodic=False)  # a frame has borders
 PSNR, FLIP = (records.metric_of(NAMES, family) for family in (records.PSNR, records.FLIP))
 
 

@@ -8,7 +8,7 @@ import torch
 from scipy.ndimage import binary_dilation
 
 from bench.btf import BTF, Array, Layout, periods
-from bench.codec.density import COVERED
+from bench.codec import COVERED
 from bench.codecs.window import CELLS, Window, cell_of, to_hex
 from bench.demand.demand import Demand
 from bench.demand.pair_weights import pair_shares, pair_weights, shares_from_weights

@@ -23,7 +23,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
-from bench.inputs.errors import InputError, did_you_mean, refuse_pipe, shown
+from bench.inputs.errors import InputError, did_you_mean, readable, refuse_pipe, shown
 
 
 @dataclass(frozen=True)
@@ -124,12 +124,10 @@ def fields(where: str, kind: type, given: Any, without: Collection[str] = ()) ->
 def read_toml(path: Path) -> str:
     """The text of a file of settings. `InputError` if it cannot be read or is too large."""
     refuse_pipe(path)
-    try:
+    with readable(str(path), "give a text file of settings"):
         if path.stat().st_size > TOML:
             raise InputError(f"{path}: it is larger than {TOML >> 20} MiB, too large for a file of settings")
         return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from error
 
 
 def shipped_toml(package: str) -> dict[str, str]:

@@ -7,8 +7,7 @@ A metric's name fixes everything that its number depends on. Two parts of a name
 - the ending `_periodic`: the filters wrap around the picture instead of meeting a border, which is right only for
   a material that repeats.
 
-To add a metric, write one file with a class derived from `bench.metrics.base.SliceMetric` and add one line below. A
-suite or `--metric` chooses it by name; with `default=True` every codec is scored with it. Tables show its `label`.
+docs/metrics.md says how to add a metric: a class derived from `bench.metrics.base.SliceMetric`, and one line below.
 """
 
 import importlib
@@ -56,72 +55,57 @@ def _flip(name: str, space: str, target: str, label: str, default: bool = False)
     return Metric(name, "1", "lower", space, 1, target, label, default, periodic=True)
 
 
-_REGISTERED = (
+# A name may hold `{ppd}`, and `periodic` says whether that variant exists.
+REGISTERED = (
     Metric("psnr_display", "dB", "higher", "display", 2, "bench.metrics.psnr:DisplayPSNR", "PSNR", default=True),
     Metric("psnr_log1p", "dB", "higher", "log1p", 2, "bench.metrics.psnr:LogPSNR", "log PSNR", default=True),
-    Metric("rmse_linear", "radiance", "lower", "linear", 1, "bench.metrics.rmse:LinearRMSE", "RMSE", default=True),
+    Metric("rmse_linear", "radiance", "lower", "linear", 1, "bench.metrics.psnr:LinearRMSE", "RMSE", default=True),
     Metric("ssim", "1", "higher", "display luma", 1, "bench.metrics.ssim:SSIM", "SSIM", default=True, periodic=True),
     _flip("flip_ldr_{ppd}ppd", "display", "bench.metrics.flip:LDR", "FLIP", default=True),
-    _flip("flip_hdr_{ppd}ppd", "HDR, ACES", "bench.metrics.flip_hdr:HDR", "HDR FLIP"),
-    _flip("flip_hdr_hable_{ppd}ppd", "HDR, Hable", "bench.metrics.flip_hdr:Hable", "HDR FLIP, Hable"),
-    _flip("flip_hdr_reinhard_{ppd}ppd", "HDR, Reinhard", "bench.metrics.flip_hdr:Reinhard", "HDR FLIP, Reinhard"),
+    _flip("flip_hdr_{ppd}ppd", "HDR, ACES", "bench.metrics.flip:HDR", "HDR FLIP"),
+    _flip("flip_hdr_hable_{ppd}ppd", "HDR, Hable", "bench.metrics.flip:Hable", "HDR FLIP, Hable"),
+    _flip("flip_hdr_reinhard_{ppd}ppd", "HDR, Reinhard", "bench.metrics.flip:Reinhard", "HDR FLIP, Reinhard"),
 )
 # The default metrics, as a suite names them: without the periodic ending.
-DEFAULTS = tuple(metric.name.replace("{ppd}", "67") for metric in _REGISTERED if metric.default)
-
-
-def registered() -> tuple[Metric, ...]:
-    """Every registered metric; a name may hold `{ppd}`, and `periodic` says whether that variant exists."""
-    return _REGISTERED
+DEFAULTS = tuple(metric.name.replace("{ppd}", "67") for metric in REGISTERED if metric.default)
 
 
 def get(name: str) -> Metric:
     """The metric of that name, with every variable part filled in. `InputError` names the nearest if there is none."""
-    metric = _registered_metric(name)
-    match = re.fullmatch(_pattern(metric), name)
-    variable = match.groupdict() if match else {}
+    metric, variable = _found(name)
     ppd, periodic = variable.get("ppd"), bool(variable.get("ending"))
     options: dict[str, Any] = {"ppd": float(ppd)} if ppd and ppd != "67" else {}  # the class knows the exact default
     options |= {"periodic": True} if periodic else {}
     return replace(metric, name=name, periodic=periodic, options=options)
 
 
-def _registered_metric(name: str) -> Metric:
-    for metric in _REGISTERED:
-        if re.fullmatch(_pattern(metric), name):
-            return metric
+def _found(name: str) -> tuple[Metric, dict[str, str | None]]:
+    """The registered metric that a name belongs to, and the variable parts of the name, `ppd` and `ending`."""
+    for metric in REGISTERED:
+        pattern = re.escape(metric.name).replace(re.escape("{ppd}"), r"(?P<ppd>[1-9]\d{0,3}(?:\.\d*[1-9])?)")
+        if match := re.fullmatch(pattern + f"(?P<ending>{PERIODIC})?" * metric.periodic, name):
+            return metric, match.groupdict()
     raise InputError(f"no metric is named {name!r}{did_you_mean(name, examples())}")
 
 
 def chosen_names(names: Sequence[str], periodic: bool) -> tuple[str, ...]:
     """The metrics of a suite for a material: the periodic variants if the material repeats. `psnr_display`, the main
     metric, comes first, named or not. `InputError` for an unknown name."""
-    plain = [_REGISTERED[0].name, *(name.removesuffix(PERIODIC) for name in names)]
-    ending = {name: PERIODIC if _registered_metric(name).periodic and periodic else "" for name in plain}
+    plain = [REGISTERED[0].name, *(name.removesuffix(PERIODIC) for name in names)]
+    ending = {name: PERIODIC if _found(name)[0].periodic and periodic else "" for name in plain}
     return tuple(f"{name}{end}" for name, end in ending.items())
-
-
-def default_names(periodic: bool) -> tuple[str, ...]:
-    """The names of the default metrics, for a material that repeats or one that does not."""
-    return chosen_names(DEFAULTS, periodic)
 
 
 def label_of(name: str) -> str:
     """The name of a metric in tables; an unknown name, as in an older record, is returned unchanged."""
     try:
-        ppd = get(name).options.get("ppd")
-        label = _registered_metric(name).label
+        ppd, label = get(name).options.get("ppd"), _found(name)[0].label
     except InputError:
         return name.replace("_", " ")
     return (label or name.replace("_", " ")) + (f" {ppd:g}ppd" if ppd else "")
 
 
-def _pattern(metric: Metric) -> str:
-    pattern = re.escape(metric.name).replace(re.escape("{ppd}"), r"(?P<ppd>[1-9]\d{0,3}(?:\.\d*[1-9])?)")
-    return pattern + (f"(?P<ending>{PERIODIC})?" if metric.periodic else "")
-
-
 def examples() -> list[str]:
     """Every metric of the registry at its usual distance, then the periodic variants."""
-    plain = [metric.name.replace("{ppd}", "67") for metric in _REGISTERED]
-    return plain + [name + PERIODIC for name, metric in zip(plain, _REGISTERED, strict=True) if metric.periodic]
+    plain = [metric.name.replace("{ppd}", "67") for metric in REGISTERED]
+    return plain + [name + PERIODIC for name, metric in zip(plain, REGISTERED, strict=True) if metric.periodic]

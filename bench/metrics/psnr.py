@@ -1,4 +1,4 @@
-"""Peak signal-to-noise ratio, in display space and of log1p radiance.
+"""Metrics of the squared error: PSNR in display space and of log1p radiance, and RMSE of linear radiance.
 
     PSNR = 10 · log10(peak² / MSE)   in dB; higher is better; ∞ if the slices are equal
 
@@ -13,9 +13,8 @@ from typing import ClassVar
 import numpy as np
 
 from bench.btf import Array
-from bench.metrics.base import SliceMetric
+from bench.metrics.base import Picture, SliceMetric
 from bench.metrics.display import LOG_SCALE
-from bench.metrics.picture import Picture
 from bench.records import MOST_DB
 
 
@@ -58,3 +57,17 @@ class LogPSNR(DisplayPSNR):
     """PSNR of log1p(8 · exposure · radiance); peak log1p(8). Highlights beyond 1 count, unlike in display space."""
 
     plane, peak = "log1p", math.log1p(LOG_SCALE)
+
+
+class LinearRMSE(SquaredDifference):
+    """Root mean squared error of linear radiance, in the material's own unit; exposure is not used.
+
+        RMSE = √(mean over texels and channels of (reference − test)²)   lower is better
+
+    Divided by the mean radiance of some slices it is the relative error, which is not lower just because they are dark.
+    """
+
+    plane = "linear"
+
+    def values(self, raw: Array) -> Array:
+        return np.sqrt(raw)

@@ -17,9 +17,8 @@ from bench.btf import BTF, Array, box_filter
 from bench.inputs.errors import InputError
 from bench.machine.threads import cores
 from bench.metrics.angular import as_number, bins, grazing, polar_map
-from bench.metrics.base import SliceMetric
+from bench.metrics.base import Picture, SliceMetric, check_radiance
 from bench.metrics.display import display_error, exposure_of, sample
-from bench.metrics.picture import Picture, check_radiance
 from bench.metrics.psnr import DisplayPSNR, LogPSNR
 
 Decode = Callable[[int], Array]
@@ -62,7 +61,7 @@ class _Reference:
 class Scorer:
     """Scores any number of codecs against one BTF.
 
-    `names` are metrics of the registry, by default `bench.metrics.default_names`; `exposure` is that of the material,
+    `names` are metrics of the registry, by default `bench.metrics.DEFAULTS`; `exposure` is that of the material,
     by default measured of `sampled` (None: of the BTF itself). `cache_bytes` limits the cache of the reference between
     codecs.
 
@@ -80,7 +79,7 @@ class Scorer:
         cache_bytes: int = 512 << 20,
     ):
         self.btf, self.threads, self.cache_bytes = btf, threads or cores(), cache_bytes
-        self.names = tuple(registry.default_names(btf.periodic) if names is None else names)
+        self.names = registry.chosen_names(registry.DEFAULTS, btf.periodic) if names is None else tuple(names)
         described = {name: registry.get(name) for name in self.names}
         if foreign := [name for name, metric in described.items() if metric.periodic and not btf.periodic]:
             raise InputError(f"{foreign[0]} is only for materials that repeat, and {btf.name} does not")

@@ -12,8 +12,7 @@ import numpy as np
 from scipy.ndimage import correlate1d
 
 from bench.btf import Array
-from bench.metrics.base import SliceMetric
-from bench.metrics.picture import Picture
+from bench.metrics.base import Picture, SliceMetric
 
 RADIUS = 5
 SIGMA = 1.5

@@ -1,10 +1,12 @@
 """Packs the records and codec files of a run into one archive, and scores an archive's files again on this machine.
 
-The archive is a zip: `records.jsonl` as `bench.compare.results` keeps it, and the codec files in `files/`, with the
+The archive is a zip: `records.jsonl` as `bench.compare.reference` keeps it, and the codec files in `files/`, with the
 networks that they share. Nothing in it is run: jobs of a codec that is not installed here are listed but not verified.
 """
 
 import dataclasses
+import json
+import math
 import os
 import shlex
 import zipfile
@@ -12,11 +14,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from bench import records
-from bench.codec import Progress, silent
+from bench.codec import Progress, settings_dict, silent
 from bench.codecs import container, loading, shared
-from bench.codecs.registry import COMMAND, codec_entries
+from bench.codecs.container import Header
+from bench.codecs.registry import COMMAND, codec_entries, make_codec
 from bench.data.bake.naming import looks_like_maps
 from bench.data.open import draw_of, outlined
 from bench.data.spec import MaterialSpec, Preparation
@@ -24,17 +28,16 @@ from bench.files import atomic
 from bench.files.archive import ZipFiles, inside
 from bench.inputs.errors import InputError
 from bench.inputs.settings import table
-from bench.records import FILE, NAMES, PSNR, Record, Records, Run, kept, metrics_of
-from bench.runs import claims
+from bench.records import CLAIM, FILE, NAMES, OUTSIDE, PSNR, Record, Records, Run, kept, metrics_of
 from bench.runs.evaluation import evaluate, score_key
-from bench.runs.job import keep, machine, stamp
-from bench.runs.provenance import provenance
-from bench.runs.suite import CodecSpec
-from bench.runs.task import Task
+from bench.runs.job import keep
+from bench.runs.provenance import machine, provenance, stamp
+from bench.runs.suite import CodecSpec, Task
 from bench.runs.workbench import Workbench, opened
 
 MOST_BYTES, LEAST_BYTES, RATIO = 4 << 30, 256 << 20, 64  # limits of all unpacked files; RATIO: over the archive
 MOST_BAKED = 4 << 30  # bytes of radiance that an archive may make us bake, before we know whether its data are the same
+DECIBELS, RELATIVE = 0.01, 1e-3  # the largest change by rounding on another processor
 SHOWN = 4  # reasons that a verdict lists
 _STARTED = ("kind", "run", "suite", "data", "materials", "jobs")  # fields taken from the start of a submitted run
 _OTHER = "the data of {} here differ from the submitted data"
@@ -118,11 +121,8 @@ class Verified:
 
 
 def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, str] | None = None) -> Iterator[Verified]:
-    """Decode and score the files of an unpacked archive, and write the measurements as a run's folder.
-
-    `places` are paths of materials by name. Without one, measured data must be under `NEUBTF_DATA`: an archive may not
-    choose which paths of this machine are opened.
-    """
+    """Decode and score the files of an unpacked archive, and write the measurements as a run's folder. Measured data
+    must be under `NEUBTF_DATA`, or at `places`, by material: an archive may not choose which paths here are opened."""
     starts = {start["run"]: start for start in run.starts}
     for start in starts.values():
         here = {"text": "", "device": "cpu", "threads": 1} | provenance()
@@ -199,7 +199,7 @@ def _judged(job: Record, workbench: Workbench, folder: Path, out: Path, show: Pr
     header = loaded.header
     if header.codec != job["codec"]:
         return Verified(job["job"], DIFFERS, f"the file is of codec {header.codec}")
-    if names := list(claims.misnamed(job, header)):
+    if names := list(misnamed(job, header)):
         return Verified(job["job"], DIFFERS, "; ".join(names))
     measured = evaluate(workbench, loaded, 1, partial(keep, out), show)
     measured |= {"score_key": score_key(workbench, header), "scored": stamp(), "machine": machine(), "status": "ok"}
@@ -210,7 +210,51 @@ def _judged(job: Record, workbench: Workbench, folder: Path, out: Path, show: Pr
     record = kept(job, NAMES) | {"split": split, "fit_key": fit} | measured
     record["file"] = f"files/{file.name}"
     atomic.write(out / record["file"], file.read_bytes())
-    reasons = list(claims.differences(job, record))
+    reasons = list(differences(job, record))
     records.append(out, record)
     more = f" and {len(reasons) - SHOWN} more" if len(reasons) > SHOWN else ""
     return Verified(job["job"], DIFFERS if reasons else AGREES, "; ".join(reasons[:SHOWN]) + more, record)
+
+
+def differences(claimed: Record, here: Record) -> Iterator[str]:
+    """The claims that differ from the measurements here by more than rounding on another processor, in words."""
+    here = json.loads(json.dumps(here))
+    for name, value in kept(claimed, CLAIM).items():
+        yield from _unlike(name, value, here[name])
+
+
+def _unlike(place: str, claimed: Any, measured: Any) -> Iterator[str]:
+    if isinstance(claimed, dict) and isinstance(measured, dict):
+        for name, value in claimed.items():
+            if place in ("scores", "pairs") and name in ("scene", OUTSIDE):
+                continue  # scores in a scene: archives hold no demand, and these are not published
+            yield from _unlike(f"{place}/{name}", value, measured.get(name))
+        return
+    close = claimed == measured
+    if float in (type(claimed), type(measured)) and None not in (claimed, measured):
+        decibels = "/psnr" in place or place.startswith("footprints/")
+        limit = DECIBELS if decibels else RELATIVE * abs(measured)
+        close = math.isclose(claimed, measured, rel_tol=0, abs_tol=limit)
+    if not close:
+        yield f"{place} is {measured}, not {claimed}"
+
+
+def misnamed(claimed: Record, header: Header) -> Iterator[str]:
+    """Why the names of a job do not fit its file: a label holds the codec and the settings that are not defaults."""
+    label, curve = str(claimed["label"]), str(claimed["curve"])
+    given = header.settings if header.codec == COMMAND else {}
+    own = {key: given[key] for key in ("called", "encode", "decode") if key in given}
+    called = str(own.get("called", header.codec))
+    words = label.removeprefix(called).split()
+    try:
+        settings = dict(word.split("=", 1) for word in words)
+        named = settings_dict(make_codec(header.codec, own | settings))
+        whole = settings_dict(make_codec(header.codec, header.settings))
+    except (InputError, ValueError):
+        named, whole = {}, {"": None}
+    if not label.startswith(called) or named != whole:
+        yield f"label is {label!r}, but the file's codec and settings have another label"
+    if not curve.startswith(called) or not {*curve.removeprefix(called).split()} <= {*words}:
+        yield f"curve is {curve!r}, which does not belong to the label"
+    if (name := f"{claimed['material']}/{label}/{claimed['seed']}") != claimed["job"]:
+        yield f"job is {claimed['job']!r}, not {name!r}"

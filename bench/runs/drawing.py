@@ -20,10 +20,8 @@ BAKED = 13  # views, and lights, of a material that cannot be a program: 5.5 MB 
 
 
 def drawable(material: Material) -> tuple[Program, float]:
-    """A material's program, and the exposure that its picture needs: that of random queries up to 75°.
-
-    Raises `InputError` if the material cannot be recorded as a program.
-    """
+    """A material's program, and the exposure that its picture needs: that of random queries up to 75°. `InputError` if
+    the material cannot be recorded as a program."""
     program = program_of(material)
     rng = np.random.default_rng(0)
     uv = torch.from_numpy(rng.random((QUERIES, 2), np.float32))
@@ -44,10 +42,8 @@ def drawable_truth(btf: BTF, show: Progress = silent) -> tuple[Program, float]:
 
 
 def sparse_truth(btf: BTF) -> Program | None:
-    """A BTF as the interpolated table of few of its training views and lights, or pairs, that a page has room for.
-
-    None where fewer than three of each fit into `SPARSE_FLOATS`.
-    """
+    """A BTF as the interpolated table of few of its training views and lights, or pairs, that a page has room for; None
+    where fewer than three of each fit into `SPARSE_FLOATS`."""
     train = btf.subset(btf.split().train)
     count = min(SPARSE, int((SPARSE_FLOATS / (3 * btf.shape[0] * btf.shape[1])) ** 0.5))
     if count < 3:

@@ -1,4 +1,4 @@
-"""scoring.Scores one codec file against its material: figures go into the record, large arrays into files beside it."""
+"""Scores one codec file against its material: figures go into the record, large arrays into files beside it."""
 
 import dataclasses
 from collections.abc import Callable
@@ -22,7 +22,7 @@ from bench.material import Material, parameters, resident_bytes
 from bench.metrics import get as get_metric
 from bench.metrics import scoring
 from bench.metrics.display import to_display
-from bench.metrics.magma import magma
+from bench.metrics.flip import magma
 from bench.program.recording import program_of
 from bench.records import FLIP, PSNR, Record, gate, metric_of
 from bench.runs.identity import identity
@@ -57,9 +57,7 @@ def conditions(workbench: Workbench) -> dict[str, Any]:
 
 def evaluate(workbench: Workbench, file: Loaded, threads: int, keep: Keep, show: Progress) -> Record:
     """Score the material decoded from a codec file; returns the part of its record that the score key covers.
-
-    `keep(name, content)` stores content that is too large for the record, and returns the name that the record holds.
-    """
+    `keep(name, content)` stores what is too large for the record, and returns the name that the record holds."""
     shared.refuse(file.network, workbench.btf)
     figures = scored(workbench, unreported(file.material), file.header.path.stem, threads, keep, show)
     sizes = file.header.part_bytes() | {"total": file.header.file_bytes}
@@ -149,10 +147,8 @@ class Slices:
 
 
 def _slices(workbench: Workbench, scores: scoring.Scores, coarse: dict[int, np.ndarray]) -> dict[str, np.ndarray]:
-    """The scores of every slice, with its directions in degrees.
-
-    `footprint_2`, …: the errors at larger footprints; NaN where none was measured.
-    """
+    """The scores of every slice, with its directions in degrees; `footprint_2`, …: the errors at larger footprints, NaN
+    where none was measured."""
     heldout = np.isin(scores.pairs, workbench.groups.get("heldout", []))
     arrays = {"pairs": scores.pairs, "heldout": heldout, "abrdf": scores.abrdf} | scores.raw
     arrays |= {f"{w}_deg": np.stack(to_degrees(getattr(workbench.btf, w)[scores.pairs]), 1) for w in ("wo", "wi")}
@@ -164,10 +160,8 @@ def _slices(workbench: Workbench, scores: scoring.Scores, coarse: dict[int, np.n
 
 
 def _pictures(workbench: Workbench, decoder: Slices) -> dict[str, np.ndarray]:
-    """The shown slices, truth and decoded, display-transformed, 8 bit, and their FLIP maps in magma.
-
-    `sheet` says which of them a contact sheet holds.
-    """
+    """The shown slices, truth and decoded, display-transformed, 8 bit, and their FLIP maps in magma; `sheet` says which
+    of them a contact sheet holds."""
     truth = np.stack([workbench.btf[i] for i in workbench.shown])
     decoded = np.stack([decoder.slice(i) for i in workbench.shown])
     eight = [np.round(to_display(x, workbench.exposure) * 255).astype(np.uint8) for x in (truth, decoded)]

@@ -13,14 +13,14 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
 from bench.codecs.outside_codecs import EXPENDABLE
-from bench.inputs.errors import InputError
+from bench.inputs.errors import InputError, installed
 from bench.machine.devices import is_gpu
 from bench.machine.threads import handling
 
@@ -40,6 +40,9 @@ class Workers:
     everywhere: Callable[..., dict[str, Any]] | None = None  # calls a function on all workers; its answers by worker
 
 
+Seats = Callable[[], AbstractContextManager[Workers]]  # opens the workers of a run, and ends them
+
+
 @contextmanager
 def in_process() -> Iterator[Workers]:
     """Run one job after another, in the calling thread."""
@@ -48,10 +51,8 @@ def in_process() -> Iterator[Workers]:
 
 @contextmanager
 def processes(count: int, threads: int, device: str = "cpu", limit: float | None = None) -> Iterator[Workers]:
-    """Run jobs in `count` processes of this machine, with `threads` threads each; on GPUs, with one GPU each.
-
-    A job that takes longer than `limit` seconds loses its process, and fails with `OutOfTimeError`.
-    """
+    """Run jobs in `count` processes of this machine, with `threads` threads each; on GPUs, with one GPU each. A job
+    that takes longer than `limit` seconds loses its process, and fails with `OutOfTimeError`."""
     if limit is not None and not 0 < limit < math.inf:
         raise InputError(f"--max-seconds {limit:g}: must be above 0")
     if count < 1:
@@ -69,10 +70,8 @@ def processes(count: int, threads: int, device: str = "cpu", limit: float | None
 @contextmanager
 def dask(address: str, resources: dict[str, float]) -> Iterator[Workers]:
     """Run jobs on a Dask scheduler, given by address or scheduler file; a job takes `resources` of its worker."""
-    try:
+    with installed("--scheduler needs Dask: pip install 'neubtf-bench[dask]'"):
         from distributed import Client
-    except ImportError:
-        raise InputError("--scheduler needs Dask: pip install 'neubtf-bench[dask]'") from None
     file = address.endswith(".json")
     try:
         if file and not os.path.exists(address):  # the client would wait for it forever

@@ -1,13 +1,8 @@
 """Loads the records of many runs as one pandas frame: one row for each job, failed ones included.
 
-    import bench
-    frame = bench.load_runs(["runs/quick", "runs/budgets"])
-    frame.groupby(["material", "label", "started"])["scores/heldout/metrics/psnr_display/pooled"].mean()
-
 Columns are named after the fields of a record, as in a run's `tables/results.csv`: `bytes/total`,
 `scores/heldout/metrics/psnr_display/pooled`, `timing/ns_per_sample`. The columns that identify the run come first.
-Nothing is rounded. Two rows may be compared only if `codec_version`, `training`, `btf` and `metric_version/…` agree;
-the frame does not check this.
+Nothing is rounded. Only rows whose `codec_version`, `training`, `btf` and `metric_version/…` agree are comparable.
 """
 
 import warnings
@@ -23,10 +18,8 @@ _STARTED = "%Y%m%dT%H%M%S.%f"
 
 
 def load_runs(paths: str | PathLike[str] | Iterable[str | PathLike[str]]) -> pd.DataFrame:
-    """The jobs of one or several runs, given their folders or files of records (`.jsonl`).
-
-    Raises `InputError` if a path holds no run. Warns of lines that cannot be read.
-    """
+    """The jobs of one or several runs, given their folders or files of records (`.jsonl`). `InputError` if a path holds
+    no run; warns of lines that cannot be read."""
     several = [paths] if isinstance(paths, str | PathLike) else list(paths)
     runs = {str(path): load_run(str(path)) for path in several}
     for path, run in runs.items():

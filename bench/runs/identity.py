@@ -1,9 +1,8 @@
 """Identifies the code that fits a codec, because the file depends on it, as on settings and data.
 
-The identity is computed, not declared, so that no author can forget it. Starting from the modules of the codec's
-class, it follows imports in the source through the codec's own package, `bench`, and every other package that is not
-an installed distribution. It hashes the syntax of each module reached, without comments, docstrings and layout. For an
-installed distribution it takes the version. It hashes every module of a package that imports by a computed name.
+From the modules of the codec's class it follows imports in the source through the codec's own package, `bench`, and
+every other package that is not an installed distribution, of which it takes the version. It hashes the syntax of each
+module reached, without comments, docstrings and layout, and every module of a package that imports by a computed name.
 """
 
 import ast
@@ -29,10 +28,8 @@ _distributions = cache(packages_distributions)
 
 
 def identity(codec: Codec, *more: str) -> dict[str, object]:
-    """`code`, a hash of the source that a fit of this codec runs, and `libraries`, the versions of what it imports.
-
-    `more` names further modules to hash.
-    """
+    """`code`, a hash of the source that a fit of this codec runs and of `more` modules, and `libraries`, the versions
+    of what it imports."""
     kinds = (type(codec), *([codec.network] if codec.network else []))
     roots = {kind.__module__ for each in kinds for kind in each.__mro__ if kind is not object}
     return _identity(frozenset(roots | set(ALWAYS) | set(more) | set(OF_SCENES if codec.scene else ())))

@@ -1,11 +1,9 @@
 """Runs one job in any process: opens its material, fits, writes the file, scores it, and returns a record.
 
-A job has two keys. The *fit key* names everything that the file depends on: codec, settings, training pairs, seed,
-threads, device class, PyTorch, and the code that fits (`bench.runs.identity`). A job is not fitted again if a file with
-its fit key exists, and its header and the facts of its fit, written beside it, agree on key and hash. The *score key*
-names everything that the numbers depend on: the file's hash, the pairs, metric versions, exposure, and the code that
-decodes and scores. A job is not scored again if a record has its score key. Files appear whole or not at all, and
-contain no time and no place, so the same job may run twice, even at the same time.
+A job has two keys. The *fit key* names everything that the file depends on: see `Job.fit_key`. A job is not fitted
+again if a file with its fit key exists, and its header and the facts of its fit, written beside it, agree on key and
+hash. The *score key* names everything that the numbers depend on: see `bench.runs.evaluation`. A job is not scored
+again if a record has its score key. Files contain no time and no place, so the same job may run twice, even at once.
 """
 
 import errno
@@ -16,7 +14,6 @@ import platform
 import re
 import traceback
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -39,9 +36,8 @@ from bench.runs import lock
 from bench.runs.drawing import sparse_truth
 from bench.runs.evaluation import Keep, drawing, evaluate, score_key
 from bench.runs.identity import identity
-from bench.runs.process_state import restored_process_state
-from bench.runs.provenance import processor, revision
-from bench.runs.task import Task
+from bench.runs.provenance import machine, restored_process_state, stamp
+from bench.runs.suite import Task
 from bench.runs.workbench import Workbench, opened
 from bench.training import stored_texture
 
@@ -58,11 +54,6 @@ class Outcome:
     record: Record
     cached: str = ""
     progress: str = ""  # the progress of the run after it, in words
-
-
-def seed_of(*parts: object) -> int:
-    """A seed that depends only on the given parts: 63 bits of their sha256."""
-    return int.from_bytes(hashlib.sha256("\n".join(map(str, parts)).encode()).digest()[:8], "big") >> 1
 
 
 def work(task: Task, show: Progress = silent) -> Outcome:
@@ -104,7 +95,9 @@ class Job:
 
     @property
     def seed(self) -> int:
-        return seed_of(self.workbench.name, self.codec.name, self.task.repetition)
+        """A seed of material, codec and repetition: 63 bits of their sha256."""
+        parts = f"{self.workbench.name}\n{self.codec.name}\n{self.task.repetition}"
+        return int.from_bytes(hashlib.sha256(parts.encode()).digest()[:8], "big") >> 1
 
     @cached_property
     def network(self) -> TrainedNetwork | None:
@@ -118,12 +111,8 @@ class Job:
     @cached_property
     def fit_key(self) -> dict[str, Any]:
         key = {"codec": self.codec.name, "version": self.codec.version, "store": stored_texture.VERSION}
-        key |= {
-            "settings": settings_dict(self.codec),
-            "training": self.workbench.training.fingerprint,
-            "seed": self.seed,
-        }
-        key |= {"device": torch.device(self.task.device).type, "threads": self.task.threads}
+        key |= {"settings": settings_dict(self.codec), "training": self.workbench.training.fingerprint}
+        key |= {"seed": self.seed, "device": torch.device(self.task.device).type, "threads": self.task.threads}
         key |= {"torch": torch.__version__} | identity(self.codec)
         key |= {"shared": self.network.sha256} if self.network else {}
         if isinstance(self.codec, Programs):
@@ -254,16 +243,6 @@ def keep(folder: Path, name: str, content: dict[str, Any]) -> str:
             with open(partial_file, "wb") as file:
                 np.savez_compressed(file, **content)
     return name
-
-
-def stamp() -> Record:
-    """The revision of the suite and the current time, for results that later runs may reuse."""
-    return {"git": revision(), "at": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"}
-
-
-def machine() -> dict[str, str]:
-    """The host and processor that ran a job: the workers of a cluster differ."""
-    return {"host": platform.node(), "processor": processor()}
 
 
 def _raise_where_no_job_can_help(error: BaseException) -> None:

@@ -1,10 +1,12 @@
-"""Functions for scripts, available from `bench`: open a BTF, encode it, load the file, score it; see docs/api.md.
+"""Functions for scripts, most of them in `bench`: open a BTF, encode it, load the file, score it; see docs/api.md.
 
 The commands of `neubtf-bench` call the same code, so that a script measures the same as a run.
 """
 
+import dataclasses
 import logging
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +14,11 @@ import numpy as np
 import torch
 
 from bench.btf import BTF
-from bench.codec import Codec, Fit, Progress, silent
+from bench.codec import Codec, Fit, Progress, SharedNetwork, silent
 from bench.codecs import container, loading, shared
 from bench.codecs.registry import load_codec
 from bench.codecs.slices_material import SlicesMaterial
+from bench.data.materials.variations import load_variation
 from bench.data.open import open_named
 from bench.data.readers import open_btf
 from bench.data.readers.checks import negative
@@ -29,15 +32,15 @@ from bench.runs.evaluation import conditions, evaluate, score_key, scored
 from bench.runs.workbench import Workbench
 
 log = logging.getLogger(__name__)
+MATERIALS = 224  # the default number of variations that a shared network is trained on
+UNSEEN = range(100_000, 100_016)  # variations for its curve, kept out of training
 LOOKED_AT = 24  # slices of a BTF that is encoded, for negative values
 
 
 def open(name: str | Path, **data: Any) -> BTF:
     """Open the BTF of a built-in material (`neubtf-bench list materials`) or of a path.
 
-    `data` are the `[data]` settings of a suite. Rendered materials have `size`, `views`, `lights`, `heldout` and
-    `directions`; measured ones have `pairs` and `repair`. `split` chooses the held-out pairs: "test" for reported
-    figures, "validation" for choosing settings. `InputError` says what cannot be opened, and why.
+    `data` are the `[data]` settings of a suite (`bench.runs.suite`). `InputError` says what cannot be opened, and why.
     """
     if not isinstance(name, str | os.PathLike):
         raise InputError(
@@ -94,11 +97,8 @@ def score(
 ) -> Record:
     """Score a decoded material against its BTF, as a run does; returns the numbers of a job's record.
 
-    `decoded` is a codec file, which is decoded here; or slices at the pairs of the BTF, as a folder with `pairs.csv` or
-    as a BTF; or a material. Slices and materials have no file, so no bytes are counted.
-
-    `scores` holds every metric over groups of pairs (`heldout`, `train`, `all`, …), `footprints` the PSNR at footprints
-    of several texels; `bytes`, `parameters` and `cost` are those of the file. With `demand`, a demand file, the scores
+    `decoded` is a codec file; or slices at the pairs of the BTF, as a folder with `pairs.csv` or as a BTF; or a
+    material. Slices and materials have no file, so no bytes are counted. With `demand`, a demand file, the scores
     include those in its scene. Raises `ContainerError` for a bad file, `InputError` if the BTF has another resolution.
     """
     workbench = Workbench(btf, btf.name, demand=load_demand(Path(demand)) if demand else None)
@@ -135,3 +135,18 @@ def _same_size(name: str, size: tuple[int, int], btf: BTF) -> None:
         raise InputError(
             f"{name}: it decodes to {decoded} texels, but {btf.name} has {wanted}: open the BTF as it was encoded"
         )
+
+
+def pretrain(
+    network: SharedNetwork, fit: Fit, path: Path, materials: int = MATERIALS, added: Sequence[BTF] = ()
+) -> container.Header:
+    """Train a network on the first `materials` variations and on the BTFs in `added`, and write its file; `fit.history`
+    is its curve, the PSNR on `UNSEEN`. The default needs no data, so everybody can make the same file. `InputError` if
+    there is no material to train on."""
+    if materials < 0 or materials + len(added) < 1:
+        raise InputError(f"a network needs at least one training material, not {materials}")
+    numbers = fit.progress([*range(materials), *UNSEEN], "rendering materials to train on")
+    btfs = [load_variation(number) for number in numbers]
+    fit = dataclasses.replace(fit, unseen=btfs[materials:])
+    with torch_threads(fit.threads):
+        return shared.make(network, [*btfs[:materials], *added], fit, path)

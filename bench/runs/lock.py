@@ -30,10 +30,10 @@ STALE_AFTER = 60.0
 
 @contextmanager
 def locked(folder: Path, run: str) -> Iterator[None]:
-    """Hold the lock of a run's folder; creates the folder if it is missing.
+    """Hold the lock of a run's folder, which is made if missing; takes over that of a dead process, with a warning.
 
-    `InputError` names the holder, or says why the folder cannot be written. Takes over the lock of a dead process, with
-    a warning. A lock that another host took over meanwhile, because this process was suspended, is left to it.
+    `InputError` names the holder, or says why the folder cannot be written. A lock that another host took over
+    meanwhile, because this process was suspended, is left to it.
     """
     with writable(folder, "choose another --out"):
         folder.mkdir(parents=True, exist_ok=True)

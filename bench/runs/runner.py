@@ -6,20 +6,21 @@ it is done already; `bench.runs.executors` defines where it runs. Every run meas
 
 import dataclasses
 import logging
+import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
-from bench import records
+from bench import records, timing
 from bench.codec import REMARK, Codec, Progress, silent
 from bench.codecs import container, shared
 from bench.codecs.command import Programs, permit
 from bench.codecs.registry import from_outside, make_codec
+from bench.codecs.scene_material import unreported
 from bench.data.spec import MaterialSpec
 from bench.demand import require_demand
 from bench.files import atomic
@@ -27,17 +28,16 @@ from bench.inputs.errors import CodecError, InputError, MissingDataError
 from bench.machine.devices import present
 from bench.records import Record, Run
 from bench.runs import lock
-from bench.runs.estimate import Estimate
-from bench.runs.executors import Workers, in_process, processes
+from bench.runs.evaluation import recorded
+from bench.runs.executors import Seats, Workers, in_process, processes
 from bench.runs.job import FRESH_STATE, STATE, Outcome, attributed, failed, work
 from bench.runs.provenance import provenance
-from bench.runs.suite import CodecSpec, Suite, canonical
-from bench.runs.task import Task
-from bench.runs.timed import timings
+from bench.runs.suite import CodecSpec, Suite, Task, canonical
 from bench.runs.workbench import demand_of
 
 log = logging.getLogger(__name__)
 
+ONE_TEXEL = " at one texel"  # suffix of a job's name: a second contestant in the timing of this job
 MOST_LOSSES = 3  # worker processes that a job may lose
 
 
@@ -51,7 +51,7 @@ class Options:
     retry_failed: bool = False
     show: Progress = silent
     say: Callable[[str], None] = lambda text: None  # gets a message before the first job: how many are left
-    workers: Callable[[], AbstractContextManager[Workers]] | None = None  # None: see `_workers`
+    workers: Seats | None = None  # None: see `_workers`
 
 
 def run(suite: Suite, options: Options) -> Iterator[Outcome]:
@@ -95,7 +95,7 @@ def _make_codecs(suite: Suite) -> tuple[list[Codec], dict[str, str]]:
     return codecs, faults
 
 
-def _workers(suite: Suite, options: Options) -> Callable[[], AbstractContextManager[Workers]]:
+def _workers(suite: Suite, options: Options) -> Seats:
     """By default this process, or a worker process if a codec of another distribution might crash."""
     outside = any(from_outside(spec.codec) for spec in suite.codecs)
     return options.workers or (partial(processes, 1, suite.threads) if outside else in_process)
@@ -227,6 +227,50 @@ class _Session:
         self.options.show(f"{material}: {label}", done, total)
 
 
+class Estimate:
+    """How many jobs of a run are left, and for how long; `holds` are those whose records are expected to hold."""
+
+    def __init__(self, names: Iterable[str], holds: Iterable[str]):
+        self.waiting, self.holds = set(names), set(holds)
+        self.total, self.done, self.start = len(self.waiting), 0, time.monotonic()
+
+    def ended(self, record: Record, cached: str) -> None:
+        """Count a job that ended, given its record and what was reused for it."""
+        self.waiting.discard(record["job"])
+        if cached != "record":
+            self.done += record["status"] == "ok"
+            if record["job"] in self.holds:  # the code or the data changed: the other records will not hold either
+                self.holds = set()
+
+    @property
+    def first(self) -> str:
+        """The message before the run starts."""
+        jobs, left = f"{self.total} job" + "s" * (self.total != 1), len(self.waiting - self.holds)
+        recorded = f", {len(self.holds)} of them recorded" if self.holds else ""
+        return f"{jobs}{recorded}: {left} left" if left else f"{jobs}, all recorded; what changed since is done again"
+
+    @property
+    def left(self) -> str:
+        """The time left at the mean time of done jobs; "" before this run has done a job, and after the last."""
+        left = len(self.waiting - self.holds)
+        mean = (time.monotonic() - self.start) / max(1, self.done)
+        return f"about {duration(mean * left)} left" if left and self.done else ""
+
+    @property
+    def progress(self) -> str:
+        """How many jobs have ended, and the time left."""
+        ended = f"{self.total - len(self.waiting)} of {self.total} job" + "s" * (self.total != 1)
+        return f"{ended}, {self.left}" if self.left else ended
+
+
+def duration(seconds: float) -> str:
+    """A length of time in words, in minutes or hours."""
+    if seconds <= 30:
+        return "half a minute"
+    hours, rest = divmod(max(1, round(seconds / 60)), 60)
+    return f"{hours} h {rest} min" if hours and rest else f"{hours} h" if hours else f"{rest} min"
+
+
 def _watched(tasks: list[Task], workers: Workers, call: Callable[[Task], Outcome]) -> Iterator[Outcome]:
     """The outcome of each task as it ends; restarts a task that lost its worker, up to `MOST_LOSSES` times."""
     waiting = deque(tasks)
@@ -263,3 +307,35 @@ def _outcome(task: Task, future: Future[Outcome]) -> Outcome:
     except Exception as error:  # an error of the executor: those of codecs are in their records
         why = f"{type(error).__name__}: {error}"
     return failed(task, attributed(task, why))
+
+
+def timings(folder: Path, jobs: list[Record], device: str, threads: int, show: Progress = silent) -> list[Record]:
+    """The timing of each job's decoder. If a decoder from outside crashes its process, the others are timed again."""
+    ours = [job for job in jobs if not from_outside(job["codec"])]
+    if len(ours) < len(jobs):
+        with processes(1, threads) as workers:
+            try:
+                return workers.executor.submit(measured, folder, jobs, device, threads).result()
+            except BrokenExecutor:
+                others = ", ".join(job["job"] for job in jobs if job not in ours)
+                log.warning("not timed, because one of them ended the timing process: %s", others)
+    return measured(folder, ours, device, threads, show)
+
+
+def measured(folder: Path, jobs: list[Record], device: str, threads: int, show: Progress = silent) -> list[Record]:
+    """The timing of each job's decoder, measured in this process; also at one texel a query if it can."""
+    materials = {}
+    for job in jobs:
+        material = unreported(recorded(folder, job, device))
+        if not material.opaque:
+            materials[job["job"]] = material
+    ones = {name + ONE_TEXEL: one for name, each in materials.items() if (one := each.at_one_texel())}
+    found = timing.time_materials(materials | ones, threads, show=show) if materials else {}
+    timed = []
+    for name in materials:
+        record: Record = {"kind": "timing", "job": name} | timing.conditions(threads, device) | found[name].summary()
+        if name + ONE_TEXEL in found:
+            record["ratio_at_one_texel"] = found[name + ONE_TEXEL].summary()["ratio_to_floor"]
+        samples = {"samples_ns": found[name].samples.tolist(), "floor_ratios": found[name].ratios.tolist()}
+        timed.append(record | samples)
+    return timed

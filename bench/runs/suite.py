@@ -49,6 +49,7 @@ from bench.demand import UNIFORM
 from bench.inputs.errors import CodecError, InputError, did_you_mean, shown
 from bench.inputs.settings import Range, Share, Threads, converted, fields, parse_toml, read_toml, shipped_toml, table
 from bench.metrics import DEFAULTS, chosen_names
+from bench.records import Record
 
 MOST_JOBS = 100_000
 Words = tuple[str, ...]
@@ -104,6 +105,39 @@ class Suite:
         """Material, codec and seed of each job, in order."""
         every = itertools.product(self.materials, self.codecs, self.seeds)
         return [cell for cell in every if not cell[1].materials or cell[0].name in cell[1].materials]
+
+
+@dataclass(frozen=True)
+class Task:
+    """One cell of a suite as a worker gets it: plain data."""
+
+    run: str
+    folder: Path  # of the run
+    material: MaterialSpec
+    data: Preparation
+    codec: CodecSpec
+    repetition: int
+    threads: int
+    demand: str = ""  # path of the demand to score with
+    uniform: float = UNIFORM
+    metrics: tuple[str, ...] = DEFAULTS  # as the suite names them
+    device: str = "cpu"
+    scorers: int | None = None  # threads that score; None: one a core
+    fresh: bool = False
+    earlier: Record | None = None  # the job's latest record, if it may still hold
+    network: str = ""  # the file, in the run's folder, of the network that the codec shares over materials
+    losses: int = 0  # workers that died while they ran this job
+
+    @property
+    def name(self) -> str:
+        return f"{self.material.name}/{self.codec.label}/{self.repetition}"
+
+    @property
+    def base(self) -> Record:
+        """The fields with which each record of this job begins."""
+        row = {"kind": "job", "job": self.name, "run": self.run, "material": self.material.name}
+        row |= {"codec": self.codec.codec, "label": self.codec.label, "curve": self.codec.curve}
+        return row | {"seed": self.repetition, "split": self.data.split}
 
 
 def builtin_suites() -> dict[str, str]:
@@ -167,12 +201,9 @@ def _metrics(key: str, names: Iterable[str]) -> tuple[str, ...]:
 def with_changes(
     suite: Suite, materials: list[str], codecs: list[str], changes: dict[str, str], seed: int | None
 ) -> Suite:
-    """The suite with the choices of the command line: only these materials and codecs, these settings, this seed.
-
-    A codec that the suite does not name is added with its defaults. Every codec runs on all materials chosen here, even
-    if the suite restricts it to others. A change is `data.KEY`, `CODEC.KEY`, or `KEY` alone for every codec of the
-    suite that has that setting.
-    """
+    """The suite with the choices of the command line: only these materials, which every codec then runs on, only these
+    codecs, with defaults where the suite does not name them, this seed, and these changes of settings: `data.KEY`,
+    `CODEC.KEY`, or `KEY` alone for every codec of the suite that has it."""
     if materials:
         known = {spec.name: spec for spec in suite.materials}
         everywhere = tuple(dataclasses.replace(spec, materials=()) for spec in suite.codecs)
@@ -187,11 +218,8 @@ def with_changes(
 
 
 def canonical(suite: Suite) -> Suite:
-    """The suite without settings that equal their defaults, and without the duplicates that this leaves.
-
-    So a row has one name, however the suite spells it: `vq components=16` becomes `vq` if 16 is the default. Loads the
-    codecs.
-    """
+    """The suite without settings that equal their defaults, and without the duplicates that this leaves: a row has one
+    name, however the suite spells it. Loads the codecs."""
     unique: dict[str, CodecSpec] = {}
     try:
         specs = [dataclasses.replace(spec, settings=changed_settings(spec)) for spec in suite.codecs]

@@ -17,12 +17,11 @@ import torch
 from bench import timing
 from bench.codec import Progress, silent
 from bench.codecs.loading import load
-from bench.compare.choosing import validation_of
-from bench.compare.choosing.trades import answers
+from bench.compare.choosing import answers, validation_of
 from bench.demand.mitsuba.lobes import fitted
 from bench.files import atomic
 from bench.files.archive import MAX_FILE, read_arrays
-from bench.inputs.errors import InputError
+from bench.inputs.errors import InputError, installed
 from bench.machine.threads import torch_threads
 from bench.material import Material
 from bench.metrics.angular import as_number
@@ -33,8 +32,7 @@ from bench.records import FLIP, PSNR, VALIDATION, Record, Run, gate, metric_of, 
 from bench.records.lines import TRADE, TRADE_FORMAT, load_run, load_trade
 from bench.runs import runner
 from bench.runs.evaluation import Slices, recorded
-from bench.runs.suite import Suite, canonical
-from bench.runs.task import Task
+from bench.runs.suite import Suite, Task, canonical
 from bench.runs.workbench import Workbench, opened
 from bench.timing import native
 from bench.timing.execution import Variant, exists_on, is_whole, networks, prepared
@@ -54,10 +52,8 @@ def run_and_measure(
     emulated: bool = False,
     noise: bool = False,
 ) -> list[str]:
-    """Run a suite, then score and time its choices into `trade.json`; returns the status of each job.
-
-    Calls `tell` with the outcome of each job as it ends.
-    """
+    """Run a suite, with `tell` called for each outcome, then score and time its choices into `trade.json`; returns the
+    status of each job."""
     for variant in suite.variants:
         Variant.parse(variant)  # a wrong word stops here
     if noise:
@@ -246,11 +242,9 @@ def _figures(job: Record, squared: np.ndarray) -> dict[str, Any]:
 
 def _path_tracer() -> ModuleType:
     """The module that measures noise. `InputError` if Mitsuba is not installed, or cannot run here."""
-    try:
+    remedy = "install it, pip install neubtf-bench[mitsuba], or leave out --noise"
+    with installed(f"--noise path-traces with Mitsuba 3: {remedy}"):
         from bench.demand.mitsuba import noise, scene
-    except ImportError as error:
-        remedy = "install it, pip install neubtf-bench[mitsuba], or leave out --noise"
-        raise InputError(f"--noise path-traces with Mitsuba 3: {remedy} ({error})") from error
     scene.set_variant()
     return noise
 
@@ -274,11 +268,7 @@ def _noise(run: Run, row: dict[str, Any], show: Progress) -> dict[str, Any]:
 def _mark(rows: list[dict[str, Any]]) -> None:
     """Mark each choice that is on a Pareto front: no other is at least as good and as cheap, and better in one."""
     for cost, front in (("ns_per_sample", "fastest"), ("bytes", "smallest")):
-        for row in rows:
-            row[front] = not any(_beats(other, row, cost) for other in rows)
-
-
-def _beats(other: dict[str, Any], row: dict[str, Any], cost: str) -> bool:
-    # Rounded to 0.01 dB, because executions of one file differ by rounding.
-    ours, theirs = ((round(x["psnr"], 2), -x[cost]) for x in (row, other))
-    return theirs != ours and theirs[0] >= ours[0] and theirs[1] >= ours[1]
+        # Rounded to 0.01 dB, because executions of one file differ by rounding.
+        places = [(round(row["psnr"], 2), -row[cost]) for row in rows]
+        for row, (good, cheap) in zip(rows, places, strict=True):
+            row[front] = not any(x >= good and y >= cheap and (x, y) != (good, cheap) for x, y in places)

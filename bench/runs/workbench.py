@@ -24,7 +24,7 @@ from bench.inputs.errors import InputError
 from bench.metrics import DEFAULTS, chosen_names
 from bench.metrics.scoring import Scorer
 from bench.records import OUTSIDE, VALIDATION, gate
-from bench.runs.task import Task
+from bench.runs.suite import Task
 
 STORED = 16  # how many slices are stored as pictures, for the slice viewer of a report
 SHOWN = ((10, 40), (40, 20), (68, 30), (30, 68))  # (θ_o, θ_i) in degrees of the slices that contact sheets show
@@ -139,10 +139,8 @@ def demand_of(run: str, path: str) -> Demand:
 
 @contextmanager
 def opened(task: Task, show: Progress) -> Iterator[Workbench]:
-    """The workbench of a task's material, for one thread at a time; consecutive tasks on one material share it.
-
-    Tasks of another repetition are scored at another draw of test pairs, if the material has several.
-    """
+    """The workbench of a task's material, for one thread at a time; consecutive tasks on one material share it. Each
+    repetition has its own draw of test pairs, if the material has several."""
     draw = draw_of(task.material, task.data, task.repetition)
     key = (task.run, task.material, task.data, task.scorers, task.demand, draw, task.metrics)
     with _ONE_AT_A_TIME:

@@ -17,8 +17,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from bench.btf import BTF, box_filter
-from bench.codec import REMARK, Fit
-from bench.codec.density import Density
+from bench.codec import REMARK, Density, Fit
 from bench.files import atomic
 from bench.inputs.errors import InputError
 from bench.machine.threads import processor_seconds

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from bench.btf import BAKED, RENDERED
 from bench.compare.choosing import has_validation
-from bench.compare.results import published_job
+from bench.compare.reference import published_job
 from bench.records import ARTEFACT, Record, Records, Run, field_names
 from reports.rows import MaterialRows, materials
 

@@ -8,7 +8,7 @@ from bench.btf.npz import write_npz
 from bench.codecs import loading, shared
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
-from bench.runs.pretraining import MATERIALS
+from bench.runs.library import MATERIALS
 
 FOLDER = Path(next(iter(baselines.__path__))) / "networks"
 CODECS = {"rainer2020": 38_269, "biplane": 136_451}

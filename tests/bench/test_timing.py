@@ -7,7 +7,7 @@ import torch
 from bench import timing
 from bench.machine.threads import torch_threads
 from bench.material import DecoderCost, Material
-from bench.runs.timed import measured
+from bench.runs.runner import measured
 from bench.timing import BATCH, FLOOR, TURNS, Timing, calibrated, in_turns, time_materials
 from bench.timing.profile import profile
 from bench.timing.queries import Queries
@@ -72,7 +72,7 @@ class Texels(Sleeper):
 def test_a_codec_that_answers_texels_is_timed_at_one_of_them_too(monkeypatch, tmp_path):
     monkeypatch.setattr(timing, "TURNS", 2)
     materials = {"texels": Texels(0.004), "plain": Sleeper(0.001)}
-    monkeypatch.setattr("bench.runs.timed.recorded", lambda folder, job, device: materials[job["job"]])
+    monkeypatch.setattr("bench.runs.runner.recorded", lambda folder, job, device: materials[job["job"]])
     found = {each["job"]: each for each in measured(tmp_path, [{"job": name} for name in materials], "cpu", 1)}
     assert {name: "ratio_at_one_texel" in each for name, each in found.items()} == {"texels": True, "plain": False}
 

@@ -304,10 +304,8 @@ def attack_trade(sample: Path, scratch: Path, rng: random.Random) -> Reading:
 
 def read_run(folder: Path, sound: Path, share: float) -> None:
     """Whatever a user may ask of a run's records."""
-    from bench.compare.annotations import annotations
     from bench.compare.comparison import compare
-    from bench.compare.junit import junit
-    from bench.compare.tracker import tracker
+    from bench.compare.forms import annotations, junit, tracker
     from bench.records import load_run
     from bench.runs.history import load_runs
     from reports import table_text, write_report
@@ -333,8 +331,7 @@ def read_run(folder: Path, sound: Path, share: float) -> None:
 
 def read_trade(folder: Path, share: float) -> None:
     """Whatever a user may ask of a run's trade."""
-    from bench.compare.choosing import Limits, chosen, nearest
-    from bench.compare.choosing.trades import answers, described, usable
+    from bench.compare.choosing import Limits, answers, chosen, described, nearest, usable
     from bench.records import load_trade
     from reports import table_text, write_report
 

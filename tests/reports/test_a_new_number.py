@@ -3,7 +3,7 @@ from typing import Annotated
 
 import pytest
 
-from bench.compare.results import published
+from bench.compare.reference import published
 from bench.records import fields, kinds, load_run, schema
 from reports import table_text, write_report
 

@@ -7,8 +7,6 @@ runs, so that all commands start fast.
 
 import argparse
 import pkgutil
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -21,7 +19,7 @@ from bench.inputs.settings import Threads, converted
 from bench.machine.devices import present
 
 if TYPE_CHECKING:
-    from bench.runs.executors import Workers
+    from bench.runs.executors import Seats
 
 GROUP = "neubtf_bench.commands"
 GROUPS = {  # the groups of the list of commands; commands of other packages follow
@@ -60,11 +58,6 @@ def assignments(words: list[str], option: str = "--set", form: str = "KEY=VALUE"
         if "=" not in word:
             raise InputError(f"{option} {word}: write {form}")
     return dict(word.split("=", 1) for word in words)
-
-
-def out(parser: argparse.ArgumentParser, words: str, required: bool = True, form: str | None = None) -> None:
-    """The option that says what to write."""
-    parser.add_argument("-o", "--out", type=Path, required=required, metavar=form, help=words)
 
 
 def several(parser: argparse.ArgumentParser, option: str, words: str, form: str | None = None) -> None:
@@ -112,9 +105,7 @@ def usable_device(name: str) -> str:
     return name
 
 
-def workers(
-    jobs: int, threads: int, device: str, limit: float | None = None
-) -> "Callable[[], AbstractContextManager[Workers]] | None":
+def workers(jobs: int, threads: int, device: str, limit: float | None = None) -> "Seats | None":
     """The workers for so many jobs at once (0: one a core); None if the runner decides."""
     from bench.machine.threads import cores
     from bench.runs import executors

@@ -8,7 +8,6 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.cli.commands import out
 from bench.inputs.errors import FINE
 
 
@@ -24,7 +23,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=int, default=0, help="seed of the held-out pairs and of Mitsuba's paths (default: 0)")
     each = "builtin: direct light (default); mitsuba: paths with inter-reflections, resumes after a kill"
     add("--renderer", default="builtin", choices=["builtin", "mitsuba"], help=each)
-    out(parser, "the .npz file, or the folder of EXR pictures, to write")
+    add("-o", "--out", type=Path, required=True, help="the .npz file, or the folder of EXR pictures, to write")
 
 
 def run(options: argparse.Namespace) -> int:

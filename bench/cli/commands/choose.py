@@ -41,8 +41,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.compare.choosing import Limits, chosen, nearest
-    from bench.compare.choosing.trades import described, held
+    from bench.compare.choosing import Limits, chosen, described, held, nearest
     from bench.runs.suite import canonical
 
     size = None if options.max_bytes is None else parse_bytes(options.max_bytes)
@@ -102,7 +101,7 @@ def _suite(options: argparse.Namespace) -> "Suite":
 
 def _measured(folder: Path, suite: "Suite", device: str) -> tuple[list["Rung"], list[str]]:
     """The choices of a suite's material that were measured on a device, and the labels that were not tried."""
-    from bench.compare.choosing.trades import usable
+    from bench.compare.choosing import usable
     from bench.records import load_trade
 
     codecs, material = {codec.codec for codec in suite.codecs}, suite.materials[0].name

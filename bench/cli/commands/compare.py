@@ -32,11 +32,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.compare import extremes
-    from bench.compare.annotations import annotations
-    from bench.compare.comparison import compare
-    from bench.compare.junit import junit
-    from bench.compare.tracker import tracker
+    from bench.compare.comparison import compare, compare_extremes
+    from bench.compare.forms import annotations, junit, tracker
     from bench.inputs.errors import InputError
     from bench.records import load_run
     from reports.comparison import markdown, terminal
@@ -49,7 +46,7 @@ def run(options: argparse.Namespace) -> int:
         of_jobs = ("material", "markdown", "junit", "tracker", "annotations")
         if ignored := [f"--{name}" for name in of_jobs if getattr(options, name)]:
             raise InputError(f"{', '.join(ignored)}: not for stress tests, which are compared as text: leave it out")
-        text, code = extremes.report(base, new, options.codec, options.allow)
+        text, code = compare_extremes(base, new, options.codec, options.allow)
         print(text)
         return code
     comparison = compare(base, new, options.material, options.codec, options.allow)

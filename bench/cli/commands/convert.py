@@ -6,8 +6,8 @@ examples:
 """
 
 import argparse
+from pathlib import Path
 
-from bench.cli.commands import out
 from bench.inputs.errors import FINE
 
 
@@ -18,7 +18,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--crop", type=_window, metavar="ROW,COL,HEIGHT,WIDTH", help="keep this window of texels")
     add("--downsample", type=int, default=1, metavar="FACTOR", help="average FACTOR² texels into one")
     add("--repair", action="store_true", help="mask measured values that are NaN or infinite")
-    out(parser, "the .npz file, or the folder of EXR pictures, to write")
+    add("-o", "--out", type=Path, required=True, help="the .npz file, or the folder of EXR pictures, to write")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -9,13 +9,8 @@ examples:
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from bench.cli.commands import out
 from bench.inputs.errors import FINE, InputError, installed
-
-if TYPE_CHECKING:
-    from bench.demand.collect import Caster
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,26 +19,15 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--bsdf", metavar="ID", help="the id of the BSDF that is the material, in a Mitsuba scene")
     add("--queries", type=int, default=250_000, help="the most queries to keep, up to 1000000 (default: 250000)")
     add("--seed", type=int, default=0, help="seed of the samples of an environment (default: 0)")
-    out(parser, "the .npz file to write; a .png is drawn beside it")
+    add("-o", "--out", type=Path, required=True, help="the .npz file to write; a .png is drawn beside it")
 
 
 def run(options: argparse.Namespace) -> int:
     from bench.cli.console import Console
     from bench.demand import overview
-    from bench.demand.collect import checked, collect
+    from bench.demand.collect import Caster, checked, collect
 
     checked(options.queries, options.out)
-    with Console() as console:
-        demand = collect(_scene(options), options.queries, options.seed, console.show)
-        demand.save(options.out)
-        picture = options.out.with_suffix(".png")
-        overview.draw(demand, picture)
-        console.say(overview.summarise(demand).text())
-        console.say(f"wrote {options.out} ({options.out.stat().st_size / 1e6:.1f} MB) and {picture}")
-    return FINE
-
-
-def _scene(options: argparse.Namespace) -> "Caster":
     path = Path(options.scene)
     if path.suffix != ".xml":
         if options.bsdf:
@@ -51,11 +35,20 @@ def _scene(options: argparse.Namespace) -> "Caster":
         from bench.demand.scene import named_scene
         from bench.demand.text_scene import TextScene
 
-        return TextScene(named_scene(options.scene))
-    if not path.is_file():
+        scene: Caster = TextScene(named_scene(options.scene))
+    elif not path.is_file():
         raise InputError(f"{path}: there is no such file: check the path")
-    if not options.bsdf:
+    elif not options.bsdf:
         raise InputError(f"{path}: say which BSDF is the material, with --bsdf ID")
-    with installed(f"{path}: needs Mitsuba 3: pip install 'neubtf-bench[mitsuba]', or describe the scene in TOML"):
-        from bench.demand.mitsuba.scene import MitsubaScene
-    return MitsubaScene(path, options.bsdf)
+    else:
+        with installed(f"{path}: needs Mitsuba 3: pip install 'neubtf-bench[mitsuba]', or describe the scene in TOML"):
+            from bench.demand.mitsuba.scene import MitsubaScene
+        scene = MitsubaScene(path, options.bsdf)
+    with Console() as console:
+        demand = collect(scene, options.queries, options.seed, console.show)
+        demand.save(options.out)
+        picture = options.out.with_suffix(".png")
+        overview.draw(demand, picture)
+        console.say(overview.summarise(demand).text())
+        console.say(f"wrote {options.out} ({options.out.stat().st_size / 1e6:.1f} MB) and {picture}")
+    return FINE

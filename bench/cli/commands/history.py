@@ -63,17 +63,14 @@ def run(options: argparse.Namespace) -> int:
 
 def _write(frame: "pd.DataFrame", path: Path) -> None:
     from bench.files.atomic import replacing
-    from bench.inputs.errors import InputError, writable
+    from bench.inputs.errors import installed, writable
 
-    try:
-        with writable(path, "choose another --out"), replacing(path) as partial:
-            if path.suffix == ".csv":
-                frame.to_csv(partial, index=False)
-            else:
-                frame.to_parquet(partial, engine="pyarrow", index=False)
-    except ImportError:
-        remedy = "pip install 'neubtf-bench[parquet]', or name a .csv"
-        raise InputError(f"{path}: Parquet needs pyarrow: {remedy}") from None
+    needs = installed(f"{path}: Parquet needs pyarrow: pip install 'neubtf-bench[parquet]', or name a .csv")
+    with needs, writable(path, "choose another --out"), replacing(path) as partial:
+        if path.suffix == ".csv":
+            frame.to_csv(partial, index=False)
+        else:
+            frame.to_parquet(partial, engine="pyarrow", index=False)
 
 
 def _table(frame: "pd.DataFrame") -> str:

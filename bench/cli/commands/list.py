@@ -6,12 +6,8 @@ examples:
 """
 
 import argparse
-from typing import TYPE_CHECKING
 
-from bench.inputs.errors import FINE
-
-if TYPE_CHECKING:
-    from bench.inputs.settings import Setting
+from bench.inputs.errors import FINE, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,7 +28,7 @@ def run(options: argparse.Namespace) -> int:
         "materials": materials.describe(),
         "suites": {name: suite.parse_suite(name, text).description for name, text in suite.builtin_suites().items()},
         "metrics": {
-            m.name: f"{m.unit}, {m.direction} is better, {m.space}, version {m.version}" for m in metrics.registered()
+            m.name: f"{m.unit}, {m.direction} is better, {m.space}, version {m.version}" for m in metrics.REGISTERED
         },
     }
     for title, entries in listings.items():
@@ -46,22 +42,21 @@ def _settings(what: str, name: str) -> int:
     """Print the settings of a codec, and of the network that it shares over materials if it has one."""
     from bench.codec import described_settings
     from bench.codecs.registry import codec_entries, describe, load_codec, origin
-    from bench.inputs.errors import InputError
-    from bench.inputs.settings import described
+    from bench.inputs.settings import Setting, described
+
+    def table(settings: list[Setting]) -> None:
+        head = ("setting", "default", "must be", "meaning")
+        rows = [head, *((each.name, each.default, each.kind, each.meaning) for each in settings)]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        for row in rows:
+            print("  " + "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
 
     if what != "codecs":
         raise InputError(f"list {what} {name}: only codecs have settings: list codecs NAME")
     codec, entry = load_codec(name), codec_entries()[name]
     print(f"{name}, version {codec.version}, of {origin(entry)}: {describe(entry)}")
-    _table(described_settings(codec))
+    table(described_settings(codec))
     if codec.network:
         print(f"settings of the network that it shares over materials (neubtf-bench pretrain {name} --set KEY=VALUE):")
-        _table(described(codec.network.Settings))
+        table(described(codec.network.Settings))
     return FINE
-
-
-def _table(settings: "list[Setting]") -> None:
-    rows = [("setting", "default", "must be", "meaning"), *((s.name, s.default, s.kind, s.meaning) for s in settings)]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        print("  " + "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())

@@ -16,7 +16,8 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 
-from bench.inputs.errors import FINE, InputError, writable
+from bench.cli.commands import write_text
+from bench.inputs.errors import FINE, InputError
 
 # For each kind: the place of each file, and its template.
 _FILES = {
@@ -39,7 +40,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from bench.codecs.registry import codec_entries
-    from bench.files import atomic
 
     name = options.name
     if not re.fullmatch("[a-z][a-z0-9]*(-[a-z0-9]+)*", name):
@@ -53,9 +53,6 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(f"{there}: it exists already: remove it, or choose another --out")
     for path, template in places.items():
         text = (files("bench.cli") / "templates" / f"{template}.txt").read_text("utf-8")
-        with writable(path, "choose another --out"):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            atomic.write(path, Template(text).substitute(words).encode())
-        print(f"wrote {path}")
+        write_text(path, Template(text).substitute(words), "choose another --out")
     print(f"next:\n{_NEXT[options.what].format(**words)}")
     return FINE

@@ -12,14 +12,15 @@ examples:
 """
 
 import argparse
+from pathlib import Path
 
-from bench.cli.commands import assignments, out, several, threads, usable_device
+from bench.cli.commands import assignments, several, threads, usable_device
 from bench.inputs.errors import FINE, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("codec", help="a codec that shares a network, such as rainer2020")
-    out(parser, "the file to write (default: where codecs look for it)", required=False)
+    parser.add_argument("-o", "--out", type=Path, help="the file to write (default: where codecs look for it)")
     parser.add_argument("--steps", type=int, help="the number of training steps, short for --set steps=N")
     several(parser, "--set", "a setting of the network", "KEY=VALUE")
     parser.add_argument("--materials", type=int, help="how many procedural surfaces to train on, 0 for none")
@@ -37,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
     from bench.codecs import shared
     from bench.codecs.registry import load_codec
     from bench.data.open import open_named
-    from bench.runs.pretraining import MATERIALS, pretrain
+    from bench.runs.library import MATERIALS, pretrain
 
     codec = load_codec(options.codec)
     if codec.network is None:

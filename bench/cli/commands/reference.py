@@ -10,8 +10,8 @@ examples:
 """
 
 import argparse
+from pathlib import Path
 
-from bench.cli.commands import out
 from bench.inputs.errors import FINE
 
 
@@ -19,7 +19,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(required=True, metavar="ACTION")
     update = actions.add_parser("update", help="write the reference again, and print what changed")
     update.add_argument("run", metavar="RUN", help="the folder of a run")
-    out(update, "the .jsonl file to write (default: this package's)", required=False, form="FILE")
+    place = "the .jsonl file to write (default: this package's)"
+    update.add_argument("-o", "--out", type=Path, metavar="FILE", help=place)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -25,7 +25,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.inputs.errors import FINE, NO, InputError, writable
+from bench.inputs.errors import FINE, NO, InputError, readable, writable
 
 if TYPE_CHECKING:
     from reports.board import Codec
@@ -69,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _add(run: Path, file: Path) -> int:
-    from bench.compare.results import published
+    from bench.compare.reference import published
     from bench.files.atomic import write
     from bench.records import load_together
 
@@ -136,10 +136,8 @@ def _written(path: Path, writes: bool) -> bool:
     """Make the tables of a document again, and store it if `writes`; returns whether it changed."""
     from bench.files.atomic import write
 
-    try:
+    with readable(str(path), "name a Markdown file"):
         text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from error
     if not _BLOCK.search(text):
         raise InputError(f"{path}: it has no table made by a command: see `neubtf-bench results --help`")
     new = _BLOCK.sub(lambda match: match["start"] + _table(path, match["words"]) + match["end"], text)

@@ -9,8 +9,6 @@ examples:
 """
 
 import argparse
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,7 +18,7 @@ from bench.cli.commands import assignments, several, suite_options, usable_devic
 from bench.inputs.errors import FAILED, FINE, INTERRUPTED, NOTHING, InputError
 
 if TYPE_CHECKING:
-    from bench.runs.executors import Workers
+    from bench.runs.executors import Seats
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,7 +79,7 @@ def run(options: argparse.Namespace) -> int:
     return FAILED if "failed" in states else FINE if "ok" in states else NOTHING
 
 
-def _workers(options: argparse.Namespace, threads: int) -> "Callable[[], AbstractContextManager[Workers]] | None":
+def _workers(options: argparse.Namespace, threads: int) -> "Seats | None":
     """The workers that run jobs; None if the runner decides."""
     from bench.runs import executors
 

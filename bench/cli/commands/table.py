@@ -78,7 +78,7 @@ def parameters_table(folders: list[Path], format: str, choice: "Choice | None" =
     """The table of parameters: of every codec as published, and of the records of runs, whatever their data; with times
     of a sample, where a run has some."""
     from bench.codecs.registry import codec_entries
-    from bench.compare.choosing.trades import fused_times
+    from bench.compare.choosing import fused_times
     from bench.conformance.verdicts import count
     from bench.records import load_together, require
     from reports import parameters_text

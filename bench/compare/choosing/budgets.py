@@ -12,8 +12,7 @@ from statistics import fmean
 from typing import NamedTuple
 
 from bench.codecs.alike import obstacles
-from bench.compare.choosing import NEAR_DB, Limits, Rung, chosen, has_validation, validation_of
-from bench.compare.choosing.trades import fused_times
+from bench.compare.choosing import NEAR_DB, Limits, Rung, chosen, fused_times, has_validation, validation_of
 from bench.compare.paired import AGAINST, against_jobs
 from bench.compare.quantities import average
 from bench.compare.ranks import Ranks, ranks

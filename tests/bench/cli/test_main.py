@@ -178,7 +178,7 @@ SCIENCE = {"torch", "scipy", "skimage", "numpy"}
         ("from bench import cli; cli.main(['list'])", {"torch", "skimage"}),
         ("from bench import cli\ntry: cli.main(['--help'])\nexcept SystemExit: pass", {"torch", "skimage"}),
         ("import bench.records, reports", {"torch", "skimage"}),
-        ("import bench.compare.choosing, bench.compare.choosing.trades", {"torch", "numpy"}),
+        ("import bench.compare.choosing, bench.compare.choosing", {"torch", "numpy"}),
         ("import bench.metrics as m; m.get('ssim')", SCIENCE | {"matplotlib"}),
         ("import bench.data.readers", {"torch", "PIL", "OpenEXR", "h5py", "png", "scipy", "skimage"}),
         ("import bench.data.materials as m; m.describe()", SCIENCE),

@@ -18,7 +18,7 @@ from bench.data.spec import MaterialSpec
 from bench.inputs.errors import ContainerError, InputError, MissingDataError
 from bench.records import Record
 from bench.runs import library
-from bench.runs.pretraining import MATERIALS, UNSEEN, pretrain
+from bench.runs.library import MATERIALS, UNSEEN, pretrain
 from bench.runs.runner import Options, run
 from bench.runs.suite import CodecSpec, Suite
 
@@ -133,7 +133,7 @@ def test_the_origin_of_baked_maps_is_that_of_their_files_and_of_measured_data_th
 
 
 def test_a_network_is_trained_on_variations_and_watched_on_others(monkeypatch):
-    monkeypatch.setattr("bench.runs.pretraining.load_variation", lambda number: others(tiny_btf(4, 3, 3))[number % 5])
+    monkeypatch.setattr("bench.runs.library.load_variation", lambda number: others(tiny_btf(4, 3, 3))[number % 5])
     asked, path = [], shared.place("tinted")
     monkeypatch.setattr(Tint, "train", lambda self, btfs, fit: asked.append((len(btfs), len(fit.unseen))) or Parts())
     pretrain(Tint(), Fit(), path)

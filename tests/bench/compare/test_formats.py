@@ -4,10 +4,8 @@ import re
 import pytest
 from junitparser import Error, Failure, JUnitXml, Skipped
 
-from bench.compare.annotations import annotations, command
 from bench.compare.comparison import compare
-from bench.compare.junit import junit
-from bench.compare.tracker import FILES, tracker
+from bench.compare.forms import FILES, annotations, command, junit, tracker
 from bench.records import MOST_DB
 from reports.comparison import markdown, terminal
 

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from bench.compare.paired import Cell, Interval, against, interval, told_apart
-from bench.compare.slices import decibels, packed, unpacked
+from bench.compare.paired import Cell, Interval, against, decibels, interval, packed, told_apart, unpacked
 from bench.inputs.errors import InputError
 
 

@@ -1,7 +1,7 @@
 import json
 from pathlib import Path
 
-from bench.compare.results import published
+from bench.compare.reference import published
 from bench.records import Run
 
 

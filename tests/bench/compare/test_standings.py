@@ -1,4 +1,4 @@
-from bench.compare.standings import standings
+from bench.compare.ranks import standings
 
 
 def jobs(*psnrs):

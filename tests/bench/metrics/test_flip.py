@@ -6,8 +6,7 @@ from hypothesis import strategies as st
 
 from bench.inputs.errors import InputError
 from bench.metrics.display import decode_srgb
-from bench.metrics.flip import LDR, PPD
-from bench.metrics.flip_hdr import HDR, Hable, Range, Reinhard
+from bench.metrics.flip import HDR, LDR, PPD, Hable, Range, Reinhard
 
 PPDS = (20.0, PPD, 120.0)
 CURVES = {"aces": HDR, "hable": Hable, "reinhard": Reinhard}

@@ -4,8 +4,7 @@ import pytest
 
 from bench.inputs.errors import InputError
 from bench.metrics.display import decode_srgb
-from bench.metrics.flip import LDR
-from bench.metrics.magma import magma
+from bench.metrics.flip import LDR, magma
 
 
 def test_colours_are_those_of_the_oracle():

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from bench.inputs.errors import InputError
-from bench.metrics import default_names, get
+from bench.metrics import DEFAULTS, chosen_names, get
 
 GOOD = np.full((16, 16, 3), 0.5, np.float32)
-EVERY = [*default_names(False), "flip_hdr_67ppd"]
+EVERY = [*chosen_names(DEFAULTS, False), "flip_hdr_67ppd"]
 
 
 def spoiled(value):
@@ -40,7 +40,7 @@ def test_equal_pictures_are_perfect_and_negative_radiance_counts_as_zero(name):
     assert metric.score(state, spoiled(-7)) == metric.score(state, spoiled(0))
 
 
-@pytest.mark.parametrize("name", default_names(True))
+@pytest.mark.parametrize("name", chosen_names(DEFAULTS, True))
 def test_a_stack_scores_as_its_slices_do(name):
     rng = np.random.default_rng(1)
     references, tests = rng.random((2, 3, 12, 13, 3), dtype=np.float32)

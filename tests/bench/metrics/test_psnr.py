@@ -5,8 +5,7 @@ import pytest
 from skimage.metrics import mean_squared_error, peak_signal_noise_ratio
 
 from bench.metrics.display import to_display, to_log1p
-from bench.metrics.psnr import DisplayPSNR, LogPSNR, psnr
-from bench.metrics.rmse import LinearRMSE
+from bench.metrics.psnr import DisplayPSNR, LinearRMSE, LogPSNR, psnr
 
 METRICS = [DisplayPSNR(), LogPSNR(), LinearRMSE()]
 

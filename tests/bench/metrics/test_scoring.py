@@ -26,7 +26,7 @@ def make(count=20, shape=(16, 18), seed=0, periodic=True):
 def test_raw_numbers_are_those_of_each_metric_on_each_slice():
     btf, decoded = make()
     pairs = [3, 0, 17, 5, 6]
-    names = [*metrics.default_names(True), "ssim", "flip_ldr_20ppd"]
+    names = [*metrics.chosen_names(metrics.DEFAULTS, True), "ssim", "flip_ldr_20ppd"]
     scores = Scorer(btf, names, exposure=0.5).score(pairs, lambda i: decoded[i])
     assert scores.pairs.tolist() == pairs
     for name in names:

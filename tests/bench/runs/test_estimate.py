@@ -1,13 +1,13 @@
 import pytest
 
-from bench.runs import estimate
-from bench.runs.estimate import Estimate
+from bench.runs import runner
+from bench.runs.runner import Estimate
 
 
 @pytest.fixture
 def clock(monkeypatch):
     now = [0.0]
-    monkeypatch.setattr(estimate.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(runner.time, "monotonic", lambda: now[0])
     return now
 
 

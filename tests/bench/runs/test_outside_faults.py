@@ -18,9 +18,9 @@ from bench.data.readers.folder import write_folder
 from bench.inputs.errors import CodecError
 from bench.records import load_run
 from bench.runs import runner
-from bench.runs.process_state import restored_process_state
+from bench.runs.provenance import restored_process_state
+from bench.runs.runner import timings
 from bench.runs.suite import load_suite, with_changes
-from bench.runs.timed import timings
 from tests.bench.outside import install
 
 pytestmark = pytest.mark.timeout(300)  # each process imports PyTorch

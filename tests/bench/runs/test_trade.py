@@ -10,7 +10,7 @@ import torch
 
 from bench import cli, timing
 from bench.cli.commands import choose as choose_command
-from bench.compare.choosing.trades import answers, named, usable
+from bench.compare.choosing import answers, named, usable
 from bench.conformance.check import tiny_btf
 from bench.data.spec import MaterialSpec, Preparation
 from bench.inputs.errors import InputError

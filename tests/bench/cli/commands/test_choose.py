@@ -4,8 +4,7 @@ import pytest
 
 from bench import cli
 from bench.cli.commands.choose import parse_bytes
-from bench.compare.choosing import Limits, chosen, nearest
-from bench.compare.choosing.trades import usable
+from bench.compare.choosing import Limits, chosen, nearest, usable
 from bench.inputs.errors import InputError
 from bench.records import append
 

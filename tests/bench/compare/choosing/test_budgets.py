@@ -1,8 +1,7 @@
 import json
 
-from bench.compare.choosing import Limits, Rung, chosen
+from bench.compare.choosing import Limits, Rung, chosen, usable
 from bench.compare.choosing.budgets import BYTES, EAGER, FUSED, Budget, budgets, line_of, setting_of, shown
-from bench.compare.choosing.trades import usable
 from bench.records import FLIP, PSNR, TRADE, append, load_run
 from bench.records.lines import TRADE_FORMAT
 

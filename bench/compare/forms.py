@@ -1,0 +1,114 @@
+"""A comparison as annotations of GitHub Actions and as JUnit XML; a run as input of github-action-benchmark."""
+
+import json
+import math
+import re
+from collections.abc import Iterator
+from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+from bench.compare.comparison import FORBIDDEN, Comparison
+from bench.compare.quantities import deciding, undeciding
+from bench.compare.rows import ComparedRow, multiples, sentence
+from bench.compare.verdicts import Verdict
+from bench.records import Run, by_row
+
+SHOWN = 10  # annotations of each kind in a step: GitHub shows no more
+FILES = {
+    "higher": "bigger-is-better.json",
+    "lower": "smaller-is-better.json",
+}  # that tool takes one direction a file
+_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def annotations(comparison: Comparison) -> str:
+    """One command per line: an error for each row that stops a change, a warning for allowed rows and changed times."""
+    rows = [*comparison.rows, *comparison.means]
+    errors = [(row.name, "; ".join(row.reasons())) for row in rows if row.forbids]
+    warnings = [(row.name, "; ".join(row.reasons())) for row in comparison.having(*FORBIDDEN) if not row.forbids]
+    warnings += [(row.name, row.advice) for row in comparison.rows if row.advice]
+    lines = [command("error", *finding) for finding in _few(errors)]
+    return "\n".join(lines + [command("warning", *finding) for finding in _few(warnings)])
+
+
+def command(kind: str, title: str, message: str) -> str:
+    """`::KIND title=TITLE::MESSAGE`, escaped as GitHub Actions parses it."""
+    return f"::{kind} title={_data(title).replace(':', '%3A').replace(',', '%2C')}::{_data(message)}"
+
+
+def _data(text: str) -> str:
+    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+
+
+def _few(findings: list[tuple[str, str]]) -> list[tuple[str, str]]:
+    if len(findings) <= SHOWN:
+        return findings
+    rest = findings[SHOWN - 1 :]
+    return [*findings[: SHOWN - 1], (f"{len(rest)} more", ", ".join(name for name, _ in rest))]
+
+
+def junit(comparison: Comparison) -> str:
+    """JUnit XML: a suite per material, a case material/codec/quantity for each deciding number. Regressions and rows
+    that are not comparable are failures; allowed and new rows are skipped."""
+    root = Element("testsuites", name="neubtf-bench compare")
+    rows = [*comparison.rows, *comparison.means]
+    for material in dict.fromkeys(row.material for row in rows):
+        suite = SubElement(root, "testsuite", name=_legal(material))
+        for row in rows:
+            if row.material == material:
+                suite.extend(_cases(row))
+    for element in (root, *root):
+        cases = list(element.iter("testcase"))
+        failed, skipped = (sum(case.find(what) is not None for case in cases) for what in ("failure", "skipped"))
+        element.attrib |= {"tests": str(len(cases)), "failures": str(failed), "errors": "0"}
+        if element is not root:
+            element.set("skipped", str(skipped))
+        element.set("time", "0")
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True).decode() + "\n"
+
+
+def _cases(row: ComparedRow) -> Iterator[Element]:
+    if row.why or not row.deciding:
+        yield _case(row, "result", row.verdict, row.why)
+    for change in row.deciding:
+        yield _case(row, change.quantity.name, change.verdict, sentence(change))
+
+
+def _case(row: ComparedRow, what: str, verdict: Verdict, text: str) -> Element:
+    case = Element("testcase", classname=_legal(row.name), name=_legal(f"{row.name}/{what}"), time="0")
+    if verdict in FORBIDDEN and not (row.allowed and verdict in (Verdict.UNLIKE, Verdict.GONE)):
+        SubElement(case, "failure", type=verdict.lower(), message=_legal(text)).text = _legal(f"{row.name}: {text}")
+    elif verdict in (Verdict.UNLIKE, Verdict.GONE, Verdict.NEW):
+        SubElement(case, "skipped", message=_legal(text or verdict))
+    return case
+
+
+def _legal(text: str) -> str:
+    """The text without characters that XML 1.0 cannot hold, such as the colour codes of an error message."""
+    return _NOT_XML.sub("", text)
+
+
+def tracker(run: Run) -> dict[str, str]:
+    """The text of each file by its name: means over the seeds of every finished job, and the times of decoders."""
+    entries: dict[str, list[dict[str, Any]]] = {name: [] for name in FILES.values()}
+    rows = by_row(job for job in run.jobs if job["status"] == "ok")
+    timed = multiples([job for jobs in rows.values() for job in jobs], list(run.timings))
+    for row, jobs in rows.items():
+        for quantity in [*deciding(jobs[0]), *undeciding(jobs[0])]:
+            values = [value for job in jobs if (value := quantity.value(job)) is not None and math.isfinite(value)]
+            if len(values) == len(jobs):
+                unit = quantity.unit or quantity.name
+                entries[FILES[quantity.better]].append(_entry("/".join((*row, quantity.name)), unit, values))
+        if row in timed:
+            entry = _entry("/".join((*row, "time")), "× mean-colour", [timed[row].mean])
+            entries[FILES["lower"]].append(entry | {"range": "{:.3g} to {:.3g}".format(*timed[row].interval)})
+    return {name: json.dumps(listed, indent=1, ensure_ascii=False) + "\n" for name, listed in entries.items()}
+
+
+def _entry(name: str, unit: str, values: list[float]) -> dict[str, Any]:
+    mean = math.fsum(values) / len(values)
+    half = (max(values) - min(values)) / 2
+    entry: dict[str, Any] = {"name": name, "unit": unit, "value": float(f"{mean:.7g}")}
+    return entry | ({"range": f"± {half:.2g}", "extra": f"{len(values)} seeds"} if len(values) > 1 else {})
