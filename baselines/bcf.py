@@ -109,17 +109,10 @@ class BCFObjective(DirectedObjective):
         places, order = within.flatten().flip(0), torch.arange(within.numel()).flip(0)
         block[places], share[places] = order // within.shape[1], shares.flatten(0, 1)[order]
         self.share = nn.Parameter(share)
-        for name, values in {"block": block, "within": within, "levels": LEVELS}.items():
-            self.register_buffer(name, values, persistent=False)
-        for name in ("low", "span"):  # the range of each channel's codes; a span of 0 means that there are none yet
-            self.register_buffer(name, torch.zeros(settings.textures, 3))
+        self.block, self.within, self.levels = (nn.Buffer(x, persistent=False) for x in (block, within, LEVELS))
+        # The range of each channel's codes; a span of 0 means that there are none yet.
+        self.low, self.span = (nn.Buffer(torch.zeros(settings.textures, 3)) for _ in range(2))
         self.ranged = False  # whether the range is set: kept on the host, which else would wait for a GPU at each step
-
-    block: Tensor
-    within: Tensor
-    low: Tensor
-    span: Tensor
-    levels: Tensor
 
     def restored(self) -> None:
         super().restored()

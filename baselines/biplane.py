@@ -186,15 +186,9 @@ class BiplaneObjective(TextureObjective):
         self.rounded_texels, self.rounded_planes = Rounding(FEATURES + COLOURS, bits), Rounding(FEATURES, bits)
         h, d = half_and_difference(samples.wo, samples.wi, settings.difference)
         corner, weight = texel_corners((SIDE, SIDE), places(h, SIDE))
-        named = {"corner": corner, "weight": weight, "d": d[:, :2], "kernel": blurring(SIDE, settings.blur)}
-        for name, values in (named | {"material": material}).items():
-            self.register_buffer(name, values, persistent=False)
-
-    material: Tensor  # (texels,)
-    corner: Tensor  # (pairs, 4), as the next
-    weight: Tensor
-    d: Tensor  # (pairs, 2)
-    kernel: Tensor
+        held = (material, corner, weight, d[:, :2], blurring(SIDE, settings.blur))
+        # (texels,), twice (pairs, 4), (pairs, 2), and the kernel.
+        self.material, self.corner, self.weight, self.d, self.kernel = (nn.Buffer(x, persistent=False) for x in held)
 
     def groups(self) -> list[dict[str, Any]]:
         planes = [{"params": [self.texture, self.free, self.colours], "lr": self.settings.plane_rate}]

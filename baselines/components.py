@@ -11,8 +11,7 @@ from bench.codec import Fit
 from bench.directions.interpolation import PairInterpolator
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.training import Rounding, round_after
-from bench.training.reading import blocks
-from bench.training.svd import Factors, truncated_svd
+from bench.training.svd import Factors, blocks, truncated_svd
 
 PROBED_PAIRS, PROBED_TEXELS = 32, 1_024  # samples that measure the error of rounding a number
 

@@ -19,7 +19,7 @@ from baselines.pyramids import queries_of
 from bench.inputs.settings import BatchSize, NotNegative, Range
 from bench.material import DecoderCost, Material, sample_texture, saturated, to_radiance
 from bench.metrics.display import LOG_SCALE
-from bench.training import Batch, Samples, distance
+from bench.training import Batch, distance
 from bench.training.inputs import COUNTS, direction_inputs
 
 CHANNELS = 25  # between the layers: 7, 12, 3 and 3 of the branches
@@ -34,44 +34,6 @@ PAPER = {"steps": 30_000, "batch": 30_000, "patch": 64, "rate": 5e-4, "bits": 8,
 PAPER |= {"start": "random", "optimiser": "adam", "blur": True, "loss": "root", "gradient": 1.0}
 
 Octaves = Annotated[int, Range(0, 16)]
-
-
-class Hierarchical(NeuMIP):
-    """A hierarchical architecture: NeuMIP's pyramid and offset, and convolutions over the neighbours of a point.
-
-    Code: https://github.com/yley123/A-Hierarchical-Architecture-for-Neural-Materials
-
-    @article{xue2024hierarchical,
-      author = {Xue, Bowen and Zhao, Shuang and Jensen, Henrik Wann and Montazeri, Zahra},
-      title = {A Hierarchical Architecture for Neural Materials},
-      journal = {Computer Graphics Forum},
-      year = {2024},
-      url = {https://arxiv.org/abs/2307.10135}
-    }
-    """
-
-    name, version = "hierarchical", 2
-    sizes = ("channels",)
-    recipes: ClassVar = {"paper": PAPER}
-
-    @dataclass(frozen=True)
-    class Settings(PyramidSettings):
-        batch: BatchSize = 4_096  # samples a step, in whole patches
-        patch: Annotated[int, Range(1, 1024)] = 8  # texels a side of a patch, whose samples share their directions
-        recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, start, Adam, blur, loss, rate and batch
-        octaves: Octaves = 0  # octaves of the sines of each of these inputs; 0: the inputs themselves
-        places: Octaves = 10  # octaves of the sines of u and of v; those that texels cannot show are 0
-        loss: Literal["both", "l1", "root"] = "both"  # log errors; or the absolute error of fourth roots, as published
-        gradient: NotNegative = 0.0  # weight of the squared error of Sobel gradients, from a quarter of the steps on
-
-    def networks(self) -> Networks:
-        return HierarchicalNetworks(self.settings)
-
-    def objective(self, levels: list[Samples], generator: torch.Generator) -> NeuMIPObjective:
-        return HierarchicalObjective(levels, self.settings, generator)
-
-    def material(self, *held: Any) -> Material:
-        return HierarchicalMaterial(*held)
 
 
 class Inception(nn.Module):
@@ -274,3 +236,33 @@ class HierarchicalMaterial(Material):
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         queries = uv, wo, wi, self.pyramid.level(footprint)
         return self.networks.pictures(self.pyramid, (self.table, self.offset), queries)[:, 0, 0] / self.gain
+
+
+class Hierarchical(NeuMIP):
+    """A hierarchical architecture: NeuMIP's pyramid and offset, and convolutions over the neighbours of a point.
+
+    Code: https://github.com/yley123/A-Hierarchical-Architecture-for-Neural-Materials
+
+    @article{xue2024hierarchical,
+      author = {Xue, Bowen and Zhao, Shuang and Jensen, Henrik Wann and Montazeri, Zahra},
+      title = {A Hierarchical Architecture for Neural Materials},
+      journal = {Computer Graphics Forum},
+      year = {2024},
+      url = {https://arxiv.org/abs/2307.10135}
+    }
+    """
+
+    name, version = "hierarchical", 2
+    sizes = ("channels",)
+    recipes: ClassVar = {"paper": PAPER}
+    objective, material = HierarchicalObjective, HierarchicalMaterial
+
+    @dataclass(frozen=True)
+    class Settings(PyramidSettings):
+        batch: BatchSize = 4_096  # samples a step, in whole patches
+        patch: Annotated[int, Range(1, 1024)] = 8  # texels a side of a patch, whose samples share their directions
+        recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, start, Adam, blur, loss, rate and batch
+        octaves: Octaves = 0  # octaves of the sines of each of these inputs; 0: the inputs themselves
+        places: Octaves = 10  # octaves of the sines of u and of v; those that texels cannot show are 0
+        loss: Literal["both", "l1", "root"] = "both"  # log errors; or the absolute error of fourth roots, as published
+        gradient: NotNegative = 0.0  # weight of the squared error of Sobel gradients, from a quarter of the steps on

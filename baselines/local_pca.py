@@ -128,8 +128,7 @@ def _fitted(points: np.ndarray, label: np.ndarray, components: int) -> tuple[np.
 
 def _error(points: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """The squared distance (n,) of points (n, k) from the span of some directions (k, components)."""
-    distance: np.ndarray = np.square(points).sum(1) - np.square(points @ axes).sum(1)
-    return distance
+    return np.square(points).sum(1) - np.square(points @ axes).sum(1)
 
 
 class LocalPCAMaterial(Material):

@@ -5,6 +5,7 @@ the view, as parallax does. Details that the paper leaves open follow the author
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -54,78 +55,6 @@ class PyramidSettings(TextureSettings):
     bits: Bits = 0  # bits of a stored number of the textures on average; 0: chosen by the fit; 16, 32: floats
 
 
-class NeuMIP(Codec):
-    """NeuMIP: a pyramid of latents, a parallax offset and a decoder; answers at any footprint.
-
-    Code: https://github.com/straintensor/NeuMIP
-
-    @article{kuznetsov2021neumip,
-      author = {Kuznetsov, Alexandr and Mullia, Krishna and Xu, Zexiang and Hašan, Miloš and Ramamoorthi, Ravi},
-      title = {{NeuMIP}: Multi-Resolution Neural Materials},
-      journal = {ACM Transactions on Graphics},
-      volume = {40},
-      number = {4},
-      articleno = {175},
-      year = {2021},
-      doi = {10.1145/3450626.3459795}
-    }
-    """
-
-    name, version = "neumip", 5
-    sizes = ("channels",)
-    recipes: ClassVar = {"paper": PAPER}
-
-    @dataclass(frozen=True)
-    class Settings(PyramidSettings):
-        recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs and start, Adam, the authors' blur and loss
-        steps: Natural = 10_000  # steps of the fit
-        width: Width = 25  # of the decoder's hidden layers
-        outputs: int = 6  # of the decoder: colour and mask, as in the authors' code, or 3, colour, as in their text
-        loss: Literal["both", "l1", "balanced", "highlights"] = "both"  # log errors; the last two are the authors'
-
-        def __post_init__(self) -> None:
-            if self.outputs not in (3, 6):
-                raise InputError(f"codec neumip has 3 or 6 outputs, not {self.outputs}")
-
-    def encode(self, btf: BTF, fit: Fit) -> Parts:
-        gain = gain_of(btf, fit)
-        count = fitted_levels(btf, fit, level_count(btf.shape))
-        levels = Samples.levels(btf, count, gain, fit)
-        objective = self.objective(levels, fit.generator())
-        progress = train(objective, fit, self.settings.steps, self.settings.patience)
-        pyramid, offset = (None if t is None else t.detach() for t in objective.blurred(progress=progress))
-        assert pyramid is not None
-        texture = store_texture("pyramid", pyramid, objective.rounded_table, Pyramid(btf.shape, count).levels)
-        if offset is not None and objective.rounded_offset is not None:
-            texture |= store_texture("offset", offset, objective.rounded_offset, [btf.shape])
-        other = {"gain": torch.tensor([gain]), "size": torch.tensor(btf.shape, dtype=torch.int32)}
-        if count < level_count(btf.shape):
-            other["levels"] = torch.tensor([count], dtype=torch.uint8)
-        return Parts(store_network(objective.networks, self.settings.weights), texture, other=other)
-
-    def decode(self, parts: Parts, device: torch.device) -> Material:
-        networks = load_network(self.networks(), parts.decoder)
-        height, width = parts.other["size"].tolist()
-        levels = int(parts.other["levels"]) if "levels" in parts.other else None
-        if min(height, width) < 1 or not 1 <= (levels or 1) <= level_count((height, width)):
-            raise ValueError(f"a pyramid of {levels} levels over {height} × {width} texels")
-        pyramid = Pyramid((height, width), levels)
-        offset = load_texture("offset", parts.texture, [(height, width)]) if self.settings.offset else None
-        table = load_texture("pyramid", parts.texture, pyramid.levels)
-        if len(table) != sum(pyramid.counts) or (offset is not None and len(offset) != height * width):
-            raise ValueError(f"its textures do not fit {height} × {width} texels")
-        return self.material(pyramid, networks, table, offset, float(parts.other["gain"])).to(device)
-
-    def networks(self) -> "Networks":
-        return Networks(self.settings)
-
-    def objective(self, levels: list[Samples], generator: torch.Generator) -> "NeuMIPObjective":
-        return NeuMIPObjective(levels, self.settings, generator)
-
-    def material(self, *held: Any) -> Material:
-        return NeuMIPMaterial(*held)
-
-
 def level_count(size: tuple[int, int]) -> int:
     """The number of levels of a picture (H, W): the authors' ⌊log2 of the longer side⌋, sides of at least one texel."""
     return max(1, min(int(math.log2(max(size))), int(math.log2(min(size))) + 1))
@@ -136,9 +65,8 @@ class Pyramid(Levels):
 
     def __init__(self, size: tuple[int, int], levels: int | None = None):
         super().__init__(size, levels or level_count(size))
-        self.register_buffer("reach", OFFSET_SCALE * torch.tensor(periods(size)), persistent=False)
-
-    reach: Tensor  # (2,), of an offset of 1 along u and v: equally far on the surface
+        # (2,), of an offset of 1 along u and v: equally far on the surface.
+        self.reach = nn.Buffer(OFFSET_SCALE * torch.tensor(periods(size)), persistent=False)
 
     def sample(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
         """As `fetch` at real levels, without a gradient: one bilinear fetch if all levels are the finest."""
@@ -157,12 +85,10 @@ class Networks(nn.Module):
 
     def __init__(self, settings: Any, generator: torch.Generator | None = None):
         super().__init__()
-        self.directions, self.decoder = settings.directions, self.first(settings, generator)
+        self.directions = settings.directions
+        self.decoder: Any = self.first(settings, generator)
         self.offset = Decoder(Architecture(settings.channels + 2, WIDTHS, 1), generator) if settings.offset else None
-        self.register_buffer("to_rgb", torch.tensor(YUV_TO_RGB).T.contiguous(), persistent=False)
-
-    to_rgb: Tensor
-    decoder: Any
+        self.to_rgb = nn.Buffer(torch.tensor(YUV_TO_RGB).T.contiguous(), persistent=False)
 
     def first(self, settings: Any, generator: torch.Generator | None) -> nn.Module:
         """The decoder, as a fit starts with it."""
@@ -302,3 +228,68 @@ class NeuMIPMaterial(Material):
             uv = self.networks.move(uv, latents, wo, self.pyramid.reach)
         latents = self.pyramid.sample(self.table, uv, self.pyramid.level(footprint))
         return self.networks.colour(latents, wo, wi) / self.gain
+
+
+class NeuMIP(Codec):
+    """NeuMIP: a pyramid of latents, a parallax offset and a decoder; answers at any footprint.
+
+    Code: https://github.com/straintensor/NeuMIP
+
+    @article{kuznetsov2021neumip,
+      author = {Kuznetsov, Alexandr and Mullia, Krishna and Xu, Zexiang and Hašan, Miloš and Ramamoorthi, Ravi},
+      title = {{NeuMIP}: Multi-Resolution Neural Materials},
+      journal = {ACM Transactions on Graphics},
+      volume = {40},
+      number = {4},
+      articleno = {175},
+      year = {2021},
+      doi = {10.1145/3450626.3459795}
+    }
+    """
+
+    name, version = "neumip", 5
+    sizes = ("channels",)
+    recipes: ClassVar = {"paper": PAPER}
+    objective: ClassVar[type[NeuMIPObjective]] = NeuMIPObjective
+    material: ClassVar[Callable[..., Material]] = NeuMIPMaterial
+
+    @dataclass(frozen=True)
+    class Settings(PyramidSettings):
+        recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs and start, Adam, the authors' blur and loss
+        steps: Natural = 10_000  # steps of the fit
+        width: Width = 25  # of the decoder's hidden layers
+        outputs: int = 6  # of the decoder: colour and mask, as in the authors' code, or 3, colour, as in their text
+        loss: Literal["both", "l1", "balanced", "highlights"] = "both"  # log errors; the last two are the authors'
+
+        def __post_init__(self) -> None:
+            if self.outputs not in (3, 6):
+                raise InputError(f"codec neumip has 3 or 6 outputs, not {self.outputs}")
+
+    def encode(self, btf: BTF, fit: Fit) -> Parts:
+        gain = gain_of(btf, fit)
+        count = fitted_levels(btf, fit, level_count(btf.shape))
+        levels = Samples.levels(btf, count, gain, fit)
+        objective = self.objective(levels, self.settings, fit.generator())
+        progress = train(objective, fit, self.settings.steps, self.settings.patience)
+        pyramid, offset = (None if t is None else t.detach() for t in objective.blurred(progress=progress))
+        assert pyramid is not None
+        texture = store_texture("pyramid", pyramid, objective.rounded_table, Pyramid(btf.shape, count).levels)
+        if offset is not None and objective.rounded_offset is not None:
+            texture |= store_texture("offset", offset, objective.rounded_offset, [btf.shape])
+        other = {"gain": torch.tensor([gain]), "size": torch.tensor(btf.shape, dtype=torch.int32)}
+        if count < level_count(btf.shape):
+            other["levels"] = torch.tensor([count], dtype=torch.uint8)
+        return Parts(store_network(objective.networks, self.settings.weights), texture, other=other)
+
+    def decode(self, parts: Parts, device: torch.device) -> Material:
+        networks = load_network(self.objective.made_of(self.settings), parts.decoder)
+        height, width = parts.other["size"].tolist()
+        levels = int(parts.other["levels"]) if "levels" in parts.other else None
+        if min(height, width) < 1 or not 1 <= (levels or 1) <= level_count((height, width)):
+            raise ValueError(f"a pyramid of {levels} levels over {height} × {width} texels")
+        pyramid = Pyramid((height, width), levels)
+        offset = load_texture("offset", parts.texture, [(height, width)]) if self.settings.offset else None
+        table = load_texture("pyramid", parts.texture, pyramid.levels)
+        if len(table) != sum(pyramid.counts) or (offset is not None and len(offset) != height * width):
+            raise ValueError(f"its textures do not fit {height} × {width} texels")
+        return self.material(pyramid, networks, table, offset, float(parts.other["gain"])).to(device)

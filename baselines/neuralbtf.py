@@ -132,8 +132,7 @@ class Networks(nn.Module):
             *textures, texture = textures
             moved = self.offset(torch.cat([sample_texture(texture, uv), wo], 1)).tanh()
             uv = uv + (self.gate * moved).to(uv.dtype)
-        numbers: Tensor = self.decoder(torch.cat([*(sample_texture(each, uv) for each in textures), directions], 1))
-        return numbers
+        return self.decoder(torch.cat([*(sample_texture(each, uv) for each in textures), directions], 1))
 
     def level(self, numbers: Tensor) -> Tensor:
         """The log radiance (n, 3) of an answer: itself, or as published that of radiance × exposure."""
@@ -143,8 +142,6 @@ class Networks(nn.Module):
 class NeuralBTFObjective(TextureObjective):
     """The textures and the networks, all free."""
 
-    directions: Tensor  # (pairs, inputs): those of `seen`
-
     def __init__(self, samples: Samples, settings: NeuralBTF.Settings, generator: torch.Generator):
         super().__init__(samples, settings)
         self.network: Networks = Networks(settings, generator)
@@ -152,7 +149,7 @@ class NeuralBTFObjective(TextureObjective):
         self.network.decoder.start_at(mean.expm1() / LOG_SCALE if settings.relative else mean)
         self.free = nn.ParameterDict(first_textures(samples, settings, generator))
         self.roundings: Any = nn.ModuleDict({name: Rounding(settings.channels, settings.bits) for name in self.free})
-        self.register_buffer("directions", seen(samples.wo, samples.wi, settings.directions), persistent=False)
+        self.directions = nn.Buffer(seen(samples.wo, samples.wi, settings.directions), persistent=False)
 
     def rate(self, step: int, steps: int, group: int) -> float:
         return super().rate(step, steps, group) if self.settings.decay else 1.0
@@ -161,8 +158,7 @@ class NeuralBTFObjective(TextureObjective):
         """The network's output at the texels and pairs of a batch."""
         textures = [self.roundings[name](values) for name, values in self.free.items()]
         uv, wo = self.samples.centres(batch.texel), self.samples.wo[batch.pair]
-        answer: Tensor = self.network(textures, uv, wo, self.directions.index_select(0, batch.pair))
-        return answer
+        return self.network(textures, uv, wo, self.directions.index_select(0, batch.pair))
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         return self.network.level(self.answer(batch))

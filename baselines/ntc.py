@@ -117,17 +117,14 @@ def encoded_places(size: tuple[int, ...]) -> Tensor:
 class Reader(nn.Module):
     """The network's input for each texel of a picture: where its grids are read, and the encoding of its place."""
 
-    fine: Tensor  # (H · W, 4), as the next two
-    coarse: Tensor
-    weight: Tensor
-    place: Tensor  # (H · W, 12)
-
     def __init__(self, size: tuple[int, ...], reduction: int):
         super().__init__()
         uv = texel_centres(size[0], size[1])
         (fine, _), (coarse, weight) = (texel_corners(each, uv) for each in sizes(size, reduction))
-        for name, values in {"fine": fine, "coarse": coarse, "weight": weight, "place": encoded_places(size)}.items():
-            self.register_buffer(name, values, persistent=False)
+        # Three of (H · W, 4), and the encoded places (H · W, 12).
+        self.fine, self.coarse, self.weight, self.place = (
+            nn.Buffer(values, persistent=False) for values in (fine, coarse, weight, encoded_places(size))
+        )
 
     def forward(self, texel: Tensor, fine: Tensor, coarse: Tensor) -> Tensor:
         """The numbers (n, 4 · F + C + 12) of texels (n,), of grids (points, F) and (points, C)."""

@@ -54,11 +54,8 @@ class Levels(nn.Module):
         self.counts = counts = [height * width for height, width in self.levels]
         self.side = max(size)
         starts = [sum(counts[:i]) for i in range(levels)]
-        self.register_buffer("sizes", torch.tensor(self.levels), persistent=False)
-        self.register_buffer("starts", torch.tensor(starts), persistent=False)
-
-    sizes: Tensor
-    starts: Tensor
+        self.sizes = nn.Buffer(torch.tensor(self.levels), persistent=False)
+        self.starts = nn.Buffer(torch.tensor(starts), persistent=False)
 
     def level(self, footprint: Tensor) -> Tensor:
         """The level (n,) of footprints (n,) in texture units: log2 of texels, within the pyramid."""

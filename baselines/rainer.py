@@ -101,7 +101,6 @@ class Fitted(TextureObjective):
     """A decoder and the source of its latents; each texel's statistics are taken from the data."""
 
     network: Decoder
-    statistics: Tensor  # (texels, 2, 3): mean and deviation of each texel's log ABRDF
     coordinates: Tensor  # (pairs, k): the decoder's inputs of each pair
 
     def __init__(self, samples: Samples, decoder: Decoder, settings: RainerSettings, fit: Fit):
@@ -109,7 +108,8 @@ class Fitted(TextureObjective):
         self.network = decoder
         blocks = torch.arange(samples.texels, device=fit.device).split(BLOCK)
         stats = [statistics(samples.abrdfs(block)) for block in fit.progress(blocks, "texel statistics")]
-        self.register_buffer("statistics", torch.cat(stats), persistent=False)
+        # (texels, 2, 3): mean and deviation of each texel's log ABRDF.
+        self.statistics = nn.Buffer(torch.cat(stats), persistent=False)
 
     def where(self, batch: Batch) -> Tensor:
         """The decoder's coordinates (n, k) of the pairs of a batch."""

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from baselines import rainer
 from bench.btf import BTF, Layout
@@ -130,11 +130,8 @@ class Coder(torch.nn.Module):
         self.decoder = decoder_of(network)
         self.resampled = Resampler(samples.btf.layout, canonical)
         count = min(samples.pairs, CHECKED)
-        self.register_buffer("checked", torch.linspace(0, samples.pairs - 1, count).round().long())
-        self.register_buffer("where", rainer.coordinates(samples.wo, samples.wi).cpu()[self.checked])
-
-    checked: Tensor  # (P,)
-    where: Tensor  # (P, 4)
+        self.checked = nn.Buffer(torch.linspace(0, samples.pairs - 1, count).round().long())  # (P,)
+        self.where = nn.Buffer(rainer.coordinates(samples.wo, samples.wi).cpu()[self.checked])  # (P, 4)
 
     @torch.no_grad()
     def forward(self, abrdfs: Tensor) -> Tensor:
@@ -158,11 +155,7 @@ class Resampler(torch.nn.Module):
         super().__init__()
         wo, wi = target.views[target.view], target.lights[target.light]
         taps = PairInterpolator(layout)(torch.from_numpy(wo), torch.from_numpy(wi))
-        self.register_buffer("sample", taps.sample)
-        self.register_buffer("weight", taps.weight)
-
-    sample: Tensor
-    weight: Tensor
+        self.sample, self.weight = nn.Buffer(taps.sample), nn.Buffer(taps.weight)
 
     def forward(self, abrdfs: Tensor) -> Tensor:
         radiance = abrdfs.expm1()

@@ -101,12 +101,8 @@ class TriplePlaneObjective(TextureObjective):
         corners = zip(*(texel_corners((side, side), each) for each in uv), strict=True)
         texel, weight = (torch.stack(both, 1) for both in corners)
         texel += torch.tensor([[0], [side * side]])
-        for name, values in {"kernel": blurring(side, settings.blur), "texel": texel, "weight": weight}.items():
-            self.register_buffer(name, values, persistent=False)
-
-    kernel: Tensor
-    texel: Tensor  # (N, 2, 4), as the next
-    weight: Tensor
+        self.kernel = nn.Buffer(blurring(side, settings.blur), persistent=False)
+        self.texel, self.weight = (nn.Buffer(each, persistent=False) for each in (texel, weight))  # (N, 2, 4)
 
     def planes(self) -> Tensor:
         """The planes (2, side, side, C) over the half and the difference vector, blurred."""
@@ -118,8 +114,7 @@ class TriplePlaneObjective(TextureObjective):
         planes = self.rounded_planes(self.planes()).flatten(0, 2)
         rows = planes.index_select(0, texel.flatten()).unflatten(0, texel.shape)
         features = (rows * weight[..., None]).sum(2).flatten(1)
-        level: Tensor = self.network(torch.cat([texture.index_select(0, batch.texel), features], 1))
-        return level
+        return self.network(torch.cat([texture.index_select(0, batch.texel), features], 1))
 
 
 class TriplePlaneMaterial(Material):

@@ -21,7 +21,7 @@ from bench.directions.interpolation import PairInterpolator, pack_layout, unpack
 from bench.inputs.settings import Count, Range
 from bench.material import DecoderCost, Material, saturated, texel_corners, to_radiance
 from bench.training import Bits, gain_of, load_texture, round_after, store_texture
-from bench.training.reading import blocks
+from bench.training.svd import blocks
 
 BLOCK_BYTES = 64 << 20  # slices read together
 MOST_LABELS = 1 << 24  # of all stages, if fewer are stored: the index of a one-entry codebook takes no bytes

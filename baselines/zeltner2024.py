@@ -21,7 +21,7 @@ from bench.inputs.settings import Count, Natural
 from bench.material import HIGHEST_LEVEL, DecoderCost, Material, at_least_float32, sample_texture, to_radiance
 from bench.training import Batch, FitSettings, Samples, TextureObjective, distance, first_latents, fitted
 from bench.training.decoder import Activation, Architecture, Decoder, load_network
-from bench.training.frames import Frames
+from bench.training.inputs import Frames
 from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
 
 BRIGHTEST = 1e5  # gain · radiance that the sigmoid of the authors' code can answer
@@ -102,8 +102,7 @@ class FramedNetwork(nn.Module):
         if self.code:  # only the cosines of the directions themselves
             whole, cosines = turned.unflatten(1, (4, -1)).split([2, 2], 1)
             turned = torch.cat([whole.flatten(1), cosines[:, :, 2::3].flatten(1)], 1)
-        outputs: Tensor = self.decoder(torch.cat([latents, turned.to(latents.dtype)], 1))
-        return outputs
+        return self.decoder(torch.cat([latents, turned.to(latents.dtype)], 1))
 
 
 class Zeltner2024Objective(TextureObjective):
@@ -124,8 +123,7 @@ class Zeltner2024Objective(TextureObjective):
     def outputs(self, batch: Batch) -> Tensor:
         """The network's outputs at the texels and pairs of a batch."""
         latents = self.rounding(self.latents()).index_select(0, batch.texel)
-        outputs: Tensor = self.network(latents, self.samples.wo[batch.pair], self.samples.wi[batch.pair])
-        return outputs
+        return self.network(latents, self.samples.wo[batch.pair], self.samples.wi[batch.pair])
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         outputs = self.outputs(batch)

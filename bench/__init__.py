@@ -7,7 +7,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bench.data.arrays import from_arrays as from_arrays
+    from bench.data.open import from_arrays as from_arrays
     from bench.runs.history import load_runs as load_runs
     from bench.runs.library import encode as encode
     from bench.runs.library import load as load
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     __version__: str
 
 _LAZY = dict.fromkeys(("open", "encode", "load", "score"), "bench.runs.library") | {
-    "from_arrays": "bench.data.arrays",
+    "from_arrays": "bench.data.open",
     "load_runs": "bench.runs.history",
 }
 

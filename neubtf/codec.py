@@ -16,8 +16,16 @@ from bench.codec import Codec, Fit, Parts
 from bench.material import Material
 from bench.training import Samples, gain_of, round_after, store_texture, train
 from bench.training.decoder import store_network
-from neubtf.autoencoder import STRIDE, Autoencoder
-from neubtf.encoder import Encoder, as_guidance, displayed, eight_bits, load_encoder, store_encoder
+from neubtf.autoencoder import (
+    STRIDE,
+    Autoencoder,
+    Encoder,
+    as_guidance,
+    displayed,
+    eight_bits,
+    load_encoder,
+    store_encoder,
+)
 from neubtf.published import PAPER, Published
 from neubtf.renderer import load
 from neubtf.training import Staged, StagedSettings, slice_of

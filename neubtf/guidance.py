@@ -1,27 +1,30 @@
 """Makes guidance images from pictures: reads, shrinks, makes tileable, and matches the brightness of the training.
 
 Everything up to the last step is linear Rec. 709, float32 (H, W, 3), and treated as periodic. The encoder sees the
-result of the display transform: sRGB in [0, 1].
+result of the display transform: sRGB in [0, 1]. A periodic guidance image gives a tileable texture, because the
+encoder is periodic, too.
 """
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from bench.data.materials.maps import resize
+from bench.data.materials.maps import make_periodic, resize
 from bench.data.readers.files import FolderFiles, file_digest
 from bench.data.readers.pictures import picture_size, read_picture
 from bench.inputs.errors import InputError
-from bench.metrics.display import LUMA, decode_srgb, to_display
-from neubtf.tileable import blended
+from bench.metrics.display import LOG_SCALE, LUMA, decode_srgb, to_display
+from neubtf.autoencoder import STRIDE
+from neubtf.renderer import NeuBTFMaterial
 
 Array = np.ndarray
 LARGEST = 1 << 24  # texels of a texture: 14 channels of them are 940 MB while it is made
 MATCH, RADIANCE = "match", "radiance"
+FRONTAL = np.array([[[0.0, 0, 1], [0, 0, 1]]])  # only the pair along the normal
 
 
 @dataclass(frozen=True)
@@ -108,3 +111,50 @@ def _number(text: str) -> float:
         return float(text)
     except ValueError:
         return 0.0
+
+
+def blended(picture: Array, margin: float) -> Array:
+    """A linear picture (H, W, 3), ≥ 0; its far margins, a share of each side, are blended into its near ones.
+
+    The picture loses the margins, and up to three more texels, so that the autoencoder's cells fit the period.
+    """
+    overlap = (_overlap(picture.shape[0], margin), _overlap(picture.shape[1], margin))
+    return np.maximum(make_periodic(picture, overlap), 0).astype(np.float32) if any(overlap) else picture
+
+
+def _overlap(side: int, margin: float) -> int:
+    least = round(side * margin)
+    fitting = least + (side - least) % STRIDE
+    return fitting if least and 2 * fitting <= side else least
+
+
+class Seam(NamedTuple):
+    """The mean gradient across a border, over the mean and over the largest of those inside."""
+
+    of_mean: float
+    of_largest: float
+
+
+def seam_of(material: NeuBTFMaterial, pairs: Array) -> tuple[Seam, Seam]:
+    """The seam at the left–right, and at the top–bottom border of a material, in displayed slices.
+
+    `pairs` (n, 2, 3) are wo and wi; gradients are means over their slices. The border is compared with steps between
+    two of the autoencoder's cells, larger than those within a cell; the ratios are infinite if there is no such step.
+    """
+    exposure = material.gain / LOG_SCALE
+    slices = [to_display(material.slice(wo.tolist(), wi.tolist()).numpy(), exposure) for wo, wi in pairs]
+    left_right, top_bottom = (_seam(np.mean([_steps(each, axis) for each in slices], 0)) for axis in (1, 0))
+    return left_right, top_bottom
+
+
+def _steps(picture: Array, axis: int) -> Array:
+    """The mean |difference| between each column (or row) and the next, the last with the first."""
+    along = np.moveaxis(picture, axis, 0)
+    return np.abs(np.diff(along, axis=0, append=along[:1])).mean((1, 2))
+
+
+def _seam(steps: Array) -> Seam:
+    inside = steps[STRIDE - 1 : -1 : STRIDE]
+    if not inside.any():
+        return Seam(np.inf, np.inf)
+    return Seam(float(steps[-1] / inside.mean()), float(steps[-1] / inside.max()))

@@ -17,9 +17,8 @@ from bench.codecs.container import Header
 from bench.inputs.errors import InputError
 from bench.metrics.display import LOG_SCALE
 from bench.training.stored_texture import store_alike
-from neubtf.autoencoder import HALO, STRIDE, Pooled, surrounded
+from neubtf.autoencoder import HALO, STRIDE, Encoder, Pooled, read_encoder, surrounded
 from neubtf.codec import NeuBTF
-from neubtf.encoder import Encoder, read_encoder
 from neubtf.guidance import Treatment, read_guidance
 
 TILE = 384  # texels a side, without the halo; a multiple of the stride

@@ -18,8 +18,7 @@ from bench.inputs.errors import InputError
 from bench.inputs.settings import BatchSize, Natural, NotNegative, Positive, Range, Share
 from bench.training import Batch, Decoder, Loss, NetworkSettings, Objective, Samples, distance, first_latents, groups_of
 from neubtf.augmentation import Crop, Disturbance, draw_scale
-from neubtf.autoencoder import STRIDE
-from neubtf.encoder import Encoder, displayed
+from neubtf.autoencoder import STRIDE, Encoder, displayed
 from neubtf.renderer import RendererSettings, render
 
 ENCODERS = {"adam": 1, "muon": 2}  # its groups of parameters, before those of the renderer and the texture
@@ -85,8 +84,7 @@ class Guided(Objective):
         self.renderer = Decoder(settings.architecture, generator)
         self.renderer.start_at(samples.mean(generator), settings.init == "faint")
         self.disturbance = Disturbance(settings.hue, settings.blur, settings.noise)
-        self.guidance: Tensor
-        self.register_buffer("guidance", guidance, persistent=False)
+        self.guidance = nn.Buffer(guidance, persistent=False)
 
     def groups(self) -> list[dict[str, Any]]:
         settings = self.settings

@@ -66,9 +66,9 @@ def table_text(
     from bench.compare.choosing import has_validation
     from bench.records import load_together
     from reports import trade
-    from reports.csv_tables import results_csv
     from reports.tables import all_tables
     from reports.terminal import terminal
+    from reports.text import results_csv
 
     if format not in FORMATS or kind not in (None, *KINDS):
         raise ValueError(f"format {format!r}, kind {kind!r}: none such")
@@ -101,12 +101,10 @@ def paper_text(run: "Run", absent: Mapping[str, str], format: str = "text", choi
 def _written(tables: Iterable["Table | None"], format: str, choice: "Choice | None" = None) -> str:
     """Tables in a format; their `raw` form, too, is their cells."""
     from reports import text
-    from reports.csv_tables import table_csv
-    from reports.latex import latex
 
-    writers = {"text": text.plain, "markdown": text.markdown, "latex": latex, "csv": table_csv, "raw": table_csv}
+    writers = {"text": text.plain, "markdown": text.markdown, "latex": text.latex}
     shown = [table for table in tables if table]
-    return writers[format](choice.of_tables(shown) if choice else shown)
+    return writers.get(format, text.table_csv)(choice.of_tables(shown) if choice else shown)
 
 
 def score_text(record: "Record") -> str:

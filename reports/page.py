@@ -18,16 +18,16 @@ from bench.records import ARTEFACT, RESULTS, Run, field_names, grouped, kept
 from reports import series
 from reports.atlas import MAGMA, Atlases, webp
 from reports.figures import Figure
-from reports.html_tables import contents, details, note, table_html
 from reports.live import Live, live, pack
 from reports.notes import missing_note, run_notes
 from reports.numbers import EXACT, fixed, integer
 from reports.ranking import ranked
 from reports.rows import CodecRows, MaterialRows, Row, materials
-from reports.shaders.tables import WIDTH
+from reports.shaders.writer import WIDTH
 from reports.styles import is_own
 from reports.table import Table
-from reports.viewer.page import as_json, fragment, hash_source
+from reports.text import contents, details, note, table_html
+from reports.viewer.page import as_json, fragment, head
 
 INTERACTIVE = {"rate", "speed", "fits", "footprints", "contact", "latents"}  # drawn by the page itself, or too large
 STRIPS = 2  # materials that open the page with a picture
@@ -41,18 +41,7 @@ GAPS = {
     "slices": "The distribution of slices is omitted: the run's arrays are missing, or no slice has an error.",
     "rate": "The plot of rate and distortion is omitted: no codec has an error here.",
 }
-HEAD = """<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src {style_hashes}; \
-script-src {script_hashes}; base-uri 'none'; form-action 'none'">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{title}</title>
-{styles}
-</head>
-<body>
-<header><h1>{title}</h1>
+HEADER = """<header><h1>{title}</h1>
 <button type="button" id="theme" aria-label="switch between dark and light">Theme</button></header>
 <main>
 """
@@ -65,12 +54,7 @@ def document(
     viewer, folder = fragment(), files("reports") / "web"
     styles = [(folder / "report.css").read_text("utf-8"), viewer.css]
     scripts = [viewer.script, *((folder / f"{name}.js").read_text("utf-8") for name in _SCRIPTS)]
-    yield HEAD.format(
-        title=escape(title),
-        style_hashes=" ".join(map(hash_source, styles)),
-        script_hashes=" ".join(map(hash_source, scripts)),
-        styles="\n".join(f"<style>{style}</style>" for style in styles),
-    )
+    yield head(title, styles, scripts, "img-src data:; ") + HEADER.format(title=escape(title))
     yield from (f"{part}\n" for part in body)
     yield "</main>\n"
     rounded = json.loads(json.dumps(plots), parse_float=lambda text: float(f"{float(text):.5g}"))

@@ -1,12 +1,15 @@
 """The quality in Table 1 of the NeuBTF paper beside ours, mean ± deviation over the slices of all pairs.
 
 Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces: "NeuBTF", Computers & Graphics 114 (2023); Table 2: `parameters`.
+
+NeuBTF without one thing at a time: each codec of the suite `ablation` as it is, and what each change is worth.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from statistics import fmean
 
 from bench.records import FLIP, PSNR, SSIM, Record, Run, shown_label, stats_of
-from reports.numbers import NONE, plus_minus, stated
+from reports.numbers import NONE, fixed, integer, plus_minus, signed, stated
 from reports.rows import of_suite
 from reports.table import Table
 
@@ -27,6 +30,7 @@ _NOTE = (
     "Mean ± standard deviation over slices. The paper's protocol differs: docs/metrics.md, “Tables”. LPIPS, its fourth "
     "row, is not computed here, by design; SSIM and FLIP depend on resolution."
 )
+SUITE = "ablation"
 
 
 def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | None:
@@ -68,3 +72,45 @@ def _rows(job: Record) -> Iterator[list[str]]:
             value = stated(stats_of(job, family, group), "mean", "std") if measured else job["status"]
             cells += [plus_minus(value, digits) if isinstance(value, tuple) else value or NONE, paper]
         yield cells
+
+
+def ablation_table(run: Run) -> Table | None:
+    """A row for each change; its quality on each material, a mean over seeds. None where the suite was not run."""
+    jobs = [job for job in of_suite(run, SUITE) if job["status"] == "ok"]
+    if not jobs:
+        return None
+    materials = list(dict.fromkeys(job["material"] for job in jobs))
+    headers = [("codec", ""), ("change", ""), ("decoder", "param."), ("a sample", "FLOP")]
+    for material in materials:
+        headers += [(material, "dB ↑"), ("against as it is", "dB"), (material, "SSIM ↑")]
+    notes = [
+        "dB: mean display PSNR of the pairs held out to choose settings by; no test pair is among them.",
+        "FLOP: of the decoder's network. A change is told by the settings that differ from the row “as it is”.",
+    ]
+    firsts: dict[str, Record] = {}
+    base: dict[str, str] = {}  # of each codec the first label, which is the codec as it is
+    for job in jobs:
+        firsts.setdefault(job["label"], job)
+        base.setdefault(job["codec"], job["label"])
+    rows = []
+    for label, job in firsts.items():
+        whole = base[job["codec"]]
+        changes = " ".join(word for word in label.split()[1:] if word not in whole.split())
+        cost = [integer(job["parameters"]), integer(job["cost"].get("flops_per_sample"))]
+        cells = [job["codec"], changes or "as it is", *cost]
+        for material in materials:
+            ours, theirs = (_mean(jobs, material, which, PSNR) for which in (label, whole))
+            both = ours is not None and theirs is not None and label != whole
+            cells += [fixed(ours, 2), signed(ours - theirs) if both else ""]  # type: ignore[operator]
+            cells.append(fixed(_mean(jobs, material, label, SSIM), 3))
+        rows.append(cells)
+    if any(NONE in row for row in rows):
+        notes.append(f"{NONE}: not measured.")
+    title = f"{', '.join(materials)}: NeuBTF, one thing changed at a time"
+    return Table("ablation", title, headers, rows, notes, words=2)
+
+
+def _mean(jobs: Iterable[Record], material: str, label: str, family: str) -> float | None:
+    """The mean over seeds of a mean over slices; None where there is no number."""
+    means = (stats_of(job, family).get("mean") for job in jobs if (job["material"], job["label"]) == (material, label))
+    return fmean(numbers) if (numbers := [mean for mean in means if mean is not None]) else None

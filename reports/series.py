@@ -123,5 +123,4 @@ def _quantiles(run: Run, row: Row) -> list[float]:
     except InputError:  # the records of a run are useful without its large files
         return []
     known = [] if values is None else values[np.isfinite(values)]
-    quantiles: list[float] = np.quantile(known, (0.05, 0.25, 0.5, 0.75, 0.95)).tolist() if len(known) else []
-    return quantiles
+    return np.quantile(known, (0.05, 0.25, 0.5, 0.75, 0.95)).tolist() if len(known) else []

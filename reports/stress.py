@@ -25,9 +25,8 @@ def stress_tables(run: Run) -> list[Table]:
 def tables(records: Iterable[Record]) -> list[Table]:
     """Extremes × codecs, and metrics and losses × extreme pictures; each only if it has a record."""
     ordered = sorted(records, key=lambda record: record["order"])  # the order of the catalogue
-    codecs = [record for record in ordered if record["group"] != PICTURES]
-    pictures = [record for record in ordered if record["group"] == PICTURES]
-    return [table(rows) for table, rows in ((_codecs_table, codecs), (_pictures_table, pictures)) if rows]
+    halves = ([record for record in ordered if (record["group"] == PICTURES) == of] for of in (False, True))
+    return [_table(half) for half in halves if half]
 
 
 def summary(run: Run) -> str:
@@ -41,25 +40,22 @@ def summary(run: Run) -> str:
     return f"Extremes (table stress): {passed} pass, {failed} fail, {without} not applicable."
 
 
-def _codecs_table(records: list[Record]) -> Table:
-    cells = _Cells(records)
-    subjects = sorted({record["subject"] for record in records})
-    rows = []
-    for group in dict.fromkeys(record["group"] for record in records):
-        rows.append([f"{group}:", *[""] * len(subjects)])
-        names = dict.fromkeys(record["extreme"] for record in records if record["group"] == group)
-        rows += [[name, *(cells.text(subject, name) for subject in subjects)] for name in names]
-    headers = [("extreme", ""), *((subject, "") for subject in subjects)]
-    return Table("stress", "Extremes that codecs must survive", headers, rows, cells.notes(), fold=FOLD)
-
-
-def _pictures_table(records: list[Record]) -> Table:
-    cells = _Cells(records)
-    names = dict.fromkeys(record["extreme"] for record in records)
+def _table(records: list[Record]) -> Table:
+    """The extremes of codecs in rows, by group, or the metrics and losses in rows, if the records are of pictures."""
+    cells, groups = _Cells(records), dict[str, dict[str, None]]()
+    for record in records:
+        groups.setdefault(record["group"], {})[record["extreme"]] = None
     subjects = dict.fromkeys(record["subject"] for record in records)
-    rows = [[subject, *(cells.text(subject, name) for name in names)] for subject in subjects]
-    headers = [("metric or loss", ""), *((name, "") for name in names)]
-    return Table("stress", "Extreme pictures for metrics and losses", headers, rows, cells.notes(), fold=FOLD)
+    if PICTURES in groups:
+        title, corner, columns = "Extreme pictures for metrics and losses", "metric or loss", list(groups[PICTURES])
+        rows = [[subject, *(cells.text(subject, name) for name in columns)] for subject in subjects]
+    else:
+        title, corner, columns, rows = "Extremes that codecs must survive", "extreme", sorted(subjects), []
+        for group, names in groups.items():
+            rows.append([f"{group}:", *[""] * len(columns)])
+            rows += [[name, *(cells.text(subject, name) for subject in columns)] for name in names]
+    headers = [(corner, ""), *((column, "") for column in columns)]
+    return Table("stress", title, headers, rows, cells.notes(), fold=FOLD)
 
 
 class _Cells:

@@ -7,12 +7,11 @@ from bench.codecs.alike import stale
 from bench.compare.choosing import has_validation
 from bench.records import Record, Run, grouped
 from reports import BY_BUDGET, KINDS, columns
-from reports.ablation import ablation_table
 from reports.columns import Column
 from reports.fits import fit_tables
 from reports.notes import common_notes, cost_notes, main_notes, not_run, quality_notes
 from reports.numbers import NONE, NOT_COMPARABLE
-from reports.paper import paper_table
+from reports.paper import ablation_table, paper_table
 from reports.parameters import parameters_table
 from reports.rows import MaterialRows, materials
 from reports.stress import stress_tables

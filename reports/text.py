@@ -1,16 +1,48 @@
-"""Tables as plain text and as GitHub Markdown."""
+r"""Tables as plain text, GitHub Markdown, CSV, HTML and LaTeX, and jobs as CSV in full precision, for other programs.
 
+LaTeX needs `\usepackage{booktabs,graphicx}`; no table is wider than the text, in one column or over both of two.
+"""
+
+import csv
+import io
 import re
 import textwrap
 import unicodedata
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from html import escape
+from typing import Any
 
 from tabulate import tabulate
 
+from bench.records import Run, flattened
+from reports.numbers import NONE
+from reports.rows import materials
 from reports.table import BOLD, UNDERLINED, Table
 
 WIDTH = 120
 _MARKS = {BOLD: "**{}**", UNDERLINED: "<ins>{}</ins>", "": "{}"}
+_NUMBER = re.compile(r"[−+-]?\d[\d,]*(\.\d+)?")
+TERMS = {  # of headers, explained above the tables that have them
+    "mean rank": "the place by PSNR among the codecs, mean over materials",
+    "won": "so many materials on which no codec has a better PSNR",
+    "PSNR": "mean over slices",
+    "worst tenth": "mean of the worst tenth of the slices",
+    "PSNR pooled": "of the squared error of all slices together",
+    "bits per": "8 × bytes of the whole file / texels",
+    "× floor": "a multiple of the least time that a query can take, that of one bilinear fetch of a colour",
+}
+_HTML_MARKS = {BOLD: "<b>{}</b>", UNDERLINED: "<u>{}</u>", "": "{}"}
+Place = Callable[[str, str], str]  # what a first cell links to, by material and cell, or ""
+PACKAGES = r"% needs \usepackage{booktabs,graphicx}"
+_LATEX_MARKS = {BOLD: r"\textbf{%s}", UNDERLINED: r"\underline{%s}", "": "%s"}
+_MATH = {"<": "<", ">": ">", "|": "|", "−": "-", "±": r"\pm", "×": r"\times", "θ": r"\theta", "φ": r"\varphi"}
+_MATH |= {"°": r"^\circ", "↑": r"\uparrow", "↓": r"\downarrow"}
+_SPECIAL = {
+    **{character: f"\\{character}" for character in "&%$#_{}"},
+    **{character: rf"\ensuremath{{{math}}}" for character, math in _MATH.items()},
+    **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"},
+    **{"—": "---", "…": r"\ldots{}", "“": "``", "”": "''"},
+}
 
 
 def plain(tables: Sequence[Table]) -> str:
@@ -76,3 +108,140 @@ def grid(table: Table) -> str:
 def escaped(text: str) -> str:
     """Text escaped for Markdown, on one line."""
     return re.sub(r"[\\`*|<\[#~]|(?<!\w)_|_(?!\w)", r"\\\g<0>", " ".join(text.split()))
+
+
+def results_csv(run: Run) -> str:
+    """One row a job, nothing rounded; a column is the path of a record's field: `scores/heldout/…/pooled`.
+
+    There are also `metric_version/NAME` and `timing/…`; `not_comparable` says why a row must not be compared. An empty
+    field has no finite value or was not measured: `…/exact` counts slices without error.
+    """
+    jobs = []
+    for row in (row for material in materials(run) for row in material.rows):
+        fields = dict(flattened(row.job, row.timing)) | {"not_comparable": row.obstacle or None}
+        jobs.append(fields | ({"timing/not_comparable": row.timing_obstacle or None} if row.timing else {}))
+    return fields_csv(jobs) if jobs else "job\n"
+
+
+def fields_csv(records: Sequence[Mapping[str, Any]]) -> str:
+    """A row a record, a column for each name of a field, in the order of appearance."""
+    names = list(dict.fromkeys(name for fields in records for name in fields))
+    return _csv([names, *([fields.get(name) for name in names] for fields in records)])
+
+
+def table_csv(tables: Sequence[Table]) -> str:
+    """The cells of tables as they are shown, numbers without separators; a line of headers wherever they change."""
+    lines: list[Sequence[str | None]] = []
+    header: list[str] = []
+    for table in tables:
+        first, material = (["material"], [table.material]) if table.material else ([], [])
+        if header != (header := [*first, *(" ".join(words).strip() for words in table.headers)]):
+            lines.append(header)
+        lines += [[*material, *map(_as_read, row)] for row in table.rows]
+    return _csv(lines)
+
+
+def _as_read(cell: str) -> str | None:
+    """A cell as programs read it: 42584 for 42,584, -1.5 for −1.5, and nothing without a number."""
+    if cell == NONE:
+        return None
+    return cell.replace(",", "").replace("−", "-") if _NUMBER.fullmatch(cell) else cell
+
+
+def _csv(rows: Iterable[Sequence[Any]]) -> str:
+    """Rows of cells, the headers first, as CSV; None is an empty field."""
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows(rows)
+    return out.getvalue()
+
+
+def table_html(table: Table, place: Place) -> str:
+    """Title, cells and notes. A row links to the place of its first cell, where that has one."""
+    looks = [' class="word"' if i < table.words else "" for i in range(len(table.headers))]
+    heads = "".join(
+        f'<th scope="col"{look}>{escape(name) or "&nbsp;"}<small>{escape(unit)}</small></th>'
+        for (name, unit), look in zip(table.headers, looks, strict=True)
+    )
+    lines = []
+    for i, row in enumerate(table.rows):
+        cells = [_HTML_MARKS[table.marks.get((i, j), "")].format(escape(cell)) for j, cell in enumerate(row)]
+        if target := place(table.material, row[0]):
+            cells[0] = f'<a href="{escape(target)}">{cells[0]}</a>'
+        tags = (f"<td{look}>{cell}</td>" for cell, look in zip(cells, looks, strict=True))
+        lines.append(f"<tr>{''.join(tags)}</tr>")
+    rows = "\n".join(lines)
+    title, words = escape(table.title), {word.rstrip(" ↑↓") for header in table.headers for word in header}
+    terms = "; ".join(f"<b>{escape(term)}</b>: {escape(says)}" for term, says in TERMS.items() if term in words)
+    notes = "\n".join(map(note, table.footnotes))
+    return (
+        f"<h3>{title}</h3>\n"
+        + (f'<p class="notes">{terms}.</p>\n' if terms else "")
+        + f'<div class="scroll"><table aria-label="{title}"><thead><tr>{heads}</tr></thead>\n'
+        f"<tbody>{rows}</tbody></table></div>\n{notes}"
+    )
+
+
+def note(text: str) -> str:
+    """A footnote."""
+    return f'<p class="notes">{escape(text)}</p>'
+
+
+def contents(links: Iterable[tuple[str, str]]) -> str:
+    """Links, each a place and its name, at the head of a page."""
+    items = "".join(f"<li>{anchors([link])}</li>" for link in links)
+    return f'<nav aria-label="Contents"><ul>{items}</ul></nav>'
+
+
+def anchors(links: Iterable[tuple[str, str]]) -> str:
+    """Links in a sentence."""
+    return ", ".join(f'<a href="{escape(to)}">{escape(name)}</a>' for to, name in links)
+
+
+def details(title: str, inside: str) -> str:
+    """Content that is folded away under its title."""
+    return f'<details class="block"><summary>{escape(title)}</summary>\n{inside}</details>'
+
+
+def latex(tables: Sequence[Table]) -> str:
+    """Tables to be `\\input`, each a `table*` with its notes below it and a label: `tab:summary`, or see `label`."""
+    kinds, written = [table.kind for table in tables], []
+    for table in tables:
+        alone = kinds.count(table.kind) == 1 and not table.material
+        written.append(_latex(table, f"tab:{table.kind}" if alone else label(table)))
+    return "\n".join([PACKAGES, *written]) if tables else ""
+
+
+def latex_escaped(text: str) -> str:
+    """Text escaped for LaTeX."""
+    text = " ".join(text.split()).replace("θ_o", "\0o").replace("θ_i", "\0i")
+    text = "".join(_SPECIAL.get(character, character) for character in text)
+    return text.replace("\0o", r"\ensuremath{\theta_o}").replace("\0i", r"\ensuremath{\theta_i}")
+
+
+def _latex(table: Table, called: str) -> str:
+    align = "".join("l" if i < table.words else "r" for i in range(len(table.headers)))
+    if table.words == len(table.headers):
+        align = align[:-1] + r"p{0.5\textwidth}"
+    names_and_units = zip(*table.headers, strict=True)
+    heads = [" & ".join(map(latex_escaped, line)) + r" \\" for line in names_and_units if any(line)]
+    rows = []
+    for i, row in enumerate(table.rows):
+        cells = (_LATEX_MARKS[table.marks.get((i, j), "")] % latex_escaped(cell) for j, cell in enumerate(row))
+        rows.append(" & ".join(cells) + r" \\")
+    lines = [r"\begin{table*}", r"\centering", rf"\caption{{{latex_escaped(table.title)}}}", rf"\label{{{called}}}"]
+    lines += [r"\footnotesize", r"\setlength{\tabcolsep}{3pt}", r"\sbox0{%", rf"\begin{{tabular}}{{@{{}}{align}@{{}}}}"]
+    lines += [r"\toprule", *heads, r"\midrule", *rows]
+    lines += [r"\bottomrule", r"\end{tabular}}%", _FITTED]
+    if notes := " ".join(map(latex_escaped, table.footnotes)):
+        lines += [r"\par\smallskip\begin{minipage}{\linewidth}\raggedright\scriptsize", notes, r"\end{minipage}"]
+    return "\n".join([*lines, r"\end{table*}", ""])
+
+
+# Scaled down to the width of the text, never up.
+_FITTED = r"\ifdim\wd0>\linewidth\resizebox{\linewidth}{!}{\usebox0}\else\usebox0\fi"
+
+
+def label(table: Table) -> str:
+    """The label of a table for `\\ref`, `tab:main-satin`: letters, digits and hyphens of its kind and title."""
+    words = re.findall("[A-Za-z0-9]+", unicodedata.normalize("NFKD", table.title.partition(" (")[0]))
+    return "-".join([f"tab:{table.kind}", *words]).lower()

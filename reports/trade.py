@@ -8,9 +8,9 @@ from typing import Any
 
 from bench.compare.choosing import named
 from bench.records import MOST_DB, grouped, load_trade
-from reports.csv_tables import fields_csv
 from reports.numbers import EXACT, NONE, fixed, integer, signed, significant
 from reports.table import Table
+from reports.text import fields_csv
 
 
 def trade_tables(folder: Path) -> Iterator[Table]:

@@ -9,15 +9,13 @@ from pathlib import Path
 from bench.files.atomic import replacing
 from bench.records import Run, load_run
 from reports import KINDS, Report, figures, trade
-from reports.csv_tables import results_csv
 from reports.figures.canvas import Figure
 from reports.figures.history import history_figures
-from reports.latex import latex
 from reports.page import Page
 from reports.table import Table
 from reports.tables import all_tables
 from reports.terminal import terminal
-from reports.text import markdown
+from reports.text import latex, markdown, results_csv
 
 VECTOR = ("svg", "pdf")
 

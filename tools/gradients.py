@@ -16,9 +16,8 @@ from bench.data.open import open_material
 from bench.data.spec import Preparation, named
 from bench.machine.threads import torch_threads
 from bench.training import Samples, gain_of
-from neubtf.autoencoder import Autoencoder
+from neubtf.autoencoder import Autoencoder, Encoder, displayed
 from neubtf.codec import NeuBTF, guiding_pair
-from neubtf.encoder import Encoder, displayed
 from neubtf.published import Published
 from neubtf.training import slice_of
 

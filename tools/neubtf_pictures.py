@@ -37,10 +37,9 @@ from bench.metrics.scoring import Scorer
 from bench.records import SSIM, metric_of
 from neubtf import latents, propagation
 from neubtf.codec import NeuBTF
-from neubtf.guidance import RADIANCE, Treatment, guidance_of
+from neubtf.guidance import RADIANCE, Treatment, guidance_of, seam_of
 from neubtf.propagation import FittedMaterial
 from neubtf.renderer import NeuBTFMaterial
-from neubtf.tileable import seam_of
 
 Array = np.ndarray
 SIZE = 128

@@ -3,24 +3,201 @@
 Every published neural texture blurs a texel over the places where its views saw it. Here a plane sweep first finds the
 height of each texel; latents then belong to surface points, and the network learns only their reflectance. A height
 that fails the test on other views is not written. See docs/relief.md.
+
+The material marches the view ray to the surface, fetches the latents there, and shades. The network is NeuBTF's
+renderer, three hidden layers with layer norm and sine, with more inputs: ω_o, ω_i and the half vector h in xyz; the
+same in two shading frames (Zeltner et al., "Real-time neural appearance models", ACM Trans. Graph. 43(3), 2024); and
+how far the relief rises into the ray to the light.
 """
 
 from dataclasses import dataclass
-from typing import Annotated
+from functools import partial
+from typing import Annotated, Any
 
 import torch
+from torch import Tensor, nn
+from torch.nn import functional
 
-from baselines.pyramids import fitted_levels, level_count
-from baselines.relief import sweep
-from baselines.relief.fitting import HIGHEST, ReliefObjective
-from baselines.relief.geometry import Surface, restored, stepped
-from baselines.relief.material import Network, ReliefMaterial
+from baselines.pyramids import Pyramid, Queries, drawn, fitted_levels, level_count, queries_of
+from baselines.relief import geometry, sweep
+from baselines.relief.geometry import Surface, restored, slope, smoothed, stepped, wrapped
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.inputs.settings import Layers, Natural, Positive, Range, Width
-from bench.material import Material
-from bench.training import Loss, Samples, TextureSettings, compress, expand, gain_of, load_texture, train
-from bench.training.decoder import load_network, store_network
+from bench.material import DecoderCost, Material, sample_texture, to_radiance
+from bench.training import Batch, Objective, Samples, TextureSettings, compress, expand, gain_of, groups_of, train
+from bench.training.decoder import Architecture, Decoder, load_network, store_network
+from bench.training.fitting import Loss, distance
+from bench.training.initial_latents import first_latents
+from bench.training.inputs import Frames
+from bench.training.stored_texture import Rounding, load_texture
+
+COARSE_SHARE = 8  # one of this many samples is of a coarser level
+# Share of the steps. Earlier, latents are still misplaced, and would pull the height with them.
+REFINED_FROM = 0.5
+RENEWED = 10  # steps between two surfaces that are marched, while the height is refined
+HIGHEST = 2 * geometry.REACH  # and −HIGHEST the lowest height, in widths of the picture: what a decoder reads
+HEIGHT_RATE = 0.02  # texels, the highest learning rate of the height
+FRAMES = 2
+DEEPEST = 3.0  # level of detail of footprints of 8 texels, which the network sees as 1
+SHADOW = 0.5  # texels: about half of the penumbra that a texel's width makes
+
+
+class Network(nn.Module):
+    """Latents (n, D) and directions (n, 3) → log radiance (n, 3); with `relief` it also sees the light's horizon."""
+
+    def __init__(self, settings: Any, relief: bool, generator: torch.Generator | None = None):
+        super().__init__()
+        self.shadow: bool = relief and settings.shadow
+        inputs = settings.latents + 1 + 9 * (1 + FRAMES * settings.frames) + self.shadow
+        widths = (settings.width,) * settings.layers
+        outputs = 6 if self.shadow else 3
+        architecture = Architecture(inputs, widths, outputs, "sine", settings.omega, norm=True, residual=True)
+        self.decoder = Decoder(architecture, generator)
+        self.frames = Frames(settings.latents, FRAMES, generator) if settings.frames else None
+
+    @property
+    def flops(self) -> int:
+        """Operations of one sample, a fused multiply-add counted as two."""
+        return self.decoder.architecture.flops + (self.frames.flops(3) if self.frames is not None else 0)
+
+    def start_at(self, level: Tensor) -> None:
+        """Set the network to answer one log radiance (3,) for any inputs, with the mask open."""
+        rest = self.decoder.architecture.outputs - 3
+        self.decoder.start_at(functional.pad(level.cpu(), (0, rest), value=2.0))
+
+    def forward(self, latents: Tensor, level: Tensor, wo: Tensor, wi: Tensor, excess: Tensor | None) -> Tensor:
+        """Log radiance (n, 3); `level` (n, 1) is that of detail, `excess` (n, 1) in texels, if there is a relief."""
+        directions = torch.stack([wo, wi, functional.normalize(wo + wi, dim=1)], 1)
+        inputs = [latents, level.to(latents.dtype) / DEEPEST, directions.flatten(1).to(latents.dtype)]
+        if self.frames is not None:
+            inputs.append(self.frames.turned(latents, directions).to(latents.dtype))
+        if excess is not None:
+            inputs.append((excess * SHADOW).tanh().to(latents.dtype))
+        out = self.decoder(torch.cat(inputs, 1)).to(wo.dtype)
+        if excess is None:
+            return out
+        # log1p(mask · radiance): a mask removes light, but a log radiance would rarely go below 0.
+        radiance = out[:, :3].clamp(max=60).expm1()
+        return (radiance * out[:, 3:].sigmoid()).clamp_min(-0.5).log1p()
+
+
+def answer(
+    network: Network,
+    pyramid: Pyramid,
+    relief: Surface | None,
+    table: Tensor,
+    queries: Queries,
+    height: Tensor | None = None,
+) -> Tensor:
+    """Log radiance (n, 3) of queries; `height` (H, W) is that of the relief, in a fit that refines it."""
+    uv, wo, wi, level = queries
+    excess = None
+    if relief is not None:
+        with torch.no_grad():
+            uv, z = relief.meet(uv, wo)
+            if network.shadow:
+                excess = relief.excess(uv, z, wi)
+        if height is not None:
+            uv = relief.follow(height, uv, wo)
+    return network(pyramid.fetch(table, uv, level), level[:, None], wo, wi, excess)
+
+
+class ReliefMaterial(Material):
+    """Latents (H · W, D) of the finest level, a height or none, and the network."""
+
+    def __init__(self, network: Network, size: tuple[int, int], latents: Tensor, relief: Surface | None, gain: float):
+        steps = geometry.VIEW_STEPS + 1 + 4 * geometry.SECANTS + (geometry.LIGHT_STEPS if network.shadow else 0)
+        taps = 0 if relief is None else steps
+        pyramid = Pyramid(size)
+        table = pyramid.table(latents)
+        heights = 0 if relief is None else relief.height.numel() + relief.padded.numel()
+        cost = DecoderCost(
+            parameters=sum(p.numel() for p in network.parameters()),
+            texture_channels=latents.shape[1] + (relief is not None),
+            texture_floats=table.numel() + heights,
+            flops_per_sample=network.flops + 2 * 8 * latents.shape[1] + 8 * taps,
+            bytes_per_sample=8 * latents.shape[1] * latents.element_size() + 4 * taps,
+        )
+        super().__init__(size, cost)
+        # The relief is separate from the network: it holds places, which stay float32 even if the network is shorter.
+        self.network, self.pyramid, self.relief, self.table, self.gain = network, pyramid, relief, table, gain
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        queries = (uv, wo, wi, self.pyramid.level(footprint))
+        return to_radiance(answer(self.network, self.pyramid, self.relief, self.table, queries), self.gain)
+
+
+def rectified(samples: Samples, height: Tensor, pair: Tensor) -> Tensor:
+    """`Samples.slices` of the surface points of a height (H, W), where each view sees them, not of the plane."""
+    centres = samples.centres(torch.arange(samples.texels, device=samples.device))
+    height, slices = height.reshape(-1, 1).to(samples.device), []
+    for i, flat in zip(pair.tolist(), samples.slices(pair).unbind(1), strict=True):
+        place = wrapped(centres - height * slope(samples.wo[i : i + 1], samples.shape))
+        slices.append(sample_texture(flat.reshape(*samples.shape, 3), place))
+    return torch.stack(slices, 1)
+
+
+class ReliefObjective(Objective):
+    """The latents of the finest level, the network and, where there is a height, its refinement."""
+
+    def __init__(self, levels: list[Samples], height: Tensor | None, settings: Any, fit: Fit):
+        super().__init__(levels[0])
+        self.levels, self.settings, self.fit = levels, settings, fit
+        generator = fit.generator()
+        self.network = Network(settings, height is not None, generator)
+        self.network.start_at(self.samples.mean(generator))
+        self.pyramid = Pyramid(self.samples.shape)
+        self.first_height: Tensor | None
+        self.register_buffer("first_height", height, persistent=False)
+        # The shift of the found height in texels, before smoothing.
+        self.offset = nn.Parameter(torch.zeros_like(height)) if height is not None and settings.refine else None
+        self.relief = None if height is None else Surface(stepped(height)[2])
+        self.moved = False  # whether the marched surface differs from the found one
+        slices = None if height is None else partial(rectified, self.samples, height)
+        self.latents = nn.Parameter(first_latents(self.samples, settings.latents, settings.start, generator, slices))
+        self.rounding = Rounding(settings.latents, settings.bits)
+
+    def groups(self) -> list[dict[str, Any]]:
+        settings = self.settings
+        networks = groups_of([self.network], settings.rate, settings.optimiser, settings.hidden_rate)
+        refined = [] if self.offset is None else [{"params": [self.offset], "lr": HEIGHT_RATE}]
+        return [*networks, {"params": [self.latents], "lr": settings.latent_rate}, *refined]
+
+    @property
+    def height(self) -> Tensor | None:
+        """The height (H, W) as refined so far, not rounded; none without a relief."""
+        if self.first_height is None or self.offset is None:
+            return self.first_height
+        moved = self.first_height + smoothed(self.offset) / self.samples.shape[1]
+        return moved.clamp(-HIGHEST, HIGHEST)
+
+    @torch.no_grad()
+    def renew(self) -> None:
+        """March the height as it is now, in the steps that the file will hold."""
+        height = self.height
+        if height is not None and height.isfinite().all():  # otherwise the fit diverges, and its loop handles that
+            self.relief = Surface(stepped(height)[2]).to(self.latents.device)
+
+    def table(self) -> Tensor:
+        """The pyramid as it is looked up: from half of the fit on that of the file."""
+        return self.pyramid.table(self.rounding(self.latents))
+
+    def predict(self, batch: Batch, progress: float) -> Tensor:
+        if progress == 1 and self.offset is not None:
+            self.renew()
+        return answer(self.network, self.pyramid, self.relief, self.table(), queries_of(self.levels, 0, batch))
+
+    def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        queries, target = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)
+        height = self.height if self.offset is not None and progress >= REFINED_FROM else None
+        # By the number of the step, so that a resumed fit marches the same surface. A fit that was set back to before
+        # the height moved marches the found height.
+        if (height is not None or self.moved) and round(progress * self.settings.steps) % RENEWED == 0:
+            self.renew()
+            self.moved = height is not None
+        ours = answer(self.network, self.pyramid, self.relief, self.table(), queries, height)
+        return distance(ours, target, self.settings.loss)
 
 
 class Relief(Codec):

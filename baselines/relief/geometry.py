@@ -3,6 +3,8 @@
 Heights are in units of the picture's width above the reference plane z = 0; texels are square. The plane repeats with
 the picture. Seen along ω_o, a texel p of a slice shows the surface point p + z · ω_o.xy / ω_o.z, where z is its height;
 so a point of height z appears at its own place − z · ω_o.xy / ω_o.z.
+
+Slices and costs over a range of heights are shifted to the place where each height shows a surface point.
 """
 
 import itertools
@@ -23,6 +25,8 @@ BLOCK = 1 << 20  # samples of it that are made at once
 STEP = 2 / 3  # texels by which a step of the height moves a look-up at the steepest slope; rounding moves half of it
 MOST_CODES = 256
 MOST_PADDED = 32  # largest growth of a copy by padding; a picture far wider than high would grow by thousands
+HEIGHTS, REACH = 41, 0.1  # heights tried, up to ± that many widths of the picture
+BLUR = 0.7  # texels, σ of a Gaussian over the costs
 
 
 def slope(direction: Tensor, shape: tuple[int, int]) -> Tensor:
@@ -40,7 +44,7 @@ class Surface(nn.Module):
         super().__init__()
         self.shape = (height.shape[0], height.shape[1])
         self.low, self.high = float(height.min()), float(height.max())
-        self.register_buffer("height", height.float()[..., None], persistent=False)
+        self.height = nn.Buffer(height.float()[..., None], persistent=False)
         self.fine = [side * max(1, round(FINENESS / side)) for side in self.shape]
         if math.prod(self.fine) > MOST_FINE:  # a strip of texels
             self.fine = [*self.shape]
@@ -50,10 +54,7 @@ class Surface(nn.Module):
         self.wraps = growth > MOST_PADDED or growth * math.prod(self.fine) > MOST_FINE
         if self.wraps:
             self.margin = [0, 0]
-        self.register_buffer("padded", self._padded(), persistent=False)
-
-    height: Tensor
-    padded: Tensor
+        self.padded = nn.Buffer(self._padded(), persistent=False)
 
     def _padded(self) -> Tensor:
         (rows, cols), (above, left), device = self.fine, self.margin, self.height.device
@@ -158,3 +159,41 @@ def smoothed(picture: Tensor) -> Tensor:
     for axis in (0, 1, 0, 1):
         picture = (picture.roll(1, axis) + 2 * picture + picture.roll(-1, axis)) / 4
     return picture
+
+
+def shifted(slices: Tensor, view: Tensor, z: float) -> Tensor:
+    """The values of surface points in slices (L, H, W) of a view (3,), if all points have the height z."""
+    x, y, up = view.tolist()
+    cols, rows = -z * x / up * slices.shape[2], z * y / up * slices.shape[2]
+    return _moved(_moved(slices, rows, 1), cols, 2)
+
+
+def _moved(slices: Tensor, by: float, axis: int) -> Tensor:
+    """Periodic slices read at place + by along an axis, linear."""
+    whole = math.floor(by)
+    near = slices.roll(-whole, axis)
+    return torch.lerp(near, near.roll(-1, axis), by - whole) if by != whole else near
+
+
+def blurred(costs: Tensor) -> Tensor:
+    """Costs (Z, H, W) convolved with a periodic Gaussian of `BLUR` texels."""
+    reach = torch.arange(-2, 3)
+    kernel = (-0.5 * (reach / BLUR).square()).exp()
+    for axis in (1, 2):
+        costs = torch.stack([k * costs.roll(int(r), axis) for k, r in zip(kernel / kernel.sum(), reach, strict=True)])
+        costs = costs.sum(0)
+    return costs
+
+
+def least(costs: Tensor) -> Tensor:
+    """Index (1, H, W) of the cheapest height at each texel, from costs (Z, H, W)."""
+    return costs.argmin(0, keepdim=True)
+
+
+def refined(costs: Tensor, heights: Tensor) -> Tensor:
+    """The height (H, W) of least cost, by a parabola through it and its two neighbours."""
+    best = least(costs).clamp(1, len(heights) - 2)
+    below, at, above = (costs.gather(0, best + step)[0] for step in (-1, 0, 1))
+    bend = (below - 2 * at + above).clamp_min(1e-9)
+    place = best[0] + (0.5 * (below - above) / bend).clamp(-0.5, 0.5)
+    return (heights[0] + place * (heights[1] - heights[0])).cpu()

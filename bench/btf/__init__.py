@@ -35,7 +35,7 @@ Array = np.ndarray
 
 
 class NotFiniteError(InputError):
-    """Radiance that is NaN or infinite; `values` holds what was read, for `bench.data.repair` to repair."""
+    """Radiance that is NaN or infinite; `values` holds what was read, for `bench.data.derived` to repair."""
 
     def __init__(self, message: str, values: Array):
         super().__init__(message)

@@ -76,8 +76,7 @@ def tiny_radiance(row: np.ndarray, col: np.ndarray, wo: np.ndarray, wi: np.ndarr
     albedo = 0.4 + 0.3 * np.stack(waves, -1)
     half = (wo + wi) / np.linalg.norm(wo + wi, axis=-1, keepdims=True)
     gloss = 0.5 * half[..., 2:] ** 20 * (1 + np.sin(2 * np.pi * col))[..., None]
-    radiance: np.ndarray = (albedo / np.pi + gloss) * wi[..., 2:]
-    return radiance
+    return (albedo / np.pi + gloss) * wi[..., 2:]
 
 
 def others(btf: BTF) -> list[BTF]:

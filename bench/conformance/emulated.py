@@ -141,8 +141,7 @@ def _device(host: Tensor, storage: Any = None, out: Tensor | None = None) -> Ten
     acc: Any = torch._C._acc
     out = acc.create_empty_tensor((0,), host.dtype) if out is None else out
     storage = _storage(host.untyped_storage()) if storage is None else storage
-    moved: Tensor = _place.redispatch(_cpu_keys, out, storage, host.storage_offset(), host.size(), host.stride())
-    return moved
+    return _place.redispatch(_cpu_keys, out, storage, host.storage_offset(), host.size(), host.stride())
 
 
 def _cloned(storage: torch.UntypedStorage) -> torch.UntypedStorage:

@@ -9,9 +9,9 @@ from pathlib import Path
 from bench.btf import BTF, Array, Source
 from bench.btf.npz import write_npz
 from bench.codec import Progress, silent
+from bench.data.derived import thinned
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_folder
-from bench.data.thinning import thinned
 from bench.files import atomic
 from bench.inputs.errors import InputError, writable
 

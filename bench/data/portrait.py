@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from bench.btf import BTF, Array, Layout, box_filter
-from bench.data import periodic
+from bench.data.materials import maps
 from bench.data.readers.checks import negative
 from bench.directions.hemisphere import thin, to_degrees
 from bench.inputs.errors import writable
@@ -131,7 +131,7 @@ def look(btf: BTF) -> Look:
         texels = picture.reshape(-1, 3)
         values.append(texels[chosen])
         medians[pair] = float(np.median(texels.mean(1)))
-        seams.append(periodic.seams(picture))
+        seams.append(maps.seams(picture))
         if pair in sheet:
             thumbs[pair] = box_filter(picture, max(1, max(picture.shape) // THUMB))
     cos, median = btf.wi[row, 2], np.array([medians[pair] for pair in row])

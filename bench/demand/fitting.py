@@ -24,8 +24,7 @@ from bench.codecs.window import Window
 from bench.demand import UNIFORM
 from bench.demand.demand import Demand
 from bench.demand.frame_scorer import FLIP, PSNR, FrameScorer
-from bench.demand.needed_part import NeededPart
-from bench.demand.pair_weights import pair_weights, shares_from_weights
+from bench.demand.needed_part import NeededPart, pair_weights, shares_from_weights
 from bench.material import Material
 from bench.metrics.display import display_error, exposure
 from bench.metrics.psnr import psnr

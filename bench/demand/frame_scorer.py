@@ -16,7 +16,7 @@ from bench import records
 from bench.btf import BTF, Array, box_filter
 from bench.codec import Progress, silent
 from bench.demand.demand import Demand
-from bench.demand.pair_weights import pair_shares, pair_weights
+from bench.demand.needed_part import pair_shares, pair_weights
 from bench.material import Material, sample_texture
 from bench.metrics.angular import as_number
 from bench.metrics.base import Prepared, SliceMetric

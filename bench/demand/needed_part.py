@@ -1,4 +1,7 @@
-"""Finds the part of a BTF that a demand needs: a window of texels, no finer than visible, and the nearby pairs."""
+"""Finds the part of a BTF that a demand needs: a window of texels, no finer than visible, and the nearby pairs.
+
+Finds the pairs around each query of a demand, too, and the share of the demand on each pair.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -11,10 +14,10 @@ from bench.btf import BTF, Array, Layout, periods
 from bench.codec import COVERED
 from bench.codecs.window import CELLS, Window, cell_of, to_hex
 from bench.demand.demand import Demand
-from bench.demand.pair_weights import pair_shares, pair_weights, shares_from_weights
-from bench.directions.interpolation import Hemisphere
+from bench.directions.interpolation import Hemisphere, PairInterpolator, Weights
 
 FINEST = 0.01  # the share of the demand that may be finer than the stored texels
+CHUNK = 8_192  # queries at once, because a search among scattered pairs computes all distances
 
 
 @dataclass(frozen=True)
@@ -114,3 +117,24 @@ def _cells(directions: Array) -> Array:
     held = np.zeros((CELLS, CELLS), bool)
     held[row, col] = True
     return np.asarray(binary_dilation(held, np.ones((3, 3))))
+
+
+def pair_weights(layout: Layout, demand: Demand, radiance: bool = False) -> Weights:
+    """Pairs and shares (n, k) of each query, as `bench.directions.interpolation` interpolates. Shares add up to one;
+    with `radiance` they are the interpolation weights of radiance, including cosines."""
+    interpolator = PairInterpolator(layout)
+    search = interpolator if radiance else interpolator.shares
+    wo, wi = torch.from_numpy(demand.wo), torch.from_numpy(demand.wi)
+    parts = [search(o, i) for o, i in zip(wo.split(CHUNK), wi.split(CHUNK), strict=True)]
+    return Weights(torch.cat([part.sample for part in parts]).int(), torch.cat([part.weight for part in parts]).float())
+
+
+def pair_shares(layout: Layout, demand: Demand) -> Array:
+    """The share (N,) of the demand that falls on each pair; they add up to one."""
+    return shares_from_weights(pair_weights(layout, demand), demand.importance, len(layout.view))
+
+
+def shares_from_weights(weights: Weights, importance: Array, count: int) -> Array:
+    """The share (count,) of each pair, from known corners."""
+    weight = weights.weight.numpy() * importance[:, None]
+    return np.bincount(weights.sample.numpy().ravel(), weight.ravel(), count)

@@ -39,8 +39,7 @@ _NAMES: dict[str, Any] = {
 def _function(formula: str, count: int) -> Callable[..., Scalar]:
     """A formula of operations as a function of Dr.Jit arrays; only three signs differ from Python."""
     python = formula.replace("&&", "&").replace("||", "|").replace("!(", "inverse(")
-    function: Callable[..., Scalar] = eval("lambda *x: " + python.format(*(f"x[{k}]" for k in range(count))), _NAMES)
-    return function
+    return eval("lambda *x: " + python.format(*(f"x[{k}]" for k in range(count))), _NAMES)
 
 
 class Kernel(Backend):

@@ -6,7 +6,7 @@ import torch
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit, Progress, followed, silent
 from bench.codecs.registry import load_codec
-from bench.data.thinning import thinned
+from bench.data.derived import thinned
 from bench.directions.hemisphere import thin, thinned_product, ubo2003, uniform
 from bench.material import Material
 from bench.metrics.display import exposure, exposure_of

@@ -34,11 +34,9 @@ from bench.runs import runner
 from bench.runs.evaluation import Slices, recorded
 from bench.runs.suite import Suite, Task, canonical
 from bench.runs.workbench import Workbench, opened
-from bench.timing import native
+from bench.timing import Queries, native
 from bench.timing.execution import Variant, exists_on, is_whole, networks, prepared
-from bench.timing.profile import profile
-from bench.timing.queries import Queries
-from bench.timing.roofline import limit_ns, roofline
+from bench.timing.profile import limit_ns, profile, roofline
 
 BATCH = 65_536  # whole chunks of every execution
 BATCHES = (1, 64, 1024, timing.BATCH, 1 << 18)

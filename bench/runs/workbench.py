@@ -17,7 +17,7 @@ from bench.demand.demand import Demand
 from bench.demand.demand import load as load_demand
 from bench.demand.frame_scorer import FrameScorer, table_of
 from bench.demand.mitsuba import load_path_tracer
-from bench.demand.pair_weights import pair_shares
+from bench.demand.needed_part import pair_shares
 from bench.directions.hemisphere import to_degrees
 from bench.directions.interpolation import PairInterpolator
 from bench.inputs.errors import InputError

@@ -1,7 +1,7 @@
 """Profiles a material's time per sample over the timed part, the batch size, the order of queries, and the threads.
 
 One condition changes at a time. The common condition is the whole query of `BATCH` random samples on one thread, on a
-GPU of `GPU_BATCH`.
+GPU of `GPU_BATCH`. How fast this machine multiplies and copies is the ceiling in every timing table.
 """
 
 from collections.abc import Callable, Iterator
@@ -12,13 +12,16 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from bench.material import Material
-from bench.timing import BATCH, FLOOR, batch_on, hardware, in_turns
+from bench.machine.threads import torch_threads
+from bench.material import DecoderCost, Material
+from bench.timing import BATCH, FLOOR, Queries, batch_on, calibrated, hardware, in_turns
 from bench.timing.execution import networks
-from bench.timing.queries import Queries
 
 BATCHES = (1, 64, 1024, BATCH, 1 << 18, 1 << 20, 1 << 22)
 FOOTPRINTS = (1, 2, 4, 8)  # in texels
+SIDE = 1024  # side of the multiplied matrices
+COPIED = 64 << 20  # bytes: far beyond any cache
+ROUNDS = 10
 
 
 @dataclass(frozen=True)
@@ -74,3 +77,23 @@ def _call(material: Material, condition: Condition) -> Callable[[], Any] | None:
 def _chunks(call: Callable[..., Tensor], inputs: tuple[Tensor, ...], chunk: int) -> None:
     for start in range(0, len(inputs[0]), chunk):
         call(*(x[start : start + chunk] for x in inputs))
+
+
+def roofline(device: torch.device, threads: int, dtype: torch.dtype = torch.float32) -> dict[str, Any]:
+    """Measured flop/s of a matrix product (a fused multiply-add counts as two) and bytes/s of a copy, read and written.
+    The best of several rounds, because a limit needs to be reached only once."""
+    with torch_threads(threads):
+        a, b = (torch.rand(SIDE, SIDE, device=device).to(dtype) for _ in range(2))
+        product = torch.empty_like(a)
+        source = torch.zeros(COPIED, dtype=torch.uint8, device=device)
+        target = torch.empty_like(source)
+        multiply = calibrated(lambda: torch.mm(a, b, out=product), device)
+        copy = calibrated(lambda: target.copy_(source), device)
+        best = [min(call() for _ in range(ROUNDS)) for call in (multiply, copy)]
+    rates = {"flops_per_ns": 2 * SIDE**3 / best[0], "bytes_per_ns": 2 * COPIED / best[1]}
+    return rates | {"threads": threads, "device": str(device), "dtype": str(dtype).removeprefix("torch.")}
+
+
+def limit_ns(cost: DecoderCost, ceiling: dict[str, Any]) -> float:
+    """The fewest ns a sample that a ceiling allows: for its arithmetic or its reads, whichever takes longer."""
+    return max(cost.flops_per_sample / ceiling["flops_per_ns"], cost.bytes_per_sample / ceiling["bytes_per_ns"])

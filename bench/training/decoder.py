@@ -63,8 +63,7 @@ class Network(nn.Module):
 
     def at(self, texture: Tensor, uv: Tensor, first: Tensor, second: Tensor) -> Tensor:
         """The outputs for a texture (H, W, C) at uv (n, 2), bilinear, followed by the numbers `first` and `second`."""
-        outputs: Tensor = self(torch.cat([sample_texture(texture, uv), first, second], 1))
-        return outputs
+        return self(torch.cat([sample_texture(texture, uv), first, second], 1))
 
 
 class Decoder(Network):

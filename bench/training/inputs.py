@@ -1,14 +1,22 @@
-"""Network inputs of two directions: coordinates in the tangent plane, or both directions and their half vector."""
+"""Network inputs of two directions: in the tangent plane, with their half vector, or in learned shading frames.
+
+Zeltner et al., "Real-time neural appearance models", ACM Trans. Graph. 43(3), 2024: each frame is linear in a texel's
+latents and has a normal and a tangent, each normalised but not made orthogonal to the other, and their cross product.
+"""
 
 from typing import Literal
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn import functional
+
+from bench.material import saturated
 
 Directions = Literal["xy", "xyzh"]
 
 COUNTS = {"xy": 4, "xyzh": 9}  # count of inputs for both directions together
+CANONICAL = (0.0, 0.0, 1.0, 1.0, 0.0, 0.0)  # normal and tangent of the surface itself
+SPREAD = 0.1  # standard deviation of the first weights
 
 
 def direction_inputs(wo: Tensor, wi: Tensor, kind: Directions) -> tuple[Tensor, Tensor]:
@@ -19,3 +27,36 @@ def direction_inputs(wo: Tensor, wi: Tensor, kind: Directions) -> tuple[Tensor, 
     if kind == "xy":
         return wo[:, :2], wi[:, :2]
     return wo, torch.cat([wi, functional.normalize(wo + wi)], 1)
+
+
+class Frames(nn.Linear):
+    """`count` frames from latents (n, latents), 6 · count outputs; with no `bias` the surface's own axes are added."""
+
+    def __init__(self, latents: int, count: int, generator: torch.Generator | None = None, bias: bool = True):
+        super().__init__(latents, 6 * count, bias)
+        self.count = count
+        start = torch.tensor(CANONICAL * count)
+        self.canonical = nn.Buffer(torch.zeros_like(start) if bias else start, persistent=False)
+        with torch.no_grad():
+            self.weight.normal_(0, SPREAD, generator=generator)
+            if bias:
+                self.bias.copy_(start)
+
+    def turned(self, latents: Tensor, directions: Tensor) -> Tensor:
+        """Directions (n, D, 3) on the axes tangent, bitangent, normal of each frame in turn: (n, D · count · 3)."""
+        # Queries last: a product of small matrices for each query takes three times as long.
+        axes = saturated(self(latents)).to(directions.dtype).mT.contiguous().unflatten(0, (self.count, 2, 3))
+        normal, tangent = (axes / axes.square().sum(2, keepdim=True).clamp_min(1e-24).sqrt()).unbind(1)
+        axes = torch.stack([tangent, torch.linalg.cross(normal, tangent, dim=1), normal], 1).flatten(0, 1)
+        turned = (directions.permute(1, 2, 0).contiguous()[:, None] * axes).sum(2)
+        return turned.flatten(0, 1).mT
+
+    def forward(self, latents: Tensor) -> Tensor:
+        """Normal and tangent of each frame (n, 6 · count), of no particular length."""
+        axes: Tensor = super().forward(latents)
+        return axes if self.bias is not None else axes + self.canonical
+
+    def flops(self, directions: int) -> int:
+        """Operations of a sample that turns some directions, a fused multiply-add counted as two."""
+        turned = self.count * (2 * 8 + 9 + directions * 3 * 5)  # two lengths, a cross product, the directions
+        return 2 * self.in_features * self.out_features + turned

@@ -32,16 +32,12 @@ class Rounding(nn.Module):
     Gradients ignore the rounding. Textures of 16 and 32 bits are stored as floats, and never rounded.
     """
 
-    low: Tensor  # the lowest value (C,) of each channel
-    step: Tensor  # from one code to the next (C,)
-    bits: Tensor  # (C,), 0: not chosen
-
     def __init__(self, channels: int, bits: int):
         super().__init__()
         self.wanted = bits
-        self.register_buffer("low", torch.zeros(channels))
-        self.register_buffer("step", torch.zeros(channels))
-        self.register_buffer("bits", torch.zeros(channels, dtype=torch.long))
+        self.low = nn.Buffer(torch.zeros(channels))  # the lowest value (C,) of each channel
+        self.step = nn.Buffer(torch.zeros(channels))  # from one code to the next (C,)
+        self.bits = nn.Buffer(torch.zeros(channels, dtype=torch.long))  # (C,), 0: not chosen
         self.chosen = False  # whether there are bits: kept on the host, which else would wait for a GPU at each step
         self.trial: Callable[[Tensor], Tensor] | None = None  # the rounding that is tried while bits are chosen
 

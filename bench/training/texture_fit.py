@@ -86,19 +86,16 @@ class DirectedObjective(TextureObjective):
     The network starts at the mean of the data, or `about` it; its weights are the first numbers of the generator.
     """
 
-    directions: Tensor  # (pairs, directions)
-
     def __init__(self, samples: Samples, settings: Any, generator: torch.Generator, about: bool = False):
         super().__init__(samples, settings)
         self.network: Decoder = Decoder(settings.architecture, generator)
         self.network.start_at(samples.mean(generator), everywhere=not about)
-        seen = torch.cat(direction_inputs(samples.wo, samples.wi, settings.directions), 1)
-        self.register_buffer("directions", seen, persistent=False)
+        seen = torch.cat(direction_inputs(samples.wo, samples.wi, settings.directions), 1)  # (pairs, directions)
+        self.directions = nn.Buffer(seen, persistent=False)
 
     def answers(self, numbers: Tensor, pair: Tensor) -> Tensor:
         """Log radiance (n, 3) of texels' numbers (n, D) at pairs (n,)."""
-        level: Tensor = self.network(torch.cat([numbers, self.directions.index_select(0, pair)], 1))
-        return level
+        return self.network(torch.cat([numbers, self.directions.index_select(0, pair)], 1))
 
 
 class TextureMaterial(Material):

@@ -44,10 +44,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     from bench.cli.console import Console, file_lines
     from bench.codecs.loading import load
-    from neubtf.guidance import Treatment
+    from neubtf.guidance import FRONTAL, Treatment, seam_of
     from neubtf.propagation import propagate
     from neubtf.renderer import NeuBTFMaterial
-    from neubtf.tileable import FRONTAL, seam_of
 
     if not options.out.parent.is_dir():
         raise InputError(f"{options.out}: there is no such folder: make it first")

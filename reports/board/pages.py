@@ -9,12 +9,12 @@ from reports.board import tables
 from reports.board.sources import STATES, Codec, Publication, by_material, joined, page_name
 from reports.figures.fronts import fronts
 from reports.fits import curves_by_material
-from reports.html_tables import anchors, contents, details, note, table_html
 from reports.live import Live, by_psnr
 from reports.page import CODECS, Page, document, image
 from reports.rows import MaterialRows
 from reports.table import Table
 from reports.tables import all_tables
+from reports.text import anchors, contents, details, note, table_html
 
 FRONT = "index.html"
 PAGES = 2.5  # budgets of pictures of a run's page, some 20 MB each, for all pages of materials together

@@ -1,16 +1,14 @@
-"""Figures of a run, one kind a file. Each kind is a function from a run to `Figure`s, listed in `ALL`."""
+"""Figures of a run. Each kind is a function from a run to `Figure`s, listed in `ALL`."""
 
 from collections.abc import Callable, Iterator
 from functools import partial
 
 from bench.records import Run
-from reports.figures.angles import angle_curves
 from reports.figures.canvas import Figure as Figure
 from reports.figures.contact import contact_sheets
-from reports.figures.errors import abrdf_maps, polar_maps
-from reports.figures.fronts import fronts, trade_fronts
+from reports.figures.errors import abrdf_maps, angle_curves, polar_maps
+from reports.figures.fronts import fronts, plot_figures, trade_fronts
 from reports.figures.latents import latent_channels
-from reports.figures.plots import plot_figures
 from reports.figures.significance import critical_differences, significance
 
 # By kind; the names of their files begin with it.

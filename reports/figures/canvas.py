@@ -141,8 +141,7 @@ class Sheet:
 def coloured(values: np.ndarray, colours: str, norm: Any) -> np.ndarray:
     """Values as a picture (H, W, 4), uint8; values that are not finite are transparent."""
     masked = np.ma.masked_invalid(values)
-    picture: np.ndarray = matplotlib.colormaps[colours](norm(masked), bytes=True)
-    return picture
+    return matplotlib.colormaps[colours](norm(masked), bytes=True)
 
 
 def enlarged(picture: np.ndarray, factor: int) -> np.ndarray:

@@ -1,18 +1,34 @@
-"""Maps of a codec's error: of each texel's ABRDF, and over the hemispheres of views and of lights."""
+"""Maps of a codec's error, of each texel's ABRDF and over the hemispheres of views and of lights; quality by angle."""
 
 from typing import Any
 
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 
-from bench.records import FLIP, Run
-from reports.artefacts import angular, of_shown
-from reports.figures.canvas import Figure, Sheet, coloured, enlarged, grid_of, log_ticks, of_each_material, short
-from reports.rows import MaterialRows
+from bench.metrics.psnr import psnr
+from bench.records import FLIP, PSNR, Run
+from reports.artefacts import Arrays, angular, of_shown
+from reports.figures.canvas import (
+    Figure,
+    Sheet,
+    coloured,
+    enlarged,
+    grid_of,
+    legend,
+    log_ticks,
+    of_each_material,
+    plots,
+    png,
+    short,
+)
+from reports.rows import MaterialRows, Row
+from reports.styles import Styles
 
 _EDGE, _BAR = 14, 100  # pixels: the margin, and the room of a colour bar
 _ABRDF_TOP, _ABRDF_CELL = 54, 176  # the head of the figure, and the least side of a map
 _SIDES = {"view": "by view", "light": "by light"}
+EDGES_DEG = np.arange(0.0, 91.0, 15.0)
+_READ = {PSNR, "heldout", "wo_deg", "wi_deg"}
 
 
 @of_each_material
@@ -94,3 +110,34 @@ def _disc(stored: dict[str, Any], value: np.ndarray, scale: Normalize) -> np.nda
 
 
 _AXIS_DEG = np.linspace(-92, 92, _SIDE)
+
+
+@of_each_material
+def angle_curves(run: Run, material: MaterialRows) -> Figure | None:
+    """Display PSNR, pooled over rings of 15° in θ_o and in θ_i, of the pairs that decide."""
+    curves, styles = of_shown(run, material, "slices", _READ), Styles(run)
+    if not curves:
+        return None
+    title = f"{material.name}: quality by angle"
+    drawing, panels = plots(10, max(4.0, 1.6 + 0.2 * len(curves)), 2)
+    for axes, side, name in zip(panels, ("wo_deg", "wi_deg"), ("view, θₒ", "light, θᵢ"), strict=True):
+        handles = [
+            axes.plot(*_rings(row, scores, side), **styles.of_codec(row.label), markersize=5, linewidth=1.2)[0]
+            for row, scores in curves
+        ]
+        axes.set(xlabel=f"{name} in degrees", xlim=(0, 90), xticks=EDGES_DEG)
+    panels[0].set_ylabel(f"display PSNR, dB ({material.deciding}; higher is better)")
+    panels[0].set_title(f"{title}\n{material.split}", loc="left")
+    names = [f"{row.label} (no error)" if row.psnr is None else row.label for row, _ in curves]
+    legend(panels[1], handles, names)
+    return Figure(material.name, "angles", title, png(drawing), drawing)
+
+
+def _rings(row: Row, scores: Arrays, side: str) -> tuple[np.ndarray, np.ndarray]:
+    """Centres of the rings that hold a pair, and PSNR of the mean squared error there; no point if the error is 0."""
+    chosen = scores["heldout"] if row.gate == "heldout" else np.ones(len(scores["heldout"]), bool)
+    error, theta = scores[PSNR][chosen], scores[side][chosen, 0]
+    ring = np.clip(np.searchsorted(EDGES_DEG, theta + 1e-4, side="right") - 1, 0, len(EDGES_DEG) - 2)
+    means = {int(i): error[ring == i].mean() for i in np.unique(ring)}
+    centres = np.array([EDGES_DEG[i] + 7.5 for i, mean in means.items() if mean > 0])
+    return centres, psnr(np.array([mean for mean in means.values() if mean > 0]))

@@ -13,8 +13,7 @@ import numpy as np
 from bench.inputs.errors import InputError
 from bench.program import Program
 from reports.shaders.dialects import Dialect
-from reports.shaders.tables import WIDTH, Tables
-from reports.shaders.writer import WeightStore, Writer
+from reports.shaders.writer import WIDTH, Tables, WeightStore, Writer
 
 Array = np.ndarray
 

@@ -12,21 +12,17 @@ from typing import NamedTuple
 from bench.program import Program
 from reports.shaders.dialects import GLSL
 from reports.shaders.generator import Shader, fallback, shader
-from reports.shaders.tables import WIDTH
+from reports.shaders.writer import WIDTH
 
 SCRIPTS = ("shapes.js", "passes.js", "controls.js", "viewer.js")
-PAGE = """<!doctype html>
+HEAD = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src {style_hash}; \
-script-src {script_hash}; base-uri 'none'; form-action 'none'">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; {images}style-src {style_hashes}; \
+script-src {script_hashes}; base-uri 'none'; form-action 'none'">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <title>{title}</title>
-<style>{style}</style></head>
-<body><h1>{title}</h1>
-{html}
-<script type="application/json" id="models">{data}</script>
-<script>{script}</script></body></html>
-"""
+{inline}</head>
+<body>"""
 STYLE = """:root { color-scheme: light dark; }
 body { font: 16px/1.4 system-ui, sans-serif; margin: 1rem auto; max-width: 70rem; padding: 0 1rem; }
 h1 { overflow-wrap: anywhere; }
@@ -88,12 +84,19 @@ def page(title: str, models: Sequence[Shown]) -> str:
     parts = fragment()
     style, script = STYLE + parts.css, parts.script + START
     drawn = [model_data(model, lambda raw: base64.b64encode(raw).decode()) for model in models]
-    data = as_json({"width": WIDTH, "models": drawn})
-    hashes = {"style_hash": hash_source(style), "script_hash": hash_source(script)}
-    return PAGE.format(title=escape(title), style=style, html=parts.html, script=script, data=data, **hashes)
+    data = f'<script type="application/json" id="models">{as_json({"width": WIDTH, "models": drawn})}</script>'
+    body = f"<h1>{escape(title)}</h1>\n{parts.html}\n{data}\n<script>{script}</script></body></html>\n"
+    return head(title, [style], [script]) + body
 
 
-def hash_source(text: str) -> str:
+def head(title: str, styles: Sequence[str], scripts: Sequence[str], images: str = "") -> str:
+    """The head of a page, with its styles; its policy permits them, its scripts and what a directive says of images."""
+    inline = "\n".join(f"<style>{style}</style>" for style in styles)
+    hashes = {"style_hashes": " ".join(map(_hashed, styles)), "script_hashes": " ".join(map(_hashed, scripts))}
+    return HEAD.format(title=escape(title), inline=inline, images=images, **hashes)
+
+
+def _hashed(text: str) -> str:
     """The hash by which a content security policy permits an inline style or script."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 

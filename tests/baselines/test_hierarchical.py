@@ -137,7 +137,7 @@ def test_a_patch_of_the_fit_is_what_its_texels_answer_one_by_one(level: int) -> 
     btf, fit = tiny_btf(), Fit()
     codec = Hierarchical(**SMALL, patch=3, **EXACT)
     levels = Samples.levels(btf, 3, training.gain_of(btf, fit), fit)
-    fitting = codec.objective(levels, fit.generator())
+    fitting = codec.objective(levels, codec.settings, fit.generator())
     assert isinstance(fitting, HierarchicalObjective)
     training.train(fitting, fit, 10)
     middle, wo, wi, _, target = fitting._patches(level, 5, fit.generator())

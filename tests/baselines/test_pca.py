@@ -110,7 +110,7 @@ class Counted(Source):
 
 @pytest.mark.usefixtures("streamed")
 def test_the_data_are_read_as_often_as_stated_and_never_held(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bench.training.reading.BLOCK_BYTES", 1 << 20)
+    monkeypatch.setattr("bench.training.svd.BLOCK_BYTES", 1 << 20)
     source = Counted(144, (128, 128))
     wo, wi = (hemisphere.ubo2003()[hemisphere.thin(hemisphere.ubo2003(), 12)] for _ in range(2))
     btf = BTF("made", np.repeat(wo, 12, 0), np.tile(wi, (12, 1)), source)

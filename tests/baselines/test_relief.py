@@ -6,9 +6,7 @@ import torch
 from torch import Tensor
 
 from baselines.relief import sweep
-from baselines.relief.codec import Relief
-from baselines.relief.fitting import ReliefObjective
-from baselines.relief.material import ReliefMaterial
+from baselines.relief.codec import Relief, ReliefMaterial, ReliefObjective
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.conformance.check import held_floats, tiny_btf

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.relief.geometry import Surface, slope
-from baselines.relief.planes import shifted
+from baselines.relief.geometry import Surface, shifted, slope
 from bench.directions.hemisphere import from_degrees, uniform
 from bench.material import texel_centres
 

@@ -6,7 +6,7 @@ import torch
 
 from baselines.table import Table
 from bench.material import texel_centres
-from bench.timing.queries import Queries
+from bench.timing import Queries
 from tests.baselines.made import btf_of, stored
 
 

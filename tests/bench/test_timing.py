@@ -8,10 +8,8 @@ from bench import timing
 from bench.machine.threads import torch_threads
 from bench.material import DecoderCost, Material
 from bench.runs.runner import measured
-from bench.timing import BATCH, FLOOR, TURNS, Timing, calibrated, in_turns, time_materials
-from bench.timing.profile import profile
-from bench.timing.queries import Queries
-from bench.timing.roofline import limit_ns, roofline
+from bench.timing import BATCH, FLOOR, TURNS, Queries, Timing, calibrated, in_turns, time_materials
+from bench.timing.profile import limit_ns, profile, roofline
 from bench.training.decoder import Architecture, Decoder
 
 

@@ -15,9 +15,8 @@ from bench.material import parameters
 from bench.metrics.display import decode_srgb
 from bench.training import Samples, load_texture
 from bench.training import fitting as training
-from neubtf.autoencoder import Autoencoder
+from neubtf.autoencoder import Autoencoder, Encoder, as_guidance, read_encoder
 from neubtf.codec import NeuBTF, guiding_pair
-from neubtf.encoder import Encoder, as_guidance, read_encoder
 from neubtf.published import Published
 
 FEW: dict[str, Any] = {"steps": 24, "batch": 256}

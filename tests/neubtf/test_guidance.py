@@ -2,11 +2,10 @@ import numpy as np
 import pytest
 import torch
 
-from bench.data.periodic import seams
+from bench.data.materials.maps import seams
 from bench.metrics.display import LUMA, decode_srgb, encode_srgb
-from neubtf.encoder import as_guidance
-from neubtf.guidance import Treatment, guidance_of
-from neubtf.tileable import blended
+from neubtf.autoencoder import as_guidance
+from neubtf.guidance import Treatment, blended, guidance_of
 
 RNG = np.random.default_rng(0)
 OWN = torch.from_numpy(RNG.integers(20, 200, (16, 16, 3), np.uint8))

@@ -6,7 +6,7 @@ import torch
 from scipy.ndimage import correlate
 from torch import Tensor
 
-from neubtf.losses import SCALES, Style, focal_frequency, shown
+from neubtf.published import SCALES, Style, focal_frequency, shown
 
 
 def pictures(seed: int, size: tuple[int, int] = (12, 20)) -> Tensor:

@@ -14,10 +14,9 @@ from bench.conformance.check import tiny_btf
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_exr
 from bench.material import parameters
-from neubtf.autoencoder import FAINT, Autoencoder
+from neubtf.autoencoder import FAINT, Autoencoder, Encoder, as_guidance
 from neubtf.codec import NeuBTF
 from neubtf.direct import NeuBTFDirect
-from neubtf.encoder import Encoder, as_guidance
 from neubtf.propagation import FittedMaterial, textured
 
 ROUNDING = 1e-5  # float32 sums in another order

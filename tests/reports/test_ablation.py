@@ -1,5 +1,5 @@
 from bench.records import load_run
-from reports.ablation import ablation_table
+from reports.paper import ablation_table
 
 
 def test_each_change_is_held_against_the_codec_as_it_is_on_every_material(made):

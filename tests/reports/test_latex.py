@@ -5,7 +5,7 @@ import subprocess
 import pytest
 
 from reports import table_text
-from reports.latex import escaped
+from reports.text import latex_escaped as escaped
 
 
 def test_special_characters_are_escaped():

@@ -14,7 +14,7 @@ import numpy as np
 from bench.btf import BTF, Array, ArraySource
 from bench.conformance.check import CheckError, tiny_btf
 from bench.conformance.stress.case import Case, Encoded, Measured, Subject, require
-from bench.data.repair import repaired
+from bench.data.derived import repaired
 from bench.directions.hemisphere import from_degrees
 from bench.inputs.errors import InputError
 from bench.material import HALF_MAX

@@ -210,8 +210,7 @@ def energy(subject: Subject) -> Measured:
             torch.from_numpy(wi).repeat(VIEWS, 1),
             torch.zeros(VIEWS * LIGHTS),
         )
-        albedo: Array = answer(queries).view(VIEWS, LIGHTS, 3).mean(1).numpy() * 2 * np.pi / true
-        return albedo
+        return answer(queries).view(VIEWS, LIGHTS, 3).mean(1).numpy() * 2 * np.pi / true
 
     ours = excess(subject.answers)
     most = max(1.0, float(excess(mean_colour()).max())) * NO_WORSE

@@ -41,8 +41,7 @@ def recipe(name: str) -> "Recipe":
     if name not in _REGISTRY:
         raise InputError(f"unknown material {name!r}{did_you_mean(name, _REGISTRY)}")
     module, _, attribute = _REGISTRY[name][0].partition(":")
-    loaded: Recipe = getattr(importlib.import_module(f"{__name__}.{module}"), attribute)()
-    return loaded
+    return getattr(importlib.import_module(f"{__name__}.{module}"), attribute)()
 
 
 def load(

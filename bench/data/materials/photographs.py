@@ -7,9 +7,8 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from skimage import data
 
 from bench.btf import Array
-from bench.data.materials.maps import Maps, resize
-from bench.data.materials.noise import mix, normalised, smooth, srgb
-from bench.data.periodic import make_periodic
+from bench.data.materials.maps import Maps, make_periodic, resize
+from bench.data.materials.procedural import mix, normalised, smooth, srgb
 
 
 def _detail(photograph: Array, margin: int, resolution: int, sigma: float) -> Array:

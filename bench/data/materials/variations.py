@@ -12,8 +12,17 @@ import numpy as np
 
 from bench.btf import BTF
 from bench.data.materials.maps import Maps, Recipe
-from bench.data.materials.noise import mix, normalised, smooth, srgb
-from bench.data.materials.procedural import BrushedMetal, CableKnit, Colour, Leather, Satin
+from bench.data.materials.procedural import (
+    BrushedMetal,
+    CableKnit,
+    Colour,
+    Leather,
+    Satin,
+    mix,
+    normalised,
+    smooth,
+    srgb,
+)
 
 RESOLUTION = 128  # of the maps: at 32² texels, the relief is as coarse in texels as in the suites
 Pair = tuple[float, float]

@@ -105,8 +105,7 @@ def _chosen(scene: Values, path: Path, bsdf: str) -> Values:
 
 def _rows(values: Values) -> Array:
     """Dr.Jit vectors as rows (n, k) float64."""
-    rows: Array = np.asarray(values, np.float64).T
-    return rows
+    return np.asarray(values, np.float64).T
 
 
 def _vector(kind: Values, rows: Array) -> Values:

@@ -60,8 +60,7 @@ def layers_of(decoder: Decoder) -> list[Layer]:
 
 def _numbers(tensor: Tensor | nn.Module) -> Array:
     assert isinstance(tensor, Tensor)
-    array: Array = tensor.detach().cpu().double().numpy()
-    return array
+    return tensor.detach().cpu().double().numpy()
 
 
 @cache

@@ -43,8 +43,7 @@ def compiled(call: Callable[..., Tensor], dynamic: bool) -> Callable[..., Tensor
     # restricted to AVX2 could load cached AVX-512 code.
     if bits := _BITS.get(os.environ.get("ATEN_CPU_CAPABILITY", "").lower()):
         options["cpp.simdlen"] = bits
-    function: Callable[..., Tensor] = torch.compile(call, dynamic=dynamic, options=options)
-    return function
+    return torch.compile(call, dynamic=dynamic, options=options)
 
 
 class _Layer(nn.Module):

@@ -41,8 +41,7 @@ class Placeholder(Network):
         self.number, self.outputs = number, outputs
 
     def forward(self, inputs: Tensor) -> Tensor:
-        answers: Tensor = torch.ops.neubtf.network(inputs, self.number, self.outputs)
-        return answers
+        return torch.ops.neubtf.network(inputs, self.number, self.outputs)
 
 
 class Whole(Around):
@@ -75,8 +74,7 @@ class Whole(Around):
             [gather(kind, each, self.row * width + k) for k in range(width)]
             for each, width in zip(flat, WIDTHS, strict=True)
         )
-        rgb: list[Any] = self.traced(uv, wo, wi, footprint)
-        return rgb
+        return self.traced(uv, wo, wi, footprint)
 
     def _within_kernel(self, _: Any, step: Any, inputs: Value, number: int, outputs: int) -> Any:
         """The outputs of a network for the inputs (n, D) of one query: one row, or one for each texel."""

@@ -62,8 +62,7 @@ def batched(
     out = kernels[size](*(dr.llvm.Float(x.float().contiguous().reshape(-1)) for x in (*queries, *whole)))
     dr.eval(out)
     dr.sync_thread()
-    answers: Tensor = out.torch().reshape(size, -1)[:n].to(queries[0].dtype)
-    return answers
+    return out.torch().reshape(size, -1)[:n].to(queries[0].dtype)
 
 
 class DrJitNetwork(Network):
@@ -104,8 +103,7 @@ class DrJitNetwork(Network):
         """The outputs of inputs inside a kernel over samples `row`."""
         # A switch with one case; its number, 0, must not be a constant, else LLVM would inline the function in the
         # loop.
-        outputs: tuple[Any, ...] = self.dr.switch(row >> 31, [self._network], *inputs)
-        return outputs
+        return self.dr.switch(row >> 31, [self._network], *inputs)
 
     def _fetch(self, texture: Any, shape: tuple[int, ...], u: Any, v: Any) -> Sequence[Any]:
         """A texture (H, W, C) at a place, bilinear and periodic, as `bench.material.sample_texture`."""

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from bench.data.periodic import make_periodic, seams
+from bench.data.materials.maps import make_periodic, seams
 from bench.inputs.errors import InputError
 
 

@@ -6,8 +6,8 @@ import pytest
 from bench.btf import BTF, ArraySource
 from bench.cli import main
 from bench.conformance.check import tiny_btf
+from bench.data.derived import repaired
 from bench.data.readers import open_btf
-from bench.data.repair import repaired
 from bench.inputs.errors import InputError
 
 

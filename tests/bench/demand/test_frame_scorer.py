@@ -7,7 +7,7 @@ from baselines.mean_colour import MeanColour
 from baselines.table import Table
 from bench.conformance.check import tiny_btf
 from bench.demand.frame_scorer import FLIP, PSNR, FrameScorer, truth
-from bench.demand.pair_weights import pair_shares
+from bench.demand.needed_part import pair_shares
 from bench.metrics.display import to_display
 from bench.metrics.scoring import Scorer, summarise, weighted
 from tests.baselines.made import decoded

@@ -55,7 +55,7 @@ def measured(tmp_path_factory, brief):
         patch.setattr("bench.timing.execution.drjit", without_drjit)
         patch.setattr(trade, "BATCHES", (1,))
         patch.setattr("bench.timing.profile.FOOTPRINTS", (1,))
-        patch.setattr("bench.timing.roofline.COPIED", 1 << 20)
+        patch.setattr("bench.timing.profile.COPIED", 1 << 20)
         patch.setattr(native, "emulated", lambda precision, device: False)  # on any processor
         assert {outcome.record["status"] for outcome in run(SUITE, Options(folder))} == {"ok"}
         result = trade.measure(SUITE, load_run(folder), "cpu")

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from bench.data.materials.noise import smooth
+from bench.data.materials.procedural import smooth
 from bench.data.materials.renderer import HeightField
 from bench.directions.hemisphere import from_degrees
 

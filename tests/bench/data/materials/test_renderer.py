@@ -3,7 +3,7 @@ import pytest
 
 from bench.data.materials import renderer
 from bench.data.materials.maps import Maps
-from bench.data.materials.noise import grid, smooth
+from bench.data.materials.procedural import grid, smooth
 from bench.data.materials.renderer import render
 from bench.directions.hemisphere import from_degrees, uniform
 from bench.inputs.errors import InputError

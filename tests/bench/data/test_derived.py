@@ -3,7 +3,7 @@ import pytest
 
 from bench.btf import BTF, scratch
 from bench.conformance.check import tiny_btf
-from bench.data.thinning import shrunk, thinned
+from bench.data.derived import shrunk, thinned
 
 
 def test_thinning_measured_data_keeps_the_product_and_draws_other_pairs_by_seed():
