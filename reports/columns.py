@@ -7,7 +7,7 @@ from statistics import fmean, stdev
 from typing import Any
 
 from bench.metrics import PERIODIC, label_of
-from bench.records import OUTSIDE, PSNR, RMSE, Record, gate, metric_of, metrics_of, shown_columns
+from bench.records import OUTSIDE, PSNR, RMSE, Record, deciding_group, metric_of, metrics_of, shown_columns
 from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, plus_minus, significant, stated
 from reports.rows import MaterialRows, Row, described
 
@@ -100,13 +100,15 @@ def _scale(metric: Record) -> str:
 def _mean(name: str, scale: str, family: str, group: str = "", unit: str = "dB", of: str = "mean") -> Column:
     """The mean over the slices of a group, by default those that decide, or another number of them."""
     write = partial(fixed, digits=_digits(unit))
-    return Column(name, scale, lambda row: stated(row.stats(group or row.gate, family), of), write)
+    return Column(name, scale, lambda row: stated(row.stats(group or row.deciding_group, family), of), write)
 
 
 def _spread(name: str, scale: str, family: str, unit: str = "dB") -> Column:
     """Mean ± std over the slices that decide."""
     write = partial(plus_minus, digits=_digits(unit))
-    return Column(name, scale, lambda row: stated(row.stats(row.gate, family), "mean", "std"), write, over="slices")
+    return Column(
+        name, scale, lambda row: stated(row.stats(row.deciding_group, family), "mean", "std"), write, over="slices"
+    )
 
 
 def bits(job: Record, size: int) -> float:
@@ -148,13 +150,13 @@ HELDOUT = _mean("PSNR", "dB ↑", PSNR)
 PER_SLICE = _spread("PSNR", "dB ↑", PSNR)
 _WORST = replace(
     _mean("worst tenth", "dB ↑", PSNR),
-    value=lambda row: stated(stats, "worst") if "worst" in (stats := row.stats(row.gate, PSNR)) else None,
+    value=lambda row: stated(stats, "worst") if "worst" in (stats := row.stats(row.deciding_group, PSNR)) else None,
 )
 _POOLED = _mean("PSNR pooled", "dB ↑", PSNR, of="pooled")
 RELATIVE_ERROR = Column(
     "RMSE",
     "% mean ↓",
-    lambda row: None if (share := row.stats(row.gate, RMSE).get("relative")) is None else 100 * share,
+    lambda row: None if (share := row.stats(row.deciding_group, RMSE).get("relative")) is None else 100 * share,
     partial(fixed, digits=1),
 )
 _NS = _timed("time", "ns ↓", "ns_per_sample")
@@ -278,7 +280,7 @@ def footprints(job: Record) -> list[Column]:
 
 def _bands(job: Record) -> list[tuple[str, str, int]]:
     """(name, group, slices) of the pairs that decide and their subsets, without subsets of subsets."""
-    decides = gate(job["scores"])
+    decides = deciding_group(job["scores"])
     groups = [("held out" if decides == "heldout" else "all", decides)]
     for group in job["scores"]:
         prefix, _, band = group.partition(", ")

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from statistics import fmean
 
 from bench.metrics import label_of
-from bench.records import PSNR, Record, Run, gate, grouped, shown_columns, shown_label
+from bench.records import PSNR, Record, Run, deciding_group, grouped, shown_columns, shown_label
 from reports.numbers import significant
 from reports.rows import MaterialRows, Row, materials
 from reports.table import Note, Part
@@ -34,7 +34,7 @@ def quality_notes(material: MaterialRows) -> list[str]:
     if (job := material.first) is None:
         return []
     held = f"the {job['split']} pairs" if "split" in job else "the held-out pairs"
-    pairs = held if gate(job["scores"]) == "heldout" else "all pairs, none being held out"
+    pairs = held if deciding_group(job["scores"]) == "heldout" else "all pairs, none being held out"
     text = f"Quality is measured at {pairs} (“train”: training pairs), decoded from the file, as a mean over slices."
     return [Note(about_quality(text)), *_metrics(material), *common_notes(material)]
 
@@ -56,7 +56,7 @@ def common_notes(material: MaterialRows) -> list[str]:
     """Footnotes common to all tables of a material: on exact slices, a dominant slice, and rows left out."""
     notes: list[str] = []
     for row in material.measured:
-        if exact := (stats := row.stats(row.gate, PSNR)).get("exact"):
+        if exact := (stats := row.stats(row.deciding_group, PSNR)).get("exact"):
             counted = f"{exact:,} of {stats['slices']:,} slices"
             text = f"{row.name}: {counted} have no error in display space; they count as 100 dB."
             notes.append(Note(about_quality(text)))

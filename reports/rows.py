@@ -13,7 +13,7 @@ from bench.records import (
     PSNR,
     Record,
     Run,
-    gate,
+    deciding_group,
     grouped,
     metric_of,
     metrics_of,
@@ -48,14 +48,14 @@ class Row:
         return self.timing_obstacle == NEW_RUN
 
     @property
-    def gate(self) -> str:
+    def deciding_group(self) -> str:
         """The group of pairs that decides: held-out ones, or all if none are held out."""
-        return gate(self.job["scores"])
+        return deciding_group(self.job["scores"])
 
     @property
     def psnr(self) -> float | None:
         """The mean display PSNR of the slices that decide, in dB; None if they have no error."""
-        stats = self.stats(self.gate, PSNR)
+        stats = self.stats(self.deciding_group, PSNR)
         return None if stats.get("exact") == stats.get("slices") else stats.get("mean")
 
     def metric(self, family: str) -> str:
@@ -131,7 +131,7 @@ class MaterialRows:
     @property
     def deciding(self) -> str:
         """The pairs that decide, in words."""
-        return "held-out pairs" if self.measured[0].gate == "heldout" else "all pairs"
+        return "held-out pairs" if self.measured[0].deciding_group == "heldout" else "all pairs"
 
     @property
     def split(self) -> str:

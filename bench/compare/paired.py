@@ -21,7 +21,7 @@ from bench.btf import Array
 from bench.files.archive import MAX_FILE, read_arrays
 from bench.inputs.errors import InputError
 from bench.metrics.psnr import psnr
-from bench.records import MOST_DB, PSNR, Record, Run, gate, grouped, shown_label
+from bench.records import MOST_DB, PSNR, Record, Run, deciding_group, grouped, shown_label
 
 AGAINST = "neubtf-direct"  # the codec that others are compared with, named before anything was measured
 FEWEST = 3  # materials on which codecs may be told apart
@@ -194,7 +194,7 @@ def decibels(folder: Path, job: Record) -> Array | None:
             raise ValueError(f"{PSNR} and heldout are {raw.shape} {raw.dtype} and {heldout.shape} {heldout.dtype}")
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{path}: the slices of {job['job']} cannot be read ({error}): run it again") from error
-    raw = raw[heldout] if gate(job["scores"]) == "heldout" else raw
+    raw = raw[heldout] if deciding_group(job["scores"]) == "heldout" else raw
     return np.minimum(psnr(raw[~np.isnan(raw)]), MOST_DB)
 
 

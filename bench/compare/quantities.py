@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from bench.records import FLIP, MOST_DB, PSNR, Record, gate, metric_of, metrics_of
+from bench.records import FLIP, MOST_DB, PSNR, Record, deciding_group, metric_of, metrics_of
 
 FOOTPRINTS = "footprints"  # used in place of a metric's name
 MAIN = "PSNR"  # the mean over slices, which tables rank by
@@ -76,7 +76,7 @@ def deciding(job: Record) -> list[Quantity]:
         Quantity("parameters", "", "lower", 0, lambda job: job["parameters"], Tolerance()),
         Quantity("bytes", "", "lower", 0, lambda job: job["bytes"]["total"], Tolerance(drawn=0.01, relative=True)),
     ]
-    group, names = gate(job["scores"]), metrics_of(job)
+    group, names = deciding_group(job["scores"]), metrics_of(job)
     psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)
     if psnr:
         quantities.append(_mean(MAIN, psnr, [group], BY_SLICE))
@@ -92,7 +92,7 @@ def deciding(job: Record) -> list[Quantity]:
 
 def undeciding(job: Record) -> list[Quantity]:
     """The other numbers of quality and size in a record, which are shown and do not decide."""
-    group, names = gate(job["scores"]), metrics_of(job)
+    group, names = deciding_group(job["scores"]), metrics_of(job)
     psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)
     quantities = [_metric(job, psnr, group, "PSNR pooled", 2)] if psnr else []
     for name in names:

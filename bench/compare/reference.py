@@ -18,7 +18,19 @@ from bench.compare.paired import decibels, packed
 from bench.compare.quantities import MAIN, deciding
 from bench.compare.verdicts import FEW_SEEDS, agree, smallest_loss
 from bench.inputs.errors import InputError
-from bench.records import FLIP, PSNR, VALIDATION, Record, Run, by_row, gate, kept, metric_of, metrics_of, stats_of
+from bench.records import (
+    FLIP,
+    PSNR,
+    VALIDATION,
+    Record,
+    Run,
+    by_row,
+    deciding_group,
+    kept,
+    metric_of,
+    metrics_of,
+    stats_of,
+)
 
 
 def committed(suite: str) -> Path:
@@ -116,7 +128,7 @@ def _judged(run: Run) -> set[int]:
 def _reduced(job: Record, folder: Path, whole: bool) -> Record:
     """A job's line; if not `whole`, only the numbers that decide."""
     line = kept(job, records.REFERENCE)
-    decides, names = gate(job["scores"]), list(metrics_of(job))
+    decides, names = deciding_group(job["scores"]), list(metrics_of(job))
     psnr = [metric_of(names, PSNR)]
     groups = {decides: names if whole else [*psnr, metric_of(names, FLIP)], "train": psnr}
     groups |= {f"{decides}, {band}": psnr for band in ("grazing view", "grazing light")}
@@ -179,7 +191,7 @@ def published_job(job: Record, folder: Path) -> Record:
         return line
     if "file" in job:
         line["file"] = f"files/{Path(job['file']).name}"
-    decides = gate(job["scores"])
+    decides = deciding_group(job["scores"])
     line["scores"] = {
         name: group
         for name, group in job["scores"].items()

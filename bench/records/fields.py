@@ -8,7 +8,7 @@ from typing import Any, Literal, Required, get_args, get_origin, get_type_hints,
 from bench.inputs.errors import InputError
 from bench.records import kinds
 from bench.records.kinds import Each, Fields, Kind, Plain, Several
-from bench.records.schema import Job, Needed, Record, Shown, Start, Stress, Timing, Trade, Use
+from bench.records.schema import Job, Needed, Record, RunStart, Shown, Stress, Timing, Trade, Use
 
 _MEASURED = ("scores", "metrics", "bytes", "parameters")  # the fields of a job that has a result
 _TIMED = ("ns_per_sample", "ratio_to_floor", "ratio_interval95", "batch", "threads")
@@ -40,7 +40,9 @@ def kind_of(hint: Any) -> Kind:
     return {bool: kinds.FLAG, Any: kinds.ANYTHING}[hint]
 
 
-FIELDS = {name: kind_of(each) for name, each in {"run": Start, "job": Job, "timing": Timing, "stress": Stress}.items()}
+FIELDS = {
+    name: kind_of(each) for name, each in {"run": RunStart, "job": Job, "timing": Timing, "stress": Stress}.items()
+}
 
 
 def fault(record: Mapping[str, Any]) -> str:

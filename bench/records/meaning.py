@@ -51,7 +51,7 @@ def kind_of(job: Record) -> str:
     return KINDS[2] if "renderer_version" in provenance else KINDS[0]
 
 
-def gate(groups: Container[str]) -> str:
+def deciding_group(groups: Container[str]) -> str:
     """The group of pairs that decides a comparison: `heldout`, or `all` if none are held out."""
     return "heldout" if "heldout" in groups else "all"
 
@@ -76,7 +76,7 @@ def metric_of(names: Iterable[str], family: str) -> str:
 
 def metrics_of(job: Record, group: str = "") -> Record:
     """The statistics of each metric over a group, by default the deciding one; empty if there are none."""
-    metrics: Record = job["scores"].get(group or gate(job["scores"]), {}).get("metrics", {})
+    metrics: Record = job["scores"].get(group or deciding_group(job["scores"]), {}).get("metrics", {})
     return metrics
 
 

@@ -256,7 +256,7 @@ class Stress(TypedDict, total=False):
     version: Count | None
 
 
-class Start(TypedDict, total=False):
+class RunStart(TypedDict, total=False):
     """The provenance of a run, once a start."""
 
     kind: Annotated[Text, PUBLISHED]

@@ -24,7 +24,7 @@ from bench.metrics import scoring
 from bench.metrics.display import to_display
 from bench.metrics.flip import magma
 from bench.program.recording import program_of
-from bench.records import FLIP, PSNR, Record, gate, metric_of
+from bench.records import FLIP, PSNR, Record, deciding_group, metric_of
 from bench.runs.identity import identity
 from bench.runs.workbench import Workbench
 
@@ -50,7 +50,7 @@ def conditions(workbench: Workbench) -> dict[str, Any]:
         key |= {"demand": workbench.demand.fingerprint}
     if len(workbench.scored) < len(workbench.btf):
         key |= {"scored": len(workbench.scored)}
-    if len(workbench.deciding) < len(workbench.groups[gate(workbench.groups)]):
+    if len(workbench.deciding) < len(workbench.groups[deciding_group(workbench.groups)]):
         key |= {"deciding": sha256(workbench.deciding.astype("<i8").tobytes()).hexdigest()[:16]}
     return key
 
@@ -68,7 +68,7 @@ def evaluate(workbench: Workbench, file: Loaded, threads: int, keep: Keep, show:
 def scored(workbench: Workbench, material: Material, name: str, threads: int, keep: Keep, show: Progress) -> Record:
     """Score any material: its record without settings and bytes; kept files are called after `name`."""
     decoder = Slices(workbench, material, show)
-    groups, decides = dict(workbench.groups), gate(workbench.groups)
+    groups, decides = dict(workbench.groups), deciding_group(workbench.groups)
     if decides != "all" and len(workbench.scored) < len(workbench.btf):
         del groups["all"]  # if only some training pairs are scored, a mean over all scored pairs represents neither set
     with torch_threads(threads):

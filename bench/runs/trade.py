@@ -28,7 +28,7 @@ from bench.metrics.angular import as_number
 from bench.metrics.display import display_error
 from bench.metrics.psnr import psnr as decibels
 from bench.metrics.scoring import summarise
-from bench.records import FLIP, PSNR, VALIDATION, Record, Run, gate, metric_of, metrics_of
+from bench.records import FLIP, PSNR, VALIDATION, Record, Run, deciding_group, metric_of, metrics_of
 from bench.records.lines import TRADE, TRADE_FORMAT, load_run, load_trade
 from bench.runs import runner
 from bench.runs.evaluation import Slices, recorded
@@ -169,7 +169,7 @@ def _choices(
                 ready = prepared(material, variant)
                 if variant == Variant():
                     slices = read_arrays(run.folder / job["slices"], MAX_FILE)
-                    decide = slices["heldout"] if gate(job["scores"]) == "heldout" else slice(None)
+                    decide = slices["heldout"] if deciding_group(job["scores"]) == "heldout" else slice(None)
                     row |= _figures(job, slices[PSNR][decide])
                 else:
                     row |= _score(workbench, ready, suite.threads, show) | _deviation(workbench, ready, material, show)
@@ -210,7 +210,7 @@ def _limit(material: Material, ceilings: list[dict[str, Any]]) -> float:
 
 def _score(workbench: Workbench, material: Material, threads: int, show: Progress) -> dict[str, Any]:
     """The figures of a material in another execution or precision, scored now."""
-    groups = {gate(workbench.groups): workbench.deciding} | {
+    groups = {deciding_group(workbench.groups): workbench.deciding} | {
         name: np.intersect1d(workbench.scored, pairs) for name, pairs in workbench.groups.items() if name == VALIDATION
     }
     with torch_threads(threads):

@@ -23,7 +23,7 @@ from bench.directions.interpolation import PairInterpolator
 from bench.inputs.errors import InputError
 from bench.metrics import DEFAULTS, chosen_names
 from bench.metrics.scoring import Scorer
-from bench.records import OUTSIDE, VALIDATION, gate
+from bench.records import OUTSIDE, VALIDATION, deciding_group
 from bench.runs.suite import Task
 
 STORED = 16  # how many slices are stored as pictures, for the slice viewer of a report
@@ -124,7 +124,7 @@ class Workbench:
     @cached_property
     def deciding(self) -> np.ndarray:
         """The pairs that decide a comparison: the scored held-out pairs, or all pairs if none are held out."""
-        return np.intersect1d(self.scored, self.groups[gate(self.groups)])
+        return np.intersect1d(self.scored, self.groups[deciding_group(self.groups)])
 
 
 _latest: dict[object, Workbench] = {}  # holds one only: a scorer keeps hundreds of megabytes

@@ -135,7 +135,7 @@ def angle_curves(run: Run, material: MaterialRows) -> Figure | None:
 
 def _rings(row: Row, scores: Arrays, side: str) -> tuple[np.ndarray, np.ndarray]:
     """Centres of the rings that hold a pair, and PSNR of the mean squared error there; no point if the error is 0."""
-    chosen = scores["heldout"] if row.gate == "heldout" else np.ones(len(scores["heldout"]), bool)
+    chosen = scores["heldout"] if row.deciding_group == "heldout" else np.ones(len(scores["heldout"]), bool)
     error, theta = scores[PSNR][chosen], scores[side][chosen, 0]
     ring = np.clip(np.searchsorted(EDGES_DEG, theta + 1e-4, side="right") - 1, 0, len(EDGES_DEG) - 2)
     means = {int(i): error[ring == i].mean() for i in np.unique(ring)}

@@ -8,8 +8,8 @@ def job(**groups):
 
 
 def test_held_out_pairs_decide_and_all_pairs_where_there_are_none():
-    assert records.gate({"all": 0, "train": 0, "heldout": 0}) == "heldout"
-    assert records.gate(["all", "train"]) == "all"
+    assert records.deciding_group({"all": 0, "train": 0, "heldout": 0}) == "heldout"
+    assert records.deciding_group(["all", "train"]) == "all"
     assert records.metrics_of(job(all=["b"], heldout=["a"])) == {"a": STATS}
     assert records.metrics_of(job(all=["b"], train=["c"])) == {"b": STATS}
     assert records.metrics_of(job(all=["b"]), "train") == {}

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.machine.devices import is_gpu
-from bench.records import MOST_DB, PSNR, VALIDATION, Record, Run, gate, load_run, load_trade, stats_of
+from bench.records import MOST_DB, PSNR, VALIDATION, Record, Run, deciding_group, load_run, load_trade, stats_of
 
 NEAR_DB = 0.5  # within this many dB of the best counts as equally good
 FLOAT_BYTES = 4
@@ -70,7 +70,7 @@ def validation_of(job: Record) -> Mapping[str, Any]:
 
 def has_validation(job: Record) -> bool:
     """Whether a job may be chosen: it has a score of validation pairs, and a score of test pairs to show."""
-    return bool(validation_of(job).get("slices")) and gate(job["scores"]) == "heldout"
+    return bool(validation_of(job).get("slices")) and deciding_group(job["scores"]) == "heldout"
 
 
 def usable(choices: list[Record], material: str) -> list[Rung]:
