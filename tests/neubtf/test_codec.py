@@ -146,6 +146,7 @@ def test_a_batch_of_two_windows_is_the_mean_of_each() -> None:
     fitting, generator = published(torch.full((1, 3, 16, 16), 0.3), smallest=0.5), torch.Generator().manual_seed(0)
     elements = [fitting.element(generator) for _ in range(60)]
     assert len({element.window.size for element in elements}) > 1
+    assert len({element.view for element in elements}) > 20
     each = torch.stack([fitting.losses([element]) for element in elements]).mean(0)
     torch.testing.assert_close(fitting.losses(elements)[0], each[0])
 
