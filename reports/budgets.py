@@ -40,7 +40,7 @@ def budgets_table(run: Run) -> Iterator[Table]:
 
 
 def _budgets(run: Run, result: Budgets, materials: Sequence[str], kind: str) -> Iterator[Table]:
-    ranked = {budget: result.ranked(budget, materials) for budget in result.picks}
+    ranked = {budget: result.ranked(budget, materials) for budget in result.limits}
     means = {line: [lines.get(line) for lines in ranked.values()] for by_line in ranked.values() for line in by_line}
     if not means:
         return
@@ -90,10 +90,11 @@ def rung_tables(run: Run) -> Iterator[Table]:
 
 def _mean_rows(result: Budgets) -> Iterator[list[str]]:
     """Bytes, PSNR, SSIM and FLIP of each codec, means over the materials; budgets of equal numbers share a row."""
-    ranked = {(budget, of): result.ranked(budget, result.surfaces, of) for budget in result.picks for of in _DIGITS}
-    for line in dict.fromkeys(line for lines in result.picks.values() for line in lines):
+    picks = {budget: result.picks(budget, result.surfaces) for budget in result.limits}
+    ranked = {(budget, of): result.ranked(budget, result.surfaces, of) for budget in picks for of in _DIGITS}
+    for line in dict.fromkeys(line for lines in picks.values() for line in lines):
         at: dict[tuple[str, ...], list[Budget]] = {}
-        for budget, lines in result.picks.items():
+        for budget, lines in picks.items():
             if line in ranked[budget, PSNR]:
                 size = fmean(most_bytes(rung.of) for rung in lines[line].values())
                 numbers = (_number(ranked[budget, family].get(line), family) for family in _DIGITS)
@@ -104,10 +105,10 @@ def _mean_rows(result: Budgets) -> Iterator[list[str]]:
 def _rung_rows(result: Budgets, material: str) -> Iterator[list[str]]:
     """A row for each rung that was chosen on a material; those of a line follow each other."""
     at: dict[str, dict[str, tuple[Rung, list[Budget]]]] = {}  # by line and first job
-    for budget, lines in result.picks.items():
-        for line, rungs in lines.items():
-            if rung := rungs.get(material):
-                at.setdefault(line, {}).setdefault(rung.of[0]["job"], (rung, []))[1].append(budget)
+    for budget in result.limits:
+        for line, rungs in result.picks(budget, [material]).items():
+            rung = rungs[material]
+            at.setdefault(line, {}).setdefault(rung.of[0]["job"], (rung, []))[1].append(budget)
     for line, by_job in at.items():
         for name, (rung, budgets_of) in by_job.items():
             numbers = [integer(most_bytes(rung.of)), _number(rung.score)]
@@ -138,7 +139,7 @@ def when_table(run: Run) -> Iterator[Table]:
 def _questions(result: Budgets) -> Iterator[tuple[str, dict[str, float], str]]:
     """Each question, the codecs that answer it with their numbers, the best first, and the metric."""
     enough = in_words(ENOUGH)
-    for budget in result.picks:
+    for budget in result.limits:
         yield f"best quality in {in_words(budget)}", result.ranked(budget, result.surfaces), PSNR
     if fewest := result.fewest_bytes():
         yield f"fewest bytes within {NEAR_DB:g} dB of the best: {in_words(fewest[0])}", fewest[1], PSNR
@@ -169,9 +170,11 @@ def front_table(run: Run) -> Iterator[Table]:
     kinds = grouped(result.surfaces, lambda material: kind_of(result.surfaces[material]))
     kinds = {kind: kinds[kind] for kind in KINDS if kind in kinds} | {"all": list(result.surfaces)}
     ranked = {kind: result.ranked(FRONT, surfaces) for kind, surfaces in kinds.items()}
+    picks = [result.picks(FRONT, surfaces) for surfaces in kinds.values()]
     rows = []
     for line in dict.fromkeys(line for lines in reversed(ranked.values()) for line in lines):
-        rungs = [rung.of for rung in result.picks[FRONT][line].values()]
+        by_material = {name: rung.of for lines in picks for name, rung in lines.get(line, {}).items()}
+        rungs = list(by_material.values())
         parameters, size = (round(fmean(map(of, rungs))) for of in (lambda jobs: jobs[0]["parameters"], most_bytes))
         times = [time for jobs in rungs if (time := result.times.get(EAGER, {}).get(jobs[0]["job"]))]
         quality = [_number(lines.get(line)) for lines in ranked.values()]

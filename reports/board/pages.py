@@ -3,11 +3,16 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 
-from bench.records import KINDS, kind_of
+from bench.compare.choosing.budgets import ENOUGH, budgets
+from bench.compare.paired import AGAINST
+from bench.records import KINDS, Run, grouped, kind_of
 from reports import series
 from reports.board import tables
 from reports.board.sources import STATES, Codec, Publication, by_material, joined, page_name
+from reports.budgets import in_words
+from reports.figures.contact import strip
 from reports.figures.fronts import fronts
+from reports.figures.significance import critical_differences
 from reports.fits import curves_by_material
 from reports.live import Live, by_psnr
 from reports.page import CODECS, Page, document, image
@@ -84,10 +89,10 @@ class Board:
             kind = _kind(source)
             yield f'<h2 id="{page_name("s", source.name)}">{kind[:1].upper()}{kind[1:]}: {escape(source.name)}</h2>'
             yield note(next((material.split for material in source.materials if material.measured), ""))
-            for figure in fronts(source.run) if source.has_budgets else ():
-                yield f'<div class="scroll">{image(figure)}</div>'
             if source.has_budgets:
+                yield from _first(source.run)
                 yield from (table_html(table, self._to_codec) for table in all_tables(source.run, kind="budgets"))
+                yield from (details(each.title, image(each)) for each in critical_differences(source.run))
             yield _plots_of(source)
             for table in all_tables(source.run, kind="when" if source.has_budgets else "summary"):
                 yield details(table.title, table_html(table, self._to_codec))
@@ -211,6 +216,23 @@ def _fits(name: str, source: Publication) -> Iterator[series.Plot]:
                 "series": [{"label": label, "line": True, "points": line} for label, line in points.items()],
                 "missing": [],
             }
+
+
+def _first(run: Run) -> Iterator[str]:
+    """A strip of one surface, if pictures are at hand, the fronts of each kind of surface, and who leads on it."""
+    result, told = budgets(run), []
+    if figure := strip(run, ENOUGH):
+        yield f'<div class="scroll">{image(figure)}</div>'
+        yield note(f"{figure.title}. The slice is that of the best codec's median PSNR.")
+    for kind, surfaces in grouped(result.surfaces, lambda name: kind_of(result.surfaces[name])).items():
+        means = result.ranked(ENOUGH, surfaces)
+        best, *others = means
+        if other := AGAINST if AGAINST in others else next(iter(others), ""):
+            told.append(f"{best} leads on {kind} surfaces, {means[best] - means[other]:.2f} dB before {other}")
+    for number, figure in enumerate(fronts(run)):
+        drawn = f'<div class="scroll">{image(figure)}</div>'
+        yield details(figure.title, drawn) if number else drawn
+        yield f"<p>Within {in_words(ENOUGH)}, means of test PSNR: {'; '.join(told)}.</p>" if told and not number else ""
 
 
 def _plots_of(source: Publication) -> str:

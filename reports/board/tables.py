@@ -95,12 +95,12 @@ def _place(material: str, results: str, name: str, known: Sequence[tuple[str, En
 
 def _at_budgets(name: str, source: Publication) -> Iterator[Place]:
     result = budgets(source.run)
-    for budget, lines in result.picks.items():
+    for budget in result.limits:
         for material in result.surfaces:
             known = [
                 (line.partition(",")[0], (line, most_bytes(rungs[material].of), quality))
-                for line, rungs in lines.items()
-                if material in rungs and (quality := shown(rungs[material], PSNR)) is not None
+                for line, rungs in result.picks(budget, [material]).items()
+                if (quality := shown(rungs[material], PSNR)) is not None
             ]
             yield from _place(material, f"{source.name}, {in_words(budget)}", name, known)
 

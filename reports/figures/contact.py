@@ -1,13 +1,17 @@
-"""Contact sheets: a few slices, true and decoded, beside their FLIP maps."""
+"""Contact sheets: a few slices, true and decoded, beside their FLIP maps; a strip of one slice by a few codecs."""
 
 import textwrap
+from collections.abc import Sequence
+from math import prod
 
 import numpy as np
 from matplotlib.colors import Normalize
 
-from bench.records import FLIP, Run
+from bench.compare.choosing.budgets import Budget, budgets
+from bench.records import FLIP, KINDS, PSNR, Record, Run, kind_of, stats_of
 from reports.artefacts import Arrays, arrays, of_shown
-from reports.figures.canvas import Figure, Sheet, coloured, enlarged, of_each_material
+from reports.figures.canvas import Figure, Sheet, coloured, enlarged, of_each_material, style
+from reports.numbers import fixed
 from reports.rows import MaterialRows, Row
 
 CELL = 128  # the least side of a picture in pixels; smaller slices are enlarged by a whole factor
@@ -52,6 +56,39 @@ def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
                     sheet.text(right - 4, bottom - 9, means[k], color="white", fontsize=7.5, ha="right")
     _scale(sheet, _LEFT + cell[0] + 2, _TOP + cell[1] // 2, cell[0])
     return Figure(material.name, "contact", title, sheet.png(), sheet)
+
+
+def strip(run: Run, budget: Budget) -> Figure | None:
+    """One slice of the first surface with pictures, path-traced before rendered: truth and the three best in a budget.
+
+    Of the slices that pictures show, it is the one with the median PSNR of the best codec.
+    """
+    result = budgets(run)
+    for material in sorted(result.surfaces, key=lambda name: KINDS.index(kind_of(result.surfaces[name]))):
+        picked = result.picks(budget, [material])
+        jobs = [picked[line][material].of[0] for line in result.ranked(budget, [material])]
+        known = [(job, each) for job in jobs if (each := arrays(run.folder, job, "pictures"))][:3]
+        if len(known) == 3 and (scores := arrays(run.folder, known[0][0], "slices", ("pairs", PSNR))):
+            with style():
+                return _strip(material, known, scores)
+    return None
+
+
+def _strip(material: str, known: Sequence[tuple[Record, Arrays]], scores: Arrays) -> Figure:
+    truth, pairs = (known[0][1][name] for name in ("truth", "pairs"))
+    errors = dict(zip(scores["pairs"].tolist(), scores[PSNR].tolist(), strict=True))
+    shown = sorted(range(len(pairs)), key=lambda place: errors[pairs[place]])[len(pairs) // 2]
+    factor = -(-2 * CELL // max(truth.shape[1:3]))
+    words = [f"{material}, truth"]
+    for job, _ in known:
+        mean, size = stats_of(job, PSNR)["mean"], 8 * job["bytes"]["total"] / prod(job["shape"])
+        words.append(f"{job['codec']}: {fixed(mean, 2)} dB, {size:.0f} bits a texel")
+    height, width = truth.shape[1] * factor, truth.shape[2] * factor
+    sheet = Sheet(4 * (width + _GAP) - _GAP, height + _BOTTOM)
+    for place, picture in enumerate([truth, *(each["decoded"] for _, each in known)]):
+        sheet.picture(place * (width + _GAP), 0, enlarged(picture[shown], factor))
+        sheet.text(place * (width + _GAP), height + _BOTTOM / 2, words[place])
+    return Figure(material, "strip", f"{material}: truth and decoded; PSNR: mean over test slices", sheet.png(), sheet)
 
 
 def _flip_means(run: Run, row: Row, pictures: Arrays) -> list[str]:

@@ -35,7 +35,7 @@ def _drawn(result: Budgets, surfaces: Sequence[str], kind: str, styles: Styles) 
     handles: dict[str, Any] = {}
     for axes, (cost, label) in zip(panels, _COSTS.items(), strict=True):
         points: dict[str, list[tuple[float, float]]] = {}
-        for budget in (each for each in result.picks if each.kind == cost):
+        for budget in (each for each in result.limits if each.kind == cost):
             for line, value in result.ranked(budget, surfaces).items():
                 points.setdefault(line, []).append((budget.most, value))
         for line, at in points.items():

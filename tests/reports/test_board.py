@@ -15,11 +15,13 @@ from bench import cli
 from bench.btf import BAKED, RENDERED
 from bench.codec import Fit
 from bench.codecs.registry import load_codec
+from bench.compare.choosing.budgets import BYTES, Budget
 from bench.conformance.check import tiny_btf
 from bench.program.recording import program_of
 from bench.records import append, load_run
 from reports.board import Codec, Publication, write_site
 from reports.board.sources import page_name
+from reports.figures.contact import strip
 
 ROOT = Path(__file__).parents[2]
 HOSTILE = ('"><script>bad()</script>', "</script><script>bad()</script>", "' onerror='bad()", "../../up", "\ud800")
@@ -112,6 +114,24 @@ def test_records_get_the_pictures_of_a_run_at_hand_of_the_same_files_alone(made,
     assert pages["material-brick.html"].count('id="slices') == 1, "of the run, whose vq is of other data"
     assert ": quick</h2>" in pages["index.html"], "vq of other data is in no records, so the run stands by itself, too"
     assert "data:image" not in write(tmp_path / "site", published)["material-satin.html"]
+
+
+def test_the_front_opens_with_the_best_three_on_a_surface_whose_pictures_may_be_shown(made, tmp_path):
+    kinds = {"hidden": {"source": "measured"}, "shown": {"source": RENDERED, "renderer_version": 1}}
+    for material, provenance in kinds.items():
+        for label, psnr in (("pca", 25.0), ("neubtf-direct", 28.0), ("relief", 30.5), ("vq", 24.0)):
+            scores = {"heldout": made._group(psnr), "validation": made._group(psnr)}
+            made.job(label, material, bytes={"total": 256}, scores=scores, psnr=psnr, provenance=provenance)
+    source = Publication("made", load_run(made.folder))
+    front = write(tmp_path / "site", runs=[source])["index.html"]
+    assert re.findall('alt="(.*?): truth and decoded', front) == ["shown"]
+    assert "relief leads on rendered surfaces, 2.50 dB before neubtf-direct" in text_of(front)
+    assert "truth and decoded" not in write(tmp_path / "site", source.run)["index.html"]
+    figure = strip(source.run, Budget(BYTES, 32))
+    words = [text.get_text() for text in figure.drawing.drawing.texts]
+    size = f"{8 * 256 / 8**2:.0f} bits a texel"
+    best = ["relief: 30.50 dB, ", "neubtf-direct: 28.00 dB, ", "pca: 25.00 dB, "]
+    assert words == [f"{figure.material}, truth", *(each + size for each in best)]
 
 
 def test_each_row_says_whose_word_it_is_and_claims_count_nowhere(made, run_maker, tmp_path):

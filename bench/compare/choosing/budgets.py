@@ -1,12 +1,12 @@
 """Chooses each codec's best rung within budgets of bytes and time by validation pairs, and gives its test scores.
 
-A *line* is a codec, or a codec as published (`recipe=paper`); its rungs are all its settings that were measured. One is
-chosen for each budget and material. Test pairs are only shown.
+A *line* is a codec, or a codec as published (`recipe=paper`); its rungs over some materials are its settings that were
+measured on each of them. One is chosen for each budget and material. Test pairs are only shown.
 """
 
 import json
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from statistics import fmean
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from bench.compare.choosing import NEAR_DB, Limits, Rung, chosen, fused_times, h
 from bench.compare.paired import AGAINST, against_jobs
 from bench.compare.quantities import average
 from bench.compare.ranks import Ranks, ranks
-from bench.records import FLIP, PSNR, Record, Run, grouped, stats_of
+from bench.records import FLIP, PSNR, Record, Run, stats_of
 
 BITS = (4, 8, 16, 32, 64, 128)  # bits of the whole file a texel
 TIMES = (2, 4, 8, 16, 32)  # time of a query, × floor
@@ -42,27 +42,35 @@ ENOUGH = Budget(BYTES, 32)  # the budget of ranks, and for questions about a sin
 
 @dataclass(frozen=True)
 class Budgets:
-    """The rungs of a run that were chosen by budget, line and material; `without` and `unlike` are excluded jobs."""
+    """The rungs of a run, with the limits to choose them by; `without` and `unlike` are excluded jobs."""
 
     surfaces: dict[str, Record]  # a job of each material that has a rung at some budget
-    picks: dict[Budget, dict[str, dict[str, Rung]]]
+    limits: list[Budget]
+    rungs: dict[str, dict[str, dict[str, list[Record]]]]  # by line, settings and material: jobs, one a seed
     times: dict[str, Times]  # by kind
     without: list[Record]  # jobs without a score of validation pairs
     unlike: list[Record]  # jobs not comparable with the newest of their material
 
+    def picks(self, budget: Budget, materials: Iterable[str]) -> dict[str, dict[str, Rung]]:
+        """By line: the best rung on each material that fits, of those measured on all; lines that have one on each."""
+        times, picked = self.times.get(budget.kind, {}), dict[str, dict[str, Rung]]()
+        for line, by_settings in self.rungs.items():
+            common = [jobs for jobs in by_settings.values() if jobs.keys() >= set(materials)]
+            best = {name: chosen([rung_of(jobs[name], times) for jobs in common], budget.limits) for name in materials}
+            if fit := {name: rung for name, rung in best.items() if rung}:
+                picked |= {line: fit} if len(fit) == len(best) else {}
+        return picked
+
     def ranked(self, budget: Budget, materials: Collection[str], family: str = PSNR) -> dict[str, float]:
         """The lines with a rung on each of some materials, with their mean of a metric over these, the best first."""
-        means = {
-            line: average([shown(rungs[name], family) for name in materials])
-            for line, rungs in self.picks.get(budget, {}).items()
-            if rungs.keys() >= set(materials)
-        }
+        picked = self.picks(budget, materials)
+        means = {line: average([shown(rung, family) for rung in rungs.values()]) for line, rungs in picked.items()}
         known = [(line, value) for line, value in means.items() if value is not None]
         return dict(sorted(known, key=lambda each: each[1] if family == FLIP else -each[1]))
 
     def fewest_bytes(self) -> tuple[Budget, dict[str, float]] | None:
         """The smallest budget of bytes within `NEAR_DB` of the best of all, and its lines that are as near."""
-        ranked = {budget: self.ranked(budget, self.surfaces) for budget in self.picks if budget.kind == BYTES}
+        ranked = {budget: self.ranked(budget, self.surfaces) for budget in self.limits if budget.kind == BYTES}
         best = max((value for lines in ranked.values() for value in lines.values()), default=0.0)
         for budget, lines in ranked.items():
             if near := {line: value for line, value in lines.items() if value >= best - NEAR_DB}:
@@ -71,42 +79,39 @@ class Budgets:
 
     def told_apart(self, run: Run, budget: Budget, materials: Collection[str]) -> set[str]:
         """The lines with a rung on each material whose paired differences tell them apart from `AGAINST`."""
-        picked = {line: self.picks[budget][line] for line in self.ranked(budget, materials)}
         jobs = {
-            line: {(job["material"], job["seed"]): job for name in materials for job in rungs[name].of}
-            for line, rungs in picked.items()
+            line: {(job["material"], job["seed"]): job for rung in rungs.values() for job in rung.of}
+            for line, rungs in self.picks(budget, materials).items()
         }
         over = against_jobs(run.folder, AGAINST, jobs).over if AGAINST in jobs else {}
         return {line for line, each in over.items() if each.apart}
 
     def ranks(self) -> Ranks | None:
         """The mean ranks at `ENOUGH` of the lines with a rung on every material."""
-        lines = [(line, rungs) for line, rungs in self.picks[ENOUGH].items() if rungs.keys() >= self.surfaces.keys()]
-        return ranks({line: [shown(rungs[name], PSNR) or 0.0 for name in self.surfaces] for line, rungs in lines})
+        lines = self.picks(ENOUGH, self.surfaces)
+        return ranks({line: [shown(rung, PSNR) or 0.0 for rung in rungs.values()] for line, rungs in lines.items()})
 
 
 @lru_cache(maxsize=1)
 def budgets(run: Run, bits: Sequence[float] = BITS) -> Budgets:
-    """The rung of each line for each budget, of so many bits a texel and of time, and material."""
+    """The rungs of a run, and budgets of so many bits a texel and of time."""
     done = [job for job in run.jobs if job["status"] == "ok"]
     judged = [job for job in done if has_validation(job)]
     obstacle = obstacles(judged)
     alike = [job for job in judged if job["job"] not in obstacle]
     times = _times(run, alike)
-    limits = {BYTES: bits} | dict.fromkeys(times, TIMES) | ({FIT: SECONDS} if FIT in times else {})
-    rungs = grouped(alike, lambda job: (job["material"], line_of(job), json.dumps(job["settings"], sort_keys=True)))
-    ladders = grouped(rungs, lambda rung: rung[:2])
-    picks: dict[Budget, dict[str, dict[str, Rung]]] = {}
-    for budget in (Budget(kind, most) for kind in limits for most in limits[kind]):
-        lines = picks.setdefault(budget, {})
-        for (material, line), ladder in ladders.items():
-            if rung := chosen([rung_of(rungs[key], times.get(budget.kind, {})) for key in ladder], budget.limits):
-                lines.setdefault(line, {})[material] = rung
-    there = {material for lines in picks.values() for by_material in lines.values() for material in by_material}
-    surfaces = {job["material"]: job for job in alike if job["material"] in there}
+    kinds = {BYTES: bits} | dict.fromkeys(times, TIMES) | ({FIT: SECONDS} if FIT in times else {})
+    rungs: dict[str, dict[str, dict[str, list[Record]]]] = {}
+    for job in alike:
+        settings = json.dumps(job["settings"], sort_keys=True)
+        of_line = rungs.setdefault(line_of(job), {}).setdefault(settings, {})
+        of_line.setdefault(job["material"], []).append(job)
     without = [job for job in done if not has_validation(job)]
     unlike = [job for job in judged if job["job"] in obstacle]
-    return Budgets(surfaces, picks, times, without, unlike)
+    found = Budgets({}, [Budget(kind, most) for kind in kinds for most in kinds[kind]], rungs, times, without, unlike)
+    surfaces = {job["material"]: job for job in alike}
+    there = {name: job for name, job in surfaces.items() if any(found.picks(each, [name]) for each in found.limits)}
+    return replace(found, surfaces=there)
 
 
 def _times(run: Run, jobs: Sequence[Record]) -> dict[str, Times]:

@@ -37,7 +37,7 @@ def test_fronts_hold_the_numbers_of_the_budgets():
     names = [name for name, job in result.surfaces.items() if kind_of(job) == "measured"]
     lines = [list(zip(*line.get_data(), strict=True)) for line in drawn["fronts-measured"].axes[0].lines]
     for codec in ("neubtf-direct", "pca"):
-        bits = [budget for budget in result.picks if budget.kind == BYTES]
+        bits = [budget for budget in result.limits if budget.kind == BYTES]
         ranked = [(budget.most, result.ranked(budget, names).get(codec)) for budget in bits]
         assert [(most, value) for most, value in ranked if value is not None] in lines
 

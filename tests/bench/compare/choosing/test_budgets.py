@@ -43,8 +43,8 @@ def run_of(folder, *records):
 
 
 def picks(run, budget, material="satin"):
-    by_line = budgets(run).picks.get(budget, {})
-    return {line: setting_of(rungs[material].of[0]) for line, rungs in by_line.items() if material in rungs}
+    picked = budgets(run).picks(budget, [material])
+    return {line: setting_of(rungs[material].of[0]) for line, rungs in picked.items()}
 
 
 def test_the_best_that_fits_is_chosen_and_one_that_is_a_byte_too_large_is_not(tmp_path):
@@ -103,7 +103,7 @@ def test_seeds_make_one_rung_of_their_means_that_fits_where_the_largest_file_doe
     seeds = [job("a x=1", fits, 30.0, 20.0), job("a x=1", fits + 1, 40.0, 30.0, seed=1), job("a x=2", fits, 34.0)]
     run = run_of(tmp_path / "run", *seeds)
     assert (picks(run, Budget(BYTES, 16)), picks(run, Budget(BYTES, 32))) == ({"a": "x=2"}, {"a": "x=1"})
-    assert shown(budgets(run).picks[Budget(BYTES, 32)]["a"]["satin"], PSNR) == 25.0
+    assert shown(budgets(run).picks(Budget(BYTES, 32), ["satin"])["a"]["satin"], PSNR) == 25.0
 
 
 def test_other_test_scores_change_no_choice(tmp_path):
@@ -111,7 +111,7 @@ def test_other_test_scores_change_no_choice(tmp_path):
         return [job(f"a x={i}", 900 * i, 30.0 + i % 3, 30.0 + sign * i) for i in range(5)]
 
     runs = [run_of(tmp_path / str(sign), *jobs(sign)) for sign in (-1, 1)]
-    first, second = ({budget: picks(run, budget) for budget in budgets(run).picks} for run in runs)
+    first, second = ({budget: picks(run, budget) for budget in budgets(run).limits} for run in runs)
     assert first == second
 
 
@@ -131,6 +131,14 @@ def test_fused_times_have_budgets_of_their_own(tmp_path):
     trade = {"format": TRADE_FORMAT, "choices": [fused], "profiles": [], "ceilings": [], "answers": []}
     (run.folder / TRADE).write_text(json.dumps(trade))
     assert (picks(run, Budget(FUSED, 4)), picks(run, Budget(EAGER, 8))) == ({"a": "default"}, {})
+
+
+def test_rungs_over_several_surfaces_are_those_that_were_measured_on_each(tmp_path):
+    both = [job("a x=1", 10, 30.0, 20.0, material) for material in ("satin", "brick")]
+    found = budgets(run_of(tmp_path / "run", *both, job("a x=2", 10, 40.0, 30.0)))
+    budget = Budget(BYTES, 16)
+    assert found.ranked(budget, ["satin"]) == {"a": 30.0}
+    assert found.ranked(budget, ["satin", "brick"]) == {"a": 20.0}
 
 
 def test_what_was_measured_on_other_data_than_last_is_left_out(tmp_path):
