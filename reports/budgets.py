@@ -19,6 +19,7 @@ from bench.compare.choosing.budgets import (
     shown,
 )
 from bench.compare.paired import AGAINST, FEWEST
+from bench.compare.quantities import average
 from bench.records import FLIP, KINDS, MOST_DB, PSNR, SSIM, Record, Run, grouped, kind_of
 from reports.numbers import EXACT, NONE, fixed, integer, significant
 from reports.table import Table, best_cells
@@ -90,16 +91,13 @@ def rung_tables(run: Run) -> Iterator[Table]:
 
 def _mean_rows(result: Budgets) -> Iterator[list[str]]:
     """Bytes, PSNR, SSIM and FLIP of each codec, means over the materials; budgets of equal numbers share a row."""
-    picks = {budget: result.picks(budget, result.surfaces) for budget in result.limits}
-    ranked = {(budget, of): result.ranked(budget, result.surfaces, of) for budget in picks for of in _DIGITS}
-    for line in dict.fromkeys(line for lines in picks.values() for line in lines):
-        at: dict[tuple[str, ...], list[Budget]] = {}
-        for budget, lines in picks.items():
-            if line in ranked[budget, PSNR]:
-                size = fmean(most_bytes(rung.of) for rung in lines[line].values())
-                numbers = (_number(ranked[budget, family].get(line), family) for family in _DIGITS)
-                at.setdefault((integer(round(size)), *numbers), []).append(budget)
-        yield from ([line, _span(budgets_of), *numbers] for numbers, budgets_of in at.items())
+    at: dict[str, dict[tuple[str, ...], list[Budget]]] = {}
+    for budget in result.limits:
+        for line, rungs in result.picks(budget, result.surfaces).items():
+            size = integer(round(fmean(most_bytes(rung.of) for rung in rungs.values())))
+            means = (_number(average([shown(rung, of) for rung in rungs.values()]), of) for of in _DIGITS)
+            at.setdefault(line, {}).setdefault((size, *means), []).append(budget)
+    yield from ([line, _span(of), *numbers] for line, by_numbers in at.items() for numbers, of in by_numbers.items())
 
 
 def _rung_rows(result: Budgets, material: str) -> Iterator[list[str]]:

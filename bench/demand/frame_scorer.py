@@ -21,7 +21,6 @@ from bench.material import Material, sample_texture
 from bench.metrics.angular import as_number
 from bench.metrics.base import Prepared, SliceMetric
 from bench.metrics.display import exposure_of
-from bench.metrics.flip import magma
 
 NAMES = registry.chosen_names(registry.DEFAULTS, periodic=False)  # a frame has borders
 PSNR, FLIP = (records.metric_of(NAMES, family) for family in (records.PSNR, records.FLIP))
@@ -131,11 +130,6 @@ class FrameScorer:
         """The fields of a job's record about the scene."""
         facts = {"name": self.demand.name, "queries": len(self.demand), "frames": list(self.demand.frames)}
         return facts | {"exposure": self.exposure, "metrics": self.score(material)}
-
-    def flip_map(self, frames: Array) -> Array:
-        """The FLIP of the first of some frames, as a picture (H, W, 3) of 8 bits in magma."""
-        state = self._sides(FLIP, registry.get(FLIP).load())[0]
-        return np.round(magma(registry.get(FLIP).load().error_map(state, frames[0])) * 255).astype(np.uint8)
 
 
 def _inner(mask: Array, size: tuple[int, ...]) -> Array:

@@ -56,9 +56,9 @@ class Budgets:
         times, picked = self.times.get(budget.kind, {}), dict[str, dict[str, Rung]]()
         for line, by_settings in self.rungs.items():
             common = [jobs for jobs in by_settings.values() if jobs.keys() >= set(materials)]
-            best = {name: chosen([rung_of(jobs[name], times) for jobs in common], budget.limits) for name in materials}
-            if fit := {name: rung for name, rung in best.items() if rung}:
-                picked |= {line: fit} if len(fit) == len(best) else {}
+            rungs = {name: [rung_of(jobs[name], times) for jobs in common] for name in materials}
+            best = {name: rung for name, each in rungs.items() if (rung := chosen(each, budget.limits))}
+            picked |= {line: best} if len(best) == len(rungs) else {}
         return picked
 
     def ranked(self, budget: Budget, materials: Collection[str], family: str = PSNR) -> dict[str, float]:
