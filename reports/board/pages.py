@@ -224,10 +224,12 @@ def _first(run: Run) -> Iterator[str]:
     if figure := strip(run, ENOUGH):
         yield f'<div class="scroll">{image(figure)}</div>'
         yield note(f"{figure.title}. The slice is that of the best codec's median PSNR.")
-    for kind, surfaces in grouped(result.surfaces, lambda name: kind_of(result.surfaces[name])).items():
-        means = result.ranked(ENOUGH, surfaces)
-        best, *others = means
-        if other := AGAINST if AGAINST in others else next(iter(others), ""):
+    kinds = grouped(result.surfaces, lambda name: kind_of(result.surfaces[name]))
+    for kind in sorted(kinds, key=KINDS.index):
+        means = result.ranked(ENOUGH, kinds[kind])
+        if len(means) > 1:
+            best, *others = means
+            other = AGAINST if AGAINST in others else others[0]
             told.append(f"{best} leads on {kind} surfaces, {means[best] - means[other]:.2f} dB before {other}")
     for number, figure in enumerate(fronts(run)):
         drawn = f'<div class="scroll">{image(figure)}</div>'
