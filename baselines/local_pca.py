@@ -28,14 +28,7 @@ ROUNDS = 30  # of moving texels and finding components; most fits end earlier
 class LocalPCA(Codec):
     """Local PCA: clusters of ABRDFs, each with principal components of its own, interpolated over directions.
 
-    @inproceedings{mueller2003compression,
-      author = {Müller, Gero and Meseth, Jan and Klein, Reinhard},
-      title = {Compression and Real-Time Rendering of Measured {BTFs} Using Local {PCA}},
-      booktitle = {Vision, Modeling and Visualisation 2003},
-      pages = {271--280},
-      year = {2003},
-      url = {https://cg.cs.uni-bonn.de/de/publikationen/paper-details/mueller-2003-compression/}
-    }
+    Cited as `pca`.
     """
 
     name, version = "local-pca", 1

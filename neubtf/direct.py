@@ -22,15 +22,7 @@ PAPER = {"bits": 8, "directions": "xy", "start": "random", "optimiser": "adam", 
 class NeuBTFDirect(Codec):
     """NeuBTF's texture and renderer, fitted without the autoencoder: faster to fit, cannot be re-textured.
 
-    @article{rodriguezpardo2023neubtf,
-      author = {Rodriguez-Pardo, Carlos and Kazatzis, Konstantinos and Lopez-Moreno, Jorge and Garces, Elena},
-      title = {{NeuBTF}: Neural Fields for {BTF} Encoding and Transfer},
-      journal = {Computers and Graphics},
-      volume = {114},
-      pages = {239--246},
-      year = {2023},
-      doi = {10.1016/j.cag.2023.06.018}
-    }
+    Cited as `neubtf`.
     """
 
     name, version = "neubtf-direct", 4

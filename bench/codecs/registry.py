@@ -125,13 +125,16 @@ def listed(entry: EntryPoint) -> str:
 def reference(entry: EntryPoint) -> dict[str, str]:
     """What a codec's docstring says of its origin: `bibtex`, one entry, the link of its `paper`, and of its `code`.
 
-    The paper's link is the entry's doi or url; the code's follows "Code: ". "" where there is none.
+    The paper's link is the entry's doi or url; the code's follows "Code: ". "" where there is none. Of a codec that is
+    "Cited as" another one they are that one's.
     """
 
     def found(pattern: str, text: str) -> str:
         return next(iter(re.findall(pattern, text, re.M | re.S)), "")
 
     text = _docstring(*entry.value.split(":"))
+    if (another := codec_entries().get(found(r"^Cited as `([\w-]+)`\.$", text))) and another.name != entry.name:
+        return reference(another)
     bibtex = found(r"^@\w+\{.*?^\}$", text)
     doi = found(r"\bdoi = \{([^{}\s]+)\}", bibtex)
     paper = f"https://doi.org/{doi}" if doi else found(r"\burl = \{(https://[^{}\s]+)\}", bibtex)

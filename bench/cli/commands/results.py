@@ -22,6 +22,7 @@ examples:
 import argparse
 import re
 import shlex
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -149,18 +150,22 @@ def _written(path: Path, writes: bool) -> bool:
 
 def _table(path: Path, words: str) -> str:
     """What a command prints, as Markdown: plain text in a fence, or a Markdown table as it is."""
-    from bench.cli.commands.table import parameters_table
+    from bench.cli.commands import table
     from reports import KINDS, WHY_EMPTY, table_text
 
     command, *rest = shlex.split(words)
-    markdown = rest[-2:] == ["--format", "markdown"]
-    rest = rest[:-2] if markdown else rest
-    kinds, sources = [word for word in rest if word in KINDS], [word for word in rest if word not in KINDS]
-    if command != "table" or len(kinds) > 1 or not sources or any(word.startswith("-") for word in sources):
+    parser = argparse.ArgumentParser(add_help=False, exit_on_error=False)
+    table.arguments(parser)
+    try:
+        options, unknown = parser.parse_known_args(rest)
+    except argparse.ArgumentError as error:
+        raise InputError(f"{path}: `neubtf-bench {words}`: {error}") from error
+    kinds, sources = ([word for word in options.what if (word in KINDS) == known] for known in (True, False))
+    kind, format, counts = next(iter(kinds), None), options.format, kinds == ["parameters"]
+    if command != "table" or len(kinds) > 1 or not sources or unknown or format not in ("text", "markdown"):
         raise InputError(f"{path}: `neubtf-bench {words}`: write table [KIND] FILE… [--format markdown]")
-    kind, format = kinds[0] if kinds else None, "markdown" if markdown else "text"
-    counts = kind == "parameters"
-    text = parameters_table(list(map(Path, sources)), format) if counts else table_text(sources, format, kind)
+    make = table.parameters_table if counts else partial(table_text, kind=kind)
+    text = make(list(map(Path, sources)), format, choice=table.choice(options))
     if kind and not text.strip():
         text = f"No such table yet: {WHY_EMPTY[kind]}"
-    return f"{text}\n" if markdown else f"```\n{text}\n```\n"
+    return f"{text}\n" if format == "markdown" else f"```\n{text}\n```\n"

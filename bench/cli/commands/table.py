@@ -43,15 +43,15 @@ def run(options: argparse.Namespace) -> int:
 
     kinds = [word for word in options.what if word in KINDS]
     folders = [Path(word) for word in options.what if word not in KINDS]
-    choice = _choice(options)
+    chosen = choice(options)
     if len(kinds) > 1:
         raise InputError(f"table: give one kind of table, not {' and '.join(kinds)}")
     kind = kinds[0] if kinds else None
     if kind == "parameters" or (kind == "paper" and options.format != "raw"):  # these need no run
-        print((parameters_table if kind == "parameters" else _paper)(folders, options.format, choice))
+        print((parameters_table if kind == "parameters" else _paper)(folders, options.format, chosen))
         return FINE
     folders = folders or [_newest_run(kind)]
-    text = table_text(folders, options.format, kind, choice)
+    text = table_text(folders, options.format, kind, chosen)
     if not text.strip():
         names = ", ".join(map(str, folders))
         print(f"neubtf-bench: {names}: no such table: {WHY_EMPTY[kind or 'main']}", file=sys.stderr)
@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
     return FINE
 
 
-def _choice(options: argparse.Namespace) -> "Choice | None":
+def choice(options: argparse.Namespace) -> "Choice | None":
     """The rows, columns and names that the options choose; None if they choose none."""
     from reports.choice import Choice
 

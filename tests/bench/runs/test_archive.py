@@ -291,13 +291,17 @@ def test_tables_of_a_document_come_from_records(packed, tmp_path, capsys):
     assert text.startswith("# Page\n")
     assert text.endswith("<!-- end -->\n\nWords.\n")
     assert cli.main(["results", "check", str(page)]) == 0
+    page.write_text(text.replace(f"summary {results}", f"summary {results} --column PSNR"))
+    assert cli.main(["results", "write", str(page)]) == 0
+    assert ("SSIM" in text, "SSIM" in page.read_text()) == (True, False)
     page.write_text(text.replace("mean-colour", "mean-color"))
     assert cli.main(["results", "check", str(page)]) == 1
 
 
-@pytest.mark.parametrize(
-    "words", ["run quick", "table summary", "table --format latex x.jsonl", "table main rungs x.jsonl"]
-)
+KINDS = "run quick; table summary; table --format latex x.jsonl; table main rungs x.jsonl; table main --a x.jsonl"
+
+
+@pytest.mark.parametrize("words", KINDS.split("; "))
 def test_only_tables_of_records_are_written(tmp_path, capsys, words):
     (tmp_path / "page.md").write_text(f"<!-- neubtf-bench {words} -->\n<!-- end -->\n")
     assert cli.main(["results", "write", str(tmp_path / "page.md")]) == 2
