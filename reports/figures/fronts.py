@@ -8,7 +8,7 @@ from typing import Any
 
 from matplotlib.ticker import NullLocator
 
-from bench.compare.choosing.budgets import BITS, BYTES, EAGER, TIMES, Budgets, budgets
+from bench.compare.choosing.budgets import BITS, BYTES, EAGER, TIMES, Budget, Budgets, budgets
 from bench.records import KINDS, Record, Run, grouped, kind_of, load_trade
 from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style
 from reports.fits import GOALS_DB
@@ -16,6 +16,7 @@ from reports.rows import MaterialRows, materials
 from reports.series import Plot, plots_of
 from reports.styles import Styles
 
+FAR_DB = 8.0  # codecs so far from the best at every budget of bytes are left out: they would press the others together
 _COSTS = {BYTES: "bits of the file a texel", EAGER: "time of a query, × floor"}
 
 
@@ -33,20 +34,20 @@ def _drawn(result: Budgets, surfaces: Sequence[str], kind: str, styles: Styles) 
     """The mean over the surfaces at each budget; a line ends where its codec has nothing for less."""
     drawing, panels = plots(11.5, 5.4, 2)
     handles: dict[str, Any] = {}
+    ranked = {budget: result.ranked(budget, surfaces) for budget in result.limits}
+    sizes = [lines for budget, lines in ranked.items() if budget.kind == BYTES and lines]
+    near = {line for lines in sizes for line, value in lines.items() if value > max(lines.values()) - FAR_DB}
     for axes, (cost, label) in zip(panels, _COSTS.items(), strict=True):
-        points: dict[str, list[tuple[float, float]]] = {}
-        for budget in (each for each in result.limits if each.kind == cost):
-            for line, value in result.ranked(budget, surfaces).items():
-                points.setdefault(line, []).append((budget.most, value))
-        for line, at in points.items():
+        for line in (line for line in ranked[Budget(BYTES, BITS[-1])] if line in near):
+            at = {each.most: lines[line] for each, lines in ranked.items() if each.kind == cost and line in lines}
             look = styles.of_codec(line.partition(",")[0]) | {"linestyle": "-", "linewidth": 1.2}
-            handles.setdefault(line, axes.plot(*zip(*at, strict=True), **look, markersize=5)[0])
+            handles.setdefault(line, axes.plot(at.keys(), at.values(), **look, markersize=5)[0])
         ticks = BITS if cost == BYTES else TIMES
         axes.set_xscale("log", base=2)
         axes.set_xticks(ticks, list(map(str, ticks)))
         axes.set(xlabel=f"budget: {label}", xlim=(ticks[0] * 0.8, ticks[-1] * 1.25))
     panels[0].set_ylabel("test PSNR, dB (higher is better)")
-    panels[0].set_title(f"{kind} surfaces: {', '.join(surfaces)}", loc="left")
+    panels[0].set_title(f"{kind} surfaces: {', '.join(surfaces)}; within {FAR_DB:g} dB of the best", loc="left")
     legend(panels[1], list(handles.values()), list(handles))
     return drawing
 
