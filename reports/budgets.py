@@ -26,7 +26,7 @@ from reports.table import Table, best_cells
 
 _DIGITS = {PSNR: 2, SSIM: 3, FLIP: 3}
 _METRICS = [("PSNR", "dB"), ("SSIM", ""), ("FLIP", "")]
-FRONT = Budget(BYTES, 40.0)  # the suite `front` has rungs for it
+FRONT = Budget(BYTES, 48.0)  # the least at which every codec of the suite `budgets` has a rung on every surface
 _CHOICE = "Chosen by validation pairs, with numbers of test pairs: docs/metrics.md, “Budgets”."
 
 
