@@ -28,8 +28,6 @@ _DIGITS = {PSNR: 2, SSIM: 3, FLIP: 3}
 _METRICS = [("PSNR", "dB"), ("SSIM", ""), ("FLIP", "")]
 FRONT = Budget(BYTES, 48.0)  # the least at which every codec of the suite `budgets` has a rung on every surface
 _CHOICE = "Of rungs measured on each surface, by validation pairs; numbers: test pairs (docs/metrics.md, “Budgets”)."
-    "Validation pairs choose of the rungs measured on each surface; numbers: test pairs (docs/metrics.md, “Budgets”)."
-)
 
 
 def budgets_table(run: Run) -> Iterator[Table]:
