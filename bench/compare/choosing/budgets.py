@@ -93,14 +93,14 @@ class Budgets:
 
 
 @lru_cache(maxsize=1)
-def budgets(run: Run, bits: Sequence[float] = BITS) -> Budgets:
-    """The rungs of a run, and budgets of so many bits a texel and of time."""
+def budgets(run: Run) -> Budgets:
+    """The rungs of a run, and budgets of bytes and of time."""
     done = [job for job in run.jobs if job["status"] == "ok"]
     judged = [job for job in done if has_validation(job)]
     obstacle = obstacles(judged)
     alike = [job for job in judged if job["job"] not in obstacle]
     times = _times(run, alike)
-    kinds = {BYTES: bits} | dict.fromkeys(times, TIMES) | ({FIT: SECONDS} if FIT in times else {})
+    kinds = {BYTES: BITS} | dict.fromkeys(times, TIMES) | ({FIT: SECONDS} if FIT in times else {})
     rungs: dict[str, dict[str, dict[str, list[Record]]]] = {}
     for job in alike:
         settings = json.dumps(job["settings"], sort_keys=True)
