@@ -171,8 +171,7 @@ def front_table(run: Run) -> Iterator[Table]:
     picks = [result.picks(FRONT, surfaces) for surfaces in kinds.values()]
     rows = []
     for line in dict.fromkeys(line for lines in reversed(ranked.values()) for line in lines):
-        by_material = {name: rung.of for lines in picks for name, rung in lines.get(line, {}).items()}
-        rungs = list(by_material.values())
+        rungs = list({name: rung.of for lines in picks for name, rung in lines.get(line, {}).items()}.values())
         parameters, size = (round(fmean(map(of, rungs))) for of in (lambda jobs: jobs[0]["parameters"], most_bytes))
         times = [time for jobs in rungs if (time := result.times.get(EAGER, {}).get(jobs[0]["job"]))]
         quality = [_number(lines.get(line)) for lines in ranked.values()]

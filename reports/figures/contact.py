@@ -67,7 +67,8 @@ def strip(run: Run, budget: Budget) -> Figure | None:
     for material in sorted(result.surfaces, key=lambda name: KINDS.index(kind_of(result.surfaces[name]))):
         picked = result.picks(budget, [material])
         jobs = [picked[line][material].of[0] for line in result.ranked(budget, [material])]
-        known = [(job, each) for job in jobs if (each := arrays(run.folder, job, "pictures"))][:3]
+        known = [(job, each) for job in jobs if (each := arrays(run.folder, job, "pictures"))]
+        known = [each for each in known if np.array_equal(each[1]["pairs"], known[0][1]["pairs"])][:3]
         if len(known) == 3 and (scores := arrays(run.folder, known[0][0], "slices", ("pairs", PSNR))):
             with style():
                 return _strip(material, known, scores)
@@ -81,9 +82,9 @@ def _strip(material: str, known: Sequence[tuple[Record, Arrays]], scores: Arrays
     factor = -(-2 * CELL // max(truth.shape[1:3]))
     words = [f"{material}, truth"]
     for job, _ in known:
-        mean, size = stats_of(job, PSNR)["mean"], 8 * job["bytes"]["total"] / prod(job["shape"])
-        words.append(f"{job['codec']}: {fixed(mean, 2)} dB, {size:.0f} bits a texel")
-    height, width = truth.shape[1] * factor, truth.shape[2] * factor
+        bits = round(8 * job["bytes"]["total"] / prod(job["shape"]))
+        words.append(f"{job['codec']}: {fixed(stats_of(job, PSNR)['mean'], 2)} dB, {bits} bits a texel")
+    height, width = (side * factor for side in truth.shape[1:3])
     sheet = Sheet(4 * (width + _GAP) - _GAP, height + _BOTTOM)
     for place, picture in enumerate([truth, *(each["decoded"] for _, each in known)]):
         sheet.picture(place * (width + _GAP), 0, enlarged(picture[shown], factor))
