@@ -34,10 +34,12 @@ def budgets_table(run: Run) -> Iterator[Table]:
     """A row a codec, a column a budget: PSNR, mean over materials. A table a kind of surface, then one over all."""
     result = budgets(run)
     kinds = grouped(result.surfaces, lambda material: kind_of(result.surfaces[material]))
-    for kind in (kind for kind in KINDS if kind in kinds):
-        yield from _budgets(run, result, kinds[kind], f"{kind} ")
+    tables = [each for kind in KINDS if kind in kinds for each in _budgets(run, result, kinds[kind], f"{kind} ")]
     if len(kinds) > 1:
-        yield from _budgets(run, result, list(result.surfaces), "")
+        tables += _budgets(run, result, list(result.surfaces), "")
+    if tables:  # notes common to them stand once, below the last
+        tables[-1].notes.extend([f"{_CHOICE} {NONE}: no rung fits on each surface.", *_common(run, result)])
+    yield from tables
 
 
 def _budgets(run: Run, result: Budgets, materials: Sequence[str], kind: str) -> Iterator[Table]:
@@ -46,12 +48,9 @@ def _budgets(run: Run, result: Budgets, materials: Sequence[str], kind: str) -> 
     if not means:
         return
     order = sorted(means, key=lambda line: [-(value or 0.0) for value in reversed(means[line][: len(BITS)])])
-    notes = [f"{_CHOICE} {NONE}: no rung fits on each surface.", *_common(run, result)]
-    told: set[tuple[str, int]] = set()
-    if len(materials) >= FEWEST:
-        told = {(line, i) for i, each in enumerate(ranked) for line in result.told_apart(run, each, materials)}
-        how = f"told apart from {AGAINST}, by Holm's correction over the column"
-        notes.insert(1, f"*: {how}: {len(told)} in all.")
+    many = [*ranked] if len(materials) >= FEWEST else []
+    told = {(line, i) for i, each in enumerate(many) for line in result.told_apart(run, each, materials)}
+    notes = [f"*: told apart from {AGAINST}, by Holm's correction over the column: {len(told)} in all."] if many else []
     rows = [
         [line, *(_number(value) + "*" * ((line, i) in told) for i, value in enumerate(means[line]))] for line in order
     ]
