@@ -14,7 +14,7 @@ from bench.compare.choosing.budgets import (
     Budget,
     Budgets,
     budgets,
-    most_bytes,
+    mean_bytes,
     setting_of,
     shown,
 )
@@ -93,7 +93,7 @@ def _mean_rows(result: Budgets) -> Iterator[list[str]]:
     at: dict[str, dict[tuple[str, ...], list[Budget]]] = {}
     for budget in result.limits:
         for line, rungs in result.picks(budget, result.surfaces).items():
-            size = integer(round(fmean(most_bytes(rung.of) for rung in rungs.values())))
+            size = integer(round(fmean(mean_bytes(rung.of) for rung in rungs.values())))
             means = (_number(average([shown(rung, of) for rung in rungs.values()]), of) for of in _DIGITS)
             at.setdefault(line, {}).setdefault((size, *means), []).append(budget)
     yield from ([line, _span(of), *numbers] for line, by_numbers in at.items() for numbers, of in by_numbers.items())
@@ -108,7 +108,7 @@ def _rung_rows(result: Budgets, material: str) -> Iterator[list[str]]:
             at.setdefault(line, {}).setdefault(rung.of[0]["job"], (rung, []))[1].append(budget)
     for line, by_job in at.items():
         for name, (rung, budgets_of) in by_job.items():
-            numbers = [integer(most_bytes(rung.of)), _number(rung.score)]
+            numbers = [integer(mean_bytes(rung.of)), _number(rung.score)]
             numbers += [_number(shown(rung, family), family) for family in _DIGITS]
             times = [significant(of_kind.get(name)) for of_kind in result.times.values()]
             yield [line, setting_of(rung.of[0]), _span(budgets_of), *numbers, *times]
@@ -171,7 +171,7 @@ def front_table(run: Run) -> Iterator[Table]:
     rows = []
     for line in dict.fromkeys(line for lines in reversed(ranked.values()) for line in lines):
         rungs = list({name: rung.of for lines in picks for name, rung in lines.get(line, {}).items()}.values())
-        parameters, size = (round(fmean(map(of, rungs))) for of in (lambda jobs: jobs[0]["parameters"], most_bytes))
+        parameters, size = (round(fmean(map(of, rungs))) for of in (lambda jobs: jobs[0]["parameters"], mean_bytes))
         times = [time for jobs in rungs if (time := result.times.get(EAGER, {}).get(jobs[0]["job"]))]
         quality = [_number(lines.get(line)) for lines in ranked.values()]
         rows.append([line, integer(parameters), integer(size), *quality, significant(fmean(times) if times else None)])

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from bench.compare.choosing.budgets import budgets, most_bytes, shown
+from bench.compare.choosing.budgets import budgets, mean_bytes, shown
 from bench.records import PSNR
 from reports import columns
 from reports.board.sources import STATES, Publication
@@ -81,7 +81,7 @@ def _places(name: str, source: Publication) -> Iterator[Place]:
         for codec in (codec for codec in material.codecs if codec.measured):
             quality = math.inf if codec.exact else columns.HELDOUT.mean(codec.measured)
             if quality is not None:
-                size = most_bytes([row.job for row in codec.measured])
+                size = mean_bytes([row.job for row in codec.measured])
                 known.append((codec_of(codec.rows[0]), (codec.label, size, quality)))
         yield from _place(material.name, source.name, name, known)
 
@@ -98,7 +98,7 @@ def _at_budgets(name: str, source: Publication) -> Iterator[Place]:
     for budget in result.limits:
         for material in result.surfaces:
             known = [
-                (line.partition(",")[0], (line, most_bytes(rungs[material].of), quality))
+                (line.partition(",")[0], (line, mean_bytes(rungs[material].of), quality))
                 for line, rungs in result.picks(budget, [material]).items()
                 if (quality := shown(rungs[material], PSNR)) is not None
             ]

@@ -128,16 +128,16 @@ def _times(run: Run, jobs: Sequence[Record]) -> dict[str, Times]:
 
 
 def rung_of(seeds: Sequence[Record], times: Times) -> Rung:
-    """The rung of several seeds: mean scores, bits a texel of the largest file, and the mean time."""
+    """The rung of several seeds: the means of score, bits a texel and time."""
     height, width = seeds[0]["shape"]
     known = [times[job["job"]] for job in seeds if job["job"] in times]
     score = fmean(validation_of(job)["mean"] for job in seeds)
-    return Rung(8 * most_bytes(seeds) / (height * width), score, fmean(known) if known else None, seeds)
+    return Rung(8 * mean_bytes(seeds) / (height * width), score, fmean(known) if known else None, seeds)
 
 
-def most_bytes(seeds: Sequence[Record]) -> int:
-    """The bytes of the largest file."""
-    return max(job["bytes"]["total"] for job in seeds)
+def mean_bytes(seeds: Sequence[Record]) -> int:
+    """The mean bytes of files; the largest would grow with the number of seeds."""
+    return round(fmean(job["bytes"]["total"] for job in seeds))
 
 
 def line_of(job: Record) -> str:
