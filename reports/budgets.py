@@ -26,7 +26,7 @@ from reports.table import Table, best_cells
 
 _DIGITS = {PSNR: 2, SSIM: 3, FLIP: 3}
 _METRICS = [("PSNR", "dB"), ("SSIM", ""), ("FLIP", "")]
-FRONT = Budget(BYTES, 64)  # the least of `BITS` at which each codec measured has a rung on each surface
+FRONT = Budget(BYTES, 64)  # the least of `BITS` at which all codecs of README.md have a rung on each surface
 _CHOICE = "Of rungs measured on each surface, by validation pairs; numbers: test pairs (docs/metrics.md, “Budgets”)."
 
 
