@@ -51,8 +51,7 @@ def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | No
     if not rows:
         return None
     headers = [("material", ""), ("codec", ""), ("pairs", "")]
-    for _, name, unit, _ in _METRICS:
-        headers += [(name, f"{unit} ours"), (name, f"{unit} paper")]
+    headers += [(name, f"{unit} {whose}") for _, name, unit, _ in _METRICS for whose in ("ours", "paper")]
     notes = [_NOTE, *(f"{NONE_YET}: {material}: {where}." for material, where in missing.items())]
     if missing:
         notes.append("`neubtf-bench run paper` fits what is there; `run paper-nearest` what anyone can get.")

@@ -5,18 +5,21 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
+from reports.numbers import NONE
+
 BOLD, UNDERLINED = "bold", "underlined"  # marks of a cell, if a format can show them
 FEW = 3
 LEGEND = "Bold: the best of a column. Underlined: the second best."
+Part = tuple[str, Callable[[str], bool]]  # of a note: its text, and whether it is about the column of a name
 
 
 class Note(str):
     """A note of parts, each about the columns whose names it accepts: the text of those about these columns."""
 
-    parts: tuple["Part", ...]
+    parts: tuple[Part, ...]
     around: tuple[str, str, str]  # before, between and after the parts
 
-    def __new__(cls, *parts: "Part", around: tuple[str, str, str] = ("", " ", "")) -> "Note":
+    def __new__(cls, *parts: Part, around: tuple[str, str, str] = ("", " ", "")) -> "Note":
         before, between, after = around
         note = super().__new__(cls, before + between.join(text for text, _ in parts) + after if parts else "")
         note.parts, note.around = parts, around
@@ -25,9 +28,6 @@ class Note(str):
     def of(self, names: Sequence[str]) -> "Note":
         """The note without the parts that are about none of these columns."""
         return Note(*(part for part in self.parts if any(map(part[1], names))), around=self.around)
-
-
-Part = tuple[str, Callable[[str], bool]]
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,10 @@ class Table:
         return [*self.notes, LEGEND] if self.marks else self.notes
 
     def of_columns(self, kept: Sequence[int]) -> "Table":
-        """The table with these columns alone, in this order, and the notes about them."""
-        marks = {(row, kept.index(i)): mark for (row, i), mark in self.marks.items() if i in kept}
-        rows = [[row[i] for i in kept] for row in self.rows]
+        """The table with these columns alone, in this order, the notes about them and the rows that say something."""
+        told = [r for r, row in enumerate(self.rows) if {row[i] for i in kept if i >= self.words} - {NONE, ""}]
+        marks = {(told.index(r), kept.index(i)): mark for (r, i), mark in self.marks.items() if i in kept}
+        rows = [[self.rows[r][i] for i in kept] for r in told]
         headers = [self.headers[i] for i in kept]
         names = [name for name, _ in headers[self.words :]]
         notes = [note.of(names) if isinstance(note, Note) else note for note in self.notes]
