@@ -25,7 +25,7 @@ PUBLISHED = {
 NEAREST_SUITE = "paper-nearest"
 NEAREST = {"wool": "fabric01", "corduroy": "fabric03", "bricks": "ceramic", "satin": "embroidery"}  # of that suite
 _METRICS = ((PSNR, "PSNR", "dB ↑", 2), (SSIM, "SSIM", "↑", 3), (FLIP, "FLIP", "↓", 3))
-_PAIRS = (("all", "all"), ("fitted", "train"), ("held out", "heldout"))
+_PAIRS = (("all", "all"), ("held out", "heldout"))
 _NOTE = (
     "Mean ± standard deviation over slices. The paper's protocol differs: docs/metrics.md, “Tables”. LPIPS, its fourth "
     "row, is not computed here, by design; SSIM and FLIP depend on resolution."
@@ -34,7 +34,7 @@ SUITE = "ablation"
 
 
 def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | None:
-    """Three rows for each codec and material of the paper's table, or nearest to it; None where the run has neither.
+    """Two rows for each codec and material of the paper's table, or nearest to it; None where the run has neither.
 
     Where a material is not there its row says `none yet`, the paper's figures stand, and a note says where to get it.
     `absent` holds that by material, for those that no run asked for.
@@ -59,7 +59,7 @@ def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | No
 
 
 def _rows(job: Record) -> Iterator[list[str]]:
-    """The rows of a job over all pairs, beside the paper's, and over those fitted and held out apart."""
+    """The rows of a job over all pairs, beside the paper's, and over those held out."""
     material = str(job["material"])
     name = material if material in PUBLISHED else f"{material}, for {NEAREST[material]}"
     figures = PUBLISHED[NEAREST.get(material, material)] if job["label"].split()[0] == METHOD else {}

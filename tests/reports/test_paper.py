@@ -8,11 +8,11 @@ def test_ours_stand_beside_the_papers_over_all_pairs_and_apart(made):
     made.job("pca components=8", material="fabric01")
     made.unfinished("unavailable", "there is no such file: ask UTIA", "neubtf recipe=paper", "fabric03")
     table = paper_table(load_run(made.folder))
-    ours, fitted, held_out, pca, _, _, absent = table.rows
+    ours, held_out, pca, _, absent = table.rows
     assert ours[:4] == ["fabric01", "neubtf recipe=paper", "all", "27.50 ± 1.50"]
     assert ours[4::2] == ["26.58 ± 1.820", "0.710 ± 0.108", "0.391 ± 0.047"]
-    assert [row[2] for row in (fitted, held_out)] == ["fitted", "held out"]
-    assert fitted[4::2] == held_out[4::2] == [""] * 3  # the paper does not tell them apart
+    assert held_out[2] == "held out"
+    assert held_out[4::2] == [""] * 3  # the paper does not tell them apart
     assert (pca[4::2], absent[3::2], absent[4]) == (["—"] * 3, ["none yet"] * 3, "27.73 ± 4.711")
     assert "none yet: fabric03: there is no such file: ask UTIA." in table.notes
 
@@ -20,11 +20,11 @@ def test_ours_stand_beside_the_papers_over_all_pairs_and_apart(made):
 def test_the_nearest_materials_stand_for_the_paper_s_in_their_own_suite_alone(made, run_maker, tmp_path, capsys):
     made.start("2", suite="paper-nearest").job("neubtf", material="wool", run="2").job("neubtf", material="satin")
     table = paper_table(load_run(made.folder))
-    assert [row[0] for row in table.rows] == ["wool, for fabric01"] * 3
+    assert [row[0] for row in table.rows] == ["wool, for fabric01"] * 2
     assert table.rows[0][4] == "26.58 ± 1.820"
     other = run_maker(tmp_path / "b").start("3", suite="budgets").job("neubtf", material="wool", run="3", btf="other")
     assert cli.main(["table", "paper", str(made.folder), str(other.folder)]) == 0
-    assert capsys.readouterr().out.count("wool, for") == 3
+    assert capsys.readouterr().out.count("wool, for") == 2
 
 
 def test_without_any_data_the_command_says_what_is_missing_and_where_to_get_it(tmp_path, monkeypatch, capsys):
