@@ -50,7 +50,7 @@ def _budgets(run: Run, result: Budgets, materials: Sequence[str], kind: str) -> 
     order = sorted(means, key=lambda line: [-(value or 0.0) for value in reversed(means[line][: len(BITS)])])
     many = [*ranked] if len(materials) >= FEWEST else []
     told = {(line, i) for i, each in enumerate(many) for line in result.told_apart(run, each, materials)}
-    notes = [f"{'*:' if told else 'None is'} told apart from {AGAINST}, by Holm's correction over the column."] * bool(many)
+    notes = [f"{'*:' if told else 'None'} told apart from {AGAINST}, by Holm's correction over a column."] if many else []
     rows = [
         [line, *(_number(value) + "*" * ((line, i) in told) for i, value in enumerate(means[line]))] for line in order
     ]
