@@ -50,7 +50,8 @@ def _budgets(run: Run, result: Budgets, materials: Sequence[str], kind: str) -> 
     order = sorted(means, key=lambda line: [-(value or 0.0) for value in reversed(means[line][: len(BITS)])])
     many = [*ranked] if len(materials) >= FEWEST else []
     told = {(line, i) for i, each in enumerate(many) for line in result.told_apart(run, each, materials)}
-    notes = [f"{'*:' if told else 'None'} told apart from {AGAINST}, by Holm's correction over a column."] if many else []
+    start = "*:" if told else "None is"
+    notes = [f"{start} told apart from {AGAINST}, by Holm's correction over the column."] if many else []
     rows = [
         [line, *(_number(value) + "*" * ((line, i) in told) for i, value in enumerate(means[line]))] for line in order
     ]
@@ -58,8 +59,7 @@ def _budgets(run: Run, result: Budgets, materials: Sequence[str], kind: str) -> 
     headers = [("codec", ""), *(_header(budget, shapes) for budget in ranked)]
     surfaces = f"{len(materials)} {kind}surface{'s' * (len(materials) > 1)}"
     title = f"Budgets on {surfaces} ({', '.join(materials)}): test PSNR, dB"
-    marks = best_cells(rows, [[None, *means[line]] for line in order])
-    yield Table("budgets", title, headers, rows, notes, marks=marks)
+    yield Table("budgets", title, headers, rows, notes, marks=best_cells(rows, [[None, *means[line]] for line in order]))
 
 
 def _header(budget: Budget, shapes: set[tuple[int, int]]) -> tuple[str, str]:
