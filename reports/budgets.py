@@ -59,7 +59,7 @@ def _budgets(run: Run, result: Budgets, materials: Sequence[str], kind: str) -> 
     headers = [("codec", ""), *(_header(budget, shapes) for budget in ranked)]
     surfaces = f"{len(materials)} {kind}surface{'s' * (len(materials) > 1)}"
     title = f"Budgets on {surfaces} ({', '.join(materials)}): test PSNR, dB"
-    yield Table("budgets", title, headers, rows, notes, marks=best_cells(rows, [[None, *means[line]] for line in order]))
+    yield Table("budgets", title, headers, rows, notes, marks=best_cells(rows, [[None, *means[of]] for of in order]))
 
 
 def _header(budget: Budget, shapes: set[tuple[int, int]]) -> tuple[str, str]:
