@@ -21,11 +21,8 @@ def terminal(run: Run) -> str:
     for material in run_materials:
         tables += [main_table(material, columns.short(material)), _detail(material), scene_table(material)]
     shown = [table for table in (*tables, unfinished_table(run)) if table]
-    main = [table.notes for table in shown if table.kind == "main"]
-    shared = [note for note in main[0] if all(note in notes for notes in main)] if main else []
-    shown = [replace(table, notes=[note for note in table.notes if note not in shared]) for table in shown]
-    nothing = [] if main else ["Nothing was measured in this run."]
-    notes = [note for note in (*shared, summary(run), *run_notes(run)) if note]
+    nothing = [] if any(table.kind == "main" for table in shown) else ["Nothing was measured in this run."]
+    notes = [note for note in (summary(run), *run_notes(run)) if note]
     return "\n\n".join([*nothing, *([plain(shown)] if shown else []), "\n".join(map(wrapped, notes))]).rstrip()
 
 

@@ -9,6 +9,7 @@ import re
 import textwrap
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from html import escape
 from typing import Any
 
@@ -46,8 +47,10 @@ _SPECIAL = {
 
 
 def plain(tables: Sequence[Table]) -> str:
-    """Tables for a terminal, as wide as their columns make them."""
-    return "\n\n".join(map(_plain, tables))
+    """Tables for a terminal, as wide as their columns make them; a note of several stands below the last of them."""
+    after = [{note for each in tables[i + 1 :] for note in each.notes} for i in range(len(tables))]
+    once = [[note for note in table.notes if note not in late] for table, late in zip(tables, after, strict=True)]
+    return "\n\n".join(_plain(replace(table, notes=notes)) for table, notes in zip(tables, once, strict=True))
 
 
 def _plain(table: Table) -> str:
