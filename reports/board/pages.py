@@ -22,7 +22,7 @@ from reports.tables import all_tables
 from reports.text import anchors, contents, details, note, table_html
 
 FRONT = "index.html"
-PAGES = 2.5  # budgets of pictures of a run's page, some 20 MB each, for all pages of materials together
+PAGES = 2.2  # budgets of pictures of a run's page, some 20 MB each, for all pages of materials together
 _KINDS = "rate speed cost"  # of plots over all materials
 _FITS = "as published and ours"  # the name of a codec's plots of fits
 _INTRO = (
