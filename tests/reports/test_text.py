@@ -6,12 +6,14 @@ from reports.terminal import terminal
 LONG = "neubtf channels=14 guidance=albedo layers=3 steps=4000 width=32"
 
 
-def test_the_main_table_fits_a_terminal(made):
+def test_the_main_table_fits_a_terminal_and_notes_of_several_stand_once(made):
     for label in ("mean-colour", "pca components=32 precision=8bit", LONG):
         made.job(label, bytes={"decoder": 1, "texture": 2, "total": 15_375_476}).timing(label, ns_per_sample=17_419.5)
     main = terminal(load_run(made.folder)).split("where the error lies")[0]
     assert max(map(len, main.splitlines())) <= 120
     assert "15,375,476" in main
+    first, last = table_text(made.job(LONG, material="leather").folder, kind="main").split("leather (")
+    assert ("Bytes are those" in first, last.count("Bytes are those")) == (False, 1)
 
 
 def test_lines_that_could_not_be_read_are_counted(made):
