@@ -27,7 +27,7 @@ from reports.table import Table, best_cells
 _DIGITS = {PSNR: 2, SSIM: 3, FLIP: 3}
 _METRICS = [("PSNR", "dB"), ("SSIM", ""), ("FLIP", "")]
 FRONT = Budget(BYTES, 64)  # the least of `BITS` at which all codecs of README.md have a rung on each surface
-_CHOICE = "Of rungs measured on each surface, by validation pairs; numbers: test pairs (docs/metrics.md, “Budgets”)."
+_CHOICE = "A codec's rung is chosen by validation pairs, its numbers are of test pairs (docs/metrics.md, “Budgets”)."
 
 
 def budgets_table(run: Run) -> Iterator[Table]:
@@ -213,7 +213,7 @@ def _common(run: Run, result: Budgets) -> Iterator[str]:
             machine = start.get("machine", {})
             parts = [machine.get("processor"), f"{machine['cores']} cores" if "cores" in machine else ""]
             on[", ".join(str(part) for part in parts if part)] = None
-        yield f"Times: upper ends of 95 % intervals, × floor; {'; '.join(filter(None, on))}."
+        yield f"Times: upper ends of 95 % intervals, × floor, one bilinear fetch; {'; '.join(filter(None, on))}."
     reasons = {"without a score of validation pairs": result.without, "not comparable with the newest": result.unlike}
     suites = {start.get("run"): str(start.get("suite") or "no suite") for start in run.starts}
     left = []

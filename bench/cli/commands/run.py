@@ -5,7 +5,7 @@ If a run was stopped by Ctrl-C, a kill or a full disk, the same command resumes 
 examples:
   neubtf-bench run quick
   neubtf-bench run quick --material satin --codec pca --codec neumip --set pca.components=24 --out runs/mine
-  neubtf-bench run standard --jobs 8
+  neubtf-bench run budgets --jobs 8
 """
 
 import argparse
