@@ -32,9 +32,9 @@ class Atlases:
         self.step = max(1, -int(-per_pixel * pixels // budget))  # show every n-th pair
 
     def _pixels(self, material: MaterialRows) -> int:
-        if not material.shown or not (first := arrays(self.run.folder, material.shown[0].job, "pictures", ("truth",))):
-            return 0
-        return int(np.prod(first["truth"].shape[:3])) * (2 * len(material.shown) + 1)
+        each = (arrays(self.run.folder, row.job, "pictures", ("truth",)) for row in material.shown)
+        sizes = [found["truth"].shape[:3] for found in each if found]  # of rows of several runs, some may have none
+        return int(np.prod(sizes[0])) * (2 * len(sizes) + 1) if sizes else 0
 
     def slices_of(self, material: MaterialRows) -> dict[str, Any]:
         """The data of a material for the slice viewer; `codecs` is empty if nothing is stored.
