@@ -147,8 +147,8 @@ def test_slices_that_are_multiplied_together_are_those_read_one_by_one(tmp_path,
     btf = open_btf(tmp_path / "a.btf")
     assert btf.source.at_once == 4
     for each, level in ((btf, 1), (btf.downsample(2), 2), (btf.crop(1, 1, 3, 4), 0)):
-        one_by_one = np.stack([each[i] for i in range(len(each))])
-        np.testing.assert_allclose(np.stack(list(each)), one_by_one, rtol=1e-5, err_msg=str(level))
+        one_by_one = np.stack([each[i] for i in range(len(each))])  # float32: terms of about 1 add up to about 0
+        np.testing.assert_allclose(np.stack(list(each)), one_by_one, rtol=1e-5, atol=1e-6, err_msg=str(level))
     expected = decoded(11, given, False, np.float32)
     assert any(matrix.expand for matrix in btf.source.material.texels) == (dense > 0)
     np.testing.assert_allclose(np.stack(list(btf)), expected, rtol=1e-4, atol=1e-5)
