@@ -7,7 +7,7 @@ are from the authors' code; here the answer is log radiance, not radiance up to 
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -244,6 +244,7 @@ class BiplaneMaterial(Material):
     def __init__(self, decoder: BiplaneDecoder, texture: Tensor, half: Tensor, gain: float, difference: Difference):
         count = sum(p.numel() for p in decoder.parameters())
         cost = DecoderCost.of_texture(texture, count, decoder.flops + 2 * 9 + 3 + 2 * 4 * FEATURES)
+        cost = replace(cost, table_floats=half.numel())
         super().__init__((texture.shape[0], texture.shape[1]), cost)
         self.decoder, self.texture, self.half = decoder, texture, half
         self.gain, self.difference = gain, difference

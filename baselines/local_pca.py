@@ -136,6 +136,7 @@ class LocalPCAMaterial(Material):
         cost = DecoderCost(
             texture_channels=components + 1,
             texture_floats=texture.numel() + label.numel(),
+            table_floats=table.numel(),
             flops_per_sample=4 * 2 * row * (interpolator.reads + 1),
             bytes_per_sample=4 * (4 * (components + interpolator.reads * row) + label.element_size()),
         )

@@ -116,6 +116,7 @@ class PCAMaterial(ComponentsMaterial):
         cost = DecoderCost(
             texture_channels=components,
             texture_floats=texture.numel(),
+            table_floats=table.numel(),
             flops_per_sample=2 * (4 * components + interpolator.reads * row + row),
             bytes_per_sample=4 * (4 * components + interpolator.reads * row),
         )

@@ -5,7 +5,7 @@ half vector. The values fetched from the three enter a small network. Facts are 
 docs/recipes.md), which runs the network in eight bits; ours uses floats.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import torch
@@ -125,6 +125,7 @@ class TriplePlaneMaterial(Material):
         if any(plane.shape[2] != channels for plane in planes) or 3 * channels != architecture.inputs:
             raise ValueError(f"planes of {channels} channels for a network of {architecture.inputs} inputs")
         cost = DecoderCost.of_texture(texture, architecture.parameters, architecture.flops + 2 * 8 * channels)
+        cost = replace(cost, table_floats=sum(plane.numel() for plane in planes))
         super().__init__((texture.shape[0], texture.shape[1]), cost)
         self.network, self.texture, self.gain, self.difference = network, texture, gain, difference
         self.half, self.diff = planes

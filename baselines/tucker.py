@@ -178,6 +178,7 @@ class TuckerMaterial(ComponentsMaterial):
         cost = DecoderCost(
             texture_channels=components,
             texture_floats=texture.numel(),
+            table_floats=core.numel() + sum(mode.numel() for mode in modes),
             flops_per_sample=2 * (4 * components + interpolator.reads * joined + core.numel() + 3 * components),
             bytes_per_sample=4 * (4 * components + directions + core.numel()),
         )

@@ -100,6 +100,7 @@ class VQMaterial(Material):
         cost = DecoderCost(
             texture_channels=stages,
             texture_floats=rows.numel(),
+            table_floats=codebook.numel(),
             flops_per_sample=2 * values,
             bytes_per_sample=4 * stages * rows.element_size() + values * codebook.element_size(),
         )

@@ -3,7 +3,7 @@
 Frame, units and colour space: see `bench.btf`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar, overload
@@ -29,11 +29,12 @@ HIGHEST_LEVEL = 60.0  # of log radiance: 1e26 times the brightest percent, but f
 class DecoderCost:
     """The cost of a decoder as its codec declares it; `neubtf-bench check` compares it with counted values."""
 
-    parameters: int = 0  # trainable numbers of the decoder network; 0 for tables
+    parameters: int = 0  # numbers of the decoder's networks, each once, frozen or not; 0 for tables
     texture_channels: int = 0  # numbers a texel of the finest texture
     texture_floats: int = 0  # numbers in all textures of the decoder, including coarser levels and finer copies
     flops_per_sample: int = 0  # a fused multiply-add counts as two
     bytes_per_sample: int = 0  # read from textures and tables for one query
+    table_floats: int = 0  # numbers of the file's decoder part that belong to no network: a basis, a codebook
 
     @classmethod
     def of_texture(cls, texture: Tensor, parameters: int = 0, flops: int = 0) -> "DecoderCost":
@@ -70,8 +71,8 @@ class Material:
         raise NotImplementedError
 
     def modules(self) -> Sequence[nn.Module]:
-        """The networks whose parameters are counted as the decoder's; none for tables."""
-        networks = (value for value in vars(self).values() if isinstance(value, nn.Module))
+        """The networks whose parameters are counted as the decoder's, each once; none for tables."""
+        networks = dict.fromkeys(value for value in vars(self).values() if isinstance(value, nn.Module))
         return [network for network in networks if next(network.parameters(), None) is not None]
 
     def maps(self) -> tuple[dict[str, np.ndarray], float]:
@@ -174,10 +175,8 @@ class Around(Material):
 
 
 def parameters(material: Material) -> int:
-    """Trainable parameters of the decoder networks, counted by torchinfo; 0 without a network."""
-    from torchinfo import summary
-
-    return sum(summary(module, verbose=0).trainable_params for module in material.modules())
+    """The number of parameters of the decoder's networks: see `layers`."""
+    return sum(count for _, _, count in layers(material))
 
 
 def resident_bytes(material: Material) -> int:
@@ -193,15 +192,29 @@ def resident_bytes(material: Material) -> int:
 
 
 def layers(material: Material) -> list[tuple[str, str, int]]:
-    """Name, kind and trainable parameters of each layer of the decoder networks, by torchinfo: `parameters` in all."""
+    """Name, kind and number of parameters of each layer of the decoder networks, as torchinfo walks through them.
+
+    Each parameter counts once, in the layer that is reached first, even if layers share it or networks share layers. A
+    frozen one counts, too: a renderer needs it as much as one that was trained. Parameters that the material holds
+    itself come last.
+    """
     from torchinfo import summary
 
-    rows, place = [], list[str]()
+    rows, place, counted = [], list[str](), set[int]()
+
+    def uncounted(held: Iterable[nn.Parameter]) -> int:
+        new = [parameter for parameter in held if id(parameter) not in counted]
+        counted.update(id(parameter) for parameter in new)
+        return sum(parameter.numel() for parameter in new)
+
     for network in material.modules():
         for layer in summary(network, depth=DEEPEST, verbose=0).summary_list:
             place[layer.depth :] = [layer.var_name]
-            if own := 0 if layer.is_recursive else layer.leftover_trainable_params():
+            if own := uncounted(layer.module.parameters(recurse=False)):
                 rows.append((".".join(place), layer.class_name, own))
+    for name, value in vars(material).items():
+        if isinstance(value, nn.Parameter) and (own := uncounted([value])):
+            rows.append((name, "Parameter", own))
     return rows
 
 

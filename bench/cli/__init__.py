@@ -6,15 +6,27 @@ import os
 import signal
 import sys
 import textwrap
+import traceback
 from collections.abc import Sequence
 
 import bench
 from bench.cli import commands
-from bench.inputs.errors import FINE, INTERNAL, INTERRUPTED, USAGE, InputError, did_you_mean, unwritable
+from bench.inputs.errors import (
+    FAILED,
+    FINE,
+    INTERNAL,
+    INTERRUPTED,
+    USAGE,
+    EncodeError,
+    InputError,
+    did_you_mean,
+    unwritable,
+)
 from bench.machine.threads import handling
 
 WIDTH = 100  # maximal width of a help text, in columns
 EXAMPLES = "\n\nexamples:\n"  # text after this line of a command's docstring is not wrapped
+DEBUG = "--debug"  # an option of every command
 EVERYDAY = """examples:
   neubtf-bench run quick                                 eleven codecs on two materials, in minutes
   neubtf-bench run quick --material PATH --codec pca     one codec on a measured BTF
@@ -26,11 +38,32 @@ EVERYDAY = """examples:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code; see `bench.inputs.errors`."""
+    """Run one command and return its exit code; see `bench.inputs.errors`.
+
+    Without arguments it is the program itself, whose words are those of the shell. If a codec then left threads
+    running, the process ends without waiting for them.
+    """
+    words = list(sys.argv[1:] if argv is None else argv)
+    code = _run(words)
+    if argv is None and (left := _threads_left()):
+        print(f"neubtf-bench: a codec left {', '.join(left)} running; they are ended", file=sys.stderr)
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    return code
+
+
+def _threads_left() -> list[str]:
+    """The threads that codecs left running; imports nothing for a command that ran no codec."""
+    encoding = sys.modules.get("bench.codecs.encoding")
+    return encoding.threads_left() if encoding else []
+
+
+def _run(words: list[str]) -> int:
+    """Run one command, and turn exceptions into exit codes and lines for people."""
     if "OMP_WAIT_POLICY" not in os.environ:
         # PyTorch's idle threads spin before they sleep, for 0.2 ms instead of 8: Dr.Jit's threads need the cores.
         os.environ.setdefault("GOMP_SPINCOUNT", "5000")
-    words = list(sys.argv[1:] if argv is None else argv)
     try:
         # Schedulers send SIGTERM: keep finished work, as after Ctrl-C.
         with handling(signal.SIGTERM, signal.default_int_handler):
@@ -38,11 +71,14 @@ def main(argv: Sequence[str] | None = None) -> int:
                 parser(words).print_help()
                 return USAGE
             options = parser(words[:1]).parse_args(words)
+            _refuse_overwriting(options)
             code: int = options.command(options)
             return code
     except InputError as error:
+        if DEBUG in words:
+            traceback.print_exc()
         print(f"neubtf-bench: {error}", file=sys.stderr)
-        return USAGE
+        return FAILED if isinstance(error, EncodeError) else USAGE
     except KeyboardInterrupt:
         print("\nneubtf-bench: interrupted; finished work is kept", file=sys.stderr)
         return INTERRUPTED
@@ -53,11 +89,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         if isinstance(error, OSError) and (why := unwritable(error)):
             print(f"neubtf-bench: {why}", file=sys.stderr)
             return USAGE
-        import traceback
-
         traceback.print_exc()
         print("neubtf-bench: internal error: please report the lines above", file=sys.stderr)
         return INTERNAL
+
+
+def _refuse_overwriting(options: argparse.Namespace) -> None:
+    """Raise an `InputError` if the file to write is one of the files to read: a measurement would be lost."""
+    out = getattr(options, "out", None)
+    if out is None or not os.path.isfile(out):
+        return
+    for name, value in vars(options).items():
+        for given in value if isinstance(value, list) else [value]:
+            is_path = name != "out" and isinstance(given, str | os.PathLike)
+            if is_path and os.path.isfile(given) and os.path.samefile(given, out):
+                raise InputError(f"{out}: this file is read, so it cannot be written, too: give --out another name")
 
 
 def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:
@@ -88,5 +134,6 @@ def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         loaded.arguments(command)
+        command.add_argument(DEBUG, action="store_true", help="show the traceback of an error, too")
         command.set_defaults(command=loaded.run)
     return top

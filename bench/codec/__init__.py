@@ -13,6 +13,7 @@ from torch import Tensor
 from bench.btf import BTF, periods
 from bench.inputs.errors import MissingDataError
 from bench.inputs.settings import Setting, convert, described, parse
+from bench.machine.threads import processor_seconds
 from bench.material import Material
 
 T = TypeVar("T")
@@ -118,6 +119,7 @@ class Fit:
     history: list[dict[str, float]] = field(default_factory=list)  # the curve of the fit; stored in the record
     density: Density | None = None  # the demand of the scene to fit to; None: uniform
     network: "TrainedNetwork | None" = None  # the network that the codec shares over materials, if any
+    started: float = field(default_factory=processor_seconds)  # on the clock of processor time, in s
     unseen: Sequence[BTF] = ()  # materials kept out of a shared network's training, for its curve
 
     def shared(self, name: str) -> "TrainedNetwork":
@@ -130,8 +132,12 @@ class Fit:
         return self.network
 
     def log(self, step: int, **values: float) -> None:
-        """Add a point to the curve of this fit: `seconds`, `psnr` and further values of a codec at a step."""
-        self.history.append({"step": step, **values})
+        """Add a point to the curve of this fit: `seconds`, `psnr` and further values of a codec at a step.
+
+        Without `seconds` the processor time since this object was made is added: a curve has both axes.
+        """
+        stamped = {"seconds": processor_seconds() - self.started} | values
+        self.history.append({"step": step, **stamped})
 
     def progress(self, items: Iterable[T], label: str = "reading", total: int | None = None) -> Iterator[T]:
         """Yield the items with a progress bar; `total` is needed if they have no length."""

@@ -18,7 +18,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from bench.files import atomic
-from bench.inputs.errors import ContainerError, answered, installed, refuse_pipe
+from bench.inputs.errors import ContainerError, EncodeError, InputError, answered, installed, refuse_pipe
 from bench.records import fields as described
 from bench.records import kinds
 from bench.records.schema import FileScene
@@ -68,8 +68,19 @@ class Header:
         return sums | {"header": self.file_bytes - sum(sums.values())}
 
 
+def refuse_other_file(path: Path) -> None:
+    """Raise an `InputError` if a file of another kind has this name, such as a measurement: it would be lost."""
+    if not path.is_file() or path.suffix == SUFFIX:
+        return
+    try:
+        read_header(path)
+    except ContainerError:
+        raise InputError(f"{path}: a file of another kind has this name: choose another, or remove it") from None
+
+
 def save(path: Path, codec: "Encoder", parts: "Parts", provenance: dict[str, Any] | None = None) -> Header:
     """Write a codec file completely or not at all (a temporary name, then a rename), and read its header back."""
+    refuse_other_file(Path(path))
     atomic.write(Path(path), to_bytes(codec, parts, provenance))
     return read_header(path)
 
@@ -82,9 +93,6 @@ def to_bytes(codec: "Encoder", parts: "Parts", provenance: dict[str, Any] | None
 
     _check_parts(codec, parts)
     by_part = {part: {k: v.detach().cpu().contiguous() for k, v in getattr(parts, part).items()} for part in PARTS}
-    for part, named in by_part.items():
-        if name := _not_finite(named):
-            raise ValueError(f"codec {codec.name} made a tensor with numbers that are not finite: {part}/{name}")
     if codec.zstd:
         by_part = {part: {ZSTD: compressed(serialise(named))} for part, named in by_part.items() if named}
     tensors = {f"{part}/{name}": tensor for part, named in by_part.items() for name, tensor in named.items()}
@@ -97,22 +105,59 @@ def to_bytes(codec: "Encoder", parts: "Parts", provenance: dict[str, Any] | None
 
 
 def _check_parts(codec: "Encoder", parts: object) -> None:
-    """Raise a `CodecError` unless these are `Parts` of tensors by name."""
+    """Raise an `EncodeError` unless these are `Parts` of tensors by name that a file can hold."""
     from torch import Tensor
 
     from bench.codec import Parts, SharedNetwork
 
     encode = codec.train if isinstance(codec, SharedNetwork) else codec.encode
     if not isinstance(parts, Parts):
-        raise answered(encode, parts, "Parts of tensors, as Parts(texture={...})")
+        raise answered(encode, parts, "Parts of tensors, as Parts(texture={...})", EncodeError)
+    stored: dict[str, Tensor] = {}
     for part, named in ((part, getattr(parts, part)) for part in PARTS):
         if not isinstance(named, dict):
             what = f"Parts whose {part} is of type {type(named).__name__}"
-            raise answered(encode, what, "a dictionary of tensors by name")
+            raise answered(encode, what, "a dictionary of tensors by name", EncodeError)
         for name, value in named.items():
+            full = f"{part}/{name}"
             if not isinstance(value, Tensor):
                 due = "a tensor (torch.from_numpy makes one of an array)"
-                raise answered(encode, f"Parts whose {part}/{name} is of type {type(value).__name__}", due)
+                raise answered(encode, f"Parts whose {full} is of type {type(value).__name__}", due, EncodeError)
+            if fault := _fault(value):
+                raise EncodeError(f"codec {codec.name}: {full} {fault}")
+            for other, earlier in stored.items():
+                if _overlap(value, earlier):
+                    remedy = "store one of them, or a .clone()"
+                    raise EncodeError(f"codec {codec.name}: {full} shares its memory with {other}: {remedy}")
+            stored[full] = value
+
+
+def _overlap(tensor: "Tensor", other: "Tensor") -> bool:
+    """Whether two contiguous tensors lie in the same memory; others are copied before they are written."""
+    if not (tensor.is_contiguous() and other.is_contiguous() and tensor.numel() and other.numel()):
+        return False
+    first, second = tensor.data_ptr(), other.data_ptr()
+    return first < second + other.nbytes and second < first + tensor.nbytes
+
+
+def _fault(tensor: "Tensor") -> str:
+    """Why a file cannot hold a tensor, and what to store instead; "" if it can."""
+    import torch
+
+    held = [torch.float64, torch.float32, torch.float16, torch.bfloat16]
+    held += [torch.int64, torch.int32, torch.int16, torch.int8, torch.uint8, torch.bool]
+    kind = str(tensor.dtype).removeprefix("torch.")
+    if tensor.layout != torch.strided:
+        return "is sparse: store its values and its indices as two tensors"
+    if tensor.device.type == "meta":
+        return "is on the device meta, so it has no values: store a tensor with values"
+    if tensor.dtype not in held:
+        known = ", ".join(str(dtype).removeprefix("torch.") for dtype in held)
+        return f"is of type {kind}, which a file does not hold: convert it to one of {known}"
+    if tensor.is_floating_point() and not tensor.isfinite().all():
+        bad = int((~tensor.isfinite()).sum())
+        return f"holds {bad:,} of {tensor.numel():,} numbers that are not finite: guard the fit against them"
+    return ""
 
 
 def read_header(path: Path) -> Header:

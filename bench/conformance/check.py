@@ -3,12 +3,10 @@
 A codec under test encodes a small synthetic BTF, writes the file, and decodes it, here and in a fresh process.
 """
 
-import inspect
 import itertools
-import math
+import os
 import subprocess
 import sys
-import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,17 +14,19 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from bench.btf import BTF, ArraySource
 from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, settings_dict, silent
 from bench.codecs import container, loading, shared
-from bench.conformance import emulated, frame
+from bench.codecs.encoding import raised, threads_left, watched_threads
+from bench.conformance import counting, emulated, frame
 from bench.directions.hemisphere import thinned_product, ubo2003, uniform
-from bench.inputs.errors import CodecError, ContainerError, InputError, answered
+from bench.inputs.errors import InputError, answered
 from bench.machine.devices import is_gpu
+from bench.machine.process_state import restored_process_state
 from bench.machine.threads import torch_threads
-from bench.material import Material, parameters, texel_centres
+from bench.material import Material, texel_centres
 
 # Float32 sums of a few hundred terms in another order differ by about 1e-6 of their size; allow ten times that.
 ROUNDING = 1e-5
@@ -42,24 +42,6 @@ class CheckError(AssertionError):
     def __init__(self, message: str, figure: str = ""):
         super().__init__(message)
         self.figure = figure
-
-
-def raised(error: BaseException, codec: Codec) -> str:
-    """Describe an error that a codec raised in one line, with the last line of its author's own files in the trace."""
-    if isinstance(error, ContainerError) and error.__cause__:  # the file was written just now, so it is not damaged
-        error = error.__cause__
-    if isinstance(error, CodecError):
-        return str(error)  # names the author's line itself
-    what = f"{type(error).__name__}: {error}".splitlines()[0]
-    if "Half" in what and "float" in what.lower():  # networks and tables have the material's dtype, queries do not
-        what += ": queries are at least float32; convert what meets them by .to(wi.dtype)"
-    own, suite = Path(inspect.getfile(type(codec))).parent, Path(__file__).parents[1]
-    lines = [
-        frame
-        for frame in traceback.extract_tb(error.__traceback__)
-        if Path(frame.filename).is_relative_to(own) and not Path(frame.filename).is_relative_to(suite)
-    ]
-    return f"{what} ({lines[-1].filename}:{lines[-1].lineno})" if lines else what
 
 
 def tiny_btf(size: int = 8, views: int = 9, lights: int = 9) -> BTF:
@@ -94,6 +76,7 @@ class CodecUnderTest:
     folder: Path
     trained: TrainedNetwork | None = None  # the shared network to use; None: the one that `shared` finds
     show: Progress = silent
+    moved_to: str = ""  # the working directory that the codec left behind
 
     @cached_property
     def btf(self) -> BTF:
@@ -106,9 +89,12 @@ class CodecUnderTest:
 
     def encode(self, name: str, btf: BTF | None = None) -> container.Header:
         """Encode a BTF, by default the small material, into a file of that name."""
-        with torch_threads(1), torch.enable_grad():  # whichever check asks for it first
-            fit = Fit(seed=1, network=self.network, show=self.show)
-            return container.save(self.folder / name, self.codec, self.codec.encode(btf or self.btf, fit))
+        fit, folder = Fit(seed=1, network=self.network, show=self.show), os.getcwd()
+        with restored_process_state(), watched_threads(), torch_threads(1), torch.enable_grad():
+            parts = self.codec.encode(btf or self.btf, fit)
+            if os.getcwd() != folder:
+                self.moved_to = os.getcwd()
+        return container.save(self.folder / name, self.codec, parts)
 
     @cached_property
     def header(self) -> container.Header:
@@ -214,57 +200,17 @@ def refuses(tested: CodecUnderTest) -> None:
 
 def counted(tested: CodecUnderTest) -> None:
     """declared parameters, channels and numbers in textures are those that are counted"""
-    declared = tested.material.cost
-    counted_parameters = parameters(tested.material)
-    if declared.parameters != counted_parameters:
-        raise CheckError(f"declares {declared.parameters:,} parameters, holds {counted_parameters:,}")
-    texture = container.read_parts(tested.header.path)[1].texture
-    floats, channels = texture_floats(texture), texture_channels(texture, tested.material.size)
-    held = held_floats(tested.material)
-    if declared.texture_floats not in floats and declared.texture_floats != held:
-        stores = " to ".join(f"{count:,}" for count in dict.fromkeys((floats[0], floats[-1])))
-        raise CheckError(
-            f"declares {declared.texture_floats:,} numbers in textures, stores {stores} and holds {held:,}"
-        )
-    if channels is not None and declared.texture_channels != channels:
-        raise CheckError(f"declares {declared.texture_channels:,} texture channels, stores {channels:,}")
+    if fault := counting.fault(tested.material, container.read_parts(tested.header.path)[1]):
+        raise CheckError(fault)
 
 
-def texture_floats(texture: dict[str, Tensor]) -> range:
-    """The number of numbers in the textures of a file: one count, or a range if indices are packed into bytes.
-
-    Vectors of floats are not counted: they are scales, offsets and the like. A packed index has 1 to 32 bits.
-    """
-    counted = sum(values.numel() for values in texture.values() if values.ndim > 1)
-    packed = 8 * sum(values.nbytes for values in texture.values() if values.ndim < 2 and not values.is_floating_point())
-    return range(counted + math.ceil(packed / 32), counted + packed + 1)
-
-
-def held_floats(material: Material) -> int:
-    """Count the numbers of a decoder outside its network: textures, and the levels and copies made of them."""
-    held, network = list(vars(material).values()), material.modules()
-    values = [value for value in held if isinstance(value, Tensor)]
-    plain = (value for value in held if isinstance(value, nn.Module) and value not in network)
-    values += [buffer for module in plain for buffer in module.buffers()]
-    return sum(value.numel() for value in values if value.is_floating_point())
-
-
-def texture_channels(texture: dict[str, Tensor], size: tuple[int, int]) -> int | None:
-    """Numbers a texel of the finest textures, by their shapes; None if one is packed or has another layout."""
-    channels = [_channels(tuple(values.shape), size) for values in texture.values() if values.ndim != 1]
-    packed = any(values.ndim == 1 and not values.is_floating_point() for values in texture.values())
-    return None if packed or None in channels else sum(count for count in channels if count)
-
-
-def _channels(shape: tuple[int, ...], size: tuple[int, int]) -> int | None:
-    """The channels of one tensor: its shape contains (H, W), or its rows are the texels of all levels."""
-    places = [i for i in range(len(shape) - 1) if shape[i : i + 2] == size]
-    if places:
-        return math.prod(shape) // math.prod(size)
-    if len(shape) == 2 and shape[0] >= math.prod(size):
-        return shape[1]
-    coarser = len(shape) > 2 and math.prod(shape[:2]) < math.prod(size)
-    return 0 if coarser else None
+def leaves_the_process(tested: CodecUnderTest) -> None:
+    """encoding leaves the process as it was: the working directory, and no thread that runs on"""
+    tested.encode("c" + container.SUFFIX)
+    if tested.moved_to:
+        raise CheckError(f"encode changes the working directory to {tested.moved_to}: give paths instead")
+    if left := threads_left():
+        raise CheckError(f"encode leaves {', '.join(left)} running: end each thread, or make it a daemon")
 
 
 def follows_data(tested: CodecUnderTest) -> None:
@@ -312,7 +258,7 @@ def on_a_gpu(tested: CodecUnderTest) -> None:
     # An emulated GPU takes long for a kernel, so a fit has four steps.
     codec = type(tested.codec)(**settings | ({"steps": 4} if "steps" in settings else {}))
     try:
-        with emulated.emulated() as device, torch_threads(1), torch.enable_grad():
+        with emulated.emulated() as device, restored_process_state(), torch_threads(1), torch.enable_grad():
             fit = Fit(seed=1, network=tested.network, device=device)
             path = tested.folder / f"gpu{container.SUFFIX}"
             parts = container.read_parts(container.save(path, codec, codec.encode(tested.btf, fit)).path)[1]
@@ -353,5 +299,5 @@ STAGES: tuple[tuple[Check, ...], ...] = (
     (encodes,),
     (repeats,),
     (follows_data, slices, framed),
-    (same_bytes, fresh_process, batches, order, wraps, refuses, counted, on_a_gpu),
+    (same_bytes, fresh_process, leaves_the_process, batches, order, wraps, refuses, counted, on_a_gpu),
 )

@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from bench.codec import Codec, Progress, followed, settings_dict, silent
+from bench.codecs.encoding import raised
 from bench.codecs.registry import load_codec
 from bench.conformance import emulated, stress
-from bench.conformance.check import STAGES, Check, CodecUnderTest, NotApplicable, raised
+from bench.conformance.check import STAGES, Check, CodecUnderTest, NotApplicable
 from bench.conformance.stress.case import Measured, judged, short
 from bench.material import parameters
 from bench.records import Record, load_run

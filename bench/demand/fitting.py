@@ -19,6 +19,7 @@ from bench.btf import BTF, Layout
 from bench.codec import SCENE, Codec, Density, Fit, Parts, settings_dict
 from bench.codecs import container, loading
 from bench.codecs.container import Header
+from bench.codecs.encoding import encoded
 from bench.codecs.scene_material import unreported
 from bench.codecs.window import Window
 from bench.demand import UNIFORM
@@ -165,7 +166,10 @@ class Search:
     def model(self, codec: Codec, name: str) -> Model:
         """Fit a codec, to the scene if its settings say so, else to the whole BTF; decode its file and score it."""
         fit, start = self.fit(), time.perf_counter()
-        parts = self.problem.encode(codec, fit) if codec.scene else codec.encode(self.btf, fit)
+        if codec.scene:
+            parts = encoded(codec, self.btf, fit, lambda _, fit: self.problem.encode(codec, fit))
+        else:
+            parts = encoded(codec, self.btf, fit)
         seconds = time.perf_counter() - start
         header = container.save(self.folder / f"{name}{container.SUFFIX}", codec, parts)
         material = unreported(loading.load(header.path, fit.device)[1])

@@ -30,17 +30,23 @@ class CodecError(InputError):
     """A codec fails on import or construction, or one of its methods returns a wrong type; the message names it."""
 
 
+class EncodeError(CodecError):
+    """A codec's `encode` raises, ends the process, or returns what no codec file can hold; exit code 3."""
+
+
 class MissingDataError(InputError):
     """A known material or shared network is not on this machine; the message says how to get it."""
 
 
-def answered(method: Callable[..., object], answer: object, due: str) -> CodecError:
+def answered(
+    method: Callable[..., object], answer: object, due: str, kind: type[CodecError] = CodecError
+) -> CodecError:
     """The error for a codec's method that returned something else than `due`; it names the method's file and line."""
     code = getattr(method, "__code__", None)
     place = f" ({code.co_filename}:{code.co_firstlineno})" if code else ""
     called = getattr(method, "__qualname__", str(method)).rpartition("<locals>.")[2]
     what = answer if isinstance(answer, str) else f"a {type(answer).__name__}"
-    return CodecError(f"{called}{place} returned {what}, but must return {due}")
+    return kind(f"{called}{place} returned {what}, but must return {due}")
 
 
 @contextmanager

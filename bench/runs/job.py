@@ -25,10 +25,12 @@ from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, settings_di
 from bench.codecs import container, loading, shared
 from bench.codecs.command import Programs
 from bench.codecs.registry import called, codec_entries, from_outside, make_codec
+from bench.codecs.seeds import seed_of
 from bench.demand import fitting, require_demand
 from bench.files import atomic
 from bench.inputs.errors import NO_PLACE, CodecError, ContainerError, InputError, MissingDataError
 from bench.machine.devices import is_gpu
+from bench.machine.process_state import restored_process_state
 from bench.machine.threads import processor_seconds, torch_threads
 from bench.records import Record, fields
 from bench.records.schema import Facts
@@ -36,7 +38,7 @@ from bench.runs import lock
 from bench.runs.drawing import sparse_truth
 from bench.runs.evaluation import Keep, drawing, evaluate, score_key
 from bench.runs.identity import identity
-from bench.runs.provenance import machine, restored_process_state, stamp
+from bench.runs.provenance import machine, stamp
 from bench.runs.suite import Task
 from bench.runs.workbench import Workbench, opened
 from bench.training import stored_texture
@@ -95,9 +97,7 @@ class Job:
 
     @property
     def seed(self) -> int:
-        """A seed of material, codec and repetition: 63 bits of their sha256."""
-        parts = f"{self.workbench.name}\n{self.codec.name}\n{self.task.repetition}"
-        return int.from_bytes(hashlib.sha256(parts.encode()).digest()[:8], "big") >> 1
+        return seed_of(self.workbench.btf.name, self.codec.name, self.task.repetition)
 
     @cached_property
     def network(self) -> TrainedNetwork | None:

@@ -16,7 +16,9 @@ import torch
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Progress, SharedNetwork, silent
 from bench.codecs import container, loading, shared
+from bench.codecs.encoding import encoded
 from bench.codecs.registry import load_codec
+from bench.codecs.seeds import seed_of
 from bench.codecs.slices_material import SlicesMaterial
 from bench.data.materials.variations import load_variation
 from bench.data.open import open_named
@@ -64,21 +66,26 @@ def encode(
 ) -> container.Header:
     """Fit a codec to the training pairs of a BTF and write its file; returns the header of the file.
 
-    `codec` is a name, with its `settings`, or a codec. The fit calls `show(label, done, total)` as it progresses.
+    `codec` is a name, with its `settings`, or a codec. `seed` is the repetition, as in the `seeds` of a suite: with the
+    same data and name of the material a run writes the same file. The fit calls `show(label, done, total)` as it
+    progresses.
     """
     if isinstance(codec, Codec) and settings:
         raise InputError(f"encode: codec {codec.name} already has its settings: give {min(settings)} when you make it")
     instance = codec if isinstance(codec, Codec) else load_codec(codec)(**settings)
     require_demand(instance, None)
-    fit = Fit(torch.device(device), threads, seed, show, network=shared.find_for(instance))
+    fit_seed = seed_of(btf.name, instance.name, seed)
+    fit = Fit(torch.device(device), threads, fit_seed, show, network=shared.find_for(instance))
     train = btf.subset(btf.split().train)
     some = np.unique(np.linspace(0, len(train) - 1, LOOKED_AT).astype(int))
     if text := negative(np.stack([train[int(pair)] for pair in some])):
         log.warning("%s: %s", btf.name, text)
     shared.refuse(fit.network, train)
+    container.refuse_other_file(Path(out))
+    place = Path(out).absolute()  # a codec may change the working directory
     with torch_threads(threads):
-        parts = instance.encode(train, fit)
-    return container.save(Path(out), instance, parts)
+        parts = encoded(instance, train, fit)
+    return container.save(place, instance, parts)
 
 
 def load(file: str | Path, device: str = "cpu") -> Material:

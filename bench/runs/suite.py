@@ -37,6 +37,7 @@ The path of a material is tried as written, then under `$NEUBTF_DATA`; that of a
 import dataclasses
 import itertools
 import math
+import os
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -173,7 +174,7 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
     )
     labels, names = [spec.label for spec in suite.codecs], [spec.name for spec in suite.materials]
     if twice := next((name for each in (labels, names) for name, count in Counter(each).items() if count > 1), ""):
-        raise InputError(f"{file}: {twice!r} appears twice")
+        raise InputError(f"{file}: {twice!r} appears twice: give one of them another name, as {{name = …, path = …}}")
     if foreign := {name for spec in suite.codecs for name in spec.materials} - {*names}:
         raise InputError(f"{file}: codecs.materials names {min(foreign)!r}, which is not a material of this suite")
     _check_jobs(file, len(names) * len(labels) * len(suite.seeds))
@@ -207,14 +208,33 @@ def with_changes(
     if materials:
         known = {spec.name: spec for spec in suite.materials}
         everywhere = tuple(dataclasses.replace(spec, materials=()) for spec in suite.codecs)
-        chosen_materials = tuple(known.get(name, named(name)) for name in materials)
-        suite = dataclasses.replace(suite, materials=chosen_materials, codecs=everywhere)
+        chosen_materials = [known.get(name, named(name)) for name in materials]
+        suite = dataclasses.replace(suite, materials=told_apart(chosen_materials), codecs=everywhere)
     if codecs:
         chosen = [[spec for spec in suite.codecs if spec.codec == c] or [CodecSpec(c)] for c in codecs]
         suite = dataclasses.replace(suite, codecs=tuple(itertools.chain(*chosen)))
     for key, value in changes.items():
         suite = _change(suite, key, value)
     return suite if seed is None else dataclasses.replace(suite, seeds=(seed,))
+
+
+def told_apart(materials: list[MaterialSpec]) -> tuple[MaterialSpec, ...]:
+    """The materials, with the names of folders before equal names: `coin-dirs.lp` and `tablet-dirs.lp`.
+
+    Jobs, records and tables know a material by its name alone. `InputError` if one material is given twice.
+    """
+    paths = [os.path.abspath(spec.existing() or spec.path) if spec.path else spec.name for spec in materials]
+    if twice := next((path for path, count in Counter(paths).items() if count > 1), ""):
+        raise InputError(f"--material {twice}: it is given twice")
+    names = [spec.name for spec in materials]
+    for folders in range(1, max(len(Path(path).parts) for path in paths)):
+        ambiguous = {name for name, count in Counter(names).items() if count > 1}
+        for place, path in enumerate(paths):
+            if names[place] in ambiguous:
+                names[place] = "-".join(Path(path).parts[-1 - folders :])
+    if twice := next((name for name, count in Counter(names).items() if count > 1), ""):
+        raise InputError(f"--material: two materials are named {twice}: rename a folder")
+    return tuple(dataclasses.replace(spec, name=name) for spec, name in zip(materials, names, strict=True))
 
 
 def canonical(suite: Suite) -> Suite:

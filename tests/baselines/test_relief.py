@@ -9,7 +9,8 @@ from baselines.relief import sweep
 from baselines.relief.codec import Relief, ReliefMaterial, ReliefObjective
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
-from bench.conformance.check import held_floats, tiny_btf
+from bench.conformance.check import tiny_btf
+from bench.conformance.counting import held_floats
 from bench.data.materials import load, recipe
 from bench.data.materials.maps import resize
 from bench.material import parameters

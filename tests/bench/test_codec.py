@@ -81,6 +81,15 @@ def test_a_fit_tells_its_progress_and_seeds_its_generator():
     assert torch.equal(torch.rand(3, generator=fit.generator()), torch.rand(3, generator=Fit(seed=5).generator()))
 
 
+def test_a_point_of_a_curve_is_stamped_with_the_seconds_of_the_fit():
+    fit = Fit()
+    fit.log(10, psnr=20.0)
+    fit.log(20, psnr=21.0, seconds=5.0)
+    first, second = fit.history
+    assert (first["step"], first["psnr"], second["seconds"]) == (10, 20.0, 5.0)
+    assert 0 <= first["seconds"] < 60
+
+
 def test_settings_are_described_with_default_range_and_comment():
     shown = {s.name: (s.default, s.kind, s.meaning) for s in described_settings(Sample)}
     assert shown["count"] == ("3", "a whole number ≥ 1", "how many")

@@ -68,6 +68,36 @@ def test_a_file_of_a_run_scores_what_its_record_says(tmp_path, folder):
         assert found[part] == job[part], part
 
 
+def test_a_command_a_script_and_a_run_make_the_same_file(tmp_path, folder):
+    """Their seeds follow one rule: of the name of the BTF, the codec and the repetition."""
+    words = ["--codec", "neubtf-direct", "--set", "steps=3", "--set", "latents=2"]
+    assert cli.main(["run", "quick", "--out", "run", "--material", str(folder), "--seed", "1", *words]) == 0
+    (job,) = load_run(tmp_path / "run").jobs
+    for seed in (0, 1):
+        assert cli.main(["encode", str(folder), *words, "--seed", str(seed), "-o", f"{seed}.nbtf"]) == 0
+    settings = {"steps": 3, "latents": 2}
+    script = bench.encode(bench.open(folder), "neubtf-direct", "script.nbtf", seed=1, **settings)
+    assert job["score_key"]["sha256"] == script.sha256 == container.read_header(Path("1.nbtf")).sha256
+    assert container.read_header(Path("0.nbtf")).sha256 != script.sha256
+
+
+def test_a_command_does_not_write_over_what_it_reads(folder, capsys):
+    btf = bench.open(folder)
+    np.savez("measured.npz", radiance=np.stack(list(btf)), wo=btf.wo, wi=btf.wi)
+    before = Path("measured.npz").read_bytes()
+    Path("link.npz").symlink_to("measured.npz")
+    for words in (
+        ["encode", "measured.npz", "--codec", "mean-colour", "-o", "measured.npz"],
+        ["encode", "link.npz", "--codec", "mean-colour", "-o", "measured.npz"],
+        ["convert", "measured.npz", "-o", "./measured.npz"],
+    ):
+        assert cli.main(words) == 2
+        assert "this file is read, so it cannot be written, too: give --out another name" in capsys.readouterr().err
+    assert cli.main(["encode", str(folder), "--codec", "mean-colour", "-o", "measured.npz"]) == 2
+    assert "measured.npz: a file of another kind has this name" in capsys.readouterr().err
+    assert Path("measured.npz").read_bytes() == before
+
+
 def test_encoding_takes_a_name_with_settings_or_a_codec(folder, capsys):
     btf = bench.open(folder)
     header = bench.encode(btf, "pca", "a.nbtf", components="3")

@@ -31,7 +31,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--target-psnr", type=float, metavar="DB", help="with --demand: the PSNR that frames reach …")
     add("--target-flip", type=float, metavar="FLIP", help="… or their FLIP (default: that of the full model)")
     add("--uniform", type=float, help="with --demand: the share of samples spread evenly (default: 0.1)")
-    add("--seed", type=int, default=0)
+    add("--seed", type=int, default=0, help="the repetition, as in the seeds of a suite (default: 0)")
     add("--threads", type=threads, default=1)
     add("--device", default="cpu")
     add("-o", "--out", type=Path, required=True, help="the codec file to write")
@@ -52,6 +52,7 @@ def run(options: argparse.Namespace) -> int:
             raise InputError(f"--{word.replace('_', '-')}: only for a fit to a scene: give its --demand")
     if options.uniform is not None and not 0 <= options.uniform <= 1:
         raise InputError(f"--uniform {options.uniform}: must be between 0 and 1")
+    container.refuse_other_file(options.out)
     changes = assignments(options.set) | ({"data.repair": "true"} if options.repair else {})
     settings = {k: v for k, v in changes.items() if not k.startswith("data.")}
     codec = load_codec(options.codec)(**settings)
@@ -85,6 +86,7 @@ def _encode_for_scene(
 
     from bench.codec import Fit
     from bench.codecs import shared
+    from bench.codecs.seeds import seed_of
     from bench.demand import UNIFORM, fitting
     from bench.demand.frame_scorer import FrameScorer, table_of
     from bench.files import atomic
@@ -92,7 +94,8 @@ def _encode_for_scene(
     from reports.scene_models import scene_models_text
 
     def fit() -> Fit:
-        return Fit(torch.device(options.device), options.threads, options.seed, console.show, network=network)
+        seed = seed_of(btf.name, codec.name, options.seed)
+        return Fit(torch.device(options.device), options.threads, seed, console.show, network=network)
 
     shared.refuse(network, btf)
     scorer = FrameScorer(table_of(btf), scene_demand, console.show)

@@ -15,7 +15,8 @@ from torch import Tensor
 from bench.btf import BTF, Array
 from bench.codec import Codec, Configured, Fit, Parts, settings_dict
 from bench.codecs import container, loading
-from bench.conformance.check import CheckError, CodecUnderTest, NotApplicable, raised
+from bench.codecs.encoding import raised
+from bench.conformance.check import CheckError, CodecUnderTest, NotApplicable
 from bench.machine.threads import torch_threads
 from bench.material import Material
 
@@ -156,7 +157,7 @@ def judge(case: Case, subject: Subject) -> CaseVerdict:
 
 
 def judged(
-    test: Callable[[], Measured | None], inapplicable: type[Exception], described: Callable[[Exception], str]
+    test: Callable[[], Measured | None], inapplicable: type[Exception], described: Callable[[BaseException], str]
 ) -> CaseVerdict:
     """The result of a test: any exception is a failure, except a reason why it does not apply."""
     start = time.perf_counter()
@@ -167,7 +168,7 @@ def judged(
         verdict = CaseVerdict("n/a", "n/a", str(reason))
     except CheckError as error:
         verdict = CaseVerdict("fail", error.figure or "failed", str(error))
-    except Exception as error:  # any exception is a failure, and the next case still runs
+    except (Exception, SystemExit) as error:  # any exception is a failure, and the next case still runs
         verdict = CaseVerdict("fail", type(error).__name__, described(error))
     return dataclasses.replace(verdict, seconds=time.perf_counter() - start)
 

@@ -11,7 +11,7 @@ from bench.codec import Codec, Fit, Parts
 from bench.codecs import container, loading
 from bench.codecs.registry import load_codec
 from bench.conformance.check import tiny_btf
-from bench.inputs.errors import ContainerError, InputError
+from bench.inputs.errors import ContainerError, EncodeError, InputError
 
 
 @pytest.fixture(scope="module")
@@ -84,9 +84,54 @@ def test_a_missing_file_is_a_container_error(tmp_path):
 def test_numbers_that_are_not_finite_are_never_written(tmp_path):
     codec: Codec = load_codec("mean-colour")()
     parts = Parts(texture={"mean": torch.full((2, 2, 3), float("nan"))})
-    with pytest.raises(ValueError, match="not finite: texture/mean"):
+    with pytest.raises(EncodeError, match="texture/mean holds 12 of 12 numbers that are not finite"):
         container.save(tmp_path / "nan.nbtf", codec, parts)
     assert not list(tmp_path.iterdir())
+
+
+SOME = torch.arange(12.0)
+
+
+@pytest.mark.parametrize(
+    ("tensors", "says"),
+    [
+        ({"a": SOME, "b": SOME}, r"texture/b shares its memory with texture/a: store one of them, or a \.clone\(\)"),
+        ({"a": SOME[:8], "b": SOME[4:]}, "texture/b shares its memory with texture/a"),
+        ({"a": SOME.to(torch.float8_e4m3fn)}, "texture/a is of type float8_e4m3fn, .* convert it to one of float64"),
+        ({"a": SOME.to(torch.uint16)}, "texture/a is of type uint16"),
+        ({"a": SOME.to(torch.uint32)}, "texture/a is of type uint32"),
+        ({"a": SOME.to(torch.complex64)}, "texture/a is of type complex64"),
+        ({"a": SOME.to_sparse()}, "texture/a is sparse: store its values and its indices as two tensors"),
+        ({"a": SOME.to("meta")}, "texture/a is on the device meta"),
+    ],
+)
+def test_a_tensor_that_no_file_can_hold_is_named_with_its_remedy(tensors, says, tmp_path):
+    with pytest.raises(EncodeError, match=f"codec mean-colour: {says}"):
+        container.save(tmp_path / "a.nbtf", load_codec("mean-colour")(), Parts(texture=tensors))
+    assert not list(tmp_path.iterdir())
+
+
+def test_halves_of_one_tensor_are_no_shared_memory_and_every_kept_dtype_is_read_again(tmp_path):
+    tensors = {"first": SOME[:6], "second": SOME[6:], "columns": SOME.view(3, 4)[:, :2]}
+    tensors |= {
+        name: SOME.to(getattr(torch, name)) for name in ("float64", "half", "bfloat16", "int16", "uint8", "bool")
+    }
+    path = tmp_path / "a.nbtf"
+    container.save(path, load_codec("mean-colour")(), Parts(texture=tensors))
+    stored = container.read_parts(path)[1].texture
+    assert all(torch.equal(stored[name], values) for name, values in tensors.items())
+
+
+def test_a_file_of_another_kind_is_never_replaced(tmp_path):
+    codec, parts = load_codec("mean-colour")(), Parts(texture={"mean": torch.ones(2, 2, 3)})
+    path = tmp_path / "measured.npz"
+    path.write_bytes(b"a measurement")
+    with pytest.raises(InputError, match="a file of another kind has this name: choose another, or remove it"):
+        container.save(path, codec, parts)
+    assert path.read_bytes() == b"a measurement"
+    path.unlink()
+    container.save(path, codec, parts)
+    container.save(path, codec, parts)  # over a codec file, whatever its name
 
 
 def test_an_encoder_is_a_part_of_its_own(encoded, tmp_path):

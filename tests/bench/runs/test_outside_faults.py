@@ -16,9 +16,9 @@ from bench.codecs.registry import load_codec, make_codec
 from bench.conformance.check import tiny_btf
 from bench.data.readers.folder import write_folder
 from bench.inputs.errors import CodecError
+from bench.machine.process_state import restored_process_state
 from bench.records import load_run
 from bench.runs import runner
-from bench.runs.provenance import restored_process_state
 from bench.runs.runner import timings
 from bench.runs.suite import load_suite, with_changes
 from tests.bench.outside import install

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import pytest
 
 from bench import cli
@@ -110,6 +112,24 @@ def test_the_command_line_chooses_materials_codecs_settings_and_seed(tmp_path):
     assert chosen.codecs[0].curve == "pca"
     assert chosen.seeds == (7,)
     assert with_changes(suite, [], [], {"data.size": "8"}, None).data.size == 8
+
+
+def test_two_paths_of_one_name_are_two_materials(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for place in ("coin/rti/dirs.lp", "tablet/rti/dirs.lp", "tablet/other/dirs.lp", "satin"):
+        Path(place).parent.mkdir(parents=True, exist_ok=True)
+        Path(place).write_text("")
+
+    def names(*materials):
+        suite = with_changes(load_suite("quick"), list(materials), ["pca"], {}, None)
+        return [spec.name for spec in suite.materials]
+
+    assert names("coin/rti", "tablet/rti") == ["coin-rti", "tablet-rti"]
+    assert names("tablet/rti/dirs.lp", "tablet/other/dirs.lp") == ["rti-dirs.lp", "other-dirs.lp"]
+    assert names("coin/rti/dirs.lp", "tablet/rti/dirs.lp") == ["coin-rti-dirs.lp", "tablet-rti-dirs.lp"]
+    assert names("coin/rti/dirs.lp", "satin") == ["dirs.lp", "satin"]
+    with pytest.raises(InputError, match="coin/rti: it is given twice"):
+        names("coin/rti", "./coin/rti")
 
 
 def test_a_suite_may_name_the_demand_of_a_scene_and_codecs_that_are_fitted_to_it():

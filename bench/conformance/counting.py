@@ -1,0 +1,124 @@
+"""Counts what a decoder holds and its file stores, and compares it with what its codec declares.
+
+Every number of the file's decoder part is one of a network's parameters or one of a table's; both are declared. So no
+number of a decoder is left out of the tables, whatever holds it: modules, frozen weights or plain tensors.
+"""
+
+import math
+
+import torch
+from torch import Tensor, nn
+
+from bench.codec import Parts
+from bench.material import Material, parameters
+
+
+def fault(material: Material, parts: Parts) -> str:
+    """What is wrong with the declared cost of a material, given the parts of its file; "" if it is right."""
+    return _fault_of_decoder(material, parts.decoder) or _fault_of_textures(material, parts.texture)
+
+
+def _fault_of_decoder(material: Material, decoder: dict[str, Tensor]) -> str:
+    declared, held, stored = material.cost, parameters(material), decoder_floats(decoder)
+    explained = max(held, declared.parameters) + declared.table_floats
+    if declared.parameters < held:
+        return f"declares {declared.parameters:,} parameters, holds {held:,}: {_remedy(held)}"
+    if declared.parameters > held and declared.parameters + declared.table_floats not in stored:
+        return f"declares {declared.parameters:,} parameters, holds {held:,} in modules: {_remedy(held)}"
+    if stored.start > explained:
+        rest = stored.start - explained
+        total = declared.table_floats + rest
+        what = f"the file's decoder part stores {stored.start:,} numbers; {rest:,} of them are neither parameters nor"
+        remedy = f"{_remedy(declared.parameters + rest)}, or table_floats={total} if they are a basis or a codebook"
+        return f"{what} declared as tables: {remedy}"
+    return ""
+
+
+def _remedy(count: int) -> str:
+    return f"declare DecoderCost(parameters={count})"
+
+
+def _fault_of_textures(material: Material, texture: dict[str, Tensor]) -> str:
+    declared, held = material.cost, held_floats(material)
+    floats, channels = texture_floats(texture), texture_channels(texture, material.size)
+    if declared.texture_floats not in floats and declared.texture_floats != held:
+        stores = " to ".join(f"{count:,}" for count in dict.fromkeys((floats[0], floats[-1])))
+        return f"declares {declared.texture_floats:,} numbers in textures, stores {stores} and holds {held:,}"
+    if channels is not None and declared.texture_channels != channels:
+        return f"declares {declared.texture_channels:,} texture channels, stores {channels:,}"
+    return ""
+
+
+def decoder_floats(decoder: dict[str, Tensor]) -> range:
+    """The number of numbers in the decoder part of a file: one count, or a range.
+
+    It is a range if codes are packed into bytes, or if equal tensors are stored twice, as those of tied layers are:
+    they may count once. The scales and steps that belong to another tensor, `NAME.…` beside `NAME`, are not counted.
+    """
+    own = {name: values for name, values in decoder.items() if name.rpartition(".")[0] not in decoder}
+    different: dict[str, Tensor] = {}
+    for name, values in own.items():
+        if not any(values.dtype == other.dtype and torch.equal(values, other) for other in different.values()):
+            different[name] = values
+    counts = [_with_packed(_plain_numbers(tensors), tensors) for tensors in (different, own)]
+    return range(counts[0].start, counts[1].stop)
+
+
+def _plain_numbers(tensors: dict[str, Tensor]) -> int:
+    return sum(values.numel() for values in tensors.values() if not _packed(values))
+
+
+def texture_floats(texture: dict[str, Tensor]) -> range:
+    """The number of numbers in the textures of a file: one count, or a range if indices are packed into bytes.
+
+    Vectors of floats are not counted: they are scales, offsets and the like.
+    """
+    counted = sum(values.numel() for values in texture.values() if values.ndim > 1)
+    return _with_packed(counted, texture)
+
+
+def _packed(values: Tensor) -> bool:
+    return values.ndim < 2 and not values.is_floating_point()
+
+
+def _with_packed(counted: int, tensors: dict[str, Tensor]) -> range:
+    """The range of `counted` numbers and those packed into vectors of bytes; a packed index has 1 to 32 bits."""
+    packed = 8 * sum(values.nbytes for values in tensors.values() if _packed(values))
+    return range(counted + math.ceil(packed / 32), counted + packed + 1)
+
+
+def held_floats(material: Material) -> int:
+    """Count the numbers of a decoder outside its network: textures, and the levels and copies made of them."""
+    held, network = list(vars(material).values()), material.modules()
+    values = [value for value in held if isinstance(value, Tensor)]
+    plain = (value for value in held if isinstance(value, nn.Module) and value not in network)
+    values += [buffer for module in plain for buffer in module.buffers()]
+    return sum(value.numel() for value in values if value.is_floating_point())
+
+
+def texture_channels(texture: dict[str, Tensor], size: tuple[int, int]) -> int | None:
+    """Numbers a texel of the finest textures, by their shapes; None if one is packed or has another layout.
+
+    The finest textures are those of (H, W), or where every texture is coarser, the largest of them.
+    """
+    shapes = [tuple(values.shape) for values in texture.values() if values.ndim != 1]
+    channels = [_channels(shape, size) for shape in shapes]
+    packed = any(_packed(values) for values in texture.values() if values.ndim == 1)
+    if packed or None in channels:
+        return None
+    full = sum(count for count in channels if count)
+    if full or not shapes:
+        return full
+    largest = max(math.prod(shape[:2]) for shape in shapes)
+    return sum(math.prod(shape[2:]) for shape in shapes if math.prod(shape[:2]) == largest)
+
+
+def _channels(shape: tuple[int, ...], size: tuple[int, int]) -> int | None:
+    """The channels of one tensor: its shape contains (H, W), or its rows are the texels of all levels."""
+    places = [i for i in range(len(shape) - 1) if shape[i : i + 2] == size]
+    if places:
+        return math.prod(shape) // math.prod(size)
+    if len(shape) == 2 and shape[0] >= math.prod(size):
+        return shape[1]
+    coarser = len(shape) > 2 and math.prod(shape[:2]) < math.prod(size)
+    return 0 if coarser else None

@@ -1,0 +1,123 @@
+"""What a codec does wrong while it encodes is one error that names it, and the process stays as it was."""
+
+import os
+import threading
+from pathlib import Path
+
+import pytest
+
+from baselines.mean_colour import MeanColour
+from bench import cli
+from bench.codec import Fit
+from bench.codecs.encoding import encoded, threads_left
+from bench.conformance.check import leaves_the_process, tiny_btf
+from bench.conformance.verdicts import check
+from bench.inputs.errors import EncodeError, InputError
+from tests.bench.outside import install
+
+
+def with_encode(encode):
+    return type("Mine", (MeanColour,), {"encode": encode})
+
+
+def fails(error):
+    def encode(self, btf, fit):
+        raise error
+
+    return with_encode(encode)
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (ValueError("my own error"), "ValueError: my own error"),
+        (KeyError("x"), "KeyError: 'x'"),
+        (SystemExit(0), "it ends the process with exit code 0: raise an error instead"),
+        (ValueError(""), "ValueError"),
+    ],
+)
+def test_any_error_of_a_codec_names_codec_data_and_line(error, says):
+    with pytest.raises(EncodeError) as raised:
+        encoded(fails(error)(), tiny_btf(), Fit())
+    message = str(raised.value)
+    assert message.startswith(f"codec mean-colour failed to encode check: {says}")
+    assert f"{Path(__file__).name}:" in message
+    assert "\n" not in message
+
+
+def test_bad_input_and_a_full_disk_are_not_the_codecs_fault():
+    for error in (InputError("bad input"), OSError(28, "No space left on device")):
+        with pytest.raises(type(error)) as raised:
+            encoded(fails(error)(), tiny_btf(), Fit())
+        assert raised.value is error
+
+
+def test_the_working_directory_is_restored_and_a_check_says_that_it_was_left(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def wanders(self, btf, fit):
+        Path("elsewhere").mkdir(exist_ok=True)
+        os.chdir("elsewhere")
+        return MeanColour.encode(self, btf, fit)
+
+    encoded(with_encode(wanders)(), tiny_btf(), Fit())
+    assert Path.cwd() == tmp_path
+    said = {result.name: result.failure for result in check(with_encode(wanders)())}
+    assert said[leaves_the_process.__doc__].startswith(f"encode changes the working directory to {tmp_path}/elsewhere")
+    assert Path.cwd() == tmp_path
+
+
+def test_a_thread_that_is_left_running_is_named():
+    done = threading.Event()
+
+    def lingers(self, btf, fit):
+        threading.Thread(target=done.wait, name="my-thread").start()
+        return MeanColour.encode(self, btf, fit)
+
+    try:
+        said = {result.name: result.failure for result in check(with_encode(lingers)())}
+        assert "encode leaves my-thread" in said[leaves_the_process.__doc__]
+        assert "my-thread" in threads_left()
+    finally:
+        done.set()
+    for thread in threading.enumerate():
+        if thread.name == "my-thread":
+            thread.join()
+    assert threads_left() == []
+
+
+FAULTY = """
+import os, sys
+import torch
+from baselines.mean_colour import MeanColour
+from bench.codec import Parts
+
+class Quits(MeanColour):
+    name = "quits"
+    def encode(self, btf, fit):
+        sys.exit(0)
+
+class Shares(MeanColour):
+    name = "shares"
+    def encode(self, btf, fit):
+        mean = super().encode(btf, fit).texture["mean"]
+        return Parts(texture={"mean": mean}, other={"same": mean})
+"""
+
+
+def test_the_command_ends_with_3_and_one_line_and_with_debug_the_traceback(tmp_path, monkeypatch, capsys):
+    codecs = {"quits": "faulty:Quits", "shares": "faulty:Shares"}
+    monkeypatch.syspath_prepend(install(tmp_path / "site", "faulty", codecs, {"faulty": FAULTY}))
+    monkeypatch.chdir(tmp_path)
+    words = ["encode", "satin", "--set", "data.size=8", "--set", "data.views=3", "--set", "data.lights=3"]
+    for name, says in (("quits", "ends the process with exit code 0"), ("shares", "other/same shares its memory")):
+        assert cli.main([*words, "--codec", name, "-o", "a.nbtf"]) == 3
+        error = capsys.readouterr().err
+        assert f"codec {name}" in error
+        assert says in error
+        assert error.count("\n") == 1
+        assert cli.main([*words, "--codec", name, "-o", "a.nbtf", "--debug"]) == 3
+        assert "Traceback" in capsys.readouterr().err
+        assert cli.main(["check", name]) == 1
+        assert says in capsys.readouterr().out
+    assert not Path("a.nbtf").exists()
