@@ -120,6 +120,21 @@ def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False, is_colour
     return finite(picture, label)
 
 
+def read_alpha(files: Files, name: str) -> Array:
+    """The alpha (H, W) float32 in [0, 1] of a PNG, to 8 bits; `InputError` for a picture without it."""
+    from PIL import Image
+
+    header, label = _header(files, name, is_colour=False), files.label(name)
+    with (
+        readable(label, "the picture is damaged; get it again"),
+        Image.open(io.BytesIO(files.read(name)), formats=["JPEG", "PNG"]) as picture,
+    ):
+        if "A" not in picture.getbands() and "transparency" not in picture.info:
+            raise InputError(f"{label}: it has no alpha, which holds the smoothness: save it as PNG with alpha")
+        alpha = np.asarray(picture.convert("RGBA"))[..., 3]
+    return upright(np.asarray(alpha / 255, np.float32), header.turned)
+
+
 class PictureSource(Source):
     """One picture a pair, all of one size, in a folder or a zip. `texels` and `gather` go through the scratch file."""
 
