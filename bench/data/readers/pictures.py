@@ -122,14 +122,13 @@ def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False, is_colour
 
 def read_alpha(files: Files, name: str) -> Array:
     """The alpha (H, W) float32 in [0, 1] of a PNG, to 8 bits; `InputError` for a picture without it."""
-    from PIL import Image
-
     header, label = _header(files, name, is_colour=False), files.label(name)
-    with (
-        readable(label, "the picture is damaged; get it again"),
-        Image.open(io.BytesIO(files.read(name)), formats=["JPEG", "PNG"]) as picture,
-    ):
-        if "A" not in picture.getbands() and "transparency" not in picture.info:
+    with readable(label, "the picture is damaged; get it again"):
+        from PIL import Image
+
+        kind = kind_of(files.head(name, 8))
+        picture = Image.open(io.BytesIO(files.read(name)), formats=["PNG"]) if kind == "png" else None
+        if picture is None or not ("A" in picture.getbands() or "transparency" in picture.info):
             raise InputError(f"{label}: it has no alpha, which holds the smoothness: save it as PNG with alpha")
         alpha = np.asarray(picture.convert("RGBA"))[..., 3]
     return upright(np.asarray(alpha / 255, np.float32), header.turned)

@@ -113,6 +113,11 @@ def test_smoothness_is_inverted_and_said(tmp_path):
     folder = save(tmp_path / "unity", B_AlbedoTransparency=flat((0.5,) * 3), B_MetallicSmoothness=flat((0.4, 0.0, 0.0)))
     with pytest.raises(InputError, match=r"B_MetallicSmoothness\.png: it has no alpha"):
         read_surface(recognise(folder), 8)
+    exr(folder / "B_MetallicSmoothness.exr", flat((0.4, 0.0, 0.0)))
+    (folder / "B_MetallicSmoothness.png").unlink()
+    with pytest.raises(InputError, match=r"B_MetallicSmoothness\.exr: it has no alpha"):
+        read_surface(recognise(folder), 8)
+    (folder / "B_MetallicSmoothness.exr").unlink()
     save(folder, B_MetallicSmoothness=flat((0.4, 0.0, 0.0, 0.2)))
     surface = read_surface(recognise(folder), 8)
     np.testing.assert_allclose(surface.maps.roughness, 0.8, atol=1e-6)
