@@ -15,7 +15,7 @@ from torch import Tensor
 
 from bench.data.materials.maps import make_periodic, resize
 from bench.data.readers.files import FolderFiles, file_digest
-from bench.data.readers.pictures import picture_size, read_picture
+from bench.data.readers.pictures import colour_note, picture_size, read_picture
 from bench.inputs.errors import InputError
 from bench.metrics.display import LOG_SCALE, LUMA, decode_srgb, to_display
 from neubtf.autoencoder import STRIDE
@@ -79,6 +79,8 @@ def read_guidance(path: Path, treatment: Treatment, own: Tensor, exposure: float
         "scale": treatment.scale,
         "blended": treatment.margin,
     }
+    if note := colour_note(files, path.name):
+        provenance["guidance_colour"] = note
     return image, provenance
 
 

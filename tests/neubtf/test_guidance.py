@@ -1,11 +1,14 @@
+from pathlib import Path
+
 import numpy as np
+import png
 import pytest
 import torch
 
 from bench.data.materials.maps import seams
 from bench.metrics.display import LUMA, decode_srgb, encode_srgb
 from neubtf.autoencoder import as_guidance
-from neubtf.guidance import Treatment, blended, guidance_of
+from neubtf.guidance import Treatment, blended, guidance_of, read_guidance
 
 RNG = np.random.default_rng(0)
 OWN = torch.from_numpy(RNG.integers(20, 200, (16, 16, 3), np.uint8))
@@ -22,6 +25,19 @@ def test_a_file_s_own_guidance_comes_back() -> None:
     image, factor = guidance_of(linear, Treatment(), OWN, 2.0)
     assert factor == pytest.approx(1, abs=1e-6)
     torch.testing.assert_close(image, as_guidance(OWN), rtol=0, atol=1e-6)
+
+
+def test_a_picture_is_converted_from_the_colour_space_that_it_states(tmp_path: Path) -> None:
+    codes = RNG.integers(0, 256, (8, 8, 3), np.uint8)
+    for name, gamma in (("linear", 1.0), ("srgb", 0.45455)):
+        with open(tmp_path / f"{name}.png", "wb") as stream:
+            png.Writer(8, 8, greyscale=False, gamma=gamma).write(stream, codes.reshape(8, -1).tolist())
+    image, provenance = read_guidance(tmp_path / "linear.png", Treatment(exposure="1"), OWN, 2.0)
+    np.testing.assert_allclose(image[0].movedim(0, -1).numpy(), encode_srgb(codes / 255), atol=1e-5)
+    assert provenance["guidance_colour"] == "converted from gAMA 1"
+    image, provenance = read_guidance(tmp_path / "srgb.png", Treatment(exposure="1"), OWN, 2.0)
+    np.testing.assert_allclose(image[0].movedim(0, -1).numpy(), codes / 255, atol=1e-5)
+    assert "guidance_colour" not in provenance
 
 
 def test_brightness_is_matched_on_average() -> None:

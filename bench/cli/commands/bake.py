@@ -2,13 +2,14 @@
 
 examples:
   neubtf-bench bake Bricks076_2K -o bricks.npz
+  neubtf-bench bake scan --map albedo=photo.png --map roughness=grey.png -o scan.npz
   neubtf-bench bake Bricks076_2K --size 128 --views 49 --lights 49 --depth 0.05 -o bricks.npz
 """
 
 import argparse
 from pathlib import Path
 
-from bench.inputs.errors import FINE
+from bench.inputs.errors import FINE, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,6 +21,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--lights", type=int, default=25, help="how many lights of the set to use (default: 25)")
     add("--heldout", type=int, default=150, help="how many random pairs to hold out (default: 150)")
     add("--depth", type=float, help="height of white over black in the displacement, in picture widths")
+    which = "say which file a map is, whatever its name: albedo, normal_gl, roughness, … (repeatable)"
+    add("--map", action="append", default=[], metavar="MAP=FILE", help=which)
     add("--seed", type=int, default=0, help="seed of the held-out pairs and of Mitsuba's paths (default: 0)")
     each = "builtin: direct light (default); mitsuba: paths with inter-reflections, resumes after a kill"
     add("--renderer", default="builtin", choices=["builtin", "mitsuba"], help=each)
@@ -35,9 +38,22 @@ def run(options: argparse.Namespace) -> int:
     path_tracer = load_path_tracer() if options.renderer == "mitsuba" else None
     data = Preparation(options.size, options.directions, options.views, options.lights, options.heldout)
     with Console() as console:
-        surface = read_surface(recognise(options.folder), data.size, options.depth)
+        maps = recognise(options.folder, _given(options.map))
+        surface = read_surface(maps, data.size, options.depth)
         console.say(f"{options.folder}:\n{table(surface)}")
         bake(surface, data, options.out, console.show, options.seed, path_tracer)
     pairs = data.views * data.lights + data.heldout
     console.say(f"{pairs} slices of {surface.shape[0]} × {surface.shape[1]} in {options.out}")
     return FINE
+
+
+def _given(words: list[str]) -> dict[str, str]:
+    """The files of `--map MAP=FILE` by map."""
+    given: dict[str, str] = {}
+    for word in words:
+        role, equals, file = word.partition("=")
+        if not (role and equals and file) or role in given:
+            fault = "it is given twice" if role in given else "it is not MAP=FILE"
+            raise InputError(f"--map {word}: {fault}: give one like albedo=photo.png")
+        given[role] = file
+    return given

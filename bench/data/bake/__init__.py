@@ -17,7 +17,7 @@ import numpy as np
 
 from bench.btf import BAKED, BTF, Array, ArraySource
 from bench.codec import Progress
-from bench.data.bake.naming import looks_like_maps, recognise
+from bench.data.bake.naming import MapFiles, looks_like_maps, recognise
 from bench.data.bake.surface import SUB_POINTS, Surface, read_surface
 from bench.data.convert import check_place, write_btf
 from bench.data.joined import joined
@@ -25,12 +25,15 @@ from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, render
 from bench.data.readers import open_btf
 from bench.data.readers.files import FolderFiles
+from bench.data.readers.pictures import colour_note, kind_of
 from bench.data.spec import Preparation, Table
 from bench.files import atomic
 from bench.files.atomic import cache_dir
 
 __all__ = ["PathTracer", "Surface", "bake", "looks_like_maps", "open_svbrdf", "read_surface", "recognise", "table"]
-BAKE_VERSION = 2  # increment when maps are read differently; part of the key of every cached bake
+# Increment when all maps are read differently: it stands in every baked file, and so in the fingerprints of published
+# rows. What changes the reading of some maps alone is told by `_read_anew`.
+BAKE_VERSION = 2
 log = logging.getLogger(__name__)
 
 
@@ -152,7 +155,7 @@ def open_svbrdf(
         maps, sampled = recognise(folder), {"heldout": wanted.words} if wanted.words else _sampled(data)
         sampled |= path_tracer.described() if path_tracer else {}
         # Everything that determines the values of a bake with default options.
-        content = [FolderFiles(folder).digest(maps.files.values()), sorted(maps.files.items())]
+        content = [FolderFiles(folder).digest(maps.files.values()), sorted(maps.files.items()), *_read_anew(maps)]
         described = json.dumps([BAKE_VERSION, RENDERER_VERSION, SUB_POINTS, data.size, sampled, content])
         key = hashlib.sha256(described.encode()).hexdigest()
         path = cache_dir() / "materials" / f"{name}-{data.size}-{key[:24]}.npz"
@@ -165,6 +168,19 @@ def open_svbrdf(
         return replace(open_btf(path), name=name)
 
     return joined(data.tables(name, 0, draw), cached)
+
+
+def _read_anew(maps: MapFiles) -> list[str]:
+    """What version 2 may have read otherwise, for the key of a cached bake: colour spaces, drawn flat normals, and EXR
+    normals and heights."""
+    files = FolderFiles(maps.folder)
+    kinds = {role: kind_of(files.head(name, 8)) for role, name in maps.files.items()}
+    anew = [colour_note(files, maps.files["albedo"])]
+    for role in ("normal_gl", "normal_dx", "normal", "displacement", "depth"):
+        is_normal = role.startswith("normal")
+        if kinds.get(role) in ("exr", "hdr") or (is_normal and kinds.get(role) == "png"):
+            anew.append(role)
+    return [word for word in anew if word]
 
 
 def table(surface: Surface) -> str:

@@ -1,7 +1,8 @@
-"""Assigns the files of a folder to maps, by the names of ambientCG, Poly Haven, glTF exporters and Substance.
+"""Assigns the files of a folder to maps, by the names of ambientCG, Poly Haven, glTF, Substance, Unity and Unreal.
 
 A file's name is cut into words at separators and capitals. Words with which all names begin (the asset's name) are left
-out. The last phrase that the vocabulary knows decides: `rusty_metal_02_nor_gl_1k` is a normal map.
+out. The last phrase that the vocabulary knows decides: `rusty_metal_02_nor_gl_1k` is a normal map. Where no phrase is
+known a last letter decides, as in `T_Rock_N`.
 """
 
 import os
@@ -14,13 +15,16 @@ from bench.inputs.errors import InputError
 
 PICTURES = (".png", ".jpg", ".jpeg", ".exr", ".hdr", ".tif", ".tiff", ".tga", ".bmp", ".webp")
 _PHRASES = {
-    "albedo": "albedo, base color, base colour, basecolor, basecolour, color, colour, col, diffuse, diff",
+    "albedo": "albedo, base color, base colour, basecolor, basecolour, bc, color, colour, col, diffuse, diff",
     "normal_gl": "normal gl, normal open gl, normal opengl, normal ogl, nor gl, norm gl, nrm gl",
     "normal_dx": "normal dx, normal direct x, normal directx, nor dx, norm dx, nrm dx",
     "normal": "normal, normals, nor, norm, nrm",
     "roughness": "roughness, rough, rgh",
     "metalness": "metalness, metallic, metal, met",
-    "packed": "arm, orm, occlusion roughness metallic, ao roughness metallic, metallic roughness",
+    "packed": "arm, orm",
+    "smoothness": "smoothness, glossiness, gloss",
+    "metallic_smoothness": "metallic smoothness, metalness smoothness, metallic glossiness",
+    "specular": "specular, specular smoothness, specular glossiness, specular gloss",
     "displacement": "displacement, disp, height, heightmap",
     "depth": "depth",
     "occlusion": "ao, ambient occlusion, ambientocclusion, occlusion, occ",
@@ -28,60 +32,103 @@ _PHRASES = {
     "anisotropy_angle": "anisotropy angle, anisotropyangle, anisotropy rotation, anisotropic rotation",
 }
 _ROLES = {phrase: role for role, phrases in _PHRASES.items() for phrase in phrases.split(", ")}
+# glTF's packed map is named by its channels in either order, at times with the occlusion in red.
+for _metal in ("metallic", "metalness", "metal"):
+    for _pair in (f"roughness {_metal}", f"{_metal} roughness"):
+        _ROLES |= {_pair: "packed", f"occlusion {_pair}": "packed", f"ao {_pair}": "packed"}
+_LETTERS = {"d": "albedo", "n": "normal", "r": "roughness", "m": "metalness", "h": "displacement", "o": "occlusion"}
+_LETTERS |= {"s": "specular", "e": ""}  # Unreal; e is the emission
 _LONGEST = max(len(phrase.split()) for phrase in _ROLES)
 # If several files give the same map, the first role is used.
-_CHOICES = (("normal_gl", "normal_dx", "normal"), ("displacement", "depth"))
+_CHOICES = (("normal_gl", "normal_dx", "normal"), ("displacement", "depth"), ("roughness", "smoothness"))
+_PACKED = ("packed", "metallic_smoothness")
+# Why a picture is not used although its name is known.
+_NOT_USED = {"": "not recognised", "occlusion": "shadows are cast by the renderer"}
+_NOT_USED |= {"specular": "the specular workflow is not read, give a metalness map"}
+_LISTS = ("pairs.csv", ".lp")  # make a folder a BTF
 
 
 @dataclass(frozen=True)
 class MapFiles:
-    """The maps of a folder by role, and why its other pictures are not used, by file name.
+    """The maps of a folder by role, and why its other pictures are not used, by file name; those in `doubtful` may be
+    maps nevertheless.
 
-    Roles: albedo, one of normal_gl, normal_dx and normal (convention unknown), roughness, metalness, packed (green:
-    roughness, blue: metalness), displacement or depth (dark is high), anisotropy, anisotropy_angle.
+    Roles: albedo, one of normal_gl, normal_dx and normal (convention unknown), roughness or smoothness, metalness,
+    packed (green: roughness, blue: metalness), metallic_smoothness (red: metalness, alpha: smoothness), displacement or
+    depth (dark is high), anisotropy, anisotropy_angle.
     """
 
     folder: Path
     files: dict[str, str]
     unused: dict[str, str]
+    doubtful: tuple[str, ...] = ()
 
 
 def looks_like_maps(folder: Path) -> bool:
-    """True if a folder holds two maps by name, and no list of pairs or lights that makes it a BTF."""
+    """True if a folder holds an albedo or two other maps by name, and no list of pairs or lights (a BTF)."""
     if not folder.is_dir():
         return False
     names = os.listdir(folder)
-    if any(name == "pairs.csv" or name.lower().endswith(".lp") for name in names):
+    if any(name.lower().endswith(_LISTS) for name in names):
         return False
-    return len(set(_roles(names).values()) - {""}) >= 2
+    roles = set(_roles(names).values()) - {""}
+    return "albedo" in roles or len(roles) >= 2
 
 
-def recognise(folder: Path) -> MapFiles:
-    """The maps of a folder. Raises `InputError` if the albedo is missing or two files have the same role."""
+def recognise(folder: Path, given: dict[str, str] | None = None) -> MapFiles:
+    """The maps of a folder; `given` says of some roles which file they are, in the folder or by its path.
+
+    Raises `InputError` if the albedo is missing, two files have the same role, or the folder is a BTF.
+    """
     try:
         names = sorted(os.listdir(folder))
     except OSError as error:
         raise InputError(f"{folder}: cannot be read ({error.strerror}): give a folder of maps") from error
+    if found := [name for name in names if name.lower().endswith(_LISTS)]:
+        raise InputError(f"{folder}: it holds {found[0]}, so it is a BTF and needs no bake: give it to run --material")
+    chosen = {role: _given(folder, role, file) for role, file in (given or {}).items()}
     by_role: dict[str, list[str]] = {}
-    unused = {}
+    unused, doubtful = {}, []
     for name, role in _roles(names).items():
-        if role in ("", "occlusion"):
-            unused[name] = "shadows are cast by the renderer" if role else "not recognised"
+        if name in chosen.values():
+            continue
+        if role in _NOT_USED:
+            unused[name] = _NOT_USED[role]
+            doubtful += [name] if role != "occlusion" else []
+        elif role in chosen:
+            unused[name] = "another file gives the same map"
         else:
             by_role.setdefault(role, []).append(name)
-    if "albedo" not in by_role:
+    if "albedo" not in by_role | chosen:
         seen = ", ".join(names[:12]) or "nothing"
-        raise InputError(f"{folder}: no albedo among its files ({seen}): name one like albedo.png or NAME_diff.jpg")
+        remedy = "name one like albedo.png or NAME_diff.jpg, or give bake --map albedo=FILE"
+        raise InputError(f"{folder}: no albedo among its files ({seen}): {remedy}")
     for role, several in by_role.items():
         if len(several) > 1:
-            raise InputError(f"{folder}: {' and '.join(several)} are all {role} by name: keep one in the folder")
-    files = {role: several[0] for role, several in by_role.items()}
+            remedy = f"keep one in the folder, or give bake --map {role}=FILE"
+            raise InputError(f"{folder}: {' and '.join(several)} are all {role} by name: {remedy}")
+    files = {role: several[0] for role, several in by_role.items()} | chosen
     for choice in _CHOICES:
-        for role in [role for role in choice if role in files][1:]:
+        held = sorted((role for role in choice if role in files), key=lambda role: role not in chosen)
+        for role in held[1:]:
             unused[files.pop(role)] = "another file gives the same map"
-    if {"roughness", "metalness"} <= set(files) and "packed" in files:
-        unused[files.pop("packed")] = "the folder has separate roughness and metalness"
-    return MapFiles(folder, files, unused)
+    for role in _PACKED:
+        apart = {"roughness", "smoothness"} & set(files) and "metalness" in files
+        if role in files and (apart or (role == _PACKED[1] and _PACKED[0] in files)):
+            unused[files.pop(role)] = "the folder has separate roughness and metalness"
+    return MapFiles(folder, files, unused, tuple(doubtful))
+
+
+def _given(folder: Path, role: str, file: str) -> str:
+    """A file that the user names for a role, as `FolderFiles` of the folder finds it."""
+    known = sorted(set(_ROLES.values()) - set(_NOT_USED))
+    if role not in known:
+        raise InputError(f"--map {role}={file}: there is no map {role!r}: give one of {', '.join(known)}")
+    if (folder / file).is_file():
+        return file
+    if not Path(file).is_file():
+        raise InputError(f"--map {role}={file}: there is no such file, nor in {folder}: check the path")
+    return str(Path(file).absolute())
 
 
 def _roles(names: list[str]) -> dict[str, str]:
@@ -90,9 +137,28 @@ def _roles(names: list[str]) -> dict[str, str]:
     # `Bricks102_1K_NormalGL` → bricks, 102, 1, k, normal, gl.
     cut = {name: re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", Path(name).stem) for name in pictures}
     words = {name: [word.lower() for word in found] for name, found in cut.items()}
-    columns = takewhile(lambda column: len(set(column)) == 1, zip(*words.values(), strict=False))
-    shared = len(list(columns)) if len(words) > 1 else 0
-    return {name: _role(name_words[shared:]) for name, name_words in words.items()}
+    # The asset's name is what the maps share; a preview or another stray picture does not hide it.
+    maps = [found for found in words.values() if _role(found) or _letter(found)]
+    shared = [column[0] for column in takewhile(lambda column: len(set(column)) == 1, zip(*maps, strict=False))]
+    if len(maps) > 1:
+        words = {name: _without(found, shared) for name, found in words.items()}
+    # Pictures that end in any letter are numbered, not named.
+    last = {_letter(found) for found in words.values() if not _role(found)}
+    letters = _LETTERS if last <= {"", *_LETTERS} else {}
+    return {name: _role(found) or letters.get(_letter(found), "") for name, found in words.items()}
+
+
+def _without(words: list[str], shared: list[str]) -> list[str]:
+    """The words of a name without those at its start that all maps share."""
+    return words[len(shared) :] if words[: len(shared)] == shared else words
+
+
+def _letter(words: list[str]) -> str:
+    """The last word if it is one letter, but for a size such as 2K; else ""."""
+    end = len(words)
+    while end and (words[end - 1].isdigit() or words[end - 1] == "k"):
+        end -= 1
+    return words[end - 1] if end and len(words[end - 1]) == 1 else ""
 
 
 def _role(words: list[str]) -> str:

@@ -8,6 +8,7 @@ signs: an inverted displacement (dark is high) flips both axes, a normal map wit
 y. So the sign along x decides on the displacement, and then the sign along y on the normal map.
 """
 
+import logging
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,7 +17,7 @@ from bench.btf import Array
 from bench.data.bake.naming import MapFiles
 from bench.data.materials.maps import Maps, resize
 from bench.data.readers.files import FolderFiles
-from bench.data.readers.pictures import kind_of, picture_size, read_picture
+from bench.data.readers.pictures import colour_note, kind_of, picture_size, read_alpha, read_picture
 from bench.inputs.errors import InputError
 from bench.metrics.display import encode_srgb
 
@@ -24,6 +25,19 @@ SUB_POINTS = 4  # points along each side of a texel; docs/baking.md compares 2 a
 JUDGED = 256  # longest side at which normals and displacement are compared, for any size of the bake
 CLEAR = 0.2  # from this correlation on, the maps decide instead of their names; maps of one asset reach 0.6 to 0.9
 DEFAULT_DEPTH, DEFAULT_ROUGHNESS = 0.02, 0.5
+RED, GREEN, BLUE, ALPHA = range(4)
+# Where a scalar may come from: role of the file, channel, and whether it is inverted; the first that there is is used.
+_SOURCES = {
+    "roughness": [
+        ("roughness", RED, False),
+        ("smoothness", RED, True),
+        ("packed", GREEN, False),
+        ("metallic_smoothness", ALPHA, True),
+    ],
+    "metalness": [("metalness", RED, False), ("packed", BLUE, False), ("metallic_smoothness", RED, False)],
+}
+_SHARED = ("packed", "metallic_smoothness", "smoothness")  # listed under the map that is taken from them
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -43,10 +57,13 @@ def read_surface(map_files: MapFiles, size: int, depth: float | None = None) -> 
     default its slopes fit the normal map best; without a normal map it is 0.02. Raises `InputError` that names the file
     if pictures cannot be read or differ in proportion.
     """
+    _warn_of_doubts(map_files)
     reader = _Reader(map_files, size)
-    notes = {role: name for role, name in map_files.files.items() if role != "packed"}
-    roughness = reader.channel("roughness", 1, notes, DEFAULT_ROUGHNESS)
-    metalness = reader.channel("metalness", 2, notes, 0.0)
+    notes = {role: name for role, name in map_files.files.items() if role not in _SHARED}
+    if converted := colour_note(reader.files, reader.roles["albedo"]):
+        notes["albedo"] += f": {converted}"
+    roughness = reader.channel("roughness", notes, DEFAULT_ROUGHNESS)
+    metalness = reader.channel("metalness", notes, 0.0)
     normal, height = _relief(reader, notes, depth)
     if normal is not None:
         # Shrinking lost the variance of the normals: α² grows by (1 − |n̄|) / |n̄| (Toksvig 2005).
@@ -58,6 +75,15 @@ def read_surface(map_files: MapFiles, size: int, depth: float | None = None) -> 
     maps = Maps(relief, albedo, roughness, metalness, anisotropy=anisotropy, angle=angle, normal=normal)
     notes |= {name: f"not used: {why}" for name, why in map_files.unused.items()}
     return Surface(map_files.folder.resolve().name, reader.shape, maps, notes)
+
+
+def _warn_of_doubts(map_files: MapFiles) -> None:
+    """Warn of pictures that may be maps but are not used, and of a surface that is flat without them."""
+    for name in map_files.doubtful:
+        remedy = "name it like NAME_roughness.png, or give bake --map ROLE=FILE"
+        log.warning("%s: not used, %s: %s", map_files.folder / name, map_files.unused[name], remedy)
+    if not {"normal_gl", "normal_dx", "normal", "displacement", "depth"} & set(map_files.files):
+        log.warning("%s: no normals and no displacement are recognised: the surface is flat", map_files.folder)
 
 
 class _Reader:
@@ -92,20 +118,31 @@ class _Reader:
             other = f"the {self.full[1]} x {self.full[0]} of {self.files.label(self.roles['albedo'])}"
             fault = f"{width} x {height} pixels have another proportion than {other}"
             raise InputError(f"{self.files.label(name)}: {fault}: give both the same")
-        picture = read_picture(self.files, name)
-        stored = kind_of(self.files.head(name, 8)) in ("exr", "hdr")
-        return picture if stored else encode_srgb(picture).astype(np.float32)
+        picture = read_picture(self.files, name, is_colour=False)
+        return picture if self.is_stored(role) else encode_srgb(picture).astype(np.float32)
 
-    def channel(self, role: str, packed: int, notes: dict[str, str], default: float) -> Array | float:
-        """A scalar map in [0, 1] from its own file, else from that channel of the packed one, else a number."""
-        own = self.codes(role)
-        picture = self.codes("packed") if own is None else own
-        if picture is None:
-            notes[role] = f"{default:g} (no map)"
-            return default
-        if own is None:
-            notes[role] = f"{self.roles['packed']} ({('red', 'green', 'blue')[packed]})"
-        return np.clip(self.shrunk(picture[..., 0 if own is not None else packed]), 0, 1)
+    def is_stored(self, role: str) -> bool:
+        """Whether a map holds values instead of codes: EXR and `.hdr`."""
+        return self.kind(role) in ("exr", "hdr")
+
+    def kind(self, role: str) -> str | None:
+        return kind_of(self.files.head(self.roles[role], 8))
+
+    def channel(self, name: str, notes: dict[str, str], default: float) -> Array | float:
+        """A scalar map in [0, 1] from the first of its sources that the folder has, else a number."""
+        for role, channel, is_inverted in _SOURCES[name]:
+            picture = self.codes(role)
+            if picture is None:
+                continue
+            values = read_alpha(self.files, self.roles[role]) if channel == ALPHA else picture[..., channel]
+            if role != name:
+                notes[name] = self.roles[role]
+                words = [("red", "green", "blue", "alpha")[channel]] if role != "smoothness" else []
+                words += ["inverted"] if is_inverted else []
+                notes[name] += f" ({', '.join(words)})"
+            return np.clip(self.shrunk(1 - values if is_inverted else values), 0, 1)
+        notes[name] = f"{default:g} (no map)"
+        return default
 
 
 def _fitted(shape: tuple[int, ...], longest: int) -> tuple[int, int]:
@@ -119,13 +156,7 @@ def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tupl
     is None without a map."""
     normal_role = next((role for role in ("normal_gl", "normal_dx", "normal") if role in reader.roles), "")
     height_role = next((role for role in ("displacement", "depth") if role in reader.roles), "")
-    codes = reader.codes(normal_role)
-    normal = None if codes is None else 2 * codes - 1
-    if normal is not None:
-        if normal[..., 2].mean() < 0.3:
-            fault = "its blue is too dark for a tangent-space normal map: bake it in tangent space"
-            raise InputError(f"{reader.files.label(reader.roles[normal_role])}: {fault}")
-        normal = _unit(normal)
+    normal = _normals(reader, normal_role, notes)
     picture = reader.codes(height_role)
     height = None if picture is None else picture[..., 0]
     agreed = Agreement()
@@ -140,13 +171,78 @@ def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tupl
         normal = reader.shrunk(normal)
     if height is not None:
         fitted = depth is None and agreed.depth is not None
-        depth = depth if depth is not None else agreed.depth if agreed.depth is not None else DEFAULT_DEPTH
-        if not 0 <= depth <= 1:
-            raise InputError(f"depth must be between 0 and 1 widths of the picture, not {depth:g}")
+        height, depth = _scaled(reader, height_role, height, depth, agreed.depth)
         notes[height_role] += f": {'dark' if inverted else 'bright'} is high, depth {depth:.4f} of the width"
         notes[height_role] += ", fitted to the normal map" if fitted else ""
         height = reader.shrunk(height) * np.float32(-depth if inverted else depth)
     return normal, height
+
+
+def _scaled(
+    reader: _Reader, role: str, height: Array, depth: float | None, implied: float | None
+) -> tuple[Array, float]:
+    """A displacement (H, W) and the factor that makes it widths of the picture: `depth` if it is given, else the one
+    that the normals imply. EXR may hold any unit: heights beyond [0, 1] are first brought there."""
+    label = reader.files.label(reader.roles[role])
+    if depth is not None and not 0 <= depth <= 1:
+        raise InputError(f"depth must be between 0 and 1 widths of the picture, not {depth:g}")
+    if reader.is_stored(role):
+        low, high = float(height.min()), float(height.max())
+        if high > low and (low < 0 or high > 1 or (implied or 0) > 1):
+            height = (height - np.float32(low)) / np.float32(high - low)
+            implied = None if implied is None else implied * (high - low)
+        if depth is None and implied is None:
+            relief = f"the relief is taken as {DEFAULT_DEPTH * float(np.ptp(height)):.4f} of the width"
+            log.warning("%s: heights from %g to %g of unknown unit: %s: give --depth", label, low, high, relief)
+    if depth is None:
+        depth = DEFAULT_DEPTH if implied is None else implied
+    if depth > 1:
+        raise InputError(f"{label}: by the normals its relief is {depth:.3g} widths deep: give --depth, from 0 to 1")
+    return height, depth
+
+
+def _normals(reader: _Reader, role: str, notes: dict[str, str]) -> Array | None:
+    """Unit normals (H, W, 3) as a map's codes say, whatever its green means; None without a map."""
+    codes = reader.codes(role)
+    if codes is None:
+        return None
+    normal = 2 * codes - 1
+    if reader.is_stored(role) and _is_signed(codes):
+        normal = codes
+        notes[role] += " (stored from -1 to 1)"
+    if reader.kind(role) == "png":
+        normal[_drawn_flat(codes), :2] = 0
+    if normal[..., 2].mean() < 0.3:
+        fault = "its blue is too dark for a tangent-space normal map: bake it in tangent space"
+        raise InputError(f"{reader.files.label(reader.roles[role])}: {fault}")
+    return _unit(normal)
+
+
+def _is_signed(values: Array) -> bool:
+    """Whether stored values (H, W, 3) are the normals' own, not halved and moved to [0, 1]. Then some are negative, but
+    for a map that is flat; its values have length 1."""
+    if values.min() < -0.01:  # lossy compression leaves noise below 0
+        return True
+    as_they_are, decoded = (np.abs(np.linalg.norm(v, axis=-1) - 1).mean() for v in (values, 2 * values - 1))
+    return bool(as_they_are < 0.02 and as_they_are < decoded)
+
+
+def _drawn_flat(codes: Array) -> Array:
+    """The texels (H, W) that an 8-bit map means as flat although no code is 1/2.
+
+    An exporter writes (128, 128, 255), or (127, 127, 255), wherever the surface is flat. Such a code is flat where it
+    holds most of the texels within half a code of flat. In a scan the four pairs of 127 and 128 are about as frequent,
+    and mean what they say. JPEG cannot hold these colours exactly.
+    """
+    eight_bits = np.rint(codes[..., :2] * 255)
+    if np.abs(eight_bits - codes[..., :2] * 255).max() > 1e-3:  # 16 bits have a code close enough to 1/2
+        return np.zeros(codes.shape[:2], bool)
+    around = np.isin(eight_bits, (127, 128)).all(-1)
+    for code in (127, 128):
+        flat = (eight_bits == code).all(-1)
+        if 2 * flat.sum() > around.sum():
+            return flat
+    return np.zeros(codes.shape[:2], bool)
 
 
 def _unit(normal: Array) -> Array:

@@ -128,7 +128,7 @@ class Candidate:
         """The reason why it is not a known BTF, and the start of a remedy."""
         if self.is_folder:
             held = ", ".join(sorted(p.name for p in self.path.iterdir())[:3]) or "nothing"
-            return f"it is not a BTF folder (it holds {held}): add pairs.csv, or"
+            return f"it is not a BTF folder (it holds {held}): add pairs.csv, or names of maps like NAME_albedo.png, or"
         if self.is_zip:
             return f"it is not an archive of a known BTF (it holds {', '.join(self.names[:3]) or 'nothing'}):"
         return f"it begins with {self.head[:10]!r}, like no known BTF:"

@@ -48,7 +48,7 @@ def opened(seen: Candidate) -> BTF | None:
     source = PictureSource(FolderFiles(path), [names[i] for i in order], [labels[i] for i in order])
     notes = _notes(path / NOTES)
     colour = "8- and 16-bit codes decoded as sRGB to linear Rec. 709; EXR and .hdr as stored"
-    provenance = described("folder", colour, AS_STORED) | notes.get("provenance", {})
+    provenance = described("folder", colour, AS_STORED) | notes.get("provenance", {}) | source.conversions()
     name, periodic = str(notes.get("name", path.resolve().name)), bool(notes.get("periodic", False))
     mask = None if heldout is None else heldout[order]
     return BTF(name, wo[order], wi[order], source, heldout=mask, periodic=periodic, provenance=provenance)

@@ -60,4 +60,4 @@ def _opened(
     order = view_major(wo, wi)
     source = PictureSource(files, [names[i] for i in order], **options)
     name = path.resolve().name if seen.is_folder else path.stem
-    return BTF(name, wo[order], wi[order], source, provenance=dict(provenance))
+    return BTF(name, wo[order], wi[order], source, provenance=provenance | source.conversions())

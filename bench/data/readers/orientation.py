@@ -1,9 +1,11 @@
-"""The orientation that a camera noted in a picture (EXIF): a picture is read as it is shown, not as it is stored."""
+"""What stands in a JPEG or PNG before its pixels, and the orientation that a camera noted there (EXIF): a picture is
+read as it is shown, not as it is stored."""
 
 import struct
 import warnings
 from collections.abc import Callable, Iterator
 from itertools import takewhile
+from typing import Any
 
 import numpy as np
 
@@ -27,22 +29,32 @@ _TURNS: dict[int, Callable[[Array], Array]] = {
 
 def orientation(data: bytes, kind: str | None) -> int:
     """The orientation, 1 to 8, of a JPEG or PNG from its first bytes; 1 without a valid note."""
-    before_pixels = takewhile(lambda chunk: chunk[0] != b"IDAT", png_chunks(data))
-    in_png = (content for name, content in before_pixels if name == b"eXIf")
-    payload = next({"jpeg": _jpeg_notes(data), "png": in_png}.get(kind or "", iter(())), b"")
-    if not payload:
-        return 1
+    notes = exif(data, kind)
+    noted = None if notes is None else notes.get(TAG)
+    return noted if isinstance(noted, int) and noted in _TURNS else 1
+
+
+def exif(data: bytes, kind: str | None) -> Any:
+    """The camera's notes in a JPEG or PNG, a `PIL.Image.Exif`, from its first bytes; None without valid ones."""
+    if kind == "jpeg":
+        held = [content for name, content in before_pixels(data) if name == b"\xe1" and content.startswith(MARK)]
+    elif kind == "png":
+        held = [content for name, content in before_pixels(data) if name == b"eXIf"]
+    else:
+        held = []
+    if not held or not held[0]:
+        return None
     from PIL import Image
 
     notes = Image.Exif()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            notes.load(payload)
-            noted = notes.get(TAG)
+            notes.load(held[0])
+            notes.get(TAG)
         except Exception:  # damaged notes raise many types; the picture is then used as stored
-            return 1
-    return noted if isinstance(noted, int) and noted in _TURNS else 1
+            return None
+    return notes
 
 
 def upright(picture: Array, noted: int) -> Array:
@@ -55,13 +67,16 @@ def upright_size(size: tuple[int, int], noted: int) -> tuple[int, int]:
     return size[::-1] if noted >= 5 else size
 
 
-def _jpeg_notes(data: bytes) -> Iterator[bytes]:
-    """The EXIF segments before the frame of a JPEG (ITU T.81, B.1.1)."""
+def before_pixels(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Name and content of the chunks of a PNG, or marker (one byte) and content of the segments of a JPEG (ITU T.81,
+    B.1.1), as far as they stand before the pixels."""
+    if not data.startswith(b"\xff\xd8"):
+        yield from takewhile(lambda chunk: chunk[0] != b"IDAT", png_chunks(data))
+        return
     at = 2
     while at + 4 <= len(data) and data[at] == 0xFF and data[at + 1] not in (0xC0, 0xC1, 0xC2, 0xDA, 0xD9):
         size = struct.unpack_from(">H", data, at + 2)[0]
-        if data[at + 1] == 0xE1 and data[at + 4 : at + 10] == MARK:
-            yield data[at + 4 : at + 2 + size]
+        yield data[at + 1 : at + 2], data[at + 4 : at + 2 + size]
         at += 2 + max(2, size)
 
 

@@ -9,7 +9,9 @@ import io
 import struct
 import warnings
 import zlib
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from bench.btf import Array, Source, finite
+from bench.data.readers.colour import REC709, Colour, profiled, stated
 from bench.data.readers.files import Files, FolderFiles
 from bench.data.readers.orientation import orientation, png_chunks, upright, upright_size
 from bench.inputs.errors import InputError, readable, refuse_pipe
@@ -31,7 +34,6 @@ SUPPORTED = "JPEG, PNG, OpenEXR and Radiance .hdr are read"
 XYZ_TO_REC709 = np.array(
     [[3.2404542, -1.5371385, -0.4985314], [-0.9692660, 1.8760108, 0.0415560], [0.0556434, -0.2040259, 1.0572252]]
 )
-REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 
 
 @cache
@@ -47,11 +49,26 @@ def kind_of(head: bytes) -> str | None:
 
 def picture_size(files: Files, name: str) -> tuple[int, int]:
     """(H, W) of a picture, upright, from its header; raises `InputError` for what `read_picture` would not read."""
-    return _size_and_orientation(files, name)[0]
+    return _header(files, name).size
 
 
-def _size_and_orientation(files: Files, name: str) -> tuple[tuple[int, int], int]:
-    """(H, W) of a picture, upright, and the orientation in which it is stored, from its header."""
+def colour_note(files: Files, name: str) -> str:
+    """What a picture's colours are converted from, in words; "" if they are sRGB or linear Rec. 709."""
+    colour = _header(files, name).colour
+    return f"converted from {colour.name}" if colour else ""
+
+
+@dataclass(frozen=True)
+class _Header:
+    """(H, W) of a picture, upright; the orientation in which it is stored; its colour space, None for sRGB."""
+
+    size: tuple[int, int]
+    turned: int
+    colour: Colour | None
+
+
+def _header(files: Files, name: str, is_colour: bool = True) -> _Header:
+    """What the header of a picture says; without `is_colour` not of its colour space."""
     label, total = files.label(name), files.size(name)
     data = files.head(name, 4096)
     kind = kind_of(data)
@@ -67,19 +84,27 @@ def _size_and_orientation(files: Files, name: str) -> tuple[tuple[int, int], int
     height, width = size
     if min(size) < 1 or height * width > min(MAX_PIXELS, PIXELS_PER_BYTE * total):
         raise InputError(f"{label}: its header says {width} x {height} pixels, but it has {total} bytes: get it again")
-    noted = orientation(data, kind)
-    return upright_size(size, noted), noted
+    with readable(label, "the picture is damaged; get it again"):
+        noted = orientation(data, kind)
+        colour = stated(data, kind, label) if is_colour else None
+        deep = kind == "png" and data[24] == 16
+    if colour and colour.profile and deep:
+        raise InputError(
+            f"{label}: {colour.name} in 16 bits is not converted: save it as 16-bit sRGB, or as linear EXR"
+        )
+    return _Header(upright_size(size, noted), noted, colour)
 
 
-def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False) -> Array:
+def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False, is_colour: bool = True) -> Array:
     """A picture (H, W, 3) float32 in linear Rec. 709, not clamped; grey is repeated, alpha is left out.
 
-    8- and 16-bit codes are decoded as sRGB to [0, 1]. EXR channels X, Y, Z (and R, G, B with `rgb_is_xyz`) are taken
+    8- and 16-bit codes are decoded to [0, 1] as the colour space says that the picture states, or else as sRGB; without
+    `is_colour` (data, such as normals) always as sRGB. EXR channels X, Y, Z (and R, G, B with `rgb_is_xyz`) are taken
     as CIE XYZ under D65. A JPEG or PNG is turned as its EXIF notes say. Raises `InputError` for unreadable, CMYK or
     incomplete pictures and values not finite.
     """
-    (height, width), noted = _size_and_orientation(files, name)
-    label = files.label(name)
+    header, label = _header(files, name, is_colour), files.label(name)
+    height, width = header.size
     with readable(label, "the picture is damaged; get it again"):
         kind = kind_of(files.head(name, 8))
         if kind == "exr":
@@ -89,11 +114,24 @@ def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False) -> Array:
         elif kind == "hdr":
             picture = _read_hdr(files.read(name))
         else:
-            codes = _read_codes(files.read(name), kind, upright_size((height, width), noted), label)
-            picture = upright(codes, noted)
+            picture = upright(_read_codes(files.read(name), kind, header, label), header.turned)
     if picture.shape != (height, width, 3):
         raise InputError(f"{label}: it holds {picture.shape}, but its header says {(height, width, 3)}: get it again")
     return finite(picture, label)
+
+
+def read_alpha(files: Files, name: str) -> Array:
+    """The alpha (H, W) float32 in [0, 1] of a PNG, to 8 bits; `InputError` for a picture without it."""
+    header, label = _header(files, name, is_colour=False), files.label(name)
+    with readable(label, "the picture is damaged; get it again"):
+        from PIL import Image
+
+        kind = kind_of(files.head(name, 8))
+        picture = Image.open(io.BytesIO(files.read(name)), formats=["PNG"]) if kind == "png" else None
+        if picture is None or not ("A" in picture.getbands() or "transparency" in picture.info):
+            raise InputError(f"{label}: it has no alpha, which holds the smoothness: save it as PNG with alpha")
+        alpha = np.asarray(picture.convert("RGBA"))[..., 3]
+    return upright(np.asarray(alpha / 255, np.float32), header.turned)
 
 
 class PictureSource(Source):
@@ -104,12 +142,15 @@ class PictureSource(Source):
         self.files, self.names, self.options = files, list(names), options
         self.count = len(self.names)
         self.turned: dict[str, int] = {}
+        self.colours: dict[str, str] = {}  # what pictures are converted from, other than sRGB
         labels = [files.label(name) for name in self.names] if labels is None else labels
         for index, (name, label) in enumerate(zip(self.names, labels, strict=True)):
             if not files.has(name):
                 raise InputError(f"{label}: {name} is missing: add the picture or leave the entry out")
-            size, noted = _size_and_orientation(files, name)
-            self.turned |= {name: noted} if noted > 1 else {}
+            header = _header(files, name)
+            size = header.size
+            self.turned |= {name: header.turned} if header.turned > 1 else {}
+            self.colours |= {name: header.colour.name} if header.colour else {}
             self.shape = self.shape if index else size
             if size != self.shape:
                 first = f"{self.names[0]} is {self.shape[1]} x {self.shape[0]}: give all pictures one size"
@@ -123,7 +164,15 @@ class PictureSource(Source):
 
     def fingerprint(self) -> str:
         digest = self.files.digest(self.names)
-        return hashlib.sha256(f"{digest} {self.turned}".encode()).hexdigest() if self.turned else digest
+        # Values changed with the reading of notes and profiles; those of pictures without any did not.
+        read_as = [str(each) for each in (self.turned, self.colours) if each]
+        return hashlib.sha256(" ".join([digest, *read_as]).encode()).hexdigest() if read_as else digest
+
+    def conversions(self) -> dict[str, str]:
+        """What a provenance says of colour spaces other than sRGB; {} if there are none."""
+        found = Counter(self.colours.values()).items()
+        listed = ", ".join(f"{name} ({count} of {self.count} pictures)" for name, count in sorted(found))
+        return {"colour_profiles": f"converted to linear Rec. 709 from {listed}"} if listed else {}
 
 
 def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
@@ -224,17 +273,22 @@ def _hdr_size(data: bytes, label: str) -> tuple[int, int] | None:
 _SIZES = {"jpeg": _jpeg_size, "png": _png_size, "exr": _exr_size, "hdr": _hdr_size}
 
 
-def _read_codes(data: bytes, kind: str | None, size: tuple[int, int], label: str) -> Array:
-    """A JPEG or PNG (H, W, 3) float32, its codes decoded as sRGB."""
+def _read_codes(data: bytes, kind: str | None, header: _Header, label: str) -> Array:
+    """A JPEG or PNG as it is stored, (H, W, 3) float32, its codes decoded."""
+    colour = header.colour
     if kind == "png" and data[24] == 16:
-        return srgb_table(1 << 16)[_png16(data, size, label)]
+        stored = upright_size(header.size, header.turned)
+        codes, curve = _png16(data, stored, label), srgb_table(1 << 16)
+        return colour.linear(codes, curve) if colour else curve[codes]
     from PIL import Image
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         picture = Image.open(io.BytesIO(data), formats=["JPEG", "PNG"])
+        if colour and colour.profile:
+            return srgb_table(256)[profiled(picture, colour, label)]
         codes = np.asarray(picture.convert("RGB"))
-    return srgb_table(256)[codes]
+    return colour.linear(codes, srgb_table(256)) if colour else srgb_table(256)[codes]
 
 
 def _png16(data: bytes, size: tuple[int, int], label: str) -> Array:

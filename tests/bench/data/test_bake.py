@@ -5,6 +5,7 @@ from pathlib import Path
 from unittest.mock import Mock
 
 import numpy as np
+import OpenEXR
 import png
 import pytest
 from PIL import Image
@@ -58,7 +59,10 @@ NAMES = {
     "normal": "Chair_normal.png",
     "roughness": "Bricks102_1K_Roughness.jpg rusty_metal_02_rough_1k.png",
     "metalness": "Bricks102_1K_Metalness.jpg lambert1_Metallic.png",
-    "packed": "rusty_metal_02_arm_1k.jpg Chair_occlusionRoughnessMetallic.png Chair_metallicRoughness.png",
+    "packed": "rusty_metal_02_arm_1k.jpg Chair_occlusionRoughnessMetallic.png Chair_metallicRoughness.png "
+    "Avocado_roughnessMetallic.png Default_metalRoughness.png lantern_metallic_roughness.png T_Brick_ORM.png",
+    "smoothness": "wall_glossiness.png Wall_Smoothness.tga Wall_gloss_2K.png",
+    "metallic_smoothness": "Barrel_MetallicSmoothness.png",
     "anisotropy_angle": "lambert1_anisotropyangle.png",
 }
 
@@ -66,9 +70,180 @@ NAMES = {
 @pytest.mark.parametrize(("name", "role"), [(name, role) for role in NAMES for name in NAMES[role].split()])
 def test_the_usual_names_are_recognised(tmp_path, name, role):
     (tmp_path / name).touch()
+    (tmp_path / "preview.png").touch()
     if role != "albedo":
         (tmp_path / f"{name.split('_')[0]}_albedo.png").touch()
     assert recognise(tmp_path).files[role] == name
+
+
+@pytest.mark.parametrize("size", ["", "_2K", "_1024"])
+def test_unreals_letters_are_recognised(tmp_path, size):
+    letters = {"D": "albedo", "N": "normal", "R": "roughness", "M": "metalness", "H": "displacement"}
+    for letter in letters:
+        (tmp_path / f"T_Rock_{letter}{size}.png").touch()
+    assert recognise(tmp_path).files == {role: f"T_Rock_{letter}{size}.png" for letter, role in letters.items()}
+    assert looks_like_maps(tmp_path)
+    for letter in "ABC":  # pictures that are numbered by letters are no maps
+        (tmp_path / f"T_Rock_{letter}{size}.png").touch()
+    assert not looks_like_maps(tmp_path)
+
+
+def test_a_metals_roughness_is_no_packed_map(tmp_path):
+    for name in ("rusty_metal_diff", "rusty_metal_roughness", "rusty_metal_metalness", "preview"):
+        (tmp_path / f"{name}.png").touch()
+    maps = recognise(tmp_path)
+    assert maps.files["roughness"] == "rusty_metal_roughness.png"
+    assert (set(maps.files), maps.doubtful) == ({"albedo", "roughness", "metalness"}, ("preview.png",))
+
+
+def test_gltf_packs_roughness_in_green_and_metalness_in_blue(tmp_path):
+    for name in ("a_roughnessMetallic", "a_metalRoughness"):
+        folder = save(tmp_path / name, a_albedo=flat((0.5,) * 3), **{name: flat((0.0, 0.8, 1.0))})
+        surface = read_surface(recognise(folder), 8)
+        np.testing.assert_allclose(surface.maps.roughness, 0.8, atol=1e-6)
+        np.testing.assert_allclose(surface.maps.metalness, 1.0, atol=1e-6)
+        assert surface.notes["roughness"] == f"{name}.png (green)"
+
+
+def test_smoothness_is_inverted_and_said(tmp_path):
+    folder = save(tmp_path / "m", w_albedo=flat((0.5,) * 3), w_glossiness=flat(51 / 255))
+    surface = read_surface(recognise(folder), 8)
+    np.testing.assert_allclose(surface.maps.roughness, 0.8, atol=1e-6)
+    assert surface.notes["roughness"] == "w_glossiness.png (inverted)"
+    folder = save(tmp_path / "unity", B_AlbedoTransparency=flat((0.5,) * 3), B_MetallicSmoothness=flat((0.4, 0.0, 0.0)))
+    with pytest.raises(InputError, match=r"B_MetallicSmoothness\.png: it has no alpha"):
+        read_surface(recognise(folder), 8)
+    exr(folder / "B_MetallicSmoothness.exr", flat((0.4, 0.0, 0.0)))
+    (folder / "B_MetallicSmoothness.png").unlink()
+    with pytest.raises(InputError, match=r"B_MetallicSmoothness\.exr: it has no alpha"):
+        read_surface(recognise(folder), 8)
+    (folder / "B_MetallicSmoothness.exr").unlink()
+    save(folder, B_MetallicSmoothness=flat((0.4, 0.0, 0.0, 0.2)))
+    surface = read_surface(recognise(folder), 8)
+    np.testing.assert_allclose(surface.maps.roughness, 0.8, atol=1e-6)
+    np.testing.assert_allclose(surface.maps.metalness, 0.4, atol=1e-6)
+    assert surface.notes["roughness"] == "B_MetallicSmoothness.png (alpha, inverted)"
+    assert surface.notes["metalness"] == "B_MetallicSmoothness.png (red)"
+
+
+def exr(path, picture):
+    channels = {name: np.ascontiguousarray(picture[..., i], np.float32) for i, name in enumerate("RGB")}
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, channels).write(str(path))
+
+
+def test_exr_normals_are_read_signed_or_as_codes(tmp_path):
+    _, codes = hills(16)
+    normal = 2 * codes - 1
+    up = flat((0.0, 0.0, 1.0))
+    for name, stored, expected in (
+        ("signed", normal, normal),
+        ("codes", codes, normal),
+        ("signed_flat", up, up),
+        ("codes_flat", flat((0.5, 0.5, 1.0)), up),
+    ):
+        folder = save(tmp_path / name, a_albedo=flat((0.5,) * 3))
+        exr(folder / "a_normal_gl.exr", stored)
+        surface = read_surface(recognise(folder), 16)
+        np.testing.assert_allclose(surface.maps.normal, expected, atol=1e-6)
+        assert ("stored from -1 to 1" in surface.notes["normal_gl"]) == name.startswith("signed")
+
+
+def test_exr_heights_of_any_unit_are_scaled_by_the_normals(tmp_path, caplog):
+    height, normal = hills()
+    for name, unit, offset in (("mm", 50.0, -25.0), ("small", 0.01, 0.0)):
+        folder = save(tmp_path / name, a_albedo=flat((0.5,) * 3, 64), a_normal_gl=normal)
+        exr(folder / "a_height.exr", np.repeat((height * unit + offset)[..., None], 3, 2))
+        surface = read_surface(recognise(folder), 16)
+        # As for eight bits: the relief that made the normals was 0.05 widths deep.
+        np.testing.assert_allclose(np.ptp(surface.maps.height), 0.05 * np.ptp(height), rtol=0.05)
+        (folder / "a_normal_gl.png").unlink()
+        depth = 0.3 * (1 if name == "mm" else 0.01 * np.ptp(height))  # small lies in [0, 1]: white is at 1
+        read = read_surface(recognise(folder), 64, depth=0.3).maps.height
+        np.testing.assert_allclose(np.ptp(read), depth, rtol=1e-4)
+    assert "unknown unit" not in caplog.text
+    surface = read_surface(recognise(tmp_path / "mm"), 16)
+    np.testing.assert_allclose(np.ptp(surface.maps.height), 0.02, rtol=1e-4)
+    assert (
+        "a_height.exr: heights from -24.9777 to 24.9777 of unknown unit: the relief is taken as 0.0200" in caplog.text
+    )
+
+
+@pytest.mark.parametrize("code", [127, 128])
+def test_a_drawn_flat_normal_is_flat(tmp_path, code):
+    normal = np.repeat(hills(64)[1], 2, 1)
+    normal[:, 64:] = (code / 255, code / 255, 1)
+    folder = save(tmp_path / "m", albedo=np.full((64, 128, 3), 0.5), normal=normal)
+    read = read_surface(recognise(folder), 128).maps.normal
+    np.testing.assert_array_equal(read[:, 64:], np.broadcast_to([0, 0, 1], (64, 64, 3)))
+    others = 2 * np.round(normal[:, :64] * 255) / 255 - 1
+    expected = others / np.linalg.norm(others, axis=-1, keepdims=True)
+    np.testing.assert_allclose(
+        read[:, :64][np.abs(others[..., 0]) > 0.01], expected[np.abs(others[..., 0]) > 0.01], atol=1e-6
+    )
+
+
+def test_a_scans_codes_around_flat_mean_what_they_say(tmp_path):
+    codes = np.random.default_rng(0).integers(127, 129, (64, 64, 2)) / 255
+    normal = np.concatenate([codes, np.ones((64, 64, 1))], -1)
+    read = read_surface(recognise(save(tmp_path / "m", albedo=flat((0.5,) * 3, 64), normal=normal)), 64).maps.normal
+    np.testing.assert_allclose(read[..., :2], 2 * codes - 1, atol=1e-6)
+
+
+def test_maps_are_given_by_hand(tmp_path, capsys):
+    folder = save(tmp_path / "m", photo=flat((0.2,) * 3), grey=flat(0.4), x_color=flat((0.9,) * 3), x_rough=flat(1.0))
+    other = save(tmp_path / "other", bumps=flat((0.5, 0.5, 1.0))) / "bumps.png"
+    maps = recognise(folder, {"albedo": "photo.png", "roughness": "grey.png", "normal_gl": str(other)})
+    assert maps.files == {"albedo": "photo.png", "roughness": "grey.png", "normal_gl": str(other)}
+    assert set(maps.unused) == {"x_color.png", "x_rough.png"}
+    surface = read_surface(maps, 8)
+    np.testing.assert_allclose(surface.maps.roughness, 0.4, atol=1e-6)
+    words = ["bake", str(folder), "-o", str(tmp_path / "a.npz"), "--size", "4", "--views", "1", "--lights", "1"]
+    assert cli.main([*words, "--heldout", "0", "--map", "albedo=photo.png", "--map", "roughness=grey.png"]) == 0
+    assert open_btf(tmp_path / "a.npz").provenance["maps"]["albedo"] == "photo.png"
+    for wrong, message in (
+        ("photo.png", "it is not MAP=FILE"),
+        ("colour=photo.png", "there is no map 'colour'"),
+        ("albedo=none.png", "there is no such file"),
+    ):
+        assert cli.main([*words, "--map", wrong]) == 2
+        assert message in capsys.readouterr().err
+
+
+def test_what_is_not_recognised_is_a_warning(tmp_path, caplog):
+    folder = save(tmp_path / "m", w_albedo=flat((0.5,) * 3), w_foo=flat(0.5), w_specular=flat(0.5))
+    read_surface(recognise(folder), 8)
+    assert "w_foo.png: not used, not recognised" in caplog.text
+    assert "w_specular.png: not used, the specular workflow" in caplog.text
+    assert "the surface is flat" in caplog.text
+
+
+def test_bake_info_and_run_agree_on_a_folder_of_maps(tmp_path, capsys):
+    alone = save(tmp_path / "alone", w_albedo=flat((0.5,) * 3))
+    btf = save(tmp_path / "btf", w_albedo=flat((0.5,) * 3), w_rough=flat(0.5))
+    (btf / "pairs.csv").touch()
+    none = save(tmp_path / "none", photo=flat((0.5,) * 3))
+    words = ["--size", "4", "--views", "1", "--lights", "1", "--heldout", "0"]
+    for folder, code in ((alone, 0), (btf, 2), (none, 2)):
+        assert cli.main(["bake", str(folder), "-o", str(tmp_path / f"{folder.name}.npz"), *words]) == code
+        assert looks_like_maps(folder) == (code == 0)
+        assert cli.main(["info", str(folder)]) == code
+    assert "names of maps like NAME_albedo.png" in capsys.readouterr().err
+
+
+def test_a_profile_of_the_albedo_is_applied_and_not_of_data(tmp_path):
+    folder = save(tmp_path / "m", albedo=flat((0.5,) * 3), roughness=flat(0.4))
+    before = open_svbrdf(folder, SMALL, silent).fingerprint
+    for name in ("albedo", "roughness"):
+        with Image.open(folder / f"{name}.png") as picture:
+            codes = np.asarray(picture)
+        with open(folder / f"{name}.png", "wb") as stream:
+            writer = png.Writer(16, 16, greyscale=codes.ndim == 2, bitdepth=8, gamma=1.0)
+            writer.write(stream, codes.reshape(16, -1).tolist())
+    surface = read_surface(recognise(folder), 8)
+    np.testing.assert_allclose(surface.maps.base_colour, 128 / 255, atol=1e-6)
+    np.testing.assert_allclose(surface.maps.roughness, 0.4, atol=1e-6)
+    assert surface.notes["albedo"] == "albedo.png: converted from gAMA 1"
+    assert open_svbrdf(folder, SMALL, silent).fingerprint != before
 
 
 def test_what_tells_the_same_is_left_out_and_said(tmp_path):

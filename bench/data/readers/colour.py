@@ -1,0 +1,211 @@
+"""The colour space that a JPEG or PNG states, and its conversion to linear Rec. 709.
+
+What states nothing is sRGB. An ICC profile is applied by Little CMS, to 8-bit codes. A PNG may state its exponent
+(gAMA), its primaries (cHRM) or both by number (cICP) instead; a camera states Adobe RGB in EXIF. What agrees with sRGB
+changes no value. Colours outside the gamut of sRGB are clipped.
+"""
+
+import io
+import struct
+import warnings
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from bench.btf import Array
+from bench.data.readers.orientation import before_pixels, exif
+from bench.inputs.errors import InputError
+
+# x and y of red, green, blue and white.
+REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+ADOBE_RGB = (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.3290)
+DISPLAY_P3 = (0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.3290)
+REC2020 = (0.708, 0.292, 0.17, 0.797, 0.131, 0.046, 0.3127, 0.3290)
+ADOBE_EXPONENT = 256 / 563  # Adobe RGB (1998), 4.3.1.2: light = code ^ 2.19921875
+SRGB_EXPONENT = 0.45455  # the gAMA that PNG gives to sRGB
+# ITU-T H.273, by number; the exponent 0 is the curve of sRGB.
+_PRIMARIES = {1: REC709, 9: REC2020, 12: DISPLAY_P3}
+_EXPONENTS = {4: 1 / 2.2, 8: 1.0, 13: 0.0}
+_BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
+_MOST_PROFILE = 16 << 20
+_EXIF_IFD, _INTEROP_IFD, _COLOUR_SPACE = 0x8769, 0xA005, 0xA001
+
+
+@dataclass(frozen=True)
+class Colour:
+    """A colour space that is not sRGB: an ICC profile, or an exponent (code = light ^ exponent; 0 is the curve of sRGB)
+    and the chromaticities of red, green, blue and white."""
+
+    name: str
+    profile: bytes = b""
+    exponent: float = 0.0
+    chromaticities: tuple[float, ...] = REC709
+
+    def linear(self, codes: Array, curve: Array) -> Array:
+        """Linear Rec. 709 (…, 3) float32 in [0, 1] of integer codes (…, 3); `curve` holds the value of each code in
+        sRGB. Not for a profile."""
+        if self.exponent:
+            curve = (np.arange(len(curve)) / (len(curve) - 1)) ** (1 / self.exponent)
+        light = curve[codes]
+        if not _alike(self.chromaticities, REC709):
+            light = np.clip(light @ _to_rec709(self.chromaticities).T, 0, 1)
+        return np.asarray(light, np.float32)
+
+
+def stated(data: bytes, kind: str | None, label: str) -> Colour | None:
+    """The colour space of a JPEG or PNG from the bytes before its pixels; None for sRGB. `InputError` for one that
+    cannot be converted."""
+    profile = b""
+    if kind == "png":
+        chunks = dict(before_pixels(data))
+        if b"cICP" in chunks:
+            return _by_number(chunks[b"cICP"], label)
+        if b"iCCP" in chunks:
+            packed = chunks[b"iCCP"].partition(b"\0")[2][1:]  # after the name, and the method of compression
+            profile = zlib.decompressobj().decompress(packed, _MOST_PROFILE)
+        elif b"sRGB" in chunks:
+            return None
+        elif {b"gAMA", b"cHRM"} & set(chunks):
+            return _by_chunks(chunks, label)
+    elif kind == "jpeg":
+        profile = b"".join(part for _, part in sorted(_profile_parts(data)))
+    else:
+        return None
+    if profile:
+        name = _foreign(profile, _mode(profile, label), label)
+        return Colour(f"ICC profile {name}", profile) if name else None
+    return _by_exif(data, kind)
+
+
+def profiled(image: Any, colour: Colour, label: str) -> Array:
+    """The sRGB codes (H, W, 3) uint8 of a Pillow image with an ICC profile."""
+    from PIL import ImageCms
+
+    mode = _mode(colour.profile, label)
+    if mode == "L" and image.mode not in ("1", "L", "LA"):
+        raise InputError(f"{label}: its ICC profile is of grey, but it has colours: save it as sRGB")
+    try:
+        return np.asarray(ImageCms.applyTransform(image.convert(mode), _transform(colour.profile, mode)))
+    except ImageCms.PyCMSError as error:
+        raise InputError(f"{label}: its ICC profile cannot be applied ({error}): save it as sRGB") from error
+
+
+def _by_number(content: bytes, label: str) -> Colour | None:
+    """The space of a chunk cICP: the numbers of its primaries and its curve (ITU-T H.273)."""
+    primaries, curve = content[:2]
+    if primaries not in _PRIMARIES or curve not in _EXPONENTS or content[2:4] != b"\0\1":
+        fault = f"its cICP chunk states colour space {', '.join(map(str, content[:4]))}, which is not converted"
+        raise InputError(f"{label}: {fault}: save it as sRGB, or as linear EXR")
+    found = Colour(f"cICP {primaries}, {curve}", b"", _EXPONENTS[curve], _PRIMARIES[primaries])
+    return None if found.exponent == 0 and found.chromaticities == REC709 else found
+
+
+def _by_chunks(chunks: dict[bytes, bytes], label: str) -> Colour | None:
+    """The space of the chunks gAMA and cHRM, both in units of 1e-5."""
+    exponent = 0.0
+    chromaticities: tuple[float, ...] = REC709
+    if b"gAMA" in chunks:
+        exponent = struct.unpack(">I", chunks[b"gAMA"])[0] / 1e5  # 0 means nothing
+    if b"cHRM" in chunks:
+        white_first = np.array(struct.unpack(">8I", chunks[b"cHRM"])) / 1e5
+        chromaticities = tuple(float(value) for value in np.roll(white_first, -2))
+        if min(chromaticities[1::2]) < 1e-3 or abs(np.linalg.det(_to_xyz(chromaticities, scaled=False))) < 1e-3:
+            raise InputError(f"{label}: the primaries of its cHRM chunk span no colours: save it without that chunk")
+    others = not _alike(chromaticities, REC709)
+    if not others and (exponent == 0 or abs(exponent - SRGB_EXPONENT) < 1e-4):
+        return None
+    words = [f"gAMA {exponent:g}"] if exponent else []
+    return Colour(" and ".join([*words, *(["cHRM"] if others else [])]), b"", exponent, chromaticities)
+
+
+def _by_exif(data: bytes, kind: str) -> Colour | None:
+    """Adobe RGB, if the camera's notes say so (DCF 2.0: interoperability R03; others write colour space 2)."""
+    notes = exif(data, kind)
+    if notes is None:
+        return None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            space = notes.get_ifd(_EXIF_IFD).get(_COLOUR_SPACE)
+            index = str(notes.get_ifd(_INTEROP_IFD).get(1, "")).strip("\0 ")
+        except Exception:  # damaged notes raise many types; they state nothing then
+            return None
+    is_adobe = space == 2 or (index == "R03" and space != 1)
+    return Colour("Adobe RGB by EXIF", b"", ADOBE_EXPONENT, ADOBE_RGB) if is_adobe else None
+
+
+def _profile_parts(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Number and content of the parts of a JPEG's profile (ICC.1:2010, B.4)."""
+    mark = b"ICC_PROFILE\0"
+    for name, content in before_pixels(data):
+        if name == b"\xe2" and content.startswith(mark) and len(content) > len(mark) + 2:
+            yield content[len(mark)], content[len(mark) + 2 :]
+
+
+def _foreign(profile: bytes, mode: str, label: str) -> str:
+    """The name of a profile; "" if it is sRGB."""
+    from PIL import ImageCms
+
+    try:
+        return _name_unless_srgb(profile, mode)
+    except (ImageCms.PyCMSError, OSError) as error:
+        raise InputError(f"{label}: its ICC profile cannot be applied ({error}): save it as sRGB") from error
+
+
+@lru_cache(16)
+def _name_unless_srgb(profile: bytes, mode: str) -> str:
+    """The versions of sRGB differ by a code at most, so a profile is judged by what it does to a grid of colours."""
+    from PIL import Image, ImageCms
+
+    if mode == "L":
+        probe = np.arange(256, dtype=np.uint8)[None]
+        unchanged = np.repeat(probe[..., None], 3, 2)
+    else:
+        steps = np.linspace(0, 255, 9).round().astype(np.uint8)
+        probe = unchanged = np.stack(np.meshgrid(steps, steps, steps), -1).reshape(27, 27, 3)
+    converted = np.asarray(ImageCms.applyTransform(Image.fromarray(probe), _transform(profile, mode)))
+    if np.abs(converted.astype(int) - unchanged).max() <= 1:
+        return ""
+    name = ImageCms.getProfileDescription(ImageCms.ImageCmsProfile(io.BytesIO(profile)))
+    return "".join(letter for letter in name if letter.isprintable()).strip()[:60] or "without a name"
+
+
+def _mode(profile: bytes, label: str) -> str:
+    """Pillow's mode of the pictures that a profile is for: RGB, or L for grey."""
+    space = profile[16:20]
+    if space not in (b"RGB ", b"GRAY"):
+        raise InputError(f"{label}: its ICC profile is of {space.decode('latin-1').strip()!r}: save it as sRGB")
+    return "L" if space == b"GRAY" else "RGB"
+
+
+@lru_cache(16)
+def _transform(profile: bytes, mode: str) -> Any:
+    from PIL import ImageCms
+
+    intent = ImageCms.Intent.RELATIVE_COLORIMETRIC  # the values that were meant; others fit them to a medium
+    space = ImageCms.ImageCmsProfile(io.BytesIO(profile))
+    return ImageCms.buildTransform(space, ImageCms.createProfile("sRGB"), mode, "RGB", intent)
+
+
+def _alike(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
+    return bool(np.allclose(a, b, atol=2e-3))
+
+
+def _to_rec709(chromaticities: tuple[float, ...]) -> Array:
+    """From linear RGB of some primaries and white to linear Rec. 709, (3, 3); white is adapted by Bradford's cones."""
+    source, target = _to_xyz(chromaticities), _to_xyz(REC709)
+    cones = (_BRADFORD @ target.sum(1)) / (_BRADFORD @ source.sum(1))
+    adapted: Array = np.linalg.inv(_BRADFORD) @ np.diag(cones) @ _BRADFORD @ source
+    return np.linalg.inv(target) @ adapted
+
+
+def _to_xyz(chromaticities: tuple[float, ...], scaled: bool = True) -> Array:
+    """From linear RGB to CIE XYZ (3, 3), with Y of white 1; not `scaled` to the white, with Y of each primary 1."""
+    xy = np.reshape(chromaticities, (4, 2))
+    columns = np.stack([xy[:, 0] / xy[:, 1], np.ones(4), (1 - xy.sum(1)) / xy[:, 1]])
+    primaries, white = columns[:, :3], columns[:, 3]
+    return primaries * np.linalg.solve(primaries, white) if scaled else primaries
