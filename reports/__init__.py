@@ -59,9 +59,10 @@ def table_text(
     """The tables of a run, or of several together, as `text`, `markdown`, `latex`, `csv` or `raw`.
 
     `kind` picks one kind of table in `KINDS`; by default all are given, and their text in a shorter form. A `choice`
-    selects and renames codecs and columns; text then has whole tables, too. `csv` has the cells of the tables. `raw`,
-    also a CSV, has one row a job with every number of its record for any kind, except for `trade`: one row a choice.
-    Raises `InputError` if the folder holds no run, `ValueError` for an unknown format or kind.
+    selects and renames codecs, materials and columns; text then has whole tables, too. `csv` has the cells of the
+    tables. `raw`, also a CSV, has one row a job with every number of its record for any kind, except for `trade`: one
+    row a choice. Raises `InputError` if the folder holds no run, or not what is chosen, `ValueError` for an unknown
+    format or kind.
     """
     from bench.compare.choosing import has_validation
     from bench.records import load_together
@@ -81,7 +82,8 @@ def table_text(
     if format == "text" and kind is None and not choice:
         return terminal(run)
     narrow = format == "latex" and not (choice and choice.columns)
-    return _written(all_tables(run, narrow, kind), format, choice)
+    against = choice.against if choice else ""
+    return _written(all_tables(run, narrow, kind, against), format, choice)
 
 
 def parameters_text(jobs: Sequence["Record"], format: str = "text", choice: "Choice | None" = None) -> str:

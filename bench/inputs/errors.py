@@ -2,6 +2,7 @@
 
 import difflib
 import errno
+import unicodedata
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +16,7 @@ INTERNAL = 70
 INTERRUPTED = 130
 
 NO_PLACE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)  # with these, every other job would fail too
+_CONTROL = ("Cc", "Zl", "Zp", "Cf")  # of Unicode: control characters, ends of lines, marks such as of direction
 _NOT_ALLOWED = (errno.EACCES, errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG)
 
 
@@ -32,6 +34,18 @@ class CodecError(InputError):
 
 class MissingDataError(InputError):
     """A known material or shared network is not on this machine; the message says how to get it."""
+
+
+def visible(text: str) -> str:
+    """The text on one line with every control character written out, such as `\\n` and `\\x1b`, so that a name from a
+    file can neither start a line, as commands of CI services do, nor steer a terminal."""
+    if text.isprintable():
+        return text
+    return "".join(each if unicodedata.category(each) not in _CONTROL else _written_out(each) for each in text)
+
+
+def _written_out(character: str) -> str:
+    return character.encode("unicode_escape").decode()
 
 
 def answered(method: Callable[..., object], answer: object, due: str) -> CodecError:
