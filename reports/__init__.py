@@ -127,7 +127,8 @@ def stress_text(records: Sequence["Record"], format: str = "text") -> str:
 def write_report(run_folder: str | Path, vector: bool = False) -> Report:
     """Write `tables/`, `figures/` and `report.html` into a run's folder, each file completely or not at all.
 
-    `vector` also writes every figure as SVG and PDF. `InputError` if the folder holds no run.
+    `vector` also writes every figure as SVG and PDF; a later report draws the formats again that are there.
+    `InputError` if the folder holds no run.
     """
     from reports.write import write
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import bench
 from bench.cli import commands
-from bench.inputs.errors import FINE, INTERNAL, INTERRUPTED, USAGE, InputError, did_you_mean, unwritable
+from bench.inputs.errors import FINE, INTERNAL, INTERRUPTED, USAGE, InputError, did_you_mean, unwritable, visible
 from bench.machine.threads import handling
 
 WIDTH = 100  # maximal width of a help text, in columns
@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             code: int = options.command(options)
             return code
     except InputError as error:
-        print(f"neubtf-bench: {error}", file=sys.stderr)
+        print(f"neubtf-bench: {visible(str(error))}", file=sys.stderr)
         return USAGE
     except KeyboardInterrupt:
         print("\nneubtf-bench: interrupted; finished work is kept", file=sys.stderr)
