@@ -74,7 +74,7 @@ def table_text(
     if format not in FORMATS or kind not in (None, *KINDS):
         raise ValueError(f"format {format!r}, kind {kind!r}: none such")
     wanted = {"wanted": has_validation} if kind in BY_BUDGET else {}
-    run = load_together([runs] if isinstance(runs, str | Path) else runs, **wanted)
+    run = load_together([runs] if isinstance(runs, str | Path) else runs, **wanted, beside=True)
     if choice:
         run = choice.of_run(run)
     if format == "raw":

@@ -113,6 +113,13 @@ def test_a_job_on_other_data_leaves_published_rows_in_their_table(run_maker, tmp
             text = table_text(sources, kind="front")
             assert [line.split()[0] for line in text.splitlines()[6:8]] == ["pca", "vq"]
             assert f"Left out: 1 of {name} (satin/mine), not comparable with the published ones." in text
+    same = measured("same", "pca", "2", 16, btf="other", psnr=50.0).timing("pca", ratio_interval95=[8.0, 9.0])
+    for sources in ([published, same.folder], [same.folder, published]):
+        text = table_text(sources, kind="front")
+        assert text.splitlines()[6].split()[:5] == ["pca", "3,011", "128", "30.00", "30.00"]
+        assert "9.00" not in text, "nor the time of the other"
+        assert "Left out: 1 of same (satin/pca), not comparable with the published ones." in text
+        assert "n/c: pca is not comparable with the other rows: other data" in table_text(sources, kind="main")
     assert "n/c: mine seed=7 is not comparable" in table_text([published, own.folder], kind="main")
 
 
