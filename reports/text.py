@@ -187,22 +187,21 @@ def _inert(cell: Any) -> Any:
 
 def table_html(table: Table, place: Place) -> str:
     """Title, cells and notes. A row links to the place of its first cell, where that has one."""
-    escape = _html
     looks = [' class="word"' if i < table.words else "" for i in range(len(table.headers))]
     heads = "".join(
-        f'<th scope="col"{look}>{escape(name) or "&nbsp;"}<small>{escape(unit)}</small></th>'
+        f'<th scope="col"{look}>{_html(name) or "&nbsp;"}<small>{_html(unit)}</small></th>'
         for (name, unit), look in zip(table.headers, looks, strict=True)
     )
     lines = []
     for i, row in enumerate(table.rows):
-        cells = [_HTML_MARKS[table.marks.get((i, j), "")].format(escape(cell)) for j, cell in enumerate(row)]
+        cells = [_HTML_MARKS[table.marks.get((i, j), "")].format(_html(cell)) for j, cell in enumerate(row)]
         if target := place(table.material, row[0]):
-            cells[0] = f'<a href="{escape(target)}">{cells[0]}</a>'
+            cells[0] = f'<a href="{_html(target)}">{cells[0]}</a>'
         tags = (f"<td{look}>{cell}</td>" for cell, look in zip(cells, looks, strict=True))
         lines.append(f"<tr>{''.join(tags)}</tr>")
     rows = "\n".join(lines)
-    title, words = escape(table.title), {word.rstrip(" ↑↓") for header in table.headers for word in header}
-    terms = "; ".join(f"<b>{escape(term)}</b>: {escape(says)}" for term, says in TERMS.items() if term in words)
+    title, words = _html(table.title), {word.rstrip(" ↑↓") for header in table.headers for word in header}
+    terms = "; ".join(f"<b>{_html(term)}</b>: {_html(says)}" for term, says in TERMS.items() if term in words)
     notes = "\n".join(map(note, table.footnotes))
     return (
         f"<h3>{title}</h3>\n"
@@ -230,12 +229,12 @@ def contents(links: Iterable[tuple[str, str]]) -> str:
 
 def anchors(links: Iterable[tuple[str, str]]) -> str:
     """Links in a sentence."""
-    return ", ".join(f'<a href="{escape(to)}">{escape(name)}</a>' for to, name in links)
+    return ", ".join(f'<a href="{_html(to)}">{_html(name)}</a>' for to, name in links)
 
 
 def details(title: str, inside: str) -> str:
     """Content that is folded away under its title."""
-    return f'<details class="block"><summary>{escape(title)}</summary>\n{inside}</details>'
+    return f'<details class="block"><summary>{_html(title)}</summary>\n{inside}</details>'
 
 
 def latex(tables: Sequence[Table]) -> str:

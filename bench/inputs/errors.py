@@ -2,6 +2,7 @@
 
 import difflib
 import errno
+import re
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -17,6 +18,7 @@ INTERRUPTED = 130
 
 NO_PLACE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)  # with these, every other job would fail too
 _CONTROL = ("Cc", "Zl", "Zp", "Cf")  # of Unicode: control characters, ends of lines, marks such as of direction
+_COMMAND = re.compile(r"(?<!\S)(::|##)")  # a table may fold a text at any space
 _NOT_ALLOWED = (errno.EACCES, errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG)
 
 
@@ -37,11 +39,14 @@ class MissingDataError(InputError):
 
 
 def visible(text: str) -> str:
-    """The text on one line with every control character written out, such as `\\n` and `\\x1b`, so that a name from a
-    file can neither start a line, as commands of CI services do, nor steer a terminal."""
-    if text.isprintable():
-        return text
-    return "".join(each if unicodedata.category(each) not in _CONTROL else _written_out(each) for each in text)
+    """The text on one line, with every control character written out, such as `\\n` and `\\x1b`.
+
+    A name that comes from a file must neither steer a terminal nor command a CI service: a `::` or `##` that may come to
+    stand at the start of a line is written `\\x3a:` or `\\x23#`.
+    """
+    if not text.isprintable():
+        text = "".join(_written_out(each) if unicodedata.category(each) in _CONTROL else each for each in text)
+    return _COMMAND.sub(lambda found: f"\\x{ord(found[0][0]):02x}{found[0][1]}", text)
 
 
 def _written_out(character: str) -> str:

@@ -44,9 +44,10 @@ def test_rows_that_another_revision_made_are_named(made):
 @pytest.mark.parametrize("format", ["text", "markdown", "latex", "csv", "raw"])
 def test_a_name_steers_no_terminal_and_starts_no_line(made, format):
     made.job("pca", material="a\n::error file=x::b\x1b[2J\u202e").job("vq\r\x9b", material="satin")
+    made.job("::error::vq", material="##[error] b ::error file=x::c ::error::d")
     made.unfinished("failed", "no\n::error::luck\x1b", label="b\x07", material="satin")
     text = table_text(made.folder, format)
-    assert not [line for line in text.splitlines() if line.lstrip().startswith("::")]
+    assert not [line for line in text.splitlines() if line.lstrip().startswith(("::", "##["))]
     assert {each for each in text if not each.isprintable()} == {"\n"}
     assert "x1b" in text
 
