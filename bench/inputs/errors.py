@@ -41,8 +41,8 @@ class MissingDataError(InputError):
 def visible(text: str) -> str:
     """The text on one line, with every control character written out, such as `\\n` and `\\x1b`.
 
-    A name that comes from a file must neither steer a terminal nor command a CI service: a `::` or `##` that may come to
-    stand at the start of a line is written `\\x3a:` or `\\x23#`.
+    A name that comes from a file must neither steer a terminal nor command a CI service: a `::` or `##` that may come
+    to stand at the start of a line is written `\\x3a:` or `\\x23#`.
     """
     if not text.isprintable():
         text = "".join(_written_out(each) if unicodedata.category(each) in _CONTROL else each for each in text)
