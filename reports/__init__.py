@@ -59,9 +59,10 @@ def table_text(
     """The tables of a run, or of several together, as `text`, `markdown`, `latex`, `csv` or `raw`.
 
     `kind` picks one kind of table in `KINDS`; by default all are given, and their text in a shorter form. A `choice`
-    selects and renames codecs and columns; text then has whole tables, too. `csv` has the cells of the tables. `raw`,
-    also a CSV, has one row a job with every number of its record for any kind, except for `trade`: one row a choice.
-    Raises `InputError` if the folder holds no run, `ValueError` for an unknown format or kind.
+    selects and renames codecs, materials and columns; text then has whole tables, too. `csv` has the cells of the
+    tables. `raw`, also a CSV, has one row a job with every number of its record for any kind, except for `trade`: one
+    row a choice. Raises `InputError` if the folder holds no run, or not what is chosen, `ValueError` for an unknown
+    format or kind.
     """
     from bench.compare.choosing import has_validation
     from bench.records import load_together
@@ -73,7 +74,7 @@ def table_text(
     if format not in FORMATS or kind not in (None, *KINDS):
         raise ValueError(f"format {format!r}, kind {kind!r}: none such")
     wanted = {"wanted": has_validation} if kind in BY_BUDGET else {}
-    run = load_together([runs] if isinstance(runs, str | Path) else runs, **wanted)
+    run = load_together([runs] if isinstance(runs, str | Path) else runs, **wanted, beside=True)
     if choice:
         run = choice.of_run(run)
     if format == "raw":
@@ -81,7 +82,8 @@ def table_text(
     if format == "text" and kind is None and not choice:
         return terminal(run)
     narrow = format == "latex" and not (choice and choice.columns)
-    return _written(all_tables(run, narrow, kind), format, choice)
+    against = choice.against if choice else ""
+    return _written(all_tables(run, narrow, kind, against), format, choice)
 
 
 def parameters_text(jobs: Sequence["Record"], format: str = "text", choice: "Choice | None" = None) -> str:
@@ -125,7 +127,8 @@ def stress_text(records: Sequence["Record"], format: str = "text") -> str:
 def write_report(run_folder: str | Path, vector: bool = False) -> Report:
     """Write `tables/`, `figures/` and `report.html` into a run's folder, each file completely or not at all.
 
-    `vector` also writes every figure as SVG and PDF. `InputError` if the folder holds no run.
+    `vector` also writes every figure as SVG and PDF; a later report draws the formats again that are there.
+    `InputError` if the folder holds no run.
     """
     from reports.write import write
 

@@ -20,11 +20,13 @@ from bench.compare.choosing.budgets import (
 )
 from bench.compare.paired import AGAINST, FEWEST
 from bench.compare.quantities import average
-from bench.records import FLIP, KINDS, MOST_DB, PSNR, SSIM, Record, Run, grouped, kind_of
+from bench.records import FLIP, KINDS, MOST_DB, PSNR, SSIM, Record, Run, grouped, kind_of, shown_label
+from reports.notes import beside
 from reports.numbers import EXACT, NONE, fixed, integer, significant
 from reports.table import Table, best_cells
 
 _DIGITS = {PSNR: 2, SSIM: 3, FLIP: 3}
+_NAMED = 5  # rows that a note on excluded records names
 _METRICS = [("PSNR", "dB"), ("SSIM", ""), ("FLIP", "")]
 FRONT = Budget(BYTES, 64)  # the least of `BITS` at which all codecs of README.md have a rung on each surface
 _CHOICE = "A codec's rung is chosen by validation pairs, its numbers are of test pairs (docs/metrics.md, “Budgets”)."
@@ -168,18 +170,22 @@ def front_table(run: Run) -> Iterator[Table]:
     kinds = {kind: kinds[kind] for kind in KINDS if kind in kinds} | {"all": list(result.surfaces)}
     ranked = {kind: result.ranked(FRONT, surfaces) for kind, surfaces in kinds.items()}
     picks = [result.picks(FRONT, surfaces) for surfaces in kinds.values()]
-    rows = []
+    rows: list[list[str]] = []
+    scores: list[list[float | None]] = []
     for line in dict.fromkeys(line for lines in reversed(ranked.values()) for line in lines):
         rungs = list({name: rung.of for lines in picks for name, rung in lines.get(line, {}).items()}.values())
         parameters, size = (round(fmean(map(of, rungs))) for of in (lambda jobs: jobs[0]["parameters"], mean_bytes))
         times = [time for jobs in rungs if (time := result.times.get(EAGER, {}).get(jobs[0]["job"]))]
         quality = [_number(lines.get(line)) for lines in ranked.values()]
-        rows.append([line, integer(parameters), integer(size), *quality, significant(fmean(times) if times else None)])
+        time = fmean(times) if times else None
+        rows.append([line, integer(parameters), integer(size), *quality, significant(time)])
+        means = [lines.get(line) for lines in ranked.values()]
+        scores.append([None, None, -size, *means, None if time is None else -time])
     surfaces = [(f"{kind}, {len(many)}", "dB ↑") for kind, many in kinds.items()]
     headers = [("codec", ""), ("decoder", "param."), ("total", "bytes ↓"), *surfaces, ("time", "× floor ↓")]
     if rows:
         title = f"Within {in_words(FRONT)}: test PSNR, means over {', '.join(result.surfaces)}"
-        yield Table("front", title, headers, rows, [_CHOICE, *_common(run, result)])
+        yield Table("front", title, headers, rows, [_CHOICE, *_common(run, result)], marks=best_cells(rows, scores))
 
 
 TABLES = {
@@ -214,11 +220,17 @@ def _common(run: Run, result: Budgets) -> Iterator[str]:
             parts = [machine.get("processor"), f"{machine['cores']} cores" if "cores" in machine else ""]
             on[", ".join(str(part) for part in parts if part)] = None
         yield f"Times: upper ends of 95 % intervals, × floor, one bilinear fetch; {'; '.join(filter(None, on))}."
-    reasons = {"without a score of validation pairs": result.without, "not comparable with the newest": result.unlike}
+    unlike = f"not comparable with {beside(run)}"
+    reasons = {"without a score of validation pairs": result.without, unlike: result.unlike}
     suites = {start.get("run"): str(start.get("suite") or "no suite") for start in run.starts}
     left = []
     for why, jobs in ((why, jobs) for why, jobs in reasons.items() if jobs):
         counts = Counter(suites.get(job.get("run"), "no suite") for job in jobs)
-        left.append(", ".join([*(f"{count} of {suite}" for suite, count in counts.items()), why]))
+        counted = ", ".join(f"{count} of {suite}" for suite, count in counts.items())
+        named = ""
+        if why == unlike:
+            rows = list(dict.fromkeys(f"{job['material']}/{shown_label(job)}" for job in jobs))
+            named = f" ({', '.join(rows[:_NAMED])}{', …' * (len(rows) > _NAMED)})"
+        left.append(f"{counted}{named}, {why}")
     if left:
         yield f"Left out: {'; '.join(left)}."

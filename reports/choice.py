@@ -11,16 +11,23 @@ from reports.table import Table
 
 @dataclass(frozen=True)
 class Choice:
-    """The codecs (names or labels) and columns to show (all if none are given), and new names."""
+    """The codecs (names or labels), materials and columns to show (all if none are given), new names, and the codec or
+    row that the summary sets the others against (`neubtf-direct` by default)."""
 
     codecs: Sequence[str] = ()
     columns: Sequence[str] = ()
     names: Mapping[str, str] = field(default_factory=dict)
+    materials: Sequence[str] = ()
+    against: str = ""
 
     def of_run(self, run: Run) -> Run:
-        """The run with only the jobs of these codecs, so that ranks and the best are among them."""
-        if not self.codecs:
+        """The run with only the jobs of these codecs and materials, so that ranks and the best are among them."""
+        if not (self.codecs or self.materials):
             return run
+        there = {str(job["material"]) for job in run.jobs}
+        for name in self.materials:
+            if name not in there:
+                raise InputError(f"--material {name}: this run does not have it{did_you_mean(name, there)}")
         jobs = Records({job["job"]: job for job in filter(self._has, run.jobs)})
         known = {str(job.get("codec") or job["label"]) for job in run.jobs} | {shown_label(job) for job in run.jobs}
         for wanted in self.codecs:
@@ -28,16 +35,20 @@ class Choice:
                 raise InputError(f"--codec {wanted}: this run does not have it{did_you_mean(wanted, known)}")
         starts = []
         for start in run.starts:
-            labels = {name: name.partition("/")[2].rpartition("/")[0] for name in start.get("jobs", [])}  # without seed
-            jobs_of = {name: {"job": name, "label": each, "codec": each.split(" ")[0]} for name, each in labels.items()}
-            starts.append(start | {"jobs": [name for name, job in jobs_of.items() if self._has(job)]})
+            planned = [name for name in start.get("jobs", []) if self._has(_planned(name))]
+            starts.append(start | {"jobs": planned})
         return replace(run, jobs=jobs, starts=starts)
 
     def _has(self, job: Record) -> bool:
-        return any(wanted in _called(job) for wanted in self.codecs)
+        if self.materials and job["material"] not in self.materials:
+            return False
+        return not self.codecs or any(wanted in _called(job) for wanted in self.codecs)
 
     def of_tables(self, tables: Sequence[Table]) -> list[Table]:
-        """The tables with these columns, in this order, and names; those without any of the columns are left out."""
+        """The tables with these columns, in this order, and names; those without any of the columns, and those of
+        another material, are left out."""
+        if self.materials:
+            tables = [table for table in tables if not table.material or table.material in self.materials]
         if self.columns:
             every = [header for table in tables for header in table.headers[table.words :]]
             for wanted in self.columns:
@@ -73,6 +84,13 @@ class Choice:
             return text
         pattern = "|".join(rf"(?<![\w-]){re.escape(word)}(?![\w-])" for word in words)
         return re.sub(pattern, lambda found: self.names[found[0]], text)
+
+
+def _planned(name: str) -> Record:
+    """What the name of a planned job, `MATERIAL/LABEL/SEED`, says of it."""
+    material, _, rest = name.partition("/")
+    label = rest.rpartition("/")[0]
+    return {"job": name, "material": material, "label": label, "codec": label.split(" ")[0]}
 
 
 def _called(job: Record) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from bench.compare.comparison import Comparison
 from bench.compare.quantities import Quantity
 from bench.compare.rows import ABSENT, ComparedRow
 from bench.compare.verdicts import Change, Verdict
+from bench.inputs.errors import visible
 from reports.numbers import NONE, NOT_COMPARABLE
 from reports.table import BOLD, Table
 from reports.text import WIDTH, escaped, grid, plain
@@ -19,6 +20,10 @@ _LEGEND = (
     "Change ± margin, of held-out pairs; train: of training pairs; grazing: of slices seen or lit beyond 60°. A change "
     "within its margin counts as the same: a small tolerance if seeds agree; else chance exceeds it once in 1,000 "
     "times (PSNR) or 4,000 times (other numbers), so it is the smallest loss that these seeds can reveal."
+)
+_MEANS = (
+    "All materials: values are plain means of rows; a change is a weighted mean, in which rows that scatter more count "
+    "less."
 )
 _MANY = 3  # rows that the run never had: so many are one line
 _UNLIKE = (
@@ -45,6 +50,7 @@ def terminal(comparison: Comparison) -> str:
     ]
     findings += [_wrapped(f"advice  {row.name}: {row.advice}") for row in comparison.rows if row.advice]
     legend = [_LEGEND] if any(row.deciding for row in comparison.rows) else []
+    legend += [_MEANS] if comparison.means else []
     legend += [_UNLIKE] if comparison.having(Verdict.UNLIKE) else []
     legend += [note[:1].upper() + note[1:] + "." for note in comparison.notes]
     blocks = [plain(tables), "\n".join(findings), "\n".join(map(_wrapped, legend)), comparison.summary]
@@ -166,4 +172,4 @@ def _find(changes: Sequence[Change], quantity: Quantity) -> Change | None:
 
 
 def _wrapped(text: str) -> str:
-    return textwrap.fill(text, WIDTH, subsequent_indent="  ", break_on_hyphens=False)
+    return textwrap.fill(visible(text), WIDTH, subsequent_indent="  ", break_on_hyphens=False)

@@ -186,9 +186,14 @@ def missing_note(run: Run) -> str:
     return " ".join(filter(None, words))
 
 
+def beside(run: Run) -> str:
+    """The jobs that say which data a material of a run has, in words."""
+    return "the published ones" if run.published else "the newest"
+
+
 def left_out_notes(run: Run) -> Iterator[str]:
     """Notes on codecs and materials whose numbers, or times, cannot be compared with the newest, and why."""
-    starts = ("Left out, as not comparable with the newest job", "Times left out", "Times with a star")
+    starts = (f"Left out, as not comparable with {beside(run)}", "Times left out", "Times with a star")
     found: dict[str, dict[str, list[tuple[str, str]]]] = {start: {} for start in starts}
     for material in materials(run):
         for row in material.rows:

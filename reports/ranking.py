@@ -1,9 +1,11 @@
 """The ranking of the codecs of a run, and the difference of each to one of them; both are computed only once."""
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 from bench.compare.paired import AGAINST, Against, against
 from bench.compare.ranks import Standing, standings
+from bench.inputs.errors import InputError
 from bench.records import Record, Run
 from reports.rows import materials
 
@@ -19,10 +21,32 @@ def ranked(run: Run) -> list[Standing]:
 
 
 @lru_cache(maxsize=1)
-def against_one(run: Run) -> Against:
-    """The paired differences to `AGAINST` or, without it, to the suite's first codec: no result chooses it."""
+def against_one(run: Run, wanted: str = "") -> Against:
+    """The paired differences of the ranked codecs to the row `wanted`, a label or the name of a codec with one row.
+
+    By default that is the first row of `AGAINST` or, without it, the suite's first: no result chooses it. Raises
+    `InputError` for a row that is not there, or not measured on all materials.
+    """
     ranking = [each.label for each in ranked(run) if each.rank is not None]
     order = dict.fromkeys(codec.label for material in materials(run) for codec in material.codecs)
     racing = [label for label in order if label in ranking]
-    first = next((label for label in racing if label.split()[0] == AGAINST), racing[0] if racing else "")
-    return against(run, first, [label for label in ranking if label != first])
+    if wanted:
+        first = _row_named(wanted, racing)
+    else:
+        first = next((label for label in racing if label.split()[0] == AGAINST), racing[0] if racing else "")
+    return against(run, first, [label for label in ranking if label != first]) if first else Against("", {}, {})
+
+
+def rows_of(codec: str, run: Run) -> int:
+    """The number of rows that a codec has among those that are ranked."""
+    return sum(each.rank is not None and each.label.split()[0] == codec for each in ranked(run))
+
+
+def _row_named(wanted: str, labels: Sequence[str]) -> str:
+    """The label of the row that a label, with or without "(our recipe)", or the name of a codec names."""
+    named = [label for label in labels if wanted in (label, label.replace(" (our recipe)", ""))]
+    named = named or [label for label in labels if label.split()[0] == wanted]
+    if len(named) != 1:
+        why = "it has several rows" if named else "no row on all materials has this label"
+        raise InputError(f"--against {wanted}: {why}: name one of {'; '.join(named or labels)}")
+    return named[0]

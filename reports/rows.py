@@ -162,7 +162,7 @@ def materials(run: Run) -> list[MaterialRows]:
     for job in finished:
         require(job, "tables", run.folder)
     nowhere = frozenset(map(shown_label, run.jobs)) - set(map(shown_label, finished))
-    unlike, by_name = obstacles(run.jobs), grouped(run.jobs, lambda job: str(job["material"]))
+    unlike, by_name = obstacles(run.jobs, run.published), grouped(run.jobs, lambda job: str(job["material"]))
     return [MaterialRows(name, list(_rows(run, jobs, unlike)), nowhere) for name, jobs in by_name.items()]
 
 

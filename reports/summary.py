@@ -4,21 +4,27 @@ from collections.abc import Sequence
 from statistics import fmean
 from typing import TYPE_CHECKING
 
-from bench.records import MOST_DB, Run
+from bench.records import MOST_DB, Run, grouped
 from reports import columns
 from reports.columns import Column
 from reports.notes import about_times, height_notes, left_out_notes, missing_note, one_texel_notes
-from reports.numbers import EXACT, NONE, fixed, integer, interval
-from reports.rows import CodecRows, materials
+from reports.numbers import EXACT, NONE, fixed, integer, interval, signed
+from reports.rows import CodecRows, MaterialRows, materials
 from reports.table import Note, Table, best_cells
 
 if TYPE_CHECKING:
     from bench.compare.paired import Against
 
+MANY = 10  # materials from which the interval of their mean is shown; on fewer, Student's is too wide to say anything
 
-def summary_table(run: Run, intervals: bool = True) -> Table | None:
-    """A row a codec; None if fewer than two codecs were measured. Without `intervals` no slice is read."""
-    from reports.ranking import against_one, ranked  # loads NumPy, which a table of one material does not need
+
+def summary_table(run: Run, intervals: bool = True, against: str = "") -> Table | None:
+    """A row a codec; None if fewer than two codecs were measured. Without `intervals` no slice is read.
+
+    A codec that lacks a material has no means, because they would not be over the materials of the other rows. The
+    others are set `against` a row; see `reports.ranking.against_one`, which raises `InputError`.
+    """
+    from reports.ranking import ranked  # loads NumPy, which a table of one material does not need
 
     measured = [material for material in materials(run) if material.measured]
     ranking = ranked(run)
@@ -31,22 +37,24 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
     scores: list[list[float | None]] = []
     for each in ranking:
         codecs = [codec for material in measured for codec in material.codecs if codec.label == each.label]
-        means = [_mean(column, codecs) for column in chosen]
+        whole = each.rank is not None
+        means = [_mean(column, codecs) if whole else None for column in chosen]
         stars = [column.star([row for codec in codecs for row in codec.measured]) for column in chosen]
-        psnr = EXACT if each.psnr >= MOST_DB else fixed(each.psnr, 2)
+        psnr = NONE if not whole else EXACT if each.psnr >= MOST_DB else fixed(each.psnr, 2)
         row = [each.label, f"{each.materials} of {len(measured)}", fixed(each.rank, 1), integer(each.wins), psnr]
         score = [None, None, None if each.rank is None else -each.rank, each.wins, each.psnr]
         for column, mean, star in zip(chosen, means, stars, strict=True):
             row.append(NONE if mean is None else column.write(mean) + star)
             score.append(None if mean is None or star else column.sign * mean)  # a star is not ranked
         rows.append(row)
-        scores.append([None] * len(score) if each.rank is None else score)  # nor is a codec without a rank
+        scores.append(score if whole else [None] * len(score))  # nor is a codec without a rank
     notes: list[str] = ["Means over seeds, then over materials: docs/metrics.md, “Tables”."]
+    notes += _lacking(measured)
     if intervals:
-        against = against_one(run)
-        headers.append(("against", against.first.partition(" ")[0]))
-        rows = [[*row, interval(against.over[row[0]]) if row[0] in against.over else NONE] for row in rows]
-        notes += [Note((_paired(against), "against".__eq__))] if against.over else []
+        more, cells, note = _differences(run, [row[0] for row in rows], [each.name for each in measured], against)
+        headers += more
+        rows = [[*row, *added] for row, added in zip(rows, cells, strict=True)]
+        notes += note
     timed = [row for material in measured for row in material.measured if not row.timing_obstacle]
     notes += map(about_times, [*one_texel_notes(timed), *height_notes(measured)])
     notes += [*left_out_notes(run), *filter(None, [missing_note(run)])]
@@ -55,18 +63,66 @@ def summary_table(run: Run, intervals: bool = True) -> Table | None:
     return Table("summary", title, headers, rows, notes, marks=best_cells(rows, scores))
 
 
-def _paired(against: "Against") -> str:
-    """A note on the differences: what their intervals cover, and how many codecs are told apart."""
+def _lacking(measured: Sequence[MaterialRows]) -> list[str]:
+    """A note on the codecs without means, with the materials that each lacks; none if there are no such codecs."""
+    on: dict[str, list[str]] = {}
+    for material in measured:
+        for codec in material.codecs:
+            if codec.measured:
+                on.setdefault(codec.label, []).append(material.name)
+    lacks = {label: tuple(each.name for each in measured if each.name not in names) for label, names in on.items()}
+    alike = grouped([label for label in lacks if lacks[label]], lacks.__getitem__)
+    words = "; ".join(f"{', '.join(labels)} (not on {', '.join(names)})" for names, labels in alike.items())
+    return [f"Without means, which would be over fewer materials: {words}. --material NAME chooses."] if words else []
+
+
+def _differences(
+    run: Run, labels: Sequence[str], materials: Sequence[str], wanted: str
+) -> tuple[list[tuple[str, str]], list[list[str]], list[Note]]:
+    """Headers, cells by row and notes of the paired differences to one row: the mean over materials and, on several
+    but fewer than `MANY` materials, whose mean says little of others, the difference on each with its interval."""
+    from reports.ranking import against_one, rows_of
+
+    against = against_one(run, wanted)
+    codec = against.first.partition(" ")[0]
+    several = rows_of(codec, run) > 1
+    alone = 1 < len(materials) < MANY
+    headers = [("against", against.first if several else codec)]
+    headers += [(f"on {name}", "dB") for name in materials] if alone else []
+    cells = []
+    for label in labels:
+        whole = against.over.get(label)
+        first = NONE
+        if whole:
+            first = signed(whole.mean) + " *" * whole.apart if alone else interval(whole)
+        parts = [against.on.get(name, {}).get(label) for name in materials] if alone else []
+        cells.append([first, *(interval(part) if part else NONE for part in parts)])
+    notes = [Note((_paired(against, several and not wanted, alone), _is_difference))] if against.over else []
+    return headers, cells, notes
+
+
+def _is_difference(name: str) -> bool:
+    return name == "against" or name.startswith("on ")
+
+
+def _paired(against: "Against", first_of_several: bool, alone: bool) -> str:
+    """A note on the differences: to which row, what their intervals cover, and how many codecs are told apart."""
     from bench.compare.paired import FEWEST
 
     every = against.over.values()
     materials, seeds = (max(getattr(each, name) for each in every) for name in ("materials", "seeds"))
-    by = "Student's t" if materials > 1 else f"a bootstrap over {'seeds and ' * (seeds > 1)}pairs"
+    bootstrap = f"a bootstrap over {'seeds and ' * (seeds > 1)}pairs"
+    which = " (its first row; --against LABEL picks another)" if first_of_several else ""
+    text = f"Against {against.first}{which}: the mean paired difference of PSNR a slice in dB"
+    if alone:
+        text += f"; on each material with its 95 % interval, by {bootstrap}, which speaks of that material only."
+    else:
+        by = bootstrap if materials == 1 else "Student's t"
+        text += f" and its 95 % interval, by {by}."
+    if materials < FEWEST:
+        return f"{text} On fewer than {FEWEST} surfaces nothing is told apart."
     count = sum(each.apart for each in every) or "None"
-    told = f"{count} of {len(every)} told apart (*), by Holm's correction over the rows."
-    few = f"On fewer than {FEWEST} surfaces nothing is told apart."
-    start = f"Against {against.first}: the mean paired difference of PSNR a slice in dB and its 95 % interval, by {by}."
-    return f"{start} {told if materials >= FEWEST else few}"
+    return f"{text} {count} of {len(every)} told apart (*), by Holm's correction over the rows."
 
 
 def _mean(column: Column, codecs: Sequence[CodecRows]) -> float | None:

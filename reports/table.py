@@ -9,6 +9,7 @@ from reports.numbers import NONE
 
 BOLD, UNDERLINED = "bold", "underlined"  # marks of a cell, if a format can show them
 FEW = 3
+DOT = "•"  # before the best of a column in plain text, which has no bold
 LEGEND = "Bold: the best of a column. Underlined: the second best."
 Part = tuple[str, Callable[[str], bool]]  # of a note: its text, and whether it is about the column of a name
 

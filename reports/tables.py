@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from math import inf
+from statistics import fmean
 
 from bench.codecs.alike import stale
 from bench.compare.choosing import has_validation
-from bench.records import Record, Run, grouped
+from bench.records import MOST_DB, Record, Run, grouped
 from reports import BY_BUDGET, KINDS, columns
 from reports.columns import Column
 from reports.fits import fit_tables
@@ -13,7 +15,7 @@ from reports.notes import common_notes, cost_notes, main_notes, not_run, quality
 from reports.numbers import NONE, NOT_COMPARABLE
 from reports.paper import ablation_table, paper_table
 from reports.parameters import parameters_table
-from reports.rows import MaterialRows, materials
+from reports.rows import CodecRows, MaterialRows, materials
 from reports.stress import stress_tables
 from reports.summary import summary_table
 from reports.table import Table, best_cells
@@ -23,11 +25,14 @@ Chosen = Callable[[MaterialRows], Sequence[Column]]  # the columns of a material
 _STALE = " †"  # after a codec whose records are of an older version than the installed one
 
 
-def all_tables(run: Run, narrow: bool = False, kind: str | None = None) -> list[Table]:
-    """Every table that has a row, or those of one kind, by kind and then by material; `narrow` halves the main ones."""
+def all_tables(run: Run, narrow: bool = False, kind: str | None = None, against: str = "") -> list[Table]:
+    """Every table that has a row, or those of one kind, by kind and then by material; `narrow` halves the main ones.
+
+    The summary sets the others `against` a row; by default see `reports.ranking`."""
     rows = materials(run)
     main: Maker = lambda run, rows: [*_QUALITY(run, rows), *_COST(run, rows)]  # noqa: E731
-    makers = _OF_KIND | ({"main": main} if narrow else {})
+    makers = _OF_KIND | {"summary": lambda run, _: [summary_table(run, against=against)]}
+    makers |= {"main": main} if narrow else {}
     found = (table for name in KINDS if kind in (None, name) for table in makers[name](run, rows) if table)
     return list(_marked(run, found))
 
@@ -83,7 +88,7 @@ def _table(kind: str, material: MaterialRows, about: str, chosen: Sequence[Colum
     if not material.measured or not chosen:
         return None
     title = f"{': '.join(filter(None, [material.name, about]))} ({material.split})"
-    codecs = material.codecs
+    codecs = sorted(material.codecs, key=_quality, reverse=True)
     chosen = [c for c in chosen if not c.sparse or any(c.cell(codec.measured) != NONE for codec in codecs)]
     rows = []
     for codec in codecs:
@@ -107,6 +112,11 @@ def _table(kind: str, material: MaterialRows, about: str, chosen: Sequence[Colum
         rows.append([f"{own.get('name', 'dfmf')} (native)", *cells])
     marks = best_cells(rows, scores)
     return Table(kind, title, headers, rows, [*notes, *_seeds(material)], material=material.name, marks=marks)
+
+
+def _quality(codec: CodecRows) -> float:
+    """The mean PSNR of a codec's seeds, by which tables are sorted; the least of all if nothing was measured."""
+    return fmean(MOST_DB if row.psnr is None else row.psnr for row in codec.measured) if codec.measured else -inf
 
 
 def _seeds(material: MaterialRows) -> Iterator[str]:
@@ -155,7 +165,6 @@ _RELATIVE = "(…): relative to the mean radiance of the same pairs, because an 
 _BOXES = "Answers over a square of this many texels a side, compared with the box-filtered truth."
 _OF_KIND: dict[str, Maker] = {
     **{kind: _by_budget(kind) for kind in BY_BUDGET},
-    "summary": lambda run, _: [summary_table(run)],
     "main": _each("main", "", columns.main, main_notes),
     "slices": _each("slices", "as papers report it, mean ± std over slices", columns.papers, quality_notes),
     "angular": _each("angular", "display PSNR by direction", _of_first(columns.bands)),

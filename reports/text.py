@@ -11,18 +11,22 @@ import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from html import escape
+from itertools import count
 from typing import Any
 
 from tabulate import tabulate
 
+from bench.inputs.errors import visible
 from bench.records import Run, flattened
 from reports.numbers import NONE
 from reports.rows import materials
-from reports.table import BOLD, UNDERLINED, Table
+from reports.table import BOLD, DOT, UNDERLINED, Table
 
 WIDTH = 120
 _MARKS = {BOLD: "**{}**", UNDERLINED: "<ins>{}</ins>", "": "{}"}
 _NUMBER = re.compile(r"[−+-]?\d[\d,]*(\.\d+)?")
+_FORMULA = re.compile(r"\s*[=+@-]\S")
+_READ_NUMBER = re.compile(r"[+-]?\d[\d.]*([eE][+-]?\d+)?( .*)?")  # as CSV has it; a deviation or an interval may follow
 TERMS = {  # of headers, explained above the tables that have them
     "mean rank": "the place by PSNR among the codecs, mean over materials",
     "won": "so many materials on which no codec has a better PSNR",
@@ -48,9 +52,21 @@ _SPECIAL = {
 
 def plain(tables: Sequence[Table]) -> str:
     """Tables for a terminal, as wide as their columns make them; a note of several stands below the last of them."""
+    tables = [_shown(table) for table in tables]
     after = [{note for each in tables[i + 1 :] for note in each.notes} for i in range(len(tables))]
     once = [[note for note in table.notes if note not in late] for table, late in zip(tables, after, strict=True)]
     return "\n\n".join(_plain(replace(table, notes=notes)) for table, notes in zip(tables, once, strict=True))
+
+
+def _shown(table: Table) -> Table:
+    """The table as plain text shows it: no control characters, and a dot before the best of each column."""
+    rows = [
+        [(DOT if table.marks.get((i, j)) == BOLD else "") + visible(cell) for j, cell in enumerate(row)]
+        for i, row in enumerate(table.rows)
+    ]
+    headers = [(visible(name), visible(unit)) for name, unit in table.headers]
+    notes = [*table.notes, *([f"{DOT}: the best of a column."] if BOLD in table.marks.values() else [])]
+    return replace(table, title=visible(table.title), headers=headers, rows=rows, notes=list(map(visible, notes)))
 
 
 def _plain(table: Table) -> str:
@@ -86,7 +102,7 @@ def _folded(row: list[str], table: Table) -> Iterator[tuple[str, ...]]:
 
 def wrapped(note: str) -> str:
     """A note folded to the width of a terminal."""
-    return textwrap.fill(note, WIDTH, subsequent_indent="  ")
+    return textwrap.fill(visible(note), WIDTH, subsequent_indent="  ")
 
 
 def markdown(tables: Sequence[Table]) -> str:
@@ -110,7 +126,7 @@ def grid(table: Table) -> str:
 
 def escaped(text: str) -> str:
     """Text escaped for Markdown, on one line."""
-    return re.sub(r"[\\`*|<\[#~]|(?<!\w)_|_(?!\w)", r"\\\g<0>", " ".join(text.split()))
+    return re.sub(r"[\\`*|<\[#~]|(?<!\w)_|_(?!\w)", r"\\\g<0>", " ".join(visible(text).split()))
 
 
 def results_csv(run: Run) -> str:
@@ -154,27 +170,38 @@ def _as_read(cell: str) -> str | None:
 def _csv(rows: Iterable[Sequence[Any]]) -> str:
     """Rows of cells, the headers first, as CSV; None is an empty field."""
     out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerows(rows)
+    csv.writer(out, lineterminator="\n").writerows([*map(_inert, row)] for row in rows)
     return out.getvalue()
+
+
+def _inert(cell: Any) -> Any:
+    """A cell that no program takes for a command: without control characters, an apostrophe before a formula's text.
+
+    A number may begin with a sign, and "—" and words like "-" alone are no formula.
+    """
+    if not isinstance(cell, str):
+        return cell
+    cell = visible(cell)
+    return f"'{cell}" if _FORMULA.match(cell) and not _READ_NUMBER.fullmatch(cell) else cell
 
 
 def table_html(table: Table, place: Place) -> str:
     """Title, cells and notes. A row links to the place of its first cell, where that has one."""
     looks = [' class="word"' if i < table.words else "" for i in range(len(table.headers))]
     heads = "".join(
-        f'<th scope="col"{look}>{escape(name) or "&nbsp;"}<small>{escape(unit)}</small></th>'
+        f'<th scope="col"{look}>{_html(name) or "&nbsp;"}<small>{_html(unit)}</small></th>'
         for (name, unit), look in zip(table.headers, looks, strict=True)
     )
     lines = []
     for i, row in enumerate(table.rows):
-        cells = [_HTML_MARKS[table.marks.get((i, j), "")].format(escape(cell)) for j, cell in enumerate(row)]
+        cells = [_HTML_MARKS[table.marks.get((i, j), "")].format(_html(cell)) for j, cell in enumerate(row)]
         if target := place(table.material, row[0]):
-            cells[0] = f'<a href="{escape(target)}">{cells[0]}</a>'
+            cells[0] = f'<a href="{_html(target)}">{cells[0]}</a>'
         tags = (f"<td{look}>{cell}</td>" for cell, look in zip(cells, looks, strict=True))
         lines.append(f"<tr>{''.join(tags)}</tr>")
     rows = "\n".join(lines)
-    title, words = escape(table.title), {word.rstrip(" ↑↓") for header in table.headers for word in header}
-    terms = "; ".join(f"<b>{escape(term)}</b>: {escape(says)}" for term, says in TERMS.items() if term in words)
+    title, words = _html(table.title), {word.rstrip(" ↑↓") for header in table.headers for word in header}
+    terms = "; ".join(f"<b>{_html(term)}</b>: {_html(says)}" for term, says in TERMS.items() if term in words)
     notes = "\n".join(map(note, table.footnotes))
     return (
         f"<h3>{title}</h3>\n"
@@ -184,9 +211,14 @@ def table_html(table: Table, place: Place) -> str:
     )
 
 
+def _html(text: str) -> str:
+    """Text escaped for HTML."""
+    return escape(visible(text))
+
+
 def note(text: str) -> str:
     """A footnote."""
-    return f'<p class="notes">{escape(text)}</p>'
+    return f'<p class="notes">{_html(text)}</p>'
 
 
 def contents(links: Iterable[tuple[str, str]]) -> str:
@@ -197,28 +229,34 @@ def contents(links: Iterable[tuple[str, str]]) -> str:
 
 def anchors(links: Iterable[tuple[str, str]]) -> str:
     """Links in a sentence."""
-    return ", ".join(f'<a href="{escape(to)}">{escape(name)}</a>' for to, name in links)
+    return ", ".join(f'<a href="{_html(to)}">{_html(name)}</a>' for to, name in links)
 
 
 def details(title: str, inside: str) -> str:
     """Content that is folded away under its title."""
-    return f'<details class="block"><summary>{escape(title)}</summary>\n{inside}</details>'
+    return f'<details class="block"><summary>{_html(title)}</summary>\n{inside}</details>'
 
 
 def latex(tables: Sequence[Table]) -> str:
     """Tables to be `\\input`, each a `table*` with its notes below it and a label: `tab:summary`, or see `label`."""
     kinds, written = [table.kind for table in tables], []
+    labels: set[str] = set()
     for table in tables:
         alone = kinds.count(table.kind) == 1 and not table.material
-        written.append(_latex(table, f"tab:{table.kind}" if alone else label(table)))
+        called = f"tab:{table.kind}" if alone else label(table)
+        if called in labels:  # such as those of materials `a_b` and `a-b`
+            called = next(name for number in count(2) if (name := f"{called}-{number}") not in labels)
+        labels.add(called)
+        written.append(_latex(table, called))
     return "\n".join([PACKAGES, *written]) if tables else ""
 
 
 def latex_escaped(text: str) -> str:
     """Text escaped for LaTeX."""
-    text = " ".join(text.split()).replace("θ_o", "\0o").replace("θ_i", "\0i")
+    text = " ".join(visible(text).split()).replace("θ_o", "\0o").replace("θ_i", "\0i")
     text = "".join(_SPECIAL.get(character, character) for character in text)
-    return text.replace("\0o", r"\ensuremath{\theta_o}").replace("\0i", r"\ensuremath{\theta_i}")
+    text = text.replace("\0o", r"\ensuremath{\theta_o}").replace("\0i", r"\ensuremath{\theta_i}")
+    return f"{{}}{text}" if text.startswith(("[", "*")) else text  # `\\` and `\midrule` before it would take them
 
 
 def _latex(table: Table, called: str) -> str:

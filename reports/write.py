@@ -24,8 +24,9 @@ def write(folder: Path, vector: bool = False) -> Report:
     """See `reports.write_report`."""
     run = load_run(folder)
     drawn, pictures = [], []
+    formats = VECTOR if vector else _formats_there(folder / "figures")
     for figure in (figure for draw in figures.ALL.values() for figure in draw(run)):
-        pictures += _write_figure(figure, folder / "figures", VECTOR if vector else ())
+        pictures += _write_figure(figure, folder / "figures", formats)
         drawn.append(replace(figure, drawing=None))  # the drawing takes memory
     tables = all_tables(run)
     narrow = [*(table for table in tables if table.kind != "main"), *all_tables(run, narrow=True, kind="main")]
@@ -56,6 +57,13 @@ _HISTORY = """<!doctype html>
 {}
 </body></html>
 """
+
+
+def _formats_there(folder: Path) -> list[str]:
+    """The vector formats in which an earlier report drew figures: a report draws them again, since it removes what is
+    of an earlier one."""
+    names = [f"{kind}{more}" for kind in figures.ALL for more in ("", "-*")]
+    return [end for end in VECTOR if any(any(folder.glob(f"{name}.{end}")) for name in names)]
 
 
 def _write_figure(figure: Figure, folder: Path, formats: Sequence[str]) -> list[Path]:

@@ -21,6 +21,7 @@ from bench.inputs.errors import (
     InputError,
     did_you_mean,
     unwritable,
+    visible,
 )
 from bench.machine.threads import handling
 
@@ -77,7 +78,7 @@ def _run(words: list[str]) -> int:
     except InputError as error:
         if DEBUG in words:
             traceback.print_exc()
-        print(f"neubtf-bench: {error}", file=sys.stderr)
+        print(f"neubtf-bench: {visible(str(error))}", file=sys.stderr)
         return FAILED if isinstance(error, EncodeError) else USAGE
     except KeyboardInterrupt:
         print("\nneubtf-bench: interrupted; finished work is kept", file=sys.stderr)

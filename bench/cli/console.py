@@ -10,6 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColum
 from rich.text import Text
 
 from bench.codecs.container import Header
+from bench.inputs.errors import visible
 from bench.records import MOST_DB, PSNR, stats_of
 
 SILENCE = 10.0  # without a terminal, seconds between two lines of progress
@@ -53,6 +54,7 @@ class Console:
 
     def show(self, label: str, done: int, total: int) -> None:
         """Move the progress bar of that label (without its remark), and remove it when it is full."""
+        label = visible(label)
         from bench.codec import REMARK  # here, since `list` and `compare` start without PyTorch
 
         bar = label.partition(REMARK)[0]
@@ -67,9 +69,9 @@ class Console:
             self.bars.remove_task(self.tasks.pop(bar))
 
     def say(self, text: str) -> None:
-        """Print a line above the bars."""
+        """Print lines above the bars, without control characters."""
         self.spoke = time.monotonic()
-        self.out.print(text, markup=False, soft_wrap=True)
+        self.out.print("\n".join(map(visible, text.split("\n"))), markup=False, soft_wrap=True)
 
     def ended(self, outcome: "Outcome") -> None:
         """Print a finished job in one line, with the progress of the run if no bar shows it."""
@@ -83,6 +85,7 @@ class Console:
         else:
             word = "not available" if record["status"] == "unavailable" else "FAILED"
             line = f"{record['job']}: {word}: {record['error']}"
+        line = visible(line)  # a name or an error may have line breaks
         self.say(line if self.out.is_terminal or not outcome.progress else f"{line} ({outcome.progress})")
 
 
@@ -112,7 +115,7 @@ def file_lines(header: Header) -> str:
     lines += [f"provenance: {key} = {value}" for key, value in header.provenance.items()]
     for name, (dtype, shape, size) in sorted(header.tensors.items()):
         lines.append(f"  {name}  {dtype} {' × '.join(map(str, shape)) or 'scalar'}  {size:,} bytes")
-    return "\n".join([*lines, f"sha256: {header.sha256}"])
+    return "\n".join(map(visible, [*lines, f"sha256: {header.sha256}"]))
 
 
 def _material_lines(header: Header) -> list[str]:
@@ -151,7 +154,7 @@ def btf_lines(portrait: "Look") -> str:
         f"fingerprint: {btf.fingerprint}",
     ]
     lines += [f"  {key}: {value}" for key, value in btf.provenance.items()]
-    return "\n".join(lines + [f"warning: {text}" for text in portrait.warnings()])
+    return "\n".join(map(visible, lines + [f"warning: {text}" for text in portrait.warnings()]))
 
 
 def _frame_lines(portrait: "Look") -> list[str]:

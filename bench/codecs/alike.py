@@ -4,7 +4,7 @@ A codec's `version` names its file and its fit; the store of textures has a vers
 record of another version than the installed one is *stale*: tables mark it, since its numbers cannot be made again.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from bench.codecs.registry import current_versions, from_outside
@@ -16,16 +16,24 @@ def stale(job: Record) -> str:
     return _differences(job.get("fit_key", {}), current_versions(str(job.get("codec", ""))))
 
 
-def obstacles(jobs: Iterable[Record]) -> dict[str, str]:
-    """By name of job, why its numbers cannot stand beside those of newer jobs; jobs that can are left out."""
+def obstacles(jobs: Iterable[Record], published: Collection[str] = ()) -> dict[str, str]:
+    """By name of job, why its numbers cannot stand beside those of newer jobs; jobs that can are left out.
+
+    Where some jobs are `published`, they say which data and pairs a material has, whatever newer jobs have.
+    """
     finished = sorted((job for job in jobs if job["status"] == "ok"), key=lambda job: str(job["run"]))
-    scored = {(job["material"], job.get("seed")): job["score_key"] for job in finished}  # pairs differ by seed
+    ordered = sorted(finished, key=lambda job: job["job"] in published)  # the last one says what the others need
+    scored = {(job["material"], job.get("seed")): job["score_key"] for job in ordered}  # pairs differ by seed
+    shapes = {job["material"]: job.get("shape") for job in ordered}
     fitted = {job.get("codec"): job.get("fit_key", {}) for job in finished}
     coded = {row_of(job): job.get("fit_key", {}).get("code") for job in finished}
     found = {}
     for job in finished:
         key, code = job.get("fit_key", {}), coded[row_of(job)]
         reasons = _scored(job["score_key"], scored[job["material"], job.get("seed")])
+        shape, due = job.get("shape"), shapes[job["material"]]
+        if not reasons and shape and due and shape != due:  # a seed that no other job has
+            reasons.append(f"other data ({shape[0]} × {shape[1]} texels instead of {due[0]} × {due[1]})")
         reasons += [each] if (each := _differences(key, fitted[job.get("codec")])) else []
         # The suite's own codecs get a new version if their files change; one's own may change without.
         if code and key.get("code") != code and from_outside(str(job.get("codec"))):

@@ -7,13 +7,15 @@ several rows can show a loss that no single row can tell from chance. Imports ne
 
 import json
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatch, fnmatchcase
+from statistics import fmean
 
 from bench.compare.rows import ORDER, ComparedRow, advice, compared, multiples, worst
 from bench.compare.verdicts import DECIDED, Chance, Change, Verdict, verdict
-from bench.inputs.errors import FAILED, FINE, NO, NOTHING, InputError, did_you_mean
+from bench.inputs.errors import FAILED, FINE, NO, NOTHING, InputError, did_you_mean, visible
 from bench.records import Record, Run, by_row, grouped, require
 
 FORBIDDEN = (Verdict.WORSE, Verdict.GONE, Verdict.FAILED, Verdict.UNLIKE)
@@ -33,9 +35,16 @@ class Comparison:
 
     @property
     def summary(self) -> str:
-        """One line that counts the rows by verdict."""
-        counted = [(len(self.having(each)), each.lower()) for each in (*ORDER, Verdict.NEW)]
-        return f"{len(self.rows)} rows: " + (", ".join(f"{n} {word}" for n, word in counted if n) or "no rows")
+        """One line that counts the rows by verdict, and their means where not all are the same: it agrees with the
+        exit code."""
+        parts = [f"{len(self.rows)} rows: {_counted(self.rows) or 'no rows'}"]
+        if any(row.verdict != Verdict.SAME for row in self.means):
+            parts.append(f"means of rows: {_counted(self.means)}")
+        if allowed := sum(not row.forbids for row in self.having(Verdict.GONE, Verdict.UNLIKE)):
+            parts.append(f"{allowed} of them allowed")
+        if self.exit_code == NOTHING:
+            parts.append("nothing can be compared")
+        return "; ".join(parts)
 
     @property
     def exit_code(self) -> int:
@@ -45,6 +54,12 @@ class Comparison:
         if not any(change.verdict in DECIDED for row in self.rows for change in row.deciding):
             return NOTHING
         return NO if any(row.forbids for row in (*self.rows, *self.means)) else FINE
+
+
+def _counted(rows: Sequence[ComparedRow]) -> str:
+    """The numbers of rows by verdict: `1 worse, 3 same`."""
+    counts = Counter(row.verdict for row in rows)
+    return ", ".join(f"{counts[each]} {each.lower()}" for each in (*ORDER, Verdict.NEW) if counts[each])
 
 
 def compare(
@@ -102,7 +117,8 @@ def _mean(label: str, rows: list[ComparedRow], every: bool) -> ComparedRow | Non
 
 
 def _merged(changes: list[Change], every: bool) -> Change:
-    """The mean change of one quantity over some rows, weighted by their variances, and the margin of that mean."""
+    """The change of one quantity over some rows: plain means of base and new, and the mean change, weighted by the
+    variances of the rows, which decides, with its margin."""
     quantity, tolerance = changes[0].quantity, changes[0].quantity.tolerance
     assert tolerance is not None, "a deciding quantity has a tolerance"
     # The inverse of each variance is best if all rows lose alike; `common` is a lower bound of the standard errors.
@@ -111,11 +127,10 @@ def _merged(changes: list[Change], every: bool) -> Change:
     chance = _together(changes, weights)
     least = tolerance.common if every else tolerance.drawn if chance else tolerance.certain
     room = max(least, chance.margin(tolerance) if chance else 0.0)
-    base, new = (
-        math.fsum(weight * getattr(change, side) for weight, change in zip(weights, changes, strict=True))
-        for side in ("base", "new")
-    )
-    whole = Change(quantity, base, new, Verdict.SHOWN)
+    base, new = (fmean(getattr(change, side) for change in changes) for side in ("base", "new"))
+    differences = [change.difference or 0.0 for change in changes]
+    weighted = math.fsum(weight * each for weight, each in zip(weights, differences, strict=True))
+    whole = Change(quantity, base, new, Verdict.SHOWN, weighted=weighted)
     return replace(whole, verdict=verdict(whole.loss, room), margin=room, chance=chance)
 
 
@@ -217,4 +232,4 @@ def compare_extremes(base: Run, new: Run, codecs: Sequence[str] = (), allow: Seq
             worse.append(f"{name} is gone")
         elif after["verdict"] != "pass":
             worse.append(f"{name} held, and is now {after['verdict']}: {after['detail'] or after['figure']}")
-    return "\n".join([*worse, f"{held} cells hold, {len(worse)} got worse"]), NO if worse else FINE
+    return "\n".join([*map(visible, worse), f"{held} cells hold, {len(worse)} got worse"]), NO if worse else FINE

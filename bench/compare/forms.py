@@ -12,6 +12,7 @@ from bench.compare.comparison import FORBIDDEN, Comparison
 from bench.compare.quantities import deciding, undeciding
 from bench.compare.rows import ComparedRow, multiples, sentence
 from bench.compare.verdicts import Verdict
+from bench.inputs.errors import visible
 from bench.records import Run, by_row
 
 SHOWN = 10  # annotations of each kind in a step: GitHub shows no more
@@ -38,7 +39,7 @@ def command(kind: str, title: str, message: str) -> str:
 
 
 def _data(text: str) -> str:
-    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+    return visible(text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A"))
 
 
 def _few(findings: list[tuple[str, str]]) -> list[tuple[str, str]]:

@@ -71,7 +71,12 @@ class Against:
 
 def against(run: Run, first: str, others: Iterable[str]) -> Against:
     """The mean differences in dB per slice between codecs of a run and `first`, by the labels that tables show, without
-    codecs that have nothing to compare, or whose slices cannot be read."""
+    codecs that have nothing to compare, or whose slices cannot be read. `InputError` for a label that the run lacks."""
+    others = list(others)
+    known = dict.fromkeys(map(shown_label, run.jobs))
+    for label in (first, *others):
+        if label not in known:
+            raise InputError(f"against {label!r}: the run has no such label: it has {'; '.join(known)}")
     jobs: dict[str, dict[tuple[str, int], Record]] = {first: {}, **{label: {} for label in others}}
     for job in run.jobs:
         if job["status"] == "ok" and (label := shown_label(job)) in jobs:

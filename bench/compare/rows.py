@@ -122,6 +122,7 @@ def sentence(change: Change) -> str:
         return f"{quantity.name}: {change.why}"
     text = f"{quantity.name} {quantity.written(change.base)} → {quantity.written(change.new)}"
     text += f" {quantity.unit}" * bool(quantity.unit) + f" ({quantity.difference(change.difference or 0.0)}"
+    text += " as a weighted mean" * (change.weighted is not None)
     if change.interval:
         text += f", 95 % {quantity.difference(change.interval.low)} to {quantity.difference(change.interval.high)}"
     return text + (f"; up to {change.margin:,.{quantity.digits}f} counts as the same)" if change.margin else ")")

@@ -59,11 +59,12 @@ class Change:
     why: str = ""
     chance: "Chance | None" = None  # scatter of the difference, if seeds differ
     interval: Interval | None = None  # for PSNR: of the difference, over pairs and seeds
+    weighted: float | None = None  # of a mean of rows: the mean difference in which rows that scatter more count less
 
     @property
     def difference(self) -> float | None:
-        """new − base; 0 if both are exact."""
-        return _difference(self.base, self.new)
+        """new − base, or their weighted mean over rows; 0 if both are exact."""
+        return self.weighted if self.weighted is not None else _difference(self.base, self.new)
 
     @property
     def loss(self) -> float:

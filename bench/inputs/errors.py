@@ -2,6 +2,8 @@
 
 import difflib
 import errno
+import re
+import unicodedata
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +17,8 @@ INTERNAL = 70
 INTERRUPTED = 130
 
 NO_PLACE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)  # with these, every other job would fail too
+_CONTROL = ("Cc", "Zl", "Zp", "Cf")  # of Unicode: control characters, ends of lines, marks such as of direction
+_COMMAND = re.compile(r"(?<!\S)(::|##)")  # a table may fold a text at any space
 _NOT_ALLOWED = (errno.EACCES, errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG)
 
 
@@ -36,6 +40,21 @@ class EncodeError(CodecError):
 
 class MissingDataError(InputError):
     """A known material or shared network is not on this machine; the message says how to get it."""
+
+
+def visible(text: str) -> str:
+    """The text on one line, with every control character written out, such as `\\n` and `\\x1b`.
+
+    A name that comes from a file must neither steer a terminal nor command a CI service: a `::` or `##` that may come
+    to stand at the start of a line is written `\\x3a:` or `\\x23#`.
+    """
+    if not text.isprintable():
+        text = "".join(_written_out(each) if unicodedata.category(each) in _CONTROL else each for each in text)
+    return _COMMAND.sub(lambda found: f"\\x{ord(found[0][0]):02x}{found[0][1]}", text)
+
+
+def _written_out(character: str) -> str:
+    return character.encode("unicode_escape").decode()
 
 
 def answered(

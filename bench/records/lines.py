@@ -112,6 +112,7 @@ class Run:
     timings: Records = field(default_factory=Records)
     stress: Records = field(default_factory=Records)
     unreadable: list[int] = field(default_factory=list)  # line numbers, from 1
+    published: set[str] = field(default_factory=set)  # of several runs: the jobs that stand in files of records
 
     def job(self, name: str) -> Record | None:
         """The latest record of the job of that name."""
@@ -146,13 +147,19 @@ def load_run(folder: str | Path) -> Run:
     return run
 
 
-def load_together(sources: Sequence[str | Path], wanted: Callable[[Record], bool] = lambda job: True) -> Run:
+def load_together(
+    sources: Sequence[str | Path], wanted: Callable[[Record], bool] = lambda job: True, beside: bool = False
+) -> Run:
     """Read several runs as one: folders of runs, files of records, and folders of such files (`*.jsonl`).
 
     If two runs measured the same job, the later one counts; `InputError` if they used different data. Jobs with a
-    result that are not `wanted` replace no other job.
+    result that are not `wanted` replace no other job. With `beside`, files of records come first, and a job of a folder
+    that used other data than theirs stands beside theirs under another name, without its timing.
     """
-    runs = [load_run(path) for source in sources for path in _files_of(Path(source))]
+    paths = [path for source in sources for path in _files_of(Path(source))]
+    if beside:
+        paths.sort(key=lambda path: path.suffix != ".jsonl")
+    runs = list(map(load_run, paths))
     if len(runs) == 1:
         return runs[0]
     together = Run(runs[-1].folder)
@@ -166,11 +173,18 @@ def load_together(sources: Sequence[str | Path], wanted: Callable[[Record], bool
             known = together.job(job["job"]) or {}
             mine, theirs = (each.get("score_key", {}).get("btf") for each in (job, known))
             if mine and theirs and mine != theirs:
-                told = "was measured on other data in an earlier run: give fewer runs"
+                if beside and job["job"] in together.published and paths[number].suffix != ".jsonl":
+                    aside.add(job["job"])
+                    other = f"{job['job']}, other data of {run.folder.name}"
+                    together.jobs.put(other, job | {"job": other})
+                    continue
+                told = "was measured on other data in an earlier run: give fewer runs, or name the material otherwise"
                 raise InputError(f"{run.folder}: {job['job']} {told}")
             names = [name for name in fields.field_names(ARTEFACT) if isinstance(job.get(name), str)]
-            paths = {name: str(run.folder.absolute() / job[name]) for name in names}
-            together.jobs.put(job["job"], job | paths)
+            artefacts = {name: str(run.folder.absolute() / job[name]) for name in names}
+            together.jobs.put(job["job"], job | artefacts)
+            if paths[number].suffix == ".jsonl":
+                together.published.add(job["job"])
         for timing in (each for each in run.timings if each["job"] not in aside):
             together.timings.put(timing["job"], timing)
         together.unreadable.extend(run.unreadable)

@@ -191,7 +191,7 @@ class Job:
             return stored
         facts, parts = self._encode()
         header = container.save(path, self.codec, parts)
-        facts |= {"fit_key": self.fit_key, "sha256": header.sha256, "fitted": stamp()}
+        facts |= {"fit_key": self.fit_key, "sha256": header.sha256, "fitted": stamp(self.codec.name)}
         self.keep(str(Path(self.file).with_suffix(FACTS)), facts)  # a file without its facts is never reused
         self.checkpoint.unlink(missing_ok=True)
         return header, _facts_of_record(facts) | {"fit_cached": False}

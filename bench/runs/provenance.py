@@ -7,11 +7,13 @@ import sys
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import torch
 
+from bench.codecs.registry import codec_entries
 from bench.records import Record
 
 PACKAGES = ("neubtf-bench", "torch", "numpy", "scipy", "scikit-image", "OpenEXR", "safetensors", "torchinfo")
@@ -28,11 +30,37 @@ def provenance() -> dict[str, Any]:
 @cache
 def revision() -> str | None:
     """The git revision of the suite when this process started; None outside a checkout."""
-    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+    return _revision_of(Path(__file__).parent)
+
+
+@cache
+def codec_revision(name: str) -> str | None:
+    """The git revision of the repository that holds the module of an outside codec, when first asked for; None without
+    one, for a codec of the suite's own repository, and for an installed copy, which no repository tracks."""
+    entry = codec_entries().get(name)
+    spec = find_spec(entry.module.partition(".")[0]) if entry else None  # of the outermost package: it imports none
+    places = [spec.origin, *(spec.submodule_search_locations or ())] if spec else []
+    path = next((Path(place) for place in places if place and Path(place).exists()), None)
+    if path is None:
+        return None
+    folder = path if path.is_dir() else path.parent
+    repository, suite = (_git(place, "rev-parse", "--show-toplevel") for place in (folder, Path(__file__).parent))
+    tracked = _git(folder, "ls-files", "--", str(path))
+    return _revision_of(folder) if tracked and repository != suite else None
+
+
+def _revision_of(folder: Path) -> str | None:
+    """The revision of the checkout around a folder, with `-dirty` if it has changes; None outside a checkout."""
+    return _git(folder, "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*")
+
+
+def _git(folder: Path, *words: str) -> str | None:
+    """What a command of git prints in a folder; None if it fails."""
     try:
-        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+        done = subprocess.run(["git", "-C", str(folder), *words], capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
         return None
+    return done.stdout.strip()
 
 
 @cache
@@ -46,9 +74,11 @@ def processor() -> str:
     return next(names, platform.machine())
 
 
-def stamp() -> Record:
-    """The revision of the suite and the current time, for results that later runs may reuse."""
-    return {"git": revision(), "at": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"}
+def stamp(codec: str = "") -> Record:
+    """The revision of the suite and the current time, for results that later runs may reuse; of a fit also `codec`, the
+    revision of its codec's own repository, if it has one."""
+    own = codec_revision(codec) if codec else None
+    return {"git": revision(), "at": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"} | ({"codec": own} if own else {})
 
 
 def machine() -> dict[str, str]:

@@ -34,7 +34,7 @@ Budgets on 2 measured surfaces (satin, brick): test PSNR, dB
 codec                   4 bits    8 bits  16 bits  32 bits  64 bits  128 bits
                       0.032 kB  0.064 kB  0.13 kB  0.26 kB  0.51 kB    1.0 kB
 --------------------  --------  --------  -------  -------  -------  --------
-relief                       —         —        —    29.50    32.00     32.00
+relief                       —         —        —   •29.50   •32.00    •32.00
 relief, as published         —         —        —        —    26.50     26.50
 pca                          —         —    24.50    24.50    25.50     25.50
 """
@@ -94,3 +94,37 @@ def test_ranks_are_of_three_surfaces_and_name_who_is_not_told_apart(made):
     assert table.rows[0][2] == "neubtf-direct, vq"  # the critical difference of four codecs on three surfaces is 2.71
     (figure,) = figures.ALL["ranks"](load_run(made.folder))
     assert figure.name == "ranks.png"
+
+
+def test_a_job_on_other_data_leaves_published_rows_in_their_table(run_maker, tmp_path):
+    def measured(folder, label, run, size, **changes):
+        maker = run_maker(tmp_path / folder).start(run, suite=folder)
+        scores = {"heldout": maker._group(30.0), "validation": maker._group(30.0)}
+        return maker.job(label, run=run, scores=scores, bytes={"total": size * SIZE}, **changes)
+
+    measured("all", "pca", "1", 16)
+    measured("all", "vq", "1", 16, psnr=29.0)
+    published = tmp_path / "published.jsonl"
+    published.write_bytes((tmp_path / "all" / "records.jsonl").read_bytes())
+    for seed in (0, 7):  # of seed 7 the published rows have nothing
+        name = f"own{seed}"
+        own = measured(name, "mine", "2", 16, btf="other", seed=seed, shape=[16, 16])
+        for sources in ([published, own.folder], [own.folder, published]):
+            text = table_text(sources, kind="front")
+            assert [line.split()[0] for line in text.splitlines()[6:8]] == ["pca", "vq"]
+            assert f"Left out: 1 of {name} (satin/mine), not comparable with the published ones." in text
+    same = measured("same", "pca", "2", 16, btf="other", psnr=50.0).timing("pca", ratio_interval95=[8.0, 9.0])
+    for sources in ([published, same.folder], [same.folder, published]):
+        text = table_text(sources, kind="front")
+        assert text.splitlines()[6].split()[:5] == ["pca", "3,011", "128", "30.00", "30.00"]
+        assert "9.00" not in text, "nor the time of the other"
+        assert "Left out: 1 of same (satin/pca), not comparable with the published ones." in text
+        assert "n/c: pca is not comparable with the other rows: other data" in table_text(sources, kind="main")
+    assert "n/c: mine seed=7 is not comparable" in table_text([published, own.folder], kind="main")
+
+
+def test_the_best_of_the_front_is_marked(ladder):
+    (front,) = TABLES["front"](load_run(ladder))
+    psnr = front.headers.index(("all, 2", "dB ↑"))
+    assert front.marks[0, psnr] == "bold"
+    assert front.rows[0][psnr] == "32.00"

@@ -3,6 +3,8 @@ import io
 
 from bench.records import load_run
 from reports import table_text
+from reports.table import Table
+from reports.text import table_csv
 
 
 def test_a_csv_holds_the_numbers_of_the_record_to_the_last_digit(made):
@@ -25,3 +27,16 @@ def test_every_job_has_a_row_whatever_became_of_it(made):
     assert [row["status"] for row in rows] == ["ok", "ok", "failed", "unavailable"]
     assert [row["not_comparable"] for row in rows] == ["another exposure", "", "", ""]
     assert rows[2]["error"] == "why"
+
+
+def test_no_cell_is_a_formula_and_numbers_stay_numbers(made):
+    formulas = ['=HYPERLINK("http://x")', "+cmd|x", "@SUM(1)", "-2+3", "\t=1+1", "=1"]
+    for name in formulas:
+        made.job(name, material=name)
+    for format in ("csv", "raw"):
+        for row in csv.reader(io.StringIO(table_text(made.folder, format, "main"))):
+            for cell in row:
+                assert not cell.lstrip().startswith(("=", "@", "+", "-2+3")), cell
+    rows = [["'a", "−1.2"], ["-", "+0.31 (−0.1 to +1.50)"]]
+    text = table_csv([Table("main", "", [("codec", ""), ("gain", "")], rows)])
+    assert text == "codec,gain\n'a,-1.2\n-,+0.31 (−0.1 to +1.50)\n"

@@ -5,6 +5,8 @@ import subprocess
 import pytest
 
 from reports import table_text
+from reports.table import Table
+from reports.text import latex
 from reports.text import latex_escaped as escaped
 
 
@@ -37,3 +39,18 @@ def test_every_table_fits_an_article(made, tmp_path, options):
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout[-2000:]
     assert "Overfull \\hbox" not in done.stdout
+
+
+def test_a_first_cell_is_no_argument_of_the_line_before():
+    rows = [["[12] PCA", "1"], ["*ours", "2"]]
+    text = latex([Table("main", "a table", [("codec", ""), ("PSNR", "")], rows)])
+    assert r"{}[12] PCA & 1 \\" in text
+    assert r"{}*ours & 2 \\" in text
+
+
+def test_labels_of_materials_of_similar_names_differ(made):
+    for material in ("a_b", "a-b", "a b"):
+        made.job(material=material)
+    text = table_text(made.folder, "latex", "main")
+    labels = re.findall(r"\\label\{(.*)\}", text)
+    assert len(labels) == len(set(labels)) > 2

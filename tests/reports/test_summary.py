@@ -1,5 +1,10 @@
+import pytest
+
+from bench import cli
+from bench.inputs.errors import InputError
 from bench.records import load_run
 from reports import table_text
+from reports.choice import Choice
 from reports.series import plots_of
 from reports.summary import summary_table
 
@@ -14,7 +19,10 @@ def test_a_summary_ranks_codecs_over_materials(made):
     assert [row[0] for row in table.rows] == ["neubtf", "pca", "mean-colour", "vq"]
     assert rows["neubtf"][1:5] == ["2 of 2", "1.5", "1", "29.50"]
     assert rows["pca"][1:5] == ["2 of 2", "1.5", "1", "28.50"]
-    assert rows["vq"][1:5] == ["1 of 2", "—", "—", "40.00"]
+    assert rows["vq"][1] == "1 of 2"
+    assert set(rows["vq"][2:]) == {"—"}, "no mean over fewer materials beside the others"
+    note = "Without means, which would be over fewer materials: vq (not on brick). --material NAME chooses."
+    assert note in table.notes
     column = [name for name, _ in table.headers].index("PSNR")
     assert {row: mark for (row, at), mark in table.marks.items() if at == column} == {0: "bold", 1: "underlined"}
     assert not any(row == 3 for row, _ in table.marks)  # vq is not in the race
@@ -33,13 +41,16 @@ def test_codecs_are_told_apart_by_paired_differences_with_an_interval(made):
         made.job("pca", material=material, psnr=30.0).job("vq", material=material, psnr=28.5)
         made.job("neubtf-direct", material=material, psnr=29.5)
     table = summary_table(load_run(made.folder))
-    assert {row[0]: row[-1] for row in table.rows}["vq"] == "−1.00 (−1.00 to −1.00)"
+    column = [name for name, _ in table.headers].index("against")
+    vq = next(row for row in table.rows if row[0] == "vq")
+    assert vq[column:] == ["−1.00", "−1.00 (−1.00 to −1.00)", "−1.00 (−1.00 to −1.00)"]
+    assert [name for name, _ in table.headers[column:]] == ["against", "on satin", "on brick"]
     assert any(note.endswith("On fewer than 3 surfaces nothing is told apart.") for note in table.notes)
     for label, psnr in (("pca", 29.0), ("vq", 28.5), ("neubtf-direct", 29.5)):
         made.job(label, material="wool", psnr=psnr)
     table = summary_table(load_run(made.folder))
-    against = {row[0]: row[-1] for row in table.rows}
-    assert (against["neubtf-direct"], against["vq"]) == ("—", "−1.00 (−1.00 to −1.00) *")
+    against = {row[0]: row[column] for row in table.rows}
+    assert (against["neubtf-direct"], against["vq"]) == ("—", "−1.00 *")
     assert not against["pca"].endswith("*")
     (note,) = (note for note in table.notes if note.startswith("Against neubtf-direct: the mean paired difference"))
     assert "1 of 2 told apart (*), by Holm's correction over the rows" in note
@@ -57,3 +68,49 @@ def test_one_codec_timed_again_leaves_the_times_of_the_others_and_has_a_star(mad
     assert table.notes[-1] == "Times with a star: mine on satin (timed in another start than the other rows)."
     (speed,) = (plot for plot in plots_of(run) if plot["kind"] == "speed")
     assert len(speed["series"]) == 3
+
+
+def test_from_ten_materials_the_mean_has_an_interval_and_no_material_a_column(made):
+    for number in range(10):
+        made.job("pca", material=f"m{number}", psnr=30.0).job("neubtf-direct", material=f"m{number}", psnr=31.0)
+    table = summary_table(load_run(made.folder))
+    assert table.headers[-1] == ("against", "neubtf-direct")
+    assert table.rows[1][-1] == "−1.00 (−1.00 to −1.00) *"
+
+
+def test_the_row_that_others_are_set_against_is_named_and_can_be_chosen(made, capsys):
+    made.job("neubtf-direct width=8", psnr=28.0).job("neubtf-direct", psnr=30.0).job("pca", psnr=29.0)
+    first = summary_table(load_run(made.folder))
+    assert first.headers[-1] == ("against", "neubtf-direct width=8")
+    assert any(note.startswith("Against neubtf-direct width=8 (its first row; --against LABEL") for note in first.notes)
+
+    def against(label):
+        table = summary_table(load_run(made.folder), against=label)
+        return table.headers[-1][1], {row[0]: row[-1].partition(" ")[0] for row in table.rows}
+
+    assert against("neubtf-direct")[1] == {"neubtf-direct": "—", "pca": "−1.00", "neubtf-direct width=8": "−2.00"}
+    assert against("pca") == ("pca", {"neubtf-direct": "+1.00", "pca": "—", "neubtf-direct width=8": "−1.00"})
+    with pytest.raises(InputError, match=r"--against pcb: no row on all materials .*: name one of neubtf-direct width"):
+        table_text(made.folder, kind="summary", choice=Choice(against="pcb"))
+    assert cli.main(["table", "main", str(made.folder), "--against", "pca"]) == 2
+    assert "give table summary" in capsys.readouterr().err
+    assert cli.main(["table", "summary", str(made.folder), "--against", "pca", "--format", "csv"]) == 0
+    assert "against pca" in capsys.readouterr().out
+    made.job("neubtf-direct width=9", psnr=28.0).job("vq a=1").job("vq a=2")
+    with pytest.raises(InputError, match="--against vq: it has several rows: name one of vq a=1; vq a=2"):
+        summary_table(load_run(made.folder), against="vq")
+
+
+def test_materials_can_be_chosen(made, capsys):
+    for material in ("satin", "brick", "wool"):
+        made.job("pca", material=material).job("vq", material=material, psnr=28.0)
+    made.job("mine", material="satin", psnr=35.0)
+    chosen = Choice(materials=["satin"])
+    assert table_text(made.folder, "csv", "summary", chosen).splitlines()[1].startswith("mine,1 of 1,1.0,1,35.00")
+    words = [word for name in ("brick", "wool") for word in ("--material", name)]
+    assert cli.main(["table", str(made.folder), *words]) == 0
+    text = capsys.readouterr().out
+    assert "Summary over 2 materials: brick, wool" in text
+    assert "satin" not in text
+    assert cli.main(["table", str(made.folder), "--material", "satim"]) == 2
+    assert "--material satim: this run does not have it; did you mean 'satin'" in capsys.readouterr().err

@@ -1,7 +1,11 @@
+import pytest
+
 from bench.records import append, load_run
 from reports import table_text
 from reports.notes import run_notes
+from reports.tables import all_tables
 from reports.terminal import terminal
+from reports.text import table_html
 
 LONG = "neubtf channels=14 guidance=albedo layers=3 steps=4000 width=32"
 
@@ -35,3 +39,22 @@ def test_rows_that_another_revision_made_are_named(made):
     made.job("pca components=8", fitted={"git": "old"}, scored={"git": "new"})
     made.job("vq", fitted={"git": "new"}, scored={"git": "new"})
     assert run_notes(load_run(made.folder))[1:] == ["Fitted by revision old, scored by new: satin/pca components=8/0."]
+
+
+@pytest.mark.parametrize("format", ["text", "markdown", "latex", "csv", "raw"])
+def test_a_name_steers_no_terminal_and_starts_no_line(made, format):
+    made.job("pca", material="a\n::error file=x::b\x1b[2J\u202e").job("vq\r\x9b", material="satin")
+    made.job("::error::vq", material="##[error] b ::error file=x::c ::error::d")
+    made.unfinished("failed", "no\n::error::luck\x1b", label="b\x07", material="satin")
+    text = table_text(made.folder, format)
+    assert not [line for line in text.splitlines() if line.lstrip().startswith(("::", "##["))]
+    assert {each for each in text if not each.isprintable()} == {"\n"}
+    assert "x1b" in text
+
+
+def test_a_name_steers_no_browser(made):
+    made.job("pca\x1b[2J", material="a\x00b")
+    (table,) = all_tables(load_run(made.folder), kind="main")
+    page = table_html(table, lambda *_: "")
+    assert {each for each in page if not each.isprintable()} == {"\n"}
+    assert "pca\\x1b[2J" in page

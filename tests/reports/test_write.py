@@ -80,5 +80,18 @@ def test_every_figure_is_written_as_svg_and_pdf_where_that_is_asked(made, capsys
     assert all(b"</svg>" in text for name, text in first.items() if name.endswith(".svg"))
     write_report(made.folder, vector=True)
     assert first == {path.name: path.read_bytes() for path in (made.folder / "figures").iterdir()}
+    write_report(made.folder)  # as `run` into the same folder does
+    assert first == {path.name: path.read_bytes() for path in (made.folder / "figures").iterdir()}
+
+
+def test_a_report_draws_the_formats_again_that_are_there(made):
+    made.job("a").job("b", psnr=31.0)
     write_report(made.folder)
-    assert {path.suffix for path in (made.folder / "figures").iterdir()} == {".png"}, "those of an earlier report"
+    figures = made.folder / "figures"
+    (one,) = figures.glob("significance-satin.png")
+    (figures / "significance-satin.svg").write_text("of an earlier report")
+    (figures / "significance-gone.svg").write_text("of a material that is gone")
+    write_report(made.folder)
+    assert "</svg>" in one.with_suffix(".svg").read_text()
+    assert not (figures / "significance-gone.svg").exists()
+    assert not list(figures.glob("*.pdf"))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from bench.codecs.registry import first_line
 from bench.files import atomic
-from bench.inputs.errors import InputError, writable
+from bench.inputs.errors import InputError, visible, writable
 from bench.inputs.settings import Threads, converted
 from bench.machine.devices import present
 
@@ -89,7 +89,7 @@ def write_text(path: Path, text: str, remedy: str = "choose another place") -> N
     """Write a file completely or not at all, and print its name."""
     with writable(path, remedy):
         atomic.write(path, text.encode())
-    print(f"wrote {path}")
+    print(f"wrote {visible(str(path))}")
 
 
 def usable_device(name: str) -> str:

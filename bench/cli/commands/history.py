@@ -16,7 +16,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.inputs.errors import FINE, NOTHING
+from bench.inputs.errors import FINE, NOTHING, visible
 from bench.records import RMSE, grouped
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
 
         with writable(options.plot, "choose another --plot"):
             written = write_history([load_run(run) for run in options.runs], options.plot)
-        print("\n".join(f"wrote {path}" for path in written))
+        print("\n".join(f"wrote {visible(str(path))}" for path in written))
     if not (options.out or options.plot):
         print(_table(frame))
     return FINE
@@ -77,25 +77,29 @@ def _table(frame: "pd.DataFrame") -> str:
     """Means over seeds: a line for each start of a run in which a codec was measured."""
     from tabulate import tabulate
 
-    keys = ["material", "label", "folder", "started", "git"]
+    frame = frame.assign(own=frame.get("fitted/codec"))
+    keys = ["material", "label", "folder", "started", "git", "own"]
     frame = frame.sort_values(["material", "label", "started", "folder"], kind="stable")
     metrics = _heldout(frame)
     forms = {name: ".2f" if name.endswith("PSNR") else ".4f" for name in metrics}
     sizes = [name for name in ("parameters", "bytes/total") if name in frame]
+    several = frame["own"].notna().any()  # a codec has a repository of its own
     frame = frame[[*keys, "status", *sizes]].assign(**metrics)
     numbers = {"parameters": ",.0f", "bytes/total": ",.0f"} | forms
     rows = []
     for values, jobs in frame.groupby(keys, sort=False, dropna=False):
-        material, label, folder, started, git = values
+        material, label, folder, started, git, codec = values
         when = f"{started:%Y-%m-%d %H:%M}" if started == started else "—"
-        cells = [material, label, folder, when, git if isinstance(git, str) else "—"]
+        revisions = [each if isinstance(each, str) else "—" for each in ((git, codec) if several else (git,))]
+        cells = [*map(visible, (str(material), str(label), str(folder))), when, *revisions]
         cells.append(f"{(jobs['status'] == 'ok').sum()} of {len(jobs)}")
         for column, form in numbers.items():
             mean = jobs[column].mean() if column in jobs else float("nan")
             cells.append("—" if mean != mean else f"{mean:{form}}")
         rows.append(cells)
-    headers = ["material", "codec", "run", "started", "revision", "jobs", "parameters", "bytes", *metrics]
-    aligned = ["left"] * 6 + ["right"] * len(numbers)
+    revised = ["revision", "codec's revision"] if several else ["revision"]
+    headers = ["material", "codec", "run", "started", *revised, "jobs", "parameters", "bytes", *metrics]
+    aligned = ["left"] * (5 + len(revised)) + ["right"] * len(numbers)
     return tabulate(rows, headers, "simple", colalign=aligned, disable_numparse=True)
 
 

@@ -12,7 +12,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.inputs.errors import FINE
+from bench.inputs.errors import FINE, visible
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
         print("losses below these cannot be told from chance on these materials:")
         width = max(map(len, losses))
         for name, each in losses.items():
-            print(f"  {name:<{width}}  " + ", ".join(f"{word} {value:.2f} dB" for word, value in each.items()))
+            print(f"  {visible(name):<{width}}  " + ", ".join(f"{word} {value:.2f} dB" for word, value in each.items()))
     if few := [name for name in few_seeds(after) if name not in drawn]:
         print(f"too few seeds to tell a spread; add some with `run --seed N --out {options.run}`: {', '.join(few)}")
     if drawn:

@@ -8,12 +8,14 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.inputs.errors import FINE
+from bench.inputs.errors import FINE, visible
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run", type=Path, help="the folder of a run")
-    parser.add_argument("--vector", action="store_true", help="write every figure as SVG and PDF too")
+    parser.add_argument(
+        "--vector", action="store_true", help="write every figure as SVG and PDF too; later reports draw them again"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -21,5 +23,5 @@ def run(options: argparse.Namespace) -> int:
 
     written = write_report(options.run, options.vector)
     print(written.text)
-    print("\n".join(f"wrote {path}" for path in written.files))
+    print("\n".join(f"wrote {visible(str(path))}" for path in written.files))
     return FINE

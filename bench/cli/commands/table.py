@@ -10,6 +10,7 @@ examples:
   neubtf-bench table main runs/quick --format latex
   neubtf-bench table summary docs/results/quick.jsonl runs/mine
   neubtf-bench table summary --format latex --codec neubtf-direct --codec pca --column PSNR --column total
+  neubtf-bench table summary runs/quick --material satin --against pca
   neubtf-bench table main runs/quick --name neubtf-direct="NeuBTF, direct" --name "total=bytes"
 """
 
@@ -33,6 +34,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     form = "the format; raw is a CSV of every number of every job (default: text)"
     parser.add_argument("--format", default="text", choices=FORMATS, help=form)
     several(parser, "--codec", "only this codec, or this row; repeatable")
+    several(parser, "--material", "only this material; repeatable")
+    against = "the row of the summary that the others are set against, by its label (default: of neubtf-direct)"
+    parser.add_argument("--against", default="", metavar="LABEL", help=against)
     several(parser, "--column", "only this column, by its header; repeatable")
     renamed = "rename a codec, row, column or material in rows, headers, title and notes; repeatable"
     several(parser, "--name", renamed, "WORD=NAME")
@@ -47,6 +51,10 @@ def run(options: argparse.Namespace) -> int:
     if len(kinds) > 1:
         raise InputError(f"table: give one kind of table, not {' and '.join(kinds)}")
     kind = kinds[0] if kinds else None
+    if options.against and kind not in (None, "summary"):
+        raise InputError(f"--against {options.against}: the table {kind} sets none against it: give table summary")
+    if options.material and kind == "parameters":
+        raise InputError("--material: not with the table of parameters, which no material changes: leave it out")
     if kind == "parameters" or (kind == "paper" and options.format != "raw"):  # these need no run
         print((parameters_table if kind == "parameters" else _paper)(folders, options.format, chosen))
         return FINE
@@ -64,14 +72,16 @@ def choice(options: argparse.Namespace) -> "Choice | None":
     """The rows, columns and names that the options choose; None if they choose none."""
     from reports.choice import Choice
 
-    if not (options.codec or options.column or options.name):
+    if not (options.codec or options.material or options.against or options.column or options.name):
         return None
+    if options.against and options.format == "raw":
+        raise InputError("--against: not with --format raw, which has the numbers of every job alone")
     if options.column and options.format == "raw":
         raise InputError("--column: not with --format raw, which has every number: choose --format csv")
     names = {word: name for word, _, name in (words.rpartition("=") for words in options.name)}
     if "" in names:
         raise InputError("--name: write WORD=NAME, such as 'neubtf-direct=NeuBTF, direct'")
-    return Choice(options.codec, options.column, names)
+    return Choice(options.codec, options.column, names, options.material, options.against)
 
 
 def parameters_table(folders: list[Path], format: str, choice: "Choice | None" = None) -> str:

@@ -17,7 +17,7 @@ from collections import Counter
 from pathlib import Path
 
 from bench.cli.commands import assignments, several
-from bench.inputs.errors import FINE, NO, NOTHING, InputError
+from bench.inputs.errors import FINE, NO, NOTHING, InputError, visible
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
         folder.mkdir(parents=True, exist_ok=True)
         verdicts = list(verify(submitted, folder, console.show, places))
     rows = [(each.job, each.verdict, _naming_archive(each.why, scratch, options.archive)) for each in verdicts]
-    print(tabulate(rows, ["job", "verdict", ""], "simple"))
+    print(tabulate([[visible(str(cell)) for cell in row] for row in rows], ["job", "verdict", ""], "simple"))
     counts = Counter(each.verdict for each in verdicts)
     print(f"\n{', '.join(f'{count} {word}' for word, count in counts.items())}; measured here: {folder}")
     if DIFFERS in counts:

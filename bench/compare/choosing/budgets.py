@@ -49,7 +49,7 @@ class Budgets:
     rungs: dict[str, dict[str, dict[str, list[Record]]]]  # by line, settings and material: jobs, one a seed
     times: dict[str, Times]  # by kind
     without: list[Record]  # jobs without a score of validation pairs
-    unlike: list[Record]  # jobs not comparable with the newest of their material
+    unlike: list[Record]  # jobs not comparable with the published ones of their material, or else with the newest
 
     def picks(self, budget: Budget, materials: Iterable[str]) -> dict[str, dict[str, Rung]]:
         """By line: the best rung on each material that fits, of those measured on all; lines that have one on each."""
@@ -97,7 +97,7 @@ def budgets(run: Run) -> Budgets:
     """The rungs of a run, and budgets of bytes and of time."""
     done = [job for job in run.jobs if job["status"] == "ok"]
     judged = [job for job in done if has_validation(job)]
-    obstacle = obstacles(judged)
+    obstacle = obstacles(judged, run.published)
     alike = [job for job in judged if job["job"] not in obstacle]
     times = _times(run, alike)
     kinds = {BYTES: BITS} | dict.fromkeys(times, TIMES) | ({FIT: SECONDS} if FIT in times else {})

@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import pytest
 from rich.console import Console as RichConsole
 
@@ -52,3 +54,19 @@ def test_without_a_terminal_a_long_silence_is_broken(clock, monkeypatch, capsys)
         clock[0] += 9
         screen.show("fitting", 0, 100)
         assert capsys.readouterr().err == ""
+
+
+def test_what_is_said_holds_no_control_characters(clock, capsys):
+    screen = console.Console()
+    screen.say("a\x1b[2J\nb\r")
+    screen.spoke -= 2 * console.SILENCE
+    screen.show("fit\n::error::x", 1, 9)
+    said = capsys.readouterr()
+    assert said.out == "a\\x1b[2J\nb\\r\n"
+    assert said.err == "fit\\n::error::x: 1 of 9\n"
+
+
+def test_a_job_is_one_line_whatever_its_name(clock, capsys):
+    record = {"job": "a\n::error file=x::b/pca/0", "status": "failed", "error": "no\nluck"}
+    console.Console().ended(SimpleNamespace(record=record, progress="1 of 2", cached=None))
+    assert capsys.readouterr().out == "a\\n::error file=x::b/pca/0: FAILED: no\\nluck (1 of 2)\n"

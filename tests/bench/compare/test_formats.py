@@ -44,7 +44,9 @@ def test_a_terminal_of_120_columns_shows_all_of_it(mixed):
     assert "n/c     satin/other: codec version 2 instead of 1" in text
     assert "GONE    satin/gone: no such job in the run" in text
     assert "advice  satin/pca: decodes slower, 3.00 → 6.00 × mean-colour (a time is only advice)" in text
-    assert text.splitlines()[-1] == ("8 rows: 1 failed, 1 gone, 2 worse, 1 not comparable, 1 better, 1 same, 1 new")
+    assert text.splitlines()[-1] == (
+        "8 rows: 1 failed, 1 gone, 2 worse, 1 not comparable, 1 better, 1 same, 1 new; means of rows: 1 worse"
+    )
 
 
 def test_a_run_of_a_part_is_told_how_to_compare_what_is_there(make):

@@ -4,9 +4,11 @@ from statistics import fmean, stdev
 
 import pytest
 
-from bench.compare.comparison import _merged
+from bench.compare.comparison import Comparison, _merged
 from bench.compare.quantities import DECIBELS, Quantity
+from bench.compare.rows import ComparedRow
 from bench.compare.verdicts import Chance, Change, Verdict
+from bench.inputs.errors import NO, NOTHING
 
 QUANTITY = Quantity("PSNR", "dB", "higher", 2, lambda job: None, DECIBELS, "psnr_display")
 MANY = (0.06, 0.18, 0.3, 0.3, 0.25, 0.02, 0.13, 0.13, 0.35, 0.03)  # dB, about those of the rows of `ci` with seeds
@@ -25,3 +27,31 @@ def test_the_mean_of_rows_scatters_as_it_says(deviations):
     merged = [_merged([change(rng, each) for each in deviations], every=True) for _ in range(2000)]
     variance = fmean(each.difference**2 for each in merged)
     assert fmean(each.chance.error**2 for each in merged) == pytest.approx(variance, rel=0.1)
+
+
+def test_a_mean_row_shows_plain_means_and_judges_the_weighted_change():
+    """Weights change with the scatter of the other run: a mean that they decide would move without a new number."""
+    calm, wild = (Chance(error, 8) for error in (0.01, 1.0))
+    changes = [
+        Change(QUANTITY, 32.08, 32.07, Verdict.SAME, chance=calm),
+        Change(QUANTITY, 18.68, 17.68, Verdict.SAME, chance=wild),
+    ]
+    merged = _merged(changes, every=False)
+    assert (merged.base, merged.new) == pytest.approx((25.38, 24.875))
+    assert -0.05 < merged.difference < -0.01
+    assert merged.loss == -merged.difference
+
+
+def test_the_last_line_agrees_with_the_exit_code():
+    def row(verdict, label="pca", **more):
+        change = Change(QUANTITY, 30.0, 29.0, verdict)
+        return ComparedRow("satin", label, verdict, deciding=[change], **more)
+
+    rows = [row(Verdict.SAME)] * 4
+    worse = Comparison(rows, [], [row(Verdict.WORSE), row(Verdict.SAME)])
+    assert (worse.exit_code, worse.summary) == (NO, "4 rows: 4 same; means of rows: 1 worse, 1 same")
+    assert Comparison(rows, [], [row(Verdict.SAME)]).summary == "4 rows: 4 same"
+    gone = ComparedRow("satin", "vq", Verdict.GONE, allowed=True)
+    assert Comparison([*rows, gone], []).summary == "5 rows: 1 gone, 4 same; 1 of them allowed"
+    new = Comparison([ComparedRow("satin", "vq", Verdict.NEW)], [])
+    assert (new.exit_code, new.summary) == (NOTHING, "1 rows: 1 new; nothing can be compared")

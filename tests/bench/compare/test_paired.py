@@ -85,7 +85,10 @@ def test_codecs_of_a_run_are_compared_at_the_slices_of_their_records(make, tmp_p
             np.savez(tmp_path / name, psnr_display=np.append(error * factor, 0.0), heldout=np.ones(41, bool))
             jobs.append(make.job(label, seed=seed) | {"slices": f"../{name}"})
     run = make.run("run", *jobs)
-    whole = against(run, "pca", ["vq", "table"])
+    for labels in (("vp", ["vq"]), ("pca", ["vq", "table"])):
+        with pytest.raises(InputError, match=r"the run has no such label: it has pca; vq$"):
+            against(run, *labels)
+    whole = against(run, "pca", ["vq"])
     difference = whole.over["vq"]
     # One of 41 slices has no error, so 100 dB in both.
     assert difference.mean == pytest.approx(-10 * np.log10(2) * 40 / 41)

@@ -6,7 +6,7 @@ import pytest
 import bench
 from bench import cli
 from bench.inputs.errors import InputError
-from bench.records import FILE, append
+from bench.records import FILE, append, load_run
 
 PSNR = "scores/heldout/metrics/psnr_display/pooled"
 
@@ -97,3 +97,14 @@ def test_plots_show_quality_bytes_and_time_over_the_revisions(runs, tmp_path, ca
     assert page.count("<svg") == page.count("</svg>") == 1
     assert cli.main(["history", *map(str, reversed(runs)), "--plot", str(tmp_path / "plots")]) == 0
     assert {name: (tmp_path / "plots" / name).read_bytes() for name in names} == first
+
+
+def test_the_table_names_the_revision_of_a_codec_of_another_repository(runs, capsys):
+    assert cli.main(["history", *map(str, runs)]) == 0
+    assert "codec's revision" not in capsys.readouterr().out
+    job = next(job for job in load_run(runs[1]).jobs if job["label"] == "pca k=8")
+    append(runs[1], job | {"fitted": {"git": "rev21", "codec": "abc123"}})
+    assert cli.main(["history", *map(str, runs)]) == 0
+    header, _, *rows = capsys.readouterr().out.splitlines()
+    place = header.index("codec's revision")
+    assert [row[place:].split()[0] for row in rows if " pca" in row] == ["—", "abc123"]

@@ -1,0 +1,25 @@
+import pytest
+
+from bench import cli
+from bench.inputs.errors import visible
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("satin, 64 × 64 — θ_o", "satin, 64 × 64 — θ_o"),
+        ("a\n::error file=x::b", r"a\n::error file=x::b"),
+        ("\x1b[2J\r\x9b\x7f", r"\x1b[2J\r\x9b\x7f"),
+        ("right\u202eleft\u2028next", r"right\u202eleft\u2028next"),
+        ("::error::x ##[error]y a::b a##b", r"\x3a:error::x \x23#[error]y a::b a##b"),
+    ],
+)
+def test_a_text_neither_steers_a_terminal_nor_starts_a_command(text, shown):
+    assert visible(text) == shown
+
+
+def test_an_error_is_one_line_whatever_it_names(capsys):
+    assert cli.main(["table", "no\n::error file=x::run\x1b[2J"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(r"neubtf-bench: no\n::error file=x::run\x1b[2J: no such folder")
+    assert said.count("\n") == 1
