@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, TypeVar
@@ -38,6 +39,25 @@ def followed(show: Progress, items: Iterable[T], label: str, total: int) -> Iter
         show(label, done, total)
         yield item
     show(label, total, total)
+
+
+@contextmanager
+def ended_bars(show: Progress) -> Iterator[Progress]:
+    """Yield a `Progress` that shows what `show` does; bars that the block leaves unfinished are ended with it."""
+    unfinished: dict[str, int] = {}
+
+    def shown(label: str, done: int, total: int) -> None:
+        bar = label.partition(REMARK)[0]
+        unfinished[bar] = total
+        if done >= total:
+            del unfinished[bar]
+        show(label, done, total)
+
+    try:
+        yield shown
+    finally:
+        for bar, total in unfinished.items():
+            show(bar, total, total)
 
 
 class Drawn(NamedTuple):

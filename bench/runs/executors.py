@@ -10,6 +10,7 @@ import os
 import queue
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -25,6 +26,7 @@ from bench.machine.devices import is_gpu
 from bench.machine.threads import handling
 
 T = TypeVar("T")
+Show = Callable[[str, int, int], None]  # shows the progress of a job: label, done, total
 PATIENCE = "10s"  # how long to wait for the first answer of a scheduler
 VISIBLE = {"cuda": "CUDA_VISIBLE_DEVICES", "xpu": "ZE_AFFINITY_MASK"}  # what chooses the GPUs of a process
 THREAD_COUNTS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
@@ -37,10 +39,14 @@ class Workers:
     executor: Executor
     at_once: int
     here: bool = False  # jobs run in the calling thread, and can show their progress
+    show_with: Callable[[Show], None] = lambda show: None  # for others that can: what shows the progress of their jobs
     everywhere: Callable[..., dict[str, Any]] | None = None  # calls a function on all workers; its answers by worker
 
 
 Seats = Callable[[], AbstractContextManager[Workers]]  # opens the workers of a run, and ends them
+TELL_EVERY = 0.2  # seconds between two messages of a worker about its progress
+_told: list[Connection] = []  # in a worker process: where it tells its progress
+_told_at: dict[str, float] = {}  # when it last told of each label
 
 
 @contextmanager
@@ -62,7 +68,7 @@ def processes(count: int, threads: int, device: str = "cpu", limit: float | None
         raise InputError(f"--device {device}: with --jobs each job has its own GPU: give --device {kind}")
     pool = Processes(count, threads, _gpus(count, device) if is_gpu(device) else [], limit)
     try:
-        yield Workers(pool, count)
+        yield Workers(pool, count, show_with=pool.show_with)
     finally:
         pool.shutdown()
 
@@ -125,30 +131,38 @@ class Processes(Executor):
 
     def __init__(self, count: int, threads: int, gpus: Sequence[dict[str, str]] = (), limit: float | None = None):
         self.threads, self.gpus, self.limit = threads, gpus, limit
-        self.pools: dict[int, tuple[ProcessPoolExecutor, Connection]] = {}
+        self.show: Show | None = None
+        self.pools: dict[int, tuple[ProcessPoolExecutor, Connection, Connection]] = {}
         self.watchers = ThreadPoolExecutor(count)
         self.free: queue.SimpleQueue[int] = queue.SimpleQueue()
         for seat in range(count):
             self.free.put(seat)
+
+    def show_with(self, show: Show) -> None:
+        """Show the progress of jobs in workers that start from now on; calls come from other threads."""
+        self.show = show
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         seat = self.free.get()
         if seat not in self.pools:
             context = multiprocessing.get_context("spawn")  # a fork copies locks of threads, and cannot use CUDA
             theirs, ours = context.Pipe(duplex=False)
-            given = (self.threads, self.gpus[seat] if self.gpus else {}, theirs)
-            self.pools[seat] = ProcessPoolExecutor(1, context, _prepare, given), ours
-        pool = self.pools[seat][0]
+            heard, told = context.Pipe(duplex=False)
+            given = (self.threads, self.gpus[seat] if self.gpus else {}, theirs, told)
+            self.pools[seat] = ProcessPoolExecutor(1, context, _prepare, given), ours, told
+            threading.Thread(target=_heard, args=(heard, self.show or _unshown), daemon=True).start()
+        pool, _, told = self.pools[seat]
         # Worker processes ignore Ctrl-C: this one ends them and prints the message.
         with handling(signal.SIGINT, signal.SIG_IGN):
             process = pool.submit(os.getpid)
             job = pool.submit(fn, *args, **kwargs)
-        return self.watchers.submit(self._watch, seat, process, job)
+        return self.watchers.submit(self._watch, seat, process, job, told)
 
-    def _watch(self, seat: int, process: Future[int], job: Future[T]) -> T:
+    def _watch(self, seat: int, process: Future[int], job: Future[T], told: Connection) -> T:
         """The result of a job; ends its process if the job failed, because the process may have died, or is late."""
         try:
             number = process.result()  # the time to start the process does not count
+            told.close()  # the process has its own copy: when it ends, nobody holds this end
             try:
                 return job.result(self.limit)  # not `wait`, which sleeps on where the end of the run cancels the job
             except TimeoutError:
@@ -167,8 +181,9 @@ class Processes(Executor):
 
     def _end(self, seat: int, wait: bool) -> None:
         if entry := self.pools.pop(seat, None):
-            pool, leash = entry
+            pool, leash, told = entry
             leash.close()
+            told.close()
             pool.shutdown(wait, cancel_futures=True)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -178,10 +193,34 @@ class Processes(Executor):
         self.watchers.shutdown(wait)
 
 
-def _prepare(threads: int, gpu: dict[str, str], leash: Connection) -> None:
+def tell(label: str, done: int, total: int) -> None:
+    """Tell the process that started this worker the progress of its job; does nothing elsewhere."""
+    now = time.monotonic()
+    if not _told or (0 < done < total and now - _told_at.get(label, -math.inf) < TELL_EVERY):
+        return
+    _told_at[label] = now
+    with suppress(OSError):  # the other process has ended
+        _told[0].send((label, done, total))
+
+
+def _heard(connection: Connection, show: Show) -> None:
+    """Show what a worker tells, until it ends."""
+    from bench.codec import ended_bars  # here: a worker imports this module before it may import PyTorch
+
+    with suppress(EOFError, OSError), ended_bars(show) as shown:
+        while True:
+            shown(*connection.recv())
+
+
+def _unshown(label: str, done: int, total: int) -> None:
+    """A `Show` that shows nothing."""
+
+
+def _prepare(threads: int, gpu: dict[str, str], leash: Connection, told: Connection) -> None:
     """Prepare a worker process: set environment variables before NumPy and PyTorch are imported and read them."""
     os.environ.update(dict.fromkeys(THREAD_COUNTS, str(threads)) | gpu)
     os.environ[EXPENDABLE] = "1"
+    _told.append(told)
 
     def follow() -> None:
         """End this process when the parent closes its end of the pipe, or dies."""

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, settings_dict, silent
+from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, ended_bars, settings_dict, silent
 from bench.codecs import container, loading, shared
 from bench.codecs.command import Programs
 from bench.codecs.registry import called, codec_entries, from_outside, make_codec
@@ -63,8 +63,8 @@ def work(task: Task, show: Progress = silent) -> Outcome:
     if not lock.reaches(task.folder, task.run):
         raise lock.unseen(task.folder, f"on {platform.node()}")
     try:
-        with opened(task, show) as workbench, restored_process_state():
-            return Job(task, workbench, lambda label, done, total: show(f"{task.name}: {label}", done, total)).run()
+        with ended_bars(show) as shown, opened(task, shown) as workbench, restored_process_state():
+            return Job(task, workbench, lambda label, done, total: shown(f"{task.name}: {label}", done, total)).run()
     except MissingDataError as error:
         return Outcome(task.base | {"status": "unavailable", "error": str(error)})
     except OSError as error:  # while opening the material: the cache has no room, which is not the job's fault

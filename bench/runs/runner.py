@@ -6,9 +6,8 @@ it is done already; `bench.runs.executors` defines where it runs. Every run meas
 
 import dataclasses
 import logging
-import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -26,10 +25,12 @@ from bench.demand import require_demand
 from bench.files import atomic
 from bench.inputs.errors import CodecError, InputError, MissingDataError
 from bench.machine.devices import present
+from bench.machine.threads import cores
 from bench.records import Record, Run
 from bench.runs import lock
+from bench.runs.estimate import Effort, Estimate
 from bench.runs.evaluation import recorded
-from bench.runs.executors import Seats, Workers, in_process, processes
+from bench.runs.executors import Seats, Workers, in_process, processes, tell
 from bench.runs.job import FRESH_STATE, STATE, Outcome, attributed, failed, work
 from bench.runs.provenance import provenance
 from bench.runs.suite import CodecSpec, Suite, Task, canonical
@@ -182,7 +183,8 @@ class _Session:
     def jobs(self, faults: dict[str, str]) -> Iterator[Outcome]:
         """Run the jobs; records and yields the outcome of each as it ends. `faults`: see `_make_codecs`."""
         holds = [task.name for task in self.tasks if task.earlier]  # as far as their files say
-        estimate = Estimate([task.name for task in self.tasks], holds)
+        efforts = {task.name: Effort.of(task.codec) for task in self.tasks}
+        estimate = Estimate(efforts, holds, min(self.workers.at_once, cores()))
         self.options.say(estimate.first)
         self.options.show("jobs", 0, len(self.tasks))
         for count, outcome in enumerate(self._outcomes(faults), 1):
@@ -204,7 +206,8 @@ class _Session:
                 yield failed(task, fault)
             else:
                 sound.append(task)
-        call = partial(work, show=self.options.show) if self.workers.here else work
+        self.workers.show_with(self.options.show)
+        call = partial(work, show=self.options.show if self.workers.here else tell)
         yield from _watched(sound, self.workers, call)
 
     def time(self) -> None:
@@ -225,50 +228,6 @@ class _Session:
 
     def _show(self, material: str, label: str, done: int, total: int) -> None:
         self.options.show(f"{material}: {label}", done, total)
-
-
-class Estimate:
-    """How many jobs of a run are left, and for how long; `holds` are those whose records are expected to hold."""
-
-    def __init__(self, names: Iterable[str], holds: Iterable[str]):
-        self.waiting, self.holds = set(names), set(holds)
-        self.total, self.done, self.start = len(self.waiting), 0, time.monotonic()
-
-    def ended(self, record: Record, cached: str) -> None:
-        """Count a job that ended, given its record and what was reused for it."""
-        self.waiting.discard(record["job"])
-        if cached != "record":
-            self.done += record["status"] == "ok"
-            if record["job"] in self.holds:  # the code or the data changed: the other records will not hold either
-                self.holds = set()
-
-    @property
-    def first(self) -> str:
-        """The message before the run starts."""
-        jobs, left = f"{self.total} job" + "s" * (self.total != 1), len(self.waiting - self.holds)
-        recorded = f", {len(self.holds)} of them recorded" if self.holds else ""
-        return f"{jobs}{recorded}: {left} left" if left else f"{jobs}, all recorded; what changed since is done again"
-
-    @property
-    def left(self) -> str:
-        """The time left at the mean time of done jobs; "" before this run has done a job, and after the last."""
-        left = len(self.waiting - self.holds)
-        mean = (time.monotonic() - self.start) / max(1, self.done)
-        return f"about {duration(mean * left)} left" if left and self.done else ""
-
-    @property
-    def progress(self) -> str:
-        """How many jobs have ended, and the time left."""
-        ended = f"{self.total - len(self.waiting)} of {self.total} job" + "s" * (self.total != 1)
-        return f"{ended}, {self.left}" if self.left else ended
-
-
-def duration(seconds: float) -> str:
-    """A length of time in words, in minutes or hours."""
-    if seconds <= 30:
-        return "half a minute"
-    hours, rest = divmod(max(1, round(seconds / 60)), 60)
-    return f"{hours} h {rest} min" if hours and rest else f"{hours} h" if hours else f"{rest} min"
 
 
 def _watched(tasks: list[Task], workers: Workers, call: Callable[[Task], Outcome]) -> Iterator[Outcome]:

@@ -65,15 +65,18 @@ def run(options: argparse.Namespace) -> int:
                 console.ended(outcome)
         except KeyboardInterrupt:
             done = f"{len(outcomes)} of {len(suite.cells)} jobs are done"
-            console.say(f"{_summary(outcomes)}\ninterrupted: {done}; the same command resumes: {folder}")
+            console.say(f"{_summary(outcomes, timed=False)}\ninterrupted: {done}; the same command resumes: {folder}")
             return INTERRUPTED
+        from bench.records import load_run
         from reports import write_report
 
         console.show("drawing tables, figures and pages", 0, 1)
         written = write_report(folder)
         console.show("drawing tables, figures and pages", 1, 1)
     console.say(written.text)
-    console.say(_summary(outcomes))
+    measured = load_run(folder)
+    timed = any(timing.get("run") == measured.starts[-1]["run"] for timing in measured.timings)
+    console.say(_summary(outcomes, timed))
     console.say(f"records, files, tables and pictures: {folder}")
     states = {outcome.record["status"] for outcome in outcomes}
     return FAILED if "failed" in states else FINE if "ok" in states else NOTHING
@@ -98,7 +101,7 @@ def _workers(options: argparse.Namespace, threads: int) -> "Seats | None":
     return workers(options.jobs, threads, options.device, options.max_seconds)
 
 
-def _summary(outcomes: list[Any]) -> str:
+def _summary(outcomes: list[Any], timed: bool) -> str:
     cached = [outcome.cached for outcome in outcomes]
     status = [outcome.record["status"] for outcome in outcomes]
     others = {"failed": "failed (see the records; --retry-failed tries them again)", "unavailable": "not available"}
@@ -106,5 +109,6 @@ def _summary(outcomes: list[Any]) -> str:
     words += [f"{status.count(word)} {text}" for word, text in others.items() if word in status]
     if any(cached):
         reused = f"{cached.count('record')} from the cache, {cached.count('file')} scored again from cached files"
-        words += [f"{reused} (--fresh runs them again)", "times were measured again"]
+        words.append(f"{reused} (--fresh runs them again)")
+        words += ["times were measured again"] if timed else []
     return "; ".join(words)

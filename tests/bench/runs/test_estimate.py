@@ -1,13 +1,14 @@
 import pytest
 
-from bench.runs import runner
-from bench.runs.runner import Estimate
+from bench.runs import estimate
+from bench.runs.estimate import Effort, Estimate
+from bench.runs.suite import CodecSpec
 
 
 @pytest.fixture
 def clock(monkeypatch):
     now = [0.0]
-    monkeypatch.setattr(runner.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(estimate.time, "monotonic", lambda: now[0])
     return now
 
 
@@ -15,13 +16,17 @@ def ended(name, status="ok"):
     return {"job": name, "status": status}
 
 
+def of_one_codec(names):
+    return dict.fromkeys(names, Effort("pca"))
+
+
 def test_after_each_job_it_says_how_long_the_others_take_at_the_mean(clock):
-    run = Estimate("abcd", "")
+    run = Estimate(of_one_codec("abcd"), "")
     clock[0] = 120
     run.ended(ended("a"), "")
     assert run.progress == "1 of 4 jobs, about 6 min left"
     clock[0] = 360
-    run.ended(ended("b"), "file")
+    run.ended(ended("b"), "")
     assert run.progress == "2 of 4 jobs, about 6 min left"
     run.ended(ended("c"), "")
     run.ended(ended("d"), "")
@@ -29,10 +34,35 @@ def test_after_each_job_it_says_how_long_the_others_take_at_the_mean(clock):
 
 
 def test_jobs_that_did_nothing_tell_nothing_of_the_others(clock):
-    run = Estimate("abcd", "a")
+    run = Estimate(of_one_codec("abcd"), "a")
     clock[0] = 60
     run.ended(ended("a"), "record")
     run.ended(ended("b", "unavailable"), "")
     assert run.progress == "2 of 4 jobs"
+    clock[0] = 120
     run.ended(ended("c"), "")
     assert run.progress == "3 of 4 jobs, about 1 min left"
+
+
+def test_no_time_is_told_while_a_codec_is_left_that_no_job_has_shown(clock):
+    """Linear codecs, which come first, take seconds; of networks that take an hour they tell nothing."""
+    run = Estimate({"a": Effort("pca"), "b": Effort("neumip", 1_000), "c": Effort("neumip", 10_000)}, "")
+    clock[0] = 2
+    run.ended(ended("a"), "")
+    assert run.progress == "1 of 3 jobs"
+    clock[0] = 62
+    run.ended(ended("b"), "")
+    assert run.progress == "2 of 3 jobs, about 10 min left"
+
+
+def test_jobs_side_by_side_share_the_time(clock):
+    run = Estimate(of_one_codec("abcdef"), "", at_once=2)
+    for name, now in (("a", 60), ("b", 60), ("c", 120), ("d", 120)):
+        clock[0] = now
+        run.ended(ended(name), "")
+    assert run.progress == "4 of 6 jobs, about 1 min left"
+
+
+def test_the_effort_of_a_job_is_its_codec_and_the_steps_of_its_fit():
+    assert Effort.of(CodecSpec("pca")) == ("pca", 1)
+    assert Effort.of(CodecSpec("neumip", {"steps": 70})) == ("neumip", 70)

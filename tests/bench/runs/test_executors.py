@@ -8,7 +8,10 @@ from concurrent.futures import BrokenExecutor, CancelledError, wait
 import pytest
 
 from bench.inputs.errors import InputError
-from bench.runs.executors import THREAD_COUNTS, InProcess, dask, processes
+from bench.runs.executors import THREAD_COUNTS, InProcess, dask, processes, tell
+from bench.runs.runner import Options, run
+from bench.runs.suite import load_suite, with_changes
+from tests.bench.outside import install
 
 
 def test_an_interruption_is_no_error_of_a_job():
@@ -26,6 +29,44 @@ def test_a_worker_that_dies_takes_only_its_own_job_along():
         assert isinstance(lost.exception(), BrokenExecutor)
         assert other.result() == (3, 1)
         assert [workers.executor.submit(divmod, n, 2).result() for n in range(4)] == [(0, 0), (0, 1), (1, 0), (1, 1)]
+
+
+def test_a_worker_tells_its_progress_and_the_bar_of_a_dead_one_ends():
+    shown = []
+    with processes(1, 1) as workers:
+        workers.show_with(lambda *told: shown.append(told))
+        workers.executor.submit(tell, "reading", 3, 4).result()
+        workers.executor.submit(tell, "reading", 4, 4).result()
+        workers.executor.submit(tell, "fitting · 20 dB", 1, 9).result()
+        assert isinstance(workers.executor.submit(os._exit, 9).exception(), BrokenExecutor)
+        deadline = time.monotonic() + 60
+        while len(shown) < 4 and time.monotonic() < deadline:
+            time.sleep(0.01)
+    assert shown == [("reading", 3, 4), ("reading", 4, 4), ("fitting · 20 dB", 1, 9), ("fitting", 9, 9)]
+
+
+SLOW = """
+import time
+from baselines.mean_colour import MeanColour
+
+class Slow(MeanColour):
+    name = "slow"
+    def encode(self, btf, fit):
+        for step in fit.progress(range(3), "my steps"):
+            fit.log(step, psnr=20.0 + step)
+        return super().encode(btf, fit)
+"""
+
+
+def test_a_fit_of_a_codec_from_outside_shows_its_bar_and_keeps_its_curve(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(install(tmp_path / "site", "slow", {"slow": "slow_codec:Slow"}, {"slow_codec": SLOW}))
+    changes = {"data.size": "8", "data.views": "3", "data.lights": "3", "data.heldout": "4"}
+    suite = with_changes(load_suite("quick"), ["satin"], ["slow"], changes, None)
+    shown = []
+    (outcome,) = run(suite, Options(tmp_path / "run", show=lambda *told: shown.append(told)))
+    assert ("satin/slow/0: my steps", 3, 3) in shown
+    curve = [(point["step"], point["psnr"], point["seconds"] >= 0) for point in outcome.record["history"]]
+    assert curve == [(0, 20.0, True), (1, 21.0, True), (2, 22.0, True)]
 
 
 def test_workers_have_the_threads_of_the_suite_and_do_not_hear_ctrl_c():

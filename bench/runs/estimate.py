@@ -1,0 +1,86 @@
+"""Estimates how long the jobs of a run still take, from those that are done: by codec and by the steps of a fit."""
+
+import time
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+from bench.codecs.registry import make_codec
+from bench.inputs.errors import CodecError
+from bench.records import Record
+from bench.runs.suite import CodecSpec
+
+
+class Effort(NamedTuple):
+    """What the time of a job depends on: its codec, and the steps of its fit, 1 if it is not fitted in steps."""
+
+    codec: str
+    steps: int = 1
+
+    @classmethod
+    def of(cls, spec: CodecSpec) -> "Effort":
+        """The effort of a job with this codec and these settings."""
+        try:
+            settings = make_codec(spec.codec, spec.settings).settings
+        except CodecError:  # its jobs fail at once
+            return cls(spec.codec)
+        return cls(spec.codec, getattr(settings, "steps", 1))
+
+
+class Estimate:
+    """How many jobs of a run are left, and for how long; `holds` are those whose records are expected to hold.
+
+    A codec's jobs are expected to take as long a step as those of it that are done. While a codec is left of which none
+    is done, no time is told: a linear codec takes a second, a network many minutes. `at_once` jobs run side by side.
+    """
+
+    def __init__(self, efforts: Mapping[str, Effort], holds: Iterable[str], at_once: int = 1):
+        self.efforts, self.waiting, self.holds = efforts, set(efforts), set(holds)
+        self.total, self.at_once, self.last = len(self.waiting), max(1, at_once), time.monotonic()
+        self.seconds: defaultdict[str, float] = defaultdict(float)  # by codec, of the jobs that were fitted
+        self.steps: defaultdict[str, int] = defaultdict(int)  # of the same jobs
+
+    def ended(self, record: Record, cached: str) -> None:
+        """Count a job that ended, given its record and what was reused for it."""
+        name, now = record["job"], time.monotonic()
+        self.waiting.discard(name)
+        if record["status"] == "ok" and not cached:
+            effort = self.efforts[name]
+            self.seconds[effort.codec] += (now - self.last) * self.at_once
+            self.steps[effort.codec] += effort.steps
+        if cached != "record" and name in self.holds:  # code or data changed: the other records will not hold either
+            self.holds = set()
+        self.last = now
+
+    @property
+    def first(self) -> str:
+        """The message before the run starts."""
+        jobs, left = f"{self.total} job" + "s" * (self.total != 1), len(self.waiting - self.holds)
+        recorded = f", {len(self.holds)} of them recorded" if self.holds else ""
+        return f"{jobs}{recorded}: {left} left" if left else f"{jobs}, all recorded; what changed since is done again"
+
+    @property
+    def left(self) -> str:
+        """The time left; "" after the last job, and while it cannot be told."""
+        seconds = 0.0
+        waiting = self.waiting - self.holds
+        for name in waiting:
+            effort = self.efforts[name]
+            if not self.steps[effort.codec]:
+                return ""
+            seconds += self.seconds[effort.codec] / self.steps[effort.codec] * effort.steps
+        return f"about {duration(seconds / self.at_once)} left" if waiting else ""
+
+    @property
+    def progress(self) -> str:
+        """How many jobs have ended, and the time left."""
+        ended = f"{self.total - len(self.waiting)} of {self.total} job" + "s" * (self.total != 1)
+        return f"{ended}, {self.left}" if self.left else ended
+
+
+def duration(seconds: float) -> str:
+    """A length of time in words, in minutes or hours."""
+    if seconds <= 30:
+        return "half a minute"
+    hours, rest = divmod(max(1, round(seconds / 60)), 60)
+    return f"{hours} h {rest} min" if hours and rest else f"{hours} h" if hours else f"{rest} min"
