@@ -220,7 +220,16 @@ def follows_data(tested: CodecUnderTest) -> None:
     decoded = torch.stack([tested.material.slice(btf.wo[i].tolist(), btf.wi[i].tolist()) for i in range(len(btf))])
     error, floor = ((decoded - truth) ** 2).mean().item(), truth.var(dim=(0, 1, 2), correction=0).mean().item()
     if not error < floor:
-        raise CheckError(f"mean squared error {error:.3g} is no less than that of one constant colour, {floor:.3g}")
+        fault = f"mean squared error {error:.3g} is no less than that of one constant colour, {floor:.3g}"
+        raise CheckError(fault + more_steps(tested.codec))
+
+
+def more_steps(codec: Codec) -> str:
+    """What to try for a codec that is fitted in steps, of which `check` takes few; "" for any other."""
+    steps = settings_dict(codec).get("steps")
+    if steps is None:
+        return ""
+    return f"; this fit had {steps:,} steps: if the codec learns slowly, give more by --set steps={10 * steps}"
 
 
 def slices(tested: CodecUnderTest) -> None:

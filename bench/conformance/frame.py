@@ -116,6 +116,14 @@ ARRANGEMENTS: dict[str, Radiance] = {  # each possible mistake, with the radianc
 }
 # So near the truth that a blur lies toward it, too: its error must be far below that of the truth.
 LOGARITHM = "as log1p(radiance) for radiance (expm1 undoes it)"
+# What is wrong, and what to do, where the arrangement's name alone could be taken for advice.
+REMEDIES = {
+    "without the cosine of ω_i": "your answers lack the cosine of ω_i: multiply them by wi[:, 2:]",
+    "with the cosine of ω_i twice": "your answers have the cosine of ω_i twice: multiply by it once only",
+    "as sRGB for linear radiance": "your answers are sRGB: decode them to linear radiance",
+    "with sRGB undone twice": "your answers had sRGB undone twice: decode it once only",
+    LOGARITHM: "your answers are log1p(radiance): undo it by expm1",
+}
 FAR_BELOW = 0.25
 
 
@@ -163,7 +171,10 @@ class FrameAnswers:
         scale = self.scale
         if not 1 / SAME_SCALE <= scale <= SAME_SCALE:
             likely.append((self.error(right.double() * scale), f"as {scale:.3g} times the truth"))
-        return f"your answers fit better {min(likely)[1]}" if likely else ""
+        if not likely:
+            return ""
+        nearest = min(likely)[1]
+        return REMEDIES.get(nearest, f"your answers fit better {nearest}")
 
     def undecided(self) -> list[str]:
         """The arrangements that the answers do not distinguish from the truth."""

@@ -15,6 +15,7 @@ from bench.data.readers.checks import negative, no_duplicates, radiance_fault, u
 from bench.data.spec import MaterialSpec, Preparation, changed, named
 from bench.directions.hemisphere import to_degrees
 from bench.inputs.errors import InputError, MissingDataError
+from bench.inputs.settings import Seed, converted
 
 if TYPE_CHECKING:
     from bench.data.bake import PathTracer
@@ -81,13 +82,18 @@ def draw_of(spec: MaterialSpec, data: Preparation, repetition: int) -> int:
 
 
 def open_named(name: str, changes: dict[str, str], show: Progress = silent) -> BTF:
-    """The BTF of a built-in material or a path, with `data.KEY` settings changed. `InputError` if it lacks one."""
+    """The BTF of a built-in material or a path, with `data.KEY` settings changed. `InputError` if it lacks one.
+
+    `data.seed` is the repetition whose test pairs are drawn, as for the seeds of a suite.
+    """
     spec = named(name)
+    changes = dict(changes)
+    repetition = converted("data.seed:", Seed, changes.pop("data.seed", "0"), words=True)
     data = changed(Preparation(), {key: value for key, value in changes.items() if key.startswith("data.")})
     for key in changes:
         if reason := spec.ignores(key):
             raise InputError(f"{key}: {reason}")
-    return open_material(spec, data, show)
+    return open_material(spec, data, show, draw_of(spec, data, repetition))
 
 
 def from_arrays(

@@ -159,6 +159,6 @@ def changed(data: Preparation, changes: dict[str, str]) -> Preparation:
     for key, value in changes.items():
         name = key.removeprefix("data.")
         if name not in kinds:
-            raise InputError(f"--set {key}: no such key{did_you_mean(name, kinds)}")
-        values[name] = converted(f"--set {key}:", kinds[name], value, words=True)
+            raise InputError(f"{key}: no such setting of the data{did_you_mean(name, kinds)}")
+        values[name] = converted(f"{key}:", kinds[name], value, words=True)
     return dataclasses.replace(data, **values)

@@ -18,9 +18,10 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
-from bench.codecs.outside_codecs import EXPENDABLE
+from bench.codecs.outside_codecs import EXPENDABLE, ending
 from bench.inputs.errors import InputError, installed
 from bench.machine.devices import is_gpu
 from bench.machine.threads import handling
@@ -160,8 +161,10 @@ class Processes(Executor):
 
     def _watch(self, seat: int, process: Future[int], job: Future[T], told: Connection) -> T:
         """The result of a job; ends its process if the job failed, because the process may have died, or is late."""
+        worker = None
         try:
             number = process.result()  # the time to start the process does not count
+            worker = self._worker(seat)
             told.close()  # the process has its own copy: when it ends, nobody holds this end
             try:
                 return job.result(self.limit)  # not `wait`, which sleeps on where the end of the run cancels the job
@@ -173,11 +176,20 @@ class Processes(Executor):
                 raise OutOfTimeError(f"it took longer than {self.limit:g} s (--max-seconds)") from None
         except CancelledError as error:  # the run ended before the process had started
             raise BrokenProcessPool("the worker was ended") from error
+        except BrokenProcessPool as error:
+            self._end(seat, wait=False)
+            raise BrokenProcessPool(_end_of(worker)) from error
         except BaseException:
             self._end(seat, wait=False)
             raise
         finally:
             self.free.put(seat)
+
+    def _worker(self, seat: int) -> BaseProcess | None:
+        """The process of a seat; its pool has one. The pool forgets it when it dies, and with it how it died."""
+        pool = self.pools[seat][0] if seat in self.pools else None
+        workers = getattr(pool, "_processes", None) or {}
+        return next(iter(workers.values()), None)
 
     def _end(self, seat: int, wait: bool) -> None:
         if entry := self.pools.pop(seat, None):
@@ -191,6 +203,14 @@ class Processes(Executor):
         for seat in list(self.pools):
             self._end(seat, wait)
         self.watchers.shutdown(wait)
+
+
+def _end_of(worker: BaseProcess | None) -> str:
+    """How a worker process ended, in words."""
+    if worker is None:
+        return "it could not be started"
+    worker.join(1.0)
+    return ending(worker.exitcode)
 
 
 def tell(label: str, done: int, total: int) -> None:

@@ -70,6 +70,8 @@ def encode(
     same data and name of the material a run writes the same file. The fit calls `show(label, done, total)` as it
     progresses.
     """
+    if not isinstance(btf, BTF):
+        raise InputError(f"bench.encode: give a BTF, not {_shown(btf)}: bench.open(name) opens one")
     if isinstance(codec, Codec) and settings:
         raise InputError(f"encode: codec {codec.name} already has its settings: give {min(settings)} when you make it")
     instance = codec if isinstance(codec, Codec) else load_codec(codec)(**settings)
@@ -108,6 +110,13 @@ def score(
     material. Slices and materials have no file, so no bytes are counted. With `demand`, a demand file, the scores
     include those in its scene. Raises `ContainerError` for a bad file, `InputError` if the BTF has another resolution.
     """
+    if not isinstance(btf, BTF):
+        raise InputError(f"bench.score: the truth must be a BTF, not {_shown(btf)}: bench.open(name) opens one")
+    if not isinstance(decoded, str | os.PathLike | Material | BTF):
+        remedy = "arrays become a BTF by bench.from_arrays(radiance, wo, wi)"
+        raise InputError(
+            f"bench.score: give a codec file, a folder, a material or a BTF, not {_shown(decoded)}: {remedy}"
+        )
     workbench = Workbench(btf, btf.name, demand=load_demand(Path(demand)) if demand else None)
     if isinstance(decoded, str | os.PathLike) and not Path(decoded).is_dir():
         loaded = loading.load(Path(decoded), device)
@@ -123,6 +132,11 @@ def score(
     for field in field_names(ARTEFACT):  # a run keeps these files, `score` does not
         figures.pop(field, None)
     return figures
+
+
+def _shown(value: object) -> str:
+    """A value of a wrong type, for a message."""
+    return repr(value) if isinstance(value, str) else f"an object of type {type(value).__name__}"
 
 
 def _material(decoded: str | Path | Material | BTF, btf: BTF) -> tuple[str, Material]:

@@ -261,8 +261,8 @@ def _outcome(task: Task, future: Future[Outcome]) -> Outcome:
         raise
     except CancelledError:
         raise InputError("the scheduler is gone: start it again, then give the same command") from None
-    except BrokenExecutor:
-        why = f"{MOST_LOSSES} workers died while they ran it, one after the other: killed, or out of memory?"
+    except BrokenExecutor as error:
+        why = f"{MOST_LOSSES} workers died while they ran it, one after the other, the last: {error}"
     except Exception as error:  # an error of the executor: those of codecs are in their records
         why = f"{type(error).__name__}: {error}"
     return failed(task, attributed(task, why))

@@ -35,20 +35,22 @@ The path of a material is tried as written, then under `$NEUBTF_DATA`; that of a
 """
 
 import dataclasses
+import difflib
 import itertools
 import math
 import os
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from bench.codecs.registry import COMMAND, load_codec, make_codec
 from bench.data.spec import MaterialSpec, Preparation, changed, named
 from bench.demand import UNIFORM
 from bench.inputs.errors import CodecError, InputError, did_you_mean, shown
-from bench.inputs.settings import Range, Share, Threads, converted, fields, parse_toml, read_toml, shipped_toml, table
+from bench.inputs.settings import Seed, Share, Threads, converted, fields, parse_toml, read_toml, shipped_toml, table
 from bench.metrics import DEFAULTS, chosen_names
 from bench.records import Record
 
@@ -92,7 +94,7 @@ class Suite:
     text: str  # the TOML it was read from
     description: str = ""
     threads: Threads = 1
-    seeds: tuple[Annotated[int, Range(0, 2**31 - 1)], ...] = (0,)
+    seeds: tuple[Seed, ...] = (0,)
     data: Preparation = field(default_factory=Preparation)
     materials: tuple[MaterialSpec, ...] = ()
     codecs: tuple[CodecSpec, ...] = ()
@@ -276,9 +278,24 @@ def _change(suite: Suite, key: str, value: str) -> Suite:
         return suite
     codecs = [_set(spec, name, value) if _has(spec.codec, scope, name) else spec for spec in suite.codecs]
     if codecs == list(suite.codecs) and not any(_has(spec.codec, scope, name) for spec in codecs):
-        raise InputError(f"--set {key}: no codec of this run has a setting {name!r} (or write data.{name})")
+        raise InputError(f"--set {key}: no codec of this run has a setting {name!r}{_nearest(suite, scope, name)}")
     unique = {spec.label: spec for spec in codecs}  # a sweep over the changed setting has become one job
     return dataclasses.replace(suite, codecs=tuple(unique.values()))
+
+
+def _nearest(suite: Suite, scope: str, name: str) -> str:
+    """The setting that was probably meant, of a codec of the suite or of its data; else how to change the data."""
+    from bench.codec import setting_names
+
+    codecs = {spec.codec for spec in suite.codecs}
+    if scope and scope not in codecs:
+        return f": it runs no codec {scope!r}{did_you_mean(scope, [*codecs, 'data'])}"
+    known = {f"data.{field.name}" for field in dataclasses.fields(Preparation)}
+    for codec in codecs if not scope else [scope]:
+        with suppress(CodecError):  # its jobs fail with this error
+            known |= setting_names(load_codec(codec))
+    near = difflib.get_close_matches(name, known, 1) or difflib.get_close_matches(f"data.{name}", known, 1)
+    return f"; did you mean {near[0]!r}?" if near else f" (or write data.{name})"
 
 
 def described_changes(suite: Suite, changes: dict[str, str]) -> list[str]:

@@ -81,6 +81,26 @@ def test_a_command_a_script_and_a_run_make_the_same_file(tmp_path, folder):
     assert container.read_header(Path("0.nbtf")).sha256 != script.sha256
 
 
+def test_a_file_is_scored_at_the_test_pairs_of_another_seed_as_a_run_does(tmp_path, capsys):
+    size = {"size": 8, "views": 4, "lights": 4, "heldout": 6}
+    changes = [word for key, value in size.items() for word in ("--set", f"data.{key}={value}")]
+    assert (
+        cli.main(
+            ["run", "quick", "--out", "run", "--material", "satin", "--codec", "mean-colour", "--seed", "1", *changes]
+        )
+        == 0
+    )
+    (job,) = load_run(tmp_path / "run").jobs
+    file = str(tmp_path / "run" / job["file"])
+    assert cli.main(["score", file, "satin", *changes, "--set", "data.seed=1", "--json", "1.json"]) == 0
+    assert json.loads(Path("1.json").read_text())["scores"] == job["scores"]
+    first = bench.open("satin", **size)
+    assert not np.array_equal(first.wo, bench.open("satin", **size, seed=1).wo)
+    assert np.array_equal(first.wo, bench.open("satin", **size, seed=0).wo)
+    assert cli.main(["score", file, "satin", "--set", "data.seed=x"]) == 2
+    assert "data.seed" in capsys.readouterr().err
+
+
 def test_a_command_does_not_write_over_what_it_reads(folder, capsys):
     btf = bench.open(folder)
     np.savez("measured.npz", radiance=np.stack(list(btf)), wo=btf.wo, wi=btf.wi)
@@ -106,8 +126,14 @@ def test_encoding_takes_a_name_with_settings_or_a_codec(folder, capsys):
     assert bench.encode(btf, made, "b.nbtf").sha256 == header.sha256
     with pytest.raises(InputError, match="components"):
         bench.encode(btf, made, "c.nbtf", components=4)
-    with pytest.raises(InputError, match="did you mean 'size'"):
+    with pytest.raises(InputError, match="data.sise: no such setting of the data; did you mean 'size'"):
         bench.open("satin", sise=8)
+    with pytest.raises(InputError, match=r"bench.encode: give a BTF, not 'satin': bench.open\(name\) opens one"):
+        bench.encode("satin", "pca", "c.nbtf")
+    with pytest.raises(InputError, match=r"bench.score: .* not an object of type ndarray: .* bench.from_arrays"):
+        bench.score(np.zeros((3, 8, 8, 3)), btf)
+    with pytest.raises(InputError, match=r"bench.score: the truth must be a BTF, not 'satin'"):
+        bench.score("a.nbtf", "satin")
     with pytest.raises(InputError, match="scene = true needs the demand"):
         bench.encode(btf, "pca", "c.nbtf", scene=True)
     assert cli.main(["encode", str(folder), "--codec", "pca", "--set", "scene=true", "-o", "c.nbtf"]) == 2

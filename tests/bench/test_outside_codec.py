@@ -7,8 +7,11 @@ import sys
 from pathlib import Path
 
 import pytest
+import torch
 
 from bench import cli, training
+from bench.codec import Fit
+from bench.conformance.check import tiny_btf
 from bench.runs.suite import load_suite
 from tests.bench.outside import install
 
@@ -65,6 +68,52 @@ def test_a_new_codec_is_the_one_of_the_page_and_passes_the_conformance_test(tmp_
     path = os.pathsep.join([str(site), os.environ.get("PYTHONPATH", "")])
     done = neubtf_bench(os.environ | {"PYTHONPATH": path, "NEUBTF_CACHE": str(tmp_path / "cache")}, "check", "my-codec")
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+class KilledError(Exception):
+    pass
+
+
+def test_a_new_neural_codec_passes_the_test_and_a_killed_fit_of_it_goes_on(tmp_path, monkeypatch):
+    assert cli.main(["new", "codec", "my-net", "--neural", "--out", str(tmp_path)]) == 0
+    text = (tmp_path / "my-net-codec" / "my_net_codec.py").read_text()
+    assert 'my-net = "my_net_codec:MyNet"' in (tmp_path / "my-net-codec" / "pyproject.toml").read_text()
+    site = install(tmp_path / "site", "mine", {"my-net": "my_net_codec:MyNet"}, {"my_net_codec": text})
+    path = os.pathsep.join([str(site), os.environ.get("PYTHONPATH", "")])
+    done = neubtf_bench(os.environ | {"PYTHONPATH": path, "NEUBTF_CACHE": str(tmp_path / "cache")}, "check", "my-net")
+    assert done.returncode == 0, done.stdout + done.stderr
+    monkeypatch.syspath_prepend(str(site))
+    codec = importlib.import_module("my_net_codec").MyNet(steps=400, batch=64, latents=2, width=8)
+
+    def parts(fit):
+        found = codec.encode(tiny_btf(), fit)
+        return [value for part in (found.decoder, found.texture, found.other) for value in part.values()]
+
+    def kills(label, done, total):
+        if done == 350:
+            raise KilledError
+
+    whole = Fit()
+    wanted = parts(whole)
+    assert [point["step"] for point in whole.history] == [100, 200, 300, 400]
+    assert {"psnr", "seconds"} <= whole.history[0].keys()
+    state = tmp_path / "state"
+    with pytest.raises(KilledError):
+        parts(Fit(checkpoint=state, show=kills))
+    shown = []
+    found = parts(Fit(checkpoint=state, show=lambda *told: shown.append(told)))
+    assert ("fitting", 100, 100) in shown  # of 400 steps, 300 were done
+    assert all(torch.equal(ours, theirs) for ours, theirs in zip(wanted, found, strict=True))
+
+
+def test_ci_installs_the_codec_from_where_new_codec_put_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["new", "codec", "ptm"]) == 0
+    assert cli.main(["new", "ci", "ptm"]) == 0
+    assert "pip install ./neubtf-bench ./ptm-codec --extra" in Path(".github/workflows/quality.yml").read_text()
+    assert len(load_suite("tracking.toml").seeds) == 6
+    assert cli.main(["new", "ci", "ptm", "--neural"]) == 2
+    assert "--neural: only `new codec` has it" in capsys.readouterr().err
 
 
 def test_new_files_of_ci_are_a_suite_and_a_workflow(tmp_path, capsys):

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.cli.commands import assignments, threads, usable_device
-from bench.inputs.errors import FINE, NO, InputError
+from bench.inputs.errors import FINE, NO, ContainerError, EncodeError, InputError
 
 if TYPE_CHECKING:
     from bench.btf import BTF
@@ -40,6 +40,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     from bench.cli.console import Console, file_lines
     from bench.codecs import container, shared
+    from bench.codecs.encoding import raised
     from bench.codecs.registry import load_codec
     from bench.data.open import open_named
     from bench.demand import demand, require_demand
@@ -67,7 +68,14 @@ def run(options: argparse.Namespace) -> int:
         else:
             how = {"seed": options.seed, "threads": options.threads, "device": device}
             encode(btf, codec, options.out, show=console.show, **how)
-    console.say(file_lines(container.read_header(options.out)))
+    try:
+        console.say(file_lines(container.read_header(options.out)))
+    except ContainerError as error:
+        if error.__cause__ is None or isinstance(error.__cause__, InputError):
+            raise
+        raise EncodeError(
+            f"codec {codec.name} cannot decode {options.out}, its own file: {raised(error, codec)}"
+        ) from error
     return code
 
 

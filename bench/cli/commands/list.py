@@ -17,24 +17,34 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from bench import metrics
+    from bench.cli.console import Console
     from bench.codecs import registry
     from bench.data import materials
     from bench.runs import suite
 
     if options.name:
         return _settings(options.what, options.name)
+    codecs = {}
+    with Console() as console:
+        entries = sorted(registry.codec_entries().items())
+        outside = [name for name, _ in entries if registry.from_outside(name)]
+        for name, entry in entries:
+            if name in outside:  # each is tried in a process of its own, which imports PyTorch
+                console.show("trying codecs of other packages", outside.index(name), len(outside))
+            codecs[name] = registry.listed(entry)
+        console.show("trying codecs of other packages", len(outside), len(outside))
     listings: dict[str, dict[str, str]] = {
-        "codecs": {name: registry.listed(entry) for name, entry in sorted(registry.codec_entries().items())},
+        "codecs": codecs,
         "materials": materials.describe(),
         "suites": {name: suite.parse_suite(name, text).description for name, text in suite.builtin_suites().items()},
         "metrics": {
             m.name: f"{m.unit}, {m.direction} is better, {m.space}, version {m.version}" for m in metrics.REGISTERED
         },
     }
-    for title, entries in listings.items():
+    for title, each in listings.items():
         if options.what in (None, title):
-            width = max(map(len, entries))
-            print("\n".join([f"{title}:", *(f"  {name:<{width}}  {text}" for name, text in entries.items())]))
+            width = max(map(len, each))
+            print("\n".join([f"{title}:", *(f"  {name:<{width}}  {text}" for name, text in each.items())]))
     return FINE
 
 

@@ -1,12 +1,14 @@
 """write the files that start your own project: a codec, or its check in CI
 
-`new codec NAME` writes the folder NAME-codec: a small working codec for you to change, and its `pyproject.toml`. After
-`pip install ./NAME-codec`, `neubtf-bench list` shows it and `neubtf-bench check NAME` passes. `new ci NAME` writes
-`tracking.toml`, a suite that measures the codec, and `.github/workflows/quality.yml`, which compares each push with
-`reference.jsonl`. The command never overwrites a file.
+`new codec NAME` writes the folder NAME-codec: a small working codec for you to change, and its `pyproject.toml`; with
+--neural a neural texture and a network, with a fit in a loop of its own. After `pip install ./NAME-codec`,
+`neubtf-bench list` shows it and `neubtf-bench check NAME` passes. `new ci NAME` writes `tracking.toml`, a suite that
+measures the codec, and `.github/workflows/quality.yml`, which compares each push with `reference.jsonl`; it installs
+the codec from NAME-codec if that folder is here, else from this one. The command never overwrites a file.
 
 examples:
   neubtf-bench new codec my-codec
+  neubtf-bench new codec my-network --neural
   neubtf-bench new ci my-codec
 """
 
@@ -35,6 +37,7 @@ _NEXT = {
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("what", choices=sorted(_FILES))
     parser.add_argument("name", metavar="NAME", help="the codec's name, such as my-codec")
+    parser.add_argument("--neural", action="store_true", help="codec: a neural texture, fitted in a loop of its own")
     parser.add_argument("--out", type=Path, default=Path(), metavar="FOLDER", help="where (default: here)")
 
 
@@ -46,9 +49,15 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(f"new {name}: a name has small letters, digits and single hyphens, such as my-codec")
     if options.what == "codec" and name in codec_entries():
         raise InputError(f"new codec {name}: a codec of this name is installed: choose another")
+    if options.neural and options.what != "codec":
+        raise InputError("--neural: only `new codec` has it")
     words = {"name": name, "module": f"{name.replace('-', '_')}_codec"}
     words["class_name"] = "".join(part.capitalize() for part in name.split("-"))
+    folder = f"{name}-codec"  # where `new codec` puts the package
+    words["package"] = f"./{folder}" if (options.out / folder / "pyproject.toml").is_file() else "."
     places = {options.out / place.format(**words): template for place, template in _FILES[options.what].items()}
+    if options.neural:
+        places = {path: "neural" if template == "codec" else template for path, template in places.items()}
     if there := next((path for path in places if path.exists()), None):
         raise InputError(f"{there}: it exists already: remove it, or choose another --out")
     for path, template in places.items():

@@ -94,6 +94,21 @@ def test_a_bad_setting_on_the_command_line_is_named(name):
         with_changes(parse_suite("test", TEXT), [], [], {setting: value}, None)
 
 
+@pytest.mark.parametrize(
+    ("key", "says"),
+    [
+        ("pca.componets", "no codec of this run has a setting 'componets'; did you mean 'components'?"),
+        ("componets", "did you mean 'components'?"),
+        ("heldot", "did you mean 'data.heldout'?"),
+        ("pcb.components", "it runs no codec 'pcb'; did you mean 'pca'?"),
+        ("qqqq", r"a setting 'qqqq' \(or write data.qqqq\)"),
+    ],
+)
+def test_a_misspelled_setting_suggests_the_nearest(key, says):
+    with pytest.raises(InputError, match=says):
+        with_changes(load_suite("quick"), [], ["pca"], {key: "1"}, None)
+
+
 def test_an_unknown_suite_suggests_the_nearest_and_a_missing_file_is_named():
     with pytest.raises(InputError, match=r"no suite named 'quik'; did you mean 'quick'"):
         load_suite("quik")
