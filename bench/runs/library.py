@@ -113,10 +113,8 @@ def score(
     if not isinstance(btf, BTF):
         raise InputError(f"bench.score: the truth must be a BTF, not {_shown(btf)}: bench.open(name) opens one")
     if not isinstance(decoded, str | os.PathLike | Material | BTF):
-        remedy = "arrays become a BTF by bench.from_arrays(radiance, wo, wi)"
-        raise InputError(
-            f"bench.score: give a codec file, a folder, a material or a BTF, not {_shown(decoded)}: {remedy}"
-        )
+        given = f"not {_shown(decoded)}: arrays become a BTF by bench.from_arrays(radiance, wo, wi)"
+        raise InputError(f"bench.score: give a codec file, a folder, a material or a BTF, {given}")
     workbench = Workbench(btf, btf.name, demand=load_demand(Path(demand)) if demand else None)
     if isinstance(decoded, str | os.PathLike) and not Path(decoded).is_dir():
         loaded = loading.load(Path(decoded), device)

@@ -126,7 +126,7 @@ def test_encoding_takes_a_name_with_settings_or_a_codec(folder, capsys):
     assert bench.encode(btf, made, "b.nbtf").sha256 == header.sha256
     with pytest.raises(InputError, match="components"):
         bench.encode(btf, made, "c.nbtf", components=4)
-    with pytest.raises(InputError, match="data.sise: no such setting of the data; did you mean 'size'"):
+    with pytest.raises(InputError, match=r"data\.sise: no such setting of the data; did you mean 'size'"):
         bench.open("satin", sise=8)
     with pytest.raises(InputError, match=r"bench.encode: give a BTF, not 'satin': bench.open\(name\) opens one"):
         bench.encode("satin", "pca", "c.nbtf")

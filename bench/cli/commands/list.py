@@ -32,7 +32,8 @@ def run(options: argparse.Namespace) -> int:
             if name in outside:  # each is tried in a process of its own, which imports PyTorch
                 console.show("trying codecs of other packages", outside.index(name), len(outside))
             codecs[name] = registry.listed(entry)
-        console.show("trying codecs of other packages", len(outside), len(outside))
+        if outside:
+            console.show("trying codecs of other packages", len(outside), len(outside))
     listings: dict[str, dict[str, str]] = {
         "codecs": codecs,
         "materials": materials.describe(),
