@@ -37,8 +37,13 @@ def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: floa
     above = vectors[:, 2] > HORIZON
     if not above.all():
         row, below = int(np.argmin(above)), int((~above).sum())
-        many = f"; so are {below:,} of {len(above):,}: is y up in your data? z must be the normal"
-        remedy = many if below > max(1, MANY_BELOW * len(above)) else ": leave this entry out"
+        remedy = ": leave this entry out"
+        if below > max(1, MANY_BELOW * len(above)):
+            remedy = f"; so are {below:,} of {len(above):,}: is y up in your data? z must be the normal"
+        if below > 1 and (vectors[:, 2] < -HORIZON).all():
+            remedy = (
+                f"; nor is any of the {below:,}: they seem to be negated: give the way from the surface, -1 times each"
+            )
         raise InputError(f"{label(row)}: {_listed(vectors[row])} is not above the surface (z > 0){remedy}")
     return (vectors / length[:, None]).astype(np.float32)
 

@@ -140,9 +140,13 @@ class PictureSource(Source):
         self.turned: dict[str, int] = {}
         self.colours: dict[str, str] = {}  # what pictures are converted from, other than sRGB
         labels = [files.label(name) for name in self.names] if labels is None else labels
+        listed: dict[str, str] = {}
         for index, (name, label) in enumerate(zip(self.names, labels, strict=True)):
             if not files.has(name):
                 raise InputError(f"{label}: {name} is missing: add the picture or leave the entry out")
+            if listed.setdefault(name, label) != label:
+                fault = f"{name} already stands in {listed[name]}, for other directions"
+                raise InputError(f"{label}: {fault}: give each pair its own picture")
             header = _header(files, name)
             size = header.size
             self.turned |= {name: header.turned} if header.turned > 1 else {}

@@ -64,6 +64,7 @@ def test_angles_that_seem_to_be_radians_are_warned_of(tmp_path, caplog):
 A, B = "a.png,0,0,0,0", "b.png,0,0,10,0"
 BAD = [
     ([A, "d.png,0,0,10,0"], r"line 3: d\.png is missing"),
+    ([A, "a.png,0,0,10,0"], r"line 3: a\.png already stands in .*pairs\.csv, line 2"),
     ([A, "b.png,0,0,95,0"], "line 3: theta_i_deg"),
     ([A, "b.png,90,0,0,0"], "line 3: theta_o_deg"),
     ([A, "b.png,0,0,10,4000"], "line 3: phi_i_deg"),
