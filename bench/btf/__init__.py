@@ -51,7 +51,7 @@ def finite(values: Array, label: str) -> Array:
     count = int(good.size - np.count_nonzero(good))
     raise NotFiniteError(
         f"{label}: {count} of {good.size} values are not finite (NaN or infinite), the first at index ({place}): "
-        "mend the values, leave the pair out, or mask them with --repair",
+        "mend the values, leave the pair out, or mask them by --repair (data.repair=true)",
         values,
     )
 

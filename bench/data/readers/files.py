@@ -91,6 +91,7 @@ class Candidate:
     """A file or a folder whose format is sought; `OSError` if it cannot be read."""
 
     path: Path
+    angles: str = ""  # what the user says that angles are which should be degrees: `bench.data.readers.checks`
 
     @cached_property
     def head(self) -> bytes:

@@ -48,7 +48,8 @@ def opened(seen: Candidate) -> BTF | None:
     source = PictureSource(files, [pictures[i] for i in order], [labels[i] for i in order])
     clamp = "none here; 8-bit codes end at 1, so highlights are clipped in the photographs"
     provenance = described("RTI", "8- and 16-bit codes decoded as sRGB to linear Rec. 709", clamp=clamp)
-    provenance |= {"list": path.name, "scale": "the camera's exposure; not calibrated"} | source.conversions()
+    list_name = path.name.encode("utf-8", "backslashreplace").decode()  # a record holds no other bytes
+    provenance |= {"list": list_name, "scale": "the camera's exposure; not calibrated"} | source.conversions()
     return BTF(path.parent.resolve().name, wo[order], wi[order], source, provenance=provenance)
 
 
