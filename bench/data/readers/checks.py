@@ -150,7 +150,7 @@ def refuse_extremes(btf: BTF) -> None:
         what = f"the 99th percentile of its values is {bright:.3g}, below {SMALLEST:g}"
     if what:
         factor = 10.0 ** -round(math.log10(bright))
-        raise InputError(f"{btf.name}: {what}, too far from 1 for float32: multiply the radiance by {factor:g}")
+        raise InputError(f"{btf.name}: {what}, too far from 1 for float32: multiply it by {factor:g} in float64")
 
 
 def some_slices(btf: BTF) -> Iterator[Array]:
