@@ -267,3 +267,14 @@ def test_version_and_author_are_the_same_wherever_they_stand():
     assert f"- name: {project['authors'][0]['name']}\n" in citation
     assert project["authors"][0]["name"] in (root / "LICENSE").read_text(encoding="utf-8")
     assert bench.__version__ == project["version"]
+
+
+def test_the_longest_name_of_a_material_leaves_room_for_every_file_of_a_run(tmp_path):
+    made, name = tiny_btf(), "a" * 196 + ".npz"
+    np.savez(tmp_path / name, radiance=np.stack(list(made)), wo=made.wo, wi=made.wi)
+    out = str(tmp_path / "run")
+    codec = ["--codec", "neubtf"]  # whose label is long with a few changed settings
+    for setting in ("steps=2", "optimiser=adam", "activation=relu", "weights=float32", "init=published"):
+        codec += ["--set", setting]
+    assert cli.main(["run", "quick", "--material", str(tmp_path / name), *codec, "--out", out]) == 0
+    assert {job["status"] for job in load_run(out).jobs} == {"ok"}
