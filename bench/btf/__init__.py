@@ -51,7 +51,7 @@ def finite(values: Array, label: str) -> Array:
     count = int(good.size - np.count_nonzero(good))
     raise NotFiniteError(
         f"{label}: {count} of {good.size} values are not finite (NaN or infinite), the first at index ({place}): "
-        "mend the values, leave the pair out, or mask them with --repair",
+        "mend the values, leave the pair out, or mask them by --repair (data.repair=true)",
         values,
     )
 
@@ -61,7 +61,7 @@ class Source:
     reads several slices faster than one by one, in `at_once` of them; the rest has defaults.
 
     The default `texels` (of few texels) and `gather` are for sources that can only read whole slices cheaply: they read
-    a half-float scratch file, which is made once and cached under the fingerprint.
+    a scratch file of halves (`bench.btf.scratch`), which is made once and cached under the fingerprint.
     """
 
     shape: tuple[int, int]
@@ -105,7 +105,8 @@ class Source:
 
     @cached_property
     def _scratch(self) -> Array:
-        path = cache_dir() / "scratch" / f"{self.digest[:32]}-blocks.npy"
+        # Files named `…-blocks.npy` are older, and may hold dim values in too few bits.
+        path = cache_dir() / "scratch" / f"{self.digest[:32]}-copy.npy"
         return scratch.opened(path, self.slice, self.count, self.shape)
 
 

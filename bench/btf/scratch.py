@@ -1,4 +1,7 @@
-"""A copy of slices on disk, in halves, for scattered reads: the values of a texel at some pairs lie together."""
+"""A copy of slices on disk, for scattered reads: the values of a texel at some pairs lie together.
+
+It holds halves, or float32 where halves lose more than their rounding: beyond their range, or for dim data.
+"""
 
 import logging
 from collections.abc import Callable
@@ -12,6 +15,9 @@ log = logging.getLogger(__name__)
 Array = np.ndarray
 TOGETHER = 64  # pairs of a block, at most
 BLOCK = 256 << 20  # bytes of a block, at most, where it holds more than one pair
+LARGEST = float(np.finfo(np.float16).max)
+LEAST = float(np.finfo(np.float16).smallest_normal)  # below it, halves round to less than 11 bits
+DIM = 0.01  # of measurements with values around 1, at most 0.0004 of the values lie below `LEAST`
 
 
 def opened(path: Path, read: Callable[[int], Array], count: int, shape: tuple[int, int]) -> Array:
@@ -36,18 +42,22 @@ def _written(
 ) -> bool:
     """Fill (blocks, H · W, pairs of a block, 3) from front to back, with each slice read once and one block in memory:
     written by texel, a whole measurement would bring every page back into memory hundreds of times. Return False where
-    a value is beyond the dtype."""
+    halves do not hold a value, or where a share above `DIM` of the values is too small for their precision."""
     texels = shape[0] * shape[1]
     together = max(1, min(TOGETHER, count, BLOCK // (3 * texels * np.dtype(dtype).itemsize)))
     starts = range(0, count, together)
     block: Array = np.zeros((texels, together, 3), dtype)
     log.warning("writing a scratch file of %.1f MB for scattered reads: %s", block.nbytes * len(starts) / 1e6, path)
     out = atomic.mapped(partial, dtype, (len(starts), *block.shape))
+    dim = 0
     for number, start in enumerate(starts):
         for place in range(min(together, count - start)):
             picture = read(start + place)
-            if dtype is np.float16 and np.abs(picture).max(initial=0) > np.finfo(np.float16).max:
-                return False
+            if dtype is np.float16:
+                size = np.abs(picture)
+                dim += int(((size > 0) & (size < LEAST)).sum())
+                if size.max(initial=0) > LARGEST or dim > DIM * count * 3 * texels:
+                    return False
             block[:, place] = picture.reshape(-1, 3)
         out[number] = block
     return True

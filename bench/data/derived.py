@@ -37,7 +37,7 @@ def thinned(btf: BTF, pairs: int) -> BTF:
 
 
 class _Shrunk(Source):
-    """Averages over boxes of texels, kept as halves in a scratch file, so that fits need not read all texels."""
+    """Averages over boxes of texels, kept in a scratch file, so that fits need not read all texels."""
 
     at_once = scratch.TOGETHER
 

@@ -13,7 +13,6 @@ from bench.codec import Progress, silent
 from bench.data.derived import repaired, shrunk, thinned
 from bench.data.readers.checks import negative, no_duplicates, radiance_fault, unit_directions, warn_of_radians
 from bench.data.spec import MaterialSpec, Preparation, changed, named
-from bench.directions.hemisphere import to_degrees
 from bench.inputs.errors import InputError, MissingDataError
 from bench.inputs.settings import Seed, converted
 
@@ -60,7 +59,7 @@ def open_material(
         return open_svbrdf(path, data, show, draw, path_tracer() if traced and path_tracer else None)
     from bench.data.readers import open_btf
 
-    btf = thinned(open_btf(path), data.pairs)
+    btf = thinned(open_btf(path, data.angles), data.pairs)
     if data.split == "validation":
         btf = btf.without_test()
     elif data.validation:
@@ -127,7 +126,7 @@ def from_arrays(
             raise InputError(f"radiance[{row}]: {fault}, {remedy}")
     if text := negative(values):
         log.warning("%s: %s", name, text)
-    warn_of_radians(*to_degrees(np.concatenate([views, lights])), "wo and wi")
+    warn_of_radians(views, lights, "wo and wi")
     provenance = {"format": "arrays", "colour": "taken as linear Rec. 709", "cosine": "taken as f_r cos(theta_i)"}
     return BTF(name, views, lights, ArraySource(values), heldout=mask, periodic=periodic, provenance=provenance)
 

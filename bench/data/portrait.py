@@ -1,9 +1,9 @@
 """Inspects a BTF before it is used: warns of likely faults, and draws an overview as a PNG.
 
-It reads at most about 84 slices, so a table of 22 GB takes seconds: lights at the view nearest the normal, a contact
-sheet of views × lights, and a ring of directions for the mean lobe, which tells whether the azimuths of views and of
-lights turn the same way: the answers of an isotropic surface depend on φ_i − φ_o, but on φ_i + φ_o if one of the two
-was measured clockwise and the other counter-clockwise.
+It reads at most about 108 slices, so a table of 22 GB takes seconds: lights at the view nearest the normal, views at
+the light nearest the normal, a contact sheet of views × lights, and a ring of directions for the mean lobe, which tells
+whether the azimuths of views and of lights turn the same way: the answers of an isotropic surface depend on φ_i − φ_o,
+but on φ_i + φ_o if one of the two was measured clockwise and the other counter-clockwise.
 """
 
 from dataclasses import dataclass
@@ -20,12 +20,15 @@ from bench.directions.hemisphere import thin, to_degrees
 from bench.inputs.errors import writable
 from bench.metrics.display import exposure_of, to_display
 
-LIGHTS = 24  # slices of the view nearest the normal
+LIGHTS = 24  # slices of the view nearest the normal; as many of the light nearest it
 SHEET = (4, 6)  # views × lights of the contact sheet
 STEEP = 0.45  # least cos θ of the sheet's directions if possible, about 63°: beyond, highlights outshine all else
 TEXELS = 4096  # the most texels of a slice that are used
 THUMB = 256  # longest side of a picture in the sheet
 FLAT = 0.35  # below this power of cos θ_i a cosine seems to be missing; Lambert has 1, measured fabrics about 0.7
+# A BRDF is reciprocal, so f_r cos θ_i falls with θ_i by a power that is larger by 1 than with θ_o. Without the cosine
+# the powers are equal; where views and lights are swapped the one of θ_o is larger by 1.
+SWAPPED = 0.5
 SEAM = 1.5  # from this ratio of the gradient across the border to that inside, a seam is visible
 CLIPPED = 1e-3  # a larger share of values exactly at the maximum means clipping
 AZIMUTHS = 6  # azimuths of views, and of lights: 36 slices are read
@@ -55,8 +58,9 @@ class Look:
     """The findings from a few slices of a BTF.
 
     `values` (slices, n, 3) are the same n texels of each slice; `power` is the exponent of cos θ_i with which the
-    median of a slice falls, or None if undefined; `seams` are the gradients across the left–right and the top–bottom
-    border, each divided by the mean and by the largest gradient inside; `lobe` checks the azimuths, if possible.
+    median of a slice falls over lights, `power_o` that of cos θ_o over views, each None if undefined; `seams` are the
+    gradients across the left–right and the top–bottom border, each divided by the mean and by the largest gradient
+    inside; `lobe` checks the azimuths, if possible.
     """
 
     btf: BTF
@@ -64,6 +68,7 @@ class Look:
     thumbs: list[Array]
     values: Array
     power: float | None
+    power_o: float | None
     seams: list[tuple[float, float]]
     lobe: MeanLobe | None
 
@@ -92,12 +97,22 @@ class Look:
         product = len(self.layout.views) * len(self.layout.lights)
         return product - len(self.layout.view) if len(self.layout.view) > product / 2 else 0
 
+    def _fall(self) -> str:
+        """A sentence on brightness that falls with the wrong angle; "" if it falls with the light's."""
+        if self.power is None:
+            return ""
+        falls = f"brightness falls as cos(theta_i) to the power of {self.power:.2f}"
+        if self.power_o is None:
+            both = "the light's cosine seems to be missing, or views and lights are swapped"
+            return f"{falls}: {both}: look which before you multiply" if self.power < FLAT else ""
+        falls += f", and as cos(theta_o) to the power of {self.power_o:.2f}"
+        if self.power_o - self.power > SWAPPED:
+            return f"{falls}: views and lights seem to be swapped: exchange omega_o and omega_i"
+        return f"{falls}: the light's cosine seems to be missing" if self.power < FLAT else ""
+
     def warnings(self) -> list[str]:
         """One sentence for each likely fault, with its probable cause."""
-        warnings = []
-        if self.power is not None and self.power < FLAT:
-            falls = f"brightness falls as cos(theta_i) to the power of {self.power:.2f}"
-            warnings.append(f"{falls}: the light's cosine seems to be missing")
+        warnings = [text] if (text := self._fall()) else []
         if self.clipped >= CLIPPED:
             most = f"exactly at the maximum, {self.values.max():.4g}"
             warnings.append(f"{self.clipped:.2%} of the values lie {most}: highlights are clipped")
@@ -118,15 +133,15 @@ class Look:
 
 
 def look(btf: BTF) -> Look:
-    """Read at most about 84 slices of a BTF, one at a time."""
+    """Read at most about 108 slices of a BTF, one at a time."""
     rng = np.random.default_rng(0)
-    pairs = np.flatnonzero(btf.layout.view == btf.layout.view[int(np.argmax(btf.wo[:, 2]))])  # nearest the normal
-    row = [int(i) for i in pairs[thin(btf.wi[pairs], min(LIGHTS, len(pairs)))]]
+    row = _nearest(btf.layout.view, btf.wo, btf.wi)
+    column = _nearest(btf.layout.light, btf.wi, btf.wo)
     sheet = _sheet(btf)
     values, thumbs, medians, seams = [], {}, {}, []
     count = btf.shape[0] * btf.shape[1]
     chosen = rng.integers(0, count, TEXELS) if count > TEXELS else np.arange(count)
-    for pair in dict.fromkeys([*sheet, *row]):
+    for pair in dict.fromkeys([*sheet, *row, *column]):
         picture = btf[pair]
         texels = picture.reshape(-1, 3)
         values.append(texels[chosen])
@@ -134,13 +149,26 @@ def look(btf: BTF) -> Look:
         seams.append(maps.seams(picture))
         if pair in sheet:
             thumbs[pair] = box_filter(picture, max(1, max(picture.shape) // THUMB))
-    cos, median = btf.wi[row, 2], np.array([medians[pair] for pair in row])
-    lit, power = median > 0, None
-    if lit.sum() >= 4 and np.ptp(cos[lit]) >= 0.2:  # else too few lights, or at too similar angles
-        power = float(np.polyfit(np.log(cos[lit]), np.log(median[lit]), 1)[0])
+    power = _power(btf.wi[row, 2], np.array([medians[pair] for pair in row]))
+    power_o = _power(btf.wo[column, 2], np.array([medians[pair] for pair in column]))
     ratios = np.mean(seams, 0)
     seen = [(float(r[0] / max(r[1], 1e-12)), float(r[0] / max(r[2], 1e-12))) for r in ratios]
-    return Look(btf, sheet, [thumbs[pair] for pair in sheet], np.stack(values), power, seen, mean_lobe(btf))
+    return Look(btf, sheet, [thumbs[pair] for pair in sheet], np.stack(values), power, power_o, seen, mean_lobe(btf))
+
+
+def _nearest(index: Array, side: Array, other: Array) -> list[int]:
+    """The pairs at the direction of one side nearest the normal, at most `LIGHTS`, spread over the other side. `index`
+    (N,) tells the distinct directions of the side apart."""
+    pairs = np.flatnonzero(index == index[int(np.argmax(side[:, 2]))])
+    return [int(i) for i in pairs[thin(other[pairs], min(LIGHTS, len(pairs)))]]
+
+
+def _power(cos: Array, medians: Array) -> float | None:
+    """The power of cos θ (n,) as which the medians (n,) fall; None for too few slices, or too similar angles."""
+    lit = medians > 0
+    if lit.sum() < 4 or np.ptp(cos[lit]) < 0.2:
+        return None
+    return float(np.polyfit(np.log(cos[lit]), np.log(medians[lit]), 1)[0])
 
 
 def _sheet(btf: BTF) -> list[int]:

@@ -21,6 +21,8 @@ from bench.inputs.settings import Natural, Range, converted
 
 Split = Literal["test", "validation"]
 Renderer = Literal["builtin", "mitsuba"]
+Angles = Literal["checked", "degrees", "radians"]
+MOST_NAME = 200  # bytes of a material's name; a run adds words to it, and systems allow 255
 MOST = 1 << 38  # bytes of the radiance of a rendered material, as float32
 Directions = Annotated[int, Range(1, 10_000)]
 
@@ -49,6 +51,8 @@ class Preparation:
     # The most training pairs, and pairs of held-out views and lights, that are scored, always the same ones; 0: all.
     scored: Natural = 0
     renderer: Renderer = "builtin"  # for folders of maps: "mitsuba" path-traces them, with inter-reflections
+    # What measured data state as degrees: "checked" refuses what seems to be radians; the others say what it is.
+    angles: Angles = "checked"
     repair: bool = False  # mask measured values that are not finite by the mean of their pair
 
     def __post_init__(self) -> None:
@@ -61,6 +65,8 @@ class Preparation:
             raise InputError(f"heldout must be at least 0, not {self.heldout}")
         if self.split not in get_args(Split):
             raise InputError(f"split must be {' or '.join(get_args(Split))}, not {self.split!r}")
+        if self.angles not in get_args(Angles):
+            raise InputError(f"angles must be {' or '.join(get_args(Angles))}, not {self.angles!r}")
         if self.validation and (self.split != "test" or not self.heldout):
             raise InputError('validation = true scores further pairs: it needs split = "test" and heldout above 0')
 
@@ -109,7 +115,7 @@ class Preparation:
 _OF_RENDERED = dict.fromkeys(("data.views", "data.lights"), "give data.pairs")
 _OF_RENDERED |= {"data.size": "give data.texels", "data.directions": "leave it out"}
 _OF_RENDERED |= {"data.heldout": "whole views and lights are held out"}
-_OF_MEASURED = {"data.texels": "give data.size"}
+_OF_MEASURED = {"data.texels": "give data.size", "data.angles": "leave it out"}
 
 
 @dataclass(frozen=True)
@@ -119,6 +125,15 @@ class MaterialSpec:
     name: str
     path: str = ""
     where: str = ""  # where to get the data
+
+    def __post_init__(self) -> None:
+        shown = self.path.encode("utf-8", "backslashreplace").decode()
+        if shown != self.path:
+            raise InputError(f"{shown}: its name is not UTF-8, so no record can hold it: rename it")
+        if (length := len(self.name.encode())) > MOST_NAME:
+            raise InputError(
+                f"{self.name}: a name of {length} bytes leaves no room for the names of results: rename it"
+            )
 
     @property
     def rendered(self) -> bool:

@@ -33,7 +33,8 @@ def temporary(path: Path) -> Iterator[Path]:
     finally:
         if partial.is_dir():
             shutil.rmtree(partial)
-        partial.unlink(missing_ok=True)
+        if os.path.lexists(partial):  # on a read-only file system, removing nothing would be an error of its own
+            partial.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -89,6 +89,9 @@ def installed(message: str) -> Iterator[None]:
 def unwritable(error: OSError) -> str:
     """The message for a file that could not be written, with the remedy; "" for any other error."""
     place = f"{error.filename}: " if error.filename else ""
+    if error.errno == errno.EROFS:
+        remedy = "choose another place, and another $NEUBTF_CACHE if this is the cache"
+        return f"{place}cannot be written ({error.strerror}): {remedy}"
     if error.errno in NO_PLACE:
         return f"{place}cannot be written ({error.strerror}): make room, then give the same command again"
     if error.errno in _NOT_ALLOWED and error.filename:

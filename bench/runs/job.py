@@ -45,6 +45,7 @@ from bench.training import stored_texture
 
 log = logging.getLogger(__name__)
 
+MOST_WORDS = 180  # characters of a file name; systems allow 255 with the digest and every suffix
 STATE, FRESH_STATE = ".state", ".fresh"  # checkpoints of an unfinished fit; `.fresh` is valid within one run only
 FACTS = ".fit.json"  # beside a codec file
 
@@ -125,7 +126,8 @@ class Job:
     @property
     def file(self) -> str:
         digest = hashlib.sha256(json.dumps(self.fit_key, sort_keys=True).encode()).hexdigest()
-        return f"files/{re.sub('[^A-Za-z0-9.=_-]+', '-', self.task.name)}-{digest[:12]}{container.SUFFIX}"
+        words = re.sub("[^A-Za-z0-9.=_-]+", "-", self.task.name)[:MOST_WORDS]
+        return f"files/{words}-{digest[:12]}{container.SUFFIX}"
 
     @property
     def checkpoint(self) -> Path:
@@ -251,7 +253,8 @@ def _raise_where_no_job_can_help(error: BaseException) -> None:
     denied = error.errno in (errno.EACCES, errno.EPERM)
     if error.errno in NO_PLACE or (denied and Path(str(error.filename)).is_relative_to(atomic.cache_dir())):
         place = f"{error.filename}: " if error.filename else ""
+        remedy = "choose another $NEUBTF_CACHE or --out" if error.errno == errno.EROFS else "make room"
         raise InputError(
-            f"{place}cannot be written on {platform.node()} ({error.strerror}): make room, then give the same command "
+            f"{place}cannot be written on {platform.node()} ({error.strerror}): {remedy}, then give the same command "
             "again: finished jobs are kept"
         ) from error

@@ -23,7 +23,7 @@ from bench.codecs.slices_material import SlicesMaterial
 from bench.data.materials.variations import load_variation
 from bench.data.open import open_named
 from bench.data.readers import open_btf
-from bench.data.readers.checks import negative
+from bench.data.readers.checks import negative, refuse_extremes, some_slices
 from bench.demand import require_demand
 from bench.demand.demand import load as load_demand
 from bench.inputs.errors import InputError
@@ -36,7 +36,6 @@ from bench.runs.workbench import Workbench
 log = logging.getLogger(__name__)
 MATERIALS = 224  # the default number of variations that a shared network is trained on
 UNSEEN = range(100_000, 100_016)  # variations for its curve, kept out of training
-LOOKED_AT = 24  # slices of a BTF that is encoded, for negative values
 
 
 def open(name: str | Path, **data: Any) -> BTF:
@@ -79,8 +78,8 @@ def encode(
     fit_seed = seed_of(btf.name, instance.name, seed)
     fit = Fit(torch.device(device), threads, fit_seed, show, network=shared.find_for(instance))
     train = btf.subset(btf.split().train)
-    some = np.unique(np.linspace(0, len(train) - 1, LOOKED_AT).astype(int))
-    if text := negative(np.stack([train[int(pair)] for pair in some])):
+    refuse_extremes(train)
+    if text := negative(np.stack(list(some_slices(train)))):
         log.warning("%s: %s", btf.name, text)
     shared.refuse(fit.network, train)
     container.refuse_other_file(Path(out))

@@ -13,6 +13,7 @@ import torch
 from bench.btf import BTF, Split
 from bench.codec import Progress
 from bench.data.open import draw_of, open_material
+from bench.data.readers.checks import refuse_extremes
 from bench.demand.demand import Demand
 from bench.demand.demand import load as load_demand
 from bench.demand.frame_scorer import FrameScorer, table_of
@@ -46,6 +47,7 @@ class Workbench:
         self.split = self.btf.split()
         if not len(self.split.train):
             raise InputError(f"{self.name}: no training pairs are left")
+        refuse_extremes(self.training)
 
     @cached_property
     def training(self) -> BTF:

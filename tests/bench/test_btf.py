@@ -73,6 +73,21 @@ def test_values_beyond_half_precision_survive_the_scratch_file():
     np.testing.assert_allclose(btf.gather([3], [1], [1])[0], values[3, 1, 1], rtol=1e-6)
 
 
+@pytest.mark.parametrize("top", [1e-6, 1e-30])
+def test_dim_values_survive_the_scratch_file_with_the_precision_of_a_half(top):
+    btf, values = product(source=lambda v: Slices(v, f"dim {top}"), top=top)
+    texels = btf.texels([0, 3, 2], [5, 0, 1])
+    np.testing.assert_allclose(texels, values[:, [0, 3, 2], [5, 0, 1]].swapaxes(0, 1), rtol=2**-11)
+
+
+def test_a_few_dim_values_among_bright_ones_leave_the_scratch_file_in_halves():
+    btf, values = product(source=lambda v: Slices(v, "few dim"))
+    values[:, 0, 0, 0] = 0  # black is no dim value
+    values[0, 1, :2] = 1e-6
+    btf.gather([0], [0], [0])
+    assert btf.source._scratch.dtype == np.float16
+
+
 def test_a_scratch_file_that_fails_leaves_nothing(tmp_path):
     btf, values = product(source=Slices)
     btf.source.slice = Mock(side_effect=[*values[:20], OSError("gone")])

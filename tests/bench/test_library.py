@@ -197,6 +197,43 @@ def test_negative_radiance_and_radians_are_warned_of(tmp_path, caplog):
     assert "wo and wi: every theta is below 1.6 degrees" in caplog.text
 
 
+@pytest.mark.parametrize(
+    ("factor", "fault"),
+    [
+        (1e-19, r"the 99th percentile of its values is \S+e-20, below 1e-12, .*: multiply it by 1e\+\d\d in float64"),
+        (1e-42, r"the 99th percentile of its values is \S+e-4\d, below 1e-12, .*: multiply it by 1e\+4\d in float64"),
+        (1e19, r"its largest value is \S+e\+\d\d, above 1e\+12, .*: multiply it by 1e-\d\d in float64"),
+    ],
+)
+def test_radiance_that_no_record_could_hold_is_refused_before_the_fit(tmp_path, capsys, factor, fault):
+    made = tiny_btf()
+    values = np.stack(list(made))
+    np.savez(tmp_path / "x.npz", radiance=(values * factor).astype(np.float32), wo=made.wo, wi=made.wi)
+    btf = bench.open(tmp_path / "x.npz")
+    with pytest.raises(InputError, match=rf"^x: {fault}$"):
+        bench.encode(btf, "mean-colour", tmp_path / "x.nbtf")
+    bench.encode(made, "mean-colour", tmp_path / "made.nbtf")
+    with pytest.raises(InputError, match=rf"^x: {fault}$"):
+        bench.score(tmp_path / "made.nbtf", btf)
+    assert cli.main(["encode", str(tmp_path / "x.npz"), "--codec", "mean-colour", "-o", str(tmp_path / "x.nbtf")]) == 2
+    assert not (tmp_path / "x.nbtf").exists()
+    capsys.readouterr()
+    out = str(tmp_path / "run")
+    run = ["run", "quick", "--material", str(tmp_path / "x.npz"), "--codec", "mean-colour", "--out", out]
+    assert cli.main(run) == 2
+    assert re.fullmatch(f"neubtf-bench: x: {fault}\n", capsys.readouterr().err)
+    assert list(load_run(out).jobs) == []
+
+
+def test_black_data_and_a_scale_far_from_1_are_no_extremes(tmp_path):
+    made = tiny_btf()
+    values = np.stack(list(made))
+    for factor in (0, 1e-8, 1e8):
+        btf = bench.from_arrays(values * np.float32(factor), made.wo, made.wi)
+        bench.encode(btf, "mean-colour", tmp_path / "a.nbtf")
+        assert bench.score(tmp_path / "a.nbtf", btf)["bytes"]
+
+
 def test_what_is_no_name_or_path_is_told_where_arrays_go_and_not_printed():
     with pytest.raises(InputError, match=r"a path, not a dict: .*bench\.from_arrays\(radiance, wo, wi\)"):
         bench.open({"radiance": np.zeros((4, 2, 2, 3))})
@@ -256,3 +293,14 @@ def test_version_and_author_are_the_same_wherever_they_stand():
     assert f"- name: {project['authors'][0]['name']}\n" in citation
     assert project["authors"][0]["name"] in (root / "LICENSE").read_text(encoding="utf-8")
     assert bench.__version__ == project["version"]
+
+
+def test_the_longest_name_of_a_material_leaves_room_for_every_file_of_a_run(tmp_path):
+    made, name = tiny_btf(), "a" * 196 + ".npz"
+    np.savez(tmp_path / name, radiance=np.stack(list(made)), wo=made.wo, wi=made.wi)
+    out = str(tmp_path / "run")
+    codec = ["--codec", "neubtf"]  # whose label is long with a few changed settings
+    for setting in ("steps=2", "optimiser=adam", "activation=relu", "weights=float32", "init=published"):
+        codec += ["--set", setting]
+    assert cli.main(["run", "quick", "--material", str(tmp_path / name), *codec, "--out", out]) == 0
+    assert {job["status"] for job in load_run(out).jobs} == {"ok"}

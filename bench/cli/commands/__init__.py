@@ -65,6 +65,22 @@ def several(parser: argparse.ArgumentParser, option: str, words: str, form: str 
     parser.add_argument(option, action="append", default=[], metavar=form, help=words)
 
 
+def reading_options(parser: argparse.ArgumentParser) -> None:
+    """The options that say how measured data are read; `read_as` gives their settings."""
+    parser.add_argument("--repair", action="store_true", help="mask measured values that are NaN or infinite")
+    unit = parser.add_mutually_exclusive_group()
+    unit.add_argument("--radians", action="store_true", help="angles that should be degrees are radians: convert them")
+    unit.add_argument("--degrees", action="store_true", help="angles are degrees, however small they are")
+
+
+def read_as(options: argparse.Namespace) -> dict[str, str]:
+    """The settings `data.KEY` of `reading_options`."""
+    changes = {"data.repair": "true"} if options.repair else {}
+    for unit in ("radians", "degrees"):
+        changes |= {"data.angles": unit} if getattr(options, unit) else {}
+    return changes
+
+
 def suite_options(parser: argparse.ArgumentParser, default: str) -> None:
     """The options that choose a suite, parts of it, changes of its settings, and the folder of its run."""
     add = parser.add_argument

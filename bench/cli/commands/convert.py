@@ -8,6 +8,7 @@ examples:
 import argparse
 from pathlib import Path
 
+from bench.cli.commands import read_as, reading_options
 from bench.inputs.errors import FINE
 
 
@@ -17,7 +18,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--thin", type=int, default=0, metavar="COUNT", help="keep about COUNT pairs, spread evenly in angle")
     add("--crop", type=_window, metavar="ROW,COL,HEIGHT,WIDTH", help="keep this window of texels")
     add("--downsample", type=int, default=1, metavar="FACTOR", help="average FACTOR² texels into one")
-    add("--repair", action="store_true", help="mask measured values that are NaN or infinite")
+    reading_options(parser)
     add("-o", "--out", type=Path, required=True, help="the .npz file, or the folder of EXR pictures, to write")
 
 
@@ -28,7 +29,7 @@ def run(options: argparse.Namespace) -> int:
 
     check_place(options.out)
     with Console() as console:
-        opened = open_named(options.btf, {"data.repair": "true"} if options.repair else {}, console.show)
+        opened = open_named(options.btf, read_as(options), console.show)
         btf = changed(opened, options.crop, options.downsample, options.thin)
         write_btf(btf, options.out, console.show)
     console.say(f"{len(btf)} slices of {btf.shape[0]} × {btf.shape[1]} in {options.out}")

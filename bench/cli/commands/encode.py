@@ -11,7 +11,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.cli.commands import assignments, threads, usable_device
+from bench.cli.commands import assignments, read_as, reading_options, threads, usable_device
 from bench.inputs.errors import FINE, NO, ContainerError, EncodeError, InputError
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("btf", help="a built-in material or the path of a BTF")
     add("--codec", required=True)
     add("--set", action="append", default=[], metavar="KEY=VALUE", help="a codec setting, or data.KEY")
-    add("--repair", action="store_true", help="mask measured values that are NaN or infinite")
+    reading_options(parser)
     add("--demand", type=Path, help="fit the smallest file for a scene, an .npz of `demand`")
     add("--target-psnr", type=float, metavar="DB", help="with --demand: the PSNR that frames reach …")
     add("--target-flip", type=float, metavar="FLIP", help="… or their FLIP (default: that of the full model)")
@@ -54,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
     if options.uniform is not None and not 0 <= options.uniform <= 1:
         raise InputError(f"--uniform {options.uniform}: must be between 0 and 1")
     container.refuse_other_file(options.out)
-    changes = assignments(options.set) | ({"data.repair": "true"} if options.repair else {})
+    changes = assignments(options.set) | read_as(options)
     settings = {k: v for k, v in changes.items() if not k.startswith("data.")}
     codec = load_codec(options.codec)(**settings)
     scene_demand = demand.load(options.demand) if options.demand else None

@@ -8,11 +8,13 @@ examples:
 import argparse
 from pathlib import Path
 
+from bench.cli.commands import read_as, reading_options
 from bench.inputs.errors import FINE, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("path")
+    reading_options(parser)
     parser.add_argument("--picture", type=Path, metavar="OUT.png", help="draw a BTF: directions, values, contact sheet")
 
 
@@ -30,7 +32,7 @@ def run(options: argparse.Namespace) -> int:
         return FINE
     from bench.data.portrait import draw, look
 
-    portrait = look(open_named(options.path, {}))
+    portrait = look(open_named(options.path, read_as(options)))
     print(btf_lines(portrait))
     if options.picture:
         draw(portrait, options.picture)

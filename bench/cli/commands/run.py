@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench.cli.commands import assignments, several, suite_options, usable_device, workers
+from bench.cli.commands import assignments, read_as, reading_options, several, suite_options, usable_device, workers
 from bench.inputs.errors import FAILED, FINE, INTERRUPTED, NOTHING, InputError
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     suite_options(parser, "quick")
     several(parser, "--metric", "score with this metric too; repeatable")
     add("--all-pairs", action="store_true", help="use measured data whole, however many pairs it has")
-    add("--repair", action="store_true", help="mask measured values that are NaN or infinite")
+    reading_options(parser)
     add("--demand", help="an .npz of `demand`: score in its scene too; codecs with scene=true fit to it")
     add("--seed", type=int, help="run only this seed, instead of the suite's")
     add("--fresh", action="store_true", help="fit and score finished jobs again")
@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> int:
     from bench.runs.suite import described_changes, load_suite, with_changes, with_metrics
 
     changes = assignments(options.set) | ({"data.pairs": "0"} if options.all_pairs else {})
-    changes |= {"data.repair": "true"} if options.repair else {}
+    changes |= read_as(options)
     suite = with_changes(load_suite(options.suite), options.material, options.codec, changes, options.seed)
     suite = with_metrics(suite, options.metric)
     if options.demand:

@@ -8,6 +8,7 @@ import importlib
 from pathlib import Path
 
 from bench.btf import BTF
+from bench.data.readers.checks import told
 from bench.data.readers.files import Candidate
 from bench.inputs.errors import InputError
 
@@ -23,19 +24,26 @@ READERS = {
 }
 
 
-def open_btf(path: str | Path) -> BTF:
+def open_btf(path: str | Path, angles: str = "") -> BTF:
     """Open a file or folder as a BTF, lazily: cheap checks are made now, values are read on demand. Raises `InputError`
-    that names the file, the fault and the remedy."""
+    that names the file, the fault and the remedy.
+
+    `angles`, "degrees" or "radians", says what the angles of a file are that should be degrees, if the file may be
+    wrong; it is an `InputError` for a file that states no such angles.
+    """
     path, supported = Path(path), ", ".join(READERS.values())
     if not path.exists():
         raise InputError(f"{path}: there is no such file or folder: give {supported}")
     try:
-        seen = Candidate(path)
+        seen = Candidate(path, angles)
         for name in READERS:
             reader = importlib.import_module(name if "." in name else f"{__name__}.{name}")
             btf: BTF | None = reader.opened(seen)
-            if btf is not None:
-                return btf
+            if btf is None:
+                continue
+            if told(angles) and "angles" not in btf.provenance:
+                raise InputError(f"{path}: it states no angles in degrees: leave out --{angles} (data.angles)")
+            return btf
         raise InputError(f"{path}: {seen.described} give {supported}")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error}): check its permissions") from error

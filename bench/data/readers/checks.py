@@ -1,17 +1,23 @@
 """Checks that every reader makes before it returns a BTF: directions, duplicates, form and range of values."""
 
 import logging
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 
-from bench.btf import Array
+from bench.btf import BTF, Array
 from bench.directions.hemisphere import from_angles, from_degrees, to_degrees
 from bench.inputs.errors import InputError
 
 HORIZON = 1e-6
 MANY_BELOW = 0.25  # a larger share of directions below the surface means other axes
+LOOKED_AT = 24  # slices that are looked at before a fit or a score …
+VALUES = (
+    50_021  # … and about as many values of each for a percentile; no multiple of 3, so that steps meet each channel
+)
+LARGEST, SMALLEST = 1e12, 1e-12  # of the radiance that can be used; measured and rendered materials are around 1
 NOISE = 1e-3  # negative values down to this share of the largest are noise
 PHOTOGRAPHED = "radiance as photographed: the cosine is the light's own fall on the surface"
 IN_THE_DATA = "in the data: f_r cos(theta_i)"
@@ -23,6 +29,11 @@ log = logging.getLogger(__name__)
 def described(form: str, colour: str, cosine: str = PHOTOGRAPHED, clamp: str = "none", **more: Any) -> dict[str, Any]:
     """The provenance of a BTF: its format, and how its colour, the light's cosine and highlights were read."""
     return {"format": form, "colour": colour, "cosine": cosine, "clamp": clamp} | more
+
+
+def told(angles: str) -> dict[str, str]:
+    """What a provenance says of angles whose unit the user told; {} if nothing was told."""
+    return {"angles": f"taken as {angles}, as the user says"} if angles in ("degrees", "radians") else {}
 
 
 def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: float = 1e-3) -> Array:
@@ -37,8 +48,13 @@ def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: floa
     above = vectors[:, 2] > HORIZON
     if not above.all():
         row, below = int(np.argmin(above)), int((~above).sum())
-        many = f"; so are {below:,} of {len(above):,}: is y up in your data? z must be the normal"
-        remedy = many if below > max(1, MANY_BELOW * len(above)) else ": leave this entry out"
+        remedy = ": leave this entry out"
+        if below > max(1, MANY_BELOW * len(above)):
+            remedy = f"; so are {below:,} of {len(above):,}: is y up in your data? z must be the normal"
+        if below > 1 and (vectors[:, 2] < -HORIZON).all():
+            remedy = (
+                f"; nor is any of the {below:,}: they seem to be negated: give the way from the surface, -1 times each"
+            )
         raise InputError(f"{label(row)}: {_listed(vectors[row])} is not above the surface (z > 0){remedy}")
     return (vectors / length[:, None]).astype(np.float32)
 
@@ -74,11 +90,26 @@ def angles_in_range(theta: Array, phi: Array, label: Callable[[int], str], what:
             raise InputError(f"{label(row)}: {fault}: correct the angle or leave the entry out")
 
 
-def warn_of_radians(theta: Array, phi: Array, label: str) -> None:
-    """Warn where angles (N,) in degrees are all as small as radians would be."""
-    if 0 < theta.max() < 1.6 and np.abs((phi + 180) % 360 - 180).max() < 6.3:
+def in_degrees(theta: Array, phi: Array, label: str, angles: str) -> tuple[Array, Array]:
+    """θ and φ in degrees, arrays of any shape that a file gives in degrees. `angles` is what the user says that they
+    are: degrees, radians, or anything else for nothing: then what seems to be radians is an `InputError`."""
+    if angles == "radians":
+        return np.degrees(theta), np.degrees(phi)
+    if angles != "degrees" and _seem_radians(theta, phi):
         fault = "every theta is below 1.6 degrees and every phi below 6.3, so these seem to be radians"
-        log.warning("%s: %s: multiply them by 180 / pi", label, fault)
+        raise InputError(f"{label}: {fault}: say which they are by --radians or --degrees (data.angles)")
+    return theta, phi
+
+
+def warn_of_radians(wo: Array, wi: Array, label: str) -> None:
+    """Warn where directions (N, 3) are all as near the normal as if radians had been taken for degrees."""
+    if _seem_radians(*to_degrees(np.concatenate([wo, wi]))):
+        fault = "every theta is below 1.6 degrees and every phi below 6.3, as if from radians taken for degrees"
+        log.warning("%s: %s: multiply the angles by 180 / pi before you make vectors of them", label, fault)
+
+
+def _seem_radians(theta: Array, phi: Array) -> bool:
+    return bool(0 < theta.max() < 1.6 and np.abs((phi + 180) % 360 - 180).max() < 6.3)
 
 
 def radiance_fault(shape: tuple[int, ...], dtype: np.dtype) -> str:
@@ -89,7 +120,9 @@ def radiance_fault(shape: tuple[int, ...], dtype: np.dtype) -> str:
     if len(shape) == 4 and shape[1] == 3 != shape[-1]:
         remedy = ": give radiance.transpose(0, 2, 3, 1)"
     elif dtype.kind in "iu":
-        remedy = f": divide codes by {np.iinfo(dtype).max:,}, and convert sRGB to linear"
+        # Wider integers hold codes of fewer bits, as NumPy's arithmetic makes them.
+        top = f"{np.iinfo(dtype).max:,}" if dtype.itemsize <= 2 else "the largest code (255 of 8 bits, 65,535 of 16)"
+        remedy = f": divide codes by {top}, and convert sRGB to linear"
     return f"radiance is {shape} {dtype}: it must be (N, H, W, 3) floats{remedy}"
 
 
@@ -99,6 +132,31 @@ def negative(values: Array) -> str:
     if not least < -NOISE * float(values.max()):
         return ""
     return f"{(values < 0).mean():.2%} of the values are negative, the least {least:.4g}: radiance cannot be"
+
+
+def refuse_extremes(btf: BTF) -> None:
+    """Raise an `InputError` if `LOOKED_AT` slices of a BTF hold radiance that is too large or too small for float32
+    arithmetic and for records, which hold no number above 1e18. Black data are allowed."""
+    largest, sampled = 0.0, []
+    for picture in some_slices(btf):
+        largest = max(largest, float(picture.max()))
+        step = -(-picture.size // VALUES)
+        sampled.append(picture.reshape(-1)[::step])
+    bright = float(np.percentile(np.maximum(np.concatenate(sampled), 0), 99)) or largest
+    what = ""
+    if largest > LARGEST:
+        what, bright = f"its largest value is {largest:.3g}, above {LARGEST:g}", largest
+    elif 0 < bright < SMALLEST:
+        what = f"the 99th percentile of its values is {bright:.3g}, below {SMALLEST:g}"
+    if what:
+        factor = 10.0 ** -round(math.log10(bright))
+        raise InputError(f"{btf.name}: {what}, too far from 1 for float32: multiply it by {factor:g} in float64")
+
+
+def some_slices(btf: BTF) -> Iterator[Array]:
+    """At most `LOOKED_AT` slices (H, W, 3) of a BTF, evenly spread over its pairs."""
+    for pair in np.unique(np.linspace(0, len(btf) - 1, LOOKED_AT).astype(int)):
+        yield btf[int(pair)]
 
 
 def no_duplicates(wo: Array, wi: Array, label: Callable[[int], str]) -> None:

@@ -14,6 +14,7 @@ WHOLE = 64 << 20
 BLOCK = 64 << 10
 HEAD = 4096
 MAX_DEPTH = 3
+UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 
 
 class FolderFiles:
@@ -90,6 +91,7 @@ class Candidate:
     """A file or a folder whose format is sought; `OSError` if it cannot be read."""
 
     path: Path
+    angles: str = ""  # what the user says that angles are which should be degrees: `bench.data.readers.checks`
 
     @cached_property
     def head(self) -> bytes:
@@ -121,7 +123,8 @@ class Candidate:
         """The first line of a text file; "" for an archive."""
         if self.is_zip:
             return ""
-        return self.head.decode("utf-8-sig", "replace").lstrip().split("\n", 1)[0].strip()
+        encoding = "utf-16" if self.head.startswith(UTF16_MARKS) else "utf-8-sig"
+        return self.head.decode(encoding, "replace").lstrip().split("\n", 1)[0].strip()
 
     @property
     def described(self) -> str:
@@ -132,6 +135,18 @@ class Candidate:
         if self.is_zip:
             return f"it is not an archive of a known BTF (it holds {', '.join(self.names[:3]) or 'nothing'}):"
         return f"it begins with {self.head[:10]!r}, like no known BTF:"
+
+
+def text_of(data: bytes) -> str:
+    """The text of a file in UTF-8, in UTF-16 with its mark, or else in Latin-1. `ValueError` for binary data."""
+    if data.startswith(UTF16_MARKS):
+        return data.decode("utf-16")
+    if b"\0" in data:
+        raise ValueError("it holds zero bytes: binary data, or UTF-16 without its mark")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
 
 
 def list_folder(path: Path) -> list[str]:

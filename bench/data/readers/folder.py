@@ -1,7 +1,8 @@
 """Reads and writes a folder of pictures with `pairs.csv`, the simplest exchange format.
 
 `pairs.csv` has the columns `file, theta_o_deg, phi_o_deg, theta_i_deg, phi_i_deg`, in any order, and optionally
-`split` (`train` or `heldout`). `btf.json`, which `write_folder` adds, keeps name, period and provenance.
+`split` (`train` or `heldout`). `btf.json`, which `write_folder` adds, keeps name, period and provenance, and
+says that the angles are degrees.
 """
 
 import csv
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from bench.btf import BTF, Array
-from bench.data.readers.checks import AS_STORED, described, pairs_in_degrees, view_major, warn_of_radians
+from bench.data.readers.checks import AS_STORED, described, in_degrees, pairs_in_degrees, told, view_major
 from bench.data.readers.files import Candidate, FolderFiles
 from bench.data.readers.pictures import PictureSource
 from bench.directions.hemisphere import to_degrees
@@ -38,17 +39,21 @@ def opened(seen: Candidate) -> BTF | None:
     if not (path / LIST).is_file() if seen.is_folder else ANGLES[0] not in seen.first_line:
         return None
     rows = _read_rows(path / LIST)
-    angles = np.array([_angles(path, number, row) for number, row in rows])
+    notes = _notes(path / NOTES)
+    stated = np.array([_angles(path, number, row) for number, row in rows])
+    # A folder that the suite wrote holds degrees, however small.
+    unit = seen.angles or str(notes.get("angles", ""))
+    thetas, phis = in_degrees(stated[:, ::2], stated[:, 1::2], str(path / LIST), unit)
+    angles = np.stack([thetas, phis], -1).reshape(len(rows), 4)
     labels = [f"{path / LIST}, line {number}" for number, _ in rows]
     names = [inside(row["file"], label) for label, (_, row) in zip(labels, rows, strict=True)]
     wo, wi = pairs_in_degrees(angles, labels.__getitem__, ("_o_deg", "_i_deg"))
-    warn_of_radians(angles[:, ::2], angles[:, 1::2], str(path / LIST))
     heldout = _heldout(path, rows)
     order = view_major(wo, wi)
     source = PictureSource(FolderFiles(path), [names[i] for i in order], [labels[i] for i in order])
-    notes = _notes(path / NOTES)
     colour = "8- and 16-bit codes decoded as sRGB to linear Rec. 709; EXR and .hdr as stored"
     provenance = described("folder", colour, AS_STORED) | notes.get("provenance", {}) | source.conversions()
+    provenance |= told(seen.angles)
     name, periodic = str(notes.get("name", path.resolve().name)), bool(notes.get("periodic", False))
     mask = None if heldout is None else heldout[order]
     return BTF(name, wo[order], wi[order], source, heldout=mask, periodic=periodic, provenance=provenance)
@@ -127,7 +132,7 @@ def write_folder(btf: BTF, path: str | Path) -> None:
     names = [f"{index:05d}.exr" for index in range(len(btf))]
     for name, picture in zip(names, btf, strict=True):
         write_exr(folder / name, picture)
-    notes = {"name": btf.name, "periodic": btf.periodic, "provenance": btf.provenance}
+    notes = {"name": btf.name, "periodic": btf.periodic, "provenance": btf.provenance, "angles": "degrees"}
     (folder / NOTES).write_text(json.dumps(notes, indent=1, default=str), "utf-8")
     angles = np.stack([*to_degrees(btf.wo), *to_degrees(btf.wi)], -1)
     with open(folder / LIST, "w", encoding="utf-8", newline="") as stream:

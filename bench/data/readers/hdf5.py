@@ -86,8 +86,14 @@ def _stored(path: Path, file: Any, key: str) -> Any:
     """A data set of plain floats, with values in this file and a size that its bytes can hold."""
     import h5py
 
-    link = file.get(key, getlink=True) if key in file else None
-    if not isinstance(link, h5py.HardLink) or not isinstance(file[key], h5py.Dataset):
+    links, name = file.id.links, key.encode()
+    kind = links.get_info(name).type if links.exists(name) else None  # the link's own, which opens no other file
+    if kind is not None and kind != h5py.h5l.TYPE_HARD:
+        target = links.get_val(name)
+        words = [part.decode("utf-8", "replace") for part in (target if isinstance(target, tuple) else (target,))]
+        where = f"a link to {words[-1]}" + (f" in the file {words[0]}" if len(words) > 1 else "")
+        raise InputError(f"{path}: {key} is {where}: copy the data set itself to {key}, as h5repack or h5copy does")
+    if kind is None or not isinstance(file[key], h5py.Dataset):
         held = ", ".join(sorted(file)[:5])[:200] or "nothing"
         raise InputError(f"{path}: no data set {key} (it holds {held}): it needs {COLOUR}, {VIEW}, {LIGHT}")
     data = file[key]
@@ -98,7 +104,22 @@ def _stored(path: Path, file: Any, key: str) -> Any:
     claimed, chunk = (math.prod(shape) * data.dtype.itemsize for shape in (data.shape, data.chunks or ()))
     if claimed > max(LEAST, RATIO * data.id.get_storage_size()) or chunk > MAX_FILE:
         raise InputError(f"{path}: {key} of {data.shape} in chunks of {data.chunks} is more than its bytes can hold")
+    _refuse_unwritten(path, key, data)
     return data
+
+
+def _refuse_unwritten(path: Path, key: str, data: Any) -> None:
+    """Raise an `InputError` if values of a data set were never written; the library would give its fill value."""
+    if not data.size:
+        return
+    if not data.id.get_storage_size():
+        raise InputError(f"{path}: {key} was made, but no value was ever written to it: write the file again")
+    if data.chunks:
+        sides = zip(data.shape, data.chunks, strict=True)
+        due = math.prod(-(-length // chunk) for length, chunk in sides)
+        if missing := due - data.id.get_num_chunks():
+            fault = f"{missing:,} of the {due:,} chunks of {key} were never written"
+            raise InputError(f"{path}: {fault}: write all pictures, or cut the data sets to those that were")
 
 
 def _directions(path: Path, key: str, data: Any, count: int) -> Array:

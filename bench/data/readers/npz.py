@@ -15,13 +15,15 @@ from bench.data.readers.checks import (
     IN_THE_DATA,
     described,
     different_directions,
+    in_degrees,
     no_duplicates,
     radiance_fault,
+    told,
     unit_directions,
     warn_of_radians,
 )
 from bench.data.readers.files import Candidate, file_digest
-from bench.directions.hemisphere import product, to_degrees
+from bench.directions.hemisphere import product
 from bench.files.archive import ZipFiles, stored
 from bench.inputs.errors import InputError, readable
 
@@ -61,7 +63,7 @@ def opened(seen: Candidate) -> BTF | None:
     if not seen.is_zip or not {"radiance.npy", f"{MEAN}.npy"} & set(seen.names):
         return None
     if "radiance.npy" not in seen.names:
-        return _mean_abrdf(seen.path)
+        return _mean_abrdf(seen.path, seen.angles)
     path, files = seen.path, ZipFiles(seen.path)
     radiance = stored(files, "radiance")
     if fault := radiance_fault(radiance.shape, radiance.dtype):
@@ -69,13 +71,13 @@ def opened(seen: Candidate) -> BTF | None:
     count = radiance.shape[0]
     wo, wi = (_directions(files, key, count) for key in ("wo", "wi"))
     no_duplicates(wo, wi, lambda row: f"{path}: pair {row}")
-    warn_of_radians(*to_degrees(np.concatenate([wo, wi])), f"{path}: wo and wi")
+    warn_of_radians(wo, wi, f"{path}: wo and wi")
     source, heldout, periodic = NpzSource(radiance.values(), path), _heldout(files, count), _periodic(files)
     provenance = described("npz", "taken as linear Rec. 709", AS_STORED) | _provenance(files)
     return BTF(path.stem, wo, wi, source, heldout=heldout, periodic=periodic, provenance=provenance)
 
 
-def _mean_abrdf(path: Path) -> BTF:
+def _mean_abrdf(path: Path, unit: str) -> BTF:
     """The BTF (1 × 1 texel) of a mean ABRDF: view-major, linear Rec. 709, including the cosine of the light."""
     files = ZipFiles(path)
     table, *sides = (stored(files, key) for key in (MEAN, "theta_deg", "phi_deg"))
@@ -84,11 +86,12 @@ def _mean_abrdf(path: Path) -> BTF:
         raise InputError(f"{path}: {MEAN} is {table.shape} {table.dtype}: it must be (V, V, 3) floats")
     if any(angles.shape != (count,) or angles.dtype.kind not in "fiu" for angles in sides):
         raise InputError(f"{path}: theta_deg and phi_deg must be ({count},) numbers")
-    theta, phi = (np.radians(np.asarray(angles.values(), np.float64)) for angles in sides)
+    stated_theta, stated_phi = (np.asarray(angles.values(), np.float64) for angles in sides)
+    theta, phi = map(np.radians, in_degrees(stated_theta, stated_phi, f"{path}: theta_deg and phi_deg", unit))
     directions = different_directions(theta, phi, lambda row: f"{path}: direction {row}", "_deg")
     source = NpzSource(finite(table.values(), f"{path}: {MEAN}").reshape(-1, 1, 1, 3), path)
     texels = "one: the geometric mean over the measured texels"
-    provenance = described("mean ABRDF", "linear Rec. 709 as stored", IN_THE_DATA, texels=texels)
+    provenance = described("mean ABRDF", "linear Rec. 709 as stored", IN_THE_DATA, texels=texels) | told(unit)
     return BTF(path.stem, *product(directions, directions), source, provenance=provenance)
 
 

@@ -13,27 +13,23 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bench.btf import Array, Source, finite
-from bench.data.readers.colour import REC709, Colour, profiled, stated
+from bench.data.readers import exr
+from bench.data.readers.colour import Colour, profiled, stated
 from bench.data.readers.files import Files, FolderFiles
 from bench.data.readers.orientation import orientation, png_chunks, upright, upright_size
-from bench.inputs.errors import InputError, readable, refuse_pipe
+from bench.inputs.errors import InputError, readable
 from bench.metrics.display import decode_srgb
 
 MAX_PIXELS = 1 << 26
 PIXELS_PER_BYTE = 8192
 _STARTS = {b"\xff\xd8\xff": "jpeg", b"\x89PNG\r\n\x1a\n": "png", b"\x76\x2f\x31\x01": "exr", b"#?": "hdr"}
 SUPPORTED = "JPEG, PNG, OpenEXR and Radiance .hdr are read"
-
-# IEC 61966-2-1: the primaries and the white (D65) of sRGB, equal to those of Rec. 709.
-XYZ_TO_REC709 = np.array(
-    [[3.2404542, -1.5371385, -0.4985314], [-0.9692660, 1.8760108, 0.0415560], [0.0556434, -0.2040259, 1.0572252]]
-)
+_DECODED = (0xC0, 0xC1, 0xC2, 0xC9, 0xCA)  # frames of JPEG: baseline, extended, progressive; the last two arithmetic
 
 
 @cache
@@ -110,7 +106,7 @@ def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False, is_colour
         if kind == "exr":
             if not isinstance(files, FolderFiles):
                 raise InputError(f"{label}: EXR is read from folders only: extract the archive and give the folder")
-            picture = _read_exr(files.root / name, label, rgb_is_xyz)
+            picture = exr.read(files.root / name, label, rgb_is_xyz)
         elif kind == "hdr":
             picture = _read_hdr(files.read(name))
         else:
@@ -144,9 +140,13 @@ class PictureSource(Source):
         self.turned: dict[str, int] = {}
         self.colours: dict[str, str] = {}  # what pictures are converted from, other than sRGB
         labels = [files.label(name) for name in self.names] if labels is None else labels
+        listed: dict[str, str] = {}
         for index, (name, label) in enumerate(zip(self.names, labels, strict=True)):
             if not files.has(name):
                 raise InputError(f"{label}: {name} is missing: add the picture or leave the entry out")
+            if listed.setdefault(name, label) != label:
+                fault = f"{name} already stands in {listed[name]}, for other directions"
+                raise InputError(f"{label}: {fault}: give each pair its own picture")
             header = _header(files, name)
             size = header.size
             self.turned |= {name: header.turned} if header.turned > 1 else {}
@@ -185,7 +185,12 @@ def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
         if marker in (0xFF, 0x01) or 0xD0 <= marker <= 0xD8:
             at += 1 if marker == 0xFF else 2
         elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            _, height, width, channels = struct.unpack_from(">BHHB", data, at + 4)
+            bits, height, width, channels = struct.unpack_from(">BHHB", data, at + 4)
+            if marker not in _DECODED or bits != 8:
+                kind = f"it has {bits} bits a channel" if marker in _DECODED else "it is lossless or hierarchical"
+                raise InputError(
+                    f"{label}: this JPEG is not read, because {kind}: save it with 8 bits, or as 16-bit PNG"
+                )
             if channels not in (1, 3):
                 raise InputError(f"{label}: this JPEG has {channels} channels (CMYK?): save it as RGB")
             return height, width
@@ -202,66 +207,6 @@ def _png_size(data: bytes, label: str) -> tuple[int, int] | None:
     return (height, width) if notes_are_seen else None
 
 
-def _exr_size(data: bytes, label: str) -> tuple[int, int] | None:
-    attributes = _exr_attributes(data, label)
-    if attributes is None:
-        return None
-    missing = [name for name in ("channels", "dataWindow", "displayWindow") if name not in attributes]
-    if missing:
-        raise InputError(f"{label}: this EXR lacks {', '.join(missing)}: save it again")
-    window = struct.unpack("<4i", attributes["dataWindow"])
-    if window != struct.unpack("<4i", attributes["displayWindow"]):
-        raise InputError(f"{label}: its data window differs from its display window: save it uncropped")
-    if "tiles" in attributes and max(struct.unpack_from("<II", attributes["tiles"])) > 4096:
-        raise InputError(f"{label}: this EXR has tiles above 4096 pixels: save it in scan lines")
-    _exr_choice(attributes, label)
-    return window[3] - window[1] + 1, window[2] - window[0] + 1
-
-
-def _exr_attributes(data: bytes, label: str) -> dict[str, bytes] | None:
-    """The header of a single-part EXR by attribute name; None if the data end before the header does."""
-    version = struct.unpack_from("<I", data, 4)[0]
-    if version & 0xFF != 2 or version & 0x1800:
-        fault = f"this EXR is deep or multi-part (version field {version:#x})"
-        raise InputError(f"{label}: {fault}: save it as a single flat part")
-    attributes: dict[str, bytes] = {}
-    at = 8
-    while at < len(data):
-        if data[at] == 0:
-            return attributes
-        name_end = data.find(b"\0", at, at + 256)
-        type_end = data.find(b"\0", name_end + 1, name_end + 257)
-        if min(name_end, type_end) < 0 or type_end + 5 > len(data):
-            return None
-        size = struct.unpack_from("<i", data, type_end + 1)[0]
-        start = type_end + 5
-        if size < 0 or start + size > len(data):
-            return None
-        attributes[data[at:name_end].decode("latin-1")] = data[start : start + size]
-        at = start + size
-    return None
-
-
-def _exr_choice(attributes: dict[str, bytes], label: str) -> tuple[str, ...]:
-    """The channels to read: R G B, else X Y Z, else Y alone (grey)."""
-    channels, data, at = {}, attributes["channels"], 0
-    while at < len(data) and data[at]:
-        end = data.index(b"\0", at)
-        # Pixel type (0 uint, 1 half, 2 float) and samplings of a channel.
-        channels[data[at:end].decode("latin-1")] = struct.unpack_from("<i4xii", data, end + 1)
-        at = end + 17
-    for choice in (("R", "G", "B"), ("X", "Y", "Z"), ("Y",)):
-        if set(choice) <= set(channels) and not (choice == ("Y",) and {"RY", "BY"} & set(channels)):
-            break
-    else:
-        missing, held = ", ".join(c for c in "RGB" if c not in channels), ", ".join(sorted(channels)) or "none"
-        raise InputError(f"{label}: no channel {missing} (it holds {held}): save it with channels R, G, B")
-    for name in choice:
-        if channels[name] not in ((1, 1, 1), (2, 1, 1)):
-            raise InputError(f"{label}: channel {name} is not full-size half or float: save it as half or float RGB")
-    return choice
-
-
 def _hdr_size(data: bytes, label: str) -> tuple[int, int] | None:
     header = _hdr_header(data)
     if header is None:
@@ -270,7 +215,7 @@ def _hdr_size(data: bytes, label: str) -> tuple[int, int] | None:
     return counts if axes[0][1] == "Y" else counts[::-1]
 
 
-_SIZES = {"jpeg": _jpeg_size, "png": _png_size, "exr": _exr_size, "hdr": _hdr_size}
+_SIZES = {"jpeg": _jpeg_size, "png": _png_size, "exr": exr.size, "hdr": _hdr_size}
 
 
 def _read_codes(data: bytes, kind: str | None, header: _Header, label: str) -> Array:
@@ -303,27 +248,6 @@ def _png16(data: bytes, size: tuple[int, int], label: str) -> Array:
     planes = info["planes"]
     codes = np.vstack([np.asarray(row, np.uint16) for row in rows]).reshape(height, width, planes)
     return codes[..., :3] if planes >= 3 else np.repeat(codes[..., :1], 3, 2)
-
-
-def _read_exr(path: Path, label: str, rgb_is_xyz: bool) -> Array:
-    import OpenEXR
-
-    refuse_pipe(path)
-    attributes = _exr_attributes(path.read_bytes(), label)
-    if attributes is None:
-        raise InputError(f"{label}: the header ends early: the picture is truncated; get it again")
-    choice = _exr_choice(attributes, label)
-    channels = OpenEXR.File(str(path), separate_channels=True).channels()
-    picture = np.stack([np.asarray(channels[name].pixels, np.float32) for name in choice], -1)
-    if choice == ("Y",):
-        return np.repeat(picture, 3, 2)
-    if choice == ("X", "Y", "Z") or rgb_is_xyz:  # colours outside the gamut stay negative
-        with np.errstate(over="ignore", invalid="ignore"):
-            return np.asarray(picture @ XYZ_TO_REC709.T, np.float32)
-    stated = attributes.get("chromaticities")
-    if stated is not None and not np.allclose(struct.unpack("<8f", stated), REC709, atol=2e-3):
-        raise InputError(f"{label}: its chromaticities are not those of Rec. 709: convert it to linear Rec. 709 (sRGB)")
-    return picture
 
 
 def _hdr_header(data: bytes) -> tuple[int, tuple[str, str], tuple[int, int], float] | None:

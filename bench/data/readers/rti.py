@@ -1,20 +1,23 @@
 """Reflectance transformation imaging: one view, many lights, listed in an `.lp` file.
 
-The first line of the list is the count; each line after it is `image-name x y z` with the unit vector to the light,
-x right, y up, z toward the camera: the frame of the suite.
+The first line of the list is the count, which may be missing; each line after it is `image-name x y z` with the unit
+vector to the light, x right, y up, z toward the camera: the frame of the suite.
 """
 
+import logging
+import unicodedata
 from pathlib import Path
 
 import numpy as np
 
 from bench.btf import BTF
 from bench.data.readers.checks import described, no_duplicates, unit_directions, view_major
-from bench.data.readers.files import Candidate, FolderFiles
+from bench.data.readers.files import Candidate, FolderFiles, list_folder, text_of
 from bench.data.readers.pictures import PictureSource
 from bench.inputs.errors import InputError, readable
 
 MAX_LIST = 16 << 20
+log = logging.getLogger(__name__)
 
 
 def opened(seen: Candidate) -> BTF | None:
@@ -26,17 +29,18 @@ def opened(seen: Candidate) -> BTF | None:
     path = seen.path
     if seen.is_folder:
         lists = sorted(p for p in path.iterdir() if p.suffix.lower() == ".lp" and p.is_file())
+        lists = [p for p in lists if not p.name.startswith(".")]  # macOS adds hidden files, `._name`
         if len(lists) > 1:
             held = ", ".join(p.name for p in lists[:5])
             raise InputError(f"{path}: it holds several lists ({held}): give the path of one")
         if not lists:
             return None
         path = lists[0]
-    elif not seen.first_line.isdecimal():
+    elif not seen.first_line.isdecimal() and not _is_entry(seen.first_line):
         return None
     files = FolderFiles(path.parent)
     names, labels, vectors = _read_list(path)
-    pictures = [_picture(files, name, label) for name, label in zip(names, labels, strict=True)]
+    pictures = _pictures(files, names, labels)
     wi = unit_directions(vectors, labels.__getitem__, tolerance=0.05)
     wo = np.tile(np.array([0, 0, 1], np.float32), (len(wi), 1))
     no_duplicates(wo, wi, labels.__getitem__)
@@ -44,7 +48,8 @@ def opened(seen: Candidate) -> BTF | None:
     source = PictureSource(files, [pictures[i] for i in order], [labels[i] for i in order])
     clamp = "none here; 8-bit codes end at 1, so highlights are clipped in the photographs"
     provenance = described("RTI", "8- and 16-bit codes decoded as sRGB to linear Rec. 709", clamp=clamp)
-    provenance |= {"list": path.name, "scale": "the camera's exposure; not calibrated"} | source.conversions()
+    list_name = path.name.encode("utf-8", "backslashreplace").decode()  # a record holds no other bytes
+    provenance |= {"list": list_name, "scale": "the camera's exposure; not calibrated"} | source.conversions()
     return BTF(path.parent.resolve().name, wo[order], wi[order], source, provenance=provenance)
 
 
@@ -53,15 +58,29 @@ def _read_list(path: Path) -> tuple[list[str], list[str], np.ndarray]:
     with readable(str(path), "save it as plain text"):
         if path.stat().st_size > MAX_LIST:
             raise InputError(f"{path}: it is larger than {MAX_LIST >> 20} MiB, too large for a list of lights")
-        text = path.read_text("utf-8-sig")
+        text = text_of(path.read_bytes())
     lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
-    if not lines or not lines[0][1].isdecimal():
-        raise InputError(f"{path}: its first line is not the count of images: write the count there")
-    labels = [f"{path}, line {number}" for number, _ in lines[1:]]
-    entries = [_entry(label, line) for label, (_, line) in zip(labels, lines[1:], strict=True)]
-    if len(entries) != int(lines[0][1][:18]) or not entries:
-        raise InputError(f"{path}: line 1 says {lines[0][1][:18]} images, {len(entries)} are listed: correct it")
+    if not lines:
+        raise InputError(f"{path}: it is empty: give the count of images, and a line for each")
+    count = None
+    if lines[0][1].isdecimal():
+        count = int(lines.pop(0)[1][:18])
+    labels = [f"{path}, line {number}" for number, _ in lines]
+    entries = [_entry(label, line) for label, (_, line) in zip(labels, lines, strict=True)]
+    if count is None:
+        log.warning("%s: its first line is not the count of images: all %d lines are taken", path, len(entries))
+    elif count != len(entries) or not entries:
+        raise InputError(f"{path}: line 1 says {count} images, {len(entries)} are listed: correct it")
     return [name for name, _ in entries], labels, np.array([vector for _, vector in entries])
+
+
+def _is_entry(line: str) -> bool:
+    """Whether a line names a picture, with a suffix, and a vector."""
+    cells = line.rsplit(None, 3)
+    try:
+        return len([float(cell) for cell in cells[1:]]) == 3 and "." in cells[0]
+    except ValueError:
+        return False
 
 
 def _entry(label: str, line: str) -> tuple[str, list[float]]:
@@ -73,13 +92,39 @@ def _entry(label: str, line: str) -> tuple[str, list[float]]:
         raise InputError(f"{label}: {line[:60]!r} is not `image-name x y z`: mend the line") from error
 
 
-def _picture(files: FolderFiles, listed: str, label: str) -> str:
-    """The picture of a line: by its listed path in the folder, else (paths are often foreign) by its bare name."""
+def _pictures(files: FolderFiles, names: list[str], labels: list[str]) -> list[str]:
+    """The pictures of the lines of a list. Where a name differs in case or in the form of its accents from the only
+    file that it can mean, as after a copy from another system, that file is taken."""
+    near: dict[str, list[str]] | None = None
+    found = []
+    for listed, label in zip(names, labels, strict=True):
+        wanted = _possible(listed)
+        with readable(label):
+            picture = next((name for name in wanted if files.has(name)), "")
+        if not picture and near is None:
+            near = {}
+            for name in list_folder(files.root):
+                near.setdefault(_folded(name), []).append(name)
+        if not picture:
+            assert near is not None
+            alike = next((near[_folded(name)] for name in wanted if _folded(name) in near), [])
+            if len(alike) != 1:
+                bare = listed.replace("\\", "/").rsplit("/", 1)[-1][:100]
+                remedy = "add the picture, or leave the line out and correct the count"
+                remedy = f"it may be {' or '.join(alike)}: correct the name" if alike else remedy
+                raise InputError(f"{label}: {bare} is missing: {remedy}")
+            picture = alike[0]
+        found.append(picture)
+    return found
+
+
+def _possible(listed: str) -> list[str]:
+    """The names of a listed picture in the folder: its path there, else (paths are often foreign) its bare name."""
     tidy = listed.replace("\\", "/")
     bare = tidy.rsplit("/", 1)[-1]
-    with readable(label):
-        direct = ".." not in tidy.split("/") and not tidy.startswith("/") and tidy[1:2] != ":"
-        for name in [tidy, bare] if direct else [bare]:
-            if name not in ("", ".", "..") and files.has(name):
-                return name
-    raise InputError(f"{label}: {bare[:100]} is missing: add the picture, or leave the line out and correct the count")
+    direct = ".." not in tidy.split("/") and not tidy.startswith("/") and tidy[1:2] != ":"
+    return [name for name in ([tidy, bare] if direct else [bare]) if name not in ("", ".", "..")]
+
+
+def _folded(name: str) -> str:
+    return unicodedata.normalize("NFC", name).casefold()

@@ -5,8 +5,8 @@ from bench.btf import BTF
 from bench.codec import silent
 from bench.conformance.check import tiny_btf
 from bench.data import convert
-from bench.data.open import open_material
-from bench.data.spec import MaterialSpec, Preparation
+from bench.data.open import open_material, open_named
+from bench.data.spec import MaterialSpec, Preparation, named
 from bench.inputs.errors import InputError, MissingDataError
 
 
@@ -17,6 +17,15 @@ def test_measured_data_that_are_not_there_say_where_to_get_them(monkeypatch):
     with pytest.raises(InputError, match=r"f\.btf: "):
         open_material(MaterialSpec("f", "f.btf"), Preparation(), silent)
     assert MaterialSpec("a", "x" * 4000).existing() is None  # too long for a file
+
+
+def test_a_name_that_no_record_or_file_of_results_can_hold_is_refused_in_one_line():
+    with pytest.raises(InputError, match=r"^data/bad\\udcff\.npz: its name is not UTF-8, .*: rename it$") as caught:
+        open_named("data/bad\udcff.npz", {})
+    assert str(caught.value).encode()  # the message can be recorded itself
+    named("data/" + "a" * 196 + ".npz")
+    with pytest.raises(InputError, match=r"a\.npz: a name of 201 bytes leaves no room .*: rename it$"):
+        named("data/" + "a" * 197 + ".npz")
 
 
 def test_what_the_data_declare_held_out_are_test_pairs(tmp_path):

@@ -7,6 +7,8 @@ from bench.btf import BTF, ArraySource
 from bench.conformance.check import tiny_btf
 from bench.data.convert import write_btf
 from bench.data.portrait import draw, look
+from bench.data.readers import open_btf
+from bench.directions.hemisphere import from_angles
 
 
 def values_of(btf):
@@ -33,6 +35,22 @@ def test_a_missing_cosine_is_suspected(btf):
     (warning,) = look(like(btf, matt)).warnings()
     assert "cosine seems to be missing" in warning
     assert look(like(btf, matt * btf.wi[:, 2, None, None, None])).power == pytest.approx(1, abs=0.1)
+
+
+@pytest.mark.parametrize("gloss", [0, 2])
+def test_swapped_views_and_lights_are_told_from_a_missing_cosine(btf, gloss):
+    cos_o, cos_i = (side[:, 2, None, None, None] for side in (btf.wo, btf.wi))
+    brdf = np.random.default_rng(0).uniform(0.9, 1, (len(btf), 16, 16, 3)) * (cos_o * cos_i) ** gloss  # reciprocal
+    assert look(like(btf, brdf * cos_i)).warnings() == []
+    (warning,) = look(like(btf, brdf * cos_o)).warnings()
+    assert "views and lights seem to be swapped: exchange omega_o and omega_i" in warning
+    assert "cosine seems to be missing" not in warning
+
+
+def test_with_one_view_a_missing_cosine_and_a_swap_are_both_named(btf):
+    one = btf.subset(btf.layout.grid[0])
+    (warning,) = look(like(one, 1 + np.zeros((9, 16, 16, 3)))).warnings()
+    assert "the light's cosine seems to be missing, or views and lights are swapped: look which" in warning
 
 
 def test_clipped_highlights_are_counted(btf):
@@ -66,6 +84,42 @@ def test_a_seam_is_named_with_its_border(btf, axis, border):
     (warning,) = look(like(btf, values, periodic=True)).warnings()
     assert f"a seam at the {border} border" in warning
     assert "although the data call it periodic" in warning
+
+
+def test_info_repairs_and_takes_the_unit_of_angles_as_its_errors_suggest(tmp_path, btf, capsys):
+    values = values_of(btf)
+    values[0, 0, 0, 0] = np.nan
+    np.savez(tmp_path / "a.npz", radiance=values, wo=btf.wo, wi=btf.wi)
+    assert cli.main(["info", str(tmp_path / "a.npz")]) == 2
+    assert "mask them by --repair" in capsys.readouterr().err
+    assert cli.main(["info", str(tmp_path / "a.npz"), "--repair"]) == 0
+    assert "repaired: 1 values that were not finite" in capsys.readouterr().out
+    angles = {"theta_deg": np.array([0.0, 1.5]), "phi_deg": np.array([0.0, 6.0])}
+    np.savez(tmp_path / "b.npz", rgb_geomean=np.ones((2, 2, 3), np.float32), **angles)
+    assert cli.main(["info", str(tmp_path / "b.npz")]) == 2
+    assert "say which they are by --radians or --degrees" in capsys.readouterr().err
+    for unit in ("radians", "degrees"):
+        assert cli.main(["info", str(tmp_path / "b.npz"), f"--{unit}"]) == 0
+        assert f"angles: taken as {unit}, as the user says" in capsys.readouterr().out
+    converted = str(tmp_path / "c.npz")
+    assert cli.main(["convert", str(tmp_path / "b.npz"), "--radians", "-o", converted]) == 0
+    np.testing.assert_allclose(open_btf(converted).wi[1], from_angles(1.5, 6.0), atol=1e-6)
+    encode = ["encode", str(tmp_path / "b.npz"), "--codec", "mean-colour", "-o", str(tmp_path / "b.nbtf")]
+    assert cli.main(encode) == 2
+    assert cli.main([*encode, "--degrees"]) == cli.main([*encode, "--set", "data.angles=degrees"]) == 0
+    assert cli.main([*encode, "--set", "data.angles=both"]) == 2
+    run = [
+        "run",
+        "quick",
+        "--material",
+        str(tmp_path / "b.npz"),
+        "--codec",
+        "mean-colour",
+        "--out",
+        str(tmp_path / "r"),
+    ]
+    assert cli.main(run) == 2
+    assert cli.main([*run, "--radians"]) == 0
 
 
 def test_info_warns_and_draws(tmp_path, btf, capsys):

@@ -5,6 +5,7 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from pathlib import Path
 from unittest.mock import Mock
 
 import numpy as np
@@ -23,6 +24,17 @@ def test_a_file_is_there_whole_or_not_at_all(tmp_path):
         raise ZeroDivisionError
     assert path.read_bytes() == b"first"
     assert list(path.parent.iterdir()) == [path]
+
+
+def test_an_error_of_a_read_only_file_system_names_the_file_that_was_wanted(tmp_path, monkeypatch):
+    def refuse(path, *_, **__):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
+
+    monkeypatch.setattr("bench.files.atomic.open", refuse, raising=False)
+    monkeypatch.setattr(Path, "unlink", refuse)
+    with pytest.raises(OSError, match="Read-only") as caught:
+        atomic.write(tmp_path / "a.json", b"")
+    assert caught.value.filename == str(tmp_path / "a.json")
 
 
 def test_a_folder_takes_its_place_whole_and_scratch_is_removed(tmp_path):

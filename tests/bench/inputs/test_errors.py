@@ -1,7 +1,10 @@
+import errno
+import os
+
 import pytest
 
 from bench import cli
-from bench.inputs.errors import visible
+from bench.inputs.errors import unwritable, visible
 
 
 @pytest.mark.parametrize(
@@ -23,3 +26,12 @@ def test_an_error_is_one_line_whatever_it_names(capsys):
     said = capsys.readouterr().err
     assert said.startswith(r"neubtf-bench: no\n::error file=x::run\x1b[2J: no such folder")
     assert said.count("\n") == 1
+
+
+def test_a_read_only_file_system_needs_another_place_and_not_more_room():
+    said = unwritable(OSError(errno.EROFS, os.strerror(errno.EROFS), "out/a.npz"))
+    assert said.startswith("out/a.npz: cannot be written (Read-only file system): choose another place")
+    assert "$NEUBTF_CACHE" in said
+    assert unwritable(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "a")).endswith(
+        "make room, then give the same command again"
+    )

@@ -29,9 +29,9 @@ def samples():
 def refused():
     """Asserts that no BTF opens at a path, in one line that names the path and says what is wrong."""
 
-    def refuse(path, what, named=None):
+    def refuse(path, what, named=None, **options):
         with pytest.raises(InputError, match=what) as caught:
-            open_btf(path)
+            open_btf(path, **options)
         assert re.fullmatch(f".*{re.escape(str(named or path))}.*", str(caught.value))
 
     return refuse

@@ -4,7 +4,7 @@ from PIL import Image
 
 from bench.data.readers import open_btf
 from bench.data.readers.folder import write_exr, write_folder
-from bench.directions.hemisphere import from_degrees
+from bench.directions.hemisphere import from_angles, from_degrees
 from bench.inputs.errors import InputError
 
 HEADER = "file,theta_o_deg,phi_o_deg,theta_i_deg,phi_i_deg"
@@ -53,17 +53,24 @@ def test_columns_in_any_order_and_pairs_sorted_by_view_then_light(tmp_path):
     assert len(open_btf(folder / "pairs.csv")) == 3
 
 
-def test_angles_that_seem_to_be_radians_are_warned_of(tmp_path, caplog):
-    open_btf(make(tmp_path / "x", ["a.png,0,0,0.5,6.2", "b.png,0,0,1.5,3"]))
-    assert "pairs.csv: every theta is below 1.6 degrees" in caplog.text
-    caplog.clear()
-    open_btf(make(tmp_path / "y", ["a.png,0,0,0.5,6.2", "b.png,0,0,15,3"]))
-    assert caplog.text == ""
+def test_angles_that_seem_to_be_radians_are_refused_until_the_user_says_what_they_are(refused, tmp_path):
+    folder = make(tmp_path / "x", ["a.png,0,0,0.5,6.2", "b.png,0.1,1,1.5,3"])
+    refused(folder, r"pairs\.csv: every theta is below 1\.6 degrees .* by --radians or --degrees \(data\.angles\)$")
+    radians, degrees = (open_btf(folder, angles=unit) for unit in ("radians", "degrees"))
+    np.testing.assert_allclose(radians.wi, from_angles(np.array([0.5, 1.5]), np.array([6.2, 3])), atol=1e-7)
+    np.testing.assert_allclose(radians.wo, from_angles(np.array([0, 0.1]), np.array([0, 1])), atol=1e-7)
+    np.testing.assert_allclose(degrees.wi, from_degrees([0.5, 1.5], [6.2, 3]), atol=1e-7)
+    assert radians.provenance["angles"] == "taken as radians, as the user says"
+    write_folder(degrees, tmp_path / "out")
+    np.testing.assert_allclose(open_btf(tmp_path / "out").wi, degrees.wi, atol=1e-7)  # which holds degrees for sure
+    assert len(open_btf(make(tmp_path / "y", ["a.png,0,0,0.5,6.2", "b.png,0,0,15,3"]))) == 2
+    refused(make(tmp_path / "z", ["a.png,0,0,0.5,6.2", "b.png,0,0,15,7"]), "theta_i_deg", angles="radians")
 
 
 A, B = "a.png,0,0,0,0", "b.png,0,0,10,0"
 BAD = [
     ([A, "d.png,0,0,10,0"], r"line 3: d\.png is missing"),
+    ([A, "a.png,0,0,10,0"], r"line 3: a\.png already stands in .*pairs\.csv, line 2"),
     ([A, "b.png,0,0,95,0"], "line 3: theta_i_deg"),
     ([A, "b.png,90,0,0,0"], "line 3: theta_o_deg"),
     ([A, "b.png,0,0,10,4000"], "line 3: phi_i_deg"),

@@ -82,6 +82,11 @@ def virtual(file):
     file.create_virtual_dataset("ground_light", layout)
 
 
+def half_written(file):
+    colour = file.create_dataset("ground_color", (12, 5, 6, 3), "f4", chunks=(1, 5, 6, 3))
+    colour[3:7] = 1.0
+
+
 COLOUR, LIGHT = KEYS[0], KEYS[2]
 
 
@@ -89,7 +94,12 @@ COLOUR, LIGHT = KEYS[0], KEYS[2]
     ("key", "change", "message"),
     [
         (LIGHT, None, "no data set"),
-        (LIGHT, h5py.ExternalLink("/etc/passwd", "/x"), "no data set"),
+        (LIGHT, h5py.ExternalLink("/etc/passwd", "/x"), "is a link to /x in the file /etc/passwd: copy"),
+        (LIGHT, h5py.SoftLink("/ground_camera_dir"), "is a link to /ground_camera_dir: copy"),
+        (LIGHT, h5py.SoftLink("/nowhere"), "is a link to /nowhere: copy"),
+        (LIGHT, {"shape": (12, 2)}, "no value was ever written"),
+        (COLOUR, {"shape": (12, 5, 6, 3), "chunks": (1, 5, 6, 3)}, "no value was ever written"),
+        (COLOUR, half_written, "8 of the 12 chunks"),
         (LIGHT, virtual, "other files"),
         (LIGHT, {"shape": (12, 2), "external": [("/etc/passwd", 0, 96)]}, "other files"),
         (COLOUR, np.zeros((12, 5, 6, 4), "f4"), r"\(12, 5, 6, 4\)"),

@@ -7,7 +7,8 @@ import pytest
 from PIL import Image
 
 from bench.data.readers import open_btf
-from bench.data.readers.pictures import XYZ_TO_REC709, srgb_table
+from bench.data.readers.exr import XYZ_TO_REC709
+from bench.data.readers.pictures import srgb_table
 from bench.directions.hemisphere import to_degrees, ubo2003
 from bench.inputs.errors import InputError
 

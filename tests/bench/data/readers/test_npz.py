@@ -6,7 +6,7 @@ import pytest
 
 from bench.btf.npz import write_npz
 from bench.data.readers import open_btf
-from bench.directions.hemisphere import to_degrees, ubo2014
+from bench.directions.hemisphere import from_angles, from_degrees, to_degrees, ubo2014
 from bench.inputs.errors import InputError
 
 UP = np.array([[0, 0, 1], [0.6, 0, 0.8]], np.float32)
@@ -44,7 +44,8 @@ def test_files_of_numpy_are_read(tmp_path, save):
     ("changes", "message"),
     [
         ({"radiance": np.ones((2, 3, 4), np.float32)}, r"radiance is \(2, 3, 4\)"),
-        ({"radiance": np.ones((2, 3, 4, 3), np.uint8)}, "uint8"),
+        ({"radiance": np.ones((2, 3, 4, 3), np.uint8)}, "uint8: .* divide codes by 255,"),
+        ({"radiance": np.ones((2, 3, 4, 3), np.int64)}, r"int64: .* divide codes by the largest code \(255 of 8 bits"),
         ({"wo": None}, "no array 'wo'"),
         ({"wi": UP[:1]}, r"wi is \(1, 3\)"),
         ({"wi": UP * 2}, r"wi\[0\]: .* unit vector"),
@@ -73,6 +74,22 @@ def test_nan_is_named_when_read(tmp_path):
     for reading in (lambda: btf[1], lambda: btf.texels([2], [3]), lambda: btf.gather([1], [2], [3])):
         with pytest.raises(InputError, match=r"1 of \d+ values are not finite"):
             reading()
+
+
+def test_radians_of_a_mean_abrdf_are_refused_or_converted_and_vectors_have_no_unit(refused, tmp_path, caplog):
+    mean = {
+        "rgb_geomean": np.ones((2, 2, 3), np.float32),
+        "theta_deg": np.array([0.0, 1.5]),
+        "phi_deg": np.array([0, 6]),
+    }
+    np.savez(tmp_path / "a.npz", **mean)
+    refused(tmp_path / "a.npz", "theta_deg and phi_deg: every theta .* --radians or --degrees")
+    btf = open_btf(tmp_path / "a.npz", angles="radians")
+    np.testing.assert_allclose(btf.wi, from_angles(np.array([0, 1.5]), np.array([0, 6]))[[0, 1, 0, 1]], atol=1e-7)
+    np.savez(tmp_path / "b.npz", **arrays(wi=from_degrees([0, 1.5], [0, 6])))
+    assert len(open_btf(tmp_path / "b.npz")) == 2
+    assert "wo and wi: every theta is below 1.6 degrees" in caplog.text
+    refused(tmp_path / "b.npz", "it states no angles in degrees: leave out --radians", angles="radians")
 
 
 def entry(shape, descr="<f4", fill=b""):

@@ -9,9 +9,10 @@ import pytest
 from PIL import Image, ImageOps
 from skimage.color import xyz2rgb
 
+from bench.data.readers.exr import XYZ_TO_REC709
 from bench.data.readers.files import FolderFiles
 from bench.data.readers.folder import write_exr
-from bench.data.readers.pictures import XYZ_TO_REC709, PictureSource, picture_size, read_picture
+from bench.data.readers.pictures import PictureSource, picture_size, read_picture
 from bench.inputs.errors import InputError
 
 RNG = np.random.default_rng(0)
@@ -137,6 +138,41 @@ def test_exr_of_other_channels_numbers_or_primaries_is_refused(tmp_path, channel
     exr(tmp_path / "a.exr", {name: np.zeros((7, 9), dtype) for name in channels}, header)
     with pytest.raises(InputError, match=rf"a\.exr: .*{message}"):
         read(tmp_path / "a.exr")
+
+
+def test_exr_channels_of_mixed_types_are_read_each_as_its_own_or_refused_by_name(tmp_path):
+    plane = RNG.integers(0, 100, (7, 9))
+    colours = {"R": plane.astype(np.float32), "G": plane.astype(np.float16), "B": (plane / 2).astype(np.float32)}
+    exr(tmp_path / "a.exr", colours | {"A": plane.astype(np.float16), "id": plane.astype(np.uint32)})
+    np.testing.assert_array_equal(read(tmp_path / "a.exr"), np.stack([plane, plane, plane / 2], -1))
+    exr(tmp_path / "b.exr", colours | {"B": plane.astype(np.uint32)})
+    with pytest.raises(InputError, match=r"^.*b\.exr: channel B is not full-size half or float: save it as .*$"):
+        read(tmp_path / "b.exr")
+
+
+@pytest.mark.parametrize("name", ["NO", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "DWAA", "DWAB"])
+def test_a_truncated_exr_is_named_wherever_it_ends(tmp_path, capfd, name):
+    planes = {channel: RNG.random((70, 20)).astype(np.float32) for channel in "RGB"}
+    exr(tmp_path / "a.exr", planes, {"compression": getattr(OpenEXR, f"{name}_COMPRESSION")})
+    whole = (tmp_path / "a.exr").read_bytes()
+    assert read(tmp_path / "a.exr").shape == (70, 20, 3)
+    for length in (len(whole) - 1, len(whole) // 2, 420):
+        (tmp_path / "a.exr").write_bytes(whole[:length])
+        with pytest.raises(InputError, match=rf"^.*a\.exr: its pixels end early \({length:,} bytes\): .*truncated.*$"):
+            read(tmp_path / "a.exr")
+    assert capfd.readouterr() == ("", ""), "the library says nothing besides"
+
+
+def test_a_jpeg_of_12_bits_or_without_loss_is_refused_by_that_word(tmp_path):
+    Image.fromarray(CODES).save(tmp_path / "a.jpg")
+    whole = (tmp_path / "a.jpg").read_bytes()
+    frame = whole.index(b"\xff\xc0")
+    for marker, bits, message in ((0xC1, 12, "12 bits a channel"), (0xC3, 8, "lossless")):
+        changed = bytearray(whole)
+        changed[frame + 1], changed[frame + 4] = marker, bits
+        (tmp_path / "a.jpg").write_bytes(changed)
+        with pytest.raises(InputError, match=rf"a\.jpg: .*{message}.*: save it with 8 bits"):
+            picture_size(FolderFiles(tmp_path), "a.jpg")
 
 
 def flat_hdr(rgbe, size, extra=""):

@@ -32,9 +32,12 @@ def test_one_view_many_lights_as_photographed(tmp_path):
     [
         (["4", *GOOD[1:], "im 3.png 0.8 0 0.6"], r"dirs\.lp, line 5: im 3\.png is missing"),
         (["4", *GOOD[1:]], r"dirs\.lp: line 1 says 4 images, 3"),
-        (GOOD[1:], "count"),
         (["1", "im 0.png a b c"], "line 2: 'im"),
         (["1", "im 0.png 0 0 -1"], "line 2: .* not above"),
+        (["2", "im 0.png 0 0 -1", "im 1.png 0.6 0 -0.8"], "line 2: .* nor is any of the 2: they seem to be negated"),
+        (["2", "im 0.png 0 0 1", "im 0.png 0.6 0 0.8"], r"line 3: im 0\.png already stands in .*dirs\.lp, line 2"),
+        ([*GOOD[:3], "im two.png 0 0.6 0.8"], r"line 4: im two\.png is missing: add the picture"),
+        ([], r"dirs\.lp: it is empty"),
         (["1", "im 0.png nan 0 1"], "line 2: .* unit vector"),
         (["2", "im 0.png 0 0 1", "im 1.png 0 0 1"], "line 3: .*line 2"),
         (["1", "../../../etc/passwd 0 0 1"], "line 2: passwd is missing"),
@@ -42,10 +45,42 @@ def test_one_view_many_lights_as_photographed(tmp_path):
     ],
 )
 def test_bad_lists_name_the_line(refused, tmp_path, lines, message):
-    make(tmp_path, lines or GOOD)
+    make(tmp_path, GOOD if lines is None else lines)
     if lines is None:
         (tmp_path / "other.lp").write_text("0\n")
     refused(tmp_path, message)
+
+
+@pytest.mark.parametrize("place", ["", "dirs.lp"])
+def test_a_list_without_its_count_is_a_list(tmp_path, caplog, place):
+    btf = open_btf(make(tmp_path, GOOD[1:]) / place)
+    np.testing.assert_allclose(btf.wi, [[0, 0, 1], [0.6, 0, 0.8], [0, 0.6, 0.8]], atol=1e-7)
+    assert "dirs.lp: its first line is not the count of images: all 3 lines are taken" in caplog.text
+
+
+def test_a_name_of_other_case_or_accents_means_the_only_file_like_it(refused, tmp_path):
+    make(tmp_path, ["2", "IM 0.PNG 0 0 1", "caf\u00e9.png 0.6 0 0.8"])
+    (tmp_path / "im 1.png").rename(tmp_path / "cafe\u0301.png")  # as macOS writes it
+    assert open_btf(tmp_path).source.names == ["im 0.png", "cafe\u0301.png"]
+    Image.new("RGB", (4, 3)).save(tmp_path / "im 0.Png")
+    refused(tmp_path, r"line 2: IM 0\.PNG is missing: it may be im 0\.Png or im 0\.png: correct the name", "dirs.lp")
+
+
+def test_hidden_lists_are_no_lists(tmp_path):
+    (make(tmp_path, GOOD) / "._dirs.lp").write_bytes(b"\0\5\x16\7")
+    assert len(open_btf(tmp_path)) == 3
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "latin-1", "utf-16"])
+@pytest.mark.parametrize("place", ["", "dirs.lp"])
+def test_lists_in_other_encodings_are_read(refused, tmp_path, encoding, place):
+    make(tmp_path, [])
+    (tmp_path / "im 0.png").rename(tmp_path / "b\u00fc.png")
+    text = "2\nb\u00fc.png 0 0 1\nim 1.png 0.6 0 0.8\n"
+    (tmp_path / "dirs.lp").write_text(text, encoding)
+    assert open_btf(tmp_path / place).source.names == ["b\u00fc.png", "im 1.png"]
+    (tmp_path / "dirs.lp").write_bytes(text.encode("utf-16-le"))
+    refused(tmp_path, "zero bytes: .* UTF-16 without its mark.*: save it as plain text")
 
 
 def make_bumps(folder, lights, shape):

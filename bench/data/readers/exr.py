@@ -1,0 +1,121 @@
+"""OpenEXR as linear Rec. 709 RGB: a single flat part with channels R G B, X Y Z or Y, in half or float."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from bench.btf import Array
+from bench.data.readers.colour import REC709
+from bench.inputs.errors import InputError, refuse_pipe
+
+_LINES = (1, 1, 1, 16, 32, 16, 32, 32, 32, 256)  # of a chunk, by the number of the compression
+
+# IEC 61966-2-1: the primaries and the white (D65) of sRGB, equal to those of Rec. 709.
+XYZ_TO_REC709 = np.array(
+    [[3.2404542, -1.5371385, -0.4985314], [-0.9692660, 1.8760108, 0.0415560], [0.0556434, -0.2040259, 1.0572252]]
+)
+
+
+def size(data: bytes, label: str) -> tuple[int, int] | None:
+    """(H, W) from the header of an EXR, whose form `read` can read; None if the data end before it does."""
+    attributes, _ = _attributes(data, label)
+    if attributes is None:
+        return None
+    missing = [name for name in ("channels", "dataWindow", "displayWindow") if name not in attributes]
+    if missing:
+        raise InputError(f"{label}: this EXR lacks {', '.join(missing)}: save it again")
+    window = struct.unpack("<4i", attributes["dataWindow"])
+    if window != struct.unpack("<4i", attributes["displayWindow"]):
+        raise InputError(f"{label}: its data window differs from its display window: save it uncropped")
+    if "tiles" in attributes and max(struct.unpack_from("<II", attributes["tiles"])) > 4096:
+        raise InputError(f"{label}: this EXR has tiles above 4096 pixels: save it in scan lines")
+    _choice(attributes, label)
+    return window[3] - window[1] + 1, window[2] - window[0] + 1
+
+
+def _attributes(data: bytes, label: str) -> tuple[dict[str, bytes] | None, int]:
+    """The header of a single-part EXR by attribute name, and its bytes; None if the data end before the header does."""
+    version = struct.unpack_from("<I", data, 4)[0]
+    if version & 0xFF != 2 or version & 0x1800:
+        fault = f"this EXR is deep or multi-part (version field {version:#x})"
+        raise InputError(f"{label}: {fault}: save it as a single flat part")
+    attributes: dict[str, bytes] = {}
+    at = 8
+    while at < len(data):
+        if data[at] == 0:
+            return attributes, at + 1
+        name_end = data.find(b"\0", at, at + 256)
+        type_end = data.find(b"\0", name_end + 1, name_end + 257)
+        if min(name_end, type_end) < 0 or type_end + 5 > len(data):
+            return None, 0
+        size = struct.unpack_from("<i", data, type_end + 1)[0]
+        start = type_end + 5
+        if size < 0 or start + size > len(data):
+            return None, 0
+        attributes[data[at:name_end].decode("latin-1")] = data[start : start + size]
+        at = start + size
+    return None, 0
+
+
+def _choice(attributes: dict[str, bytes], label: str) -> tuple[str, ...]:
+    """The channels to read: R G B, else X Y Z, else Y alone (grey)."""
+    channels, data, at = {}, attributes["channels"], 0
+    while at < len(data) and data[at]:
+        end = data.index(b"\0", at)
+        # Pixel type (0 uint, 1 half, 2 float) and samplings of a channel.
+        channels[data[at:end].decode("latin-1")] = struct.unpack_from("<i4xii", data, end + 1)
+        at = end + 17
+    for choice in (("R", "G", "B"), ("X", "Y", "Z"), ("Y",)):
+        if set(choice) <= set(channels) and not (choice == ("Y",) and {"RY", "BY"} & set(channels)):
+            break
+    else:
+        missing, held = ", ".join(c for c in "RGB" if c not in channels), ", ".join(sorted(channels)) or "none"
+        raise InputError(f"{label}: no channel {missing} (it holds {held}): save it with channels R, G, B")
+    for name in choice:
+        if channels[name] not in ((1, 1, 1), (2, 1, 1)):
+            raise InputError(f"{label}: channel {name} is not full-size half or float: save it as half or float RGB")
+    return choice
+
+
+def _refuse_truncated(data: bytes, end: int, attributes: dict[str, bytes], label: str) -> None:
+    """Raise an `InputError` if a chunk of scan lines lies beyond the end of the file, before the library reports it in
+    words of its own. The table of the chunks' places follows the header, which ends at `end`."""
+    _, top, _, bottom = struct.unpack("<4i", attributes["dataWindow"])
+    compression = attributes.get("compression", b"\0")[0]
+    if compression >= len(_LINES):
+        return  # newer than this table; the library checks it
+    count = -(-(bottom - top + 1) // _LINES[compression])
+    places = np.frombuffer(data[end : end + 8 * count], "<u8", len(data[end : end + 8 * count]) // 8)
+    whole = len(places) == count
+    for place in places.tolist():
+        # Before the first chunk the table is not filled in; a chunk is its line, its size and that many bytes.
+        size = struct.unpack_from("<i", data, place + 4)[0] if end <= place <= len(data) - 8 else len(data)
+        whole = whole and place + 8 + size <= len(data)
+    if not whole:
+        raise InputError(f"{label}: its pixels end early ({len(data):,} bytes): the picture is truncated; get it again")
+
+
+def read(path: Path, label: str, rgb_is_xyz: bool) -> Array:
+    """The picture (H, W, 3) float32 of an EXR; X, Y, Z, and R, G, B with `rgb_is_xyz`, are taken as CIE XYZ (D65)."""
+    import OpenEXR
+
+    refuse_pipe(path)
+    data = path.read_bytes()
+    attributes, end = _attributes(data, label)
+    if attributes is None:
+        raise InputError(f"{label}: the header ends early: the picture is truncated; get it again")
+    choice = _choice(attributes, label)
+    if "tiles" not in attributes:
+        _refuse_truncated(data, end, attributes, label)
+    channels = OpenEXR.File(str(path), separate_channels=True).channels()
+    picture = np.stack([np.asarray(channels[name].pixels, np.float32) for name in choice], -1)
+    if choice == ("Y",):
+        return np.repeat(picture, 3, 2)
+    if choice == ("X", "Y", "Z") or rgb_is_xyz:  # colours outside the gamut stay negative
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray(picture @ XYZ_TO_REC709.T, np.float32)
+    stated = attributes.get("chromaticities")
+    if stated is not None and not np.allclose(struct.unpack("<8f", stated), REC709, atol=2e-3):
+        raise InputError(f"{label}: its chromaticities are not those of Rec. 709: convert it to linear Rec. 709 (sRGB)")
+    return picture
