@@ -164,7 +164,7 @@ def test_the_answer_names_the_cheapest_within_half_a_decibel_of_the_best():
     rows = [row | {"material": "m", "execution": "eager", "precision": "float32"} for row in rows]
     rows = [row | {"validation": {"pooled": row["psnr"], "mean": row["psnr"], "slices": 9}} for row in rows]
     best, fastest, smallest = answers("m", rows)
-    assert "the best is big: 40.00 dB, 1,000 bytes, 100 ns" in best
+    assert "the best is big: 40.00 dB on validation pairs, 40.00 dB on test pairs, 1,000 bytes, 100 ns" in best
     assert "the fastest is fast" in fastest
     assert "the smallest is small" in smallest
     _, fastest, smallest = answers("m", rows[2:3])
@@ -345,4 +345,6 @@ def test_a_setting_that_is_spelled_out_as_the_default_is_measured_once(measured,
 def test_the_command_that_choose_names_prepares_the_data_as_it_was_measured(measured, monkeypatch, capsys):
     small = replace(SUITE, data=Preparation(size=12, repair=True, validation=True))
     assert choosing(monkeypatch, measured[0], small, min_psnr=1.0) == 0
-    assert " --set data.size=12 --set data.repair=true -o tiny.nbtf" in capsys.readouterr().out
+    assert (
+        " --set data.size=12 --set data.validation=true --set data.repair=true -o tiny.nbtf" in capsys.readouterr().out
+    )
