@@ -208,4 +208,4 @@ def _measure(folder: Path, suite: "Suite", options: argparse.Namespace, missing:
         console.say(f"{suite.materials[0].name}: {several} are not in {folder}: fitted, scored and timed first")
         device, seats = usable_device(options.device), workers(options.jobs, suite.threads, options.device)
         run_options = Options(folder, device, show=console.show, say=console.say, workers=seats)
-        run_and_measure(suite, run_options, console.ended)
+        run_and_measure(suite, run_options, console.ended, profiles=False)
