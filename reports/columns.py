@@ -7,7 +7,17 @@ from statistics import fmean, stdev
 from typing import Any
 
 from bench.metrics import PERIODIC, label_of
-from bench.records import OUTSIDE, PSNR, RMSE, Record, deciding_group, metric_of, metrics_of, shown_columns
+from bench.records import (
+    OUTSIDE,
+    PSNR,
+    RMSE,
+    SCENE_HELDOUT,
+    Record,
+    deciding_group,
+    metric_of,
+    metrics_of,
+    shown_columns,
+)
 from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, plus_minus, significant, stated
 from reports.rows import MaterialRows, Row, described
 
@@ -302,6 +312,8 @@ def scene(job: Record) -> list[Column]:
         return None if not known else EXACT if values[known] is None else values[known]
 
     chosen = [TOTAL]
+    if SCENE_HELDOUT in job["scores"]:
+        chosen.append(_mean("held out in the scene", "dB ↑", PSNR, SCENE_HELDOUT))
     for name, metric in _not_of_radiance(job, job["scene"]["metrics"]):
         write = partial(fixed, digits=_digits(metric["unit"]))
         chosen.append(Column(f"frames {label_of(name)}", _scale(metric), partial(value, name), write))

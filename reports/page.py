@@ -33,7 +33,7 @@ INTERACTIVE = {"rate", "speed", "fits", "footprints", "contact", "latents"}  # d
 STRIPS = 2  # materials that open the page with a picture
 RECORDS_BUDGET = 6_000_000  # characters of JSON; deflated, a quarter of it
 FIRST = ("budgets", "when", "summary")  # kinds of tables that open the page
-OPEN = {*FIRST, "main", "unfinished"}  # kinds of tables that are not folded away
+OPEN = {*FIRST, "scene", "main", "unfinished"}  # kinds of tables that are not folded away
 GAPS = {
     "speed": "The plot of speed and accuracy is omitted: no codec was timed here under the common conditions.",
     "fits": "The plot of quality over seconds is omitted: no codec here is fitted in steps and recorded a curve.",
@@ -175,7 +175,8 @@ class Page:
         yield from self._slices(number, material)
         yield from self._live(number, self.live[material.name])
         tables = [table for table in self.tables if table.material == material.name]
-        yield from (self._table(table) for table in sorted(tables, key=lambda table: table.kind not in OPEN))
+        places = {"scene": 0, **dict.fromkeys(OPEN - {"scene"}, 1)}  # a run for a scene is read for its scene
+        yield from (self._table(table) for table in sorted(tables, key=lambda table: places.get(table.kind, 2)))
         figures = [f for f in self.figures if f.material == material.name and f.kind not in INTERACTIVE]
         yield from (details(figure.title, image(figure)) for figure in figures)
 

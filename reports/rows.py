@@ -140,7 +140,10 @@ class MaterialRows:
             return "nothing measured"
         (height, width), pairs = self.first["shape"], self.first["pairs"]
         heldout = f"{pairs['heldout']:,} held out" if "heldout" in pairs else "none held out, so scored at all pairs"
-        return f"{height} × {width} texels, {pairs['train']:,} training pairs, {heldout}"
+        words = f"{height} × {width} texels, {pairs['train']:,} training pairs, {heldout}"
+        return (
+            f"{words}; one view: answers from other views are not measured" if self.first.get("views") == 1 else words
+        )
 
 
 def of_suite(run: Run, suite: str) -> list[Record]:

@@ -8,6 +8,8 @@ from reports.numbers import NONE
 from reports.table import Table
 
 PICTURES = "pictures"  # the group whose subjects are metrics and losses
+WORDS = {"pass": "pass", "fail": "FAIL"}
+REPORTED = "(reported)"  # ends the name of an extreme whose figure has no verdict
 FOLD = 36  # columns of a terminal for the name of an extreme
 
 
@@ -72,7 +74,9 @@ class _Cells:
             return NONE
         if record["verdict"] == "n/a":
             return f"n/a {self.letters[_reason(record)]}"
-        return f"FAIL {record['figure']}" if record["verdict"] == "fail" else record["figure"] or "pass"
+        if record["verdict"] == "pass" and extreme.endswith(REPORTED):
+            return str(record["figure"])
+        return " ".join(filter(None, (WORDS[record["verdict"]], record["figure"])))
 
     def notes(self) -> list[str]:
         failed = [record for record in self.records.values() if record["verdict"] == "fail"]

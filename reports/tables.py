@@ -1,5 +1,6 @@
 """Builds the tables of a run as cells of text: columns, rows and footnotes. Other modules format them."""
 
+import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from math import inf
@@ -7,7 +8,7 @@ from statistics import fmean
 
 from bench.codecs.alike import stale
 from bench.compare.choosing import has_validation
-from bench.records import MOST_DB, Record, Run, grouped
+from bench.records import MOST_DB, PSNR, SCENE_HELDOUT, Record, Run, grouped, stats_of
 from reports import BY_BUDGET, KINDS, columns
 from reports.columns import Column
 from reports.fits import fit_tables
@@ -15,7 +16,8 @@ from reports.notes import common_notes, cost_notes, main_notes, not_run, quality
 from reports.numbers import NONE, NOT_COMPARABLE
 from reports.paper import ablation_table, paper_table
 from reports.parameters import parameters_table
-from reports.rows import CodecRows, MaterialRows, materials
+from reports.rows import CodecRows, MaterialRows, Row, materials
+from reports.scene_models import gain
 from reports.stress import stress_tables
 from reports.summary import summary_table
 from reports.table import Table, best_cells
@@ -61,6 +63,9 @@ def scene_table(material: MaterialRows) -> Table | None:
         return None
     count, height, width = scene["frames"]
     notes = [
+        *_scene_gains(material),
+        "Held out in the scene: PSNR of held-out pairs between pairs that the scene uses, weighted by its demand. No "
+        "codec saw them; frames have a reference that is interpolated between training pairs, which are seen.",
         f"Frames: the scene's {count} pictures of {width} × {height}, rendered from the decoded file and compared with "
         "those of the reference table, over the pixels that show the material.",
         "Weighted: slices of all pairs, weighted by how often the scene looks at them. Outside: at pairs that it never "
@@ -68,6 +73,30 @@ def scene_table(material: MaterialRows) -> Table | None:
     ]
     about = f"scores in the scene {scene['name']}"
     return _table("scene", material, about, columns.scene(material.first), [*notes, *common_notes(material)])
+
+
+def _scene_gains(material: MaterialRows) -> Iterator[str]:
+    """What each model of the scene saves in bytes and gains in PSNR against the whole model at the same settings."""
+    whole = {_but_scene(row): row.job for row in material.measured if not _of_scene(row)}
+    for row in material.measured:
+        full = whole.get(_but_scene(row))
+        if full is None or not _of_scene(row):
+            continue
+        held = [stats_of(job, PSNR, SCENE_HELDOUT).get("mean") for job in (full, row.job)]
+        frames = [job["scene"]["metrics"].get(PSNR) for job in (full, row.job)]
+        qualities = [("held-out pairs", held[0], held[1]), ("the pixels of its frames", frames[0], frames[1])]
+        yield f"{row.name}: {gain(full['bytes']['total'], row.job['bytes']['total'], qualities)}"
+
+
+def _of_scene(row: Row) -> bool:
+    """Whether a row's file was fitted to the scene."""
+    return bool(row.job["settings"].get("scene"))
+
+
+def _but_scene(row: Row) -> str:
+    """The codec, settings and seed of a row, without whether it was fitted to the scene."""
+    settings = {key: value for key, value in row.job["settings"].items() if key != "scene"}
+    return json.dumps([row.job.get("codec"), settings, row.job.get("seed")], sort_keys=True)
 
 
 def unfinished_table(run: Run) -> Table | None:

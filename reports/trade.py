@@ -43,6 +43,12 @@ _NOISE = [("1 % noise", "samples, cosine ↓"), ("1 % noise", "samples, lobes �
 _NOISE += [("equal error", "s, cosine ↓"), ("equal error", "s, lobes ↓")]
 
 
+_ABOVE = (
+    "* A share above 100 %: the machine was disturbed while its ceilings were measured, or the data stay in a cache, "
+    "which reads faster than the copy that sets the ceiling."
+)
+
+
 def _choices(material: str, rows: Sequence[dict[str, Any]], answers: list[str]) -> Table:
     noisy = any("noise" in row or "noise_error" in row for row in rows)
     cells = [_choice(row) for row in rows]
@@ -52,6 +58,8 @@ def _choices(material: str, rows: Sequence[dict[str, Any]], answers: list[str]) 
     headers = _CHOICES + (_NOISE if noisy else [])
     notes = [*answers, _conditions(rows)]
     notes += [f"{named(row)}: {row['error']}." for row in rows if "error" in row]
+    if any(row.get("of_limit", 0) > 1 for row in rows):
+        notes.append(_ABOVE)
     notes += _noise_notes(rows) if noisy else []
     return Table("trade", f"{material}: gains and losses of each setting", headers, cells, notes, material=material)
 
@@ -64,7 +72,7 @@ def _choice(row: dict[str, Any]) -> list[str]:
         quality = [EXACT if row["psnr"] >= MOST_DB else fixed(row["psnr"], 2)]
         quality += [EXACT if row["worst"] is None else fixed(row["worst"], 2), fixed(row["flip"], 3)]
         quality += [integer(row["bytes"])]
-        limit = fixed(100 * row["of_limit"], 1)
+        limit = fixed(100 * row["of_limit"], 1) + (" *" if row["of_limit"] > 1 else "")
         fronts = ", ".join(word for word, key in (("speed", "fastest"), ("rate", "smallest")) if row[key])
     time = [significant(row["ns_per_sample"]), significant(row["ratio_to_floor"])]
     return [named(row), *quality, *time, " to ".join(map(significant, row["ratio_interval95"])), limit, fronts or NONE]

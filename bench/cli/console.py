@@ -158,9 +158,9 @@ def btf_lines(portrait: "Look") -> str:
 
 
 def _frame_lines(portrait: "Look") -> list[str]:
-    """Say whether the mean lobe fits the azimuths of views and lights; no line if there is only one view."""
+    """Say whether the mean lobe fits the azimuths of views and lights, or that there is only one view."""
     if len(portrait.layout.views) < 2:
-        return []
+        return ["one view: a codec's answers from other views are not measured"]
     if not portrait.lobe:
         return ["frame: not checked: views and lights share no ring of azimuths with all pairs, or all is dark there"]
     lobe = portrait.lobe

@@ -25,10 +25,11 @@ from bench.codecs.window import Window
 from bench.demand import UNIFORM
 from bench.demand.demand import Demand
 from bench.demand.frame_scorer import FLIP, PSNR, FrameScorer
-from bench.demand.needed_part import NeededPart, pair_weights, shares_from_weights
+from bench.demand.needed_part import NeededPart, pair_weights, shares_from_weights, shares_of_others
 from bench.material import Material
 from bench.metrics.display import display_error, exposure
 from bench.metrics.psnr import psnr
+from bench.records import MOST_DB
 
 EQUAL_DB = 0.2  # a scene model within this many dB of the full one counts as equally good
 OUTSIDE_PAIRS = 48  # how many pairs measure the error outside the scene
@@ -217,9 +218,22 @@ def outside(scorer: FrameScorer, material: Material) -> float | None:
     return float(psnr(float(np.mean(errors)), peak=1.0))
 
 
-def rows(result: SearchResult, scorer: FrameScorer, threads: int) -> list[dict[str, Any]]:
-    """The costs and scores of the full model and the scene model, each as named numbers. Times are of whole queries of
-    the scene in random order, the models in turns."""
+def held_out(btf: BTF, scorer: FrameScorer, material: Material) -> float | None:
+    """The mean display PSNR in dB of slices at the held-out pairs that lie in the scene, weighted by the demand around
+    them; None if there is none. `btf` has held-out pairs alone. No fit saw them, unlike the pairs of the frames."""
+    shares = shares_of_others(scorer.btf.layout, scorer.demand, btf.wo, btf.wi)
+    if not shares.any():
+        return None
+    used, scale, values = np.flatnonzero(shares), exposure(scorer.btf), []
+    for pair in used:
+        decoded = material.slice(btf.wo[pair].tolist(), btf.wi[pair].tolist(), btf.shape).cpu().numpy()
+        values.append(min(MOST_DB, float(psnr(display_error(btf[int(pair)], decoded, scale), peak=1.0))))
+    return float(np.average(values, weights=shares[used]))
+
+
+def rows(result: SearchResult, scorer: FrameScorer, threads: int, held: BTF) -> list[dict[str, Any]]:
+    """The costs and scores of the full model and the scene model, each as named numbers. `held` are the held-out pairs.
+    Times are of whole queries of the scene in random order, the models in turns."""
     models = {"full": result.full} | ({"scene": result.scene} if result.scene else {})
     order = np.random.default_rng(0).permutation(len(scorer.demand))[: timing.BATCH]
     device, size = result.full.material.device, result.full.material.size
@@ -230,5 +244,6 @@ def rows(result: SearchResult, scorer: FrameScorer, threads: int) -> list[dict[s
     for name, model in models.items():
         row = {"model": name, "bytes": model.header.file_bytes, "ns": timings[name].summary()["ns_per_sample"]}
         row |= {kept: getattr(model, kept) for kept in ("steps", "seconds", "psnr", "flip")}
-        table.append(row | {"outside": outside(scorer, model.material), "settings": model.header.settings})
+        row |= {"outside": outside(scorer, model.material), "held_out": held_out(held, scorer, model.material)}
+        table.append(row | {"settings": model.header.settings})
     return table

@@ -13,6 +13,7 @@ from bench.records.meaning import (
     OUTSIDE,
     PSNR,
     RMSE,
+    SCENE_HELDOUT,
     SSIM,
     VALIDATION,
     by_row,

@@ -177,6 +177,7 @@ class Job(TypedDict, total=False):
     traceback: Annotated[Text, APART]
     shape: Annotated[list[int], Several(kinds.COUNT, 2), RESULTS | CLAIM | APART, Needed("tables")]
     pairs: Annotated[dict[str, Count], RESULTS | CLAIM, Needed("tables", ("train",))]
+    views: Annotated[Count, RESULTS]
     settings: Annotated[dict[str, Setting], RESULTS | CLAIM | APART]
     bytes: Annotated[Bytes, PUBLISHED | CLAIM]
     parameters: Annotated[Count | None, PUBLISHED | CLAIM]

@@ -28,7 +28,7 @@ from bench.files import atomic
 from bench.files.archive import ZipFiles, inside
 from bench.inputs.errors import InputError
 from bench.inputs.settings import table
-from bench.records import CLAIM, FILE, NAMES, OUTSIDE, PSNR, Record, Records, Run, kept, metrics_of
+from bench.records import CLAIM, FILE, NAMES, OUTSIDE, PSNR, SCENE_HELDOUT, Record, Records, Run, kept, metrics_of
 from bench.runs.evaluation import evaluate, score_key
 from bench.runs.job import keep
 from bench.runs.provenance import machine, provenance, stamp
@@ -226,7 +226,7 @@ def differences(claimed: Record, here: Record) -> Iterator[str]:
 def _unlike(place: str, claimed: Any, measured: Any) -> Iterator[str]:
     if isinstance(claimed, dict) and isinstance(measured, dict):
         for name, value in claimed.items():
-            if place in ("scores", "pairs") and name in ("scene", OUTSIDE):
+            if place in ("scores", "pairs") and name in ("scene", SCENE_HELDOUT, OUTSIDE):
                 continue  # scores in a scene: archives hold no demand, and these are not published
             yield from _unlike(f"{place}/{name}", value, measured.get(name))
         return

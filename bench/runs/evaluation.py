@@ -24,7 +24,7 @@ from bench.metrics import scoring
 from bench.metrics.display import to_display
 from bench.metrics.flip import magma
 from bench.program.recording import program_of
-from bench.records import FLIP, PSNR, Record, deciding_group, metric_of
+from bench.records import FLIP, PSNR, SCENE_HELDOUT, Record, deciding_group, metric_of
 from bench.runs.identity import identity
 from bench.runs.workbench import Workbench
 
@@ -81,6 +81,8 @@ def scored(workbench: Workbench, material: Material, name: str, threads: int, ke
     one = {PSNR: finest["pooled"]} | {key: finest[key] for key in ("mean", "exact", "slices")}
     if workbench.scene_shares is not None:
         summary["scene"] = scoring.weighted(scores, workbench.scene_shares)
+    if workbench.heldout_shares is not None:
+        summary[SCENE_HELDOUT] = scoring.weighted(scores, workbench.heldout_shares)
     angular: dict[str, Any] = {"bins": {name: group.pop("bins", {}) for name, group in summary.items()}}
     angular["polar"] = scoring.polar_maps(scores, workbench.btf.wo, workbench.btf.wi)
     program: Record = {}
@@ -90,6 +92,7 @@ def scored(workbench: Workbench, material: Material, name: str, threads: int, ke
     return {
         "shape": list(workbench.btf.shape),
         "pairs": {name: len(pairs) for name, pairs in workbench.groups.items()},
+        "views": len(workbench.btf.layout.views),
         "provenance": workbench.btf.provenance,
         "parameters": None if material.opaque else parameters(material),
         "resident": None if material.opaque else resident_bytes(material),

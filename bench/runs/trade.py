@@ -7,6 +7,7 @@ and timed from the same one. The results go into `trade.json` beside the run's r
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -32,11 +33,15 @@ from bench.records import FLIP, PSNR, VALIDATION, Record, Run, deciding_group, m
 from bench.records.lines import TRADE, TRADE_FORMAT, load_run, load_trade
 from bench.runs import runner
 from bench.runs.evaluation import Slices, recorded
+from bench.runs.provenance import machine
+from bench.runs.runner import duration
 from bench.runs.suite import Suite, Task, canonical
+from bench.runs.unfinished import Unfinished, forget
 from bench.runs.workbench import Workbench, opened
 from bench.timing import Queries, native
 from bench.timing.execution import Variant, exists_on, is_whole, networks, prepared
-from bench.timing.profile import limit_ns, profile, roofline
+from bench.timing.profile import ceiling_calls, limit_ns, profile, rates, roofline
+from bench.timing.turns import KeptTurns
 
 BATCH = 65_536  # whole chunks of every execution
 BATCHES = (1, 64, 1024, timing.BATCH, 1 << 18)
@@ -49,9 +54,10 @@ def run_and_measure(
     full: bool = False,
     emulated: bool = False,
     noise: bool = False,
+    profiles: bool = True,
 ) -> list[str]:
     """Run a suite, with `tell` called for each outcome, then score and time its choices into `trade.json`; returns the
-    status of each job."""
+    status of each job. For the options see `measure`."""
     for variant in suite.variants:
         Variant.parse(variant)  # a wrong word stops here
     if noise:
@@ -62,7 +68,8 @@ def run_and_measure(
         states.append(outcome.record["status"])
         tell(outcome)
     if "ok" in states:
-        measured, given = load_run(options.folder), (options.device, full, options.show, emulated, noise)
+        measured, given = load_run(options.folder), (options.device, full, options.show, emulated, noise, profiles)
+        options.say(_announced(suite, measured))
         for spec in suite.materials:  # written after each material
             result = measure(replace(suite, materials=(spec,)), measured, *given)
             write(options.folder, merged(load_trade(options.folder), result))
@@ -77,11 +84,13 @@ def measure(
     show: Progress = silent,
     emulated: bool = False,
     noise: bool = False,
+    profiles: bool = True,
 ) -> dict[str, Any]:
     """Score and time every choice of a finished run of a suite; returns the content of `trade.json`.
 
     `full` profiles batches up to 2^22 instead of 2^18, which takes half an hour more; `emulated` also measures
-    precisions that the processor only emulates; `noise` measures the noise of a path tracer with each file as material.
+    precisions that the processor only emulates; `noise` measures the noise of a path tracer with each file as material;
+    without `profiles` the choices alone are timed, in a fraction of the time.
     """
     suite = canonical(suite)  # jobs are recorded under its names
     on, cores = torch.device(device), torch.get_num_threads()
@@ -94,18 +103,35 @@ def measure(
     result |= {"choices": [], "profiles": []}
     for spec in suite.materials:
         recorded_jobs = [run.job(f"{spec.name}/{codec.label}/{suite.seeds[0]}") for codec in suite.codecs]
+        result["choices"] += [_failed(job, device) for job in recorded_jobs if job and job["status"] != "ok"]
         if jobs := [job for job in recorded_jobs if job and job["status"] == "ok"]:
             first = suite.codecs[0], suite.seeds[0], 1
             task = Task("trade", run.folder, spec, suite.data, *first, metrics=suite.metrics)
             with opened(task, show) as workbench:
                 choices = _choices(workbench, jobs, suite, run, device, ceilings, show)
             result["choices"] += [row | _noise(run, row, show) for row in choices] if noise else choices
+            if not profiles:
+                continue
             plain = {job["label"]: recorded(run.folder, job, device) for job in jobs if _plain(suite, job)}
             records = profile(plain or {jobs[0]["label"]: recorded(run.folder, jobs[0], device)}, cores, batches)
             result["profiles"] += [{"material": spec.name} | record for record in records]
-        result["choices"] += [_failed(job, device) for job in recorded_jobs if job and job["status"] != "ok"]
     result["answers"] = [text for spec in suite.materials for text in answers(spec.name, result["choices"])]
     return result
+
+
+def _announced(suite: Suite, run: Run) -> str:
+    """How many files are timed now, and about how long at the times that the run measured."""
+    jobs = [
+        run.job(f"{spec.name}/{codec.label}/{suite.seeds[0]}") for spec in suite.materials for codec in suite.codecs
+    ]
+    files, seconds = 0, 0.0
+    for job in jobs:
+        if job and job["status"] == "ok":
+            known = run.timing(job) or {}
+            files += 1
+            one = max(timing.SPAN_NS, BATCH * known.get("ns_per_sample", 0.0))
+            seconds += 1e-9 * timing.TURNS * (one + timing.SPAN_NS)  # beside the floor
+    return f"{files} file{'s' * (files != 1)} to score and time, about {duration(seconds)} without other precisions"
 
 
 def merged(earlier: dict[str, Any] | None, result: dict[str, Any]) -> dict[str, Any]:
@@ -133,6 +159,7 @@ def _ceilings(suite: Suite, device: torch.device, cores: int) -> list[dict[str, 
 def write(folder: Path, result: dict[str, Any]) -> None:
     """Store the result beside the records, atomically."""
     atomic.write(folder / TRADE, json.dumps(result, allow_nan=False).encode())
+    forget(folder)
 
 
 def _failed(job: Record, device: str) -> dict[str, Any]:
@@ -157,7 +184,7 @@ def _choices(
     show: Progress,
 ) -> list[Record]:
     """Every choice of one material: quality, bytes, time in turns with all others, and whether it is on a front."""
-    rows, timed = [], {}
+    rows, timed, unfinished = [], {}, Unfinished(run.folder)
     for job in jobs:
         material = recorded(run.folder, job, device)
         for variant in (Variant(), *_variants(suite, job, material)):
@@ -172,7 +199,10 @@ def _choices(
                     decide = slices["heldout"] if deciding_group(job["scores"]) == "heldout" else slice(None)
                     row |= _figures(job, slices[PSNR][decide])
                 else:
-                    row |= _score(workbench, ready, suite.threads, show) | _deviation(workbench, ready, material, show)
+                    key = json.dumps([job["score_key"], variant.execution, variant.precision, device, suite.threads])
+                    row |= unfinished.figures_of(
+                        key, partial(_changed, workbench, ready, material, suite.threads, show)
+                    )
             except Exception as error:  # an error in one variant must not lose the figures of the others
                 kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "  # an unexpected error
                 rows.append(row | {"error": kind + " ".join(str(error).split())})
@@ -180,8 +210,11 @@ def _choices(
             rows.append(row)
             timed[len(rows) - 1] = ready
     batch = timing.batch_on(device, BATCH)
-    measured = timing.time_materials({str(i): ready for i, ready in timed.items()}, suite.threads, Queries(batch))
     conditions = {"batch": batch, "threads": suite.threads, "device": device} | timing.hardware(device)
+    whose = [[rows[i]["sha256"], rows[i]["execution"], rows[i]["precision"]] for i in timed]
+    kept = unfinished.turns(json.dumps([workbench.name, conditions, machine(), whose]))
+    here = [each for each in ceilings if each["threads"] == suite.threads]
+    measured = _timed({str(i): ready for i, ready in timed.items()}, here, batch, show, kept)
     for i, ready in timed.items():
         summary = measured[str(i)].summary()
         least = _limit(ready, ceilings)
@@ -189,6 +222,24 @@ def _choices(
     floor = {"material": workbench.name, "label": timing.FLOOR, "execution": "eager", "precision": "float32"}
     _mark([row for row in rows if "error" not in row])
     return [*rows, floor | conditions | measured[timing.FLOOR].summary()]
+
+
+def _timed(
+    materials: dict[str, Material], ceilings: list[Record], batch: int, show: Progress, kept: KeptTurns
+) -> dict[str, timing.Timing]:
+    """Time materials in turns with each other and with the ceilings, which rise where a turn reaches more."""
+    first = next(iter(materials.values()))
+    queries = Queries(batch).draw(first.size, first.device)
+    calls: dict[str, Callable[[], Any]] = {name: partial(each.query, *queries) for name, each in materials.items()}
+    for ceiling in ceilings:
+        dtype = ceiling["dtype"]
+        calls[f"product {dtype}"], calls[f"copy {dtype}"] = ceiling_calls(first.device, getattr(torch, dtype))
+    measured = timing.in_turns(calls, batch, first.size, ceilings[0]["threads"], first.device, show, kept)
+    for ceiling in ceilings:
+        best = [batch * float(measured[f"{what} {ceiling['dtype']}"].samples.min()) for what in ("product", "copy")]
+        for name, rate in rates(*best).items():
+            ceiling[name] = max(ceiling[name], rate)
+    return measured
 
 
 def _variants(suite: Suite, job: Record, material: Material) -> list[Variant]:
@@ -206,6 +257,11 @@ def _limit(material: Material, ceilings: list[dict[str, Any]]) -> float:
     usable = ("float32", str(material.dtype).removeprefix("torch."))
     threads = ceilings[0]["threads"]
     return min(limit_ns(cost, c) for c in ceilings if c["threads"] == threads and c["dtype"] in usable)
+
+
+def _changed(workbench: Workbench, ours: Material, plain: Material, threads: int, show: Progress) -> dict[str, Any]:
+    """The figures of a material in another execution or precision, and how far it answers from eager float32."""
+    return _score(workbench, ours, threads, show) | _deviation(workbench, ours, plain, show)
 
 
 def _score(workbench: Workbench, material: Material, threads: int, show: Progress) -> dict[str, Any]:

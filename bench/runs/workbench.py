@@ -18,7 +18,7 @@ from bench.demand.demand import Demand
 from bench.demand.demand import load as load_demand
 from bench.demand.frame_scorer import FrameScorer, table_of
 from bench.demand.mitsuba import load_path_tracer
-from bench.demand.needed_part import pair_shares
+from bench.demand.needed_part import pair_shares, shares_of_others
 from bench.directions.hemisphere import to_degrees
 from bench.directions.interpolation import PairInterpolator
 from bench.inputs.errors import InputError
@@ -68,6 +68,17 @@ class Workbench:
     def scene_shares(self) -> np.ndarray | None:
         """The share (N,) of each pair in the scene's demand."""
         return pair_shares(self.btf.layout, self.demand) if self.demand else None
+
+    @cached_property
+    def heldout_shares(self) -> np.ndarray | None:
+        """The share (N,) of each held-out pair that lies in the scene, 0 of the others; None if there is none."""
+        pairs = self.groups.get("heldout")
+        if self.demand is None or pairs is None:
+            return None
+        shares = np.zeros(len(self.btf))
+        directions = self.btf.wo[pairs], self.btf.wi[pairs]
+        shares[pairs] = shares_of_others(self.training.layout, self.demand, *directions)
+        return shares if shares.any() else None
 
     @property
     def exposure(self) -> float:

@@ -26,6 +26,7 @@ from bench.directions.hemisphere import from_degrees, uniform
 from bench.machine.devices import described, is_gpu
 from bench.machine.threads import torch_threads
 from bench.material import DecoderCost, Material, sample_texture, texel_centres
+from bench.timing.turns import KeptTurns
 
 TURNS = 60
 BATCH = 16_384
@@ -126,20 +127,27 @@ def in_turns(
     threads: int,
     device: torch.device,
     show: Progress = silent,
+    kept: KeptTurns | None = None,
 ) -> dict[str, Timing]:
-    """Time calls that each answer `batch` samples, each between two floors of `size`, in random order."""
+    """Time calls that each answer `batch` samples, each between two floors of `size`, in random order; with `kept`,
+    turns survive an interruption."""
     floor = partial(_Floor(size).to(device).query, *Queries(batch).draw(size, device))
-    order, clock = np.random.default_rng(0), clock_of(threads)
+    rng, clock = np.random.default_rng(0), clock_of(threads)
+    orders = [rng.permutation(len(calls)) for _ in range(TURNS)]
     samples, floors = np.empty((TURNS, len(calls))), np.empty((TURNS, len(calls) + 1))
     ratios = np.empty_like(samples)
+    measured = {"samples": samples, "floors": floors, "ratios": ratios}
+    done = kept.read(measured) if kept else 0
     with torch_threads(threads):
         everyone: Iterator[Callable[[], Any]] = followed(show, [floor, *calls.values()], "warming up", len(calls) + 1)
         floored, *timed = [calibrated(call, device, clock) for call in everyone]
-        for turn in followed(show, range(TURNS), "timing decoders", TURNS):
+        for turn in followed(show, range(done, TURNS), "timing decoders", TURNS - done):
             floors[turn, 0] = floored()
-            for at, i in enumerate(order.permutation(len(timed))):
+            for at, i in enumerate(orders[turn]):
                 samples[turn, i], floors[turn, at + 1] = timed[i](), floored()
                 ratios[turn, i] = samples[turn, i] / floors[turn, at : at + 2].mean()
+            if kept:
+                kept.write(measured, turn + 1)
     found = {name: Timing(samples[:, i] / batch, ratios[:, i]) for i, name in enumerate(calls)}
     return {FLOOR: Timing(floors.mean(1) / batch, np.ones(TURNS))} | found
 

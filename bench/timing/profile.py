@@ -14,7 +14,7 @@ from torch import Tensor
 
 from bench.machine.threads import torch_threads
 from bench.material import DecoderCost, Material
-from bench.timing import BATCH, FLOOR, Queries, batch_on, calibrated, hardware, in_turns
+from bench.timing import BATCH, FLOOR, Queries, batch_on, calibrated, clock_of, hardware, in_turns
 from bench.timing.execution import networks
 
 BATCHES = (1, 64, 1024, BATCH, 1 << 18, 1 << 20, 1 << 22)
@@ -80,18 +80,30 @@ def _chunks(call: Callable[..., Tensor], inputs: tuple[Tensor, ...], chunk: int)
 
 
 def roofline(device: torch.device, threads: int, dtype: torch.dtype = torch.float32) -> dict[str, Any]:
-    """Measured flop/s of a matrix product (a fused multiply-add counts as two) and bytes/s of a copy, read and written.
+    """Measured flop/s of a matrix product (a fused multiply-add counts as two) and bytes/s of a copy, read and written,
+    by the clock that times decoders on as many threads.
+
     The best of several rounds, because a limit needs to be reached only once."""
+    clock = clock_of(threads)
     with torch_threads(threads):
-        a, b = (torch.rand(SIDE, SIDE, device=device).to(dtype) for _ in range(2))
-        product = torch.empty_like(a)
-        source = torch.zeros(COPIED, dtype=torch.uint8, device=device)
-        target = torch.empty_like(source)
-        multiply = calibrated(lambda: torch.mm(a, b, out=product), device)
-        copy = calibrated(lambda: target.copy_(source), device)
-        best = [min(call() for _ in range(ROUNDS)) for call in (multiply, copy)]
-    rates = {"flops_per_ns": 2 * SIDE**3 / best[0], "bytes_per_ns": 2 * COPIED / best[1]}
-    return rates | {"threads": threads, "device": str(device), "dtype": str(dtype).removeprefix("torch.")}
+        calls = [calibrated(call, device, clock) for call in ceiling_calls(device, dtype)]
+        best = [min(call() for _ in range(ROUNDS)) for call in calls]
+    words = {"threads": threads, "device": str(device), "dtype": str(dtype).removeprefix("torch.")}
+    return rates(best[0], best[1]) | words
+
+
+def ceiling_calls(device: torch.device, dtype: torch.dtype) -> tuple[Callable[[], Any], Callable[[], Any]]:
+    """A matrix product and a copy, whose times are ceilings of a machine."""
+    a, b = (torch.rand(SIDE, SIDE, device=device).to(dtype) for _ in range(2))
+    product = torch.empty_like(a)
+    source = torch.zeros(COPIED, dtype=torch.uint8, device=device)
+    target = torch.empty_like(source)
+    return lambda: torch.mm(a, b, out=product), lambda: target.copy_(source)
+
+
+def rates(product_ns: float, copy_ns: float) -> dict[str, float]:
+    """Rates from the times of both calls of `ceiling_calls`."""
+    return {"flops_per_ns": 2 * SIDE**3 / product_ns, "bytes_per_ns": 2 * COPIED / copy_ns}
 
 
 def limit_ns(cost: DecoderCost, ceiling: dict[str, Any]) -> float:

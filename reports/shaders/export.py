@@ -1,5 +1,6 @@
 """Writes a material as a shader for a renderer: the function, its two textures, and a page of conventions."""
 
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -8,13 +9,13 @@ import OpenEXR
 from bench.files.atomic import replacing, write
 from bench.inputs.errors import InputError
 from bench.program import Program
-from reports.shaders.dialects import DIALECTS
-from reports.shaders.generator import shader
+from reports.shaders.dialects import DIALECTS, GLSL
+from reports.shaders.generator import Shader, shader
 
 README = """# {name} as {language}
 
-`{name}.{suffix}` holds one function, `material(uv, wo, wi, footprint)`, generated from the decoded codec file. It needs
-two textures:
+`{name}.{suffix}` holds one function, `material(uv, wo, wi, footprint)`, generated from the decoded codec file.
+{whole}It needs two textures:
 
 | file | binding | format | size |
 | --- | --- | --- | --- |
@@ -34,27 +35,57 @@ levels and no colour conversion.
 - **footprint**: the side of the square that a pixel covers; 1 is the longer side of a period, 0 is a point. Codecs
   without levels of detail ignore it.
 - **Your part**: answer 0 where `wo.z <= 0` or `wi.z <= 0`, and clamp the answer at 0.
+
+Made from {source}, by neubtf-bench {suite}.
+"""
+
+# A whole fragment shader around the function: it compiles as it is, and shows how the function is called.
+FRAGMENT = """#version 300 es
+precision highp float;
+precision highp int;
+
+{function}
+uniform vec3 wo;
+uniform vec3 wi;
+uniform float footprint;
+in vec2 uv;
+out vec4 colour;
+
+void main() {{
+  vec3 answer = wo.z > 0.0 && wi.z > 0.0 ? material(uv - floor(uv), wo, wi, footprint) : vec3(0.0);
+  colour = vec4(max(answer, 0.0), 1.0);
+}}
 """
 
 
-def export(program: Program, name: str, language: str, folder: Path) -> tuple[list[Path], int]:
-    """Write shader, textures and README into a folder; returns them, and the bytes on a GPU. May raise `InputError`."""
+def export(program: Program, name: str, language: str, folder: Path, source: str) -> tuple[list[Path], int]:
+    """Write shader, textures and README into a folder; returns them, and the bytes on a GPU. May raise `InputError`.
+
+    `source` says in words of what the program was made: codec, versions, file.
+    """
     if language not in DIALECTS:
         raise InputError(f"format {language!r}: use one of {', '.join(DIALECTS)}")
-    dialect = DIALECTS[language]
-    code = shader(program, dialect)
+    code = shader(program, DIALECTS[language])
     folder.mkdir(parents=True, exist_ok=True)
-    sizes = {which: "{1} × {0}".format(*array.shape) for which, array in (("exact", code.exact), ("half", code.half))}
-    height, width = program.size
-    across, up = program.periods
-    stretch = "" if height == width else f": for a surface with square uv, pass ({across:g} u, {up:g} v)"
-    texture = {"width": width, "height": height, "aspect": width / height, "stretch": stretch}
-    text = README.format(name=name, language=language.upper(), suffix=language, **sizes, **texture)
     files = [folder / f"{name}.{language}", folder / "exact.exr", folder / "half.exr", folder / "README.md"]
     write(files[0], code.text.encode())
     for path, array in ((files[1], code.exact), (files[2], code.half)):
         header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
         with replacing(path) as partial, OpenEXR.File(header, {"RGBA": np.ascontiguousarray(array)}) as file:
             file.write(str(partial))
-    write(files[3], text.encode())
-    return files, code.exact.nbytes + code.half.nbytes
+    write(files[3], _readme(program, code, name, language, source).encode())
+    if language == GLSL.name:
+        files.append(folder / f"{name}.frag")
+        write(files[-1], FRAGMENT.format(function=code.text).encode())
+    return files, code.gpu_bytes
+
+
+def _readme(program: Program, code: Shader, name: str, language: str, source: str) -> str:
+    sizes = {which: "{1} × {0}".format(*array.shape) for which, array in (("exact", code.exact), ("half", code.half))}
+    height, width = program.size
+    across, up = program.periods
+    stretch = "" if height == width else f": for a surface with square uv, pass ({across:g} u, {up:g} v)"
+    texture = {"width": width, "height": height, "aspect": width / height, "stretch": stretch}
+    whole = f"`{name}.frag` is a whole fragment shader around it, GLSL ES 3.00. " if language == GLSL.name else ""
+    words = {"name": name, "language": language.upper(), "suffix": language, "whole": whole, "source": source}
+    return README.format(**words, **sizes, **texture, suite=version("neubtf-bench"))

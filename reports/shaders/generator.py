@@ -13,12 +13,13 @@ import numpy as np
 from bench.inputs.errors import InputError
 from bench.program import Program
 from reports.shaders.dialects import Dialect
-from reports.shaders.writer import WIDTH, Tables, WeightStore, Writer
+from reports.shaders.writer import WIDTH, Tables, WeightStore, Writer, literal
 
 Array = np.ndarray
 
 LITERALS = 10_000  # weights in a shader's text
 UNIFORMS = 1_024  # vectors of a uniform buffer: 16 kB, which WebGL 2 guarantees
+LEAST = 1e-12  # footprint, far below a texel: a level of detail is a logarithm, which 0 does not have
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,11 @@ class Shader:
     exact: Array
     half: Array
     uniforms: Array
+
+    @property
+    def gpu_bytes(self) -> int:
+        """The bytes of both textures on a GPU."""
+        return self.exact.nbytes + self.half.nbytes
 
 
 def shader(program: Program, dialect: Dialect, weights: WeightStore | None = None) -> Shader:
@@ -41,6 +47,8 @@ def shader(program: Program, dialect: Dialect, weights: WeightStore | None = Non
     writer.check(program)
     axes = {"uv": "xy", "wo": "xyz", "wi": "xyz"}
     inputs = {name: [f"{name}.{c}" for c in each] for name, each in axes.items()} | {"footprint": ["footprint"]}
+    if any("footprint" in step.names() for step in program.steps):
+        inputs["footprint"] = [writer.name("float", f"max(footprint, {literal(LEAST)})")]
     rgb = [writer.scalar(x, "float") for x in writer.run(program, inputs)]
     three = dialect.vec4.replace("4", "3")
     body = [*writer.lines, f"return {three}({', '.join(rgb)});"]

@@ -134,7 +134,7 @@ class Writer(Backend):
             text = self.vector(row[i : i + 4])
             terms += [f"dot({text}, {ones})"] if text.isidentifier() else [self._float(x) for x in row[i : i + 4]]
         terms += [self._float(x) for x in row[whole:]]
-        return self.name("float", formula.format(" + ".join(terms)))
+        return self.name("float", formula.format(" + ".join(terms or ["0.0"])))
 
     def lengths(self, items: Array, rows: Callable[[Array], Rows]) -> list[str]:
         squares = self.each("{0} * {0}", [listed(items)], "float", "float")
@@ -149,7 +149,8 @@ class Writer(Backend):
             left, right = left[None], right[None]
         pairs = [(row, column) for a, b in zip(left, right, strict=True) for row in a for column in b.T]
         dots = (zip(map(self._float, row), map(self._float, column), strict=True) for row, column in pairs)
-        totals = [self.name("float", " + ".join(f"{a} * {b}" for a, b in dot)) for dot in dots]
+        sums = [" + ".join(f"{a} * {b}" for a, b in dot) or "0.0" for dot in dots]
+        totals = [self.name("float", each) for each in sums]
         if bias is None:
             return totals
         return [self.name("float", f"{a} + {self._float(b)}") for a, b in zip(totals, bias, strict=True)]
@@ -158,14 +159,18 @@ class Writer(Backend):
         return self.scalar(value, "float")
 
     def look_up(self, table: Array, index: Scalar, kind: str) -> list[str]:
-        reader, start, stride = self.tables.place(table)
         channels = table.shape[1]
+        if channels == 0:  # such as the scores of a constant material, which has no component
+            return []
+        reader, start, stride = self.tables.place(table)
         first = self.name("int", f"{index} * {stride} + {start}" if stride > 1 else f"{index} + {start}")
         packs = [f"{reader}({first} + {k})" if k else f"{reader}({first})" for k in range(stride)]
         scalars = [self.name("float", packs[0])] if channels == 1 else self.floats(packs)[:channels]
         return scalars if kind == "float" else [self.convert(x, "float", kind) for x in scalars]
 
     def blend(self, table: Array, indices: list[Scalar], shares: list[Scalar]) -> list[str]:
+        if table.shape[1] == 0:
+            return []
         reader, start, stride = self.tables.place(table)
         firsts = [self.name("int", f"{self.scalar(i, 'int')} * {stride} + {start}") for i in indices]
         packs = [

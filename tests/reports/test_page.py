@@ -15,6 +15,7 @@ from bench.records import load_run
 from bench.runs.drawing import sparse_truth
 from reports import write_report
 from reports.atlas import Atlases
+from reports.live import live
 from reports.rows import materials
 
 HOSTILE = ('"><script>bad()</script>', "</script><script>bad()</script>", "' onerror='bad()", "名 ünï‮code")
@@ -56,6 +57,19 @@ def test_records_that_have_no_room_are_said_to_be_elsewhere(made, monkeypatch):
     left = page.count('<details id="r0')
     assert 0 < left < 4
     assert f"{4 - left} more rows have their records only in records.jsonl" in page
+
+
+def test_a_model_of_a_scene_is_live_beside_the_whole_one_and_the_rest_says_why(made, monkeypatch):
+    monkeypatch.setattr("reports.live._packed", lambda run, row, room: row.label)
+    made.job("pca components=8", psnr=30.0).job("pca components=4", psnr=28.0)
+    made.job("pca scene", codec="pca", psnr=20.0, settings={"scene": True})
+    run = load_run(made.folder)
+    (found,) = live(run, materials(run)).values()
+    assert list(found.models) == ["pca components=8", "pca scene"]
+    assert found.missing == {
+        "pca components=4": "each codec is live at its highest PSNR alone, pca components=8: "
+        "`neubtf-bench view` shows the file of this one"
+    }
 
 
 def test_a_model_that_is_surely_too_large_is_not_read(made, monkeypatch):

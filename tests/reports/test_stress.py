@@ -15,7 +15,8 @@ RECORDS = [
     record("vq", "constant", order=1),
     record("pca", "zero", order=0),
     record("vq", "zero", order=0),
-    record("vq", "reciprocity", figure="12%", order=3, group="invariants"),
+    record("vq", "fp16", figure="57 dB", order=2, group="networks"),
+    record("vq", "reciprocity (reported)", figure="12%", order=3, group="invariants"),
     record("ssim", "one texel", "n/a", "n/a", "reference is 1 × 1, and SSIM needs at least 11 × 11", 9, "pictures"),
     record("psnr", "one texel", order=9, group="pictures"),
 ]
@@ -30,8 +31,9 @@ def test_extremes_are_rows_in_the_catalogue_s_order_and_codecs_columns():
         ["constant", "FAIL 3.2%", "pass"],
         ["networks:", "", ""],
         ["sine", "—", "n/a a"],
+        ["fp16", "—", "pass 57 dB"],
         ["invariants:", "", ""],
-        ["reciprocity", "—", "12%"],
+        ["reciprocity (reported)", "—", "12%"],
     ]
     assert of_codecs.notes == [
         "FAIL pca, constant: a value is off by 3.2 %",
@@ -49,7 +51,7 @@ def test_a_run_shows_its_own_records(made):
     append(made.folder, record("pca", "constant", order=1))
     text = table_text(made.folder, kind="stress")
     assert "FAIL" not in text  # the latest counts
-    assert "Extremes (table stress): 6 pass, 0 fail, 2 not applicable." in table_text(made.folder)
+    assert "Extremes (table stress): 7 pass, 0 fail, 2 not applicable." in table_text(made.folder)
     written = {file.name for file in write_report(made.folder).files}
     assert {"stress.md", "stress.tex"} <= written
     assert "Extremes that codecs must survive" in (made.folder / "report.html").read_text(encoding="utf-8")

@@ -1,8 +1,11 @@
 import pytest
 
-from bench.records import load_run
-from reports import table_text
+from bench.records import SCENE_HELDOUT, load_run
+from reports import table_text, write_report
+from reports.rows import materials
 from reports.tables import all_tables
+
+STATS = {"mean": 31.0, "std": 1.0, "pooled": 31.5, "exact": 0, "slices": 4}
 
 
 def tables(made, kind):
@@ -109,11 +112,38 @@ def test_an_unknown_format_is_refused(made):
         table_text(made.folder, "word")
 
 
+def test_what_a_model_of_a_scene_saves_and_gains_stands_in_one_line(made):
+    def scores(held, frames):
+        group = {"slices": 4, "radiance": 0.1, "metrics": {"psnr_display": STATS | {"mean": held}}}
+        says = {"name": "wall", "frames": [2, 30, 40], "queries": 9, "exposure": 1.0}
+        says["metrics"] = {"psnr_display": frames}
+        return {"scene": says, "scores": {"heldout": group, "all": group, "scene": group, SCENE_HELDOUT: group}}
+
+    sizes = {"decoder": 0, "texture": 0, "other": 0}
+    made.job("pca", settings={"components": 8}, bytes=sizes | {"total": 8000}, **scores(30.0, 20.0))
+    fitted = {"components": 8, "scene": True}
+    made.job("pca scene", codec="pca", settings=fitted, bytes=sizes | {"total": 400}, **scores(33.2, 29.5))
+    (table,) = tables(made, "scene")
+    shown = {row[0]: cells(table, i)["held out in the scene dB ↑"] for i, row in enumerate(table.rows)}
+    assert shown == {"pca": "30.00", "pca scene": "33.20"}
+    line = "takes 400 instead of 8,000 bytes (5%), +3.20 dB at held-out pairs, +9.50 dB at the pixels of its frames."
+    assert [note for note in table.notes if "instead of" in note] == [f"pca scene: The model of the scene {line}"]
+    write_report(made.folder)
+    page = (made.folder / "report.html").read_text(encoding="utf-8")
+    assert page.index("scores in the scene wall") < page.index("+3.20 dB at held-out pairs")
+
+
+def test_a_run_of_one_view_says_so(made):
+    (one,) = materials(load_run(made.job(views=1).folder))
+    assert one.split.endswith("; one view: answers from other views are not measured")
+    (two,) = materials(load_run(made.job(views=2).folder))
+    assert "view" not in two.split
+
+
 def test_a_run_judged_by_a_scene_has_a_table_of_it(made):
     says = {"name": "wall", "frames": [2, 30, 40], "queries": 9, "exposure": 1.0}
     says["metrics"] = {"psnr_display": 28.125, "psnr_log1p": 27.0, "ssim": None, "flip_ldr_67ppd": 0.0625}
-    stats = {"mean": 31.0, "std": 1.0, "pooled": 31.5, "exact": 0, "slices": 4}
-    group = {"slices": 4, "radiance": 0.1, "metrics": {"psnr_display": stats}}
+    group = {"slices": 4, "radiance": 0.1, "metrics": {"psnr_display": STATS}}
     scores = {"heldout": group, "all": group, "scene": group}
     key = {"btf": "f", "exposure": 1.5, "sha256": "0", "metrics": {}, "demand": "a"}
     made.job(scene=says, scores=scores, score_key=key)

@@ -1,18 +1,19 @@
 """pick the codec and settings that meet a wish for quality, bytes or time
 
 If no measured setting meets the wish, and some settings of the suite are not measured yet, the command first fits and
-measures these. It says how many fits that takes, and about how long.
+measures these. It says how many fits that takes, and about how long. Validation pairs decide, test pairs are only
+shown.
 
 examples:
   neubtf-bench choose satin --min-psnr 30
-  neubtf-bench choose satin --max-bytes 300k --max-ns 40
+  neubtf-bench choose satin --max-bytes 300k --max-ns 40 -o satin.nbtf
   neubtf-bench choose satin --min-psnr 30 --codec neumip --codec pca --steps 300 --jobs 0
 """
 
 import argparse
 import re
 import shlex
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,7 @@ from bench.inputs.errors import FAILED, FINE, NO, InputError
 
 if TYPE_CHECKING:
     from bench.compare.choosing import Rung
+    from bench.records import Record
     from bench.runs.suite import Suite
 
 
@@ -31,6 +33,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--max-bytes", metavar="BYTES", help="the largest size of the file: 300k, 1.5M, 20000")
     time = "the longest time of a sample, as a whole query: CPU time on the suite's threads, one in a built-in suite "
     add("--max-ns", type=float, metavar="NS", help=f"{time}(GPU time with --device cuda)")
+    gpu = "the largest size of the textures on a GPU, as `export` writes them; what it cannot export does not count"
+    add("--max-gpu-bytes", metavar="BYTES", help=gpu)
     several(parser, "--codec", "fit and choose only this codec; repeatable")
     add("--steps", type=int, metavar="N", help="fit missing settings in N steps (default: the suite's)")
     jobs = "how many fits at once, each in its own process (and on its own GPU); 0: one a core (default: 1)"
@@ -38,51 +42,128 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--suite", default="trade", help="the suite whose settings are fitted if missing (default: trade)")
     add("--out", type=Path, help="the folder of a `trade`, extended if need be (default: runs/SUITE)")
     add("--device", default="cpu", help="cpu or cuda (default: cpu)")
+    add("-o", "--copy", type=Path, metavar="FILE", help="copy the chosen codec file to this place")
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.compare.choosing import Limits, chosen, described, held, nearest
+    from bench.codecs import container
+    from bench.compare.choosing import TIE_DB, Limits, chosen, described, nearest, timed_on
     from bench.runs.suite import canonical
 
-    size = None if options.max_bytes is None else parse_bytes(options.max_bytes)
-    wishes = Limits(size, options.max_ns, options.min_psnr)
+    size, on_gpu = (parse_bytes(options, word) for word in ("max_bytes", "max_gpu_bytes"))
+    wishes = Limits(size, options.max_ns, options.min_psnr, on_gpu)
     if wishes == Limits():
-        raise InputError("choose: no wish is given: give --min-psnr, --max-bytes or --max-ns")
+        raise InputError("choose: no wish is given: give --min-psnr, --max-bytes, --max-gpu-bytes or --max-ns")
+    if options.copy:
+        container.refuse_other_file(options.copy)
     suite = _suite(options)
     folder, material = options.out or Path("runs") / suite.name, suite.materials[0].name
     if not suite.data.validation:
         why = f"suite {suite.name} has no validation pairs to choose by"
         raise InputError(f"choose: {why}: add `validation = true` to [data]")
-    rungs, missing = _measured(folder, suite, options.device)
+    rungs, missing = _measured(folder, suite, options)
     if missing and not chosen(rungs, wishes):
         suite = canonical(suite)  # by the names of the records; it loads the codecs
-        if missing := _measured(folder, suite, options.device)[1]:
+        if missing := _measured(folder, suite, options)[1]:
             _measure(folder, suite, options, len(missing))
-            rungs, _ = _measured(folder, suite, options.device)
+            rungs, _ = _measured(folder, suite, options)
     if not rungs:
         print(f"{material}: nothing could be measured; the reasons are in {folder}")
         return FAILED
-    best = chosen(rungs, wishes)
+    best = chosen(rungs, wishes, TIE_DB)
     if best is None:
         print(f"{material}: no setting meets that; the nearest is {described(nearest(rungs, wishes).of)}")
         return NO
     print(f"{material}: {described(best.of)}")
-    print(held(folder, best.of))
-    words = ["encode", options.material, "--codec", best.of["codec"]]
-    for key, value in best.of["settings"].items():
-        words += ["--set", f"{key}={value}"]
-    for key, value in asdict(suite.data).items():  # as they differ from the defaults
-        if key != "validation" and value != getattr(type(suite.data)(), key):
-            words += ["--set", f"data.{key}={str(value).lower() if value is True else value}"]
-    print(f"neubtf-bench {shlex.join([*words, '-o', f'{material}.nbtf'])}")
+    held = _gpu_bytes(folder, best.of.get("job", ""))
+    on_a_gpu = f"{held:,} bytes of textures, as `export` writes them" if held else "not exported"
+    print(f"time: {timed_on(best.of)}; on a GPU: {on_a_gpu}")
+    _offer(folder, best.of, options.copy)
+    if command := _command(suite, best.of, options.device):
+        print(command)
     return FINE
 
 
-def parse_bytes(text: str) -> int:
-    """A size in bytes from its text: `300k`, `1.5M`, `20000`."""
+def _gpu_bytes(folder: Path, name: str) -> int | None:
+    """The bytes of a job's textures on a GPU, as `export` counts them; None if it cannot be exported."""
+    from bench.records import load_run
+    from reports import artefacts
+    from reports.shaders.dialects import GLSL
+    from reports.shaders.generator import shader
+
+    job = load_run(folder).job(name)
+    if not job or "file" not in job:
+        return None
+    try:
+        if "drawing" in job:
+            program = artefacts.program(folder / job["drawing"])
+        else:  # a run draws its first seed alone, and no large textures
+            from bench.codecs.loading import load
+            from bench.program.recording import program_of
+
+            program = program_of(load(folder / job["file"]).material)
+        return shader(program, GLSL).gpu_bytes
+    except InputError:
+        return None
+
+
+def _offer(folder: Path, row: "Record", copy: Path | None) -> None:
+    """Print where the chosen file is, and copy it with the network that it needs."""
+    from bench.codecs import container, shared
+    from bench.files import atomic
+    from bench.inputs.errors import ContainerError
+    from bench.records import load_run
+
+    job = load_run(folder).job(row.get("job", "")) or {}
+    if "file" not in job:
+        return
+    file = folder / job["file"]
+    try:
+        header = container.read_header(file)
+    except ContainerError:
+        if copy:
+            raise
+        return
+    if header.sha256 != row["sha256"]:
+        raise InputError(f"{file}: not the file that was chosen: give another --out, and it is fitted there again")
+    print(f"file: {file}, sha256 {header.sha256}")
+    if not copy:
+        return
+    if header.network:
+        network = shared.hashed_name(header.codec, header.network)
+        atomic.write(copy.parent / network, (file.parent / network).read_bytes())
+    atomic.write(copy, file.read_bytes())
+    print(f"wrote {copy}")
+
+
+def _command(suite: "Suite", row: "Record", device: str) -> str:
+    """The command that makes the chosen file again, byte for byte; "" where only a run can make it."""
+    spec, data = suite.materials[0], suite.data
+    if suite.demand or (spec.path and data.renderer == "mitsuba"):
+        return ""
+    words = ["encode", spec.path or spec.name, "--codec", row["codec"]]
+    for key, value in row["settings"].items():
+        words += ["--set", f"{key}={value}"]
+    for key, value in asdict(data).items():  # as they differ from the defaults; validation pairs leave the training
+        if value != getattr(type(data)(), key) and not spec.ignores(f"data.{key}"):
+            words += ["--set", f"data.{key}={str(value).lower() if value is True else value}"]
+    if suite.seeds[0]:
+        words += ["--seed", str(suite.seeds[0])]
+    if suite.threads != 1:
+        words += ["--threads", str(suite.threads)]
+    if device != "cpu":
+        words += ["--device", device]
+    return f"neubtf-bench {shlex.join([*words, '-o', f'{spec.name}.nbtf'])}"
+
+
+def parse_bytes(options: argparse.Namespace, word: str) -> int | None:
+    """The size in bytes that an option gives: `300k`, `1.5M`, `20000`; None if it is not given."""
+    text = getattr(options, word)
+    if text is None:
+        return None
     match = re.fullmatch(r"(\d+(?:\.\d+)?)([kM]?)B?", text)
     if not match or float(match[1]) <= 0:
-        raise InputError(f"--max-bytes {text}: write a number, or a number with k or M, such as 300k")
+        raise InputError(f"--{word.replace('_', '-')} {text}: write a number, or a number with k or M, such as 300k")
     return round(float(match[1]) * {"": 1, "k": 1_000, "M": 1_000_000}[match[2]])
 
 
@@ -99,17 +180,21 @@ def _suite(options: argparse.Namespace) -> "Suite":
         raise InputError(f"--steps {options.steps}: {error}") from error
 
 
-def _measured(folder: Path, suite: "Suite", device: str) -> tuple[list["Rung"], list[str]]:
+def _measured(folder: Path, suite: "Suite", options: argparse.Namespace) -> tuple[list["Rung"], list[str]]:
     """The choices of a suite's material that were measured on a device, and the labels that were not tried."""
     from bench.compare.choosing import usable
     from bench.records import load_trade
 
     codecs, material = {codec.codec for codec in suite.codecs}, suite.materials[0].name
     every = (load_trade(folder) or {"choices": []})["choices"]
-    of_device = [row for row in every if (row["material"], row["device"]) == (material, device)]
+    of_device = [row for row in every if (row["material"], row["device"]) == (material, options.device)]
     rows = [row for row in of_device if row.get("codec") in codecs]
     tried = {row["label"] for row in rows if "validation" in row or "error" in row}
-    return usable(rows, material), [codec.label for codec in suite.codecs if codec.label not in tried]
+    rungs = usable(rows, material)
+    if options.max_gpu_bytes:
+        held = {name: _gpu_bytes(folder, name) for name in {rung.of.get("job", "") for rung in rungs}}
+        rungs = [replace(rung, gpu=held[rung.of.get("job", "")]) for rung in rungs]
+    return rungs, [codec.label for codec in suite.codecs if codec.label not in tried]
 
 
 def _measure(folder: Path, suite: "Suite", options: argparse.Namespace, missing: int) -> None:
@@ -123,4 +208,4 @@ def _measure(folder: Path, suite: "Suite", options: argparse.Namespace, missing:
         console.say(f"{suite.materials[0].name}: {several} are not in {folder}: fitted, scored and timed first")
         device, seats = usable_device(options.device), workers(options.jobs, suite.threads, options.device)
         run_options = Options(folder, device, show=console.show, say=console.say, workers=seats)
-        run_and_measure(suite, run_options, console.ended)
+        run_and_measure(suite, run_options, console.ended, profiles=False)

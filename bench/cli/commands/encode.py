@@ -90,6 +90,7 @@ def _encode_for_scene(
     """Write the smallest model that reaches the target in a scene, or the full one, and show gains and losses."""
     import tempfile
 
+    import numpy as np
     import torch
 
     from bench.codec import Fit
@@ -112,7 +113,8 @@ def _encode_for_scene(
     with tempfile.TemporaryDirectory() as folder, torch_threads(options.threads):
         search = fitting.Search(codec, btf.subset(btf.split().train), scorer, fit, Path(folder), uniform)
         result = search.run(None if wanted == fitting.Goal() else wanted)
-        console.say(scene_models_text(fitting.rows(result, scorer, options.threads)))
+        held = btf.subset(np.setdiff1d(np.arange(len(btf)), btf.split().train))
+        console.say(scene_models_text(fitting.rows(result, scorer, options.threads, held)))
         atomic.write(options.out, result.chosen.header.path.read_bytes())
     if not result.met:
         verdict = f"The target is not reached; this is the {'scene' if result.scene else 'full'} model"

@@ -1,6 +1,7 @@
 """write a codec file as a shader: GLSL, HLSL or WGSL with its textures
 
-The folder holds one function, `material(uv, wo, wi, footprint)`, two textures and a README of conventions.
+The folder holds one function, `material(uv, wo, wi, footprint)`, two textures and a README of conventions. For GLSL
+it also holds a whole fragment shader around the function, which compiles as it is.
 
 examples:
   neubtf-bench export satin.nbtf --format wgsl -o satin-wgsl
@@ -19,13 +20,18 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    from bench.codecs.container import FORMAT
     from bench.codecs.loading import load
     from bench.runs.drawing import drawable
     from reports.shaders.export import export
 
-    material = load(options.file).material
+    loaded = load(options.file)
+    header = loaded.header
+    source = f"`{options.file.name}`: codec {header.codec}, version {header.version}, file format {FORMAT}"
+    source += f", sha256 {header.sha256}"
     try:
-        files, held = export(drawable(material)[0], options.file.stem, options.format, options.out)
+        program = drawable(loaded.material)[0]
+        files, held = export(program, options.file.stem, options.format, options.out, source)
     except InputError as error:
         raise InputError(f"{options.file}: {error}") from error
     print("\n".join(f"wrote {path}" for path in files))

@@ -9,14 +9,13 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 from bench.machine.devices import is_gpu
-from bench.records import MOST_DB, PSNR, VALIDATION, Record, Run, deciding_group, load_run, load_trade, stats_of
+from bench.records import MOST_DB, PSNR, VALIDATION, Record, Run, deciding_group, load_trade, stats_of
 
 NEAR_DB = 0.5  # within this many dB of the best counts as equally good
-FLOAT_BYTES = 4
+TIE_DB = 0.02  # what rounding changes between executions of one file, and more: nobody sees it
 
 
 @dataclass(frozen=True)
@@ -27,6 +26,7 @@ class Rung:
     score: float  # mean display PSNR in dB over validation slices
     time: float | None = None  # time of a query, in the unit of the limit; None: not measured
     of: Any = None  # the jobs, one a seed, or the choice of a trade
+    gpu: float | None = None  # bytes of the exported shader's textures; None: not counted, or there is no shader
 
 
 @dataclass(frozen=True)
@@ -36,22 +36,31 @@ class Limits:
     size: float | None = None
     time: float | None = None
     score: float | None = None
+    gpu: float | None = None
 
     def misses(self, rung: Rung) -> list[float]:
         """By how much a rung misses each limit, as a share of the limit (for a score: dB / 10); ≤ 0 if it meets it."""
         misses = [] if self.size is None else [rung.size / self.size - 1]
         misses += [] if self.time is None else [_time(rung) / self.time - 1]
+        if self.gpu is not None:
+            misses.append(math.inf if rung.gpu is None else rung.gpu / self.gpu - 1)
         return misses + ([] if self.score is None else [(self.score - rung.score) / 10])
 
 
-def chosen(rungs: Sequence[Rung], limits: Limits) -> Rung | None:
+def chosen(rungs: Sequence[Rung], limits: Limits, tie: float = 0.0) -> Rung | None:
     """The rung that meets the limits with the highest score or, if they ask for a score, with the smallest file.
 
-    Ties go to the smaller file, then to the faster query, then to the first. None if no rung meets the limits.
+    Ties go to the smaller file, then to the faster query, then to the first. With a `tie`, scores at most so many dB
+    below the highest count as equal, and the fastest of these is chosen. None if no rung meets the limits.
     """
     met = [rung for rung in rungs if max(limits.misses(rung)) <= 0]
-    enough = limits.score is not None
-    return min(met, key=lambda rung: (0.0 if enough else -rung.score, rung.size, _time(rung)), default=None)
+    if limits.score is not None:
+        return min(met, key=lambda rung: (rung.size, _time(rung)), default=None)
+    if not tie:
+        return min(met, key=lambda rung: (-rung.score, rung.size, _time(rung)), default=None)
+    highest = max((rung.score for rung in met), default=0.0)
+    equal = [rung for rung in met if rung.score >= highest - tie]
+    return min(equal, key=lambda rung: (_time(rung), rung.size), default=None)
 
 
 def nearest(rungs: Sequence[Rung], limits: Limits) -> Rung:
@@ -92,7 +101,7 @@ def fused_times(run: Run) -> dict[str, Record]:
 
 def answers(material: str, choices: list[Record]) -> Iterator[str]:
     """Sentences that name the best choice by validation pairs, and the fastest and the smallest one within `NEAR_DB` of
-    it, with their figures of test pairs."""
+    it, with their figures."""
     rungs = usable(choices, material)
     if not rungs:
         return
@@ -113,17 +122,17 @@ def named(row: Record) -> str:
 
 
 def described(row: Record) -> str:
-    """A choice with its figures, in words."""
-    quality = "exact" if row["psnr"] >= MOST_DB else f"{row['psnr']:.2f} dB"
+    """A choice with its figures, in words: first the PSNR that decides, then that of test pairs."""
+    decides, shown = _decibels(row["validation"]["mean"]), _decibels(row["psnr"])
+    quality = f"{decides} on validation pairs, {shown} on test pairs"
     return f"{named(row)}: {quality}, {row['bytes']:,} bytes, {row['ns_per_sample']:,.0f} ns a sample"
 
 
-def held(folder: Path, row: Record) -> str:
-    """Which device a choice was timed on, and the size of its textures on a GPU, by the record of its job."""
+def _decibels(value: float) -> str:
+    return "exact" if value >= MOST_DB else f"{value:.2f} dB"
+
+
+def timed_on(row: Record) -> str:
+    """Which device a choice was timed on, in words."""
     threads = row.get("threads", 1)
-    whose = "the GPU's" if is_gpu(row["device"]) else f"the CPU's, {threads} thread{'s' * (threads != 1)}"
-    job = load_run(folder).job(row.get("job", "")) or {}
-    floats = job.get("cost", {}).get("texture_floats", 0)
-    textures = f"{FLOAT_BYTES * floats:,} bytes of textures at {FLOAT_BYTES} bytes a float" if floats else "no textures"
-    whole = f", {job['resident']:,} with tables and networks" if job.get("resident") else ""
-    return f"time: {whose}; on a GPU: {textures}{whole}, of a file of {row['bytes']:,}"
+    return "the GPU's" if is_gpu(row["device"]) else f"the CPU's, {threads} thread{'s' * (threads != 1)}"

@@ -21,7 +21,7 @@ from bench.conformance import check
 from bench.conformance.check import CheckError, tiny_radiance
 from bench.conformance.stress.case import Case, Measured, Subject, applicable, require, short
 from bench.conformance.stress.data import ordinary, values
-from bench.conformance.stress.networks import SHORT_FLOATS, sound
+from bench.conformance.stress.networks import SHORT_FLOATS, decibels, sound
 from bench.conformance.stress.properties import DATA_HOLDS, QUERIES_HOLD, drawn_data, drawn_queries
 from bench.conformance.stress.queries import Queries, described, spread
 from bench.directions.hemisphere import uniform
@@ -133,7 +133,7 @@ def near_double(name: str, subject: Subject) -> Measured:
     short, exact = ours[worst].tolist(), double[worst].tolist()
     where = f"{short}, {exact} in float64: {excess[worst]:.2f} of what is allowed, at {described(queries, worst)}"
     require(excess[worst] <= 1, f"{excess[worst] * r:.1%}", where)
-    return Measured(used=float(excess[worst]), detail=where)
+    return Measured(decibels(ours, double), float(excess[worst]), where)
 
 
 def diverges(subject: Subject) -> None:

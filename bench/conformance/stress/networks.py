@@ -22,6 +22,7 @@ from bench.training.decoder import Decoder
 
 SHORT_FLOATS = {"fp16": torch.float16, "bf16": torch.bfloat16}
 ARGUMENT = 1e5
+SHOWN = 1024  # queries that show what a short float costs
 FINITE = "finite and not negative"
 
 
@@ -137,6 +138,21 @@ def exact_sine(subject: Subject) -> None:
     require(worst <= 2**-23, f"{worst:.1g}", f"the sine of arguments up to {ARGUMENT:g} is off by {worst:.3g}")
 
 
+def short_sound(subject: Subject, dtype: torch.dtype) -> Measured:
+    """Check all answers in a short float; the figure is what it costs the ordinary material."""
+    all_sound(subject, dtype)
+    queries = spread(SHOWN, 75.0)
+    double, ours = (subject.decode(subject.parts).to(dtype=each).query(*queries) for each in (torch.float64, dtype))
+    return Measured(decibels(ours, double))
+
+
+def decibels(ours: Tensor, exact: Tensor) -> str:
+    """The display PSNR of answers (n, 3) against exact ones, in words."""
+    truth, answers = exact.double().numpy(), ours.double().numpy()
+    error = display_error(answers, truth, exposure_of(truth))
+    return f"{float(psnr(error, 1.0)):.0f} dB" if error else "exact"
+
+
 def all_sound(subject: Subject, dtype: torch.dtype | None = None) -> None:
     """Check the answers of the ordinary material and of all spoiled ones, in another float type if one is given."""
     for name, make in {"ordinary": lambda s: s.decode(s.parts), **SPOILED}.items():
@@ -200,7 +216,7 @@ CASES = (
     *(network(name, partial(spoiled, make)) for name, make in SPOILED.items() if make is not large_arguments),
     network("sine of 1e5", exact_sine, f"{FINITE}; the sine of a float within 2⁻²³"),
     network("gradients at exact zero", gradients_at_zero, "finite"),
-    *(network(f"{name}, all of the above", partial(all_sound, dtype=dtype)) for name, dtype in SHORT_FLOATS.items()),
+    *(network(f"{name}, all of the above", partial(short_sound, dtype=dtype)) for name, dtype in SHORT_FLOATS.items()),
     network("int8 texture, all of the above", eight_bits, cheap=False),
     network(
         "fitted with a firefly (reported)",

@@ -23,6 +23,14 @@ def test_what_no_surface_looks_like_is_not_asked_of_a_model_of_reflectance(tmp_p
     assert verdict(physical, "all zero", tmp_path, monkeypatch).verdict == "pass"
 
 
+@pytest.mark.parametrize("name", ["fp16, all of the above", "fp16 against fp64"])
+def test_short_floats_pass_with_the_decibels_that_they_cost(name, tmp_path, monkeypatch):
+    outcome = verdict(MeanColour, name, tmp_path, monkeypatch)
+    decibels, unit = outcome.figure.split()
+    assert (outcome.verdict, unit) == ("pass", "dB")
+    assert 50 < float(decibels) < 100  # ten bits of mantissa
+
+
 class Dark(MeanColourMaterial):
     def evaluate(self, uv, wo, wi, footprint):
         return super().evaluate(uv, wo, wi, footprint) * 0

@@ -4,6 +4,7 @@ from PIL import Image
 
 from bench import cli
 from bench.btf import BTF, ArraySource
+from bench.cli.console import btf_lines
 from bench.conformance.check import tiny_btf
 from bench.data.convert import write_btf
 from bench.data.portrait import draw, look
@@ -133,3 +134,9 @@ def test_info_warns_and_draws(tmp_path, btf, capsys):
             assert np.asarray(picture).std() > 10
     assert cli.main(["info", str(tmp_path / "a.npz"), "--picture", str(tmp_path / "no" / "a.png")]) == 2
     assert "cannot be written" in capsys.readouterr().err
+
+
+def test_a_material_of_one_view_is_said_to_be_one():
+    line = "one view: a codec's answers from other views are not measured"
+    assert line in btf_lines(look(tiny_btf(6, 1, 9))).splitlines()
+    assert line not in btf_lines(look(tiny_btf(6, 3, 9)))

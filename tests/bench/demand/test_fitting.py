@@ -19,7 +19,7 @@ from bench.conformance.check import tiny_btf
 from bench.demand.demand import Demand
 from bench.demand.fitting import Goal, Search, density_of, encode
 from bench.demand.frame_scorer import FrameScorer
-from bench.demand.needed_part import NeededPart
+from bench.demand.needed_part import NeededPart, shares_of_others
 from bench.directions.hemisphere import uniform
 from bench.inputs.errors import InputError
 from bench.material import texel_centres
@@ -248,3 +248,13 @@ def test_levels_that_a_scene_never_touches_are_left_out_of_a_pyramid(tmp_path):
     mixed = replace(near, footprint=np.where(np.arange(4000) % 2, 1 / 16, 3 / 16).astype(np.float32))
     material = loaded(codec, encode(codec, btf, Fit(), mixed), tmp_path)
     assert material.inner.pyramid.levels == [(16, 16), (8, 8), (4, 4)]
+
+
+def test_held_out_pairs_count_where_they_lie_in_the_scene():
+    """Of two held-out pairs, that in the middle of the demand counts alone; a scene near neither has none."""
+    near, far = demand_of(NEAR), tiny_btf(64, 9, 9).layout
+    wo, wi = (np.average(side, axis=0, weights=near.importance) for side in (near.wo, near.wi))
+    others = np.stack([np.concatenate([wo, wi]), [0.9, 0.1, 0.4, -0.9, 0.1, 0.4]]).astype(np.float32)
+    sides = [side / np.linalg.norm(side, axis=1, keepdims=True) for side in (others[:, :3], others[:, 3:])]
+    assert shares_of_others(far, near, *sides).tolist() == [1.0, 0.0]
+    assert shares_of_others(far, near, *(side[1:] for side in sides)).tolist() == [0.0]

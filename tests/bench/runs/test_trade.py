@@ -10,6 +10,8 @@ import torch
 
 from bench import cli, timing
 from bench.cli.commands import choose as choose_command
+from bench.codec import Fit
+from bench.codecs.registry import load_codec
 from bench.compare.choosing import answers, named, usable
 from bench.conformance.check import tiny_btf
 from bench.data.spec import MaterialSpec, Preparation
@@ -100,6 +102,61 @@ def test_what_cannot_be_computed_is_a_row_that_says_why(measured):
         assert "ns_per_sample" not in row
 
 
+def test_an_interrupted_measurement_goes_on_where_it_stopped(measured, tmp_path, monkeypatch):
+    """The variant is scored once, and each turn is timed once."""
+    monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6).with_validation())
+    monkeypatch.setattr("bench.timing.profile.COPIED", 1 << 20)
+    monkeypatch.setattr(native, "emulated", lambda precision, device: False)
+    shutil.copytree(measured[0], tmp_path / "run")
+    suite = replace(SUITE, codecs=SUITE.codecs[2:], variants=("eager bfloat16",))
+    run = load_run(tmp_path / "run")
+
+    def interrupt(label, done, total):
+        if label == "timing decoders" and (done, total) == (2, 3):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        trade.measure(suite, run, "cpu", show=interrupt, profiles=False)
+    monkeypatch.setattr(trade, "_changed", lambda *_: pytest.fail("scored again"))
+    turns = []
+
+    def count(label, done, total):
+        if label == "timing decoders":
+            turns.append(total)
+
+    result = trade.measure(suite, run, "cpu", show=count, profiles=False)
+    assert set(turns) == {1}
+    rows = by_name(result)
+    assert rows["neubtf-direct steps=20 [eager bfloat16]"]["from_float32"] > 20
+    assert result["profiles"] == []
+    trade.write(tmp_path / "run", result)
+    assert not list((tmp_path / "run").glob("trade.[ft]*"))
+    assert trade.merged(measured[1], result)["profiles"] == measured[1]["profiles"]
+
+
+def test_ceilings_are_timed_in_turns_with_the_rest_and_rise_to_what_a_turn_reaches(monkeypatch):
+    monkeypatch.setattr("bench.timing.profile.COPIED", 1 << 20)
+    slow, of_all_cores = ceiling("float32", 1e-6, 1e-6), ceiling("float32", 1e-6, 1e-6, threads=2)
+    material = load_codec("mean-colour")()
+    decoded = material.decode(material.encode(tiny_btf(12, 6, 6), Fit()), torch.device("cpu"))
+    kept = SimpleNamespace(read=lambda arrays: 0, write=lambda *_: None)
+    assert set(trade._timed({"0": decoded}, [slow], 256, lambda *_: None, kept)) >= {"0", timing.FLOOR}
+    assert slow["flops_per_ns"] > 1
+    assert slow["bytes_per_ns"] > 0.1
+    assert of_all_cores == ceiling("float32", 1e-6, 1e-6, threads=2)
+
+
+def test_a_share_above_the_whole_limit_is_marked_and_explained(measured, tmp_path):
+    shutil.copy(measured[0] / "records.jsonl", tmp_path)
+    choices = [row | ({"of_limit": 1.25} if row["label"] == "mean-colour" else {}) for row in measured[1]["choices"]]
+    note = "* A share above 100 %"
+    assert note not in table_text([measured[0]], kind="trade")
+    trade.write(tmp_path, measured[1] | {"choices": choices})
+    text = table_text(tmp_path, kind="trade")
+    assert re.search(r"^mean-colour .* 125\.0 \*", text, re.M)
+    assert note in text
+
+
 @pytest.fixture
 def quick(measured, monkeypatch):
     monkeypatch.setattr("bench.runs.workbench.open_material", lambda *_: tiny_btf(12, 6, 6))
@@ -164,7 +221,7 @@ def test_the_answer_names_the_cheapest_within_half_a_decibel_of_the_best():
     rows = [row | {"material": "m", "execution": "eager", "precision": "float32"} for row in rows]
     rows = [row | {"validation": {"pooled": row["psnr"], "mean": row["psnr"], "slices": 9}} for row in rows]
     best, fastest, smallest = answers("m", rows)
-    assert "the best is big: 40.00 dB, 1,000 bytes, 100 ns" in best
+    assert "the best is big: 40.00 dB on validation pairs, 40.00 dB on test pairs, 1,000 bytes, 100 ns" in best
     assert "the fastest is fast" in fastest
     assert "the smallest is small" in smallest
     _, fastest, smallest = answers("m", rows[2:3])
@@ -314,7 +371,7 @@ def test_choose_measures_what_is_missing(measured, tmp_path, monkeypatch, capsys
     result = measured[1]
     shutil.copy(measured[0] / "records.jsonl", tmp_path)
     trade.write(tmp_path, result | {"choices": [row for row in result["choices"] if row["label"] == "mean-colour"]})
-    monkeypatch.setattr(trade, "run_and_measure", lambda suite, options, tell: trade.write(options.folder, result))
+    monkeypatch.setattr(trade, "run_and_measure", lambda suite, options, tell, **_: trade.write(options.folder, result))
     best = max(rung.score for rung in usable(result["choices"], "tiny"))
     for wish, code, measures in ((1.0, 0, False), (best - 0.01, 0, True), (99.0, 1, False)):  # at last all was tried
         assert choosing(monkeypatch, tmp_path, min_psnr=wish) == code
@@ -323,7 +380,9 @@ def test_choose_measures_what_is_missing(measured, tmp_path, monkeypatch, capsys
 
 def test_what_choose_measures_is_of_the_codecs_steps_and_processes_asked_for(measured, tmp_path, monkeypatch, capsys):
     asked = []
-    monkeypatch.setattr("bench.runs.trade.run_and_measure", lambda suite, options, tell: asked.append((suite, options)))
+    monkeypatch.setattr(
+        "bench.runs.trade.run_and_measure", lambda suite, options, tell, **_: asked.append((suite, options))
+    )
     monkeypatch.setattr("bench.runs.executors.processes", lambda *words: words)
     wish = {"codec": ["neubtf-direct"], "min_psnr": 99.0}
     assert choosing(monkeypatch, tmp_path, **wish, steps=7, jobs=3) == 3  # the stub measures nothing
@@ -345,4 +404,6 @@ def test_a_setting_that_is_spelled_out_as_the_default_is_measured_once(measured,
 def test_the_command_that_choose_names_prepares_the_data_as_it_was_measured(measured, monkeypatch, capsys):
     small = replace(SUITE, data=Preparation(size=12, repair=True, validation=True))
     assert choosing(monkeypatch, measured[0], small, min_psnr=1.0) == 0
-    assert " --set data.size=12 --set data.repair=true -o tiny.nbtf" in capsys.readouterr().out
+    assert (
+        " --set data.size=12 --set data.validation=true --set data.repair=true -o tiny.nbtf" in capsys.readouterr().out
+    )

@@ -1,5 +1,6 @@
 import shutil
 import subprocess
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -8,8 +9,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from bench.codec import Fit
-from bench.codecs.registry import load_codec
+from bench import encode, from_arrays, load
+from bench.codec import Fit, setting_names
+from bench.codecs.registry import codec_entries, load_codec
 from bench.conformance.check import tiny_btf
 from bench.directions.hemisphere import uniform
 from bench.inputs.errors import InputError
@@ -17,9 +19,11 @@ from bench.material import DecoderCost, Material
 from bench.program import Program
 from bench.program.recording import program_of
 from reports import artefacts
+from reports.live import pack
 from reports.shaders.dialects import DIALECTS, GLSL
 from reports.shaders.export import export
 from reports.shaders.generator import shader
+from reports.viewer.page import Shown, model_data
 from tests.baselines.surfaces import bumps
 from tests.reports.shaders.reader import answer
 from tests.tiers import short_for
@@ -36,6 +40,8 @@ CODECS = {
     "relief": {"steps": 5, "batch": 64},
     "svbrdf": {"steps": 5, "batch": 64},
 }
+
+NOT_DRAWN = {"hierarchical", "local-pca", "ntc"}  # they use operations that no shader has, which the export says
 
 
 def decoded(codec: str, settings: dict[str, Any]) -> Material:
@@ -96,14 +102,71 @@ def test_a_foreign_file_is_no_program(tmp_path: Path) -> None:
 @pytest.mark.parametrize("language", DIALECTS)
 def test_an_export_holds_shader_textures_and_conventions(language: str, tmp_path: Path) -> None:
     program = stored(decoded("neubtf-direct", {"steps": 2}), tmp_path)
-    files, held = export(program, "cloth", language, tmp_path / "out")
-    assert sorted(path.name for path in files) == sorted([f"cloth.{language}", "exact.exr", "half.exr", "README.md"])
+    files, held = export(program, "cloth", language, tmp_path / "out", "codec neubtf-direct, version 3")
+    names = {f"cloth.{language}", "exact.exr", "half.exr", "README.md"} | (
+        {"cloth.frag"} if language == "glsl" else set()
+    )
+    assert {path.name for path in files} == {path.name for path in (tmp_path / "out").iterdir()} == names
     assert held % 8 == 0 < held
     text = (tmp_path / "out" / f"cloth.{language}").read_text()
     assert all(bracket in text for bracket in "(){}")
     assert text.count("(") == text.count(")")
     height, width = program.size
-    assert f"{width} × {height} square texels" in (tmp_path / "out" / "README.md").read_text()
+    readme = (tmp_path / "out" / "README.md").read_text()
+    assert f"{width} × {height} square texels" in readme
+    assert f"Made from codec neubtf-direct, version 3, by neubtf-bench {version('neubtf-bench')}.\n" in readme
+
+
+@pytest.mark.parametrize("codec", ["pca", "relief"])
+def test_an_exported_fragment_shader_compiles_as_it_is(codec: str, tmp_path: Path) -> None:
+    validator = shutil.which("glslangValidator")
+    if not validator:
+        pytest.skip("glslangValidator is not installed (Debian: glslang-tools)")
+    export(stored(decoded(codec, CODECS[codec]), tmp_path), "cloth", "glsl", tmp_path / "out", "a test")
+    done = subprocess.run(
+        [validator, str(tmp_path / "out" / "cloth.frag")], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout
+
+
+class Levelled(Material):
+    """Answers the level of detail of a footprint, from a texture of 8 texels a side."""
+
+    def __init__(self) -> None:
+        super().__init__((8, 8), DecoderCost())
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        return (footprint * 8).log2().clamp(0, 3)[:, None] + 0 * wo
+
+
+def test_a_point_has_a_level_of_detail(tmp_path: Path) -> None:
+    code = shader(stored(Levelled(), tmp_path), GLSL)
+    up = np.array([0, 0, 1], np.float32)
+    with np.errstate(all="raise"):  # the logarithm of 0 is undefined in GLSL
+        answers = [answer(code, np.array([0.5, 0.5], np.float32), up, up, side) for side in (0.0, 0.5)]
+    np.testing.assert_allclose(answers, [[0, 0, 0], [2, 2, 2]], atol=1e-6)
+
+
+FLAT = short_for(sorted(set(codec_entries()) - NOT_DRAWN), "pca", "tucker", "mean-colour")
+
+
+@pytest.mark.parametrize("level", [0.5, 0.0])
+@pytest.mark.parametrize("codec", FLAT)
+def test_a_constant_and_a_black_material_are_drawn(codec: str, level: float, tmp_path: Path) -> None:
+    """PCA then has no component, its tables no channel."""
+    tiny, kind = tiny_btf(12, 6, 6), load_codec(codec)
+    btf = from_arrays(np.full((len(tiny), 6, 6, 3), level, np.float32), tiny.wo, tiny.wi)
+    settings = {"steps": 3} if "steps" in setting_names(kind) else {}
+    encode(btf, kind(**settings), tmp_path / "flat.nbtf")
+    material = load(tmp_path / "flat.nbtf")
+    program = stored(material, tmp_path)
+    pack(model_data(Shown(codec, program, 1.0, ""), bytes))
+    for language in DIALECTS:
+        export(program, "flat", language, tmp_path / language, codec)
+    query = np.array([0.3, 0.7], np.float32), *(np.array(w, np.float32) for w in ([0, 0.6, 0.8], [0.6, 0, 0.8]))
+    truth = material.query(*(torch.from_numpy(each)[None] for each in query), torch.tensor([0.2]))[0].numpy()
+    ours = answer(shader(program, GLSL, "literal"), *query, 0.2)  # the reader knows no loops
+    np.testing.assert_allclose(np.maximum(ours, 0), truth, rtol=2e-3, atol=1e-3)
 
 
 @pytest.mark.parametrize("codec", short_for(["neubtf-direct", "pca", "relief"], "neubtf-direct"))

@@ -1,10 +1,17 @@
+import argparse
+import re
+import shlex
 import subprocess
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from bench import cli
 from bench.cli.commands.choose import parse_bytes
-from bench.compare.choosing import Limits, chosen, nearest, usable
+from bench.codecs.container import read_header
+from bench.compare.choosing import TIE_DB, Limits, chosen, described, nearest, usable
+from bench.conformance.check import tiny_btf
 from bench.inputs.errors import InputError
 from bench.records import append
 
@@ -34,6 +41,28 @@ def test_the_smallest_that_is_good_enough_or_the_best_that_is_cheap_enough(wishe
     assert chosen(RUNGS, wishes).of["label"] == name
 
 
+def test_ties_go_to_the_faster():
+    """Executions of one file differ by rounding: 0.001 dB is not worth five times the time."""
+    slow, fast = row("slow", 30.001, 500, 1210.0), row("fast", 30.0, 500, 227.0)
+    lower = row("lower", 30.001 - TIE_DB - 0.001, 400, 1.0)
+    rungs = usable([slow, fast, lower], "m")
+    assert chosen(rungs, Limits(size=1000), TIE_DB).of["label"] == "fast"
+    assert chosen(rungs, Limits(size=1000)).of["label"] == "slow"  # published tables choose so
+    assert chosen(rungs, Limits(size=400), TIE_DB).of["label"] == "lower"
+
+
+def test_textures_on_a_gpu_may_be_limited_and_what_is_not_exported_does_not_count():
+    rungs = [replace(RUNGS[0], gpu=9000.0), replace(RUNGS[1], gpu=5000.0), RUNGS[2]]
+    assert chosen(rungs, Limits(gpu=6000)).of["label"] == "good"
+    assert chosen(rungs, Limits(gpu=4000)) is None
+    assert nearest(rungs, Limits(gpu=4000)).of["label"] == "good"
+
+
+def test_the_psnr_that_decides_and_the_one_shown_are_named():
+    words = described(row("good", 30.58, 31_388, 227.0) | {"psnr": 31.84})
+    assert words == "good: 30.58 dB on validation pairs, 31.84 dB on test pairs, 31,388 bytes, 227 ns a sample"
+
+
 def test_a_wish_that_none_meets_has_a_nearest():
     wishes = Limits(score=37, time=90)
     assert chosen(RUNGS, wishes) is None
@@ -56,9 +85,45 @@ def test_a_suite_without_validation_pairs_is_refused(tmp_path, capsys):
 
 
 def test_sizes_are_written_with_k_and_m():
-    assert [parse_bytes(text) for text in ("300k", "1.5M", "20000", "300kB")] == [300_000, 1_500_000, 20_000, 300_000]
-    with pytest.raises(InputError, match="write a number"):
-        parse_bytes("much")
+    given = [argparse.Namespace(max_gpu_bytes=text) for text in ("300k", "1.5M", "20000", "300kB", None)]
+    sizes = [parse_bytes(each, "max_gpu_bytes") for each in given]
+    assert sizes == [300_000, 1_500_000, 20_000, 300_000, None]
+    with pytest.raises(InputError, match="--max-bytes much: write a number"):
+        parse_bytes(argparse.Namespace(max_bytes="much"), "max_bytes")
+
+
+def test_the_chosen_file_is_offered_and_the_command_makes_it_byte_for_byte(tmp_path, monkeypatch, capsys, brief):
+    """Measured data: the fit leaves the validation pairs out, and so does the command."""
+    monkeypatch.setattr("bench.runs.trade.BATCH", 256)
+    monkeypatch.setattr("bench.timing.profile.COPIED", 1 << 20)
+    monkeypatch.chdir(tmp_path)
+    btf = tiny_btf(64, 6, 6)
+    every = np.stack([btf[i] for i in range(len(btf))])
+    np.savez("cloth.npz", radiance=every, wo=btf.wo, wi=btf.wi)
+    data = "data = {validation = true, texels = 3, views = 4}"  # `views` is for rendered materials
+    codecs = 'codecs = [{codec = "neubtf-direct", steps = 2}]'
+    (tmp_path / "own.toml").write_text(f"materials = []\nseeds = [3]\n{data}\n{codecs}\n")
+    words = ["choose", "cloth.npz", "--max-bytes", "1M", "--suite", "own.toml", "--out", "r", "-o", "copied.nbtf"]
+    assert cli.main(words) == 0
+    *_, time, file, wrote, command = capsys.readouterr().out.splitlines()
+    assert wrote == "wrote copied.nbtf"
+    assert cli.main(shlex.split(command)[1:]) == 0
+    (stored,) = tmp_path.glob("r/files/*.nbtf")
+    made = shlex.split(command)[-1]
+    assert len({(tmp_path / each).read_bytes() for each in (made, "copied.nbtf", stored)}) == 1
+    assert file.endswith(f", sha256 {read_header(stored).sha256}")
+    assert cli.main(["export", "copied.nbtf", "-o", "shader"]) == 0
+    (exported,) = re.findall(r"^([\d,]+) bytes of textures on a GPU", capsys.readouterr().out, re.M)
+    assert time.endswith(f"on a GPU: {exported} bytes of textures, as `export` writes them")
+    few = ["--max-gpu-bytes", str(int(exported.replace(",", "")) - 1)]
+    assert cli.main([*words, *few]) == 1
+    assert "no setting meets that" in capsys.readouterr().out
+
+
+def test_the_copy_replaces_no_measurement(tmp_path, capsys):
+    (tmp_path / "cloth.npz").write_bytes(b"measured")
+    assert cli.main(["choose", "satin", "--max-bytes", "1M", "-o", str(tmp_path / "cloth.npz")]) == 2
+    assert "a file of another kind has this name" in capsys.readouterr().err
 
 
 def test_the_command_that_is_printed_is_what_a_shell_runs(tmp_path, monkeypatch, capsys):

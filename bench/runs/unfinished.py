@@ -1,0 +1,43 @@
+"""What a trade has measured of one material before it ends: figures of choices, and turns of their timing.
+
+Scoring and timing all choices takes minutes. Both stand in files of the run's folder until `trade.json` is written, so
+that the same command goes on where it was interrupted.
+"""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from bench.files import atomic
+from bench.timing.turns import KeptTurns
+
+FIGURES, TURNS = "trade.figures.json", "trade.turns.npz"
+
+
+class Unfinished:
+    """The unfinished measurements in a folder."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        try:
+            self.figures: dict[str, Any] = dict(json.loads((folder / FIGURES).read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError, RecursionError):
+            self.figures = {}
+
+    def figures_of(self, key: str, measure: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        """The figures under a key that names all they depend on: kept ones, else those that `measure` gives."""
+        if key not in self.figures:
+            self.figures[key] = measure()
+            atomic.write(self.folder / FIGURES, json.dumps(self.figures, allow_nan=False).encode())
+        return dict(self.figures[key])
+
+    def turns(self, key: str) -> KeptTurns:
+        """The turns of the timing that the key names."""
+        return KeptTurns(self.folder / TURNS, key)
+
+
+def forget(folder: Path) -> None:
+    """Remove the unfinished measurements: they are finished."""
+    for name in (FIGURES, TURNS):
+        (folder / name).unlink(missing_ok=True)
