@@ -138,7 +138,7 @@ def test_bad_paths_and_pictures_are_refused(file: Path, own: Path, tmp_path: Pat
         (tmp_path / "none.png", tmp_path / "new", "none.png: there is no such file"),
         (tmp_path / "text.png", tmp_path / "new", "like no known picture"),
         (own, tmp_path / "nowhere" / "new", "there is no such folder"),
-        (own, file, "would replace the file"),
+        (own, file, "this file is read, so it cannot be written, too"),
     ):
         assert propagate(file, picture, out) == 2
         assert told in capsys.readouterr().err
