@@ -9,6 +9,14 @@ from bench.records import Record, Records, Run, shown_label
 from reports.table import Table
 
 
+def new_names(words: Sequence[str]) -> dict[str, str]:
+    """New names by old ones, of words `OLD=NEW`; the last `=` divides. `InputError` for a word without one."""
+    names = {word: name for word, _, name in (each.rpartition("=") for each in words)}
+    if "" in names:
+        raise InputError("--name: write WORD=NAME, such as 'neubtf-direct=NeuBTF, direct'")
+    return names
+
+
 @dataclass(frozen=True)
 class Choice:
     """The codecs (names or labels), materials and columns to show (all if none are given), new names, and the codec or
@@ -67,18 +75,18 @@ class Choice:
         """Words at the left, title and notes get the new names of codecs and materials, headers those of columns."""
         inside = {old for old in self.names if any(old in cell for row in table.rows for cell in row[: table.words])}
         inside |= {old for old in self.names if old == table.material}
-        rows = [[*map(self._said, row[: table.words]), *row[table.words :]] for row in table.rows]
+        rows = [[*map(self.said, row[: table.words]), *row[table.words :]] for row in table.rows]
         headers = [
             (self.names[_named(header)], "".join(header[1].partition("± ")[1:]))
             if _named(header) in self.names
             else (self.names.get(header[0], header[0]), header[1])
             for header in table.headers
         ]
-        notes = [self._said(note, inside) for note in table.notes]
-        material, title = self.names.get(table.material, table.material), self._said(table.title)
+        notes = [self.said(note, inside) for note in table.notes]
+        material, title = self.names.get(table.material, table.material), self.said(table.title)
         return replace(table, headers=headers, rows=rows, title=title, notes=notes, material=material)
 
-    def _said(self, text: str, old: set[str] | None = None) -> str:
+    def said(self, text: str, old: set[str] | None = None) -> str:
         words = sorted(self.names if old is None else old, key=len, reverse=True)
         if not words:
             return text

@@ -54,7 +54,7 @@ def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
                     right, bottom = left + 2 * cell[0], top + cell[1]
                     sheet.picture(right - 34, bottom - 17, _SHADE)
                     sheet.text(right - 4, bottom - 9, means[k], color="white", fontsize=7.5, ha="right")
-    _scale(sheet, _LEFT + cell[0] + 2, _TOP + cell[1] // 2, cell[0])
+    flip_scale(sheet, _LEFT + cell[0] + 2, _TOP + cell[1] // 2, cell[0])
     return Figure(material.name, "contact", title, sheet.png(), sheet)
 
 
@@ -108,7 +108,7 @@ def _label(sheet: Sheet, text: str, middle: float) -> None:
     sheet.text(_LEFT - 8, middle, "\n".join([*lines[:4], *(["…"] if len(lines) > 4 else [])]), ha="right")
 
 
-def _scale(sheet: Sheet, left: int, middle: int, width: int) -> None:
+def flip_scale(sheet: Sheet, left: int, middle: int, width: int) -> None:
     """The colours of a FLIP map from 0 to 1, at the place of the truth's missing FLIP map."""
     ramp = np.broadcast_to(np.linspace(0, 1, width), (12, width))
     sheet.picture(left, middle, coloured(ramp, "magma", Normalize(0, 1)))

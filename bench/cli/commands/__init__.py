@@ -26,7 +26,7 @@ GROUPS = {  # the groups of the list of commands; commands of other packages fol
     "measure": ("run", "score", "trade", "choose", "demand"),
     "codecs": ("list", "encode", "decode", "pretrain", "sampling", "export", "new"),
     "data": ("info", "bake", "convert", "cache"),
-    "look": ("view", "render", "table", "report", "history"),
+    "look": ("view", "render", "table", "figure", "report", "history"),
     "judge": ("check", "stress", "compare", "reference"),
     "share": ("submit", "verify", "results"),
 }

@@ -70,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
 
 def choice(options: argparse.Namespace) -> "Choice | None":
     """The rows, columns and names that the options choose; None if they choose none."""
-    from reports.choice import Choice
+    from reports.choice import Choice, new_names
 
     if not (options.codec or options.material or options.against or options.column or options.name):
         return None
@@ -78,10 +78,7 @@ def choice(options: argparse.Namespace) -> "Choice | None":
         raise InputError("--against: not with --format raw, which has the numbers of every job alone")
     if options.column and options.format == "raw":
         raise InputError("--column: not with --format raw, which has every number: choose --format csv")
-    names = {word: name for word, _, name in (words.rpartition("=") for words in options.name)}
-    if "" in names:
-        raise InputError("--name: write WORD=NAME, such as 'neubtf-direct=NeuBTF, direct'")
-    return Choice(options.codec, options.column, names, options.material, options.against)
+    return Choice(options.codec, options.column, new_names(options.name), options.material, options.against)
 
 
 def parameters_table(folders: list[Path], format: str, choice: "Choice | None" = None) -> str:

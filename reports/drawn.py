@@ -1,0 +1,101 @@
+"""Draws one kind of figure of a run for a paper: chosen codecs and materials, new names, and a width on paper."""
+
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from matplotlib.figure import Figure as Drawing
+from matplotlib.text import Text
+
+from bench.inputs.errors import InputError, did_you_mean
+from bench.records import load_together
+from reports import figures
+from reports.choice import Choice
+from reports.figures.canvas import Figure, Sheet, png, style
+from reports.figures.pairs import Inset, pairs_figure
+
+PAIRS = "pairs"
+KINDS = (*figures.ALL, PAIRS)
+CM = 1 / 2.54  # in inches
+# Of plots at a width of their own, in inches: the margins, with room for two lines of words, and the plot's height.
+LEFT, RIGHT, TITLE, LABELS, PLOT = 0.75, 0.1, 0.6, 0.55, 0.75  # the last as a share of its width
+LETTER = 0.55  # mean width of a letter, as a share of the size of its text
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Which figure to draw, and how: `width` in cm (None: as in a report); `pairs` and `inset` are of kind `pairs`."""
+
+    kind: str
+    choice: Choice
+    width: float | None = None
+    pairs: Sequence[int] = ()
+    inset: tuple[int, int, int] | None = None  # first row and column, and side, in texels
+
+
+def drawn(runs: Sequence[Path], wanted: Wanted) -> list[Figure]:
+    """The figures of a kind, one for each material that has one; `InputError` if there is none."""
+    if wanted.kind not in KINDS:
+        raise InputError(f"figure {wanted.kind}: no such kind{did_you_mean(wanted.kind, KINDS)}")
+    run = wanted.choice.of_run(load_together(list(runs), beside=True))
+    if wanted.kind == PAIRS:
+        names = dict.fromkeys(str(job["material"]) for job in run.jobs if job["status"] == "ok")
+        inset = Inset(*wanted.inset) if wanted.inset else None
+        found = [pairs_figure(run, name, wanted.pairs, inset) for name in names]
+    else:
+        found = list(figures.ALL[wanted.kind](run))
+    if not found:
+        raise InputError(f"figure {wanted.kind}: this run has nothing to draw: `neubtf-bench report` draws what it has")
+    return [_finished(figure, wanted) for figure in found]
+
+
+def _finished(figure: Figure, wanted: Wanted) -> Figure:
+    """The figure with new names and its width on paper."""
+    drawing = figure.drawing.drawing if isinstance(figure.drawing, Sheet) else figure.drawing
+    assert drawing
+    texts = [text for text in drawing.findobj(Text) if isinstance(text, Text)]
+    for text in texts:
+        text.set_text(wanted.choice.said(text.get_text()))
+    if wanted.width and isinstance(figure.drawing, Sheet):
+        _scale(drawing, wanted.width * CM, texts)
+    elif wanted.width:
+        _narrow(drawing, wanted.width * CM)
+    with style():
+        drawn_again = figure.drawing.png() if isinstance(figure.drawing, Sheet) else png(drawing)
+    return replace(figure, png=drawn_again)
+
+
+def _scale(drawing: Drawing, width: float, texts: Sequence[Text]) -> None:
+    """Scale a drawing to a width in inches: texts keep their proportion to pictures, and pictures their pixels."""
+    before, height = drawing.get_size_inches()
+    scale = width / before
+    drawing.set_size_inches(width, scale * height)
+    drawing.set_dpi(drawing.get_dpi() / scale)
+    for text in texts:
+        text.set_fontsize(scale * float(text.get_fontsize()))
+
+
+def _narrow(drawing: Drawing, width: float) -> None:
+    """Draw plots at a width in inches: texts keep their size in points, and the legend moves below the axes."""
+    legends = [(axes, box) for axes in drawing.axes if (box := axes.get_legend()) is not None]
+    drawing.set_figwidth(width)
+    renderer = drawing.canvas.get_renderer()  # type: ignore[attr-defined]
+    below = max((box.get_window_extent(renderer).height / drawing.dpi for _, box in legends), default=0.0)
+    plot = PLOT * (width - LEFT)
+    height = TITLE + plot + LABELS + below
+    drawing.set_figheight(height)
+    bottom = (LABELS + below) / height
+    drawing.subplots_adjust(left=LEFT / width, right=1 - RIGHT / width, bottom=bottom, top=1 - TITLE / height)
+    for _, box in legends:
+        box.set_loc("upper left")
+        box.set_bbox_to_anchor((0, -LABELS / plot), transform=drawing.axes[0].transAxes)
+    for axes in drawing.axes:
+        for text, room in ((axes.title, width - LEFT), (axes._left_title, width - LEFT), (axes.yaxis.label, plot)):  # type: ignore[attr-defined]
+            text.set_text(_folded(text, room))
+
+
+def _folded(text: Text, room: float) -> str:
+    """The words of a text on lines that fit into a width in inches."""
+    letters = max(8, int(room * 72 / (LETTER * float(text.get_fontsize()))))
+    return "\n".join(line for part in text.get_text().split("\n") for line in textwrap.wrap(part, letters))
