@@ -123,7 +123,10 @@ def sound(material: Material, what: str = "", queries: Queries | None = None) ->
     bad = ~(answers.isfinite() & (answers >= 0)).all(1)
     if bad.any():
         row = int(bad.nonzero()[0])
-        raise CheckError(f"{what}{answers[row].tolist()} at {described(queries, row)}", f"{int(bad.sum())} bad")
+        fault = f"{what}{answers[row].tolist()} at {described(queries, row)}"
+        if material.dtype == torch.float16:
+            fault += f": a half overflows above {HALF_MAX:,.0f}: put `bench.material.saturated` around each layer"
+        raise CheckError(fault, f"{int(bad.sum())} bad")
 
 
 def spoiled(make: Callable[[Subject], Material], subject: Subject) -> None:

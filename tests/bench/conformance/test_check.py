@@ -3,7 +3,7 @@ import random
 import re
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -120,6 +120,81 @@ def test_a_broken_codec_is_caught(codec, promise, monkeypatch):
     assert any(promise in f"{name}: {why}" for name, why in failed.items()), failed
 
 
+def with_method(name, does):
+    return type("Mine", (MeanColour,), {name: does})
+
+
+def holds(parameters=0, frozen=False, **more):
+    """A codec whose decoder part has 640 numbers, in a network, or with `frozen=None` in plain tensors."""
+
+    class Holding(MeanColourMaterial):
+        def __init__(self, texture, weights):
+            super().__init__(texture)
+            self.cost = replace(self.cost, parameters=parameters, **more)
+            if frozen is None:
+                self.weight, self.bias = weights["weight"], weights["bias"]
+                return
+            self.network = torch.nn.Linear(9, 64)
+            self.network.load_state_dict(weights)
+            self.network.requires_grad_(not frozen)
+
+    class Faulty(MeanColour):
+        def encode(self, btf, fit):
+            weight = torch.randn(64, 9, generator=fit.generator())
+            decoder = {"weight": weight, "bias": torch.ones(64)}
+            return Parts(decoder=decoder, texture=super().encode(btf, fit).texture)
+
+        def decode(self, parts, device):
+            return Holding(unpack("mean", parts.texture), dict(parts.decoder)).to(device)
+
+    return Faulty
+
+
+class Coarse(MeanColour):
+    """Has a texture of half the resolution alone, and declares no channels."""
+
+    def encode(self, btf, fit):
+        fine = super().encode(btf, fit).texture["mean"].float()
+        return Parts(texture={"mean": fine.unflatten(0, (-1, 2)).unflatten(2, (-1, 2)).mean((1, 3))})
+
+    def decode(self, parts, device):
+        material = MeanColourMaterial(unpack("mean", parts.texture))
+        material.size = (2 * material.size[0], 2 * material.size[1])
+        material.cost = DecoderCost(texture_floats=parts.texture["mean"].numel())
+        return material.to(device)
+
+
+def storing(change):
+    def encode(self, btf, fit):
+        texture = MeanColour.encode(self, btf, fit).texture
+        return Parts(texture=texture, other=change(texture["mean"]))
+
+    return with_method("encode", encode)
+
+
+def quits(self, btf, fit):
+    raise SystemExit(0)
+
+
+@pytest.mark.parametrize(
+    ("codec", "says"),
+    [
+        (holds(), "declares 0 parameters, holds 640: declare DecoderCost(parameters=640)"),
+        (holds(frozen=True), "declares 0 parameters, holds 640: declare DecoderCost(parameters=640)"),
+        (holds(frozen=None), "stores 640 numbers; 640 of them are neither parameters nor declared as tables"),
+        (holds(parameters=1280), "declares 1,280 parameters, holds 640 in modules"),
+        (Coarse, "declares 0 texture channels, stores 3"),
+        (with_method("encode", quits), "it ends the process with exit code 0: raise an error instead"),
+        (storing(lambda mean: {"same": mean}), "other/same shares its memory with texture/mean"),
+        (storing(lambda mean: {"x": mean.float() / 0 * 0}), "other/x holds 192 of 192 numbers that are not finite"),
+        (storing(lambda mean: {"x": mean.to(torch.float8_e4m3fn)}), "other/x is of type float8_e4m3fn, which a file"),
+        (storing(lambda mean: {"x": mean.float().to(torch.uint16)}), "other/x is of type uint16, which a file"),
+    ],
+)
+def test_faults_of_parameters_and_of_what_encode_does_are_named(codec, says, monkeypatch):
+    assert any(says in why for why in failures(codec, monkeypatch).values())
+
+
 class Raises(MeanColour):
     def encode(self, btf, fit):
         return super().encode(btf, fit), self.no_such_thing
@@ -132,10 +207,6 @@ class InAList(MeanColourMaterial):
 
     def evaluate(self, uv, wo, wi, footprint):
         return super().evaluate(uv, wo, wi, footprint) + 0 * self.levels[0][0, 0]
-
-
-def with_method(name, does):
-    return type("Mine", (MeanColour,), {name: does})
 
 
 def stays_behind(self, parts, device):
