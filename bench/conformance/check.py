@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import chdir
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -24,7 +25,6 @@ from bench.conformance import counting, emulated, frame
 from bench.directions.hemisphere import thinned_product, ubo2003, uniform
 from bench.inputs.errors import InputError, answered
 from bench.machine.devices import is_gpu
-from bench.machine.process_state import restored_process_state
 from bench.machine.threads import torch_threads
 from bench.material import Material, texel_centres
 
@@ -90,7 +90,8 @@ class CodecUnderTest:
     def encode(self, name: str, btf: BTF | None = None) -> container.Header:
         """Encode a BTF, by default the small material, into a file of that name."""
         fit, folder = Fit(seed=1, network=self.network, show=self.show), os.getcwd()
-        with restored_process_state(), watched_threads(), torch_threads(1), torch.enable_grad():
+        # Generators go on, so that a codec that draws from the process's own gives another file the second time.
+        with chdir(folder), watched_threads(), torch_threads(1), torch.enable_grad():
             parts = self.codec.encode(btf or self.btf, fit)
             if os.getcwd() != folder:
                 self.moved_to = os.getcwd()
@@ -267,7 +268,7 @@ def on_a_gpu(tested: CodecUnderTest) -> None:
     # An emulated GPU takes long for a kernel, so a fit has four steps.
     codec = type(tested.codec)(**settings | ({"steps": 4} if "steps" in settings else {}))
     try:
-        with emulated.emulated() as device, restored_process_state(), torch_threads(1), torch.enable_grad():
+        with emulated.emulated() as device, chdir(Path.cwd()), torch_threads(1), torch.enable_grad():
             fit = Fit(seed=1, network=tested.network, device=device)
             path = tested.folder / f"gpu{container.SUFFIX}"
             parts = container.read_parts(container.save(path, codec, codec.encode(tested.btf, fit)).path)[1]

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from bench.codecs.registry import make_codec
-from bench.inputs.errors import CodecError
+from bench.inputs.errors import InputError
 from bench.records import Record
 from bench.runs.suite import CodecSpec
 
@@ -22,7 +22,7 @@ class Effort(NamedTuple):
         """The effort of a job with this codec and these settings."""
         try:
             settings = make_codec(spec.codec, spec.settings).settings
-        except CodecError:  # its jobs fail at once
+        except InputError:  # its jobs fail at once
             return cls(spec.codec)
         return cls(spec.codec, getattr(settings, "steps", 1))
 
