@@ -6,7 +6,7 @@ every report beside it shows them. --query and --data try one drawn case again, 
 
 examples:
   neubtf-bench stress
-  neubtf-bench stress --codec my-codec --case constant --out runs/constant
+  neubtf-bench stress --codec my-codec --case "two constants" --out runs/constants
 """
 
 import argparse
