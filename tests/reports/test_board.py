@@ -174,7 +174,7 @@ def test_the_board_needs_no_clone_but_records_and_says_how_to_make_them(made, tm
     monkeypatch.chdir(tmp_path / "empty")
     assert cli.main(["results", "write", "--site", "site"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "docs/results: it is no folder with files of records" in line
+    assert "docs/results: no file of records (*.jsonl) is there: " in line
     (command,) = re.findall("`neubtf-bench (results add .*?)`", line)
     add = {"RUN": str(made.folder), "FOLDER/NAME.jsonl": "kept.jsonl"}
     assert cli.main([add.get(word, word) for word in command.split()]) == 0

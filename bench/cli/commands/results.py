@@ -97,7 +97,7 @@ def _site(records: Path, runs: list[Path], site: Path) -> None:
     if not files:
         remedy = "`neubtf-bench results add RUN FOLDER/NAME.jsonl` makes such a file of a run, and docs/results of the "
         remedy += "suite's repository has the published ones: give --records FOLDER"
-        raise InputError(f"--records {records}: it is no folder with files of records (*.jsonl): {remedy}")
+        raise InputError(f"--records {records}: no file of records (*.jsonl) is there: {remedy}")
     with tempfile.TemporaryDirectory(prefix="neubtf-site-") as scratch, writable(site, "choose another --site"):
         found = [Publication(path.stem, load_run(path)) for path in files]
         for path in sorted(records.glob("*.zip")):
