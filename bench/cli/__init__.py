@@ -88,7 +88,7 @@ def _run(words: list[str]) -> int:
         return FINE
     except Exception as error:
         if isinstance(error, OSError) and (why := unwritable(error)):
-            print(f"neubtf-bench: {why}", file=sys.stderr)
+            print(f"neubtf-bench: {visible(why)}", file=sys.stderr)
             return USAGE
         traceback.print_exc()
         print("neubtf-bench: internal error: please report the lines above", file=sys.stderr)

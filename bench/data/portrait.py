@@ -17,7 +17,7 @@ from bench.btf import BTF, Array, Layout, box_filter
 from bench.data.materials import maps
 from bench.data.readers.checks import negative
 from bench.directions.hemisphere import thin, to_degrees
-from bench.inputs.errors import writable
+from bench.inputs.errors import visible, writable
 from bench.metrics.display import exposure_of, to_display
 
 LIGHTS = 24  # slices of the view nearest the normal; as many of the light nearest it
@@ -260,7 +260,8 @@ def draw(seen: Look, out: Path) -> None:
     columns = SHEET[1]
     rows = -(-len(seen.sheet) // columns)
     figure = Figure(figsize=(2 * columns, 4 + 2.2 * rows), layout="constrained")
-    figure.suptitle(f"{seen.btf.name}: {seen.btf.shape[0]} × {seen.btf.shape[1]} texels, {len(seen.btf):,} pairs")
+    height, width = seen.btf.shape
+    figure.suptitle(f"{visible(seen.btf.name)}: {height} × {width} texels, {len(seen.btf):,} pairs")
     top, bottom = figure.subfigures(2, 1, height_ratios=[4, 2.2 * rows])  # type: ignore[misc]
     _draw_directions(top.add_subplot(1, 3, 1, projection="polar"), seen, "views", seen.btf.wo)
     _draw_directions(top.add_subplot(1, 3, 2, projection="polar"), seen, "lights", seen.btf.wi)

@@ -1,7 +1,7 @@
 """Loads the records of many runs as one pandas frame: one row for each job, failed ones included.
 
 Columns are named after the fields of a record, as in a run's `tables/results.csv`: `bytes/total`,
-`scores/heldout/metrics/psnr_display/pooled`, `timing/ns_per_sample`. The columns that identify the run come first.
+`scores/heldout/metrics/psnr_display/mean`, `timing/ns_per_sample`. The columns that identify the run come first.
 Nothing is rounded. Only rows whose `codec_version`, `training`, `btf` and `metric_version/…` agree are comparable.
 """
 

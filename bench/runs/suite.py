@@ -1,37 +1,20 @@
 """Reads a suite: a TOML file of materials × codecs × settings × seeds, each combination of which is a job.
 
     description = "what it is for"
-    variants = ["eager bfloat16"]    # executions and precisions that `trade` tries besides `eager float32`
     threads = 1                      # CPU threads of a fit and of timing; the bytes of a file depend on it
     seeds = [0]                      # repetitions
-    metrics = ["ssim", "flip_hdr_67ppd"]    # besides psnr_display; default: those of docs/metrics.md
-    demand = "table-top.npz"         # of a scene: judges every codec too; codecs with scene = true are fitted to it
-    uniform = 0.1                    # share of the samples of a fit to the scene that is spread uniformly
     materials = ["satin", "/data/my-btf"]      # a built-in name, a path, or {name, path, where}
 
-    [data]                           # how built-in materials are rendered; measured ones: pairs = 1000, texels = 128
-                                     # folders of maps: renderer = "mitsuba" path-traces them
+    [data]                           # how materials are prepared: `bench.data.spec.Preparation`
     size = 64
-    directions = "ubo2003"
-    views = 25
-    lights = 25
-    heldout = 150
-    scored = 0                       # the most training pairs, and pairs of held-out views and lights, to score; 0: all
-    split = "test"                   # held-out pairs to score: test, for tables, or validation, to choose settings
-    validation = false               # true: score validation pairs beside the test pairs, as budgets need
 
     [[codecs]]
     codec = "pca"
     components = [8, 16]             # a list is a sweep: one job for each value
     materials = ["satin"]            # run it only on these of the suite's materials (default: all)
 
-    [[codecs]]
-    codec = "command"                # anyone's programs: see docs/sharing.md
-    called = "mine"
-    encode = "my-encode {btf} {files}"
-    decode = "my-decode {files}"
-
-The path of a material is tried as written, then under `$NEUBTF_DATA`; that of a demand only as written.
+docs/suites.md describes every key. The path of a material is tried as written, then under `$NEUBTF_DATA`; that of a
+demand only as written.
 """
 
 import dataclasses
@@ -88,20 +71,20 @@ def _label(codec: str, settings: dict[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Suite:
-    """A suite as read from TOML; the module explains each field."""
+    """A suite as read from TOML."""
 
     name: str
     text: str  # the TOML it was read from
-    description: str = ""
-    threads: Threads = 1
-    seeds: tuple[Seed, ...] = (0,)
+    description: str = ""  # what it is for
+    threads: Threads = 1  # CPU threads of a fit and of timing; the bytes of a file depend on it
+    seeds: tuple[Seed, ...] = (0,)  # of the repetitions
     data: Preparation = field(default_factory=Preparation)
     materials: tuple[MaterialSpec, ...] = ()
     codecs: tuple[CodecSpec, ...] = ()
-    variants: Words = ()
-    demand: str = ""  # path of a demand file
-    uniform: Share = UNIFORM
-    metrics: Words = DEFAULTS
+    variants: Words = ()  # executions and precisions that a trade tries besides `eager float32`
+    demand: str = ""  # path of a scene's demand: it judges every codec, and codecs with scene = true are fitted to it
+    uniform: Share = UNIFORM  # share of the samples of a fit to the scene that is spread uniformly
+    metrics: Words = DEFAULTS  # `psnr_display` is measured in any case
 
     @property
     def cells(self) -> list[tuple[MaterialSpec, CodecSpec, int]]:

@@ -32,9 +32,9 @@ from bench.metrics.scoring import summarise
 from bench.records import FLIP, PSNR, VALIDATION, Record, Run, deciding_group, metric_of, metrics_of
 from bench.records.lines import TRADE, TRADE_FORMAT, load_run, load_trade
 from bench.runs import runner
+from bench.runs.estimate import duration
 from bench.runs.evaluation import Slices, recorded
 from bench.runs.provenance import machine
-from bench.runs.runner import duration
 from bench.runs.suite import Suite, Task, canonical
 from bench.runs.unfinished import Unfinished, forget
 from bench.runs.workbench import Workbench, opened

@@ -10,6 +10,7 @@ examples:
 import argparse
 from pathlib import Path
 
+from bench.cli.commands import say_line
 from bench.inputs.errors import FINE
 
 
@@ -32,5 +33,5 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(f"{options.file}: it is a file of codec {header.codec}: give one of neubtf or neubtf-direct")
     out = options.out or options.file.with_suffix(".latents.png")
     draw(material.texture, out)
-    print(f"wrote {out}: {material.texture.shape[2]} channels of {material.size[0]} × {material.size[1]} texels")
+    say_line(f"wrote {out}: {material.texture.shape[2]} channels of {material.size[0]} × {material.size[1]} texels")
     return FINE

@@ -168,6 +168,20 @@ def test_strings_of_records_stay_text_and_name_no_other_place(made, tmp_path):
         assert not re.search(r"""<[^<>"']*("[^"]*"[^<>"']*)*\sonerror=""", markup)
 
 
+def test_the_board_needs_no_clone_but_records_and_says_how_to_make_them(made, tmp_path, monkeypatch, capsys):
+    made.job("pca")
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path / "empty")
+    assert cli.main(["results", "write", "--site", "site"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "docs/results: no file of records (*.jsonl) is there: " in line
+    (command,) = re.findall("`neubtf-bench (results add .*?)`", line)
+    add = {"RUN": str(made.folder), "FOLDER/NAME.jsonl": "kept.jsonl"}
+    assert cli.main([add.get(word, word) for word in command.split()]) == 0
+    assert cli.main(["results", "write", "--site", "site", "--records", "."]) == 0
+    assert "pca" in Path("site/index.html").read_text(encoding="utf-8")
+
+
 def test_a_run_at_hand_says_nothing_of_this_machine(made, tmp_path):
     job = {"provenance": {"source": RENDERED}, "machine": {"host": "my-host", "processor": "mine"}}
     made.job(**job, drawing="gone.npz").unfinished("failed", f"no {Path.home()}/secret").timing(host="my-host")

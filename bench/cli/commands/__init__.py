@@ -101,11 +101,16 @@ def threads(word: str) -> int:
     return count
 
 
+def say_line(text: str) -> None:
+    """Print one line. A name in it, of a file or a record, neither ends it nor steers a terminal."""
+    print(visible(text))
+
+
 def write_text(path: Path, text: str, remedy: str = "choose another place") -> None:
     """Write a file completely or not at all, and print its name."""
     with writable(path, remedy):
         atomic.write(path, text.encode())
-    print(f"wrote {visible(str(path))}")
+    say_line(f"wrote {path}")
 
 
 def usable_device(name: str) -> str:

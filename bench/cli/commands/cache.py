@@ -7,6 +7,7 @@ examples:
 
 import argparse
 
+from bench.cli.commands import say_line
 from bench.inputs.errors import FINE
 
 
@@ -19,8 +20,8 @@ def run(options: argparse.Namespace) -> int:
 
     if options.clear:
         count, size = clear_cache()
-        print(f"removed {count} files, {size / 1e6:.1f} MB, from {cache_dir()}")
+        say_line(f"removed {count} files, {size / 1e6:.1f} MB, from {cache_dir()}")
         return FINE
     files = [path for path in cache_dir().rglob("*") if path.is_file()]
-    print(f"{cache_dir()}: {len(files)} files, {sum(path.stat().st_size for path in files) / 1e6:.1f} MB")
+    say_line(f"{cache_dir()}: {len(files)} files, {sum(path.stat().st_size for path in files) / 1e6:.1f} MB")
     return FINE

@@ -17,7 +17,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.cli.commands import several, usable_device, workers
+from bench.cli.commands import say_line, several, usable_device, workers
 from bench.inputs.errors import FAILED, FINE, NO, InputError
 
 if TYPE_CHECKING:
@@ -31,7 +31,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("material", help="a built-in material or the path of a BTF")
     add("--min-psnr", type=float, metavar="DB", help="the least PSNR of validation pairs")
     add("--max-bytes", metavar="BYTES", help="the largest size of the file: 300k, 1.5M, 20000")
-    time = "the longest time of a sample, as a whole query: CPU time on the suite's threads, one in a built-in suite "
+    time = "the longest time of a sample, as a whole query, which the upper end of its 95 %% interval must not exceed: "
+    time += "CPU time on the suite's threads, one in a built-in suite "
     add("--max-ns", type=float, metavar="NS", help=f"{time}(GPU time with --device cuda)")
     gpu = "the largest size of the textures on a GPU, as `export` writes them; what it cannot export does not count"
     add("--max-gpu-bytes", metavar="BYTES", help=gpu)
@@ -47,7 +48,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from bench.codecs import container
-    from bench.compare.choosing import TIE_DB, Limits, chosen, described, nearest, timed_on
+    from bench.compare.choosing import TIE_DB, Limits, chosen, described, longest_ns, nearest, timed_on
     from bench.runs.suite import canonical
 
     size, on_gpu = (parse_bytes(options, word) for word in ("max_bytes", "max_gpu_bytes"))
@@ -68,19 +69,22 @@ def run(options: argparse.Namespace) -> int:
             _measure(folder, suite, options, len(missing))
             rungs, _ = _measured(folder, suite, options)
     if not rungs:
-        print(f"{material}: nothing could be measured; the reasons are in {folder}")
+        say_line(f"{material}: nothing could be measured; the reasons are in {folder}")
         return FAILED
     best = chosen(rungs, wishes, TIE_DB)
     if best is None:
-        print(f"{material}: no setting meets that; the nearest is {described(nearest(rungs, wishes).of)}")
+        close = nearest(rungs, wishes).of
+        time = f" (up to {longest_ns(close):,.0f}, 95 % interval)" if wishes.time else ""
+        say_line(f"{material}: no setting meets that; the nearest is {described(close)}{time}")
         return NO
-    print(f"{material}: {described(best.of)}")
+    say_line(f"{material}: {described(best.of)}")
     held = _gpu_bytes(folder, best.of.get("job", ""))
     on_a_gpu = f"{held:,} bytes of textures, as `export` writes them" if held else "not exported"
-    print(f"time: {timed_on(best.of)}; on a GPU: {on_a_gpu}")
+    longest = f"up to {longest_ns(best.of):,.0f} ns a sample by its 95 % interval"
+    print(f"time: {timed_on(best.of)}, {longest}; on a GPU: {on_a_gpu}")
     _offer(folder, best.of, options.copy)
     if command := _command(suite, best.of, options.device):
-        print(command)
+        say_line(command)
     return FINE
 
 
@@ -126,14 +130,14 @@ def _offer(folder: Path, row: "Record", copy: Path | None) -> None:
         return
     if header.sha256 != row["sha256"]:
         raise InputError(f"{file}: not the file that was chosen: give another --out, and it is fitted there again")
-    print(f"file: {file}, sha256 {header.sha256}")
+    say_line(f"file: {file}, sha256 {header.sha256}")
     if not copy:
         return
     if header.network:
         network = shared.hashed_name(header.codec, header.network)
         atomic.write(copy.parent / network, (file.parent / network).read_bytes())
     atomic.write(copy, file.read_bytes())
-    print(f"wrote {copy}")
+    say_line(f"wrote {copy}")
 
 
 def _command(suite: "Suite", row: "Record", device: str) -> str:

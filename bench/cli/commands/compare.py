@@ -1,10 +1,11 @@
 """compare two runs, or a run with a reference: what got worse by more than chance
 
-Parameters and bytes must be the same. FLIP and PSNR of held-out pairs (pooled, slice by slice, at grazing directions
-and over footprints) must be within a margin that the table shows: for each row, for each codec over its materials, and
-for all codecs together. Other numbers are only shown; a longer time gives advice. Exit codes: 0 nothing got worse; 1 a
-regression, or a row that vanished or is not comparable and that --allow does not name; 2 BASE is damaged; 3 a job
-failed; 4 nothing can be compared. Two stress tests are compared cell by cell, as text.
+Parameters and bytes must be the same. FLIP of held-out pairs, and the mean PSNR of slices (of held-out pairs, of those
+at grazing directions, over footprints, and of training pairs) must be within a margin that the table shows: for each
+row, for each codec over its materials, and for all codecs together. Other numbers are only shown; a longer time gives
+advice. Exit codes: 0 nothing got worse; 1 a regression, or a row that vanished or is not comparable and that --allow
+does not name; 2 BASE is damaged; 3 a job failed; 4 nothing can be compared. Two stress tests are compared cell by cell,
+as text.
 
 examples:
   neubtf-bench compare bench/compare/references/ci.jsonl runs/ci

@@ -9,7 +9,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.cli.commands import usable_device
+from bench.cli.commands import say_line, usable_device
 from bench.inputs.errors import FINE, InputError
 
 
@@ -40,7 +40,9 @@ def run(options: argparse.Namespace) -> int:
             why = "not with --like" if options.like else f"{options.file} is of codec {header.codec}, which has no maps"
             raise InputError(f"--maps: {why}")
         write_maps({f"{options.file.stem}_{name}": picture for name, picture in maps.items()}, options.out)
-        print(f"{', '.join(maps)} in {options.out}; the radiance of the file is {factor:.6g} times what they reflect")
+        say_line(
+            f"{', '.join(maps)} in {options.out}; the radiance of the file is {factor:.6g} times what they reflect"
+        )
         return FINE
     with Console() as console:
         if options.like:

@@ -10,6 +10,7 @@ examples:
 import argparse
 from pathlib import Path
 
+from bench.cli.commands import say_line
 from bench.inputs.errors import FINE, InputError
 
 
@@ -34,6 +35,7 @@ def run(options: argparse.Namespace) -> int:
         files, held = export(program, options.file.stem, options.format, options.out, source)
     except InputError as error:
         raise InputError(f"{options.file}: {error}") from error
-    print("\n".join(f"wrote {path}" for path in files))
+    for path in files:
+        say_line(f"wrote {path}")
     print(f"{held:,} bytes of textures on a GPU; the file has {options.file.stat().st_size:,} bytes")
     return FINE

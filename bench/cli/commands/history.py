@@ -16,6 +16,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bench.cli.commands import say_line
 from bench.inputs.errors import FINE, NOTHING, visible
 from bench.records import RMSE, grouped
 
@@ -43,19 +44,20 @@ def run(options: argparse.Namespace) -> int:
         warnings.simplefilter("always")
         frame = load_runs(options.runs)
     for warning in caught:
-        print(f"neubtf-bench: {warning.message}", file=sys.stderr)
+        print(f"neubtf-bench: {visible(str(warning.message))}", file=sys.stderr)
     if frame.empty:
         print("these runs have no records of jobs")
         return NOTHING
     if options.out:
         _write(frame, options.out)
-        print(f"wrote {options.out}: {len(frame):,} jobs, {len(frame.columns):,} columns")
+        say_line(f"wrote {options.out}: {len(frame):,} jobs, {len(frame.columns):,} columns")
     if options.plot:
         from reports import write_history
 
         with writable(options.plot, "choose another --plot"):
             written = write_history([load_run(run) for run in options.runs], options.plot)
-        print("\n".join(f"wrote {visible(str(path))}" for path in written))
+        for path in written:
+            say_line(f"wrote {path}")
     if not (options.out or options.plot):
         print(_table(frame))
     return FINE

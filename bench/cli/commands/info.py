@@ -8,7 +8,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.cli.commands import read_as, reading_options
+from bench.cli.commands import read_as, reading_options, say_line
 from bench.inputs.errors import FINE, InputError
 
 
@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> int:
     print(btf_lines(portrait))
     if options.picture:
         draw(portrait, options.picture)
-        print(f"wrote {options.picture}")
+        say_line(f"wrote {options.picture}")
     return FINE
 
 

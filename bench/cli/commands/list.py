@@ -7,6 +7,7 @@ examples:
 
 import argparse
 
+from bench.cli.commands import say_line
 from bench.inputs.errors import FINE, InputError
 
 
@@ -45,7 +46,9 @@ def run(options: argparse.Namespace) -> int:
     for title, each in listings.items():
         if options.what in (None, title):
             width = max(map(len, each))
-            print("\n".join([f"{title}:", *(f"  {name:<{width}}  {text}" for name, text in each.items())]))
+            print(f"{title}:")
+            for name, text in each.items():
+                say_line(f"  {name:<{width}}  {text}")
     return FINE
 
 
@@ -60,14 +63,16 @@ def _settings(what: str, name: str) -> int:
         rows = [head, *((each.name, each.default, each.kind, each.meaning) for each in settings)]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         for row in rows:
-            print("  " + "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
+            say_line("  " + "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
 
     if what != "codecs":
         raise InputError(f"list {what} {name}: only codecs have settings: list codecs NAME")
     codec, entry = load_codec(name), codec_entries()[name]
-    print(f"{name}, version {codec.version}, of {origin(entry)}: {describe(entry)}")
+    say_line(f"{name}, version {codec.version}, of {origin(entry)}: {describe(entry)}")
     table(described_settings(codec))
     if codec.network:
-        print(f"settings of the network that it shares over materials (neubtf-bench pretrain {name} --set KEY=VALUE):")
+        say_line(
+            f"settings of the network that it shares over materials (neubtf-bench pretrain {name} --set KEY=VALUE):"
+        )
         table(described(codec.network.Settings))
     return FINE

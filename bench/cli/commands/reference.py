@@ -12,7 +12,8 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.inputs.errors import FINE, visible
+from bench.cli.commands import say_line
+from bench.inputs.errors import FINE
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,17 +50,17 @@ def run(options: argparse.Namespace) -> int:
         write(path, text.encode())
     after = load_run(path)
     print(terminal(compare(before or after, after)))
-    print(f"wrote {path}: {len(after.jobs)} jobs, {len(text.encode()):,} bytes")
+    say_line(f"wrote {path}: {len(after.jobs)} jobs, {len(text.encode()):,} bytes")
     drawn = pairs_by_seed(after)
     if losses := smallest_losses(after, seeds_of(measured)):
         print("losses below these cannot be told from chance on these materials:")
         width = max(map(len, losses))
         for name, each in losses.items():
-            print(f"  {visible(name):<{width}}  " + ", ".join(f"{word} {value:.2f} dB" for word, value in each.items()))
+            say_line(f"  {name:<{width}}  " + ", ".join(f"{word} {value:.2f} dB" for word, value in each.items()))
     if few := [name for name in few_seeds(after) if name not in drawn]:
-        print(f"too few seeds to tell a spread; add some with `run --seed N --out {options.run}`: {', '.join(few)}")
+        say_line(f"too few seeds to tell a spread; add some with `run --seed N --out {options.run}`: {', '.join(few)}")
     if drawn:
-        print(
+        say_line(
             "warning: each seed is scored at its own test pairs, so only seeds that a run shares with this reference "
             'show a change, and margins are wide; write split = "validation" into [data] of the suite, and run it '
             f"again: {', '.join(drawn)}"

@@ -13,7 +13,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.cli.commands import assignments, several, usable_device
+from bench.cli.commands import assignments, say_line, several, usable_device
 from bench.inputs.errors import FINE, InputError, installed
 
 LIMITS: dict[str, tuple[float, float]] = {
@@ -103,5 +103,5 @@ def _path_traced(options: argparse.Namespace) -> int:
     pictures = [path_traced(scene, options.bsdf, file, options.tiling, options.samples) for file in options.files]
     exposure = still.exposure_for(pictures[0]) if options.exposure is None else options.exposure
     still.write(options.out, np.concatenate(pictures, 1), exposure)
-    print(f"wrote {options.out}: {', '.join(file.name for file in options.files)}; exposure {exposure:.6g}")
+    say_line(f"wrote {options.out}: {', '.join(file.name for file in options.files)}; exposure {exposure:.6g}")
     return FINE

@@ -8,7 +8,8 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.inputs.errors import FINE, visible
+from bench.cli.commands import say_line
+from bench.inputs.errors import FINE
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,5 +24,6 @@ def run(options: argparse.Namespace) -> int:
 
     written = write_report(options.run, options.vector)
     print(written.text)
-    print("\n".join(f"wrote {visible(str(path))}" for path in written.files))
+    for path in written.files:
+        say_line(f"wrote {path}")
     return FINE

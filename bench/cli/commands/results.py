@@ -11,7 +11,8 @@ one is the command that makes it:
 `results check DOC` changes nothing, and fails if a table differs from the output of its command.
 
 `results write --site DIR` makes the board: a folder of pages that needs no server, of the records (`*.jsonl`) and
-archives (`*.zip`, whose results are only claimed) in docs/results, with the pictures of the runs that you name.
+archives (`*.zip`, whose results are only claimed) in the folder of `--records`, with the pictures of the runs that
+you name. It needs no clone: `results add` makes a file of records of any run.
 
 examples:
   neubtf-bench results add runs/quick docs/results/quick.jsonl
@@ -26,6 +27,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bench.cli.commands import say_line
 from bench.inputs.errors import FINE, NO, InputError, readable, writable
 
 if TYPE_CHECKING:
@@ -47,7 +49,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     write = actions.add_parser("write", help="write the tables again")
     write.add_argument("documents", type=Path, nargs="*", metavar="DOC", help="a Markdown file")
     write.add_argument("--site", type=Path, metavar="DIR", help="the folder to write the board to")
-    write.add_argument("--records", type=Path, default=Path("docs/results"), help="of the board (docs/results)")
+    place = "the folder of its records (default: docs/results)"
+    write.add_argument("--records", type=Path, default=Path("docs/results"), metavar="FOLDER", help=place)
     runs = "with its files; repeatable"
     write.add_argument("--runs", type=Path, action="append", default=[], metavar="RUN", help=runs)
     check = actions.add_parser("check", help="fail if a table is out of date")
@@ -64,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
     stale = [path for path in options.documents if _written(path, options.action == "write")]
     if options.action == "check" and stale:
         names = " ".join(map(str, stale))
-        print(f"tables differ from the records: {names}: `neubtf-bench results write {names}` mends them")
+        say_line(f"tables differ from the records: {names}: `neubtf-bench results write {names}` mends them")
         return NO
     return FINE
 
@@ -80,7 +83,7 @@ def _add(run: Path, file: Path) -> int:
     text = published(whole)
     with writable(file, "choose another FILE"):
         write(file, text.encode())
-    print(f"wrote {file}: {len(whole.jobs)} jobs, {len(text.encode()):,} bytes")
+    say_line(f"wrote {file}: {len(whole.jobs)} jobs, {len(text.encode()):,} bytes")
     return FINE
 
 
@@ -92,7 +95,9 @@ def _site(records: Path, runs: list[Path], site: Path) -> None:
 
     files = sorted(records.glob("*.jsonl"))
     if not files:
-        raise InputError(f"--records {records}: no file of records (*.jsonl) is there")
+        remedy = "`neubtf-bench results add RUN FOLDER/NAME.jsonl` makes such a file of a run, and docs/results of the "
+        remedy += "suite's repository has the published ones: give --records FOLDER"
+        raise InputError(f"--records {records}: no file of records (*.jsonl) is there: {remedy}")
     with tempfile.TemporaryDirectory(prefix="neubtf-site-") as scratch, writable(site, "choose another --site"):
         found = [Publication(path.stem, load_run(path)) for path in files]
         for path in sorted(records.glob("*.zip")):
@@ -105,7 +110,7 @@ def _site(records: Path, runs: list[Path], site: Path) -> None:
             folders += inside or [run]
         written = write_site(found, [Publication(path.name, load_run(path)) for path in folders], _codecs(), site)
     size = sum(path.stat().st_size for path in written)
-    print(f"wrote {written[0]}: {len(written)} pages, {size / 1e6:.1f} MB")
+    say_line(f"wrote {written[0]}: {len(written)} pages, {size / 1e6:.1f} MB")
 
 
 def _codecs() -> "dict[str, Codec]":
@@ -144,7 +149,7 @@ def _written(path: Path, writes: bool) -> bool:
     new = _BLOCK.sub(lambda match: match["start"] + _table(path, match["words"]) + match["end"], text)
     if writes and new != text:
         write(path, new.encode())
-        print(f"wrote {path}")
+        say_line(f"wrote {path}")
     return new != text
 
 

@@ -11,6 +11,7 @@ examples:
 import argparse
 from pathlib import Path
 
+from bench.cli.commands import say_line
 from bench.inputs.errors import FINE, InputError
 
 
@@ -43,5 +44,5 @@ def run(options: argparse.Namespace) -> int:
         f"variance under a uniform environment: {ratios.total:.3f} × that of the cosine (median {ratios.median:.3f}); "
         f"largest albedo: {ratios.largest_albedo:.2f}"
     )
-    print(f"wrote {options.out}: {written.file_bytes:,} bytes, {written.part_bytes()['sampling']:,} of them lobes")
+    say_line(f"wrote {options.out}: {written.file_bytes:,} bytes, {written.part_bytes()['sampling']:,} of them lobes")
     return FINE

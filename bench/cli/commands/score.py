@@ -16,7 +16,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from bench.cli.commands import assignments, threads, usable_device, write_text
+from bench.cli.commands import assignments, read_as, reading_options, threads, usable_device, write_text
 from bench.inputs.errors import FINE, InputError
 
 
@@ -24,6 +24,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", metavar="FILE|FOLDER", type=Path, help="the codec file, or the folder of slices")
     parser.add_argument("btf", metavar="BTF", help="the encoded BTF: a built-in material or a path")
     parser.add_argument("--set", action="append", default=[], metavar="data.KEY=VALUE", help="how the BTF is prepared")
+    reading_options(parser)
     parser.add_argument("--demand", type=Path, help="an .npz of `neubtf-bench demand`: score in its scene too")
     parser.add_argument("--threads", type=threads, default=1, help="CPU threads of the decoder (default: 1)")
     parser.add_argument("--device", default="cpu", help="cpu or cuda (default: cpu)")
@@ -41,6 +42,7 @@ def run(options: argparse.Namespace) -> int:
     changes = assignments(options.set)
     if foreign := next((key for key in changes if not key.startswith("data.")), None):
         raise InputError(f"--set {foreign}: the file has its codec's settings already; only data.KEY can be set here")
+    changes |= read_as(options)
     if not options.file.is_dir():
         read_header(options.file)  # report a wrong file before anything is rendered
     with Console() as console:

@@ -6,7 +6,7 @@ every report beside it shows them. --query and --data try one drawn case again, 
 
 examples:
   neubtf-bench stress
-  neubtf-bench stress --codec my-codec --case constant --out runs/constant
+  neubtf-bench stress --codec my-codec --case "two constants" --out runs/constants
 """
 
 import argparse
@@ -15,7 +15,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from bench.cli.commands import several
+from bench.cli.commands import say_line, several
 from bench.inputs.errors import FINE, NO, InputError, writable
 from bench.records import STRESS
 
@@ -64,7 +64,9 @@ def run(options: argparse.Namespace) -> int:
             tried.append(record)
     print(stress_text(tried, options.format))
     verdicts = [record["verdict"] for record in tried]
-    print(f"{verdicts.count('pass')} pass, {verdicts.count('fail')} fail, {verdicts.count('n/a')} n/a: {options.out}")
+    say_line(
+        f"{verdicts.count('pass')} pass, {verdicts.count('fail')} fail, {verdicts.count('n/a')} n/a: {options.out}"
+    )
     return NO if "fail" in verdicts else FINE
 
 
@@ -89,13 +91,13 @@ def _again(options: argparse.Namespace) -> int:
             try:
                 answers: list[Any] = [query_holds(subject, queries)] if queries else []
                 answers += [data_hold(subject, data)] if data else []
-                print(f"pass  {name}: {', '.join(map(str, answers))}")
+                say_line(f"pass  {name}: {', '.join(map(str, answers))}")
             except InputError:
                 raise
             except Exception as error:  # any exception of a codec is its failure
                 failed = True
                 what = error if isinstance(error, CheckError) else f"{type(error).__name__}: {error}"
-                print(f"FAIL  {name}: {what}")
+                say_line(f"FAIL  {name}: {what}")
     return NO if failed else FINE
 
 

@@ -12,7 +12,7 @@ import argparse
 import shlex
 from pathlib import Path
 
-from bench.cli.commands import several
+from bench.cli.commands import say_line, several
 from bench.inputs.errors import FINE, InputError
 
 
@@ -33,20 +33,19 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(f"--out {options.out}: the name must end in .zip")
     run = chosen(load_run(options.run), options.codec)
     pack(run, published(run), options.out)
-    print(f"wrote {options.out}: {len(run.jobs)} jobs, {options.out.stat().st_size:,} bytes")
+    say_line(f"wrote {options.out}: {len(run.jobs)} jobs, {options.out.stat().st_size:,} bytes")
     with open(options.out, "rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     keys = {(job["codec"], job["fit_key"]["version"], job["fit_key"]["code"][:12]) for job in run.jobs}
-    codecs = "\n".join(f"- {name} version {version}, code {code}" for name, version, code in sorted(keys))
     materials = ", ".join(dict.fromkeys(job["material"] for job in run.jobs))
     suites = ", ".join(dict.fromkeys(str(start.get("suite")) for start in run.starts))
-    print(
-        "\nTo hand it in, send it with this text:\n\n"
-        f"Results for the board: {options.out.name}, {len(run.jobs)} jobs of the suite {suites}\n"
-        f"sha256 {digest}\n\n"
-        f"Codecs:\n{codecs}\nMaterials: {materials}\n\n"
-        "Install the codec with: (command, or “comes with the suite”)\n"
-        f"Verify with: neubtf-bench verify {shlex.quote(options.out.name)}\n"
-        "Paper and code of the codec: (links)"
-    )
+    lines = ["", "To hand it in, send it with this text:", ""]
+    lines += [f"Results for the board: {options.out.name}, {len(run.jobs)} jobs of the suite {suites}"]
+    lines += [f"sha256 {digest}", "", "Codecs:"]
+    lines += [f"- {name} version {version}, code {code}" for name, version, code in sorted(keys)]
+    lines += [f"Materials: {materials}", "", "Install the codec with: (command, or “comes with the suite”)"]
+    lines += [f"Verify with: neubtf-bench verify {shlex.quote(options.out.name)}"]
+    lines += ["Paper and code of the codec: (links)"]
+    for line in lines:
+        say_line(line)
     return FINE

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.cli.commands import several
-from bench.inputs.errors import FINE, NOTHING, InputError
+from bench.inputs.errors import FINE, NOTHING, InputError, visible
 
 if TYPE_CHECKING:
     from reports.choice import Choice
@@ -62,7 +62,7 @@ def run(options: argparse.Namespace) -> int:
     text = table_text(folders, options.format, kind, chosen)
     if not text.strip():
         names = ", ".join(map(str, folders))
-        print(f"neubtf-bench: {names}: no such table: {WHY_EMPTY[kind or 'main']}", file=sys.stderr)
+        print(f"neubtf-bench: {visible(names)}: no such table: {WHY_EMPTY[kind or 'main']}", file=sys.stderr)
         return FINE if kind == "unfinished" else NOTHING
     print(text)
     return FINE

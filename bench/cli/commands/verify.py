@@ -16,7 +16,7 @@ import os
 from collections import Counter
 from pathlib import Path
 
-from bench.cli.commands import assignments, several
+from bench.cli.commands import assignments, say_line, several
 from bench.inputs.errors import FINE, NO, NOTHING, InputError, visible
 
 
@@ -49,7 +49,8 @@ def run(options: argparse.Namespace) -> int:
     rows = [(each.job, each.verdict, _naming_archive(each.why, scratch, options.archive)) for each in verdicts]
     print(tabulate([[visible(str(cell)) for cell in row] for row in rows], ["job", "verdict", ""], "simple"))
     counts = Counter(each.verdict for each in verdicts)
-    print(f"\n{', '.join(f'{count} {word}' for word, count in counts.items())}; measured here: {folder}")
+    print()
+    say_line(f"{', '.join(f'{count} {word}' for word, count in counts.items())}; measured here: {folder}")
     if DIFFERS in counts:
         return NO
     return FINE if AGREES in counts else NOTHING

@@ -12,7 +12,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.cli.commands import assignments, several
+from bench.cli.commands import assignments, say_line, several
 from bench.inputs.errors import FINE, InputError
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
         text = page(models[0].label.removesuffix(", truth") if options.truth else options.files[0].stem, models)
     out = options.out or Path(tempfile.mkdtemp(prefix="neubtf-view-")) / "view.html"
     atomic.write(out, text.encode())
-    print(f"{out}: {len(text) / 1e6:.1f} MB")
+    say_line(f"{out}: {len(text) / 1e6:.1f} MB")
     if not options.out and not webbrowser.open(out.as_uri()):
         raise InputError(f"no browser could be opened: open {out} by hand, or choose a place with -o")
     return FINE

@@ -24,7 +24,7 @@ class Rung:
 
     size: float  # size of the whole file, in the unit of the limit
     score: float  # mean display PSNR in dB over validation slices
-    time: float | None = None  # time of a query, in the unit of the limit; None: not measured
+    time: float | None = None  # the longest time of a query, in the unit of the limit; None: not measured
     of: Any = None  # the jobs, one a seed, or the choice of a trade
     gpu: float | None = None  # bytes of the exported shader's textures; None: not counted, or there is no shader
 
@@ -83,12 +83,21 @@ def has_validation(job: Record) -> bool:
 
 
 def usable(choices: list[Record], material: str) -> list[Rung]:
-    """The choices of a material that have scores of validation pairs, as rungs with bytes and ns a sample."""
+    """The choices of a material that have scores of validation pairs, as rungs with bytes and `longest_ns`."""
     return [
-        Rung(row["bytes"], float(row["validation"]["mean"]), row["ns_per_sample"], row)
+        Rung(row["bytes"], float(row["validation"]["mean"]), longest_ns(row), row)
         for row in choices
         if row["material"] == material and "error" not in row and row.get("validation", {}).get("slices")
     ]
+
+
+def longest_ns(row: Record) -> float:
+    """The upper end of the 95 % interval of a choice's time, in ns a sample: a choice fits a limit if this does.
+
+    The interval is of the ratio to the floor that was timed beside it.
+    """
+    of_median: float = row["ratio_interval95"][1] / row["ratio_to_floor"]
+    return row["ns_per_sample"] * of_median
 
 
 @lru_cache(maxsize=1)
@@ -108,9 +117,9 @@ def answers(material: str, choices: list[Record]) -> Iterator[str]:
     best = max(rungs, key=lambda rung: rung.score)
     near = [rung for rung in rungs if rung.score >= best.score - NEAR_DB]
     yield f"{material}: the best is {described(best.of)}."
-    for word, key in (("fast", "time"), ("small", "size")):
-        least = min(near, key=lambda rung: (getattr(rung, key), rung.time))
-        better = getattr(least, key) != getattr(best, key)
+    for word, key in (("fast", "ns_per_sample"), ("small", "bytes")):
+        least = min(near, key=lambda rung: (rung.of[key], rung.of["ns_per_sample"]))
+        better = least.of[key] != best.of[key]
         answer = f"the {word}est is {described(least.of)}" if better else f"no other is {word}er"
         yield f"{material}: within {NEAR_DB} dB of it, {answer}."
 

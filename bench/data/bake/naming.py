@@ -75,6 +75,18 @@ def looks_like_maps(folder: Path) -> bool:
     return "albedo" in roles or len(roles) >= 2
 
 
+def no_albedo(names: list[str]) -> str:
+    """Why the files of a folder are not maps, and the remedy; a folder of pictures may also be meant as a BTF."""
+    seen = ", ".join(sorted(names)[:12]) or "nothing"
+    remedy = "name one like albedo.png or NAME_diff.jpg, or give bake --map albedo=FILE"
+    return f"no albedo among its files ({seen}): {remedy}; a BTF in pictures needs pairs.csv"
+
+
+def has_pictures(names: list[str]) -> bool:
+    """Whether a folder holds pictures that could be maps, under whatever names."""
+    return any(name.lower().endswith(PICTURES) and not name.startswith(".") for name in names)
+
+
 def recognise(folder: Path, given: dict[str, str] | None = None) -> MapFiles:
     """The maps of a folder; `given` says of some roles which file they are, in the folder or by its path.
 
@@ -100,9 +112,7 @@ def recognise(folder: Path, given: dict[str, str] | None = None) -> MapFiles:
         else:
             by_role.setdefault(role, []).append(name)
     if "albedo" not in by_role | chosen:
-        seen = ", ".join(names[:12]) or "nothing"
-        remedy = "name one like albedo.png or NAME_diff.jpg, or give bake --map albedo=FILE"
-        raise InputError(f"{folder}: no albedo among its files ({seen}): {remedy}")
+        raise InputError(f"{folder}: {no_albedo(names)}")
     for role, several in by_role.items():
         if len(several) > 1:
             remedy = f"keep one in the folder, or give bake --map {role}=FILE"
@@ -133,7 +143,7 @@ def _given(folder: Path, role: str, file: str) -> str:
 
 def _roles(names: list[str]) -> dict[str, str]:
     """The role of each picture among files; empty if its name gives none."""
-    pictures = [name for name in names if name.lower().endswith(PICTURES) and not name.startswith(".")]
+    pictures = [name for name in names if has_pictures([name])]
     # `Bricks102_1K_NormalGL` → bricks, 102, 1, k, normal, gl.
     cut = {name: re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", Path(name).stem) for name in pictures}
     words = {name: [word.lower() for word in found] for name, found in cut.items()}

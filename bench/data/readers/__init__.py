@@ -5,6 +5,7 @@ To add a reader, write one file with a function `opened(seen)` and add one line 
 """
 
 import importlib
+import os
 from pathlib import Path
 
 from bench.btf import BTF
@@ -44,6 +45,17 @@ def open_btf(path: str | Path, angles: str = "") -> BTF:
             if told(angles) and "angles" not in btf.provenance:
                 raise InputError(f"{path}: it states no angles in degrees: leave out --{angles} (data.angles)")
             return btf
-        raise InputError(f"{path}: {seen.described} give {supported}")
+        raise InputError(f"{path}: {_unknown(seen, supported)}")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error}): check its permissions") from error
+
+
+def _unknown(seen: Candidate, supported: str) -> str:
+    """Why no reader opens it; of a folder of pictures without a list, what `bake` says of its names."""
+    if seen.is_folder:
+        from bench.data.bake.naming import has_pictures, no_albedo
+
+        names = os.listdir(seen.path)
+        if has_pictures(names):
+            return no_albedo(names)
+    return f"{seen.described} give {supported}"

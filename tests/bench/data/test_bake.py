@@ -223,11 +223,19 @@ def test_bake_info_and_run_agree_on_a_folder_of_maps(tmp_path, capsys):
     (btf / "pairs.csv").touch()
     none = save(tmp_path / "none", photo=flat((0.5,) * 3))
     words = ["--size", "4", "--views", "1", "--lights", "1", "--heldout", "0"]
+    said = {}
     for folder, code in ((alone, 0), (btf, 2), (none, 2)):
         assert cli.main(["bake", str(folder), "-o", str(tmp_path / f"{folder.name}.npz"), *words]) == code
         assert looks_like_maps(folder) == (code == 0)
+        said["bake"] = capsys.readouterr().err
         assert cli.main(["info", str(folder)]) == code
-    assert "names of maps like NAME_albedo.png" in capsys.readouterr().err
+        said["info"] = capsys.readouterr().err
+    assert "none: no albedo among its files (photo.png): name one like albedo.png" in said["bake"]
+    assert "a BTF in pictures needs pairs.csv" in said["bake"]
+    assert said["info"] == said["bake"]
+    run = ["run", "quick", "--material", str(none), "--codec", "pca", "--out", str(tmp_path / "run")]
+    assert cli.main(run) == 2
+    assert capsys.readouterr().err == said["bake"]
 
 
 def test_a_profile_of_the_albedo_is_applied_and_not_of_data(tmp_path):

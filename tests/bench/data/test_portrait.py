@@ -109,6 +109,13 @@ def test_info_repairs_and_takes_the_unit_of_angles_as_its_errors_suggest(tmp_pat
     assert cli.main(encode) == 2
     assert cli.main([*encode, "--degrees"]) == cli.main([*encode, "--set", "data.angles=degrees"]) == 0
     assert cli.main([*encode, "--set", "data.angles=both"]) == 2
+    score = ["score", str(tmp_path / "b.nbtf"), str(tmp_path / "b.npz")]
+    assert cli.main(score) == 2
+    capsys.readouterr()
+    assert cli.main([*score, "--degrees"]) == 0
+    radians = ["score", str(tmp_path / "b.nbtf"), str(tmp_path / "b.npz"), "--radians"]
+    assert cli.main(radians) == 0
+    assert "PSNR" in capsys.readouterr().out
     run = [
         "run",
         "quick",

@@ -72,6 +72,10 @@ def test_repair_from_the_command_line(tmp_path, capsys, caplog, monkeypatch):
     assert main([*command, "--repair"]) == 0
     assert (tmp_path / "a.nbtf").exists()
     assert "1 values that were not finite" in caplog.text
+    score = ["score", str(tmp_path / "a.nbtf"), str(tmp_path / "a.npz")]
+    assert main(score) == 2
+    assert "mask them by --repair" in capsys.readouterr().err
+    assert main([*score, "--repair"]) == 0
     assert main(["convert", str(tmp_path / "a.npz"), "--repair", "-o", str(tmp_path / "b.npz")]) == 0
     mended = open_btf(tmp_path / "b.npz")[pair][1, 1, 0]
     assert mended == pytest.approx(np.delete(values[pair][..., 0], 5).mean(), rel=1e-6)

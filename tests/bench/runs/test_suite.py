@@ -1,11 +1,25 @@
+import dataclasses
+import json
+import re
 from pathlib import Path
 
 import pytest
 
 from bench import cli
 from bench.codecs.registry import load_codec, make_codec
+from bench.data.spec import MaterialSpec, Preparation
 from bench.inputs.errors import InputError
-from bench.runs.suite import builtin_suites, canonical, load_suite, parse_suite, with_changes, with_metrics
+from bench.inputs.settings import described
+from bench.runs.suite import (
+    CodecSpec,
+    Suite,
+    builtin_suites,
+    canonical,
+    load_suite,
+    parse_suite,
+    with_changes,
+    with_metrics,
+)
 
 TEXT = """
 threads = 1
@@ -219,3 +233,55 @@ def test_threads_of_the_command_line_have_a_limit_too(capsys):
     with pytest.raises(SystemExit):
         cli.main(["encode", "satin", "--codec", "pca", "-o", "a.nbtf", "--threads", "100000"])
     assert "must be a whole number from 1 to 1,024, not '100000'" in capsys.readouterr().err
+
+
+PAGE = (Path(__file__).parents[3] / "docs" / "suites.md").read_text(encoding="utf-8")
+
+
+def documented(section):
+    """The rows of the table in a section of the page, by key: what a value must be, and its default."""
+    text = re.search(rf"^## {section}$(.*?)(?=^## |\Z)", PAGE, re.M | re.S)[1]
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if "| `" in line[:4]]
+    assert all(row[-1] for row in rows), "a meaning"
+    return {row[0].strip("`"): (row[1], row[2].strip("`")) for row in rows}
+
+
+def as_toml(value):
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(as_toml, value))}]"
+    return json.dumps(value)
+
+
+def expected(kind, without=()):
+    """The same of the fields of a dataclass, in the words of its error messages."""
+    words = {each.name: each.kind for each in described(kind)}
+    found = {}
+    for field in dataclasses.fields(kind):
+        if field.name not in without:
+            required = field.default is dataclasses.MISSING
+            found[field.name] = (words[field.name], "required" if required else as_toml(field.default))
+    return found
+
+
+def test_the_page_of_suites_has_every_key_with_its_values_and_its_default():
+    of_suite, tables = documented("The suite"), ("data", "materials", "codecs")  # these have sections of their own
+    assert [of_suite.pop(key)[1] for key in tables] == ["{}", "[]", "[]"]
+    assert of_suite == expected(Suite, without=("name", "text", *tables))
+    assert documented("Data") == expected(Preparation)
+    assert documented("Materials") == expected(MaterialSpec)
+    assert documented("Codecs") == expected(CodecSpec, without=("settings", "swept"))  # made of all other keys
+
+
+def test_the_suite_of_the_page_is_what_its_comments_say():
+    (text,) = re.findall(r"^```toml\n(.*?)^```$", PAGE, re.S | re.M)
+    suite = canonical(parse_suite("my", text))
+    assert [spec.name for spec in suite.materials] == ["satin", "cloth.npz", "wool"]
+    labels = [spec.label for spec in suite.codecs]
+    assert labels == [
+        "pca components=8",
+        "pca components=8 domain=rgb",
+        "pca",
+        "pca domain=rgb",
+        "neubtf-direct steps=500",
+    ]
+    assert len(suite.cells) == 2 * (3 * 4 + 1)

@@ -219,6 +219,7 @@ def test_the_answer_names_the_cheapest_within_half_a_decibel_of_the_best():
         {"label": "poor", "psnr": 39.4, "ns_per_sample": 1.0, "bytes": 1},
     ]
     rows = [row | {"material": "m", "execution": "eager", "precision": "float32"} for row in rows]
+    rows = [row | {"ratio_to_floor": 2.0, "ratio_interval95": [1.9, 2.1]} for row in rows]
     rows = [row | {"validation": {"pooled": row["psnr"], "mean": row["psnr"], "slices": 9}} for row in rows]
     best, fastest, smallest = answers("m", rows)
     assert "the best is big: 40.00 dB on validation pairs, 40.00 dB on test pairs, 1,000 bytes, 100 ns" in best

@@ -19,6 +19,7 @@ from bench.records import append
 def row(name, psnr, size, ns, **more):
     stats = {"pooled": psnr, "mean": psnr, "slices": 9}
     choice = {"label": name, "psnr": 0.0, "validation": stats, "bytes": size, "ns_per_sample": ns, "material": "m"}
+    choice |= {"ratio_to_floor": 2.0, "ratio_interval95": [2.0, 2.0]}
     return choice | {"execution": "eager", "precision": "float32"} | more
 
 
@@ -49,6 +50,14 @@ def test_ties_go_to_the_faster():
     assert chosen(rungs, Limits(size=1000), TIE_DB).of["label"] == "fast"
     assert chosen(rungs, Limits(size=1000)).of["label"] == "slow"  # published tables choose so
     assert chosen(rungs, Limits(size=400), TIE_DB).of["label"] == "lower"
+
+
+def test_a_choice_fits_a_time_if_the_upper_end_of_its_interval_does():
+    """A median of 45 ns at 4 × the floor, up to 5 × it: up to 56.25 ns."""
+    (rung,) = usable([row("noisy", 30.0, 500, 45.0, ratio_to_floor=4.0, ratio_interval95=[3.5, 5.0])], "m")
+    assert rung.time == 56.25
+    assert chosen([rung], Limits(time=56.0)) is None
+    assert chosen([rung], Limits(time=57.0)) is rung
 
 
 def test_textures_on_a_gpu_may_be_limited_and_what_is_not_exported_does_not_count():

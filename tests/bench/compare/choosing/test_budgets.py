@@ -84,8 +84,9 @@ def test_a_score_is_missed_by_decibels_over_ten_and_sizes_by_shares():
 
 def test_choices_without_an_error_and_with_validation_pairs_are_rungs():
     good = {"material": "satin", "bytes": 9, "ns_per_sample": 5.0, "validation": {"mean": 30.0, "slices": 4}}
+    good |= {"ratio_to_floor": 2.0, "ratio_interval95": [1.5, 2.4]}
     others = [good | {"error": "none"}, good | {"material": "brick"}, good | {"validation": {"slices": 0}}]
-    assert usable([*others, good], "satin") == [Rung(9, 30.0, 5.0, good)]
+    assert usable([*others, good], "satin") == [Rung(9, 30.0, 6.0, good)]
 
 
 def test_lines_are_ranked_by_their_means_the_least_flip_first(tmp_path):

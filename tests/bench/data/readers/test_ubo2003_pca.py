@@ -115,7 +115,7 @@ def test_notes_that_lie_or_are_damaged_are_named_with_their_field(refused, copy,
 def test_other_numbered_pictures_with_a_meta_json_are_not_taken_for_this_format(refused, tmp_path):
     (tmp_path / "meta.json").write_text('{"author": "me"}')
     Image.new("RGBA", (4, 4)).save(tmp_path / "0.png")
-    refused(tmp_path, "not a BTF folder")
+    refused(tmp_path, "a BTF in pictures needs pairs.csv")
 
 
 def test_pictures_of_another_kind_are_refused(refused, copy):
