@@ -52,6 +52,7 @@ class Column:
     pool: Callable[[Sequence[tuple[float, ...]]], tuple[float, ...]] = elementwise
     starred: Callable[[Row], bool] = lambda row: False  # whether its number was measured apart from those of other rows
     deviation: bool = True  # whether to show the deviation over seeds beside their mean
+    whole_only: bool = False  # whether it says nothing about a scene, so that models of a scene are not marked in it
     over: str = "seeds"  # what the deviation of a cell is over, which its header says
 
     def cell(self, seeds: Sequence[Row]) -> str:
@@ -320,7 +321,8 @@ def scene(job: Record) -> list[Column]:
     for name, metric in _not_of_radiance(job, metrics_of(job, "scene")):
         label = f"weighted {label_of(name)}"
         chosen.append(_mean(label, _scale(metric), name, "scene", metric["unit"], "pooled"))
-    return [*chosen, _mean("outside PSNR", "dB ↑", PSNR, OUTSIDE), HELDOUT]
+    outside = _mean("outside PSNR", "dB ↑", PSNR, OUTSIDE)
+    return [*chosen, *(replace(column, whole_only=True) for column in (outside, HELDOUT))]
 
 
 def _not_of_radiance(job: Record, names: Iterable[str]) -> Iterator[tuple[str, Record]]:

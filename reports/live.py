@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 from bench.inputs.errors import InputError
-from bench.records import Run
+from bench.records import Run, fitted_to_scene
 from reports.artefacts import program
 from reports.rows import MaterialRows, Row
 from reports.viewer.page import Shown, model_data
@@ -50,7 +50,7 @@ def live(run: Run, materials: Sequence[MaterialRows], share: float = 1) -> dict[
                 continue
             here, codec = by_material[material.name], str(row.job.get("codec"))
             # A model of a scene answers for its scene alone: the PSNR of the whole material does not rank it.
-            key = codec, bool(row.job.get("settings", {}).get("scene")), material.name
+            key = codec, fitted_to_scene(row.job), material.name
             if key in done:
                 shown = f"each codec is live at its highest PSNR alone, {done[key]}"
                 here.missing[row.label] = f"{shown}: `neubtf-bench view` shows the file of this one"

@@ -63,6 +63,17 @@ def common_notes(material: MaterialRows) -> list[str]:
     return [*notes, *_not_comparable(material)]
 
 
+SCENE_LAST = (
+    "Models of a scene stand last and are not ranked: they answer for their scene alone. Their quality is in the table "
+    "of scores in the scene."
+)
+
+
+def scene_notes(materials: Iterable[MaterialRows]) -> list[str]:
+    """Why models of a scene stand last; nothing if there are none."""
+    return [SCENE_LAST] if any(codec.of_scene for material in materials for codec in material.codecs) else []
+
+
 def run_notes(run: Run) -> list[str]:
     """Footnotes on the origin of the numbers, and on unreadable records."""
     notes = [_provenance(run.starts[-1]), *_older(run)] if run.starts else []

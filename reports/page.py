@@ -23,6 +23,8 @@ from reports.notes import missing_note, run_notes
 from reports.numbers import EXACT, fixed, integer
 from reports.ranking import ranked
 from reports.rows import CodecRows, MaterialRows, Row, materials
+from reports.scene_models import scene_gains
+from reports.scene_pictures import scene_strips
 from reports.shaders.writer import WIDTH
 from reports.styles import is_own
 from reports.table import Table
@@ -169,16 +171,33 @@ class Page:
             yield "<p>Nothing was measured; the reasons are at the end.</p>"
             return
         drawn = {plot["kind"] for plot in self.plots if plot["material"] == material.name}
+        tables = [table for table in self.tables if table.material == material.name]
+        yield from self._scene(material, [table for table in tables if table.kind == "scene"])
         kinds = ("" if material.name == self.opening else "rate speed ") + "cost fits footprints slices"
         yield f'<div class="plots" data-plots="{escape(material.name)}" data-kinds="{kinds}"></div>'
         yield from (note(why) for kind, why in GAPS.items() if kind not in drawn)
         yield from self._slices(number, material)
         yield from self._live(number, self.live[material.name])
-        tables = [table for table in self.tables if table.material == material.name]
-        places = {"scene": 0, **dict.fromkeys(OPEN - {"scene"}, 1)}  # a run for a scene is read for its scene
-        yield from (self._table(table) for table in sorted(tables, key=lambda table: places.get(table.kind, 2)))
+        others = [table for table in tables if table.kind != "scene"]
+        yield from (self._table(table) for table in sorted(others, key=lambda table: table.kind not in OPEN))
         figures = [f for f in self.figures if f.material == material.name and f.kind not in INTERACTIVE]
         yield from (details(figure.title, image(figure)) for figure in figures)
+
+    def _scene(self, material: MaterialRows, tables: Sequence[Table]) -> Iterator[str]:
+        """What a run for a scene is read for: the gain of its models of the scene, pictures of it, and its table."""
+        if not tables:
+            return
+        gains = list(scene_gains(material))
+        yield f"<h3>In the scene {escape(material.measured[0].job['scene']['name'])}</h3>"
+        yield from (f'<p class="lead">{escape(each)}</p>' for each in gains)
+        strips = list(scene_strips(self.run, material))
+        yield from strips
+        if strips:
+            yield note("Frames of the scene, small and in 8 bit; their PSNR is that of the whole frames.")
+        else:
+            yield note("There are no pictures of the scene: the run's frames are not beside its records.")
+        for table in tables:
+            yield self._table(replace(table, notes=[each for each in table.notes if each not in gains]))
 
     def _slices(self, number: int, material: MaterialRows) -> Iterator[str]:
         yield "<h3>Slices</h3>"

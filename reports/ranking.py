@@ -1,6 +1,7 @@
 """The ranking of the codecs of a run, and the difference of each to one of them; both are computed only once."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 from bench.compare.paired import AGAINST, Against, against
@@ -12,12 +13,14 @@ from reports.rows import materials
 
 @lru_cache(maxsize=1)
 def ranked(run: Run) -> list[Standing]:
-    """Every measured codec, the best first."""
-    jobs: dict[str, dict[str, list[Record]]] = {}
+    """Every measured codec, the best first; models of a scene come last, without a rank."""
+    whole: dict[str, dict[str, list[Record]]] = {}
+    of_scene: dict[str, dict[str, list[Record]]] = {}
     for material in materials(run):
         for codec in (codec for codec in material.codecs if codec.measured):
+            jobs = of_scene if codec.of_scene else whole
             jobs.setdefault(material.name, {})[codec.label] = [row.job for row in codec.measured]
-    return standings(jobs)
+    return [*standings(whole), *(replace(each, rank=None, wins=None) for each in standings(of_scene))]
 
 
 @lru_cache(maxsize=1)

@@ -14,6 +14,7 @@ from bench.records import (
     Record,
     Run,
     deciding_group,
+    fitted_to_scene,
     grouped,
     metric_of,
     metrics_of,
@@ -77,6 +78,11 @@ class CodecRows:
     @cached_property
     def measured(self) -> list[Row]:
         return [row for row in self.rows if row.measured]
+
+    @property
+    def of_scene(self) -> bool:
+        """Whether its files were fitted to a scene, so that its quality over the whole material is not ranked."""
+        return any(fitted_to_scene(row.job) for row in self.measured)
 
     @property
     def exact(self) -> bool:

@@ -1,9 +1,12 @@
-"""The table of a search for the smallest model of a scene: the full model beside the scene's, with gains and losses."""
+"""Models of a scene beside whole ones: the table of a search for the smallest, and what they save and gain in a run."""
 
-from collections.abc import Sequence
+import json
+from collections.abc import Iterator, Sequence
+from statistics import fmean
 
-from bench.records import Record
+from bench.records import MOST_DB, PSNR, SCENE_HELDOUT, Record, fitted_to_scene, stats_of
 from reports.numbers import fixed, integer, significant
+from reports.rows import CodecRows, MaterialRows, Row
 from reports.table import Table
 from reports.text import plain
 
@@ -43,3 +46,39 @@ def gain(full_bytes: int, scene_bytes: int, qualities: Sequence[tuple[str, float
         if full is not None and scene is not None:
             words.append(f"{scene - full:+.2f} dB at {name}")
     return f"The model of the scene takes {', '.join(words)}."
+
+
+def in_pairs(material: MaterialRows) -> Iterator[tuple[Row, Row]]:
+    """Each model of the scene, after the whole model at the same codec, settings and seed."""
+    whole = {_but_scene(row): row for row in material.measured if not fitted_to_scene(row.job)}
+    for row in material.measured:
+        full = whole.get(_but_scene(row))
+        if full is not None and fitted_to_scene(row.job):
+            yield full, row
+
+
+def scene_gains(material: MaterialRows) -> Iterator[str]:
+    """What each model of the scene saves in bytes and gains in PSNR against the whole model at the same settings."""
+    for full, row in in_pairs(material):
+        held = [stats_of(each.job, PSNR, SCENE_HELDOUT).get("mean") for each in (full, row)]
+        frames = [each.job["scene"]["metrics"].get(PSNR) for each in (full, row)]
+        qualities = [("held-out pairs", held[0], held[1]), ("the pixels of its frames", frames[0], frames[1])]
+        yield f"{row.name}: {gain(full.job['bytes']['total'], row.job['bytes']['total'], qualities)}"
+
+
+def scene_quality(codec: CodecRows) -> float:
+    """The mean PSNR of a codec's seeds in a scene, by which its table is sorted: at the held-out pairs that lie in the
+    scene or, without any, in its frames; the least of all if nothing was measured."""
+    values = []
+    for row in codec.measured:
+        held = stats_of(row.job, PSNR, SCENE_HELDOUT)
+        in_frames = row.job.get("scene", {}).get("metrics", {}).get(PSNR)
+        value = held.get("mean") if held else in_frames
+        values.append(MOST_DB if value is None else value)
+    return fmean(values) if values else float("-inf")
+
+
+def _but_scene(row: Row) -> str:
+    """The codec, settings and seed of a row, without whether it was fitted to the scene."""
+    settings = {key: value for key, value in row.job["settings"].items() if key != "scene"}
+    return json.dumps([row.job.get("codec"), settings, row.job.get("seed")], sort_keys=True)

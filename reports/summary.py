@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from bench.records import MOST_DB, Run, grouped
 from reports import columns
 from reports.columns import Column
-from reports.notes import about_times, height_notes, left_out_notes, missing_note, one_texel_notes
+from reports.notes import about_times, height_notes, left_out_notes, missing_note, one_texel_notes, scene_notes
 from reports.numbers import EXACT, NONE, fixed, integer, interval, signed
 from reports.rows import CodecRows, MaterialRows, materials
 from reports.table import Note, Table, best_cells
@@ -21,8 +21,9 @@ MANY = 10  # materials from which the interval of their mean is shown; on fewer,
 def summary_table(run: Run, intervals: bool = True, against: str = "") -> Table | None:
     """A row a codec; None if fewer than two codecs were measured. Without `intervals` no slice is read.
 
-    A codec that lacks a material has no means, because they would not be over the materials of the other rows. The
-    others are set `against` a row; see `reports.ranking.against_one`, which raises `InputError`.
+    A codec that lacks a material has no means, because they would not be over the materials of the other rows, nor has
+    a model of a scene, which answers for its scene alone. The others are set `against` a row; see
+    `reports.ranking.against_one`, which raises `InputError`.
     """
     from reports.ranking import ranked  # loads NumPy, which a table of one material does not need
 
@@ -49,7 +50,7 @@ def summary_table(run: Run, intervals: bool = True, against: str = "") -> Table 
         rows.append(row)
         scores.append(score if whole else [None] * len(score))  # nor is a codec without a rank
     notes: list[str] = ["Means over seeds, then over materials: docs/metrics.md, “Tables”."]
-    notes += _lacking(measured)
+    notes += [*scene_notes(measured), *_lacking(measured)]
     if intervals:
         more, cells, note = _differences(run, [row[0] for row in rows], [each.name for each in measured], against)
         headers += more
@@ -68,7 +69,7 @@ def _lacking(measured: Sequence[MaterialRows]) -> list[str]:
     on: dict[str, list[str]] = {}
     for material in measured:
         for codec in material.codecs:
-            if codec.measured:
+            if codec.measured and not codec.of_scene:
                 on.setdefault(codec.label, []).append(material.name)
     lacks = {label: tuple(each.name for each in measured if each.name not in names) for label, names in on.items()}
     alike = grouped([label for label in lacks if lacks[label]], lacks.__getitem__)

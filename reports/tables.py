@@ -1,6 +1,5 @@
 """Builds the tables of a run as cells of text: columns, rows and footnotes. Other modules format them."""
 
-import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from math import inf
@@ -8,16 +7,16 @@ from statistics import fmean
 
 from bench.codecs.alike import stale
 from bench.compare.choosing import has_validation
-from bench.records import MOST_DB, PSNR, SCENE_HELDOUT, Record, Run, grouped, stats_of
+from bench.records import MOST_DB, Record, Run, grouped
 from reports import BY_BUDGET, KINDS, columns
 from reports.columns import Column
 from reports.fits import fit_tables
-from reports.notes import common_notes, cost_notes, main_notes, not_run, quality_notes
+from reports.notes import common_notes, cost_notes, main_notes, not_run, quality_notes, scene_notes
 from reports.numbers import NONE, NOT_COMPARABLE
 from reports.paper import ablation_table, paper_table
 from reports.parameters import parameters_table
-from reports.rows import CodecRows, MaterialRows, Row, materials
-from reports.scene_models import gain
+from reports.rows import CodecRows, MaterialRows, materials
+from reports.scene_models import scene_gains, scene_quality
 from reports.stress import stress_tables
 from reports.summary import summary_table
 from reports.table import Table, best_cells
@@ -62,41 +61,18 @@ def scene_table(material: MaterialRows) -> Table | None:
     if material.first is None or not (scene := material.first.get("scene")):
         return None
     count, height, width = scene["frames"]
+    pictures = f"picture{'s' * (count != 1)}"
     notes = [
-        *_scene_gains(material),
+        *scene_gains(material),
         "Held out in the scene: PSNR of held-out pairs between pairs that the scene uses, weighted by its demand. No "
         "codec saw them; frames have a reference that is interpolated between training pairs, which are seen.",
-        f"Frames: the scene's {count} pictures of {width} × {height}, rendered from the decoded file and compared with "
-        "those of the reference table, over the pixels that show the material.",
+        f"Frames: the scene's {count} {pictures} of {width} × {height}, rendered from the decoded file and compared "
+        "with those of the reference table, over the pixels that show the material.",
         "Weighted: slices of all pairs, weighted by how often the scene looks at them. Outside: at pairs that it never "
         "looks at. PSNR: at the held-out pairs, as in the main table.",
     ]
     about = f"scores in the scene {scene['name']}"
     return _table("scene", material, about, columns.scene(material.first), [*notes, *common_notes(material)])
-
-
-def _scene_gains(material: MaterialRows) -> Iterator[str]:
-    """What each model of the scene saves in bytes and gains in PSNR against the whole model at the same settings."""
-    whole = {_but_scene(row): row.job for row in material.measured if not _of_scene(row)}
-    for row in material.measured:
-        full = whole.get(_but_scene(row))
-        if full is None or not _of_scene(row):
-            continue
-        held = [stats_of(job, PSNR, SCENE_HELDOUT).get("mean") for job in (full, row.job)]
-        frames = [job["scene"]["metrics"].get(PSNR) for job in (full, row.job)]
-        qualities = [("held-out pairs", held[0], held[1]), ("the pixels of its frames", frames[0], frames[1])]
-        yield f"{row.name}: {gain(full['bytes']['total'], row.job['bytes']['total'], qualities)}"
-
-
-def _of_scene(row: Row) -> bool:
-    """Whether a row's file was fitted to the scene."""
-    return bool(row.job["settings"].get("scene"))
-
-
-def _but_scene(row: Row) -> str:
-    """The codec, settings and seed of a row, without whether it was fitted to the scene."""
-    settings = {key: value for key, value in row.job["settings"].items() if key != "scene"}
-    return json.dumps([row.job.get("codec"), settings, row.job.get("seed")], sort_keys=True)
 
 
 def unfinished_table(run: Run) -> Table | None:
@@ -117,7 +93,8 @@ def _table(kind: str, material: MaterialRows, about: str, chosen: Sequence[Colum
     if not material.measured or not chosen:
         return None
     title = f"{': '.join(filter(None, [material.name, about]))} ({material.split})"
-    codecs = sorted(material.codecs, key=_quality, reverse=True)
+    by_quality = scene_quality if kind == "scene" else _quality
+    codecs = sorted(material.codecs, key=by_quality, reverse=True)
     chosen = [c for c in chosen if not c.sparse or any(c.cell(codec.measured) != NONE for codec in codecs)]
     rows = []
     for codec in codecs:
@@ -132,7 +109,7 @@ def _table(kind: str, material: MaterialRows, about: str, chosen: Sequence[Colum
     for i, column in enumerate(chosen, 1):  # the unit says what the deviation is over, if a cell shows one
         over = f" ± {column.over}" if any(" ± " in row[i] for row in rows) else ""
         headers.append((column.name, (column.unit + over).strip()))
-    scores = [[None, *(column.score(codec.measured) for column in chosen)] for codec in codecs]
+    scores = [[None, *(_score(kind, column, codec) for column in chosen)] for codec in codecs]
     job = material.measured[0].job
     if (own := job.get("provenance", {}).get("native")) and any(column.native for column in chosen):
         # The measured data's own file is a factorisation itself: its bytes and rank, for reference.
@@ -140,12 +117,24 @@ def _table(kind: str, material: MaterialRows, about: str, chosen: Sequence[Colum
         cells = [column.write(column.native(own)) if column.native else NONE for column in chosen]
         rows.append([f"{own.get('name', 'dfmf')} (native)", *cells])
     marks = best_cells(rows, scores)
-    return Table(kind, title, headers, rows, [*notes, *_seeds(material)], material=material.name, marks=marks)
+    last = [] if kind == "scene" else scene_notes([material])
+    notes = [*notes, *last, *_seeds(material)]
+    return Table(kind, title, headers, rows, notes, material=material.name, marks=marks)
 
 
-def _quality(codec: CodecRows) -> float:
-    """The mean PSNR of a codec's seeds, by which tables are sorted; the least of all if nothing was measured."""
-    return fmean(MOST_DB if row.psnr is None else row.psnr for row in codec.measured) if codec.measured else -inf
+def _quality(codec: CodecRows) -> tuple[bool, float]:
+    """What tables are sorted by: whether it is a whole model, which come first, then the mean PSNR of a codec's seeds,
+    the least of all if nothing was measured."""
+    if not codec.measured:
+        return True, -inf
+    return not codec.of_scene, fmean(MOST_DB if row.psnr is None else row.psnr for row in codec.measured)
+
+
+def _score(kind: str, column: Column, codec: CodecRows) -> float | None:
+    """The number by which a cell is marked, more is better; None if it is not compared. Of a model of a scene only what
+    the table of the scene says about that scene is."""
+    whole_only = kind != "scene" or column.whole_only
+    return None if codec.of_scene and whole_only else column.score(codec.measured)
 
 
 def _seeds(material: MaterialRows) -> Iterator[str]:

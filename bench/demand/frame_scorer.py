@@ -20,9 +20,10 @@ from bench.demand.needed_part import pair_shares, pair_weights
 from bench.material import Material, sample_texture
 from bench.metrics.angular import as_number
 from bench.metrics.base import Prepared, SliceMetric
-from bench.metrics.display import exposure_of
+from bench.metrics.display import exposure_of, to_display
 
 NAMES = registry.chosen_names(registry.DEFAULTS, periodic=False)  # a frame has borders
+KEPT_FRAMES, KEPT_SIDE = 3, 320  # frames that a run stores, and pixels along their longer side, at most
 PSNR, FLIP = (records.metric_of(NAMES, family) for family in (records.PSNR, records.FLIP))
 
 
@@ -126,10 +127,20 @@ class FrameScorer:
             self.prepared[name] = [metric.prepare(picture, self.exposure) for picture in self.truth]
         return self.prepared[name]
 
-    def record(self, material: Material) -> dict[str, Any]:
-        """The fields of a job's record about the scene."""
+    def record(self, frames: Array) -> dict[str, Any]:
+        """The fields of a job's record about the scene, from a material's frames (frames, H, W, 3), linear RGB."""
         facts = {"name": self.demand.name, "queries": len(self.demand), "frames": list(self.demand.frames)}
-        return facts | {"exposure": self.exposure, "metrics": self.score(material)}
+        return facts | {"exposure": self.exposure, "metrics": self.compare(frames)}
+
+    def pictures(self, frames: Array) -> dict[str, Array]:
+        """A few frames, `truth` and `decoded`: small, display-transformed, 8 bit (at most `KEPT_FRAMES`, h, w, 3)."""
+        chosen = np.unique(np.linspace(0, len(frames) - 1, KEPT_FRAMES).round().astype(int))
+        factor = -(-max(frames.shape[1:3]) // KEPT_SIDE)
+        kept = {}
+        for name, whole in (("truth", self.truth), ("decoded", frames)):
+            small = np.stack([box_filter(whole[i], factor) for i in chosen])
+            kept[name] = np.round(to_display(small, self.exposure) * 255).astype(np.uint8)
+        return kept
 
 
 def _inner(mask: Array, size: tuple[int, ...]) -> Array:

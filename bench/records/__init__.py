@@ -18,6 +18,7 @@ from bench.records.meaning import (
     VALIDATION,
     by_row,
     deciding_group,
+    fitted_to_scene,
     flattened,
     grouped,
     kind_of,

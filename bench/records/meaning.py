@@ -70,6 +70,12 @@ def by_row(jobs: Iterable[Record]) -> dict[tuple[str, str], list[Record]]:
     return grouped(jobs, lambda job: (job["material"], job["label"]))
 
 
+def fitted_to_scene(job: Record) -> bool:
+    """Whether a job's file was fitted to a scene. It answers for that scene alone, so its scores over the whole
+    material rank it nowhere."""
+    return bool(job.get("settings", {}).get("scene"))
+
+
 def metric_of(names: Iterable[str], family: str) -> str:
     """The first of these metric names that belongs to a family (`ssim` → `ssim_periodic`), or ""."""
     return next((name for name in names if name == family or name.startswith(f"{family}_")), "")

@@ -213,6 +213,7 @@ class Job(TypedDict, total=False):
     slices: Annotated[Any, kinds.TEXT_OR_TEXTS, ARTEFACT]
     angular: Annotated[Text, ARTEFACT]
     pictures: Annotated[Text, ARTEFACT]
+    frames: Annotated[Text, ARTEFACT]
     drawing: Annotated[Text, ARTEFACT]
     not_drawn: Text
 

@@ -32,9 +32,11 @@ class Estimate:
 
     A codec's jobs are expected to take as long a step as those of it that are done. While a codec is left of which none
     is done, no time is told: a linear codec takes a second, a network many minutes. `at_once` jobs run side by side.
+    `then` says what follows the jobs: "about 2 min of timing".
     """
 
-    def __init__(self, efforts: Mapping[str, Effort], holds: Iterable[str], at_once: int = 1):
+    def __init__(self, efforts: Mapping[str, Effort], holds: Iterable[str], at_once: int = 1, then: str = ""):
+        self.then = then
         self.efforts, self.waiting, self.holds = efforts, set(efforts), set(holds)
         self.total, self.at_once, self.last = len(self.waiting), max(1, at_once), time.monotonic()
         self.seconds: defaultdict[str, float] = defaultdict(float)  # by codec, of the jobs that were fitted
@@ -57,7 +59,9 @@ class Estimate:
         """The message before the run starts."""
         jobs, left = f"{self.total} job" + "s" * (self.total != 1), len(self.waiting - self.holds)
         recorded = f", {len(self.holds)} of them recorded" if self.holds else ""
-        return f"{jobs}{recorded}: {left} left" if left else f"{jobs}, all recorded; what changed since is done again"
+        if not left:
+            return f"{jobs}, all recorded; what changed since is done again"
+        return f"{jobs}{recorded}: " + self._and_then(f"{left} left")
 
     @property
     def left(self) -> str:
@@ -74,8 +78,12 @@ class Estimate:
     @property
     def progress(self) -> str:
         """How many jobs have ended, and the time left."""
-        ended = f"{self.total - len(self.waiting)} of {self.total} job" + "s" * (self.total != 1)
-        return f"{ended}, {self.left}" if self.left else ended
+        parts = [f"{self.total - len(self.waiting)} of {self.total} job" + "s" * (self.total != 1), self.left]
+        ended = ", ".join(filter(None, parts))
+        return self._and_then(ended) if self.waiting else ended
+
+    def _and_then(self, text: str) -> str:
+        return f"{text}, then {self.then}" if self.then else text
 
 
 def duration(seconds: float) -> str:

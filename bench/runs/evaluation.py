@@ -75,7 +75,7 @@ def scored(workbench: Workbench, material: Material, name: str, threads: int, ke
         scores = workbench.scorer.score(workbench.scored, decoder.watched)
         coarse = scoring.footprint_errors(workbench.btf, workbench.deciding, decoder.slice, workbench.exposure, COARSE)
         pictures = _pictures(workbench, decoder)
-        scene = workbench.judge.record(material) if workbench.judge else {}
+        scene, frames = _in_scene(workbench, material)
     summary = scoring.summarise(scores, workbench.btf.wo, workbench.btf.wi, groups)
     finest = summary[decides]["metrics"][PSNR]
     one = {PSNR: finest["pooled"]} | {key: finest[key] for key in ("mean", "exact", "slices")}
@@ -102,7 +102,7 @@ def scored(workbench: Workbench, material: Material, name: str, threads: int, ke
         },
         "scores": summary,
         "footprints": {"1": one} | scoring.summarise_footprints(coarse),
-        **({"scene": scene} if scene else {}),
+        **({"scene": scene, "frames": keep(f"frames/{name}.npz", frames)} if scene else {}),
         **program,
         "slices": keep(f"slices/{name}.npz", _slices(workbench, scores, coarse)),
         "angular": keep(f"angular/{name}.json", angular),
@@ -147,6 +147,15 @@ class Slices:
         done = int(np.searchsorted(self.workbench.scored, pair)) + 1
         self.show("scoring", done, len(self.workbench.scored))
         return self.slice(pair)
+
+
+def _in_scene(workbench: Workbench, material: Material) -> tuple[Record, dict[str, np.ndarray]]:
+    """The quality of a material in the frames of the scene, and a few small frames; empty without a scene."""
+    judge = workbench.judge
+    if judge is None:
+        return {}, {}
+    frames = judge.frames(material)
+    return judge.record(frames), judge.pictures(frames)
 
 
 def _slices(workbench: Workbench, scores: scoring.Scores, coarse: dict[int, np.ndarray]) -> dict[str, np.ndarray]:

@@ -53,6 +53,7 @@ class Options:
     show: Progress = silent
     say: Callable[[str], None] = lambda text: None  # gets a message before the first job: how many are left
     workers: Seats | None = None  # None: see `_workers`
+    then: str = ""  # what follows the jobs, told with the time left: "about 2 min of timing"
 
 
 def run(suite: Suite, options: Options) -> Iterator[Outcome]:
@@ -184,7 +185,7 @@ class _Session:
         """Run the jobs; records and yields the outcome of each as it ends. `faults`: see `_make_codecs`."""
         holds = [task.name for task in self.tasks if task.earlier]  # as far as their files say
         efforts = {task.name: Effort.of(task.codec) for task in self.tasks}
-        estimate = Estimate(efforts, holds, min(self.workers.at_once, cores()))
+        estimate = Estimate(efforts, holds, min(self.workers.at_once, cores()), self.options.then)
         self.options.say(estimate.first)
         self.options.show("jobs", 0, len(self.tasks))
         for count, outcome in enumerate(self._outcomes(faults), 1):

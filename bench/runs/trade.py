@@ -5,7 +5,7 @@ and timed from the same one. The results go into `trade.json` beside the run's r
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -23,19 +23,20 @@ from bench.demand.mitsuba.lobes import fitted
 from bench.files import atomic
 from bench.files.archive import MAX_FILE, read_arrays
 from bench.inputs.errors import InputError, installed
+from bench.machine.devices import is_gpu
 from bench.machine.threads import torch_threads
 from bench.material import Material
 from bench.metrics.angular import as_number
 from bench.metrics.display import display_error
 from bench.metrics.psnr import psnr as decibels
 from bench.metrics.scoring import summarise
-from bench.records import FLIP, PSNR, VALIDATION, Record, Run, deciding_group, metric_of, metrics_of
+from bench.records import FILE, FLIP, PSNR, VALIDATION, Record, Run, deciding_group, metric_of, metrics_of
 from bench.records.lines import TRADE, TRADE_FORMAT, load_run, load_trade
 from bench.runs import runner
 from bench.runs.estimate import duration
 from bench.runs.evaluation import Slices, recorded
 from bench.runs.provenance import machine
-from bench.runs.suite import Suite, Task, canonical
+from bench.runs.suite import CodecSpec, Suite, Task, canonical
 from bench.runs.unfinished import Unfinished, forget
 from bench.runs.workbench import Workbench, opened
 from bench.timing import Queries, native
@@ -44,6 +45,7 @@ from bench.timing.profile import ceiling_calls, limit_ns, profile, rates, roofli
 from bench.timing.turns import KeptTurns
 
 BATCH = 65_536  # whole chunks of every execution
+USUAL_NS = 1000.0  # of a query on a CPU, if no time is known: most codecs take 200 to 5,000
 BATCHES = (1, 64, 1024, timing.BATCH, 1 << 18)
 
 
@@ -63,13 +65,15 @@ def run_and_measure(
     if noise:
         _path_tracer()  # and a missing Mitsuba
     load_trade(options.folder)  # an unreadable file stops here
-    states = []
+    states, folder, suite = [], options.folder, canonical(suite)
+    before = load_run(folder) if (folder / FILE).exists() else Run(folder)
+    options = replace(options, then=_timing(suite, before, options.device, _timed_jobs(suite)))
     for outcome in runner.run(suite, options):
         states.append(outcome.record["status"])
         tell(outcome)
     if "ok" in states:
         measured, given = load_run(options.folder), (options.device, full, options.show, emulated, noise, profiles)
-        options.say(_announced(suite, measured))
+        options.say(_announced(suite, measured, options.device))
         for spec in suite.materials:  # written after each material
             result = measure(replace(suite, materials=(spec,)), measured, *given)
             write(options.folder, merged(load_trade(options.folder), result))
@@ -119,19 +123,32 @@ def measure(
     return result
 
 
-def _announced(suite: Suite, run: Run) -> str:
-    """How many files are timed now, and about how long at the times that the run measured."""
-    jobs = [
-        run.job(f"{spec.name}/{codec.label}/{suite.seeds[0]}") for spec in suite.materials for codec in suite.codecs
-    ]
-    files, seconds = 0, 0.0
-    for job in jobs:
-        if job and job["status"] == "ok":
-            known = run.timing(job) or {}
-            files += 1
-            one = max(timing.SPAN_NS, BATCH * known.get("ns_per_sample", 0.0))
-            seconds += 1e-9 * timing.TURNS * (one + timing.SPAN_NS)  # beside the floor
-    return f"{files} file{'s' * (files != 1)} to score and time, about {duration(seconds)} without other precisions"
+def _announced(suite: Suite, run: Run, device: str) -> str:
+    """How many files are timed now, and about how long."""
+    done = [name for name in _timed_jobs(suite) if (job := run.job(name)) and job["status"] == "ok"]
+    return f"{len(done)} file{'s' * (len(done) != 1)} to score and time, {_timing(suite, run, device, done)}"
+
+
+def _timing(suite: Suite, run: Run, device: str, names: Collection[str]) -> str:
+    """About how long timing takes of the jobs that a run timed already, and of others, at the time of most codecs."""
+    on, entries = torch.device(device), _timed_jobs(suite)
+    batch, variants = timing.batch_on(on, BATCH), [Variant.parse(text) for text in suite.variants]
+    usual = 0.0 if is_gpu(on) else USUAL_NS  # a turn on a GPU is the shortest possible
+    more = [each for each in variants if exists_on(each, on) and not native.emulated(each.precision, on)]
+    seconds = 0.0
+    for name in names:
+        job = run.job(name)
+        known = (run.timing(job) or {}) if job else {}
+        each = max(timing.SPAN_NS, batch * known.get("ns_per_sample", usual)) + timing.SPAN_NS  # and the floor's turn
+        plain = 1 if entries[name].swept else 1 + len(more)
+        seconds += 1e-9 * timing.TURNS * each * plain
+    return f"about {duration(seconds)} of timing"
+
+
+def _timed_jobs(suite: Suite) -> dict[str, CodecSpec]:
+    """The entries of a suite by the names of the jobs that are timed: those of its first seed."""
+    first = [(material, codec) for material, codec, seed in suite.cells if seed == suite.seeds[0]]
+    return {f"{material.name}/{codec.label}/{suite.seeds[0]}": codec for material, codec in first}
 
 
 def merged(earlier: dict[str, Any] | None, result: dict[str, Any]) -> dict[str, Any]:

@@ -1,3 +1,5 @@
+import base64
+import io
 import json
 import re
 from typing import Any
@@ -5,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 from bench.codec import Fit
 from bench.codecs.registry import load_codec
@@ -70,6 +73,40 @@ def test_a_model_of_a_scene_is_live_beside_the_whole_one_and_the_rest_says_why(m
         "pca components=4": "each codec is live at its highest PSNR alone, pca components=8: "
         "`neubtf-bench view` shows the file of this one"
     }
+
+
+def test_a_run_for_a_scene_leads_with_the_gain_and_pictures_of_the_scene(made):
+    group = {"slices": 4, "radiance": 0.1, "metrics": {"psnr_display": {"mean": 25.0, "exact": 0, "slices": 4}}}
+
+    def job(label, grey, psnr, **more):
+        frames = {name: np.full((2, 30, 40, 3), value, np.uint8) for name, value in (("truth", 200), ("decoded", grey))}
+        np.savez(made.folder / f"frames-{grey}.npz", **frames)
+        says = {"name": "wall", "frames": [2, 30, 40], "queries": 9, "exposure": 1.0}
+        scores = {"heldout": group, "all": group, "scene": group}
+        more |= {"scene": says | {"metrics": {"psnr_display": psnr}}, "scores": scores}
+        made.job(label, frames=f"frames-{grey}.npz", **more)
+
+    job("vq", 10, 30.0)
+    job("pca", 60, 20.0, settings={"components": 8})
+    job("pca scene", 180, 29.5, settings={"components": 8, "scene": True})
+    page = page_of(made)
+    section = page[page.index('<h2 id="m0">') :]
+    assert section.index("+9.50 dB at the pixels of its frames") < section.index("<img")
+    assert section.index("<img") < section.index("scores in the scene wall") < section.index('<div class="plots"')
+    assert section.count("+9.50 dB at the pixels of its frames") == 1
+    pictures = re.findall(r'<figure><img alt="([^"]*)" src="data:image/webp;base64,([^"]*)">', section)
+    captions = ["the reference table", "pca: 20.00 dB, 36,110 bytes", "pca scene: 29.50 dB, 36,110 bytes"]
+    assert [words for words, _ in pictures] == 2 * captions
+    for (_, data), grey in zip(pictures, (200, 60, 180, 200, 60, 180), strict=True):
+        assert np.abs(np.asarray(Image.open(io.BytesIO(base64.b64decode(data)))).astype(int) - grey).max() <= 2
+
+
+def test_frames_that_are_missing_are_said_to_be(made):
+    group = {"slices": 4, "radiance": 0.1, "metrics": {"psnr_display": {"mean": 25.0, "exact": 0, "slices": 4}}}
+    says = {"name": "wall", "frames": [2, 30, 40], "queries": 9, "exposure": 1.0, "metrics": {"psnr_display": 20.0}}
+    page = page_of(made.job(scene=says, scores={"heldout": group, "all": group, "scene": group}))
+    assert "There are no pictures of the scene" in page
+    assert "scores in the scene wall" in page
 
 
 def test_a_model_that_is_surely_too_large_is_not_read(made, monkeypatch):

@@ -1,8 +1,9 @@
 import pytest
 
-from bench.records import SCENE_HELDOUT, load_run
-from reports import table_text, write_report
+from bench.records import OUTSIDE, SCENE_HELDOUT, load_run
+from reports import table_text
 from reports.rows import materials
+from reports.table import BOLD
 from reports.tables import all_tables
 
 STATS = {"mean": 31.0, "std": 1.0, "pooled": 31.5, "exact": 0, "slices": 4}
@@ -112,25 +113,53 @@ def test_an_unknown_format_is_refused(made):
         table_text(made.folder, "word")
 
 
-def test_what_a_model_of_a_scene_saves_and_gains_stands_in_one_line(made):
-    def scores(held, frames):
-        group = {"slices": 4, "radiance": 0.1, "metrics": {"psnr_display": STATS | {"mean": held}}}
-        says = {"name": "wall", "frames": [2, 30, 40], "queries": 9, "exposure": 1.0}
-        says["metrics"] = {"psnr_display": frames}
-        return {"scene": says, "scores": {"heldout": group, "all": group, "scene": group, SCENE_HELDOUT: group}}
+def in_scene(held, frames, outside=20.0):
+    """The fields of a job that was scored in a scene: PSNR at held-out pairs in it, of its frames, and outside it."""
+    group, other = (
+        {"slices": 4, "radiance": 0.1, "metrics": {"psnr_display": STATS | {"mean": mean}}} for mean in (held, outside)
+    )
+    says = {"name": "wall", "frames": [2, 30, 40], "queries": 9, "exposure": 1.0, "metrics": {"psnr_display": frames}}
+    scores = {"heldout": other, "all": other, "scene": group, SCENE_HELDOUT: group, OUTSIDE: other}
+    return {"scene": says, "scores": scores}
 
+
+def of_scene(made, size=400, **scores):
+    """A model of the scene, beside the whole one of the same settings."""
     sizes = {"decoder": 0, "texture": 0, "other": 0}
-    made.job("pca", settings={"components": 8}, bytes=sizes | {"total": 8000}, **scores(30.0, 20.0))
+    made.job("pca", settings={"components": 8}, bytes=sizes | {"total": 8000}, **in_scene(30.0, 20.0))
     fitted = {"components": 8, "scene": True}
-    made.job("pca scene", codec="pca", settings=fitted, bytes=sizes | {"total": 400}, **scores(33.2, 29.5))
+    return made.job("pca scene", codec="pca", settings=fitted, bytes=sizes | {"total": size}, **scores)
+
+
+def test_what_a_model_of_a_scene_saves_and_gains_stands_in_one_line(made):
+    of_scene(made, **in_scene(33.2, 29.5))
     (table,) = tables(made, "scene")
-    shown = {row[0]: cells(table, i)["held out in the scene dB ↑"] for i, row in enumerate(table.rows)}
-    assert shown == {"pca": "30.00", "pca scene": "33.20"}
+    shown = [(row[0], cells(table, i)["held out in the scene dB ↑"]) for i, row in enumerate(table.rows)]
+    assert shown == [("pca scene", "33.20"), ("pca", "30.00")]
     line = "takes 400 instead of 8,000 bytes (5%), +3.20 dB at held-out pairs, +9.50 dB at the pixels of its frames."
     assert [note for note in table.notes if "instead of" in note] == [f"pca scene: The model of the scene {line}"]
-    write_report(made.folder)
-    page = (made.folder / "report.html").read_text(encoding="utf-8")
-    assert page.index("scores in the scene wall") < page.index("+3.20 dB at held-out pairs")
+
+
+def test_models_of_a_scene_stand_last_without_marks_but_in_the_table_of_the_scene(made):
+    of_scene(made, **in_scene(33.2, 29.5, outside=40.0)).job("vq", **in_scene(29.0, 19.0, outside=25.0))
+    (main,) = tables(made, "main")
+    assert [row[0] for row in main.rows] == ["vq", "pca", "pca scene"]
+    assert {row for row, _ in main.marks} == {0, 1}
+    assert any("Models of a scene stand last and are not ranked" in note for note in main.notes)
+    (scene,) = tables(made, "scene")
+    assert [row[0] for row in scene.rows] == ["pca scene", "pca", "vq"]
+    best = {scene.headers[at][0] for (row, at), mark in scene.marks.items() if row == 0 and mark == BOLD}
+    assert best == {"total", "held out in the scene", "frames PSNR"}
+    assert not any("stand last" in note for note in scene.notes)
+
+
+def test_models_of_a_scene_have_no_rank_and_change_that_of_no_other(made):
+    of_scene(made, **in_scene(33.2, 29.5, outside=40.0)).job("vq", **in_scene(29.0, 19.0, outside=25.0))
+    (table,) = tables(made, "summary")
+    ranks = [(row[0], cells(table, i)["mean rank ↓"], cells(table, i)["PSNR dB ↑"]) for i, row in enumerate(table.rows)]
+    assert ranks == [("vq", "1.0", "25.00"), ("pca", "2.0", "20.00"), ("pca scene", "—", "—")]
+    assert any("Models of a scene stand last" in note for note in table.notes)
+    assert not any("Without means" in note for note in table.notes)
 
 
 def test_a_run_of_one_view_says_so(made):

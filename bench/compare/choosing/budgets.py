@@ -16,7 +16,7 @@ from bench.compare.choosing import NEAR_DB, Limits, Rung, chosen, fused_times, h
 from bench.compare.paired import AGAINST, against_jobs
 from bench.compare.quantities import average
 from bench.compare.ranks import Ranks, ranks
-from bench.records import FLIP, PSNR, Record, Run, stats_of
+from bench.records import FLIP, PSNR, Record, Run, fitted_to_scene, stats_of
 
 BITS = (4, 8, 16, 32, 64, 128)  # bits of the whole file a texel
 TIMES = (2, 4, 8, 16, 32)  # time of a query, × floor
@@ -95,7 +95,7 @@ class Budgets:
 @lru_cache(maxsize=1)
 def budgets(run: Run) -> Budgets:
     """The rungs of a run, and budgets of bytes and of time."""
-    done = [job for job in run.jobs if job["status"] == "ok"]
+    done = [job for job in run.jobs if job["status"] == "ok" and not fitted_to_scene(job)]
     judged = [job for job in done if has_validation(job)]
     obstacle = obstacles(judged, run.published)
     alike = [job for job in judged if job["job"] not in obstacle]

@@ -58,6 +58,21 @@ def test_pixels_without_material_do_not_count():
     assert scorer.compare(worse, (PSNR,)) == scorer.compare(grey, (PSNR,))
 
 
+def test_stored_frames_are_few_small_and_what_a_display_shows(monkeypatch):
+    monkeypatch.setattr("bench.demand.frame_scorer.KEPT_SIDE", 12)
+    places = ", ".join(f"{{position = [0, {y}, 2]}}" for y in (-1, -0.5, 0.2, 1))
+    moving = SCENE.replace("position = [0, -1, 2]", f"path = [{places}]")
+    scorer = FrameScorer(tiny_btf(8, 6, 6), demand_of(moving))
+    frames = scorer.truth / 2
+    kept = scorer.pictures(frames)
+    assert kept["truth"].shape == kept["decoded"].shape == (3, 8, 10, 3)  # 24 × 32 in boxes of 3 × 3
+    assert kept["truth"].dtype == np.uint8
+    for name, whole in (("truth", scorer.truth), ("decoded", frames)):
+        box = whole[3][12:15, 15:18].mean((0, 1))  # in the last of the four
+        assert box.min() > 0
+        np.testing.assert_array_equal(kept[name][2, 4, 5], np.round(255 * to_display(box, scorer.exposure)))
+
+
 def test_shares_of_pairs_add_up_and_lie_where_the_scene_looks():
     btf, queries = tiny_btf(8, 9, 9), demand_of(SCENE)
     share = pair_shares(btf.layout, queries)

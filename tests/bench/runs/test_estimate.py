@@ -63,6 +63,19 @@ def test_jobs_side_by_side_share_the_time(clock):
     assert run.progress == "4 of 6 jobs, about 1 min left"
 
 
+def test_what_follows_the_jobs_is_told_until_the_last_has_ended(clock):
+    run = Estimate({"a": Effort("pca"), "b": Effort("pca"), "c": Effort("vq")}, "", then="about 2 min of timing")
+    assert run.first == "3 jobs: 3 left, then about 2 min of timing"
+    clock[0] = 180
+    run.ended(ended("c"), "")
+    assert run.progress == "1 of 3 jobs, then about 2 min of timing"
+    run.ended(ended("a"), "record")
+    run.seconds["pca"], run.steps["pca"] = 180.0, 1
+    assert run.progress == "2 of 3 jobs, about 3 min left, then about 2 min of timing"
+    run.ended(ended("b"), "")
+    assert run.progress == "3 of 3 jobs"
+
+
 def test_the_effort_of_a_job_is_its_codec_and_the_steps_of_its_fit():
     assert Effort.of(CodecSpec("pca")) == ("pca", 1)
     assert Effort.of(CodecSpec("neumip", {"steps": 70})) == ("neumip", 70)

@@ -338,6 +338,9 @@ def test_a_run_is_judged_by_a_scene_and_fitted_to_it_where_a_codec_says_so(tmp_p
         assert record["scores"]["scene"]["slices"] + record["scores"]["outside the scene"]["slices"] == 36
         assert 0 < record["scores"]["scene, held out"]["slices"] < record["pairs"]["heldout"]
         assert record["views"] == 6
+        with np.load(tmp_path / "run" / record["frames"]) as frames:
+            assert frames["truth"].shape == frames["decoded"].shape == (1, 18, 24, 3)
+            assert 0 < np.abs(frames["truth"].astype(int) - frames["decoded"]).mean() < 60
     assert [o.cached for o in outcomes(tmp_path / "run", suite)] == ["record", "record"]
     evening = replace(suite, demand=demand_file(tmp_path, "evening", [1.0, 0.3, 0.3]))
     again = outcomes(tmp_path / "run", evening)

@@ -169,7 +169,7 @@ def test_one_codec_in_few_steps_and_two_processes(tmp_path, monkeypatch, capsys)
     assert cli.main([*words, "--codec", "neubtf-direct", "--steps", "20", "--jobs", "2"]) == 0
     said = capsys.readouterr().out
     first = said.index("2 of 2 settings of own are not in")
-    estimate = said.index("2 jobs: 2 left\n")
+    estimate = said.index("2 jobs: 2 left, then about half a minute of timing\n")
     assert first < estimate < said.index("satin/neubtf-direct ")
     assert "on a GPU: " in said
     command = said.splitlines()[-1]

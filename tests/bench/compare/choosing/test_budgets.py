@@ -53,6 +53,13 @@ def test_the_best_that_fits_is_chosen_and_one_that_is_a_byte_too_large_is_not(tm
     assert (picks(run, Budget(BYTES, 16)), picks(run, Budget(BYTES, 32))) == ({"a": "x=1"}, {"a": "x=2"})
 
 
+def test_a_model_of_a_scene_answers_for_that_scene_alone_and_is_never_chosen(tmp_path):
+    of_scene = job("a scene", 5, 40.0, settings={"scene": True})
+    run = run_of(tmp_path / "run", job("a x=1", 10, 10.0), of_scene)
+    assert picks(run, Budget(BYTES, 16)) == {"a": "x=1"}
+    assert budgets(run).without == []
+
+
 def test_records_without_validation_are_never_chosen_and_are_told(tmp_path):
     run = run_of(tmp_path / "run", job("a x=1", 10, None, test=99.0), job("a x=2", 10, 10.0))
     assert picks(run, Budget(BYTES, 16)) == {"a": "x=2"}

@@ -1,0 +1,62 @@
+"""The stored frames of a scene as pictures of a page: the truth, models of the scene, whole models."""
+
+from collections.abc import Iterator
+from html import escape
+
+import numpy as np
+from PIL import Image
+
+from bench.records import PSNR, Run
+from reports.artefacts import Arrays, of_shown
+from reports.atlas import webp
+from reports.numbers import EXACT, fixed, integer
+from reports.rows import MaterialRows, Row
+from reports.scene_models import in_pairs
+
+PAIRS = 2  # models of a scene that are shown, each beside the whole one
+WHOLE = 3  # whole models that are shown in a run without models of its scene
+QUALITY = 90  # of WebP
+
+
+def scene_strips(run: Run, material: MaterialRows) -> Iterator[str]:
+    """A row of pictures for each stored frame; nothing if the run stored none."""
+    stored = {row.label: (row, frames) for row, frames in of_shown(run, material, "frames", ("truth", "decoded"))}
+    chosen = [stored[label] for label in _chosen(material) if label in stored]
+    if not chosen:
+        return
+    truth = chosen[0][1]["truth"]
+    for number, picture in enumerate(truth):
+        figures = [_figure(picture, "the reference table")]
+        figures += [_figure(frames["decoded"][number], _caption(row)) for row, frames in _alike(chosen, truth)]
+        yield f'<div class="strip">{"".join(figures)}</div>'
+
+
+def _chosen(material: MaterialRows) -> list[str]:
+    """The labels of the shown models: each model of the scene after its whole one, or else the best whole models."""
+    pairs = sorted(in_pairs(material), key=lambda pair: _psnr(pair[1]), reverse=True)
+    labels = {scene.label: [whole.label, scene.label] for whole, scene in pairs}  # once, whatever its seeds
+    if labels:
+        return [label for pair in list(labels.values())[:PAIRS] for label in pair]
+    return [row.label for row in sorted(material.shown, key=_psnr, reverse=True)[:WHOLE]]
+
+
+def _alike(chosen: list[tuple[Row, Arrays]], truth: np.ndarray) -> list[tuple[Row, Arrays]]:
+    """Those whose frames are as many and as large as the first one's."""
+    return [(row, frames) for row, frames in chosen if frames["decoded"].shape == truth.shape]
+
+
+def _psnr(row: Row) -> float:
+    """The PSNR of a row's frames to sort by; infinite where they have no error."""
+    value = row.job.get("scene", {}).get("metrics", {}).get(PSNR)
+    return float("inf") if value is None else float(value)
+
+
+def _caption(row: Row) -> str:
+    psnr = _psnr(row)
+    shown = EXACT if psnr == float("inf") else f"{fixed(psnr, 2)} dB"
+    return f"{row.label}: {shown}, {integer(row.job['bytes']['total'])} bytes"
+
+
+def _figure(picture: np.ndarray, words: str) -> str:
+    data = webp(Image.fromarray(picture), quality=QUALITY, method=4)
+    return f'<figure><img alt="{escape(words)}" src="{data}"><figcaption>{escape(words)}</figcaption></figure>'
