@@ -28,7 +28,7 @@ from torch.nn import functional
 
 from bench.codecs import container
 from bench.inputs.errors import InputError
-from bench.metrics.display import LOG_SCALE, encode_srgb
+from bench.metrics.display import LOG_SCALE
 from bench.training.decoder import load_vector, to_vector
 
 STRIDE = 4  # texels a cell of the bottleneck; the grid of cells begins at texel (0, 0)
@@ -255,9 +255,13 @@ def read_encoder(path: Path) -> tuple[Encoder, Tensor]:
 
 
 def displayed(log_radiance: Tensor) -> Tensor:
-    """sRGB in [0, 1] of log1p(8 · exposure · radiance), any shape: the display transform of the metrics."""
-    linear = (log_radiance.expm1() / LOG_SCALE).clamp(0, 1)
-    return torch.from_numpy(encode_srgb(linear.double().cpu().numpy())).to(linear)
+    """sRGB in [0, 1] of log1p(8 · exposure · radiance), any shape: the display transform of the metrics.
+
+    Computed where the tensor is: a step of a fit would wait for a GPU whose numbers NumPy needs.
+    """
+    linear = (log_radiance.expm1() / LOG_SCALE).clamp(0, 1).double()
+    curved = 1.055 * linear.pow(1 / 2.4) - 0.055
+    return torch.where(linear <= 0.0031308, 12.92 * linear, curved).to(log_radiance)
 
 
 def eight_bits(guidance: Tensor) -> Tensor:

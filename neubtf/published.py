@@ -1,6 +1,6 @@
 """The training of NeuBTF as its paper describes it: autoencoder and renderer end to end.
 
-Each element of a batch has a random slice as its input and another as its target, in a window and at a scale of their
+Each element of a batch has a random slice as its input and others as its targets, in a window and at a scale of their
 own; only the input is turned in hue, blurred and noisy. docs/neubtf.md has what the paper says and leaves open.
 
 Style and spectrum see linear radiance in the display's range [0, 1], because the paper compresses only the pixel term,
@@ -88,28 +88,34 @@ def focal_frequency(ours: Tensor, theirs: Tensor) -> Tensor:
 
 
 class Element(NamedTuple):
-    """One element of a batch: its window, its input (1, 3, h, w) in sRGB, and log radiance (1, 3, h, w) to meet."""
+    """One element of a batch: its window, its input, and the target slices that its texture is compared with."""
 
     window: Crop
-    picture: Tensor
-    target: Tensor
+    texels: Tensor  # of the window's source, as row · W + column
+    picture: Tensor  # (1, 3, h, w) in sRGB, the input
+    targets: Tensor  # (targets, 3, h, w), log radiance
     view: int  # the pair of the input
-    pair: int  # the pair of the target
+    pairs: Tensor  # (targets,), those of the target slices
 
 
 class Published(Guided):
-    """Autoencoder and renderer, compared on whole windows."""
+    """Autoencoder and renderer, compared on whole windows.
+
+    An element's texture is rendered at `targets` pairs, whose slices give style and spectrum; the pixels' loss is at
+    `texel_pairs` random pairs of each texel, or without any at those slices.
+    """
 
     def __init__(
         self, samples: Samples, settings: StagedSettings, encoder: Encoder, guidance: Tensor, generator: torch.Generator
     ):
         super().__init__(samples, settings, encoder, guidance, generator)
         self.style = Style()
-        self.brightness = float(decode_srgb(guidance.numpy()).mean())
+        self.brightness = float(decode_srgb(guidance.cpu().numpy()).mean())
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         settings = self.settings
-        pixel, style, frequency = self.losses([self.element(generator) for _ in range(settings.slices)])
+        elements = [self.element(generator) for _ in range(settings.slices)]
+        pixel, style, frequency = self.losses(elements, generator)
         return settings.pixel * pixel + settings.style * style + settings.frequency * frequency
 
     def element(self, generator: torch.Generator) -> Element:
@@ -117,36 +123,57 @@ class Published(Guided):
         settings, samples = self.settings, self.samples
         scale = draw_scale(settings.smallest, settings.keep_scale, generator)
         window = Crop.drawn(samples.shape, settings.crop, scale, samples.btf.periodic, generator, settings.around)
-        pairs = torch.randint(samples.pairs, (2,), generator=generator)
+        view, *targets = torch.randint(samples.pairs, (1 + settings.targets,), generator=generator).tolist()
         texels = window.texels(samples.shape).to(samples.device, non_blocking=True)
-        view, target = self.radiance(window, texels, pairs).split(1)
-        picture = self.disturbance.disturbed(displayed(self.exposed(view)), generator)
-        return Element(window, picture, target, *pairs.tolist())
+        levels = self.radiance(window, texels, torch.tensor([view, *targets]))
+        picture = self.disturbance.disturbed(displayed(self.exposed(levels[:1])), generator)
+        return Element(window, texels, picture, levels[1:], view, torch.tensor(targets))
 
     def exposed(self, level: Tensor) -> Tensor:
         """Log radiance (1, 3, h, w) of a slice at the brightness of the guidance, as a later photograph."""
         mean = shown(level).mean().clamp_min(DARKEST)
         return (level.expm1() * (self.brightness / mean)).log1p()
 
-    def losses(self, elements: list[Element]) -> Tensor:
+    def losses(self, elements: list[Element], generator: torch.Generator) -> Tensor:
         """The losses (3,) of pixels, style and spectrum, not weighted, as means over elements."""
         alike: dict[Crop, list[Element]] = {}
         for element in elements:
             alike.setdefault(element.window.at_origin(), []).append(element)
-        each = [len(group) * self._compared(window, group) for window, group in alike.items()]
+        each = [len(group) * self._compared(window, group, generator) for window, group in alike.items()]
         return torch.stack(each).sum(0) / len(elements)
 
-    def _compared(self, window: Crop, elements: list[Element]) -> Tensor:
-        inner = window.inner().to(self.samples.device, non_blocking=True)
+    def _compared(self, window: Crop, elements: list[Element], generator: torch.Generator) -> Tensor:
+        """The losses (3,) of elements with equal windows; their surroundings are left out."""
+        settings, device = self.settings, self.samples.device
+        inner = window.inner().to(device, non_blocking=True)
+        textures = self.encoder(torch.cat([element.picture for element in elements]))
+        latents = textures.flatten(2)[..., inner].movedim(1, -1)  # (elements, n, D)
 
-        def by_texel(values: list[Tensor]) -> Tensor:
-            """Pictures (1, C, h, w) as (elements · n, C), without the windows' surroundings."""
-            return torch.cat(values).flatten(2)[..., inner].movedim(1, -1).flatten(0, 1)
+        levels = torch.stack([element.targets for element in elements]).flatten(3)[..., inner]
+        levels = levels.movedim(2, -1).flatten(0, 2)  # (elements · targets · n, 3)
+        pairs = torch.stack([element.pairs for element in elements])
+        repeated = latents[:, None].expand(-1, pairs.shape[1], -1, -1).flatten(0, 2)
+        pairs = pairs.flatten().to(device, non_blocking=True)
+        rendered = self.answered(repeated, pairs.repeat_interleave(len(inner)))
+        ours, truth = (shown(pictures(values, window.inner_size)) for values in (rendered, levels))
 
-        latents = by_texel([self.encoder(torch.cat([element.picture for element in elements]))])
-        level = by_texel([element.target for element in elements])
-        pair = torch.tensor([element.pair for element in elements]).repeat_interleave(len(inner))
-        rendered = self.rendered(latents, torch.arange(len(latents)), pair)
-        ours, truth = (shown(pictures(values, window.inner_size)) for values in (rendered, level))
-        pixel = distance(rendered, level, self.settings.loss)
+        if settings.texel_pairs:
+            repeated = latents.flatten(0, 1).repeat_interleave(settings.texel_pairs, 0)
+            pair, levels = self._at_texels(elements, inner, generator)
+            rendered = self.answered(repeated, pair)
+        pixel = distance(rendered, levels, settings.loss)
         return torch.stack([pixel, self.style(ours, truth, window.whole), focal_frequency(ours, truth)])
+
+    def _at_texels(self, elements: list[Element], inner: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        """Random pairs (elements · n · texel_pairs,) of the inner texels (n,) of elements, and log radiance there."""
+        drawn, levels = [], []
+        for element in elements:
+            index, weight = element.window.taps(inner)
+            index, weight = (x.repeat_interleave(self.settings.texel_pairs, 0) for x in (index, weight))
+            pair = torch.randint(self.samples.pairs, (len(index),), generator=generator)
+            pair = pair.to(self.samples.device, non_blocking=True)
+            each = pair.repeat_interleave(index.shape[1])
+            values = self.samples.at(element.texels[index].flatten(), each).target.expm1().unflatten(0, index.shape)
+            drawn.append(pair)
+            levels.append((values * weight[..., None]).sum(1).log1p())
+        return torch.cat(drawn), torch.cat(levels)

@@ -1,6 +1,6 @@
 """The training steps of NeuBTF, our recipe, in three stages; the paper's is `neubtf.published`.
 
-1. *Direct*: a neural texture and the renderer, without the encoder. Its steps are ten times as fast as the others.
+1. *Direct*: a neural texture and the renderer, without the encoder. Its steps are some eight times as fast as the others.
 2. *Taught*: the encoder learns that texture; each step compares all of its latents at once.
 3. *Guided*: the encoder learns from the answers of the renderer, which stays fixed; without a first stage both learn.
 
@@ -35,6 +35,8 @@ class StagedSettings(NetworkSettings, RendererSettings):
     explore_weight: NotNegative = 0.2  # weight of the loss of such a step, relative to steps that see the guidance
     batch: BatchSize = 4_096  # number of single samples in a step
     slices: Annotated[int, Range(1, 1024)] = 16  # "paper": elements of a step, each with an input of its own
+    targets: Annotated[int, Range(1, 1024)] = 1  # "paper": target slices of an element
+    texel_pairs: Annotated[int, Range(0, 1024)] = 0  # "paper": pairs a texel of the pixels' loss; 0: those of targets
     crop: Annotated[int, Range(STRIDE, 4096)] = 64  # texels a side that a step uses of a larger picture
     around: Annotated[int, Range(0, 64)] = 16  # texels around a crop that only the autoencoder sees
     smallest: Annotated[float, Range(0, 1, above=True)] = 0.5  # least scale of an input, and so of later guidance
@@ -97,8 +99,12 @@ class Guided(Objective):
 
     def rendered(self, latents: Tensor, texel: Tensor, pair: Tensor) -> Tensor:
         """Log radiance (n, 3) of some of the latents and pairs."""
+        return self.answered(latents.index_select(0, texel), pair)
+
+    def answered(self, latents: Tensor, pair: Tensor) -> Tensor:
+        """Log radiance (n, 3) of latents (n, D), each at one pair."""
         wo, wi = self.samples.wo[pair], self.samples.wi[pair]
-        return render(self.renderer, latents.index_select(0, texel), wo, wi, self.settings.directions)
+        return render(self.renderer, latents, wo, wi, self.settings.directions)
 
     def radiance(self, window: Crop, texels: Tensor, pairs: Tensor) -> Tensor:
         """Log radiance (B, 3, h, w) of a window of the slices of some pairs (B,); averages are of radiance."""

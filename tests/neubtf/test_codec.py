@@ -147,8 +147,35 @@ def test_a_batch_of_two_windows_is_the_mean_of_each() -> None:
     elements = [fitting.element(generator) for _ in range(60)]
     assert len({element.window.size for element in elements}) > 1
     assert len({element.view for element in elements}) > 20
-    each = torch.stack([fitting.losses([element]) for element in elements]).mean(0)
-    torch.testing.assert_close(fitting.losses(elements)[0], each[0])
+    each = torch.stack([fitting.losses([element], generator) for element in elements]).mean(0)
+    torch.testing.assert_close(fitting.losses(elements, generator)[0], each[0])
+
+
+def test_several_targets_are_compared_with_one_texture_each_as_if_alone() -> None:
+    fitting = published(torch.full((1, 3, 16, 16), 0.3), targets=5, texel_pairs=0)
+    generator = torch.Generator().manual_seed(0)
+    element = fitting.element(generator)
+    assert element.targets.shape[0] == len(element.pairs) == 5
+    alone = [element._replace(targets=element.targets[[i]], pairs=element.pairs[[i]]) for i in range(5)]
+    each = torch.stack([fitting.losses([one], generator) for one in alone])
+    torch.testing.assert_close(fitting.losses([element], generator), each.mean(0))
+
+
+@pytest.mark.parametrize("keep_scale", [0, 1])
+def test_the_pairs_of_each_texel_meet_the_radiance_of_the_window_there(keep_scale: int) -> None:
+    """A window's texel is a mean of those of its source, at each pair that is drawn for it."""
+    fitting = published(torch.full((1, 3, 16, 16), 0.3), texel_pairs=3, keep_scale=keep_scale, smallest=0.5)
+    generator = torch.Generator().manual_seed(0)
+    elements = [fitting.element(generator) for _ in range(3)]
+    inner = elements[0].window.inner()
+    elements = [element for element in elements if element.window.size == elements[0].window.size]
+    pairs, levels = fitting._at_texels(elements, inner, generator)
+    found = levels.view(len(elements), len(inner), 3, 3)
+    drawn = pairs.view(len(elements), len(inner), 3)
+    for element, some, at in zip(elements, found, drawn, strict=True):
+        whole = fitting.radiance(element.window, element.texels, torch.arange(81)).flatten(2)[..., inner]
+        for texel in (0, 7, len(inner) - 1):
+            torch.testing.assert_close(some[texel], whole[at[texel], :, texel], rtol=1e-4, atol=1e-5)
 
 
 def test_settings_without_sense_are_refused() -> None:
