@@ -1,6 +1,6 @@
 """The training steps of NeuBTF, our recipe, in three stages; the paper's is `neubtf.published`.
 
-1. *Direct*: a neural texture and the renderer, without the encoder. Its steps are some eight times as fast as the others.
+1. *Direct*: a neural texture and the renderer, without the encoder. Its steps are eight times as fast as others.
 2. *Taught*: the encoder learns that texture; each step compares all of its latents at once.
 3. *Guided*: the encoder learns from the answers of the renderer, which stays fixed; without a first stage both learn.
 
