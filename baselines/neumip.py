@@ -1,7 +1,8 @@
 """NeuMIP (Kuznetsov et al., "NeuMIP: Multi-resolution neural materials", ACM Trans. Graph. 40(4), 2021).
 
 A pyramid of latents fetched trilinearly by footprint, a small decoder, and a neural offset that moves the look-up along
-the view, as parallax does. Details that the paper leaves open follow the authors' published default configuration.
+the view, as parallax does. Details that the paper leaves open follow the authors' published configuration, but
+for what docs/recipes.md lists.
 """
 
 import math
