@@ -42,25 +42,28 @@ def plots_of(run: Run) -> list[Plot]:
 
 
 def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -> Iterator[Plot]:
+    """The plots of a material, which show scores of the whole of it: models of a scene stand in none."""
+    whole = [codec for codec in material.codecs if not codec.of_scene]
+
     def plot(kind: str, title: str, x: dict[str, Any], y: str, series: Series) -> Plot:
-        missing = [codec.label for codec in material.codecs if codec.label not in {each["label"] for each in series}]
+        missing = [codec.label for codec in whole if codec.label not in {each["label"] for each in series}]
         names = {"material": material.name, "kind": kind, "title": title}
         above = sorted(series, key=lambda each: is_own(each["label"]))  # drawn last, so above
         return names | {"x": x, "y": {"label": y}, "series": above, "missing": missing}
 
     quality = f"{QUALITY} ({material.deciding})"
     x = {"label": "bytes of the file", "log": True, "unit": "B", "less": True}
-    yield plot("rate", "Rate and distortion", x, quality, _points(material, lambda row: [row.job["bytes"]["total"]]))
+    yield plot("rate", "Rate and distortion", x, quality, _points(whole, lambda row: [row.job["bytes"]["total"]]))
 
     def time(row: Row) -> list[float] | None:
         timed = row.timing and (row.timed_apart or not row.timing_obstacle)
         return [row.timing["ns_per_sample"], *row.timing["interval95_ns"]] if row.timing and timed else None
 
     x = {"label": "ns a sample, median and 95 % interval", "log": True, "unit": "ns", "less": True}
-    yield plot("speed", "Speed and accuracy", x, quality, _points(material, time))
+    yield plot("speed", "Speed and accuracy", x, quality, _points(whole, time))
     x = {"label": "seconds of the fit", "log": True, "unit": "s", "less": True}
     # Nobody measured the seconds of a file that was handed in.
-    seconds = _points(material, lambda row: [each] if (each := row.job.get("fit_seconds")) else None)
+    seconds = _points(whole, lambda row: [each] if (each := row.job.get("fit_seconds")) else None)
     yield plot("cost", "Fit and accuracy", x, quality, seconds)
 
     def lines(curves: dict[str, list[list[float]]]) -> Series:
@@ -68,21 +71,21 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -
 
     fitted = {fit.label: [[second, psnr] for _, second, psnr in fit.points if second > 0] for fit in curves}
     yield plot("fits", "Quality over seconds", x, f"{QUALITY} (training samples)", lines(fitted))
-    sides = {codec.label: _footprints(codec) for codec in material.codecs}
+    sides = {codec.label: _footprints(codec) for codec in whole}
     marks = sorted({side for points in sides.values() for side, _ in points})
     x = {"label": "footprint in texels a side", "log": True, "unit": "texels", "ticks": marks}
     several = any(len(points) > 1 for points in sides.values())
     yield plot("footprints", "Level of detail", x, quality, lines(sides) if several else [])
-    spans = {row.label: _quantiles(run, row) for row in material.shown}
+    spans = {codec.label: _quantiles(run, codec.measured[0]) for codec in whole if codec.measured}
     x = {"label": f"{QUALITY} a slice: from the worst 5 % to the best 5 %, the middle half thick", "unit": "dB"}
     series = [{"label": label, "points": [span]} for label, span in spans.items() if span]
     yield plot("slices", "Slices by their error", x, "", series)
 
 
-def _points(material: MaterialRows, of_row: Callable[[Row], list[float] | None]) -> Series:
+def _points(codecs: Sequence[CodecRows], of_row: Callable[[Row], list[float] | None]) -> Series:
     """One point a codec, [x, PSNR, low, high of all seeds], a mean over seeds; `curve` joins those of a ladder."""
     series = []
-    for codec in material.codecs:
+    for codec in codecs:
         seeds = [(row.psnr, of_row(row)) for row in codec.measured]
         known = [(quality, at) for quality, at in seeds if quality is not None and at]
         if known:

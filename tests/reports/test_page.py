@@ -20,6 +20,7 @@ from reports import write_report
 from reports.atlas import Atlases
 from reports.live import live
 from reports.rows import materials
+from reports.series import plots_of
 
 HOSTILE = ('"><script>bad()</script>', "</script><script>bad()</script>", "' onerror='bad()", "名 ünï‮code")
 
@@ -73,6 +74,17 @@ def test_a_model_of_a_scene_is_live_beside_the_whole_one_and_the_rest_says_why(m
         "pca components=4": "each codec is live at its highest PSNR alone, pca components=8: "
         "`neubtf-bench view` shows the file of this one"
     }
+
+
+def test_a_model_of_a_scene_stands_in_no_plot_of_whole_material_scores(made):
+    made.job("pca components=8", psnr=30.0).job("pca components=4", psnr=28.0)
+    made.job("pca scene", codec="pca", psnr=20.0, settings={"scene": True})
+    plots = [
+        plot for plot in plots_of(load_run(made.folder)) if plot["kind"] in ("rate", "cost", "slices", "footprints")
+    ]
+    assert {plot["kind"] for plot in plots} >= {"rate", "cost"}
+    for plot in plots:
+        assert "pca scene" not in [each["label"] for each in plot["series"]] + plot["missing"]
 
 
 def test_a_run_for_a_scene_leads_with_the_gain_and_pictures_of_the_scene(made):
