@@ -14,7 +14,7 @@ from bench.codec import Codec, Progress, followed, settings_dict, silent
 from bench.codecs.encoding import raised
 from bench.codecs.registry import load_codec
 from bench.conformance import emulated, stress
-from bench.conformance.check import STAGES, Check, CodecUnderTest, NotApplicable
+from bench.conformance.check import STAGES, Check, CodecUnderTest, NotApplicable, more_steps
 from bench.conformance.stress.case import Measured, judged, short
 from bench.material import parameters
 from bench.records import Record, load_run
@@ -78,11 +78,14 @@ def _extremes(tested: CodecUnderTest) -> Iterator[Result]:
     subject = stress.Subject(tested)
     cases = [case for case in stress.CASES if case.cheap]
     details = dict[str, str]()
+    hint = more_steps(tested.codec)  # said once, of the first quality that is missed
     for case in followed(tested.show, cases, "extremes", len(cases)):
         verdict = stress.judge(case, subject)
         first = details.setdefault(verdict.detail, case.name)
         what = verdict.detail if first == case.name else f"the same as for {first!r}"
         failure = what + met_by_others(case.name) if verdict.verdict == "fail" else ""
+        if failure and case.group == "data":
+            failure, hint = failure + hint, ""
         yield Result(f"{case.name}: {case.holds}", failure, verdict.detail if verdict.verdict == "n/a" else "")
 
 

@@ -12,8 +12,8 @@ import torch
 from baselines.mean_colour import MeanColour, MeanColourMaterial
 from bench.codec import Codec, Parts
 from bench.conformance import emulated, stress
-from bench.conformance.check import STAGES, encodes, framed, on_a_gpu
-from bench.conformance.verdicts import check, codec_to_check
+from bench.conformance.check import STAGES, CodecUnderTest, encodes, framed, on_a_gpu
+from bench.conformance.verdicts import _extremes, check, codec_to_check
 from bench.material import DecoderCost, Material
 from bench.training.quantise import unpack
 from tests.tiers import short_for
@@ -193,6 +193,28 @@ def quits(self, btf, fit):
 )
 def test_faults_of_parameters_and_of_what_encode_does_are_named(codec, says, monkeypatch):
     assert any(says in why for why in failures(codec, monkeypatch).values())
+
+
+class Slow(MeanColour):
+    """Learns a twentieth of the mean a step."""
+
+    @dataclass(frozen=True)
+    class Settings:
+        half: bool = False
+        steps: int = 40
+
+    def encode(self, btf, fit):
+        mean = super().encode(btf, fit).texture["mean"]
+        return Parts(texture={"mean": mean * (1 - 0.95**self.settings.steps) + 0.01 * 0.95**self.settings.steps})
+
+
+def test_a_codec_that_learns_slowly_is_told_once_how_to_give_it_more_steps(tmp_path, monkeypatch):
+    monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": Slow)
+    failed = {result.name: result.failure for result in _extremes(CodecUnderTest(Slow(), tmp_path)) if result.failure}
+    hinted = [name for name, why in failed.items() if "this fit had 40 steps: if the codec learns slowly" in why]
+    assert len(hinted) == 1, failed
+    assert failed[hinted[0]].endswith("give more by --set steps=400")
+    assert not any("--set steps" in why for why in failures(holds(), monkeypatch).values())  # it has no steps
 
 
 class Raises(MeanColour):
