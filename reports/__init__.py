@@ -18,6 +18,7 @@ _NO_VALIDATION = (
 )
 WHY_EMPTY = {
     "front": _NO_VALIDATION,
+    "curves": _NO_VALIDATION + "; and a codec needs three settings on a surface to have a curve",
     "budgets": _NO_VALIDATION,
     "when": _NO_VALIDATION,
     "ranks": "fewer than two codecs have a rung at 32 bits a texel on each of three or more surfaces",
@@ -39,7 +40,8 @@ WHY_EMPTY = {
 }
 KINDS = tuple(WHY_EMPTY)
 FORMATS = ("text", "markdown", "latex", "csv", "raw")
-BY_BUDGET = ("front", "budgets", "when", "ranks", "rungs")  # tables of records that have a score of validation pairs
+# Tables of records that have a score of validation pairs.
+BY_BUDGET = ("front", "curves", "budgets", "when", "ranks", "rungs")
 
 
 @dataclass(frozen=True)

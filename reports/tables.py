@@ -164,9 +164,10 @@ def _by_budget(kind: str) -> "Maker":
     def tables(run: Run, _: list[MaterialRows]) -> Iterable[Table]:
         if not any(map(has_validation, run.jobs)):
             return []
-        from reports import budgets  # loads NumPy, which most tables do not need
+        from reports import budgets  # these load NumPy, which most tables do not need
+        from reports.curves import curves_tables
 
-        return budgets.TABLES[kind](run)
+        return {**budgets.TABLES, "curves": curves_tables}[kind](run)
 
     return tables
 

@@ -1,0 +1,193 @@
+"""Curves of quality over bytes: what a codec reaches at a size, and by how much it is ahead of another at equal sizes.
+
+A curve is of one codec on one surface. Its points are the rungs on the upper convex hull that validation pairs leave
+over the logarithm of bytes; they are shown with their scores of test pairs, and joined linearly over log bytes. A curve
+is never extrapolated. Two curves are compared over the range that both have, by Bjøntegaard's differences (VCEG-M33,
+2001): BD-PSNR is the mean gap in dB over log bytes, BD-rate the mean gap in log bytes over dB.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from statistics import fmean
+from typing import NamedTuple
+
+import numpy as np
+
+from bench.compare.choosing import Rung
+from bench.compare.choosing.budgets import Budgets, rung_of
+from bench.records import PSNR, Record, stats_of
+
+CAP_DB = 48.13  # what a surface counts at most: an error of one step of an 8-bit display, 20 log10(255)
+LEAST_RUNGS = 3  # of a codec on a surface, or it has no curve there
+DRAWS = 200  # draws of the seeds of each rung, of those that have several
+RESAMPLES = 10_000  # of the surfaces
+FEWEST = 10  # surfaces below which nothing is told apart
+
+
+class Point(NamedTuple):
+    """A rung of a curve: log2 of its bits a texel, and its jobs, one a seed."""
+
+    size: float
+    jobs: Sequence[Record]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Values over sizes, which ascend: log2 of bits a texel, and a metric."""
+
+    sizes: Sequence[float]
+    values: Sequence[float]
+
+    def at(self, bits: float) -> float | None:
+        """The value at so many bits a texel; None where the curve does not reach."""
+        size = float(np.log2(bits))
+        if not self.sizes[0] <= size <= self.sizes[-1]:
+            return None
+        return float(np.interp(size, self.sizes, self.values))
+
+
+class Summary(NamedTuple):
+    """A difference over surfaces: mean, median, on how many it is above 0, and the 95 % interval of the mean."""
+
+    mean: float
+    median: float
+    won: int
+    surfaces: int
+    low: float
+    high: float
+
+    @property
+    def apart(self) -> bool:
+        """Whether there are enough surfaces, and the interval leaves out 0."""
+        return self.surfaces >= FEWEST and not self.low <= 0 <= self.high
+
+
+def hulls(result: Budgets, surfaces: Iterable[str]) -> dict[str, dict[str, list[Point]]]:
+    """By line and surface: the rungs on the hull that validation pairs leave, where there are enough for a curve."""
+    found: dict[str, dict[str, list[Point]]] = {}
+    for line, by_settings in result.rungs.items():
+        for surface in surfaces:
+            rungs = [rung_of(jobs[surface], {}) for jobs in by_settings.values() if surface in jobs]
+            if len(rungs) >= LEAST_RUNGS and len(points := _hull(rungs)) > 1:
+                found.setdefault(line, {})[surface] = points
+    return found
+
+
+class _Candidate(NamedTuple):
+    """A rung with its place: log2 of its bits a texel, and its score of validation pairs."""
+
+    size: float
+    score: float
+    rung: Rung
+
+
+def _hull(rungs: Sequence[Rung]) -> list[Point]:
+    """The rungs on the upper convex hull of validation scores over log bytes, up to the best; sizes ascend."""
+    hull: list[_Candidate] = []
+    for rung in sorted(rungs, key=lambda rung: (rung.size, -rung.score)):
+        candidate = _Candidate(float(np.log2(rung.size)), rung.score, rung)
+        if hull and candidate.score <= hull[-1].score:
+            continue  # no better than a smaller one
+        while len(hull) > 1 and _is_below(hull[-1], hull[-2], candidate):
+            hull.pop()
+        hull.append(candidate)
+    return [Point(each.size, each.rung.of) for each in hull]
+
+
+def _is_below(middle: _Candidate, first: _Candidate, last: _Candidate) -> bool:
+    """Whether a candidate lies on or below the line between its neighbours."""
+    rise = (middle.score - first.score) * (last.size - first.size)
+    return rise <= (last.score - first.score) * (middle.size - first.size)
+
+
+def curve_of(points: Sequence[Point], family: str = PSNR, draw: np.random.Generator | None = None) -> Curve | None:
+    """The curve of a metric's family over test pairs, means over seeds; of seeds drawn with replacement, if asked.
+
+    PSNR counts at most `CAP_DB`. None if a job lacks the metric.
+    """
+    values = []
+    for point in points:
+        jobs = point.jobs
+        if draw is not None and len(jobs) > 1:
+            jobs = [jobs[place] for place in draw.integers(0, len(jobs), len(jobs))]
+        means = [stats_of(job, family).get("mean") for job in jobs]
+        known = [float(mean) for mean in means if mean is not None]
+        if len(known) < len(jobs):
+            return None
+        value = fmean(known)
+        values.append(min(value, CAP_DB) if family == PSNR else value)
+    return Curve([point.size for point in points], values)
+
+
+class _Line(NamedTuple):
+    """A piecewise linear function: x, which does not descend, and y."""
+
+    x: Sequence[float]
+    y: Sequence[float]
+
+
+def bd_psnr(ours: Curve, theirs: Curve) -> float | None:
+    """The mean of our values minus theirs, over the log bytes that both curves have; None if they share none."""
+    return _mean_gap(_Line(ours.sizes, ours.values), _Line(theirs.sizes, theirs.values))
+
+
+def bd_rate(ours: Curve, theirs: Curve) -> float | None:
+    """By which share our bytes differ from theirs, a mean over the values that both curves have: −0.2 is 20 % fewer.
+
+    A point of test pairs below that of a smaller file counts as high as this one. None if they share no values.
+    """
+    lines = []
+    for curve in (ours, theirs):
+        highest = np.maximum.accumulate(curve.values).tolist()
+        lines.append(_Line(highest, curve.sizes))
+    gap = _mean_gap(*lines)
+    return None if gap is None else float(2**gap - 1)
+
+
+def _mean_gap(ours: _Line, theirs: _Line) -> float | None:
+    """The mean of one piecewise linear function minus another over the x that both have; None if they share none."""
+    low, high = max(ours.x[0], theirs.x[0]), min(ours.x[-1], theirs.x[-1])
+    if low >= high:
+        return None
+    inner = sorted(x for x in (*ours.x, *theirs.x) if low < x < high)
+    places = np.array([low, *inner, high])
+    gap = np.interp(places, ours.x, ours.y) - np.interp(places, theirs.x, theirs.y)
+    areas = np.diff(places) * (gap[1:] + gap[:-1]) / 2
+    return float(areas.sum() / (high - low))
+
+
+def differences(points: dict[str, list[Point]], anchor: dict[str, list[Point]]) -> dict[str, list[float]]:
+    """By surface: BD-PSNR of a line to another where both have curves in common, then `DRAWS` draws of their seeds."""
+    found: dict[str, list[float]] = {}
+    rng = np.random.default_rng(0)
+    for surface in sorted(points.keys() & anchor.keys()):
+        ours, theirs = points[surface], anchor[surface]
+        gap = _difference(ours, theirs)
+        if gap is None:
+            continue
+        drawn = [gap] * DRAWS
+        if any(len(point.jobs) > 1 for point in (*ours, *theirs)):
+            several = (_difference(ours, theirs, rng) for _ in range(DRAWS))
+            drawn = [each for each in several if each is not None]
+        found[surface] = [gap, *drawn]
+    return found
+
+
+def _difference(
+    ours: Sequence[Point], theirs: Sequence[Point], draw: np.random.Generator | None = None
+) -> float | None:
+    """BD-PSNR of two lists of points; None if they have no curves, or none in common."""
+    first, second = curve_of(ours, PSNR, draw), curve_of(theirs, PSNR, draw)
+    return bd_psnr(first, second) if first and second else None
+
+
+def summarised(by_surface: dict[str, list[float]]) -> Summary:
+    """The summary of `differences`; the interval is of surfaces and seeds drawn with replacement."""
+    values = np.array(list(by_surface.values()))
+    measured, drawn = values[:, 0], values[:, 1:]
+    rng = np.random.default_rng(0)
+    surfaces = rng.integers(0, len(values), (RESAMPLES, len(values)))
+    seeds = rng.integers(0, drawn.shape[1], surfaces.shape)
+    low, high = np.percentile(drawn[surfaces, seeds].mean(1), [2.5, 97.5])
+    won = int((measured > 0).sum())
+    return Summary(float(measured.mean()), float(np.median(measured)), won, len(values), float(low), float(high))

@@ -1,0 +1,154 @@
+"""Tables of curves of quality over bytes: at sizes, against one codec, and by three metrics."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from statistics import median
+
+from bench.compare.choosing.budgets import Budgets, budgets
+from bench.compare.choosing.curves import (
+    CAP_DB,
+    FEWEST,
+    LEAST_RUNGS,
+    Point,
+    Summary,
+    bd_rate,
+    curve_of,
+    differences,
+    hulls,
+    summarised,
+)
+from bench.compare.paired import AGAINST
+from bench.compare.quantities import average
+from bench.records import FLIP, KINDS, PSNR, SSIM, Run, grouped, kind_of
+from reports.numbers import NONE, fixed
+from reports.table import Table, best_cells
+
+SIZES = (8, 16, 32, 64)  # bits of the whole file a texel
+AGREE_AT = 32  # bits a texel at which three metrics are set beside each other
+_DIGITS = {PSNR: 1, SSIM: 3, FLIP: 3}
+
+Points = Mapping[str, Mapping[str, list[Point]]]  # by line and surface
+
+
+def curves_tables(run: Run) -> Iterator[Table]:
+    """dB at sizes by kind of surface, then BD-PSNR and BD-rate against one codec, then three metrics at one size."""
+    result = budgets(run)
+    points = hulls(result, result.surfaces)
+    if not points:
+        return
+    kinds = grouped(result.surfaces, lambda surface: kind_of(result.surfaces[surface]))
+    kinds = {kind: kinds[kind] for kind in KINDS if kind in kinds}
+    tables = [_at_sizes(points, surfaces, f"{kind} ") for kind, surfaces in kinds.items()]
+    if len(kinds) > 1:
+        tables.append(_at_sizes(points, list(result.surfaces), ""))
+    if AGAINST in points:
+        tables.append(_differences(points, kinds))
+    tables.append(_metrics(points, list(result.surfaces)))
+    found = [table for table in tables if table.rows]
+    if found:
+        found[-1].notes.extend(_notes(result))
+    yield from found
+
+
+def _at_sizes(points: Points, surfaces: Sequence[str], kind: str) -> Table:
+    """A row a codec, a column a size: dB, mean over surfaces; no mean where a curve does not reach on each of them."""
+    means = {line: [_mean_at(of, surfaces, bits) for bits in SIZES] for line, of in points.items()}
+    means = {line: values for line, values in means.items() if any(value is not None for value in values)}
+    middle = SIZES.index(AGREE_AT)  # most codecs reach this size
+    order = sorted(means, key=lambda line: [-(means[line][place] or 0.0) for place in (middle, middle - 1, middle + 1)])
+    rows = [[line, *(fixed(value, _DIGITS[PSNR]) for value in means[line])] for line in order]
+    headers = [("codec", ""), *((f"{bits} bits", "a texel") for bits in SIZES)]
+    many = f"{len(surfaces)} {kind}surface{'s' * (len(surfaces) > 1)}"
+    title = f"Curves on {many} ({', '.join(surfaces)}): test PSNR at sizes, dB"
+    return Table("curves", title, headers, rows, [], marks=best_cells(rows, [[None, *means[line]] for line in order]))
+
+
+def _mean_at(of: Mapping[str, list[Point]], surfaces: Sequence[str], bits: float, family: str = PSNR) -> float | None:
+    """The mean over surfaces of a line's curves at a size; None if one of them does not reach it."""
+    values = []
+    for surface in surfaces:
+        curve = curve_of(of[surface], family) if surface in of else None
+        values.append(curve.at(bits) if curve else None)
+    return average(values)
+
+
+def _differences(points: Points, kinds: Mapping[str, Sequence[str]]) -> Table:
+    """A row a codec: BD-PSNR by kind of surface and over all, with its interval, and BD-rate."""
+    anchor = dict(points[AGAINST])
+    summaries: dict[str, Summary] = {}
+    by_kind: dict[str, list[float | None]] = {}
+    rates: dict[str, float | None] = {}
+    for line, of in points.items():
+        gaps = differences(dict(of), anchor)
+        if line == AGAINST or not gaps:
+            continue
+        summaries[line] = summarised(gaps)
+        by_kind[line] = [average([gaps[name][0] for name in names if name in gaps]) for names in kinds.values()]
+        rates[line] = _median_rate(of, anchor)
+    order = sorted(summaries, key=lambda line: -summaries[line].median)
+    rows, scores = [], []
+    for line in order:
+        each = summaries[line]
+        interval = f"{_signed(each.low)} to {_signed(each.high)}" + "*" * each.apart
+        rate = rates[line]
+        share = NONE if rate is None else f"{100 * rate:+.0f} %".replace("-", "−")
+        numbers = [_signed(each.median), _signed(each.mean), interval, f"{each.won} of {each.surfaces}", share]
+        rows.append([line, *map(_signed, by_kind[line]), *numbers])
+        scores.append([None, *by_kind[line], each.median, each.mean, None, each.won, None if rate is None else -rate])
+    headers = [("codec", ""), *((f"{kind}, {len(names)}", "dB ↑") for kind, names in kinds.items())]
+    headers += [("median", "dB ↑"), ("mean", "dB ↑"), ("95 % interval", "of the mean"), ("ahead", "on ↑")]
+    headers += [("BD-rate", "median ↓")]
+    apart = f"*: told apart: at least {FEWEST} surfaces, and an interval without 0."
+    few = f"None is told apart: that takes {FEWEST} surfaces."
+    enough = any(each.surfaces >= FEWEST for each in summaries.values())
+    notes = [
+        "BD-PSNR: the mean gap in dB at equal bytes, over the bytes that both codecs reach. BD-rate: the mean gap in "
+        f"bytes at equal dB; less than 0 takes fewer bytes. {apart if enough else few}"
+    ]
+    title = f"Curves against {AGAINST}: Bjøntegaard's differences, test PSNR"
+    return Table("curves", title, headers, rows, notes, marks=best_cells(rows, scores))
+
+
+def _median_rate(of: Mapping[str, list[Point]], anchor: Mapping[str, list[Point]]) -> float | None:
+    """The median of BD-rate over the surfaces where both lines reach common values."""
+    rates = []
+    for surface in of.keys() & anchor.keys():
+        ours, theirs = curve_of(of[surface]), curve_of(anchor[surface])
+        rate = bd_rate(ours, theirs) if ours and theirs else None
+        if rate is not None:
+            rates.append(rate)
+    return median(rates) if rates else None
+
+
+def _metrics(points: Points, surfaces: Sequence[str]) -> Table:
+    """A row a codec: three metrics at one size, with the place by each, so that it shows where they agree."""
+    families = (PSNR, SSIM, FLIP)
+    means = {line: [_mean_at(of, surfaces, AGREE_AT, family) for family in families] for line, of in points.items()}
+    known = {line: [float(value) for value in values if value is not None] for line, values in means.items()}
+    known = {line: values for line, values in known.items() if len(values) == len(families)}
+    places = []
+    for column, family in enumerate(families):
+        better = 1 if family == FLIP else -1
+        ranked = sorted(known, key=lambda line, column=column, better=better: better * known[line][column])  # type: ignore[misc]
+        places.append({line: place for place, line in enumerate(ranked, 1)})
+    order = sorted(known, key=lambda line: places[0][line])
+    rows = []
+    for line in order:
+        cells = [
+            f"{fixed(value, _DIGITS[family])} ({place[line]})"
+            for value, family, place in zip(known[line], families, places, strict=True)
+        ]
+        rows.append([line, *cells])
+    headers = [("codec", ""), ("PSNR", "dB ↑"), ("SSIM", "↑"), ("FLIP", "↓")]
+    title = f"Curves at {AGREE_AT} bits a texel on {len(surfaces)} surfaces: three metrics, and the place by each"
+    return Table("curves", title, headers, rows, [])
+
+
+def _signed(value: float | None) -> str:
+    return NONE if value is None else f"{value:+.1f}".replace("-", "−")
+
+
+def _notes(result: Budgets) -> list[str]:
+    reach = f"{NONE}: a curve does not reach that size on each surface, or has fewer than {LEAST_RUNGS} rungs there."
+    cap = f"A surface counts at most {CAP_DB} dB, an error of one step of an 8-bit display."
+    left = [f"Left out: {len(result.unlike)} jobs that are not comparable."] if result.unlike else []
+    return [f"Read off the hull of rungs that validation pairs leave (docs/metrics.md, “Curves”). {reach} {cap}", *left]
