@@ -382,6 +382,9 @@ def test_choose_measures_what_is_missing(measured, tmp_path, monkeypatch, capsys
 def test_the_timing_that_follows_is_told_before_and_during_the_fits(tmp_path, monkeypatch):
     monkeypatch.setattr(trade, "exists_on", lambda variant, device: variant == Variant.parse("eager bfloat16"))
     monkeypatch.setattr(native, "emulated", lambda precision, device: False)
+    monkeypatch.setattr(timing, "TURNS", 60)  # other tests of this file lower these for all that follow
+    monkeypatch.setattr("bench.timing.SPAN_NS", 3_000_000)
+    monkeypatch.setattr(trade, "BATCH", 65_536)
     asked = []
     monkeypatch.setattr(trade.runner, "run", lambda suite, options: asked.append(options) or iter(()))
     swept = CodecSpec("pca", {"components": 2}, ("components",))
