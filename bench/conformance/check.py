@@ -25,6 +25,7 @@ from bench.conformance import counting, emulated, frame
 from bench.directions.hemisphere import thinned_product, ubo2003, uniform
 from bench.inputs.errors import InputError, answered
 from bench.machine.devices import is_gpu
+from bench.machine.process_state import working_folder
 from bench.machine.threads import torch_threads
 from bench.material import Material, texel_centres
 
@@ -93,8 +94,8 @@ class CodecUnderTest:
         # Generators go on, so that a codec that draws from the process's own gives another file the second time.
         with chdir(folder), watched_threads(), torch_threads(1), torch.enable_grad():
             parts = self.codec.encode(btf or self.btf, fit)
-            if os.getcwd() != folder:
-                self.moved_to = os.getcwd()
+            if (now := working_folder()) != folder:
+                self.moved_to = now
         return container.save(self.folder / name, self.codec, parts)
 
     @cached_property

@@ -168,7 +168,9 @@ def judged(
         verdict = CaseVerdict("n/a", "n/a", str(reason))
     except CheckError as error:
         verdict = CaseVerdict("fail", error.figure or "failed", str(error))
-    except (Exception, SystemExit) as error:  # any exception is a failure, and the next case still runs
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # any exception is a failure, and the next case still runs
         verdict = CaseVerdict("fail", type(error).__name__, described(error))
     return dataclasses.replace(verdict, seconds=time.perf_counter() - start)
 
