@@ -36,7 +36,8 @@ def encoded(codec: Codec, btf: BTF, fit: Fit, encode: Callable[[BTF, Fit], Parts
 def watched_threads() -> Iterator[None]:
     """Remember the threads that this block leaves running: the interpreter would wait for them at its end.
 
-    A process that a codec forks ends with the block: it would go on with the command a second time.
+    A process that a codec forks ends with the block: it would go on with the command a second time. Let this be the
+    innermost of several blocks: in a fork, PyTorch may wait for ever for threads that it does not have.
     """
     before, process = set(threading.enumerate()), os.getpid()
     try:
