@@ -103,8 +103,20 @@ def _refuse_overwriting(options: argparse.Namespace) -> None:
     for name, value in vars(options).items():
         for given in value if isinstance(value, list) else [value]:
             is_path = name != "out" and isinstance(given, str | os.PathLike)
-            if is_path and os.path.isfile(given) and os.path.samefile(given, out):
+            if is_path and (_same(given, out) or _read_in(given, out)):
                 raise InputError(f"{out}: this file is read, so it cannot be written, too: give --out another name")
+
+
+def _same(given: str | os.PathLike[str], out: str | os.PathLike[str]) -> bool:
+    return os.path.exists(given) and os.path.samefile(given, out)
+
+
+def _read_in(folder: str | os.PathLike[str], out: str | os.PathLike[str]) -> bool:
+    """Whether a command that reads a folder may read this file of it, a picture of a BTF."""
+    inside, place = os.path.realpath(folder), os.path.realpath(out)
+    if not os.path.isdir(inside) or os.path.isfile(os.path.join(inside, "records.jsonl")):
+        return False  # pictures in the folder of a run are drawn from its records
+    return os.path.commonpath([inside, place]) == inside and place.lower().endswith((".png", ".exr"))
 
 
 def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:

@@ -18,7 +18,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from bench.files import atomic
-from bench.inputs.errors import ContainerError, EncodeError, InputError, answered, installed, refuse_pipe
+from bench.inputs.errors import ContainerError, EncodeError, InputError, answered, installed, refuse_pipe, shown
 from bench.records import fields as described
 from bench.records import kinds
 from bench.records.schema import FileScene
@@ -69,7 +69,10 @@ class Header:
 
 
 def refuse_other_file(path: Path) -> None:
-    """Raise an `InputError` if a file of another kind has this name, such as a measurement: it would be lost."""
+    """Raise an `InputError` if a file of another kind has this name, such as a measurement, or a folder or a device."""
+    if path.is_dir():
+        raise InputError(f"{path}: it is a folder: give the name of a file")
+    atomic.refuse_device(path)
     if not path.is_file() or path.suffix == SUFFIX:
         return
     try:
@@ -119,6 +122,9 @@ def _check_parts(codec: "Encoder", parts: object) -> None:
             what = f"Parts whose {part} is of type {type(named).__name__}"
             raise answered(encode, what, "a dictionary of tensors by name", EncodeError)
         for name, value in named.items():
+            if not (isinstance(name, str) and _encodable(name)):
+                what = f"a tensor of {part} has the name {shown(name)}, which a file does not hold"
+                raise EncodeError(f"codec {codec.name}: {what}: give it a name of Unicode characters")
             full = f"{part}/{name}"
             if not isinstance(value, Tensor):
                 due = "a tensor (torch.from_numpy makes one of an array)"
@@ -130,6 +136,11 @@ def _check_parts(codec: "Encoder", parts: object) -> None:
                     remedy = "store one of them, or a .clone()"
                     raise EncodeError(f"codec {codec.name}: {full} shares its memory with {other}: {remedy}")
             stored[full] = value
+
+
+def _encodable(name: str) -> bool:
+    """Whether a file can hold a name: a byte that is not UTF-8, as in some file names, cannot be written."""
+    return name == name.encode("utf-8", "ignore").decode()
 
 
 def _overlap(tensor: "Tensor", other: "Tensor") -> bool:
@@ -147,6 +158,8 @@ def _fault(tensor: "Tensor") -> str:
     held = [torch.float64, torch.float32, torch.float16, torch.bfloat16]
     held += [torch.int64, torch.int32, torch.int16, torch.int8, torch.uint8, torch.bool]
     kind = str(tensor.dtype).removeprefix("torch.")
+    if tensor.is_nested:
+        return "is nested: store its values and their lengths as two tensors"
     if tensor.layout != torch.strided:
         return "is sparse: store its values and its indices as two tensors"
     if tensor.device.type == "meta":

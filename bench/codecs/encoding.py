@@ -1,6 +1,7 @@
 """Calls a codec's `encode`, which may be anyone's code, and turns what it does wrong into one error that names it."""
 
 import inspect
+import os
 import threading
 import traceback
 from collections.abc import Callable, Iterator
@@ -9,7 +10,7 @@ from pathlib import Path
 
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.inputs.errors import CodecError, ContainerError, EncodeError, InputError, unwritable
+from bench.inputs.errors import CodecError, ContainerError, EncodeError, InputError, said_by, shown, unwritable
 from bench.machine.process_state import restored_process_state
 
 _left: list[threading.Thread] = []  # threads that codecs started and did not end
@@ -23,9 +24,9 @@ def encoded(codec: Codec, btf: BTF, fit: Fit, encode: Callable[[BTF, Fit], Parts
     try:
         with restored_process_state(), watched_threads():
             return (encode or codec.encode)(btf, fit)
-    except InputError:
+    except (InputError, KeyboardInterrupt):
         raise
-    except (Exception, SystemExit) as error:
+    except BaseException as error:  # also `sys.exit` and a cancelled task of asyncio
         if isinstance(error, OSError) and unwritable(error):  # a full disk is not the codec's fault
             raise
         raise EncodeError(f"codec {codec.name} failed to encode {btf.name}: {raised(error, codec)}") from error
@@ -33,11 +34,17 @@ def encoded(codec: Codec, btf: BTF, fit: Fit, encode: Callable[[BTF, Fit], Parts
 
 @contextmanager
 def watched_threads() -> Iterator[None]:
-    """Remember the threads that this block leaves running: the interpreter would wait for them at its end."""
-    before = set(threading.enumerate())
+    """Remember the threads that this block leaves running: the interpreter would wait for them at its end.
+
+    A process that a codec forks ends with the block: it would go on with the command a second time. Let this be the
+    innermost of several blocks: in a fork, PyTorch may wait for ever for threads that it does not have.
+    """
+    before, process = set(threading.enumerate()), os.getpid()
     try:
         yield
     finally:
+        if os.getpid() != process:
+            os._exit(1)
         new = set(threading.enumerate()) - before
         _left.extend(thread for thread in new if not thread.daemon)
 
@@ -53,9 +60,11 @@ def raised(error: BaseException, codec: Codec) -> str:
         error = error.__cause__
     if isinstance(error, CodecError):
         return str(error)  # names the author's line itself
-    what = (f"{type(error).__name__}: {error}".splitlines() or [""])[0]
+    what = said_by(error)
     if isinstance(error, SystemExit):
-        what = f"it ends the process with exit code {error.code}: raise an error instead"
+        code = 0 if error.code is None else error.code
+        how = f"exit code {code}" if isinstance(code, int) else f"the message {shown(code)}"
+        what = f"it ends the process with {how}: raise an error instead"
     if "Half" in what and "float" in what.lower():  # networks and tables have the material's dtype, queries do not
         what += ": queries are at least float32; convert what meets them by .to(wi.dtype)"
     place = _own_line(error, codec)

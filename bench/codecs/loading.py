@@ -13,7 +13,7 @@ from bench.codec import Parts, TrainedNetwork
 from bench.codecs import registry, shared
 from bench.codecs.container import PARTS, SHARED, Header, read_parts
 from bench.codecs.scene_material import SceneMaterial
-from bench.inputs.errors import CodecError, ContainerError, answered
+from bench.inputs.errors import CodecError, ContainerError, answered, said_by
 from bench.material import Material
 from bench.training.decoder import decoding
 
@@ -66,8 +66,10 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
         raise ContainerError(f"{path}: {error}") from error
     except CodecError as error:
         raise ContainerError(f"{path}: cannot be decoded: {error}") from error
-    except Exception as error:  # tensors that no encoder made may raise any error in a decoder
-        what = f"{type(error).__name__}: {error}".splitlines()[0]
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # tensors that no encoder made may raise any error in a decoder
+        what = said_by(error)
         raise ContainerError(f"{path}: its tensors are not what codec {header.codec} wrote ({what})") from error
     return Loaded(header, material, network)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.codecs import outside_codecs
-from bench.inputs.errors import CodecError, InputError, did_you_mean
+from bench.inputs.errors import CodecError, InputError, did_you_mean, said_by
 
 if TYPE_CHECKING:
     from bench.codec import Codec
@@ -82,14 +82,15 @@ def _loaded(entry: EntryPoint, wanted_by: str = "") -> "type[Codec]":
     except (Exception, SystemExit) as error:
         raise CodecError(f"{prefix}{called(entry)} cannot be imported: {_kind(error)}") from error
     if (name := getattr(codec, "name", None)) != entry.name:
-        raise InputError(f"{prefix}entry point {entry.name!r} leads to a codec that calls itself {name!r}")
+        says = "has no name" if name is None else f"calls itself {name!r}"
+        raise InputError(f"{prefix}{called(entry)} {says}: write `name = {entry.name!r}` into its class")
     if not isinstance(getattr(codec, "version", None), int):
         raise InputError(f"{prefix}{called(entry)} has no version: add `version = 1` to its class")
     return codec
 
 
 def _kind(error: BaseException) -> str:
-    return f"{type(error).__name__}: {error}"
+    return said_by(error)
 
 
 def from_outside(name: str) -> bool:

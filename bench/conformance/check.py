@@ -25,6 +25,7 @@ from bench.conformance import counting, emulated, frame
 from bench.directions.hemisphere import thinned_product, ubo2003, uniform
 from bench.inputs.errors import InputError, answered
 from bench.machine.devices import is_gpu
+from bench.machine.process_state import working_folder
 from bench.machine.threads import torch_threads
 from bench.material import Material, texel_centres
 
@@ -91,10 +92,10 @@ class CodecUnderTest:
         """Encode a BTF, by default the small material, into a file of that name."""
         fit, folder = Fit(seed=1, network=self.network, show=self.show), os.getcwd()
         # Generators go on, so that a codec that draws from the process's own gives another file the second time.
-        with chdir(folder), watched_threads(), torch_threads(1), torch.enable_grad():
+        with chdir(folder), torch_threads(1), torch.enable_grad(), watched_threads():
             parts = self.codec.encode(btf or self.btf, fit)
-            if os.getcwd() != folder:
-                self.moved_to = os.getcwd()
+            if (now := working_folder()) != folder:
+                self.moved_to = now
         return container.save(self.folder / name, self.codec, parts)
 
     @cached_property
@@ -268,7 +269,7 @@ def on_a_gpu(tested: CodecUnderTest) -> None:
     # An emulated GPU takes long for a kernel, so a fit has four steps.
     codec = type(tested.codec)(**settings | ({"steps": 4} if "steps" in settings else {}))
     try:
-        with emulated.emulated() as device, chdir(Path.cwd()), torch_threads(1), torch.enable_grad():
+        with emulated.emulated() as device, chdir(Path.cwd()), torch_threads(1), torch.enable_grad(), watched_threads():
             fit = Fit(seed=1, network=tested.network, device=device)
             path = tested.folder / f"gpu{container.SUFFIX}"
             parts = container.read_parts(container.save(path, codec, codec.encode(tested.btf, fit)).path)[1]

@@ -9,10 +9,18 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bench.inputs.errors import InputError
+
 if TYPE_CHECKING:
     import numpy as np
 
 SUFFIX = ".partial"
+
+
+def refuse_device(path: Path) -> None:
+    """Raise an `InputError` for a device, a pipe or a socket: a file would take its place, even that of /dev/null."""
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise InputError(f"{path}: it is neither a file nor a folder, so it cannot be written: give another name")
 
 
 @contextmanager
@@ -39,7 +47,11 @@ def temporary(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Yield a name as `temporary` does; it is renamed to `path` when the block ends without an error."""
+    """Yield a name as `temporary` does; it is renamed to `path` when the block ends without an error.
+
+    `InputError` if `path` is a device or a pipe.
+    """
+    refuse_device(path)
     with temporary(path) as partial:
         yield partial
         os.replace(partial, path)

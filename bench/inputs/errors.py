@@ -17,7 +17,8 @@ INTERNAL = 70
 INTERRUPTED = 130
 
 NO_PLACE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)  # with these, every other job would fail too
-_CONTROL = ("Cc", "Zl", "Zp", "Cf")  # of Unicode: control characters, ends of lines, marks such as of direction
+# Of Unicode: control characters, ends of lines, marks such as of direction, and bytes of a name that is not UTF-8.
+_CONTROL = ("Cc", "Zl", "Zp", "Cf", "Cs")
 _COMMAND = re.compile(r"(?<!\S)(::|##)")  # a table may fold a text at any space
 _NOT_ALLOWED = (errno.EACCES, errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG)
 
@@ -97,6 +98,17 @@ def unwritable(error: OSError) -> str:
     if error.errno in _NOT_ALLOWED and error.filename:
         return f"{place}cannot be used ({error.strerror}): choose another place, or mend its permissions"
     return ""
+
+
+def said_by(error: BaseException) -> str:
+    """The kind of an error and the first line of its message that is not empty, even of an error that cannot say it."""
+    kind = type(error).__name__
+    try:
+        lines = str(error).split("\n")
+    except Exception:  # a `__str__` of a codec's author
+        return f"{kind}, whose message cannot be shown"
+    written = [line.strip() for line in lines if line.strip()]
+    return f"{kind}: {written[0]}" if written else kind
 
 
 def refuse_pipe(path: Path) -> None:

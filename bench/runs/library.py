@@ -17,7 +17,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Progress, SharedNetwork, silent
 from bench.codecs import container, loading, shared
 from bench.codecs.encoding import encoded
-from bench.codecs.registry import load_codec
+from bench.codecs.registry import make_codec
 from bench.codecs.seeds import seed_of
 from bench.codecs.slices_material import SlicesMaterial
 from bench.data.materials.variations import load_variation
@@ -73,7 +73,7 @@ def encode(
         raise InputError(f"bench.encode: give a BTF, not {_shown(btf)}: bench.open(name) opens one")
     if isinstance(codec, Codec) and settings:
         raise InputError(f"encode: codec {codec.name} already has its settings: give {min(settings)} when you make it")
-    instance = codec if isinstance(codec, Codec) else load_codec(codec)(**settings)
+    instance = codec if isinstance(codec, Codec) else make_codec(codec, settings)
     require_demand(instance, None)
     fit_seed = seed_of(btf.name, instance.name, seed)
     fit = Fit(torch.device(device), threads, fit_seed, show, network=shared.find_for(instance))

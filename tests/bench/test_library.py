@@ -115,6 +115,13 @@ def test_a_command_does_not_write_over_what_it_reads(folder, capsys):
         assert "this file is read, so it cannot be written, too: give --out another name" in capsys.readouterr().err
     assert cli.main(["encode", str(folder), "--codec", "mean-colour", "-o", "measured.npz"]) == 2
     assert "measured.npz: a file of another kind has this name" in capsys.readouterr().err
+    assert cli.main(["encode", "measured.npz", "--codec", "mean-colour", "-o", "."]) == 2
+    assert ".: it is a folder: give the name of a file" in capsys.readouterr().err
+    assert cli.main(["encode", "measured.npz", "--codec", "mean-colour", "-o", "a.nbtf"]) == 0
+    assert cli.main(["convert", "measured.npz", "-o", "pictures"]) == 0
+    picture = next(Path("pictures").glob("*.exr"))
+    assert cli.main(["render", "a.nbtf", "--truth", "pictures", "-o", str(picture)]) == 2
+    assert f"{picture}: this file is read" in capsys.readouterr().err
     assert Path("measured.npz").read_bytes() == before
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from bench.codecs.registry import first_line
 from bench.files import atomic
 from bench.inputs.errors import InputError, visible, writable
-from bench.inputs.settings import Threads, converted
+from bench.inputs.settings import Seed, Threads, converted
 from bench.machine.devices import present
 
 if TYPE_CHECKING:
@@ -99,6 +99,15 @@ def threads(word: str) -> int:
     except InputError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
     return count
+
+
+def seed_option(word: str) -> int:
+    """The type of an option that is a seed, as in the seeds of a suite."""
+    try:
+        number: int = converted("the seed", Seed, word, words=True)
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return number
 
 
 def say_line(text: str) -> None:

@@ -9,6 +9,7 @@ examples:
 import argparse
 from pathlib import Path
 
+from bench.cli.commands import seed_option
 from bench.inputs.errors import FINE, InputError
 
 
@@ -23,7 +24,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--depth", type=float, help="height of white over black in the displacement, in picture widths")
     which = "say which file a map is, whatever its name: albedo, normal_gl, roughness, … (repeatable)"
     add("--map", action="append", default=[], metavar="MAP=FILE", help=which)
-    add("--seed", type=int, default=0, help="seed of the held-out pairs and of Mitsuba's paths (default: 0)")
+    add("--seed", type=seed_option, default=0, help="seed of the held-out pairs and of Mitsuba's paths (default: 0)")
     each = "builtin: direct light (default); mitsuba: paths with inter-reflections, resumes after a kill"
     add("--renderer", default="builtin", choices=["builtin", "mitsuba"], help=each)
     add("-o", "--out", type=Path, required=True, help="the .npz file, or the folder of EXR pictures, to write")

@@ -10,6 +10,7 @@ examples:
 import argparse
 from pathlib import Path
 
+from bench.cli.commands import seed_option
 from bench.inputs.errors import FINE, InputError, installed
 
 
@@ -18,7 +19,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("scene", help="a scene of the suite, a TOML file, or an XML file of Mitsuba 3")
     add("--bsdf", metavar="ID", help="the id of the BSDF that is the material, in a Mitsuba scene")
     add("--queries", type=int, default=250_000, help="the most queries to keep, up to 1000000 (default: 250000)")
-    add("--seed", type=int, default=0, help="seed of the samples of an environment (default: 0)")
+    add("--seed", type=seed_option, default=0, help="seed of the samples of an environment (default: 0)")
     add("-o", "--out", type=Path, required=True, help="the .npz file to write; a .png is drawn beside it")
 
 

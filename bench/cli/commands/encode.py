@@ -11,7 +11,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.cli.commands import assignments, read_as, reading_options, threads, usable_device
+from bench.cli.commands import assignments, read_as, reading_options, seed_option, threads, usable_device
 from bench.inputs.errors import FINE, NO, ContainerError, EncodeError, InputError
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--target-psnr", type=float, metavar="DB", help="with --demand: the PSNR that frames reach …")
     add("--target-flip", type=float, metavar="FLIP", help="… or their FLIP (default: that of the full model)")
     add("--uniform", type=float, help="with --demand: the share of samples spread evenly (default: 0.1)")
-    add("--seed", type=int, default=0, help="the repetition, as in the seeds of a suite (default: 0)")
+    add("--seed", type=seed_option, default=0, help="the repetition, as in the seeds of a suite (default: 0)")
     add("--threads", type=threads, default=1)
     add("--device", default="cpu")
     add("-o", "--out", type=Path, required=True, help="the codec file to write")
@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
     from bench.cli.console import Console, file_lines
     from bench.codecs import container, shared
     from bench.codecs.encoding import raised
-    from bench.codecs.registry import load_codec
+    from bench.codecs.registry import make_codec
     from bench.data.open import open_named
     from bench.demand import demand, require_demand
     from bench.runs.library import encode
@@ -56,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
     container.refuse_other_file(options.out)
     changes = assignments(options.set) | read_as(options)
     settings = {k: v for k, v in changes.items() if not k.startswith("data.")}
-    codec = load_codec(options.codec)(**settings)
+    codec = make_codec(options.codec, settings)
     scene_demand = demand.load(options.demand) if options.demand else None
     require_demand(codec, scene_demand)
     device = usable_device(options.device)

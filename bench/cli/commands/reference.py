@@ -29,11 +29,13 @@ def run(options: argparse.Namespace) -> int:
     from bench.compare.reference import committed, few_seeds, pairs_by_seed, reference, seeds_of, smallest_losses
     from bench.files.atomic import write
     from bench.inputs.errors import InputError, writable
-    from bench.records import load_run
+    from bench.records import FILE, load_run
     from bench.runs.suite import builtin_suites
     from reports.comparison import terminal
 
     measured = load_run(options.run)
+    if not all("run" in start for start in measured.starts):
+        raise InputError(f"{options.run}: it is a reference, not a run: give the folder of a run")
     path = options.out
     if path is None:
         suite = measured.starts[-1]["suite"] if measured.starts else ""
@@ -42,6 +44,8 @@ def run(options: argparse.Namespace) -> int:
         path = committed(suite)
     if path.suffix != ".jsonl":
         raise InputError(f"{path}: the name of a reference ends in .jsonl")
+    if path.name == FILE:  # of this run or of another: its measurements would be lost
+        raise InputError(f"{path}: the records of a run have this name: give --out another one")
     before = load_run(path) if path.is_file() else None
     if before:
         check_whole(before)

@@ -14,7 +14,16 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench.cli.commands import assignments, read_as, reading_options, several, suite_options, usable_device, workers
+from bench.cli.commands import (
+    assignments,
+    read_as,
+    reading_options,
+    seed_option,
+    several,
+    suite_options,
+    usable_device,
+    workers,
+)
 from bench.inputs.errors import FAILED, FINE, INTERRUPTED, NOTHING, InputError
 
 if TYPE_CHECKING:
@@ -28,7 +37,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--all-pairs", action="store_true", help="use measured data whole, however many pairs it has")
     reading_options(parser)
     add("--demand", help="an .npz of `demand`: score in its scene too; codecs with scene=true fit to it")
-    add("--seed", type=int, help="run only this seed, instead of the suite's")
+    add("--seed", type=seed_option, help="run only this seed, instead of the suite's")
     add("--fresh", action="store_true", help="fit and score finished jobs again")
     add("--retry-failed", action="store_true", help="try failed jobs again")
     jobs = "how many jobs at once, each in its own process (and on its own GPU); 0: one a core (default: 1)"

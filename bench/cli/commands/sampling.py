@@ -11,7 +11,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.cli.commands import say_line
+from bench.cli.commands import say_line, seed_option
 from bench.inputs.errors import FINE, InputError
 
 
@@ -19,7 +19,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("file", type=Path, help="the codec file")
     add("--cells", type=int, default=8, help="cells along each side of the texture, each with a lobe (default: 8)")
-    add("--seed", type=int, default=0)
+    add("--seed", type=seed_option, default=0)
     add("-o", "--out", type=Path, required=True, metavar="FILE", help="the codec file to write")
 
 
@@ -33,6 +33,7 @@ def run(options: argparse.Namespace) -> int:
 
     if not 1 <= options.cells <= 64:
         raise InputError(f"--cells {options.cells}: must be from 1 to 64")
+    container.refuse_other_file(options.out)
     loaded = loading.load(options.file)
     header, parts = container.read_parts(options.file)
     with Console() as console:

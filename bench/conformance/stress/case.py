@@ -15,7 +15,7 @@ from torch import Tensor
 from bench.btf import BTF, Array
 from bench.codec import Codec, Configured, Fit, Parts, settings_dict
 from bench.codecs import container, loading
-from bench.codecs.encoding import raised
+from bench.codecs.encoding import raised, watched_threads
 from bench.conformance.check import CheckError, CodecUnderTest, NotApplicable
 from bench.machine.threads import torch_threads
 from bench.material import Material
@@ -101,12 +101,17 @@ class Subject:
         """A new `Fit`, with the same values for each fit."""
         return Fit(seed=1, network=self.tested.network)
 
+    def made(self, codec: Codec, btf: BTF) -> Parts:
+        """What the codec makes of a BTF, with a new fit."""
+        with watched_threads():
+            return codec.encode(btf, self.fit())
+
     def encode(self, btf: BTF, stretch: int = 1, **changes: Any) -> Encoded:
         """Encode with the codec's fit, or with `stretch` times its steps, then write, read and decode."""
         if stretch > 1 and self.fits:
             changes = {"steps": stretch * self.tested.codec.settings.steps} | changes
         codec, path = self.codec(**changes), self.tested.folder / f"stress{container.SUFFIX}"
-        container.save(path, codec, codec.encode(btf, self.fit()))
+        container.save(path, codec, self.made(codec, btf))
         material = loading.load(path, network=self.tested.network)[1]
         pairs = zip(btf.wo.tolist(), btf.wi.tolist(), strict=True)
         return Encoded(btf, torch.stack([material.slice(wo, wi) for wo, wi in pairs]).numpy())
@@ -168,7 +173,9 @@ def judged(
         verdict = CaseVerdict("n/a", "n/a", str(reason))
     except CheckError as error:
         verdict = CaseVerdict("fail", error.figure or "failed", str(error))
-    except (Exception, SystemExit) as error:  # any exception is a failure, and the next case still runs
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # any exception is a failure, and the next case still runs
         verdict = CaseVerdict("fail", type(error).__name__, described(error))
     return dataclasses.replace(verdict, seconds=time.perf_counter() - start)
 

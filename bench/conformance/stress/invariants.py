@@ -145,7 +145,7 @@ def diverges(subject: Subject) -> None:
     try:
         if wild:
             wild_codec = subject.codec(**wild)
-            container.save(path, wild_codec, wild_codec.encode(ordinary(), subject.fit()))
+            container.save(path, wild_codec, subject.made(wild_codec, ordinary()))
         elif network:
             wild_network = network(**short(network) | wild_of_network)
             shared.make(wild_network, check.others(ordinary()), subject.fit(), path)

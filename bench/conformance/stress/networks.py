@@ -170,7 +170,7 @@ def eight_bits(subject: Subject) -> None:
     """Try `all_sound` with the texture stored at eight bits, if the codec can."""
     applicable("bits" in vars(subject.tested.codec.settings), "cannot store a texture at eight bits")
     codec = subject.codec(bits=8)
-    all_sound(Subject(dataclasses.replace(subject.tested, codec=codec), codec.encode(ordinary(), subject.fit())))
+    all_sound(Subject(dataclasses.replace(subject.tested, codec=codec), subject.made(codec, ordinary())))
 
 
 def gradients_at_zero(subject: Subject) -> None:

@@ -134,6 +134,14 @@ def test_bad_usage_is_one_line_and_exit_code_2(words, message, tmp_path, monkeyp
     assert error.count("\n") == 1
 
 
+@pytest.mark.parametrize("words", [["encode", "satin", "--codec", "pca"], ["run"], ["bake", "maps"], ["sampling", "a"]])
+def test_a_seed_is_one_of_those_of_a_suite(words, capsys):
+    for seed in ("-1", "99999999999"):
+        with pytest.raises(SystemExit):
+            cli.main([*words, "--seed", seed, "--out", "out"])
+        assert "must be a whole number from 0 to 2,147,483,647" in capsys.readouterr().err
+
+
 def test_a_material_that_is_not_there_means_nothing_was_measured(tmp_path, capsys):
     suite = tmp_path / "paper.toml"
     suite.write_text('[[materials]]\nname = "f"\npath = "f.btf"\nwhere = "ask UBO"\n[[codecs]]\ncodec = "pca"\n')

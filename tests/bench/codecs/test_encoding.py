@@ -1,7 +1,9 @@
 """What a codec does wrong while it encodes is one error that names it, and the process stays as it was."""
 
 import os
+import textwrap
 import threading
+from asyncio import CancelledError
 from pathlib import Path
 
 import pytest
@@ -33,7 +35,10 @@ def fails(error):
         (ValueError("my own error"), "ValueError: my own error"),
         (KeyError("x"), "KeyError: 'x'"),
         (SystemExit(0), "it ends the process with exit code 0: raise an error instead"),
+        (SystemExit("no GPU"), "it ends the process with the message 'no GPU': raise an error instead"),
+        (SystemExit(None), "it ends the process with exit code 0: raise an error instead"),
         (ValueError(""), "ValueError"),
+        (CancelledError(), "CancelledError"),
     ],
 )
 def test_any_error_of_a_codec_names_codec_data_and_line(error, says):
@@ -65,6 +70,34 @@ def test_the_working_directory_is_restored_and_a_check_says_that_it_was_left(tmp
     said = {result.name: result.failure for result in check(with_encode(wanders)())}
     assert said[leaves_the_process.__doc__].startswith(f"encode changes the working directory to {tmp_path}/elsewhere")
     assert Path.cwd() == tmp_path
+
+
+def test_a_process_that_a_codec_forks_ends_with_its_encode():
+    endings = []
+
+    def forks(self, btf, fit):
+        if (child := os.fork()) == 0:
+            raise ValueError("in the fork")
+        endings.append(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+        return MeanColour.encode(self, btf, fit)
+
+    assert encoded(with_encode(forks)(), tiny_btf(), Fit()).texture
+    assert [result.failure for result in check(with_encode(forks)()) if result.failure] == []
+    assert len(endings) > 10
+    assert set(endings) == {1}
+
+
+def test_a_codec_that_removes_its_working_directory_is_named(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def removes(self, btf, fit):
+        Path("gone").mkdir()
+        os.chdir("gone")
+        (tmp_path / "gone").rmdir()
+        return MeanColour.encode(self, btf, fit)
+
+    said = {result.name: result.failure for result in check(with_encode(removes)())}
+    assert "changes the working directory to a folder that is gone" in said[leaves_the_process.__doc__]
 
 
 def test_a_thread_that_is_left_running_is_named():
@@ -103,6 +136,39 @@ class Shares(MeanColour):
         mean = super().encode(btf, fit).texture["mean"]
         return Parts(texture={"mean": mean}, other={"same": mean})
 """
+
+
+def test_a_codec_that_cannot_be_made_or_cannot_decode_is_one_line(tmp_path, monkeypatch, capsys):
+    source = """
+        import sys
+        from baselines.mean_colour import MeanColour
+
+        class Unmade(MeanColour):
+            name = "unmade"
+            def __init__(self, **settings):
+                raise RuntimeError("first\\nsecond")
+
+        class Leaves(MeanColour):
+            name = "leaves"
+            def decode(self, parts, device):
+                sys.exit("no GPU")
+    """
+    codecs = {"unmade": "odd:Unmade", "leaves": "odd:Leaves"}
+    monkeypatch.syspath_prepend(install(tmp_path / "site", "odd", codecs, {"odd": textwrap.dedent(source)}))
+    monkeypatch.chdir(tmp_path)
+    words = ["encode", "satin", "--set", "data.size=8", "--set", "data.views=3", "--set", "data.lights=3"]
+    for command, code in (["check", "unmade"], 2), ([*words, "--codec", "unmade", "-o", "a.nbtf"], 2):
+        assert cli.main(command) == code
+        error = capsys.readouterr().err
+        assert "codec unmade of" in error
+        assert "RuntimeError: first" in error
+        assert error.count("\n") == 1
+    assert cli.main([*words, "--codec", "leaves", "-o", "a.nbtf"]) == 3
+    assert "it ends the process with the message 'no GPU'" in capsys.readouterr().err
+    assert cli.main(["score", "a.nbtf", *words[1:]]) == 2
+    error = capsys.readouterr().err
+    assert "SystemExit: no GPU" in error
+    assert error.count("\n") == 1
 
 
 def test_the_command_ends_with_3_and_one_line_and_with_debug_the_traceback(tmp_path, monkeypatch, capsys):

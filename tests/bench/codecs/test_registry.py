@@ -40,6 +40,10 @@ def test_a_class_must_be_there_bear_the_name_of_its_entry_point_and_have_a_versi
     assert "not importable" in registry.describe(registry.codec_entries()["gone"])
     with pytest.raises(InputError, match="calls itself 'pca'"):
         registry.load_codec("pcb")
+    monkeypatch.setattr(PCA, "name", None)
+    with pytest.raises(InputError, match=r"codec pca of .* has no name: write `name = 'pca'` into its class"):
+        registry.load_codec("pca")
+    monkeypatch.setattr(PCA, "name", "pca")
     monkeypatch.delattr(PCA, "version")
     with pytest.raises(InputError, match=r"codec pca of .* has no version: add `version = 1` to its class"):
         registry.load_codec("pca")

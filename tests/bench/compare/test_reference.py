@@ -105,6 +105,13 @@ def test_update_warns_of_seeds_with_test_pairs_of_their_own(make, tmp_path, caps
         assert ('split = "validation"' in capsys.readouterr().out) == own
 
 
+def test_a_reference_is_made_from_a_run_alone(run, tmp_path, capsys):
+    path = tmp_path / "a.jsonl"
+    written(run, path)
+    assert cli.main(["reference", "update", str(path), "--out", str(tmp_path / "b.jsonl")]) == 2
+    assert "a.jsonl: it is a reference, not a run" in capsys.readouterr().err
+
+
 def test_a_damaged_reference_is_not_updated(run, tmp_path, capsys):
     path = tmp_path / "a.jsonl"
     written(run, path)
@@ -132,6 +139,7 @@ def test_update_writes_the_file_and_prints_what_changed(make, run, tmp_path, cap
     [
         (["{run}"], "not a run of a built-in suite: give --out FILE"),
         (["{run}", "-o", "{tmp}/a.json"], "ends in .jsonl"),
+        (["{run}", "-o", "{run}/records.jsonl"], "the records of a run have this name"),
         (["{run}", "-o", "/proc/no/a.jsonl"], "cannot be written"),
         (["{tmp}/none"], "no such folder"),
     ],

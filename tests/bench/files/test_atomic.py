@@ -13,6 +13,7 @@ import pytest
 
 from bench.files import atomic
 from bench.files.atomic import cache_dir, clear_cache
+from bench.inputs.errors import InputError
 
 
 def test_a_file_is_there_whole_or_not_at_all(tmp_path):
@@ -24,6 +25,14 @@ def test_a_file_is_there_whole_or_not_at_all(tmp_path):
         raise ZeroDivisionError
     assert path.read_bytes() == b"first"
     assert list(path.parent.iterdir()) == [path]
+
+
+def test_a_file_takes_no_place_of_a_pipe_or_a_device(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(InputError, match="neither a file nor a folder, so it cannot be written"):
+        atomic.write(pipe, b"")
+    assert pipe.is_fifo()
 
 
 def test_an_error_of_a_read_only_file_system_names_the_file_that_was_wanted(tmp_path, monkeypatch):

@@ -4,7 +4,7 @@ import os
 import pytest
 
 from bench import cli
-from bench.inputs.errors import unwritable, visible
+from bench.inputs.errors import said_by, unwritable, visible
 
 
 @pytest.mark.parametrize(
@@ -14,11 +14,29 @@ from bench.inputs.errors import unwritable, visible
         ("a\n::error file=x::b", r"a\n::error file=x::b"),
         ("\x1b[2J\r\x9b\x7f", r"\x1b[2J\r\x9b\x7f"),
         ("right\u202eleft\u2028next", r"right\u202eleft\u2028next"),
+        ("not \udcff UTF-8", r"not \udcff UTF-8"),
         ("::error::x ##[error]y a::b a##b", r"\x3a:error::x \x23#[error]y a::b a##b"),
     ],
 )
 def test_a_text_neither_steers_a_terminal_nor_starts_a_command(text, shown):
     assert visible(text) == shown
+
+
+class SilentError(Exception):
+    def __str__(self):
+        raise RuntimeError
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (ValueError("\n\n  second\nthird"), "ValueError: second"),
+        (ValueError(), "ValueError"),
+        (SilentError(), "SilentError, whose message cannot be shown"),
+    ],
+)
+def test_any_error_is_described_in_one_line(error, said):
+    assert said_by(error) == said
 
 
 def test_an_error_is_one_line_whatever_it_names(capsys):
