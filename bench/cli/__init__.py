@@ -10,7 +10,7 @@ import traceback
 from collections.abc import Sequence
 
 import bench
-from bench.cli import commands
+from bench.cli import commands, guard
 from bench.inputs.errors import (
     FAILED,
     FINE,
@@ -42,10 +42,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; see `bench.inputs.errors`.
 
     Without arguments it is the program itself, whose words are those of the shell. If a codec then left threads
-    running, the process ends without waiting for them.
+    running, the process ends without waiting for them. See `bench.cli.guard` for codecs that end it.
     """
     words = list(sys.argv[1:] if argv is None else argv)
+    if argv is None and guard.guarded(words):
+        return guard.run(words)
     code = _run(words)
+    if argv is None:
+        guard.report(code)
     if argv is None and (left := _threads_left()):
         print(f"neubtf-bench: a codec left {', '.join(left)} running; they are ended", file=sys.stderr)
         sys.stdout.flush()

@@ -196,7 +196,7 @@ def test_a_network_that_was_trained_on_the_material_neither_encodes_nor_scores_i
     encoded(tmp_path / "before.nbtf")
     btf = tiny_btf(4, 3, 3)
     shared.make(Tint(), [btf], Fit(), shared.place("tinted"))
-    monkeypatch.setattr(library, "load_codec", lambda name: Tinted)
+    monkeypatch.setattr(library, "make_codec", lambda name, settings: Tinted(**settings))
     with pytest.raises(InputError, match="its shared network was trained on it"):
         bench.encode(btf, "tinted", tmp_path / "a.nbtf")
     header = encoded(tmp_path / "after.nbtf")

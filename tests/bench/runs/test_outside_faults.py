@@ -124,6 +124,18 @@ def test_one_command_for_such_a_codec_is_one_line_and_exit_code_2(capsys):
         assert error.count("\n") == 1
 
 
+@pytest.mark.parametrize(("codec", "how"), [("ends", "exit code 0"), ("crashes", "killed by SIGABRT")])
+def test_a_codec_that_ends_the_process_of_a_command_does_not_pass(codec, how, tmp_path):
+    """`os._exit(0)` in `encode` must be no success of `check`, nor of `encode`, which wrote no file."""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path / "site"), *filter(None, sys.path)])}
+    for words, code in ((["check", codec], 1), (["encode", "btf", "--codec", codec, "-o", "a.nbtf"], 3)):
+        command = [sys.executable, "-m", "bench.cli", *words]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == code, done.stdout + done.stderr
+        assert f"{words[0]}: the codec ended the process ({how}): raise an error instead" in done.stderr
+    assert not Path("a.nbtf").exists()
+
+
 def test_a_codec_that_hangs_when_it_is_imported_is_named(monkeypatch):
     monkeypatch.setattr(outside_codecs, "PATIENCE", 1.0)
     with pytest.raises(CodecError, match=r"codec import-hang of hostile 1\.0 hangs when it is imported"):
