@@ -47,7 +47,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     if argv is None and guard.guarded(words):
         return guard.run(words)
-    code = _run(words)
+    try:
+        code = _run(words)
+    except SystemExit as end:  # of argparse, or of rich where nobody reads the output any more
+        if argv is None:
+            guard.report(end.code if isinstance(end.code, int) else int(end.code is not None))
+        raise
     if argv is None:
         guard.report(code)
     if argv is None and (left := _threads_left()):

@@ -134,6 +134,10 @@ def test_a_codec_that_ends_the_process_of_a_command_does_not_pass(codec, how, tm
         assert done.returncode == code, done.stdout + done.stderr
         assert f"{words[0]}: the codec ended the process ({how}): raise an error instead" in done.stderr
     assert not Path("a.nbtf").exists()
+    command = [sys.executable, "-m", "bench.cli", "check", codec, "--no-such-option"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "ended the process" not in done.stderr
 
 
 def test_a_codec_that_hangs_when_it_is_imported_is_named(monkeypatch):
