@@ -30,6 +30,9 @@ class Choice:
 
     def of_run(self, run: Run) -> Run:
         """The run with only the jobs of these codecs and materials, so that ranks and the best are among them."""
+        if self.against and not any(self.against in _called(job) for job in run.jobs):
+            labels = "; ".join(dict.fromkeys(map(shown_label, run.jobs)))
+            raise InputError(f"--against {self.against}: this run has no such row: it has {labels}")
         if not (self.codecs or self.materials):
             return run
         there = {str(job["material"]) for job in run.jobs}

@@ -49,3 +49,11 @@ def test_a_codec_or_column_that_is_not_there_is_an_error_that_says_which_are(fol
         table_text(folder, kind="main", choice=Choice(columns=["LPIPS"]))
     assert cli.main(["table", str(folder), "--name", "pca"]) == 2
     assert "--name: write WORD=NAME" in capsys.readouterr().err
+
+
+def test_a_row_to_set_others_against_must_be_in_the_run_even_if_no_table_uses_it(folder, capsys):
+    for kind in (["main"], []):
+        assert cli.main(["table", *kind, str(folder), "--against", "nope"]) == 2
+        assert "--against nope" in capsys.readouterr().err
+    with pytest.raises(InputError, match="--against nope: this run has no such row: it has vq; neubtf-direct steps=9"):
+        table_text(folder, "text", None, Choice(against="nope"))

@@ -91,6 +91,8 @@ def test_the_row_that_others_are_set_against_is_named_and_can_be_chosen(made, ca
     assert against("neubtf-direct")[1] == {"neubtf-direct": "—", "pca": "−1.00", "neubtf-direct width=8": "−2.00"}
     assert against("pca") == ("pca", {"neubtf-direct": "+1.00", "pca": "—", "neubtf-direct width=8": "−1.00"})
     with pytest.raises(InputError, match=r"--against pcb: no row on all materials .*: name one of neubtf-direct width"):
+        summary_table(load_run(made.folder), against="pcb")
+    with pytest.raises(InputError, match="--against pcb: this run has no such row: it has neubtf-direct width=8"):
         table_text(made.folder, kind="summary", choice=Choice(against="pcb"))
     assert cli.main(["table", "main", str(made.folder), "--against", "pca"]) == 2
     assert "give table summary" in capsys.readouterr().err

@@ -2,7 +2,7 @@
 
 The kind `pairs` shows the truth and the decoded slices of chosen pairs, with a magnified inset and FLIP maps; the
 others are those of a report. The ending of the file chooses PNG, SVG or PDF. With several materials, the name of each
-stands before the ending.
+follows that of the file.
 
 examples:
   neubtf-bench figure fronts runs/quick -o fronts.pdf
@@ -52,7 +52,8 @@ def run(options: argparse.Namespace) -> int:
     for figure in figures:
         place = options.out
         if len(figures) > 1:
-            place = place.with_name(f"{place.stem}-{Path(figure.name).stem}{place.suffix}")
+            material = Path(figure.name).stem.removeprefix(f"{figure.kind}-")
+            place = place.with_name(f"{place.stem}-{material}{place.suffix}")
         content = figure.png if ending == ".png" else figure.vector(ending[1:])
         with writable(place):
             atomic.write(place, content)
