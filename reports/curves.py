@@ -19,7 +19,7 @@ from bench.compare.choosing.curves import (
 from bench.compare.paired import AGAINST
 from bench.compare.quantities import average
 from bench.records import FLIP, KINDS, PSNR, SSIM, Run, grouped, kind_of
-from reports.numbers import NONE, fixed
+from reports.numbers import NONE, fixed, signed
 from reports.table import Table, best_cells
 
 SIZES = (8, 16, 32, 64)  # bits of the whole file a texel
@@ -54,7 +54,8 @@ def _at_sizes(points: Points, surfaces: Sequence[str], kind: str) -> Table:
     means = {line: [_mean_at(of, surfaces, bits) for bits in SIZES] for line, of in points.items()}
     means = {line: values for line, values in means.items() if any(value is not None for value in values)}
     middle = SIZES.index(AGREE_AT)  # most codecs reach this size
-    order = sorted(means, key=lambda line: [-(means[line][place] or 0.0) for place in (middle, middle - 1, middle + 1)])
+    by_size = (middle, middle - 1, middle + 1)
+    order = sorted(means, key=lambda line: [-(means[line][place] or 0.0) for place in by_size])
     rows = [[line, *(fixed(value, _DIGITS[PSNR]) for value in means[line])] for line in order]
     headers = [("codec", ""), *((f"{bits} bits", "a texel") for bits in SIZES)]
     many = f"{len(surfaces)} {kind}surface{'s' * (len(surfaces) > 1)}"
@@ -90,7 +91,7 @@ def _differences(points: Points, kinds: Mapping[str, Sequence[str]]) -> Table:
         each = summaries[line]
         interval = f"{_signed(each.low)} to {_signed(each.high)}" + "*" * each.apart
         rate = rates[line]
-        share = NONE if rate is None else f"{100 * rate:+.0f} %".replace("-", "−")
+        share = NONE if rate is None else f"{signed(100 * rate, 0)} %"
         numbers = [_signed(each.median), _signed(each.mean), interval, f"{each.won} of {each.surfaces}", share]
         rows.append([line, *map(_signed, by_kind[line]), *numbers])
         scores.append([None, *by_kind[line], each.median, each.mean, None, each.won, None if rate is None else -rate])
@@ -122,21 +123,22 @@ def _median_rate(of: Mapping[str, list[Point]], anchor: Mapping[str, list[Point]
 def _metrics(points: Points, surfaces: Sequence[str]) -> Table:
     """A row a codec: three metrics at one size, with the place by each, so that it shows where they agree."""
     families = (PSNR, SSIM, FLIP)
-    means = {line: [_mean_at(of, surfaces, AGREE_AT, family) for family in families] for line, of in points.items()}
-    known = {line: [float(value) for value in values if value is not None] for line, values in means.items()}
-    known = {line: values for line, values in known.items() if len(values) == len(families)}
+    known: dict[str, list[float]] = {}
+    for line, of in points.items():
+        means = [_mean_at(of, surfaces, AGREE_AT, family) for family in families]
+        values = [value for value in means if value is not None]
+        if len(values) == len(families):
+            known[line] = values
     places = []
     for column, family in enumerate(families):
-        better = 1 if family == FLIP else -1
-        ranked = sorted(known, key=lambda line, column=column, better=better: better * known[line][column])  # type: ignore[misc]
+        by_line = {line: values[column] for line, values in known.items()}
+        ranked = sorted(by_line, key=by_line.__getitem__, reverse=family != FLIP)
         places.append({line: place for place, line in enumerate(ranked, 1)})
-    order = sorted(known, key=lambda line: places[0][line])
     rows = []
-    for line in order:
-        cells = [
-            f"{fixed(value, _DIGITS[family])} ({place[line]})"
-            for value, family, place in zip(known[line], families, places, strict=True)
-        ]
+    for line in places[0]:  # the best PSNR first
+        cells = []
+        for value, family, place in zip(known[line], families, places, strict=True):
+            cells.append(f"{fixed(value, _DIGITS[family])} ({place[line]})")
         rows.append([line, *cells])
     headers = [("codec", ""), ("PSNR", "dB ↑"), ("SSIM", "↑"), ("FLIP", "↓")]
     title = f"Curves at {AGREE_AT} bits a texel on {len(surfaces)} surfaces: three metrics, and the place by each"
@@ -144,7 +146,7 @@ def _metrics(points: Points, surfaces: Sequence[str]) -> Table:
 
 
 def _signed(value: float | None) -> str:
-    return NONE if value is None else f"{value:+.1f}".replace("-", "−")
+    return NONE if value is None else signed(value, _DIGITS[PSNR])
 
 
 def _notes(result: Budgets) -> list[str]:

@@ -91,11 +91,16 @@ def _narrow(drawing: Drawing, width: float) -> None:
         box.set_loc("upper left")
         box.set_bbox_to_anchor((0, -LABELS / plot), transform=drawing.axes[0].transAxes)
     for axes in drawing.axes:
-        for text, room in ((axes.title, width - LEFT), (axes._left_title, width - LEFT), (axes.yaxis.label, plot)):  # type: ignore[attr-defined]
-            text.set_text(_folded(text, room))
+        for text in axes.get_children():  # its titles, and words beside points, which are short
+            if isinstance(text, Text):
+                text.set_text(_folded(text, width - LEFT))
+        axes.yaxis.label.set_text(_folded(axes.yaxis.label, plot))
 
 
 def _folded(text: Text, room: float) -> str:
     """The words of a text on lines that fit into a width in inches."""
     letters = max(8, int(room * 72 / (LETTER * float(text.get_fontsize()))))
-    return "\n".join(line for part in text.get_text().split("\n") for line in textwrap.wrap(part, letters))
+    lines = []
+    for line in text.get_text().split("\n"):
+        lines += textwrap.wrap(line, letters)
+    return "\n".join(lines)

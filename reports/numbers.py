@@ -46,9 +46,9 @@ def plus_minus(numbers: tuple[float, ...], digits: int) -> str:
     return " ± ".join(fixed(number, digits) for number in numbers)
 
 
-def signed(difference: float) -> str:
-    """With a sign and two decimals: +0.31, −1.50."""
-    return f"{difference:+.2f}".replace("-", "−")
+def signed(difference: float, digits: int = 2) -> str:
+    """With a sign and `digits` decimals: +0.31, −1.50."""
+    return f"{difference:+.{digits}f}".replace("-", "−")
 
 
 def interval(delta: "Interval") -> str:

@@ -39,8 +39,9 @@ HEADER_LIMIT = 1 << 24
 LEVEL = 19  # of Zstandard
 MOST_EXPANSION, LEAST_EXPANDED = 16, 64 << 20  # limits of all expanded parts: × the file, or bytes
 PARTS = ("decoder", "texture", "encoder", "sampling", "other")
-# Bytes a number of the dtypes that safetensors names and a codec may write.
+# The dtypes that a codec may write: as safetensors names them, their bytes a number, and as PyTorch names them.
 ITEM_BYTES = {"F64": 8, "F32": 4, "F16": 2, "BF16": 2, "I64": 8, "I32": 4, "I16": 2, "I8": 1, "U8": 1, "BOOL": 1}
+HELD = ("float64", "float32", "float16", "bfloat16", "int64", "int32", "int16", "int8", "uint8", "bool")
 
 
 @dataclass(frozen=True)
@@ -155,8 +156,6 @@ def _fault(tensor: "Tensor") -> str:
     """Why a file cannot hold a tensor, and what to store instead; "" if it can."""
     import torch
 
-    held = [torch.float64, torch.float32, torch.float16, torch.bfloat16]
-    held += [torch.int64, torch.int32, torch.int16, torch.int8, torch.uint8, torch.bool]
     kind = str(tensor.dtype).removeprefix("torch.")
     if tensor.is_nested:
         return "is nested: store its values and their lengths as two tensors"
@@ -164,9 +163,8 @@ def _fault(tensor: "Tensor") -> str:
         return "is sparse: store its values and its indices as two tensors"
     if tensor.device.type == "meta":
         return "is on the device meta, so it has no values: store a tensor with values"
-    if tensor.dtype not in held:
-        known = ", ".join(str(dtype).removeprefix("torch.") for dtype in held)
-        return f"is of type {kind}, which a file does not hold: convert it to one of {known}"
+    if kind not in HELD:
+        return f"is of type {kind}, which a file does not hold: convert it to one of {', '.join(HELD)}"
     if tensor.is_floating_point() and not tensor.isfinite().all():
         bad = int((~tensor.isfinite()).sum())
         return f"holds {bad:,} of {tensor.numel():,} numbers that are not finite: guard the fit against them"

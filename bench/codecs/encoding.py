@@ -78,9 +78,9 @@ def _own_line(error: BaseException, codec: Codec) -> str:
     except (TypeError, OSError):  # typed into a shell
         return ""
     suite = Path(__file__).parents[1]
-    lines = [
-        frame
-        for frame in traceback.extract_tb(error.__traceback__)
-        if Path(frame.filename).is_relative_to(own) and not Path(frame.filename).is_relative_to(suite)
-    ]
-    return f"{lines[-1].filename}:{lines[-1].lineno}" if lines else ""
+    place = ""
+    for frame in traceback.extract_tb(error.__traceback__):
+        file = Path(frame.filename)
+        if file.is_relative_to(own) and not file.is_relative_to(suite):
+            place = f"{frame.filename}:{frame.lineno}"
+    return place

@@ -7,10 +7,11 @@ runs, so that all commands start fast.
 
 import argparse
 import pkgutil
+from collections.abc import Callable
 from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bench.codecs.registry import first_line
 from bench.files import atomic
@@ -92,22 +93,21 @@ def suite_options(parser: argparse.ArgumentParser, default: str) -> None:
     add("--device", default="cpu", help="cpu or cuda (default: cpu)")
 
 
-def threads(word: str) -> int:
-    """The type of an option that counts CPU threads."""
-    try:
-        count: int = converted("the count", Threads, word, words=True)
-    except InputError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-    return count
+def _number(what: str, kind: Any) -> Callable[[str], int]:
+    """The type of an option that is a number of a kind of setting; `what` names it in errors."""
+
+    def converted_word(word: str) -> int:
+        try:
+            number: int = converted(what, kind, word, words=True)
+        except InputError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+        return number
+
+    return converted_word
 
 
-def seed_option(word: str) -> int:
-    """The type of an option that is a seed, as in the seeds of a suite."""
-    try:
-        number: int = converted("the seed", Seed, word, words=True)
-    except InputError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-    return number
+threads = _number("the count", Threads)  # the type of an option that counts CPU threads
+seed_option = _number("the seed", Seed)  # the type of an option that is a seed, as in the seeds of a suite
 
 
 def say_line(text: str) -> None:
