@@ -13,7 +13,11 @@ DASK = pytest.mark.skipif(not importlib.util.find_spec("distributed"), reason="n
 
 @pytest.mark.parametrize(
     ("kills", "words"),
-    [(1, []), pytest.param(4, [], marks=pytest.mark.long), pytest.param(1, ["--workers", "dask"], marks=DASK)],
+    [
+        (1, []),
+        pytest.param(4, [], marks=pytest.mark.long),
+        pytest.param(1, ["--workers", "dask"], marks=[DASK, pytest.mark.long]),
+    ],
 )
 def test_a_run_or_worker_killed_at_random_moments_ends_with_every_job_done_once(kills, words):
     command = [sys.executable, KILL, "--quick", *words, "--kills", str(kills)]

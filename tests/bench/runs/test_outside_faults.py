@@ -124,7 +124,10 @@ def test_one_command_for_such_a_codec_is_one_line_and_exit_code_2(capsys):
         assert error.count("\n") == 1
 
 
-@pytest.mark.parametrize(("codec", "how"), [("ends", "exit code 0"), ("crashes", "killed by SIGABRT")])
+@pytest.mark.parametrize(
+    ("codec", "how"),
+    [("ends", "exit code 0"), pytest.param("crashes", "killed by SIGABRT", marks=pytest.mark.long)],
+)
 def test_a_codec_that_ends_the_process_of_a_command_does_not_pass(codec, how, tmp_path):
     """`os._exit(0)` in `encode` must be no success of `check`, nor of `encode`, which wrote no file."""
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path / "site"), *filter(None, sys.path)])}
@@ -237,9 +240,8 @@ sys.exit(main(["run", "quick", *words]))
 """
 
 
-@pytest.mark.parametrize(
-    ("how", "code", "done"), [("os.abort()", -6, 1), pytest.param("sys.exit(0)", 3, 2, marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("how", "code", "done"), [("os.abort()", -6, 1), ("sys.exit(0)", 3, 2)])
 def test_a_codec_of_this_suite_that_ends_its_process_is_no_success_and_the_same_command_goes_on(how, code, done):
     command = [sys.executable, "-c", OURS.format(how=how, armed=True)]
     assert subprocess.run(command, capture_output=True, check=False).returncode == code
