@@ -51,8 +51,10 @@ def pairs_figure(run: Run, name: str, pairs: Sequence[int], inset: Inset | None 
 def _places(stored: Arrays, pairs: Sequence[int]) -> list[int]:
     """Where the slices of some pairs stand in the stored arrays."""
     known = stored["pairs"].tolist()
+    if not pairs and "sheet" in stored:
+        return np.flatnonzero(stored["sheet"]).tolist()
     if not pairs:
-        return np.flatnonzero(stored["sheet"]).tolist() if "sheet" in stored else list(range(min(4, len(known))))
+        return list(range(min(4, len(known))))
     for pair in pairs:
         if pair not in known:
             angles = zip(known, stored["wo_deg"], stored["wi_deg"], strict=True)

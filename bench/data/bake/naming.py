@@ -106,7 +106,8 @@ def recognise(folder: Path, given: dict[str, str] | None = None) -> MapFiles:
             continue
         if role in _NOT_USED:
             unused[name] = _NOT_USED[role]
-            doubtful += [name] if role != "occlusion" else []
+            if role != "occlusion":
+                doubtful.append(name)
         elif role in chosen:
             unused[name] = "another file gives the same map"
         else:
@@ -119,12 +120,16 @@ def recognise(folder: Path, given: dict[str, str] | None = None) -> MapFiles:
             raise InputError(f"{folder}: {' and '.join(several)} are all {role} by name: {remedy}")
     files = {role: several[0] for role, several in by_role.items()} | chosen
     for choice in _CHOICES:
-        held = sorted((role for role in choice if role in files), key=lambda role: role not in chosen)
+        held = [role for role in choice if role in files]
+        held.sort(key=lambda role: role not in chosen)  # a file that is given comes before one that is found
         for role in held[1:]:
             unused[files.pop(role)] = "another file gives the same map"
     for role in _PACKED:
-        apart = {"roughness", "smoothness"} & set(files) and "metalness" in files
-        if role in files and (apart or (role == _PACKED[1] and _PACKED[0] in files)):
+        if role not in files:
+            continue
+        apart = "metalness" in files and ("roughness" in files or "smoothness" in files)
+        better_packed = role == _PACKED[1] and _PACKED[0] in files
+        if apart or better_packed:
             unused[files.pop(role)] = "the folder has separate roughness and metalness"
     return MapFiles(folder, files, unused, tuple(doubtful))
 

@@ -111,7 +111,8 @@ def _pictures(files: FolderFiles, names: list[str], labels: list[str]) -> list[s
             if len(alike) != 1:
                 bare = listed.replace("\\", "/").rsplit("/", 1)[-1][:100]
                 remedy = "add the picture, or leave the line out and correct the count"
-                remedy = f"it may be {' or '.join(alike)}: correct the name" if alike else remedy
+                if alike:
+                    remedy = f"it may be {' or '.join(alike)}: correct the name"
                 raise InputError(f"{label}: {bare} is missing: {remedy}")
             picture = alike[0]
         found.append(picture)
