@@ -5,7 +5,9 @@ Pictures are (B, C, H, W). Every random number comes from a generator on the CPU
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import torch
@@ -13,6 +15,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from neubtf.autoencoder import STRIDE
+
+LEAST_BLUR = 0.05  # σ in texels, which leaves a picture as it is
 
 
 @dataclass(frozen=True)
@@ -111,14 +115,44 @@ def draw_scale(smallest: float, keep: float, generator: torch.Generator) -> floa
     return 1.0 if chance < keep else smallest + (1 - smallest) * share
 
 
+def taps_of(windows: Sequence[Crop], shape: tuple[int, int], device: torch.device) -> tuple[Tensor, Tensor]:
+    """The texels and weights (windows, n, k) of a picture (H, W) whose weighted mean gives each window's n texels.
+
+    The windows have one size, though not one source; a texel is row · W + column.
+    """
+    rows, cols = (_axis_taps(windows, shape, axis) for axis in (0, 1))
+    (row, high), (col, wide) = ([x.to(device, non_blocking=True) for x in each] for each in (rows, cols))
+    texel = row[:, :, None, :, None] * shape[1] + col[:, None, :, None, :]
+    weight = high[:, :, None, :, None] * wide[:, None, :, None, :]
+    return texel.flatten(3).flatten(1, 2), weight.flatten(3).flatten(1, 2)
+
+
+def _axis_taps(windows: Sequence[Crop], shape: tuple[int, int], axis: int) -> tuple[Tensor, Tensor]:
+    """Rows, or columns, of a picture and their weights (windows, h or w, k); weights of 0 fill up to the most."""
+    tables = [_rescale(window.source[axis], window.size[axis]) for window in windows]
+    most = max(index.shape[1] for index, _ in tables)
+    places, weights = list[Tensor](), list[Tensor]()
+    for window, (index, weight) in zip(windows, tables, strict=True):
+        filled = (0, most - index.shape[1])
+        places.append(functional.pad((window.corner[axis] + index) % shape[axis], filled))
+        weights.append(functional.pad(weight, filled))
+    return torch.stack(places), torch.stack(weights)
+
+
 def _taps(side: int, cut: int, place: Tensor) -> tuple[Tensor, Tensor]:
     """Source indices and weights (n, k) that a rescale from `side` to `cut` averages at each position (n,)."""
+    index, weight = (each.to(place.device, non_blocking=True) for each in _rescale(side, cut))
+    return index[place], weight[place]
+
+
+@lru_cache(maxsize=1024)  # a fit draws the same few sizes again and again
+def _rescale(side: int, cut: int) -> tuple[Tensor, Tensor]:
+    """Source indices and weights (cut, k) that a rescale from `side` to `cut` averages at each position."""
     matrix = torch.eye(side)
     if side != cut:
         matrix = functional.interpolate(matrix[None, None], (cut, side), mode="bilinear", antialias=True)[0, 0]
     weight, index = matrix.topk(int((matrix > 0).sum(1).max()))
-    index, weight = (each.to(place.device, non_blocking=True) for each in (index, weight))
-    return index[place], weight[place]
+    return index, weight
 
 
 def _fitting(side: int) -> int:
@@ -135,32 +169,34 @@ class Disturbance:
     noise: float = 0.05  # largest σ, for pictures from 0 to 1
 
     def disturbed(self, pictures: Tensor, generator: torch.Generator) -> Tensor:
-        """Pictures (B, 3, H, W) in [0, 1], disturbed at random, within [0, 1]."""
-        hue, blur, noise = torch.rand(3, generator=generator, dtype=torch.float64).tolist()
-        pictures = blurred(turned(pictures, self.hue * hue), self.blur * blur)
+        """Pictures (B, 3, H, W) in [0, 1], each disturbed at random, within [0, 1]."""
+        drawn = torch.rand(3, len(pictures), generator=generator, dtype=torch.float64)
+        hue, blur, noise = drawn.to(pictures, non_blocking=True)
+        pictures = turned(pictures, self.hue * hue)
+        if self.blur:
+            pictures = blurred(pictures, self.blur * blur, math.ceil(3 * self.blur))
         grain = torch.randn(pictures.shape, generator=generator).to(pictures.device, non_blocking=True)
-        return (pictures + self.noise * noise * grain).clamp(0, 1)
+        return (pictures + self.noise * noise[:, None, None, None] * grain).clamp(0, 1)
 
 
-def turned(pictures: Tensor, turn: float) -> Tensor:
-    """Pictures (B, 3, H, W) with their hue turned by a share of the wheel, clipped to [0, 1]; grey stays grey."""
+def turned(pictures: Tensor, turn: Tensor) -> Tensor:
+    """Pictures (B, 3, H, W), the hue of each turned by shares (B,) of the wheel, clipped to [0, 1]; grey stays grey."""
     angle = 2 * math.pi * turn
     # Rodrigues' rotation around (1, 1, 1)/√3: cos + (1 − cos)/3 on the diagonal, (1 − cos)/3 ± sin/√3 beside it.
-    parts = (math.cos(angle), -math.sin(angle) / math.sqrt(3), math.sin(angle) / math.sqrt(3))
-    same, less, more = ((1 - math.cos(angle)) / 3 + part for part in parts)
-    matrix = torch.tensor([[same, less, more], [more, same, less], [less, more, same]], dtype=pictures.dtype)
-    matrix = matrix.to(pictures.device, non_blocking=True)
-    return torch.einsum("ij,bjhw->bihw", matrix, pictures).clamp(0, 1)
+    third, side = (1 - angle.cos()) / 3, angle.sin() / math.sqrt(3)
+    same, less, more = third + angle.cos(), third - side, third + side
+    matrix = torch.stack([same, less, more, more, same, less, less, more, same], 1).view(-1, 3, 3)
+    return torch.einsum("bij,bjhw->bihw", matrix, pictures).clamp(0, 1)
 
 
-def blurred(pictures: Tensor, sigma: float) -> Tensor:
-    """Periodic pictures (B, C, H, W) after a Gaussian of σ in texels."""
-    if sigma < 1e-3:
-        return pictures
-    radius = math.ceil(3 * sigma)
-    offsets = range(-radius, radius + 1)
-    weights = [math.exp(-0.5 * (offset / sigma) ** 2) for offset in offsets]
+def blurred(pictures: Tensor, sigma: Tensor, radius: int) -> Tensor:
+    """Periodic pictures (B, C, H, W), each after a Gaussian of its σ (B,) in texels, cut off at a radius in texels."""
+    offsets = torch.arange(-radius, radius + 1, device=pictures.device)
+    weights = (-0.5 * (offsets / sigma.clamp_min(LEAST_BLUR)[:, None]).square()).exp()  # (B, offsets)
+    weights = weights / weights.sum(1, keepdim=True)
     for dim in (2, 3):
-        shifted = (pictures.roll(offset, dim) * weight for offset, weight in zip(offsets, weights, strict=True))
-        pictures = sum(shifted, torch.zeros_like(pictures)) / sum(weights)
+        total = torch.zeros_like(pictures)
+        for offset, weight in zip(range(-radius, radius + 1), weights.T, strict=True):
+            total = total + pictures.roll(offset, dim) * weight[:, None, None, None]
+        pictures = total
     return pictures

@@ -2,6 +2,7 @@
 
 Each element of a batch has a random slice as its input and others as its targets, in a window and at a scale of their
 own; only the input is turned in hue, blurred and noisy. docs/neubtf.md has what the paper says and leaves open.
+A step's elements are read, encoded and rendered at once, because a GPU takes as long for one.
 
 Style and spectrum see linear radiance in the display's range [0, 1], because the paper compresses only the pixel term,
 and because one highlight would otherwise outweigh every Gram matrix and spectrum. Pictures (B, 3, H, W) are periodic.
@@ -15,15 +16,17 @@ from torch.nn import functional
 
 from bench.metrics.display import LOG_SCALE, decode_srgb
 from bench.training import Samples, distance
-from neubtf.augmentation import Crop, draw_scale
+from neubtf.augmentation import Crop, draw_scale, taps_of
 from neubtf.autoencoder import Encoder, displayed
 from neubtf.training import Guided, StagedSettings, pictures
 
+AT_ONCE = 16  # slices whose means are computed at once
 DARKEST = 1e-4  # least mean of a slice, in a display's range; darker slices are shown as if they had it
 
 PAPER = {"bits": 8, "directions": "xy", "loss": "l1", "keep_scale": 0.0, "init": "published", "optimiser": "adam"}
 # Left open, and chosen:
-PAPER |= {"steps": 30_000, "crop": 16, "around": 0, "smallest": 0.75, "blur": 0.5, "noise": 0.02}
+PAPER |= {"steps": 10_000, "slices": 16, "targets": 1, "texel_pairs": 1, "crop": 64, "around": 0}
+PAPER |= {"smallest": 0.75, "blur": 0.5, "noise": 0.02}
 FILTERS = 24  # filters of each scale
 KERNEL = 5  # texels a side at each scale
 SCALES = 3  # full, half and quarter resolution
@@ -87,15 +90,16 @@ def focal_frequency(ours: Tensor, theirs: Tensor) -> Tensor:
     return (weight * squared).mean()
 
 
-class Element(NamedTuple):
-    """One element of a batch: its window, its input, and the target slices that its texture is compared with."""
+class Elements(NamedTuple):
+    """Elements of a batch, E of them, whose windows have one size (h, w); n of their texels are compared."""
 
-    window: Crop
-    texels: Tensor  # of the window's source, as row · W + column
-    picture: Tensor  # (1, 3, h, w) in sRGB, the input
-    targets: Tensor  # (targets, 3, h, w), log radiance
-    view: int  # the pair of the input
-    pairs: Tensor  # (targets,), those of the target slices
+    window: Crop  # the size and the surroundings of all
+    picture: Tensor  # (E, 3, h, w) in sRGB, the inputs
+    views: Tensor  # (E,), the pairs of the inputs
+    targets: Tensor  # (E, targets, n, 3), log radiance
+    pairs: Tensor  # (E, targets), those of the target slices
+    texels: Tensor  # (E, n, k) of the material, whose weighted means are the windows' texels
+    weights: Tensor  # (E, n, k)
 
 
 class Published(Guided):
@@ -105,75 +109,92 @@ class Published(Guided):
     `texel_pairs` random pairs of each texel, or without any at those slices.
     """
 
+    rounded_from = 1.0  # the file's texture is that of the guidance, which steps do not see
+
     def __init__(
         self, samples: Samples, settings: StagedSettings, encoder: Encoder, guidance: Tensor, generator: torch.Generator
     ):
         super().__init__(samples, settings, encoder, guidance, generator)
         self.style = Style()
         self.brightness = float(decode_srgb(guidance.cpu().numpy()).mean())
+        self.means = nn.Buffer(slice_means(samples), persistent=False)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         settings = self.settings
-        elements = [self.element(generator) for _ in range(settings.slices)]
-        pixel, style, frequency = self.losses(elements, generator)
+        pixel, style, frequency = self.losses(self.batch(generator), generator)
         return settings.pixel * pixel + settings.style * style + settings.frequency * frequency
 
-    def element(self, generator: torch.Generator) -> Element:
-        """An element, drawn at random."""
+    def batch(self, generator: torch.Generator) -> list[Elements]:
+        """The elements of a step, drawn at random, in groups of one size."""
         settings, samples = self.settings, self.samples
-        scale = draw_scale(settings.smallest, settings.keep_scale, generator)
-        window = Crop.drawn(samples.shape, settings.crop, scale, samples.btf.periodic, generator, settings.around)
-        view, *targets = torch.randint(samples.pairs, (1 + settings.targets,), generator=generator).tolist()
-        texels = window.texels(samples.shape).to(samples.device, non_blocking=True)
-        levels = self.radiance(window, texels, torch.tensor([view, *targets]))
-        picture = self.disturbance.disturbed(displayed(self.exposed(levels[:1])), generator)
-        return Element(window, texels, picture, levels[1:], view, torch.tensor(targets))
+        alike: dict[Crop, list[Crop]] = {}
+        for _ in range(settings.slices):
+            scale = draw_scale(settings.smallest, settings.keep_scale, generator)
+            window = Crop.drawn(samples.shape, settings.crop, scale, samples.btf.periodic, generator, settings.around)
+            alike.setdefault(window.at_origin(), []).append(window)
+        return [self.elements(windows, generator) for windows in alike.values()]
 
-    def exposed(self, level: Tensor) -> Tensor:
-        """Log radiance (1, 3, h, w) of a slice at the brightness of the guidance, as a later photograph."""
-        mean = shown(level).mean().clamp_min(DARKEST)
-        return (level.expm1() * (self.brightness / mean)).log1p()
-
-    def losses(self, elements: list[Element], generator: torch.Generator) -> Tensor:
-        """The losses (3,) of pixels, style and spectrum, not weighted, as means over elements."""
-        alike: dict[Crop, list[Element]] = {}
-        for element in elements:
-            alike.setdefault(element.window.at_origin(), []).append(element)
-        each = [len(group) * self._compared(window, group, generator) for window, group in alike.items()]
-        return torch.stack(each).sum(0) / len(elements)
-
-    def _compared(self, window: Crop, elements: list[Element], generator: torch.Generator) -> Tensor:
-        """The losses (3,) of elements with equal windows; their surroundings are left out."""
-        settings, device = self.settings, self.samples.device
+    def elements(self, windows: list[Crop], generator: torch.Generator) -> Elements:
+        """An element in each of some windows of one size, drawn at random."""
+        device = self.samples.device
+        texels, weights = taps_of(windows, self.samples.shape, device)
+        drawn = torch.randint(self.samples.pairs, (len(windows), 1 + self.settings.targets), generator=generator)
+        pairs = drawn.to(device, non_blocking=True)
+        levels = self.averaged(texels[:, None], weights[:, None], pairs[:, :, None])  # (E, 1 + targets, h · w, 3)
+        window = windows[0].at_origin()
+        views = pictures(levels[:, 0].flatten(0, 1), window.size)
+        picture = self.disturbance.disturbed(displayed(self.exposed(views, pairs[:, 0])), generator)
         inner = window.inner().to(device, non_blocking=True)
-        textures = self.encoder(torch.cat([element.picture for element in elements]))
-        latents = textures.flatten(2)[..., inner].movedim(1, -1)  # (elements, n, D)
+        return Elements(
+            window, picture, pairs[:, 0], levels[:, 1:, inner], pairs[:, 1:], texels[:, inner], weights[:, inner]
+        )
 
-        levels = torch.stack([element.targets for element in elements]).flatten(3)[..., inner]
-        levels = levels.movedim(2, -1).flatten(0, 2)  # (elements · targets · n, 3)
-        pairs = torch.stack([element.pairs for element in elements])
-        repeated = latents[:, None].expand(-1, pairs.shape[1], -1, -1).flatten(0, 2)
-        pairs = pairs.flatten().to(device, non_blocking=True)
-        rendered = self.answered(repeated, pairs.repeat_interleave(len(inner)))
-        ours, truth = (shown(pictures(values, window.inner_size)) for values in (rendered, levels))
+    def averaged(self, texels: Tensor, weights: Tensor, pairs: Tensor) -> Tensor:
+        """Log radiance (…, 3) of weighted means over texels (…, k), at pairs (…); the axes before k are broadcast."""
+        each = pairs[..., None]
+        shape = torch.broadcast_shapes(texels.shape, each.shape)
+        level = self.samples.at(texels.expand(shape).flatten(), each.expand(shape).flatten()).target
+        radiance = level.expm1().unflatten(0, shape)
+        return (radiance * weights[..., None]).sum(-2).log1p()
+
+    def exposed(self, levels: Tensor, pairs: Tensor) -> Tensor:
+        """Log radiance (E, 3, h, w) of parts of the slices of pairs (E,), once each slice has the guidance's mean.
+
+        A later photograph comes in the same way: the mean of all of it is brought to the guidance's.
+        """
+        factor = self.brightness / self.means[pairs]
+        return (levels.expm1() * factor[:, None, None, None]).log1p()
+
+    def losses(self, batch: list[Elements], generator: torch.Generator) -> Tensor:
+        """The losses (3,) of pixels, style and spectrum, not weighted, as means over elements."""
+        each = [len(elements.views) * self._compared(elements, generator) for elements in batch]
+        return torch.stack(each).sum(0) / sum(len(elements.views) for elements in batch)
+
+    def _compared(self, elements: Elements, generator: torch.Generator) -> Tensor:
+        """The losses (3,) of elements with windows of one size; their surroundings are left out."""
+        settings, device = self.settings, self.samples.device
+        inner = elements.window.inner().to(device, non_blocking=True)
+        textures = self.encoder(elements.picture)
+        latents = textures.flatten(2)[..., inner].movedim(1, -1)  # (E, n, D)
+        count, targets, texels, _ = elements.targets.shape
+
+        repeated = latents[:, None].expand(-1, targets, -1, -1).flatten(0, 2)
+        pairs = elements.pairs[:, :, None].expand(-1, -1, texels).flatten()
+        rendered, levels = self.answered(repeated, pairs), elements.targets.flatten(0, 2)
+        ours, truth = (shown(pictures(values, elements.window.inner_size)) for values in (rendered, levels))
 
         if settings.texel_pairs:
-            repeated = latents.flatten(0, 1).repeat_interleave(settings.texel_pairs, 0)
-            pair, levels = self._at_texels(elements, inner, generator)
-            rendered = self.answered(repeated, pair)
+            drawn = torch.randint(self.samples.pairs, (count, texels, settings.texel_pairs), generator=generator)
+            pairs = drawn.to(device, non_blocking=True)
+            levels = self.averaged(elements.texels[:, :, None], elements.weights[:, :, None], pairs).flatten(0, 2)
+            repeated = latents[:, :, None].expand(-1, -1, settings.texel_pairs, -1).flatten(0, 2)
+            rendered = self.answered(repeated, pairs.flatten())
         pixel = distance(rendered, levels, settings.loss)
-        return torch.stack([pixel, self.style(ours, truth, window.whole), focal_frequency(ours, truth)])
+        style = self.style(ours, truth, elements.window.whole)
+        return torch.stack([pixel, style, focal_frequency(ours, truth)])
 
-    def _at_texels(self, elements: list[Element], inner: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-        """Random pairs (elements · n · texel_pairs,) of the inner texels (n,) of elements, and log radiance there."""
-        drawn, levels = [], []
-        for element in elements:
-            index, weight = element.window.taps(inner)
-            index, weight = (x.repeat_interleave(self.settings.texel_pairs, 0) for x in (index, weight))
-            pair = torch.randint(self.samples.pairs, (len(index),), generator=generator)
-            pair = pair.to(self.samples.device, non_blocking=True)
-            each = pair.repeat_interleave(index.shape[1])
-            values = self.samples.at(element.texels[index].flatten(), each).target.expm1().unflatten(0, index.shape)
-            drawn.append(pair)
-            levels.append((values * weight[..., None]).sum(1).log1p())
-        return torch.cat(drawn), torch.cat(levels)
+
+def slice_means(samples: Samples) -> Tensor:
+    """The mean (pairs,) of each slice as it is displayed, in linear light, at least `DARKEST`."""
+    means = [shown(samples.slices(pairs)).mean((0, 2)) for pairs in torch.arange(samples.pairs).split(AT_ONCE)]
+    return torch.cat(means).clamp_min(DARKEST)

@@ -6,7 +6,7 @@ import torch
 from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
-from neubtf.augmentation import Crop, Disturbance, blurred, draw_scale, turned
+from neubtf.augmentation import Crop, Disturbance, blurred, draw_scale, taps_of, turned
 from neubtf.autoencoder import STRIDE, Autoencoder, Pooled
 
 
@@ -91,21 +91,41 @@ def test_taps_are_the_rescale_of_single_texels() -> None:
         assert (index.shape[1] == 1) == window.keeps_scale
 
 
+def test_taps_of_several_windows_are_texels_of_the_picture_with_their_weights() -> None:
+    whole = picture()
+    windows = [Crop((3, 5), (11, 9), (8, 8)), Crop((20, 28), (8, 8), (8, 8))]  # the second reaches over the borders
+    texels, weights = taps_of(windows, (24, 32), torch.device("cpu"))
+    for at, window in enumerate(windows):
+        seen = whole.flatten(2)[..., window.texels((24, 32))].unflatten(2, window.source)
+        mean = (whole.flatten(2)[0][:, texels[at]] * weights[at]).sum(2)
+        torch.testing.assert_close(mean, window.rescaled(seen)[0].flatten(1))
+
+
 @pytest.mark.parametrize("turn", [0.0, 1 / 3, 0.25, 0.9])
 def test_hue_turns_by_its_share_of_the_wheel(turn: float) -> None:
     start = torch.tensor([0.6, 0.4, 0.4]).reshape(1, 3, 1, 1)
-    red, green, blue = turned(start, turn).flatten().tolist()
+    red, green, blue = turned(start, torch.tensor([turn])).flatten().tolist()
     # The hue of an orthonormal wheel and that of HSV agree at each sixth of a turn, and to 0.02 between.
     assert colorsys.rgb_to_hsv(red, green, blue)[0] == pytest.approx(turn, abs=0.02)
     assert red + green + blue == pytest.approx(1.4)
 
 
-@pytest.mark.parametrize("sigma", [0.4, 1.0, 2.5])
-def test_blur_is_a_gaussian(sigma: float) -> None:
-    ours = blurred(picture().double(), sigma)[0].numpy()
-    radius = int(np.ceil(3 * sigma))
-    for channel, before in zip(ours, picture().double()[0].numpy(), strict=True):
-        np.testing.assert_allclose(channel, gaussian_filter(before, sigma, mode="wrap", radius=radius), rtol=1e-10)
+def test_blur_is_a_gaussian_of_each_pictures_own_width() -> None:
+    widths = [0.4, 1.0, 2.5]
+    before = torch.cat([picture().double().roll(at, 2) for at in range(len(widths))])
+    after = blurred(before, torch.tensor(widths, dtype=torch.float64), 8)
+    for sigma, ours, whole in zip(widths, after.numpy(), before.numpy(), strict=True):
+        for channel, seen in zip(ours, whole, strict=True):
+            np.testing.assert_allclose(channel, gaussian_filter(seen, sigma, mode="wrap", radius=8), rtol=1e-9)
+
+
+def test_no_width_is_no_blur() -> None:
+    torch.testing.assert_close(blurred(picture(), torch.zeros(1), 3), picture())
+
+
+def test_the_pictures_of_a_batch_are_disturbed_each_in_its_own_way() -> None:
+    twice = Disturbance().disturbed(picture().repeat(2, 1, 1, 1), generator(1))
+    assert (twice[0] - twice[1]).abs().mean() > 0.05
 
 
 def test_a_disturbance_is_seeded_and_stays_in_range() -> None:

@@ -12,12 +12,10 @@ from bench.codecs import container
 from bench.conformance.check import tiny_btf
 from bench.inputs.errors import InputError
 from bench.material import parameters
-from bench.metrics.display import decode_srgb
 from bench.training import Samples, load_texture
 from bench.training import fitting as training
 from neubtf.autoencoder import Autoencoder, Encoder, as_guidance, read_encoder
 from neubtf.codec import NeuBTF, guiding_pair
-from neubtf.published import Published
 
 FEW: dict[str, Any] = {"steps": 24, "batch": 256}
 
@@ -135,49 +133,6 @@ def test_every_weight_matters() -> None:
     assert len(set(found)) == len(found)
 
 
-def published(guidance: torch.Tensor, **settings: Any) -> Published:
-    samples = Samples(tiny_btf(), 2.0, Fit())
-    encoder = Encoder.for_guidance(guidance, Autoencoder(14))
-    chosen = NeuBTF(recipe="paper", **settings).settings
-    return Published(samples, chosen, encoder, guidance, torch.Generator().manual_seed(0))
-
-
-def test_a_batch_of_two_windows_is_the_mean_of_each() -> None:
-    fitting, generator = published(torch.full((1, 3, 16, 16), 0.3), smallest=0.5), torch.Generator().manual_seed(0)
-    elements = [fitting.element(generator) for _ in range(60)]
-    assert len({element.window.size for element in elements}) > 1
-    assert len({element.view for element in elements}) > 20
-    each = torch.stack([fitting.losses([element], generator) for element in elements]).mean(0)
-    torch.testing.assert_close(fitting.losses(elements, generator)[0], each[0])
-
-
-def test_several_targets_are_compared_with_one_texture_each_as_if_alone() -> None:
-    fitting = published(torch.full((1, 3, 16, 16), 0.3), targets=5, texel_pairs=0)
-    generator = torch.Generator().manual_seed(0)
-    element = fitting.element(generator)
-    assert element.targets.shape[0] == len(element.pairs) == 5
-    alone = [element._replace(targets=element.targets[[i]], pairs=element.pairs[[i]]) for i in range(5)]
-    each = torch.stack([fitting.losses([one], generator) for one in alone])
-    torch.testing.assert_close(fitting.losses([element], generator), each.mean(0))
-
-
-@pytest.mark.parametrize("keep_scale", [0, 1])
-def test_the_pairs_of_each_texel_meet_the_radiance_of_the_window_there(keep_scale: int) -> None:
-    """A window's texel is a mean of those of its source, at each pair that is drawn for it."""
-    fitting = published(torch.full((1, 3, 16, 16), 0.3), texel_pairs=3, keep_scale=keep_scale, smallest=0.5)
-    generator = torch.Generator().manual_seed(0)
-    elements = [fitting.element(generator) for _ in range(3)]
-    inner = elements[0].window.inner()
-    elements = [element for element in elements if element.window.size == elements[0].window.size]
-    pairs, levels = fitting._at_texels(elements, inner, generator)
-    found = levels.view(len(elements), len(inner), 3, 3)
-    drawn = pairs.view(len(elements), len(inner), 3)
-    for element, some, at in zip(elements, found, drawn, strict=True):
-        whole = fitting.radiance(element.window, element.texels, torch.arange(81)).flatten(2)[..., inner]
-        for texel in (0, 7, len(inner) - 1):
-            torch.testing.assert_close(some[texel], whole[at[texel], :, texel], rtol=1e-4, atol=1e-5)
-
-
 def test_settings_without_sense_are_refused() -> None:
     for name, value in {"steps": 0, "batch": 0, "slices": 0, "crop": 3, "explore": 1.5, "latents": 0}.items():
         with pytest.raises(InputError, match=name.removesuffix("s")):
@@ -210,10 +165,3 @@ def test_the_encoder_sees_its_own_guidance_with_mean_0_and_deviation_1() -> None
     assert seen[0].flatten(1).std(1, correction=0).mean().item() == pytest.approx(1, rel=1e-4)
     of_one_colour = torch.full((1, 3, 16, 16), 0.2)
     assert Encoder.for_guidance(of_one_colour, Autoencoder(2)).prepared(of_one_colour).abs().max() < 1e-3
-
-
-def test_the_papers_recipe_shows_every_slice_at_the_guidances_brightness() -> None:
-    fitting = published(torch.full((1, 3, 16, 16), 0.3), hue=0, blur=0, noise=0, keep_scale=1)
-    generator = torch.Generator().manual_seed(0)
-    means = [decode_srgb(fitting.element(generator).picture.numpy()).mean() for _ in range(20)]
-    np.testing.assert_allclose(means, np.broadcast_to(decode_srgb(np.full(1, 0.3)), 20), rtol=0.1)

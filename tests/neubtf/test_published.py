@@ -1,0 +1,117 @@
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from bench.btf import BTF, ArraySource
+from bench.codec import Fit
+from bench.conformance.check import tiny_btf
+from bench.metrics.display import decode_srgb
+from bench.training import Samples
+from neubtf.augmentation import Crop
+from neubtf.autoencoder import Autoencoder, Encoder
+from neubtf.codec import NeuBTF
+from neubtf.published import DARKEST, Elements, Published, shown, slice_means
+
+GREY = torch.full((1, 3, 16, 16), 0.3)  # a guidance image
+
+
+def generator(seed: int = 0) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+def published(btf: BTF | None = None, **settings: Any) -> Published:
+    samples = Samples(btf or tiny_btf(16), 2.0, Fit())
+    encoder = Encoder.for_guidance(GREY, Autoencoder(14))
+    chosen = NeuBTF(recipe="paper", **settings).settings
+    return Published(samples, chosen, encoder, GREY, generator())
+
+
+def alone(elements: Elements, at: int) -> Elements:
+    """One element of several."""
+    return Elements(elements.window, *(part[[at]] for part in elements[1:]))
+
+
+def test_a_step_has_windows_of_several_sizes_and_its_losses_are_the_mean_over_elements() -> None:
+    fitting = published(smallest=0.5, slices=60, texel_pairs=0)
+    batch = fitting.batch(generator())
+    assert len({elements.window.size for elements in batch}) > 1
+    assert sum(len(elements.views) for elements in batch) == 60
+    assert len({int(view) for elements in batch for view in elements.views}) > 20
+    each = [
+        fitting.losses([alone(elements, at)], generator()) for elements in batch for at in range(len(elements.views))
+    ]
+    torch.testing.assert_close(fitting.losses(batch, generator()), torch.stack(each).mean(0))
+
+
+def test_several_targets_are_compared_with_one_texture_each_as_if_alone() -> None:
+    fitting = published(targets=5, texel_pairs=0)
+    elements = fitting.elements([Crop((0, 0), (16, 16), (16, 16))], generator())
+    assert elements.targets.shape[1] == elements.pairs.shape[1] == 5
+    each = [
+        fitting.losses([elements._replace(targets=elements.targets[:, [i]], pairs=elements.pairs[:, [i]])], generator())
+        for i in range(5)
+    ]
+    torch.testing.assert_close(fitting.losses([elements], generator()), torch.stack(each).mean(0))
+
+
+WINDOWS = [
+    [Crop((3, 5), (8, 8), (8, 8)), Crop((12, 14), (10, 9), (8, 8))],  # the second reaches over the border
+    [Crop((0, 0), (16, 16), (12, 8))],
+]
+
+
+@pytest.mark.parametrize("windows", WINDOWS)
+def test_slices_and_single_pairs_are_the_radiance_of_the_window(windows: list[Crop]) -> None:
+    """A window's texel is a mean of those of its source, in the slices of its pairs as at a pair of its own."""
+    fitting = published(hue=0, blur=0, noise=0, targets=3)
+    elements = fitting.elements(windows, generator())
+    count = len(windows) * windows[0].size[0] * windows[0].size[1]
+    pairs = torch.randint(81, (count,), generator=generator(1)).view(len(windows), -1)
+    drawn = fitting.averaged(elements.texels, elements.weights, pairs)
+    for at, window in enumerate(windows):
+        texels = window.texels(fitting.samples.shape)
+        whole = fitting.radiance(window, texels, torch.arange(81)).flatten(2).movedim(1, -1)  # (81, n, 3)
+        torch.testing.assert_close(elements.targets[at], whole[elements.pairs[at]], rtol=1e-4, atol=1e-5)
+        own = whole[pairs[at], torch.arange(whole.shape[1])]
+        torch.testing.assert_close(drawn[at], own, rtol=1e-4, atol=1e-5)
+
+
+def half_dark() -> BTF:
+    """The left half has a tenth of the radiance of the right one, in slices whose brightness differs."""
+    like = tiny_btf(16)
+    values = np.stack([np.full((16, 16, 3), 0.04 * (1 + pair % 5), np.float32) for pair in range(81)])
+    values[:, :, :8] /= 10
+    return BTF("half dark", like.wo, like.wi, ArraySource(values), periodic=True)
+
+
+def test_a_crop_of_an_input_has_the_exposure_of_its_slice_not_its_own() -> None:
+    """The dark half stays dark: a whole photograph is brought to the guidance's mean, not each of its crops."""
+    fitting = published(half_dark(), hue=0, blur=0, noise=0)
+    guidance = float(decode_srgb(np.full(1, 0.3))[0])
+    dark, bright = (Crop((0, col), (8, 8), (8, 8)) for col in (0, 8))
+    elements = fitting.elements([dark, bright] * 10, generator())
+    means = decode_srgb(elements.picture.numpy()).mean((1, 2, 3))
+    np.testing.assert_allclose(means[::2], guidance * 2 / 11, rtol=0.02)
+    np.testing.assert_allclose(means[1::2], guidance * 20 / 11, rtol=0.02)
+
+
+def test_the_mean_of_a_slice_is_that_of_what_is_displayed() -> None:
+    samples = Samples(half_dark(), 8.0, Fit())
+    wanted = [0.55 * 0.04 * (1 + pair % 5) for pair in range(81)]
+    np.testing.assert_allclose(slice_means(samples), wanted, rtol=2e-3)
+    like = tiny_btf(8)
+    black = BTF("black", like.wo, like.wi, ArraySource(np.zeros((81, 8, 8, 3), np.float32)))
+    assert (slice_means(Samples(black, 8.0, Fit())) == DARKEST).all()
+
+
+def test_the_papers_recipe_shows_every_slice_at_the_guidances_brightness() -> None:
+    fitting = published(hue=0, blur=0, noise=0, keep_scale=1)
+    pictures = fitting.elements([Crop((0, 0), (16, 16), (16, 16))] * 20, generator()).picture
+    guidance = float(decode_srgb(np.full(1, 0.3))[0])
+    np.testing.assert_allclose(decode_srgb(pictures.numpy()).mean((1, 2, 3)), np.full(20, guidance), rtol=0.1)
+
+
+def test_shown_is_radiance_in_the_range_of_a_display() -> None:
+    np.testing.assert_allclose(shown(torch.tensor([0.0, 8 * 0.5, 8 * 2.0]).log1p()), [0, 0.5, 1], rtol=1e-6)
