@@ -80,7 +80,7 @@ class Biplane(Codec):
     }
     """
 
-    name, version = "biplane", 2
+    name, version = "biplane", 3
     network = BiplaneNetwork
 
     @dataclass(frozen=True)
@@ -93,8 +93,6 @@ class Biplane(Codec):
         fitting = BiplaneObjective(Samples(btf, gain, fit), decoder, self.settings, fit.generator())
         train(fitting, fit, self.settings.steps)
         texture = torch.cat([fitting.texture, fitting.stored_colours()], 1).reshape(*btf.shape, -1)
-        if not torch.equal(fitting.colours, texture[..., FEATURES:].reshape(len(fitting.colours), -1)):
-            fitting.rounded_texels.fit_to(texture)  # some texels now hold their mean, which may be out of range
         return Parts(
             decoder=store_texture("half", fitting.planes()[0], fitting.rounded_planes),
             texture=store_texture("texels", texture, fitting.rounded_texels),
@@ -211,6 +209,10 @@ class BiplaneObjective(TextureObjective):
         return loss
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
+        return coloured(*self.answers(batch))
+
+    def answers(self, batch: Batch) -> tuple[Tensor, Tensor]:
+        """The decoder's answers (n, 3) to a batch, and the matrices and offsets (n, 12) that colour them, rounded."""
         material = self.material[batch.texel]
         row = batch.pair + material * PAIRS
         corner = self.corner[row] + (material * SIDE**2)[:, None]
@@ -219,22 +221,29 @@ class BiplaneObjective(TextureObjective):
         planes = self.rounded_planes(self.planes()).flatten(0, 2)
         rows = planes.index_select(0, corner.flatten()).unflatten(0, corner.shape)
         half = (rows * self.weight[row][..., None]).sum(1)
-        answer = self.network(torch.cat([self.d[row], half, features], 1))
-        return coloured(answer, colours)
+        return self.network(torch.cat([self.d[row], half, features], 1)), colours
 
     @torch.no_grad()
     def stored_colours(self) -> Tensor:
-        """The matrices and offsets (texels, 12); only the mean for texels whose mean is nearer than the answers."""
+        """The matrices and offsets (texels, 12) for the file; only the mean for texels that it is nearer to.
+
+        Both are judged as the file holds them, in the steps that the fit has learned to bear: new steps for the means
+        would round every other texel anew.
+        """
         colours, pairs = self.colours.detach().clone(), self.samples.pairs
         checked = torch.linspace(0, pairs - 1, min(pairs, CHECKED)).round().long().to(colours.device)
         for texel in torch.arange(len(colours), device=colours.device).split(BLOCK):
             abrdfs = self.samples.abrdfs(texel)
-            mean, truth = abrdfs.mean(1), abrdfs[:, checked]
-            each = Batch(texel.repeat_interleave(len(checked)), checked.repeat(len(texel)), truth)
-            answers = self.predict(each, 1.0).reshape(truth.shape)
-            ours, means = ((x - truth).square().mean((1, 2)) for x in (answers, mean[:, None]))
-            plain = functional.pad(mean, (MATRIX, 0))
-            colours[texel] = torch.where((ours < means)[:, None], colours[texel], plain)
+            truth = abrdfs[:, checked]
+            batch = Batch(texel.repeat_interleave(len(checked)), checked.repeat(len(texel)), truth.flatten(0, 1))
+            answer, ours = self.answers(batch)
+            means = functional.pad(abrdfs.mean(1), (MATRIX, 0))
+            rounded = self.rounded_texels(torch.cat([self.texture[texel], means], 1))[:, FEATURES:]
+            plain = rounded.repeat_interleave(len(checked), 0)
+            error, plain_error = (
+                (coloured(answer, each).reshape(truth.shape) - truth).square().mean((1, 2)) for each in (ours, plain)
+            )
+            colours[texel] = torch.where((error < plain_error)[:, None], colours[texel], means)
         return colours
 
 
