@@ -92,7 +92,7 @@ class Biplane(Codec):
         decoder = load_network(BiplaneDecoder(), network.parts.decoder).requires_grad_(False)
         fitting = BiplaneObjective(Samples(btf, gain, fit), decoder, self.settings, fit.generator())
         train(fitting, fit, self.settings.steps)
-        texture = torch.cat([fitting.texture, fitting.stored_colours()], 1).reshape(*btf.shape, -1)
+        texture = fitting.stored_texture().reshape(*btf.shape, -1)
         return Parts(
             decoder=store_texture("half", fitting.planes()[0], fitting.rounded_planes),
             texture=store_texture("texels", texture, fitting.rounded_texels),
@@ -224,27 +224,37 @@ class BiplaneObjective(TextureObjective):
         return self.network(torch.cat([self.d[row], half, features], 1)), colours
 
     @torch.no_grad()
-    def stored_colours(self) -> Tensor:
-        """The matrices and offsets (texels, 12) for the file; only the mean for texels that it is nearer to.
+    def stored_texture(self) -> Tensor:
+        """The texture (texels, 18) for the file; texels that their mean is nearer to hold it instead of colours.
 
         Both are judged as the file holds them, in the steps that the fit has learned to bear: new steps for the means
-        would round every other texel anew.
+        would round every other texel anew. Only where the means of all texels are nearer do they get their own steps.
         """
-        colours, pairs = self.colours.detach().clone(), self.samples.pairs
-        checked = torch.linspace(0, pairs - 1, min(pairs, CHECKED)).round().long().to(colours.device)
-        for texel in torch.arange(len(colours), device=colours.device).split(BLOCK):
+        pairs, device = self.samples.pairs, self.samples.device
+        checked = torch.linspace(0, pairs - 1, min(pairs, CHECKED)).round().long().to(device)
+        chosen, all_means, means_suffice = list[Tensor](), list[Tensor](), True
+        for texel in torch.arange(len(self.colours), device=device).split(BLOCK):
             abrdfs = self.samples.abrdfs(texel)
             truth = abrdfs[:, checked]
             batch = Batch(texel.repeat_interleave(len(checked)), checked.repeat(len(texel)), truth.flatten(0, 1))
-            answer, ours = self.answers(batch)
-            means = functional.pad(abrdfs.mean(1), (MATRIX, 0))
-            rounded = self.rounded_texels(torch.cat([self.texture[texel], means], 1))[:, FEATURES:]
-            plain = rounded.repeat_interleave(len(checked), 0)
-            error, plain_error = (
-                (coloured(answer, each).reshape(truth.shape) - truth).square().mean((1, 2)) for each in (ours, plain)
+            answer, held = self.answers(batch)
+            own = torch.cat([self.texture[texel], self.colours[texel]], 1)
+            mean = torch.cat([self.texture[texel], functional.pad(abrdfs.mean(1), (MATRIX, 0))], 1)
+            held_mean, exact_mean = (
+                each[:, FEATURES:].repeat_interleave(len(checked), 0) for each in (self.rounded_texels(mean), mean)
             )
-            colours[texel] = torch.where((error < plain_error)[:, None], colours[texel], means)
-        return colours
+            error, mean_error, exact_mean_error = (
+                (coloured(answer, each).reshape(truth.shape) - truth).square().mean((1, 2))
+                for each in (held, held_mean, exact_mean)
+            )
+            chosen.append(torch.where((error < mean_error)[:, None], own, mean))
+            all_means.append(mean)
+            means_suffice = means_suffice and not bool((error < exact_mean_error).any())
+        if not means_suffice:
+            return torch.cat(chosen)
+        texture = torch.cat(all_means)
+        self.rounded_texels.fit_to(texture)
+        return texture
 
 
 class BiplaneMaterial(Material):
