@@ -265,4 +265,4 @@ class Hierarchical(NeuMIP):
         octaves: Octaves = 0  # octaves of the sines of each of these inputs; 0: the inputs themselves
         places: Octaves = 10  # octaves of the sines of u and of v; those that texels cannot show are 0
         loss: Literal["both", "l1", "root"] = "both"  # log errors; or the absolute error of fourth roots, as published
-        gradient: NotNegative = 0.0  # weight of squared Sobel gradients of error, from a quarter of the steps on; patch > 2
+        gradient: NotNegative = 0.0  # weight of squared Sobel gradients of error, from a quarter of the steps on

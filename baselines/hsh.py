@@ -19,8 +19,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.inputs.settings import NotNegative, Range
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
-from bench.training import Bits, Rounding, gain_of, load_texture, store_texture
-from bench.training.texture_codes import MOST_CODES
+from bench.training import MOST_CODES, Bits, Rounding, gain_of, load_texture, store_texture
 
 BLOCK_BYTES = 16 << 20  # slices read together
 LEAST_COSINE = 0.02  # of a light: keeps radiance / cosine finite at the horizon
