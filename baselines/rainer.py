@@ -98,7 +98,7 @@ class RainerSettings(NetworkSettings):
 
 
 class Fitted(TextureObjective):
-    """A decoder and the source of its latents; each texel's statistics are measured."""
+    """A decoder and the source of its latents; each texel's statistics are taken from the data."""
 
     network: Decoder
     coordinates: Tensor  # (pairs, k): the decoder's inputs of each pair
@@ -109,7 +109,7 @@ class Fitted(TextureObjective):
         blocks = torch.arange(samples.texels, device=fit.device).split(BLOCK)
         stats = [statistics(samples.abrdfs(block)) for block in fit.progress(blocks, "texel statistics")]
         # (texels, 2, 3): mean and deviation of each texel's log ABRDF.
-        self.statistics: Tensor = nn.Buffer(torch.cat(stats), persistent=False)
+        self.statistics = nn.Buffer(torch.cat(stats), persistent=False)
 
     def where(self, batch: Batch) -> Tensor:
         """The decoder's coordinates (n, k) of the pairs of a batch."""

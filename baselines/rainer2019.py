@@ -6,7 +6,7 @@ Details that no available text confirms are settings or constants here and in `b
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import torch
 from torch import Tensor, nn
@@ -15,9 +15,9 @@ from baselines import rainer
 from baselines.rainer import Directions
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.inputs.settings import BatchSize, Natural, NotNegative, Positive, Width
+from bench.inputs.settings import BatchSize, Natural, Positive, Width
 from bench.material import Material
-from bench.training import Batch, Samples, distance, first_latents, gain_of, groups_of, train
+from bench.training import Batch, Samples, distance, first_latents, gain_of, train
 from bench.training.decoder import Architecture, Decoder, load_network
 from bench.training.fitting import ROUNDING_SAMPLES
 from bench.training.stored_texture import Bits, Rounding, load_texture, round_after, store_texture
@@ -56,7 +56,6 @@ class Rainer2019(Codec):
         latents: Width = 8  # channels that the encoder makes
         width: Width = rainer.WIDTH  # of the decoder's hidden layers
         latent_rate: Positive = 1e-2  # highest learning rate of latents that no encoder makes
-        statistics_rate: NotNegative = 1e-2  # and of their texels' means and deviations; 0: as measured
         activation: rainer.Activation = "leaky-relu"  # activation of the decoder's hidden layers
         bits: Bits = 0  # bits of a stored latent, mean or deviation on average; 0: chosen by the fit; 16, 32: floats
 
@@ -98,7 +97,10 @@ class Encoded(rainer.Autoencoder):
 
 
 class Free(rainer.Fitted):
-    """The decoder, free latents, and means and deviations from their measured values on; there is no encoder."""
+    """The decoder and free latents, without an encoder; the file holds no encoder in either case.
+
+    Means and deviations stay as measured: docs/recipes.md has what fitting them, too, gains and loses.
+    """
 
     settings: Rainer2019.Settings
 
@@ -106,22 +108,12 @@ class Free(rainer.Fitted):
         generator = fit.generator()
         super().__init__(samples, Decoder(settings.architecture, generator), settings, fit)
         self.texture = nn.Parameter(first_latents(samples, settings.latents, "components", generator))
-        self.statistics = nn.Parameter(self.statistics)  # (texels, 2, 3), free from their measured values on
         self.coordinates = rainer.coordinates(samples.wo, samples.wi, settings.directions)
         self.rounding = Rounding(settings.latents + rainer.STATISTICS, settings.bits)
 
-    def groups(self) -> list[dict[str, Any]]:
-        settings = self.settings
-        network = groups_of([self.network], settings.rate, settings.optimiser, settings.hidden_rate)
-        latents = {"params": [self.texture], "lr": settings.latent_rate}
-        return [*network, latents, {"params": [self.statistics], "lr": settings.statistics_rate}]
-
     def whole(self) -> Tensor:
-        """The texture (texels, D + 6) of latents, means and positive deviations."""
-        mean, deviation = self.statistics.unbind(1)
-        # The gradient ignores the limit, so that a deviation below it can rise again.
-        raised = (rainer.LEAST_DEVIATION - deviation.detach()).clamp_min(0)
-        return torch.cat([self.texture, mean, deviation + raised], 1)
+        """The texture (texels, D + 6) of latents and statistics."""
+        return torch.cat([self.texture, self.statistics.flatten(1)], 1)
 
     def stored(self, fit: Fit) -> tuple[Tensor, Rounding]:
         """That texture, and its rounding, which the fit knew."""

@@ -61,14 +61,13 @@ class NeuBTF(Codec):
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain, generator, settings = gain_of(btf, fit), fit.generator(), self.settings
         samples = Samples(btf, gain, fit)
-        picture = eight_bits(displayed(slice_of(samples, guiding_pair(samples))))
-        guidance = as_guidance(picture)
+        guidance = as_guidance(eight_bits(displayed(slice_of(samples, guiding_pair(samples)))))
         autoencoder = Autoencoder(settings.latents, generator, rectified=settings.recipe == "paper")
         encoder = Encoder.for_guidance(guidance, autoencoder)
         objective = Published if settings.recipe == "paper" else Staged
         fitting = objective(samples, settings, encoder, guidance, generator)
         train(fitting, fit, settings.steps)
-        stored = store_encoder(encoder, picture)
+        stored = store_encoder(encoder, eight_bits(fitting.guidance))
         texture = texture_of(stored, settings.latents, fit.device)
         return Parts(
             decoder=store_network(fitting.renderer, settings.weights),

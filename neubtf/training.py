@@ -161,7 +161,7 @@ class Staged(Guided):
             return self.rendered(self.first_rounding(self.texture), batch.texel, batch.pair)
         return super().predict(batch, progress)
 
-    def roundings(self, progress: float) -> list[Rounding]:
+    def roundings_at(self, progress: float) -> list[Rounding]:
         """The first texture's in the first stage; the file's in the last, which fits the encoder to its rounding."""
         stage = self.stage(round(progress * self.settings.steps))
         return {DIRECT: [self.first_rounding], TAUGHT: [], GUIDED: [self.rounding]}[stage]

@@ -220,14 +220,14 @@ class Objective(nn.Module):
         for each in (module for module in self.modules() if isinstance(module, Rounding)):
             each.chosen = bool(each.bits.any())
 
-    def roundings(self, progress: float) -> list[Rounding]:
+    def roundings_at(self, progress: float) -> list[Rounding]:
         """The roundings of the textures that `predict` looks up at this progress."""
         return [each for each in self.modules() if isinstance(each, Rounding)]
 
     @torch.no_grad()
     def round_textures(self, fit: Fit, progress: float) -> None:
         """Choose the rounding of each texture with a `Rounding`, unless it is already chosen."""
-        roundings = [each for each in self.roundings(progress) if each.undecided]
+        roundings = [each for each in self.roundings_at(progress) if each.undecided]
         if roundings:
             batch = self.samples.draw(ROUNDING_SAMPLES, fit.generator())
             choose_bits(roundings, lambda: self.predict(batch, progress), batch.target)
