@@ -3,8 +3,7 @@
 Weinreich et al., "Real-time neural materials using block-compressed features" (Eurographics 2024), learn features in
 the layout of BC6 blocks, emulate their decoding in training, and decode channels of a material from them. The blocks
 here are BC1's, three latents in four bits a texel, and a network like NeuBTF's answers with radiance. From halfway
-through the fit ends and places between them are rounded as in the file, in a range that is chosen then: choosing it
-again later gains nothing. See docs/recipes.md.
+through the fit ends and places between them are rounded as in the file. See docs/recipes.md.
 """
 
 import math
@@ -22,7 +21,6 @@ from bench.material import Material
 from bench.training import Batch, DirectedObjective, FitSettings, Samples, TextureMaterial, first_latents, fitted
 from bench.training.decoder import Architecture, Decoder, load_network
 from bench.training.inputs import COUNTS, Directions
-from bench.training.stored_texture import steps_for
 
 OMEGA = 2.0  # frequency of the network's sine, as NeuBTF's
 ROUNDED_FROM = 0.5  # share of the steps after which latents are those of real blocks
@@ -44,7 +42,7 @@ class BCF(Codec):
     }
     """
 
-    name, version = "bcf", 3
+    name, version = "bcf", 2
     sizes = ("textures", "width")
 
     @dataclass(frozen=True)
@@ -133,18 +131,13 @@ class BCFObjective(DirectedObjective):
         return self.answers(latents.flatten(1), batch.pair)
 
     def codes(self, ends: Tensor) -> Tensor:
-        """Ends (…, T, 3) in 5, 6 and 5 bits, int64; the first call chooses their range."""
+        """Ends (…, T, 3) in 5, 6 and 5 bits, int64; the first call sets their range."""
         if not self.ranged:
-            self.choose_range()
+            low, high = torch.aminmax(self.ends.flatten(0, 1), dim=0)
+            self.low.copy_(low)
+            self.span.copy_((high - low).clamp_min(1e-6))
+            self.ranged = True
         return ((ends - self.low) / self.span * self.levels).round().clamp_min(0).minimum(self.levels).long()
-
-    def choose_range(self) -> None:
-        """Choose the range of each channel that rounds all ends with the least squared error: it may clip some."""
-        bits = torch.tensor(bc1.BITS, device=self.ends.device).repeat(self.ends.shape[2])
-        low, step = steps_for(self.ends.flatten(2), bits)
-        self.low.copy_(low.unflatten(0, (-1, 3)))
-        self.span.copy_((step * (2**bits - 1)).clamp_min(1e-6).unflatten(0, (-1, 3)))
-        self.ranged = True
 
     def rounded(self, first: Tensor, second: Tensor, share: Tensor) -> Tensor:
         """The latents (n, T, 3) that a file gives back for texels with those ends (n, T, 3) and shares (n, T)."""

@@ -252,7 +252,7 @@ class Hierarchical(NeuMIP):
     }
     """
 
-    name, version = "hierarchical", 3
+    name, version = "hierarchical", 2
     sizes = ("channels",)
     recipes: ClassVar = {"paper": PAPER}
     objective, material = HierarchicalObjective, HierarchicalMaterial
@@ -260,9 +260,9 @@ class Hierarchical(NeuMIP):
     @dataclass(frozen=True)
     class Settings(PyramidSettings):
         batch: BatchSize = 4_096  # samples a step, in whole patches
-        patch: Annotated[int, Range(1, 1024)] = 2  # texels a side of a patch, whose samples share their directions
+        patch: Annotated[int, Range(1, 1024)] = 8  # texels a side of a patch, whose samples share their directions
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, start, Adam, blur, loss, rate and batch
         octaves: Octaves = 0  # octaves of the sines of each of these inputs; 0: the inputs themselves
         places: Octaves = 10  # octaves of the sines of u and of v; those that texels cannot show are 0
         loss: Literal["both", "l1", "root"] = "both"  # log errors; or the absolute error of fourth roots, as published
-        gradient: NotNegative = 0.0  # weight of squared Sobel gradients of error, from a quarter of the steps on
+        gradient: NotNegative = 0.0  # weight of the squared error of Sobel gradients, from a quarter of the steps on

@@ -47,7 +47,7 @@ class NeuralBTF(Codec):
     }
     """
 
-    name, version = "neuralbtf", 2
+    name, version = "neuralbtf", 1
     sizes = ("channels", "width")
     recipes: ClassVar = {"paper": PAPER}
 
@@ -55,7 +55,7 @@ class NeuralBTF(Codec):
     class Settings(FitSettings):
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, loss and rates, random latents
         steps: Natural = 1_000  # steps of the fit
-        batch: BatchSize = 4_096  # samples a step
+        batch: BatchSize = 2_048  # samples a step
         optimiser: Optimiser = "adam"  # "muon" steps the hidden matrices by Muon, at twice the seconds and no gain
         rate: Positive = 3e-3  # highest learning rate of both networks and the gate
         relative: bool = False  # as published: the network answers radiance, its loss is relative, `loss` is not used

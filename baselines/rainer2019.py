@@ -15,15 +15,12 @@ from baselines import rainer
 from baselines.rainer import Directions
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.inputs.settings import BatchSize, Natural, Positive, Width
+from bench.inputs.settings import Natural, Positive, Width
 from bench.material import Material
 from bench.training import Batch, Samples, distance, first_latents, gain_of, train
 from bench.training.decoder import Architecture, Decoder, load_network
 from bench.training.fitting import ROUNDING_SAMPLES
 from bench.training.stored_texture import Bits, Rounding, load_texture, round_after, store_texture
-
-PAPER = {"bits": 8, "directions": "stereographic", "start": "encoder", "optimiser": "adam", "steps": 10_000}
-PAPER |= {"texels": 64}
 
 
 class Rainer2019(Codec):
@@ -41,14 +38,15 @@ class Rainer2019(Codec):
     }
     """
 
-    name, version = "rainer2019", 4
+    name, version = "rainer2019", 3
     sizes = ("latents",)
-    recipes: ClassVar = {"paper": PAPER}
+    recipes: ClassVar = {
+        "paper": {"bits": 8, "directions": "stereographic", "start": "encoder", "optimiser": "adam", "steps": 10_000}
+    }
 
     @dataclass(frozen=True)
     class Settings(rainer.RainerSettings):
         steps: Natural = 2_500  # steps of the fit
-        texels: BatchSize = 128  # of a step, each with 32 pairs; ours draws as many samples, at any texels
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, the encoder, only Adam
         start: Literal["components", "encoder"] = "components"  # latents: free from principal components, or encoded
         directions: Directions = "xyzh"  # inputs: each stereographic as published, or all of both and of their half
@@ -97,10 +95,7 @@ class Encoded(rainer.Autoencoder):
 
 
 class Free(rainer.Fitted):
-    """The decoder and free latents, without an encoder; the file holds no encoder in either case.
-
-    Means and deviations stay as measured: docs/recipes.md has what fitting them, too, gains and loses.
-    """
+    """The decoder and free latents, without an encoder; the file holds no encoder in either case."""
 
     settings: Rainer2019.Settings
 

@@ -10,7 +10,7 @@ from baselines.bcf import BCF, BCFObjective, decoded, lines
 from bench.codec import Fit, Parts
 from bench.directions import hemisphere
 from bench.training import Samples, gain_of
-from tests.baselines.made import coded, cropped, noise, normed_sines
+from tests.baselines.made import coded, cropped, normed_sines
 
 
 def codec(**settings: Any) -> BCF:
@@ -64,44 +64,6 @@ def test_the_fit_sees_what_the_file_gives_back(size: tuple[int, int]) -> None:
     first, second = fitting.ends.detach()
     seen = fitting.rounded(first[fitting.block], second[fitting.block], fitting.share.detach())
     torch.testing.assert_close(stored.flatten(0, 1), seen.flatten(1), rtol=0, atol=0)
-
-
-def objective() -> BCFObjective:
-    """That of a picture of 256 blocks; most of their ends lie near 0, few far away."""
-    btf, fit, settings = noise(64, 64), Fit(), BCF.Settings(textures=1, start="random")
-    fitting = BCFObjective(Samples(btf, gain_of(btf, fit), fit), settings, fit.generator())
-    with torch.no_grad():
-        fitting.ends.normal_(generator=fit.generator())
-    return fitting
-
-
-def oracle_error(values: np.ndarray, low: float, high: float, bits: int) -> float:
-    """The mean squared error of values (n,) as codes of some bits between two ends."""
-    top = 2**bits - 1
-    codes = ((values - low) / (high - low) * top).round().clip(0, top)
-    return float(np.square(low + (high - low) * codes / top - values).mean())
-
-
-def test_the_range_of_codes_has_the_least_squared_error_of_all_shares_of_the_whole_range() -> None:
-    fitting = objective()
-    codes = fitting.codes(fitting.ends)
-    assert ((codes >= 0) & (codes <= fitting.levels)).all()
-    for channel, bits in enumerate(bc1.BITS):
-        values = fitting.ends.detach()[..., channel].flatten().double().numpy()
-        middle, half = (values.max() + values.min()) / 2, (values.max() - values.min()) / 2
-        shares = np.linspace(0.3, 1, 29)
-        errors = [oracle_error(values, middle - share * half, middle + share * half, bits) for share in shares]
-        low, span = (float(x.detach()[0, channel]) for x in (fitting.low, fitting.span))
-        # Float32 rounds the ends of the range.
-        assert oracle_error(values, low, low + span, bits) == pytest.approx(min(errors), rel=1e-3)
-        assert min(errors) < errors[-1]
-
-
-def test_ends_beyond_the_range_take_its_last_codes() -> None:
-    fitting = objective()
-    fitting.codes(fitting.ends)
-    beyond = torch.stack([fitting.low - 1, fitting.low + fitting.span + 1])
-    assert torch.equal(fitting.codes(beyond), torch.stack([torch.zeros(1, 3), fitting.levels[None]]).long())
 
 
 def answer(parts: Parts, row: int, col: int, wo: np.ndarray, wi: np.ndarray) -> np.ndarray:

@@ -161,24 +161,6 @@ def test_a_patch_of_the_fit_is_what_its_texels_answer_one_by_one(level: int) -> 
         torch.testing.assert_close(target[each], wanted)
 
 
-def test_a_step_of_ours_draws_as_many_samples_as_that_of_other_codecs_at_many_pairs() -> None:
-    btf, fit, settings = tiny_btf(), Fit(), Hierarchical().settings
-    levels = Samples.levels(btf, 3, training.gain_of(btf, fit), fit)
-    fitting = HierarchicalObjective(levels, settings, fit.generator())
-    counts: list[torch.Size] = []
-    patches = fitting._patches
-
-    def counted(level: int, count: int, generator: torch.Generator) -> tuple[torch.Tensor, ...]:
-        found = patches(level, count, generator)
-        counts.append(found[-1].shape)
-        return found
-
-    fitting._patches = counted  # type: ignore[method-assign]
-    fitting.loss(fit.generator(), 0.0)
-    assert counts == [(768, 2, 2, 3), (256, 2, 2, 3)]  # of the finest level, and a quarter of a coarser one
-    assert Hierarchical(recipe="paper").settings.patch == 64
-
-
 def test_gradients_are_sobels() -> None:
     picture = np.random.default_rng(0).standard_normal((2, 6, 6, 3))
     found = gradients(torch.from_numpy(picture)).unflatten(0, (2, 3)).numpy()

@@ -81,8 +81,3 @@ def test_the_published_loss_is_relative_to_the_answer() -> None:
     expected = ((found - truth) ** 2 / (found**2 + 0.01)).mean()
     # The suite keeps log radiance in halves, of 11 bits.
     assert fitting.loss(torch.Generator().manual_seed(3), 0.0).item() == pytest.approx(expected, rel=5e-3)
-
-
-@pytest.mark.parametrize("recipe", ["ours", "paper"])
-def test_a_step_draws_as_many_samples_as_that_of_other_codecs(recipe: str) -> None:
-    assert NeuralBTF(recipe=recipe).settings.batch == 4_096
