@@ -80,7 +80,7 @@ class Biplane(Codec):
     }
     """
 
-    name, version = "biplane", 2
+    name, version = "biplane", 3
     network = BiplaneNetwork
 
     @dataclass(frozen=True)
@@ -92,9 +92,7 @@ class Biplane(Codec):
         decoder = load_network(BiplaneDecoder(), network.parts.decoder).requires_grad_(False)
         fitting = BiplaneObjective(Samples(btf, gain, fit), decoder, self.settings, fit.generator())
         train(fitting, fit, self.settings.steps)
-        texture = torch.cat([fitting.texture, fitting.stored_colours()], 1).reshape(*btf.shape, -1)
-        if not torch.equal(fitting.colours, texture[..., FEATURES:].reshape(len(fitting.colours), -1)):
-            fitting.rounded_texels.fit_to(texture)  # some texels now hold their mean, which may be out of range
+        texture = fitting.stored_texture().reshape(*btf.shape, -1)
         return Parts(
             decoder=store_texture("half", fitting.planes()[0], fitting.rounded_planes),
             texture=store_texture("texels", texture, fitting.rounded_texels),
@@ -211,6 +209,10 @@ class BiplaneObjective(TextureObjective):
         return loss
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
+        return coloured(*self.answers(batch))
+
+    def answers(self, batch: Batch) -> tuple[Tensor, Tensor]:
+        """The decoder's answers (n, 3) to a batch, and the matrices and offsets (n, 12) that colour them, rounded."""
         material = self.material[batch.texel]
         row = batch.pair + material * PAIRS
         corner = self.corner[row] + (material * SIDE**2)[:, None]
@@ -219,23 +221,40 @@ class BiplaneObjective(TextureObjective):
         planes = self.rounded_planes(self.planes()).flatten(0, 2)
         rows = planes.index_select(0, corner.flatten()).unflatten(0, corner.shape)
         half = (rows * self.weight[row][..., None]).sum(1)
-        answer = self.network(torch.cat([self.d[row], half, features], 1))
-        return coloured(answer, colours)
+        return self.network(torch.cat([self.d[row], half, features], 1)), colours
 
     @torch.no_grad()
-    def stored_colours(self) -> Tensor:
-        """The matrices and offsets (texels, 12); only the mean for texels whose mean is nearer than the answers."""
-        colours, pairs = self.colours.detach().clone(), self.samples.pairs
-        checked = torch.linspace(0, pairs - 1, min(pairs, CHECKED)).round().long().to(colours.device)
-        for texel in torch.arange(len(colours), device=colours.device).split(BLOCK):
+    def stored_texture(self) -> Tensor:
+        """The texture (texels, 18) for the file; texels that their mean is nearer to hold it instead of colours.
+
+        Both are judged as the file holds them, in the steps that the fit has learned to bear: new steps for the means
+        would round every other texel anew. Only where the means of all texels are nearer do they get their own steps.
+        """
+        pairs, device = self.samples.pairs, self.samples.device
+        checked = torch.linspace(0, pairs - 1, min(pairs, CHECKED)).round().long().to(device)
+        chosen, all_means, means_suffice = list[Tensor](), list[Tensor](), True
+        for texel in torch.arange(len(self.colours), device=device).split(BLOCK):
             abrdfs = self.samples.abrdfs(texel)
-            mean, truth = abrdfs.mean(1), abrdfs[:, checked]
-            each = Batch(texel.repeat_interleave(len(checked)), checked.repeat(len(texel)), truth)
-            answers = self.predict(each, 1.0).reshape(truth.shape)
-            ours, means = ((x - truth).square().mean((1, 2)) for x in (answers, mean[:, None]))
-            plain = functional.pad(mean, (MATRIX, 0))
-            colours[texel] = torch.where((ours < means)[:, None], colours[texel], plain)
-        return colours
+            truth = abrdfs[:, checked]
+            batch = Batch(texel.repeat_interleave(len(checked)), checked.repeat(len(texel)), truth.flatten(0, 1))
+            answer, held = self.answers(batch)
+            own = torch.cat([self.texture[texel], self.colours[texel]], 1)
+            mean = torch.cat([self.texture[texel], functional.pad(abrdfs.mean(1), (MATRIX, 0))], 1)
+            held_mean, exact_mean = (
+                each[:, FEATURES:].repeat_interleave(len(checked), 0) for each in (self.rounded_texels(mean), mean)
+            )
+            error, mean_error, exact_mean_error = (
+                (coloured(answer, each).reshape(truth.shape) - truth).square().mean((1, 2))
+                for each in (held, held_mean, exact_mean)
+            )
+            chosen.append(torch.where((error < mean_error)[:, None], own, mean))
+            all_means.append(mean)
+            means_suffice = means_suffice and not bool((error < exact_mean_error).any())
+        if not means_suffice:
+            return torch.cat(chosen)
+        texture = torch.cat(all_means)
+        self.rounded_texels.fit_to(texture)
+        return texture
 
 
 class BiplaneMaterial(Material):

@@ -29,11 +29,16 @@ def probed(btf: BTF, fit: Fit, gain: float | None) -> tuple[Tensor, Tensor]:
     return pairs, torch.cat(list(blocks(btf.subset(pairs.numpy()), fit, "some slices", gain)))
 
 
-def rounded_coefficients(texture: Tensor, bits: int, mean: Tensor, rows: Tensor, values: Tensor) -> Rounding:
-    """The rounding of coefficients (H, W, C): mean (F, 1) + rows (F, C) · coefficients are values (F, texels)."""
+def rounded_coefficients(
+    texture: Tensor, bits: int, mean: Tensor, rows: Tensor, values: Tensor, least: int = 1
+) -> Rounding:
+    """The rounding of coefficients (H, W, C): mean (F, 1) + rows (F, C) · coefficients are values (F, texels).
+
+    Each channel takes `least` bits or more.
+    """
     flat = texture.flatten(0, 1)
     some = slice(None, None, -(-len(flat) // PROBED_TEXELS))
-    rounding = round_after(flat[some], bits, lambda each: mean + rows @ each.T, values[:, some])
+    rounding = round_after(flat[some], bits, lambda each: mean + rows @ each.T, values[:, some], least)
     return rounding.fit_to(texture)
 
 

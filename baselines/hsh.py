@@ -19,7 +19,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.inputs.settings import NotNegative, Range
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
-from bench.training import Bits, Rounding, gain_of, load_texture, store_texture
+from bench.training import MOST_CODES, Bits, Rounding, gain_of, load_texture, store_texture
 
 BLOCK_BYTES = 16 << 20  # slices read together
 LEAST_COSINE = 0.02  # of a light: keeps radiance / cosine finite at the horizon
@@ -42,7 +42,7 @@ class HSH(Codec):
     }
     """
 
-    name, version = "hsh", 2
+    name, version = "hsh", 3
     interpolates, sizes = True, ("lights", "views")
     recipes: ClassVar = {"paper": {"bits": 8, "domain": "rgb", "cosine": False, "smoothness": 0.0}}
 
@@ -85,7 +85,9 @@ class HSH(Codec):
         # Each colour has its own coefficients; an error of radiance is one of radiance / cosine times the cosine.
         rows = torch.einsum("pk,cd->pcdk", basis(wo, wi, bands), torch.eye(3)).flatten(2).flatten(0, 1) * cosine
         rows, known = rows.to(values), torch.zeros(len(rows), 1, device=values.device)
-        return rounded_coefficients(texture, self.settings.bits, known, rows, values * cosine.to(values))
+        # Harmonics that a surface hardly has take no bits; a file of more codes needs a bit of each, or is not opened.
+        least = 0 if texture.numel() <= MOST_CODES else 1
+        return rounded_coefficients(texture, self.settings.bits, known, rows, values * cosine.to(values), least)
 
     def _solution(self, btf: BTF, bands: list[int], cosine: Tensor, fit: Fit) -> Tensor:
         """The matrix (K, N) from the values of the pairs to the coefficients: weighted, regularised least squares."""

@@ -18,7 +18,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.inputs.errors import InputError
 from bench.inputs.settings import Count, Layers, Range, Width
-from bench.material import DecoderCost, Material, texel_centres, texel_corners, to_radiance
+from bench.material import DecoderCost, Material, texel_corners, to_radiance
 from bench.training import Batch, DirectedObjective, FitSettings, Samples, distance, first_latents, fitted
 from bench.training.decoder import Activation, Architecture, Decoder, load_network
 from bench.training.inputs import COUNTS, Directions, direction_inputs
@@ -50,7 +50,7 @@ class NTC(Codec):
     }
     """
 
-    name, version = "ntc", 2
+    name, version = "ntc", 3
     sizes = ("fine", "coarse", "width")
     recipes: ClassVar = {"paper": PAPER}
 
@@ -114,13 +114,33 @@ def encoded_places(size: tuple[int, ...]) -> Tensor:
     return (1 - 4 * (turns - turns.floor() - 0.5).abs()).flatten(1)
 
 
+def corners_of_texels(grid: tuple[int, int], size: tuple[int, ...]) -> tuple[Tensor, Tensor]:
+    """Flat points (H · W, 4) of a periodic grid and bilinear weights (H · W, 4) around each texel of a picture (H, W).
+
+    Places are counted in whole numbers. Those of floats would fall to either side of a point that they should meet.
+    """
+    firsts, afters = [], []
+    for points, side in zip(grid, size, strict=True):
+        # Texel i lies (i + 1/2) · points / side − 1/2 points behind the first one, here in units of 1 / (2 · side).
+        place = (2 * torch.arange(side) + 1) * points - side
+        firsts.append(place.div(2 * side, rounding_mode="floor"))
+        afters.append(place.remainder(2 * side) / (2 * side))
+    row, col = torch.meshgrid(*firsts, indexing="ij")
+    below, right = torch.meshgrid(*afters, indexing="ij")
+    north, south = (each.remainder(grid[0]) * grid[1] for each in (row, row + 1))
+    west, east = (each.remainder(grid[1]) for each in (col, col + 1))
+    above, left = 1 - below, 1 - right
+    index = torch.stack([north + west, north + east, south + west, south + east], 2)
+    weight = torch.stack([above * left, above * right, below * left, below * right], 2)
+    return index.flatten(0, 1), weight.flatten(0, 1)
+
+
 class Reader(nn.Module):
     """The network's input for each texel of a picture: where its grids are read, and the encoding of its place."""
 
     def __init__(self, size: tuple[int, ...], reduction: int):
         super().__init__()
-        uv = texel_centres(size[0], size[1])
-        (fine, _), (coarse, weight) = (texel_corners(each, uv) for each in sizes(size, reduction))
+        (fine, _), (coarse, weight) = (corners_of_texels(grid, size) for grid in sizes(size, reduction))
         # Three of (H · W, 4), and the encoded places (H · W, 12).
         self.fine, self.coarse, self.weight, self.place = (
             nn.Buffer(values, persistent=False) for values in (fine, coarse, weight, encoded_places(size))

@@ -8,7 +8,7 @@ from bench.training.fitting import Batch, Loss, Objective, Samples, distance, ga
 from bench.training.initial_latents import RANDOM_SPREAD, Start, first_latents
 from bench.training.optimiser import Optimiser, groups_of
 from bench.training.stored_texture import Bits, Rounding, load_texture, round_after, store_texture
-from bench.training.texture_codes import compress, expand
+from bench.training.texture_codes import MOST_CODES, compress, expand
 from bench.training.texture_fit import (
     DirectedObjective,
     FitSettings,

@@ -29,15 +29,16 @@ RANGES = 29  # number of tried shares of a channel's range, from 0.3 to 1: small
 class Rounding(nn.Module):
     """The rounding of a texture (…, C), which a codec calls with all of it; none until `choose_bits` has chosen bits.
 
-    Gradients ignore the rounding. Textures of 16 and 32 bits are stored as floats, and never rounded.
+    Gradients ignore the rounding. Textures of 16 and 32 bits are stored as floats, and never rounded. With `least` 0, a
+    channel that matters little becomes a constant, its mean, which takes no bits.
     """
 
-    def __init__(self, channels: int, bits: int):
+    def __init__(self, channels: int, bits: int, least: int = 1):
         super().__init__()
-        self.wanted = bits
+        self.wanted, self.least = bits, least  # on average, and of each channel
         self.low = nn.Buffer(torch.zeros(channels))  # the lowest value (C,) of each channel
         self.step = nn.Buffer(torch.zeros(channels))  # from one code to the next (C,)
-        self.bits = nn.Buffer(torch.zeros(channels, dtype=torch.long))  # (C,), 0: not chosen
+        self.bits = nn.Buffer(torch.zeros(channels, dtype=torch.long))  # (C,), all 0: not chosen
         self.chosen = False  # whether there are bits: kept on the host, which else would wait for a GPU at each step
         self.trial: Callable[[Tensor], Tensor] | None = None  # the rounding that is tried while bits are chosen
 
@@ -73,12 +74,13 @@ class Rounding(nn.Module):
 def choose_bits(roundings: Sequence[Rounding], answers: Callable[[], Tensor], target: Tensor) -> None:
     """Choose the bits of textures by the change of `answers`, which should be `target`, if one channel is rounded.
 
-    `answers()` looks the textures up through their roundings, which want the same bits and share them. The squared
-    error that a channel adds grows with the square of its rounding.
+    `answers()` looks the textures up through their roundings, which want the same bits, and the same at least, and
+    share them. The squared error that a channel adds grows with the square of its rounding.
     """
     roundings = [each for each in roundings if each.undecided]
     if not roundings:
         return
+    wanted, least = roundings[0].wanted, roundings[0].least
     seen: dict[Rounding, Tensor] = {}
     for each in roundings:
         each.trial = partial(_noted, seen, each)
@@ -95,19 +97,21 @@ def choose_bits(roundings: Sequence[Rounding], answers: Callable[[], Tensor], ta
         each.trial = None
         flat = values.flatten(0, -2)
         some = flat[:: -(-len(flat) // MEASURED)]
-        spread = torch.stack([_change(some, bits).square().mean(0) for bits in range(1, MOST_BITS + 1)], 1)
-        noise.append(spread * (torch.stack(felt) / spread[:, PROBED - 1].clamp_min(1e-30))[:, None])
+        spread = torch.stack([_change(some, bits).square().mean(0) for bits in range(least, MOST_BITS + 1)], 1)
+        noise.append(spread * (torch.stack(felt) / spread[:, PROBED - least].clamp_min(1e-30))[:, None])
         sizes += [len(flat)] * len(felt)
-    wanted = roundings[0].wanted
     bearable = 0.0 if wanted else BEARABLE * float((exact - target).square().mean())
-    bits = shared_out(torch.cat(noise).cpu(), torch.tensor(sizes), (wanted or MOST_BITS) * sum(sizes), bearable)
+    total = (wanted or MOST_BITS) * sum(sizes)
+    bits = shared_out(torch.cat(noise).cpu(), torch.tensor(sizes), total, bearable, least)
     for (each, values), chosen in zip(seen.items(), bits.split([v.shape[-1] for v in seen.values()]), strict=True):
         each.set(values, chosen)
 
 
-def round_after(texture: Tensor, bits: int, answers: Callable[[Tensor], Tensor], target: Tensor) -> Rounding:
+def round_after(
+    texture: Tensor, bits: int, answers: Callable[[Tensor], Tensor], target: Tensor, least: int = 1
+) -> Rounding:
     """The rounding of a finished texture (…, C); `answers(texture)` should be `target`."""
-    rounding = Rounding(texture.shape[-1], bits).to(texture.device)
+    rounding = Rounding(texture.shape[-1], bits, least).to(texture.device)
     choose_bits([rounding], lambda: answers(rounding(texture)), target)
     return rounding
 
@@ -124,10 +128,13 @@ def _change(values: Tensor, bits: int) -> Tensor:
 
 
 def steps_for(values: Tensor, bits: Tensor) -> tuple[Tensor, Tensor]:
-    """Lowest value and step (C,) of values (…, C) that round them to bits (C,) with the least squared error of each."""
+    """Lowest value and step (C,) of values (…, C) that round them to bits (C,) with the least squared error of each.
+
+    The one value that 0 bits can tell is the mean.
+    """
     values = values.detach().flatten(0, -2)
     low, high = values.amin(0), values.amax(0)
-    middle, half, top = (low + high) / 2, (high - low) / 2, 2**bits - 1
+    middle, half, top = (low + high) / 2, (high - low) / 2, (2**bits - 1).clamp_min(1)
     best = torch.full_like(middle, torch.inf)
     chosen = low.clone(), (2 * half / top).clamp_min(1e-12)
     for share in torch.linspace(0.3, 1, RANGES).tolist():
@@ -136,17 +143,17 @@ def steps_for(values: Tensor, bits: Tensor) -> tuple[Tensor, Tensor]:
         better = error < best
         best = torch.where(better, error, best)
         chosen = torch.where(better, tried[0], chosen[0]), torch.where(better, tried[1], chosen[1])
-    return chosen
+    return torch.where(bits == 0, values.mean(0), chosen[0]), chosen[1]
 
 
-def shared_out(noise: Tensor, sizes: Tensor, total: int, bearable: float) -> Tensor:
-    """The bits (C,) of each channel, 1 to `MOST_BITS`, from the errors (C, 8) that rounding to 1, 2 … bits adds.
+def shared_out(noise: Tensor, sizes: Tensor, total: int, bearable: float, least: int = 1) -> Tensor:
+    """The bits (C,) of each channel, `least` to `MOST_BITS`, from the errors (C, n) that rounding to each adds.
 
     Each bit goes to the channel that adds most error a number (C,), until all add a bearable error or `total` is spent.
     """
-    bits = torch.ones(len(noise), dtype=torch.long)
+    bits = torch.full((len(noise),), least)
     while (bits * sizes).sum() < min(total, MOST_BITS * int(sizes.sum())):
-        added = noise.gather(1, bits[:, None] - 1)[:, 0]
+        added = noise.gather(1, bits[:, None] - least)[:, 0]
         if added.sum() <= bearable:
             break
         bits[torch.where(bits < MOST_BITS, added / sizes, -torch.inf).argmax()] += 1

@@ -1,8 +1,9 @@
-"""The bytes of a texture's codes, of one to eight bits a number, chosen for each channel.
+"""The bytes of a texture's codes, of up to eight bits a number, chosen for each channel.
 
-Codes are stored in the shortest of four ways, which the first byte names: plane by plane, their bits alone, or LZMA's
-range coder, whose odds adapt to each plane, without context or with the code before as context; or each by what its
-neighbours in the picture and the channels before predict (`predicted_codes`). LZMA comes with Python.
+A channel of no bits has the one code 0, and takes no bytes. All others are stored in the shortest of four ways, which
+the first byte names: plane by plane, their bits alone, or LZMA's range coder, whose odds adapt to each plane, without
+context or with the code before as context; or each by what its neighbours in the picture and the channels before
+predict (`predicted_codes`). LZMA comes with Python.
 """
 
 import lzma
@@ -11,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from bench.inputs.errors import InputError
@@ -26,8 +28,16 @@ PACKED, PLAIN, IN_CONTEXT, PREDICTED = range(4)  # the ways; LZMA's context are 
 def compress(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] | None = None) -> Tensor:
     """Codes (…, C), those of each channel below 2^bits, as bytes (n,), uint8, without loss.
 
-    Without the `sizes` (H, W) of the pictures that codes (N, C) are of, no neighbours predict them.
+    Without the `sizes` (H, W) of the pictures that codes (N, C) are of, no neighbours predict them. With channels of no
+    bits, `expand` opens `MOST_CODES` in all.
     """
+    told = [channel for channel, each in enumerate(bits) if each]
+    way, payload = _shortest(codes[..., told], [bits[channel] for channel in told], sizes) if told else (PACKED, b"")
+    return torch.frombuffer(bytearray([way, *bits]) + payload, dtype=torch.uint8)
+
+
+def _shortest(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] | None) -> tuple[int, bytes]:
+    """The way that takes the fewest bytes, and these, of channels of one bit or more."""
     planes = np.ascontiguousarray(codes.cpu().numpy().astype(np.uint8).reshape(-1, len(bits)).T)
     shifted = planes << (MOST_BITS - np.array(bits, np.uint8))[:, None]
     flags = [np.unpackbits(plane[:, None], axis=1)[:, :each] for plane, each in zip(shifted, bits, strict=True)]
@@ -39,7 +49,7 @@ def compress(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] | 
     if codes.numel() <= MOST_PREDICTED and (pictures := _pictures(codes.shape, sizes)):
         ways[PREDICTED] = predicted_codes.encode(planes.T, np.array(bits), pictures)
     way = min((each for each in ways if codes.numel() <= _most(each, ways[each])), key=lambda each: len(ways[each]))
-    return torch.frombuffer(bytearray([way, *bits]) + ways[way], dtype=torch.uint8)
+    return way, ways[way]
 
 
 def _pictures(shape: Sequence[int], sizes: Sequence[tuple[int, int]] | None) -> Sequence[tuple[int, int]]:
@@ -61,10 +71,26 @@ def expand(data: Tensor, shape: Sequence[int], sizes: Sequence[tuple[int, int]] 
     if not len(data) or data[0] > PREDICTED:
         raise InputError("a texture of this file does not say how it is stored: encode it again")
     way, bits, payload = int(data[0]), data[1 : 1 + channels].numpy(), data[1 + channels :].numpy().tobytes()
-    if len(bits) < channels or not ((bits >= 1) & (bits <= MOST_BITS)).all():
+    if len(bits) < channels or (bits > MOST_BITS).any():
         raise InputError("a texture of this file does not say its bits: encode it again")
-    if min(shape) < 1 or count > _most(way, payload):
+    told = bits > 0
+    inner = (*shape[:-1], int(told.sum()))
+    most = _most(way, payload) if told.all() else MOST_CODES
+    if min(shape) < 1 or count > most or math.prod(inner) > _most(way, payload):
         raise InputError(f"a texture of this file has {len(payload)} bytes for {count} codes: encode it again")
+    if told.all():
+        return _expanded(way, payload, bits, inner, sizes)
+    codes = torch.zeros(tuple(shape))
+    if told.any():
+        codes[..., torch.from_numpy(told)] = _expanded(way, payload, bits[told], inner, sizes)
+    return codes
+
+
+def _expanded(
+    way: int, payload: bytes, bits: NDArray[np.uint8], shape: Sequence[int], sizes: Sequence[tuple[int, int]] | None
+) -> Tensor:
+    """The codes (…, C), as floats, of channels of one bit or more, stored in some way."""
+    channels, count = shape[-1], math.prod(shape)
     size, pictures = count // channels, _pictures(shape, sizes)
     if way == PREDICTED:
         if not pictures:

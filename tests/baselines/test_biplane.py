@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.biplane import PAIRS, Biplane, BiplaneDecoder, BiplaneNetwork, BiplaneObjective, Pool
+from baselines.biplane import CHECKED, PAIRS, Biplane, BiplaneDecoder, BiplaneNetwork, BiplaneObjective, Pool
 from bench.codec import Fit, TrainedNetwork
 from bench.codecs import shared
 from bench.conformance.check import others, tiny_btf
 from bench.directions import hemisphere
-from bench.training import gain_of
-from tests.baselines.made import coded, dense, fetch, leaky, oracle_difference, split
+from bench.training import Samples, gain_of, train
+from bench.training.decoder import load_network
+from bench.training.stored_texture import load_texture
+from tests.baselines.made import at_tiny_pairs, coded, dense, fetch, leaky, oracle_difference, split
 
 
 def codec(**settings: Any) -> Biplane:
@@ -55,6 +57,49 @@ def test_a_material_comes_near_its_data_while_the_decoder_stays(trained: Trained
     codec(steps=150).encode(tiny_btf(), fit)
     assert fit.history[-1]["psnr"] > 22
     assert torch.equal(trained.parts.decoder["weights"], before)
+
+
+@pytest.mark.parametrize("bits", [0, 2])
+def test_a_texel_that_falls_back_to_its_mean_leaves_the_others_as_the_fit_saw_them(
+    trained: TrainedNetwork, bits: int
+) -> None:
+    base = tiny_btf()
+    values = np.stack(list(base))
+    # No decoder answers noise, so the means of these two rows are nearer to it.
+    values[:, 3:5] = np.random.default_rng(0).uniform(0, 0.3, values[:, 3:5].shape)
+    btf = at_tiny_pairs(values).subset(np.arange(CHECKED))
+    ours, fit = codec(steps=60, bits=bits), Fit(network=trained)
+    parts = ours.encode(btf, fit)
+    stored = load_texture("texels", parts.texture).flatten(0, 1)
+
+    decoder = load_network(BiplaneDecoder(), trained.parts.decoder).requires_grad_(False)
+    samples = Samples(btf, gain_of(btf, fit), fit)
+    fitting = BiplaneObjective(samples, decoder, ours.settings, fit.generator())
+    train(fitting, fit, 60)
+    rounding = fitting.rounded_texels
+    assert torch.equal(parts.texture["texels.low"], rounding.low)
+    assert torch.equal(parts.texture["texels.step"], rounding.step)
+
+    seen = rounding(torch.cat([fitting.texture, fitting.colours], 1)).detach()
+    # The fit adds the rounding to values; the file multiplies codes.
+    same = torch.isclose(stored, seen, rtol=1e-5, atol=1e-6).all(1)
+    means = torch.nn.functional.pad(samples.abrdfs(torch.arange(64)).mean(1), (9, 0))
+    plain = rounding(torch.cat([fitting.texture, means], 1)).detach()
+    fallen = torch.isclose(stored, plain, rtol=1e-5, atol=1e-6).all(1)
+    assert (same | fallen).all()
+    assert (fallen & ~same).any()
+    assert (same & ~fallen).sum() > 10
+
+    errors = []
+    for texels in (stored, seen, plain):
+        with torch.no_grad():
+            fitting.texture.copy_(texels[:, :6])
+            fitting.colours.copy_(texels[:, 6:])
+            texel, pair = (x.flatten() for x in torch.meshgrid(torch.arange(64), torch.arange(CHECKED), indexing="ij"))
+            batch = samples.at(texel, pair)
+            error = (fitting.predict(batch, 1.0) - batch.target).square().mean(1).unflatten(0, (64, CHECKED)).mean(1)
+        errors.append(error)
+    torch.testing.assert_close(errors[0], torch.minimum(errors[1], errors[2]), rtol=1e-4, atol=1e-7)
 
 
 def test_the_training_sees_each_material_at_its_own_pairs() -> None:

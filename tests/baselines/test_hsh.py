@@ -6,7 +6,7 @@ from scipy.special import factorial, lpmv
 from baselines.hsh import HSH, LEAST_COSINE, harmonics
 from bench.conformance.check import tiny_btf
 from bench.directions import hemisphere
-from tests.baselines.made import coded
+from tests.baselines.made import at_tiny_pairs, coded
 
 
 def oracle_harmonics(w: np.ndarray, bands: int) -> np.ndarray:
@@ -50,3 +50,18 @@ def test_a_decoded_file_answers_as_plain_least_squares(domain: str, cosine: bool
     expected = (value * (wi[2] if cosine else 1)).clip(0)
     # Float32 sums of 625 products and of 36; 1e-4 is ten times what they round.
     np.testing.assert_allclose(material.slice(wo, wi), expected, rtol=1e-4, atol=1e-5)
+
+
+def test_harmonics_that_are_alike_all_over_a_surface_take_no_bits() -> None:
+    btf, rng = tiny_btf(), np.random.default_rng(0)
+    # Texels differ by a multiple of the light's cosine, which is that of the constant harmonic, and by nothing else.
+    colour, cosine = rng.uniform(0.2, 0.8, (1, *btf.shape, 3)), btf.wi[:, 2].clip(LEAST_COSINE)[:, None, None, None]
+    values = at_tiny_pairs((colour + rng.uniform(0, 0.2, (81, 1, 1, 3))) * cosine)
+    parts, material = coded(HSH(domain="rgb"), values)
+    bits = parts.texture["coefficients"][1:109].unflatten(0, (3, 36))
+    assert (bits[:, 0] > 0).all()
+    assert not bits[:, 1:].any()
+    exact = coded(HSH(domain="rgb", bits=32), values)[1]
+    wo, wi = hemisphere.from_degrees(33.0, 70.0), hemisphere.from_degrees(41.0, 200.0)
+    # Three bits or more of a range of 0.6 × cos 41°: their rounding is within 0.033.
+    np.testing.assert_allclose(material.slice(wo, wi), exact.slice(wo, wi), atol=0.033)

@@ -1,14 +1,16 @@
+import math
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
-from baselines.ntc import NTC, NTCObjective, codes_of, encoded_places, values_of
+from baselines.ntc import NTC, NTCObjective, Reader, codes_of, corners_of_texels, encoded_places, values_of
 from bench.codec import Fit, Parts
 from bench.conformance.check import tiny_btf
 from bench.directions import hemisphere
-from bench.material import parameters
+from bench.material import parameters, texel_centres, texel_corners
 from bench.training import Samples, gain_of
 from tests.baselines.made import coded, cropped, decoded, normed_sines
 
@@ -46,6 +48,44 @@ def test_places_are_encoded_by_triangle_waves_that_repeat_after_eight_texels() -
         np.testing.assert_allclose(found[row, col], expected, atol=1e-6)
     torch.testing.assert_close(found[:2, :9], found[8:, 8:])
     assert len(found[:8, :8].flatten(0, 1).unique(dim=0)) == 64
+
+
+@pytest.mark.parametrize("steps", [1, 2, 3, 4, 8])
+def test_each_texel_lies_between_the_points_around_it_at_any_side(steps: int) -> None:
+    for side in range(1, 131):
+        points = -(-side // steps)
+        places = [Fraction(2 * texel + 1, 2 * side) * points - Fraction(1, 2) for texel in range(side)]
+        first = [math.floor(place) % points for place in places]
+        second = [(each + 1) % points for each in first]
+        share = torch.tensor([float(place % 1) for place in places])
+        rows, row_weights = corners_of_texels((points, 1), (side, 1))
+        cols, col_weights = corners_of_texels((1, points), (1, side))
+        assert rows.T.tolist() == [first, first, second, second]
+        assert cols.T.tolist() == [first, second, first, second]
+        nothing = torch.zeros(side)
+        torch.testing.assert_close(row_weights, torch.stack([1 - share, nothing, share, nothing], 1))
+        torch.testing.assert_close(col_weights, torch.stack([1 - share, share, nothing, nothing], 1))
+
+
+def test_at_full_resolution_each_texel_reads_its_own_point_first() -> None:
+    for size in [(100, 96), (50, 48), *((side, 131 - side) for side in range(1, 131))]:
+        found = Reader(size, 1).fine.reshape(*size, 4)
+        own = torch.arange(size[0] * size[1]).reshape(size)
+        neighbours = [own.roll(shifts, (0, 1)) for shifts in ((0, 0), (0, -1), (-1, 0), (-1, -1))]
+        assert torch.equal(found, torch.stack(neighbours, 2)), size
+
+
+@pytest.mark.parametrize("size", [(64, 128), (8, 1), (2, 32)])
+@pytest.mark.parametrize("reduction", [1, 2, 4])
+def test_where_sides_are_powers_of_two_floats_are_exact_and_files_read_as_before(
+    size: tuple[int, int], reduction: int
+) -> None:
+    reader, centres = Reader(size, reduction), texel_centres(*size)
+    fine, coarse = (tuple(-(-side // steps) for side in size) for steps in (reduction, 2 * reduction))
+    assert torch.equal(reader.fine, texel_corners(fine, centres)[0])
+    index, weight = texel_corners(coarse, centres)
+    assert torch.equal(reader.coarse, index)
+    assert torch.equal(reader.weight, weight)
 
 
 def stored(parts: Parts, name: str, rows: int, cols: int, bits: int) -> np.ndarray:

@@ -31,6 +31,24 @@ def test_codes_survive_and_take_no_more_than_their_bits(bits: list[int]) -> None
     torch.testing.assert_close(expand(compress(repeated, bits), (32, 24, 5)), repeated)
 
 
+def test_a_channel_without_bits_has_one_code_and_takes_no_bytes() -> None:
+    codes = torch.randint(16, (32, 24, 3), generator=torch.Generator().manual_seed(0)).float()
+    for bits in ([4, 4, 4, 0, 0], [0, 4, 0, 4, 4], [0, 0]):
+        every = torch.zeros(32, 24, len(bits))
+        every[..., torch.tensor(bits) > 0] = codes[..., : sum(each > 0 for each in bits)]
+        data = compress(every, bits)
+        torch.testing.assert_close(expand(data, every.shape), every)
+        alone = compress(codes, [4, 4, 4]) if any(bits) else torch.zeros(4)
+        assert len(data) == len(alone) + len(bits) - 3
+
+
+def test_channels_without_bits_open_no_more_than_others() -> None:
+    data = compress(torch.zeros(1, 1, 9), [0] * 9)
+    assert not expand(data, (1024, 1024, 9)).any()
+    with pytest.raises(InputError, match="0 bytes for 37748736 codes"):
+        expand(data, (2048, 2048, 9))
+
+
 def test_a_damaged_texture_says_so() -> None:
     for codes in (torch.zeros(8, 8, 2), torch.randint(16, (8, 8, 2)).float()):  # as LZMA, and as bits alone
         data = compress(codes, [4, 4])
@@ -41,11 +59,10 @@ def test_a_damaged_texture_says_so() -> None:
         for wrong in (data[:0], torch.cat([torch.tensor([4], dtype=torch.uint8), data[1:]])):
             with pytest.raises(InputError, match="does not say how it is stored"):
                 expand(wrong, (8, 8, 2))
-        for wrong in (0, 9):
-            altered = data.clone()
-            altered[2] = wrong
-            with pytest.raises(InputError, match="does not say its bits"):
-                expand(altered, (8, 8, 2))
+        altered = data.clone()
+        altered[2] = 9
+        with pytest.raises(InputError, match="does not say its bits"):
+            expand(altered, (8, 8, 2))
 
 
 @pytest.mark.parametrize("bits", [1, 2, 4, 8])
@@ -82,6 +99,31 @@ def test_a_channel_that_matters_more_takes_more_bits() -> None:
     assert shared_out(noise, alike, 100, 1e9).tolist() == [1, 1, 1]
     # The third has sixteen times as many numbers: two bits of each of them are spent better elsewhere.
     assert shared_out(noise, torch.tensor([1, 1, 16]), 58, 0.0).tolist() == [6, 4, 3]
+
+
+def test_a_channel_that_adds_nothing_may_take_no_bits() -> None:
+    fall = 4.0 ** -torch.arange(MOST_BITS + 1)
+    noise = torch.tensor([16.0, 0, 1e-3])[:, None] * fall
+    alike = torch.ones(3, dtype=torch.long)
+    assert shared_out(noise, alike, 100, 0.1, least=0).tolist() == [4, 0, 0]
+    assert shared_out(noise, alike, 5, 0.0, least=0).tolist() == [5, 0, 0]
+    assert shared_out(noise, alike, 100, 100.0, least=0).tolist() == [0, 0, 0]
+
+
+@pytest.mark.parametrize("bits", [0, 2])
+def test_a_channel_without_bits_is_its_mean(bits: int) -> None:
+    values = torch.rand(40, 30, 3, generator=torch.Generator().manual_seed(0)) ** 3
+    matters = torch.tensor([1.0, 0.0, 1e-4])
+
+    def answers(texture: torch.Tensor) -> torch.Tensor:
+        return texture @ matters[:, None]
+
+    rounding = round_after(values, bits, answers, answers(values) + 0.1, least=0)
+    assert (rounding.bits > 0).tolist() == [True, False, False]
+    found = load_texture("x", store_texture("x", values, rounding))
+    torch.testing.assert_close(found, rounding(values))
+    torch.testing.assert_close(found[..., 1:], values.mean((0, 1))[1:].expand(40, 30, 2))
+    assert (round_after(values, bits, answers, answers(values) + 0.1).bits > 0).all()  # unless a codec asks for it
 
 
 def test_rounding_lets_the_gradient_pass() -> None:
