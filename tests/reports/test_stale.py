@@ -1,12 +1,7 @@
-import re
-from pathlib import Path
-
 from bench.codecs.registry import current_versions
 from bench.records import load_run
 from reports import table_text
 from reports.tables import all_tables
-
-ROOT = Path(__file__).parents[2]
 
 
 def test_a_row_of_an_older_version_is_marked_in_every_table_and_why_is_said(made):
@@ -19,10 +14,3 @@ def test_a_row_of_an_older_version_is_marked_in_every_table_and_why_is_said(made
         assert table.notes[-1].startswith("†: stale")
         assert "vq: codec version 1 instead of" in table.notes[-1]
     assert "vq †" in table_text(made.folder, "latex", "main")
-
-
-def test_no_stale_row_stands_on_the_front_page_or_among_the_budgets():
-    readme, results = ((ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/results.md"))
-    budgets = re.search(r"^## Budgets$(.*?)^## ", results, re.S | re.M)
-    assert budgets
-    assert "†" not in readme + budgets[1]
