@@ -31,6 +31,7 @@ WHY_EMPTY = {
     "footprints": _NO_NUMBERS,
     "scene": "the run has no scores in a scene: give `run` the --demand of a scene",
     "fits": "no fit recorded a curve: only codecs that are fitted in steps do",
+    "times": "no setting was timed apart from a surface: `neubtf-bench time` does",
     "trade": "no trade was measured: `neubtf-bench trade` measures one, into the folder of its run",
     "paper": "this run has none of the materials of the paper's table: `neubtf-bench run paper` measures them",
     "parameters": "this run has none of the codecs of the paper's table",

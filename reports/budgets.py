@@ -214,7 +214,8 @@ def _common(run: Run, result: Budgets) -> Iterator[str]:
     """Notes on times, and on excluded records."""
     if result.times.keys() - {FIT}:
         on: dict[str, None] = {}
-        for name in (time.get("run", "") for time in run.timings):
+        of_settings = [time for time in run.timings if "label" in time]
+        for name in (time.get("run", "") for time in of_settings or run.timings):
             start: Record = next((each for each in reversed(run.starts) if not name or each.get("run") == name), {})
             machine = start.get("machine", {})
             parts = [machine.get("processor"), f"{machine['cores']} cores" if "cores" in machine else ""]

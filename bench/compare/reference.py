@@ -169,7 +169,7 @@ def rounded(value: Any) -> Any:
 
 def published(run: Run) -> str:
     """A line for each start that produced something, each job and each timing. `InputError` if there is no result."""
-    if not any(job["status"] == "ok" for job in run.jobs):
+    if not any(job["status"] == "ok" for job in run.jobs) and not len(run.timings):
         raise InputError(f"{run.folder}: the run has no results")
     jobs = [published_job(job, run.folder) for job in run.jobs]
     timings = [kept(timing, records.RESULTS) for timing in run.timings]

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple, overload
 
 from bench.inputs.errors import InputError, writable
 from bench.records import fields
-from bench.records.schema import ARTEFACT, Record
+from bench.records.schema import ARTEFACT, Record, setting_name
 
 FILE = "records.jsonl"
 TRADE = "trade.json"  # beside the records: the measurements of `neubtf-bench trade`; see `bench.runs.trade`
@@ -121,6 +121,11 @@ class Run:
     def timing(self, job: Record) -> Record | None:
         """The timing of a job's decoder; None if it was not timed."""
         return self.timings.latest(job["job"])
+
+    def setting_timing(self, job: Record) -> Record | None:
+        """The timing of a job's setting, apart from its surface; None if it was not measured."""
+        cost = job.get("cost", {})
+        return self.timings.latest(setting_name(job["label"], cost.get("flops_per_sample", 0)))
 
 
 def load_run(folder: str | Path) -> Run:

@@ -219,7 +219,7 @@ class Job(TypedDict, total=False):
 
 
 class Timing(TypedDict, total=False):
-    """One codec timed in turns with the others of its material."""
+    """One codec timed in turns with the others of its material; or, with a label, a setting apart from any surface."""
 
     kind: Annotated[Text, PUBLISHED | APART]
     job: Annotated[Text, PUBLISHED | APART]
@@ -231,6 +231,10 @@ class Timing(TypedDict, total=False):
     ratio_interval95: Annotated[Pair, RESULTS]
     ratio_least: Annotated[Positive, RESULTS]
     ratio_at_one_texel: Annotated[Positive, RESULTS]
+    ratio_between_texels: Annotated[Positive, RESULTS]  # of a setting whose time is that at one texel
+    label: Annotated[Name, RESULTS | APART]
+    flops: Annotated[Count, RESULTS | APART]  # operations of a query
+    rounds: Annotated[list[Positive], RESULTS | APART]  # × floor, in each round on each surface
     floor_ns: Annotated[Positive, RESULTS]
     samples_ns: Annotated[Any, APART]
     floor_ratios: Annotated[Any, APART]
@@ -241,6 +245,11 @@ class Timing(TypedDict, total=False):
     execution: Annotated[Text, PUBLISHED]
     queries: Annotated[Text, PUBLISHED]
     texture_fetch: Annotated[bool, PUBLISHED]
+
+
+def setting_name(label: str, flops: int) -> str:
+    """The name of the timing of a setting whose files take so many operations a query."""
+    return f"any surface/{label}/{flops} operations"
 
 
 class Stress(TypedDict, total=False):

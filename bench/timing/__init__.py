@@ -66,8 +66,8 @@ class Queries:
 class Timing:
     """One contestant: raw samples in ns per query, and their ratios to the floor timed beside them, turn by turn."""
 
-    samples: np.ndarray  # (TURNS,)
-    ratios: np.ndarray  # (TURNS,)
+    samples: np.ndarray  # (turns,)
+    ratios: np.ndarray  # (turns,)
 
     def summary(self) -> dict[str, Any]:
         """Median, interquartile range, bootstrap 95 % interval of the median (ns per sample); ratio to the floor."""
@@ -111,13 +111,17 @@ def conditions(threads: int, device: str) -> dict[str, Any]:
 
 
 def time_materials(
-    materials: dict[str, Material], threads: int, queries: Queries | None = None, show: Progress = silent
+    materials: dict[str, Material],
+    threads: int,
+    queries: Queries | None = None,
+    show: Progress = silent,
+    turns: int = 0,
 ) -> dict[str, Timing]:
-    """Time the whole query of each material in turns; the row `FLOOR` is one bilinear colour fetch."""
+    """Time the whole query of each material in turns, `TURNS` by default; the row `FLOOR` is one bilinear fetch."""
     first = next(iter(materials.values()))
     batch = (queries or Queries(batch_on(first.device))).draw(first.size, first.device)
     calls = {name: partial(material.query, *batch) for name, material in materials.items()}
-    return in_turns(calls, len(batch[0]), first.size, threads, first.device, show)
+    return in_turns(calls, len(batch[0]), first.size, threads, first.device, show, turns=turns)
 
 
 def in_turns(
@@ -128,20 +132,22 @@ def in_turns(
     device: torch.device,
     show: Progress = silent,
     kept: KeptTurns | None = None,
+    turns: int = 0,
 ) -> dict[str, Timing]:
-    """Time calls that each answer `batch` samples, each between two floors of `size`, in random order; with `kept`,
-    turns survive an interruption."""
+    """Time calls that each answer `batch` samples, each between two floors of `size`, in random order, in so many turns
+    (`TURNS` by default); with `kept`, turns survive an interruption."""
+    turns = turns or TURNS
     floor = partial(_Floor(size).to(device).query, *Queries(batch).draw(size, device))
     rng, clock = np.random.default_rng(0), clock_of(threads)
-    orders = [rng.permutation(len(calls)) for _ in range(TURNS)]
-    samples, floors = np.empty((TURNS, len(calls))), np.empty((TURNS, len(calls) + 1))
+    orders = [rng.permutation(len(calls)) for _ in range(turns)]
+    samples, floors = np.empty((turns, len(calls))), np.empty((turns, len(calls) + 1))
     ratios = np.empty_like(samples)
     measured = {"samples": samples, "floors": floors, "ratios": ratios}
     done = kept.read(measured) if kept else 0
     with torch_threads(threads):
         everyone: Iterator[Callable[[], Any]] = followed(show, [floor, *calls.values()], "warming up", len(calls) + 1)
         floored, *timed = [calibrated(call, device, clock) for call in everyone]
-        for turn in followed(show, range(done, TURNS), "timing decoders", TURNS - done):
+        for turn in followed(show, range(done, turns), "timing decoders", turns - done):
             floors[turn, 0] = floored()
             for at, i in enumerate(orders[turn]):
                 samples[turn, i], floors[turn, at + 1] = timed[i](), floored()
@@ -149,7 +155,7 @@ def in_turns(
             if kept:
                 kept.write(measured, turn + 1)
     found = {name: Timing(samples[:, i] / batch, ratios[:, i]) for i, name in enumerate(calls)}
-    return {FLOOR: Timing(floors.mean(1) / batch, np.ones(TURNS))} | found
+    return {FLOOR: Timing(floors.mean(1) / batch, np.ones(turns))} | found
 
 
 def clock_of(threads: int) -> Clock:

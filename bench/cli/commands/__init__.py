@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 GROUP = "neubtf_bench.commands"
 GROUPS = {  # the groups of the list of commands; commands of other packages follow
-    "measure": ("run", "score", "trade", "choose", "demand"),
+    "measure": ("run", "score", "time", "trade", "choose", "demand"),
     "codecs": ("list", "encode", "decode", "pretrain", "sampling", "export", "new"),
     "data": ("info", "bake", "convert", "cache"),
     "look": ("view", "render", "table", "figure", "report", "history"),

@@ -115,15 +115,24 @@ def budgets(run: Run) -> Budgets:
 
 
 def _times(run: Run, jobs: Sequence[Record]) -> dict[str, Times]:
-    """The times of some jobs by kind, without kinds that none has; of a query the upper end of its interval."""
+    """The times of some jobs by kind, without kinds that none has; of a query the upper end of its interval.
+
+    Where settings were timed apart from surfaces, on one machine, no other times of queries count.
+    """
     names = {job["job"] for job in jobs}
 
     def upper(records: Iterable[Record]) -> Times:
         known = (each for each in records if each["job"] in names and "ratio_interval95" in each)
         return {each["job"]: float(each["ratio_interval95"][1]) for each in known}
 
+    settings: Times = {}
+    for job in jobs:
+        timing = run.setting_timing(job)
+        if timing:
+            settings[job["job"]] = float(timing["ratio_interval95"][1])
+
     fits = {job["job"]: float(job["fit_seconds"]) for job in jobs if job.get("fit_seconds")}
-    times = {EAGER: upper(run.timings), FUSED: upper(fused_times(run).values()), FIT: fits}
+    times = {EAGER: settings or upper(run.timings), FUSED: upper(fused_times(run).values()), FIT: fits}
     return {kind: each for kind, each in times.items() if each}
 
 

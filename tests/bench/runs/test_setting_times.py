@@ -1,0 +1,94 @@
+"""Settings are timed apart from surfaces, and tables of budgets then use these times alone."""
+
+import numpy as np
+import pytest
+
+from bench import cli
+from bench.inputs.errors import InputError
+from bench.records import load_run
+from bench.records.schema import setting_name
+from bench.runs import setting_times
+from bench.runs.setting_times import Entry, time_settings
+from bench.runs.suite import parse_suite
+
+SUITE = """
+materials = ["satin", "cable-knit"]
+[data]
+size = 16
+views = 4
+lights = 4
+heldout = 4
+[[codecs]]
+codec = "pca"
+components = [1, 2]
+[[codecs]]
+codec = "ntc"
+steps = 900
+width = 8
+"""
+
+
+@pytest.fixture
+def timed(tmp_path, monkeypatch):
+    monkeypatch.setattr(setting_times, "TURNS", 2)
+    records = time_settings(parse_suite("small", SUITE), tmp_path / "times")
+    return tmp_path / "times", records
+
+
+def test_each_setting_is_one_record_over_surfaces_and_rounds_without_a_job(timed):
+    folder, records = timed
+    ratios = [record["ratio_to_floor"] for record in records]
+    assert ratios == sorted(ratios)
+    assert {record["label"] for record in records} == {"pca components=1", "pca components=2", "ntc steps=900 width=8"}
+    run = load_run(folder)
+    assert len(run.timings) == 3
+    assert not len(run.jobs)
+    for record in run.timings:
+        assert len(record["rounds"]) == 4  # two surfaces, two rounds
+        low, high = record["ratio_interval95"]
+        assert low <= record["ratio_to_floor"] <= high
+        assert record["flops"] > 0
+    assert run.starts[0]["machine"]["processor"]
+
+
+def test_a_codec_that_answers_texels_counts_at_a_texel_and_shows_the_other_time_beside(timed):
+    by_label = {record["label"]: record for record in timed[1]}
+    ntc = by_label["ntc steps=900 width=8"]
+    assert ntc["ratio_between_texels"] > 2 * ntc["ratio_to_floor"]  # four interpolated answers, or one
+    assert "ratio_between_texels" not in by_label["pca components=1"]
+
+
+def test_files_of_one_setting_that_need_more_on_some_surfaces_are_two_entries():
+    flat, raised = Entry("relief", 100), Entry("relief", 140)
+    for entry, ratio in ((flat, 8.0), (raised, 12.0)):
+        entry.ratios.append(np.full(4, ratio))
+        entry.samples.append(np.full(4, 50 * ratio))
+    names = [entry.record("run")["job"] for entry in (flat, raised)]
+    assert names == [setting_name("relief", 100), setting_name("relief", 140)]
+    assert raised.record("run")["ratio_to_floor"] == 12.0
+
+
+def test_the_command_prints_a_table_and_its_records_can_be_published(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(setting_times, "TURNS", 2)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "small.toml").write_text(SUITE)
+    assert cli.main(["time", "small.toml", "--out", "times", "--codec", "pca"]) == 0
+    assert "pca components=1" in capsys.readouterr().out
+    assert cli.main(["results", "add", "times", "times.jsonl"]) == 0
+    assert cli.main(["table", "times", "times.jsonl"]) == 0
+    shown = capsys.readouterr().out
+    assert "Times of settings" in shown
+    assert "pca components=2" in shown
+    assert "satin" not in (tmp_path / "times.jsonl").read_text().split('"label"', 1)[1]
+
+
+def test_where_nothing_can_be_fitted_nothing_is_written(tmp_path):
+    text = """
+materials = [{name = "gone", path = "gone/gone", where = "nowhere"}]
+[[codecs]]
+codec = "pca"
+"""
+    suite = parse_suite("none", text)
+    with pytest.raises(InputError, match="none of its settings could be fitted"):
+        time_settings(suite, tmp_path / "times")
+    assert not (tmp_path / "times" / "records.jsonl").exists()
