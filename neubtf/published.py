@@ -28,7 +28,7 @@ DARKEST = 1e-4  # least mean of a slice, in a display's range; darker slices are
 
 PAPER = {"bits": 8, "directions": "xy", "loss": "l1", "keep_scale": 0.0, "init": "published", "optimiser": "adam"}
 # Left open, and chosen:
-PAPER |= {"steps": 10_000, "slices": 16, "targets": 1, "texel_pairs": 1, "crop": 64, "around": 0}
+PAPER |= {"steps": 5_000, "slices": 16, "targets": 1, "texel_pairs": 1, "crop": 64, "around": 0}
 PAPER |= {"smallest": 0.75, "blur": 0.5, "noise": 0.02}
 FILTERS = 24  # filters of each scale
 KERNEL = 5  # texels a side at each scale

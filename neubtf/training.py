@@ -2,7 +2,7 @@
 
 1. *Direct*: a neural texture and the renderer, without the encoder. Its steps are eight times as fast as others.
 2. *Taught*: the encoder learns that texture; each step compares all of its latents at once.
-3. *Guided*: the encoder learns from the answers of the renderer, which stays fixed; without a first stage both learn.
+3. *Guided*: the encoder learns from the answers of the renderer, which learns on slowly.
 
 A step of the last two shows the encoder a random slice, disturbed, in a random window, or the file's own guidance.
 """
@@ -33,6 +33,7 @@ from neubtf.autoencoder import STRIDE, Encoder, displayed
 from neubtf.renderer import RendererSettings, render
 
 DIRECT, TAUGHT, GUIDED = range(3)  # the stages of our recipe
+LATE = 0.3  # of the renderer's rate in the last stage: it adapts to rounded latents that an encoder makes
 ENCODERS = {"adam": 1, "muon": 2}  # its groups of parameters, before those of the renderer and the texture
 
 
@@ -139,7 +140,7 @@ class Staged(Guided):
             texture = first_latents(samples, settings.latents, "components", generator)
         self.texture = nn.Parameter(texture)
         self.first_rounding = Rounding(settings.latents, settings.bits)  # of that texture
-        if settings.direct:  # from half of the first stage on: the renderer is fixed later, and has to know rounding
+        if settings.direct:  # from half of the first stage on: later the renderer changes little, so it learns rounding
             self.rounded_from = settings.direct / 2
         self.ends = [round(share * settings.steps) for share in (0, settings.direct, settings.direct + settings.taught)]
 
@@ -153,8 +154,9 @@ class Staged(Guided):
     def rate(self, step: int, steps: int, group: int) -> float:
         stage = self.stage(step)
         start, end = [*self.ends, steps][stage : stage + 2]
-        fixed = stage == GUIDED and self.settings.direct > 0 and group >= ENCODERS[self.settings.optimiser]
-        return 0.0 if fixed else super().rate(step - start, end - start, group)
+        share = super().rate(step - start, end - start, group)
+        learned_before = stage == GUIDED and self.settings.direct > 0 and group >= ENCODERS[self.settings.optimiser]
+        return LATE * share if learned_before else share
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         if self.stage(round(progress * self.settings.steps)) == DIRECT:

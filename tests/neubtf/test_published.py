@@ -10,9 +10,10 @@ from bench.conformance.check import tiny_btf
 from bench.metrics.display import decode_srgb
 from bench.training import Samples
 from neubtf.augmentation import Crop
-from neubtf.autoencoder import Autoencoder, Encoder
+from neubtf.autoencoder import Autoencoder, Encoder, as_guidance, displayed, eight_bits
 from neubtf.codec import NeuBTF
-from neubtf.published import DARKEST, Elements, Published, shown, slice_means
+from neubtf.published import DARKEST, JUDGED, Elements, Published, shown, slice_means
+from neubtf.training import by_texel, slice_of
 
 GREY = torch.full((1, 3, 16, 16), 0.3)  # a guidance image
 
@@ -115,3 +116,27 @@ def test_the_papers_recipe_shows_every_slice_at_the_guidances_brightness() -> No
 
 def test_shown_is_radiance_in_the_range_of_a_display() -> None:
     np.testing.assert_allclose(shown(torch.tensor([0.0, 8 * 0.5, 8 * 2.0]).log1p()), [0, 0.5, 1], rtol=1e-6)
+
+
+def test_the_guidance_of_a_file_is_the_slice_whose_texture_answers_best() -> None:
+    fitting = published(smallest=1.0)
+    optimiser = torch.optim.Adam(fitting.parameters(), 3e-3)
+    for _ in range(20):  # so that textures matter
+        optimiser.zero_grad()
+        fitting.loss(generator(), 0.0).backward()  # type: ignore[no-untyped-call]
+        optimiser.step()
+    samples, fit = fitting.samples, Fit()
+    batch = samples.draw(JUDGED, fit.generator())
+    errors = {}
+    for pair in range(0, 81, 2):  # at most 64 of 81
+        level = fitting.exposed(slice_of(samples, pair), torch.tensor([pair]))
+        picture = as_guidance(eight_bits(displayed(level)))
+        with torch.no_grad():
+            ours = fitting.rendered(by_texel(fitting.encoder(picture)), batch.texel, batch.pair)
+        errors[picture] = float((ours - batch.target).abs().mean())
+    best = min(errors, key=errors.__getitem__)
+    assert errors[best] < 0.99 * float(np.median(list(errors.values())))
+    fitting.choose_guidance(fit)
+    torch.testing.assert_close(fitting.guidance, best)
+    fitting.choose_guidance(fit)  # nothing is better now
+    torch.testing.assert_close(fitting.guidance, best)
