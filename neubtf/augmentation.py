@@ -16,7 +16,7 @@ from torch.nn import functional
 
 from neubtf.autoencoder import STRIDE
 
-LEAST_BLUR = 0.05  # σ in texels, which leaves a picture as it is
+LEAST_BLUR = 1e-3  # σ in texels, which leaves a picture as it is
 
 
 @dataclass(frozen=True)
@@ -170,13 +170,13 @@ class Disturbance:
 
     def disturbed(self, pictures: Tensor, generator: torch.Generator) -> Tensor:
         """Pictures (B, 3, H, W) in [0, 1], each disturbed at random, within [0, 1]."""
-        drawn = torch.rand(3, len(pictures), generator=generator, dtype=torch.float64)
-        hue, blur, noise = drawn.to(pictures, non_blocking=True)
+        hue, blur, noise = torch.rand(3, len(pictures), generator=generator, dtype=torch.float64)
         pictures = turned(pictures, self.hue * hue)
         if self.blur:
-            pictures = blurred(pictures, self.blur * blur, math.ceil(3 * self.blur))
+            pictures = blurred(pictures, self.blur * blur)
         grain = torch.randn(pictures.shape, generator=generator).to(pictures.device, non_blocking=True)
-        return (pictures + self.noise * noise[:, None, None, None] * grain).clamp(0, 1)
+        strength = (self.noise * noise).to(pictures, non_blocking=True)
+        return (pictures + strength[:, None, None, None] * grain).clamp(0, 1)
 
 
 def turned(pictures: Tensor, turn: Tensor) -> Tensor:
@@ -186,17 +186,21 @@ def turned(pictures: Tensor, turn: Tensor) -> Tensor:
     third, side = (1 - angle.cos()) / 3, angle.sin() / math.sqrt(3)
     same, less, more = third + angle.cos(), third - side, third + side
     matrix = torch.stack([same, less, more, more, same, less, less, more, same], 1).view(-1, 3, 3)
-    return torch.einsum("bij,bjhw->bihw", matrix, pictures).clamp(0, 1)
+    return torch.einsum("bij,bjhw->bihw", matrix.to(pictures, non_blocking=True), pictures).clamp(0, 1)
 
 
-def blurred(pictures: Tensor, sigma: Tensor, radius: int) -> Tensor:
-    """Periodic pictures (B, C, H, W), each after a Gaussian of its σ (B,) in texels, cut off at a radius in texels."""
-    offsets = torch.arange(-radius, radius + 1, device=pictures.device)
+def blurred(pictures: Tensor, sigma: Tensor) -> Tensor:
+    """Periodic pictures (B, C, H, W), each after a Gaussian of its σ (B,) in texels, on the CPU, cut off at 3 σ."""
+    radii = (3 * sigma).ceil()
+    radius = int(radii.max())
+    offsets = torch.arange(-radius, radius + 1)
     weights = (-0.5 * (offsets / sigma.clamp_min(LEAST_BLUR)[:, None]).square()).exp()  # (B, offsets)
-    weights = weights / weights.sum(1, keepdim=True)
+    weights = weights * (offsets.abs() <= radii[:, None])
+    total = weights.sum(1).to(pictures, non_blocking=True)[:, None, None, None]
+    weights = weights.to(pictures, non_blocking=True)[:, :, None, None, None]
     for dim in (2, 3):
-        total = torch.zeros_like(pictures)
-        for offset, weight in zip(range(-radius, radius + 1), weights.T, strict=True):
-            total = total + pictures.roll(offset, dim) * weight[:, None, None, None]
-        pictures = total
+        blurred = torch.zeros_like(pictures)
+        for place, offset in enumerate(range(-radius, radius + 1)):
+            blurred = blurred + pictures.roll(offset, dim) * weights[:, place]
+        pictures = blurred / total
     return pictures

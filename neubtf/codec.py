@@ -14,7 +14,7 @@ from torch import Tensor
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.material import Material
-from bench.training import Samples, gain_of, store_texture, train
+from bench.training import Samples, gain_of, round_after, store_texture, train
 from bench.training.decoder import store_network
 from neubtf.autoencoder import (
     STRIDE,
@@ -50,9 +50,10 @@ class NeuBTF(Codec):
     }
     """
 
-    name, version = "neubtf", 6
+    name, version = "neubtf", 5
     sizes = ("latents", "width")
     recipes: ClassVar = {"paper": PAPER}
+    recipe_versions: ClassVar = {"paper": 6}
 
     @dataclass(frozen=True)
     class Settings(StagedSettings):
@@ -67,11 +68,19 @@ class NeuBTF(Codec):
         objective = Published if settings.recipe == "paper" else Staged
         fitting = objective(samples, settings, encoder, guidance, generator)
         train(fitting, fit, settings.steps)
-        stored = store_encoder(encoder, eight_bits(fitting.guidance))
+        if isinstance(fitting, Published):
+            guidance = fitting.best_guidance(fit)
+        stored = store_encoder(encoder, eight_bits(guidance))
         texture = texture_of(stored, settings.latents, fit.device)
+        batch = samples.draw(settings.batch, fit.generator())
+
+        def answers(texture: Tensor) -> Tensor:
+            return fitting.rendered(texture.flatten(0, 1), batch.texel, batch.pair)
+
+        rounding = round_after(texture, settings.bits, answers, batch.target)
         return Parts(
             decoder=store_network(fitting.renderer, settings.weights),
-            texture=store_texture("latents", texture, fitting.rounding),
+            texture=store_texture("latents", texture, rounding),
             encoder=stored if settings.keep_encoder else {},
             other={"gain": torch.tensor([gain])},
         )

@@ -112,8 +112,6 @@ class Published(Guided):
     `texel_pairs` random pairs of each texel, or without any at those slices.
     """
 
-    rounded_from = 1.0  # the file's texture is that of the guidance, which steps do not see
-
     def __init__(
         self, samples: Samples, settings: StagedSettings, encoder: Encoder, guidance: Tensor, generator: torch.Generator
     ):
@@ -122,14 +120,9 @@ class Published(Guided):
         self.brightness = float(decode_srgb(guidance.cpu().numpy()).mean())
         self.means = nn.Buffer(slice_means(samples), persistent=False)
 
-    def round_textures(self, fit: Fit, progress: float) -> None:
-        """After the steps, choose the guidance of the file, then the rounding of its texture."""
-        self.choose_guidance(fit)
-        super().round_textures(fit, progress)
-
     @torch.no_grad()
-    def choose_guidance(self, fit: Fit) -> None:
-        """Let the slice of `CANDIDATES` whose texture answers random samples best be the guidance, or keep it.
+    def best_guidance(self, fit: Fit) -> Tensor:
+        """The slice (1, 3, H, W), of `CANDIDATES` and the guidance so far, whose texture answers random samples best.
 
         Every slice was an input. Some tell much more than the most frontal one, which hides the ribs of corduroy.
         """
@@ -142,7 +135,7 @@ class Published(Guided):
             error = self._error(picture, batch)
             if error < least:
                 best, least = picture, error
-        self.guidance.copy_(best)
+        return best
 
     def _error(self, guidance: Tensor, batch: Batch) -> float:
         """The loss of the pixels of a batch, for the texture of a guidance image."""

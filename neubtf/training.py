@@ -2,7 +2,7 @@
 
 1. *Direct*: a neural texture and the renderer, without the encoder. Its steps are eight times as fast as others.
 2. *Taught*: the encoder learns that texture; each step compares all of its latents at once.
-3. *Guided*: the encoder learns from the answers of the renderer, which learns on slowly.
+3. *Guided*: the encoder learns from the answers of the renderer, which stays fixed; without a first stage both learn.
 
 A step of the last two shows the encoder a random slice, disturbed, in a random window, or the file's own guidance.
 """
@@ -16,24 +16,11 @@ from torch import Tensor, nn
 
 from bench.inputs.errors import InputError
 from bench.inputs.settings import BatchSize, Natural, NotNegative, Positive, Range, Share
-from bench.training import (
-    Batch,
-    Decoder,
-    Loss,
-    NetworkSettings,
-    Objective,
-    Rounding,
-    Samples,
-    distance,
-    first_latents,
-    groups_of,
-)
+from bench.training import Batch, Decoder, Loss, NetworkSettings, Objective, Samples, distance, first_latents, groups_of
 from neubtf.augmentation import Crop, Disturbance, draw_scale
 from neubtf.autoencoder import STRIDE, Encoder, displayed
 from neubtf.renderer import RendererSettings, render
 
-DIRECT, TAUGHT, GUIDED = range(3)  # the stages of our recipe
-LATE = 0.3  # of the renderer's rate in the last stage: it adapts to rounded latents that an encoder makes
 ENCODERS = {"adam": 1, "muon": 2}  # its groups of parameters, before those of the renderer and the texture
 
 
@@ -100,7 +87,6 @@ class Guided(Objective):
         self.renderer.start_at(samples.mean(generator), settings.init == "faint")
         self.disturbance = Disturbance(settings.hue, settings.blur, settings.noise)
         self.guidance = nn.Buffer(guidance, persistent=False)
-        self.rounding = Rounding(settings.latents, settings.bits)  # of the file's own texture
 
     def groups(self) -> list[dict[str, Any]]:
         settings = self.settings
@@ -109,7 +95,7 @@ class Guided(Objective):
         return [*encoder, *renderer]
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        return self.rendered(self.rounding(by_texel(self.encoder(self.guidance))), batch.texel, batch.pair)
+        return self.rendered(by_texel(self.encoder(self.guidance)), batch.texel, batch.pair)
 
     def rendered(self, latents: Tensor, texel: Tensor, pair: Tensor) -> Tensor:
         """Log radiance (n, 3) of some of the latents and pairs."""
@@ -139,34 +125,25 @@ class Staged(Guided):
         if settings.start == "components":
             texture = first_latents(samples, settings.latents, "components", generator)
         self.texture = nn.Parameter(texture)
-        self.first_rounding = Rounding(settings.latents, settings.bits)  # of that texture
-        if settings.direct:  # from half of the first stage on: later the renderer changes little, so it learns rounding
-            self.rounded_from = settings.direct / 2
         self.ends = [round(share * settings.steps) for share in (0, settings.direct, settings.direct + settings.taught)]
 
     def groups(self) -> list[dict[str, Any]]:
         return [*super().groups(), {"params": [self.texture], "lr": self.settings.rate}]
 
     def stage(self, step: int) -> int:
-        """The stage of a step: `DIRECT`, `TAUGHT` or `GUIDED`."""
+        """The stage of a step, from 0 to 2."""
         return bisect.bisect(self.ends, step) - 1
 
     def rate(self, step: int, steps: int, group: int) -> float:
         stage = self.stage(step)
         start, end = [*self.ends, steps][stage : stage + 2]
-        share = super().rate(step - start, end - start, group)
-        learned_before = stage == GUIDED and self.settings.direct > 0 and group >= ENCODERS[self.settings.optimiser]
-        return LATE * share if learned_before else share
+        fixed = stage == 2 and self.settings.direct > 0 and group >= ENCODERS[self.settings.optimiser]
+        return 0.0 if fixed else super().rate(step - start, end - start, group)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        if self.stage(round(progress * self.settings.steps)) == DIRECT:
-            return self.rendered(self.first_rounding(self.texture), batch.texel, batch.pair)
-        return super().predict(batch, progress)
-
-    def roundings_at(self, progress: float) -> list[Rounding]:
-        """The first texture's in the first stage; the file's in the last, which fits the encoder to its rounding."""
-        stage = self.stage(round(progress * self.settings.steps))
-        return {DIRECT: [self.first_rounding], TAUGHT: [], GUIDED: [self.rounding]}[stage]
+        direct = self.stage(round(progress * self.settings.steps)) == 0
+        latents = self.texture if direct else by_texel(self.encoder(self.guidance))
+        return self.rendered(latents, batch.texel, batch.pair)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         losses = (self._direct, self._taught, self._guided)
@@ -188,8 +165,7 @@ class Staged(Guided):
 
     def _direct(self, generator: torch.Generator) -> Tensor:
         batch = self.samples.draw(self.settings.batch, generator)
-        rendered = self.rendered(self.first_rounding(self.texture), batch.texel, batch.pair)
-        return distance(rendered, batch.target, self.settings.loss)
+        return distance(self.rendered(self.texture, batch.texel, batch.pair), batch.target, self.settings.loss)
 
     def _taught(self, generator: torch.Generator) -> Tensor:
         example, texture = self.example(1.0, generator), self.texture.detach()
@@ -201,8 +177,6 @@ class Staged(Guided):
         """The loss of single random samples: a slice holds thousands of texels, but one pair only."""
         example, size = self.example(self.settings.smallest, generator), (self.settings.batch,)
         latents, inner = by_texel(self.encoder(example.picture)), example.inner
-        if example.pair is None:  # the file's own texture
-            latents = self.rounding(latents)
         here = inner[torch.randint(len(inner), size, generator=generator).to(latents.device, non_blocking=True)]
         pair = torch.randint(self.samples.pairs, size, generator=generator).to(latents.device, non_blocking=True)
         index, weight = example.window.taps(here)

@@ -208,12 +208,13 @@ class Configured:
 
     `Settings` is a frozen dataclass of int, float, bool, str and `Literal` fields, each with a default and a comment
     of one line. The types of `bench.inputs.settings` add a range. If there is a setting `recipe`, `recipes` lists the
-    defaults that each of its values changes.
+    defaults that each of its values changes; a recipe whose fit changed while others did not has a version of its own.
     """
 
     name: ClassVar[str]
     version: ClassVar[int]
     recipes: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    recipe_versions: ClassVar[Mapping[str, int]] = {}
 
     @dataclass(frozen=True)
     class Settings:
@@ -226,6 +227,11 @@ class Configured:
         self.scene: bool = convert(self.name, SCENE, bool, scene)
         recipe = self.recipes.get(settings.get(RECIPE, ""), {})
         self.settings: Any = parse(self.name, self.Settings, {**recipe, **settings})
+
+    @classmethod
+    def version_of(cls, settings: Mapping[str, Any]) -> int:
+        """The version of files with these settings: that of their recipe, or else of the codec."""
+        return cls.recipe_versions.get(str(settings.get(RECIPE, "")), cls.version)
 
 
 class SharedNetwork(Configured):

@@ -13,7 +13,7 @@ from bench.records import Record, scored_unlike, shown_label
 
 def stale(job: Record) -> str:
     """How a job's versions differ from the installed ones, in words; "" if they agree or are not known."""
-    return _differences(job.get("fit_key", {}), current_versions(str(job.get("codec", ""))))
+    return _differences(job.get("fit_key", {}), current_versions(*_recipe_of(job)))
 
 
 def obstacles(jobs: Iterable[Record], published: Collection[str] = ()) -> dict[str, str]:
@@ -25,7 +25,7 @@ def obstacles(jobs: Iterable[Record], published: Collection[str] = ()) -> dict[s
     ordered = sorted(finished, key=lambda job: job["job"] in published)  # the last one says what the others need
     scored = {(job["material"], job.get("seed")): job["score_key"] for job in ordered}  # pairs differ by seed
     shapes = {job["material"]: job.get("shape") for job in ordered}
-    fitted = {job.get("codec"): job.get("fit_key", {}) for job in finished}
+    fitted = {_recipe_of(job): job.get("fit_key", {}) for job in finished}
     coded = {row_of(job): job.get("fit_key", {}).get("code") for job in finished}
     found = {}
     for job in finished:
@@ -34,13 +34,18 @@ def obstacles(jobs: Iterable[Record], published: Collection[str] = ()) -> dict[s
         shape, due = job.get("shape"), shapes[job["material"]]
         if not reasons and shape and due and shape != due:  # a seed that no other job has
             reasons.append(f"other data ({shape[0]} × {shape[1]} texels instead of {due[0]} × {due[1]})")
-        reasons += [each] if (each := _differences(key, fitted[job.get("codec")])) else []
+        reasons += [each] if (each := _differences(key, fitted[_recipe_of(job)])) else []
         # The suite's own codecs get a new version if their files change; one's own may change without.
         if code and key.get("code") != code and from_outside(str(job.get("codec"))):
             reasons.append("fitted by other code of the codec than its newest seed")
         if reasons:
             found[job["job"]] = ", ".join(reasons)
     return found
+
+
+def _recipe_of(job: Record) -> tuple[str, str]:
+    """The codec of a job and its recipe, which may have a version of its own; "" without recipes."""
+    return str(job.get("codec", "")), str(job.get("settings", {}).get("recipe", ""))
 
 
 def row_of(job: Record) -> tuple[Any, ...]:

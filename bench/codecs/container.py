@@ -100,7 +100,9 @@ def to_bytes(codec: "Encoder", parts: "Parts", provenance: dict[str, Any] | None
     if codec.zstd:
         by_part = {part: {ZSTD: compressed(serialise(named))} for part, named in by_part.items() if named}
     tensors = {f"{part}/{name}": tensor for part, named in by_part.items() for name, tensor in named.items()}
-    metadata = {"format": FORMAT, "codec": codec.name, "version": codec.version, "settings": settings_dict(codec)}
+    settings = settings_dict(codec)
+    version = codec.version_of(settings)
+    metadata = {"format": FORMAT, "codec": codec.name, "version": version, "settings": settings}
     kind, network = SHARED if isinstance(codec, SharedNetwork) else "", parts.network.sha256 if parts.network else ""
     others = {"provenance": provenance, "kind": kind, "shared": network, "scene": parts.scene}
     metadata |= {"sha256": ZEROS.decode()} | {name: value for name, value in others.items() if value}

@@ -40,10 +40,11 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
     if header.kind == SHARED:
         raise ContainerError(f"{path}: not a material, but the network that codec {header.codec} shares over materials")
     codec_class = registry.load_codec(header.codec, wanted_by=str(path))
-    if header.version != codec_class.version:
+    installed = codec_class.version_of(header.settings)
+    if header.version != installed:
         raise ContainerError(
             f"{path}: written by version {header.version} of codec {header.codec}, but installed is version "
-            f"{codec_class.version}: encode it again, or install the version that wrote it"
+            f"{installed}: encode it again, or install the version that wrote it"
         )
     if not header.network:
         network = None

@@ -147,29 +147,42 @@ def first_line(module: str, class_name: str = "") -> str:
     return _docstring(module, class_name).split("\n")[0]
 
 
-def current_versions(codec: str) -> dict[str, int]:
-    """The installed version of a codec, and of the store of textures, as a fit key names them; read from the source.
+def current_versions(codec: str, recipe: str = "") -> dict[str, int]:
+    """The installed version of a codec, or of its recipe if that has its own, and of the store of textures, as a fit
+    key names them; read from the source.
 
     Empty if no such codec is installed, or if its source does not state its version as a number.
     """
     entry = codec_entries().get(codec)
-    own = _number(*entry.value.split(":"), wanted="version") if entry else None
-    return {} if own is None else {"version": own, "store": _number(STORE, wanted="VERSION") or 0}
+    if entry is None:
+        return {}
+    module, _, class_name = entry.value.partition(":")
+    versions = _assigned(module, class_name, "recipe_versions") or {}
+    own = versions.get(recipe, _assigned(module, class_name, "version"))
+    return {"version": own, "store": _assigned(STORE, "", "VERSION") or 0} if isinstance(own, int) else {}
 
 
-def _number(module: str, class_name: str = "", *, wanted: str) -> int | None:
-    """A whole number that a module or a class assigns to a name, alone or among others: `name, version = "pca", 4`."""
+def _assigned(module: str, class_name: str, wanted: str) -> Any:
+    """The literal that a module or a class assigns to a name, alone or among others: `name, version = "pca", 4`.
+
+    None if there is none: the value of an expression is not known without importing the module.
+    """
     node = _definition(module, class_name)
     for statement in node.body if node else []:
         if isinstance(statement, ast.Assign):
-            names = [each.id for each in ast.walk(statement.targets[0]) if isinstance(each, ast.Name)]
-            try:
-                values = ast.literal_eval(statement.value)
-            except ValueError:  # an expression
-                continue
-            found = dict(zip(names, values if isinstance(values, tuple) else (values,), strict=False)).get(wanted)
-            if isinstance(found, int):
-                return found
+            target = statement.targets[0]
+        elif isinstance(statement, ast.AnnAssign):
+            target = statement.target
+        else:
+            continue
+        names = [each.id for each in ast.walk(target) if isinstance(each, ast.Name)]
+        if wanted not in names or statement.value is None:
+            continue
+        try:
+            value = ast.literal_eval(statement.value)
+        except ValueError:  # an expression
+            continue
+        return value[names.index(wanted)] if isinstance(value, tuple) else value
     return None
 
 

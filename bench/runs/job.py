@@ -111,8 +111,9 @@ class Job:
 
     @cached_property
     def fit_key(self) -> dict[str, Any]:
-        key = {"codec": self.codec.name, "version": self.codec.version, "store": stored_texture.VERSION}
-        key |= {"settings": settings_dict(self.codec), "training": self.workbench.training.fingerprint}
+        settings = settings_dict(self.codec)
+        key = {"codec": self.codec.name, "version": self.codec.version_of(settings)}
+        key |= {"store": stored_texture.VERSION, "settings": settings, "training": self.workbench.training.fingerprint}
         key |= {"seed": self.seed, "device": torch.device(self.task.device).type, "threads": self.task.threads}
         key |= {"torch": torch.__version__} | identity(self.codec)
         key |= {"shared": self.network.sha256} if self.network else {}
@@ -209,7 +210,9 @@ class Job:
             log.warning("%s is fitted again: %s", self.task.name, error)
             return None
         stored = (header.codec, header.version, header.settings, header.sha256)
-        if same and stored == (self.codec.name, self.codec.version, settings_dict(self.codec), facts.get("sha256")):
+        settings = settings_dict(self.codec)
+        version = self.codec.version_of(settings)
+        if same and stored == (self.codec.name, version, settings, facts.get("sha256")):
             return header, _facts_of_record(facts) | {"fit_cached": True}
         log.warning("%s is fitted again: %s is not the file that was fitted for it", self.task.name, path)
         return None

@@ -189,7 +189,6 @@ class Objective(nn.Module):
     """The objective of a fit: parameters, rates, the loss of a step. Its state must be in parameters and buffers."""
 
     settings: Any  # of the codec
-    rounded_from: float = ROUNDED_FROM  # share of the steps after which textures are rounded as in the file
 
     def __init__(self, samples: Samples):
         super().__init__()
@@ -220,14 +219,10 @@ class Objective(nn.Module):
         for each in (module for module in self.modules() if isinstance(module, Rounding)):
             each.chosen = bool(each.bits.any())
 
-    def roundings_at(self, progress: float) -> list[Rounding]:
-        """The roundings of the textures that `predict` looks up at this progress."""
-        return [each for each in self.modules() if isinstance(each, Rounding)]
-
     @torch.no_grad()
     def round_textures(self, fit: Fit, progress: float) -> None:
         """Choose the rounding of each texture with a `Rounding`, unless it is already chosen."""
-        roundings = [each for each in self.roundings_at(progress) if each.undecided]
+        roundings = [each for each in self.modules() if isinstance(each, Rounding) and each.undecided]
         if roundings:
             batch = self.samples.draw(ROUNDING_SAMPLES, fit.generator())
             choose_bits(roundings, lambda: self.predict(batch, progress), batch.target)
@@ -336,7 +331,7 @@ class _Loop:
         """Step up to `end`, then save the state, or go back to the last good one."""
         total = torch.zeros((), device=self.fit.device)
         while self.step < end:
-            if self.step >= self.objective.rounded_from * self.steps:
+            if self.step >= ROUNDED_FROM * self.steps:
                 self.objective.round_textures(self.fit, self.step / self.steps)
             shares = (self.objective.rate(self.step, self.steps, i) for i in range(len(self.highest)))
             loss = self.objective.loss(self.generator, self.step / self.steps)

@@ -1,3 +1,4 @@
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -6,6 +7,7 @@ import torch
 
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
+from bench.codecs import container, loading
 from bench.conformance.check import tiny_btf
 from bench.metrics.display import decode_srgb
 from bench.training import Samples
@@ -136,7 +138,13 @@ def test_the_guidance_of_a_file_is_the_slice_whose_texture_answers_best() -> Non
         errors[picture] = float((ours - batch.target).abs().mean())
     best = min(errors, key=errors.__getitem__)
     assert errors[best] < 0.99 * float(np.median(list(errors.values())))
-    fitting.choose_guidance(fit)
-    torch.testing.assert_close(fitting.guidance, best)
-    fitting.choose_guidance(fit)  # nothing is better now
-    torch.testing.assert_close(fitting.guidance, best)
+    torch.testing.assert_close(fitting.best_guidance(fit), best)
+
+
+def test_a_file_by_the_papers_recipe_has_the_version_of_that_recipe(tmp_path: Path) -> None:
+    for settings, version in (({"recipe": "paper"}, NeuBTF.recipe_versions["paper"]), ({}, NeuBTF.version)):
+        codec = NeuBTF(steps=2, batch=64, slices=2, **settings)
+        header = container.save(tmp_path / "file.nbtf", codec, codec.encode(tiny_btf(), Fit()))
+        assert header.version == version
+        assert loading.load(header.path).header.version == version
+    assert NeuBTF.recipe_versions["paper"] != NeuBTF.version

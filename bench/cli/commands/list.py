@@ -68,7 +68,8 @@ def _settings(what: str, name: str) -> int:
     if what != "codecs":
         raise InputError(f"list {what} {name}: only codecs have settings: list codecs NAME")
     codec, entry = load_codec(name), codec_entries()[name]
-    say_line(f"{name}, version {codec.version}, of {origin(entry)}: {describe(entry)}")
+    versions = [f"version {codec.version}", *(f"recipe={key} {each}" for key, each in codec.recipe_versions.items())]
+    say_line(f"{name}, {', '.join(versions)}, of {origin(entry)}: {describe(entry)}")
     table(described_settings(codec))
     if codec.network:
         say_line(

@@ -14,7 +14,11 @@ def job(label="pca", seed=0, run="1", **key):
 
 def test_versions_are_read_from_the_source_without_importing_it():
     for name in codec_entries():
-        assert current_versions(name) == {"version": load_codec(name).version, "store": stored_texture.VERSION}
+        codec, store = load_codec(name), stored_texture.VERSION
+        assert current_versions(name) == {"version": codec.version, "store": store}
+        for recipe in codec.recipes:
+            assert current_versions(name, recipe) == {"version": codec.version_of({"recipe": recipe}), "store": store}
+    assert current_versions("neubtf", "paper") != current_versions("neubtf")
     assert current_versions("nobody's") == {}
 
 
@@ -32,6 +36,16 @@ def test_a_record_of_another_version_is_stale(key, why):
 def test_versions_of_a_codec_do_not_mix_over_seeds_or_settings_and_the_newest_stands():
     jobs = [job(run="2"), job("pca components=8", run="1", version=3), job("vq", run="1", version=3)]
     assert alike.obstacles(jobs) == {"satin/pca components=8/0/1": "codec version 3 instead of 4"}
+
+
+def test_a_recipe_may_have_a_version_of_its_own():
+    """A change of the paper's recipe makes no row of ours stale, and both may stand in one table."""
+    ours = job("neubtf") | {"fit_key": current_versions("neubtf"), "settings": {"recipe": "ours"}}
+    paper = job("neubtf recipe=paper") | {"settings": {"recipe": "paper"}}
+    paper |= {"fit_key": current_versions("neubtf", "paper")}
+    assert alike.stale(ours) == alike.stale(paper) == ""
+    assert alike.stale(paper | {"fit_key": ours["fit_key"]}).startswith("codec version")
+    assert alike.obstacles([ours, paper]) == {}
 
 
 def test_code_of_one_s_own_codec_does_not_mix_between_seeds(monkeypatch):
