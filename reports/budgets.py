@@ -1,13 +1,14 @@
 """Tables of each codec's quality within budgets of bytes and time, of rungs that `bench.compare` chooses."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from math import log2
 from statistics import fmean
 
 from bench.compare.choosing import NEAR_DB, Rung
 from bench.compare.choosing.budgets import (
-    BITS,
     BYTES,
+    CAP_DB,
     EAGER,
     ENOUGH,
     FIT,
@@ -18,50 +19,99 @@ from bench.compare.choosing.budgets import (
     setting_of,
     shown,
 )
+from bench.compare.choosing.curves import FEWEST as LEAST_SURFACES
+from bench.compare.choosing.curves import (
+    Points,
+    Reading,
+    Summary,
+    differences,
+    gaps_of_rungs,
+    hulls,
+    readings,
+    summarised,
+)
 from bench.compare.paired import AGAINST, FEWEST
 from bench.compare.quantities import average
 from bench.records import FLIP, KINDS, MOST_DB, PSNR, SSIM, Record, Run, grouped, kind_of, shown_label
 from reports.notes import beside
-from reports.numbers import EXACT, NONE, fixed, integer, significant
+from reports.numbers import EXACT, NONE, fixed, integer, signed, significant
 from reports.table import Table, best_cells
 
 _DIGITS = {PSNR: 2, SSIM: 3, FLIP: 3}
 _NAMED = 5  # rows that a note on excluded records names
 _METRICS = [("PSNR", "dB"), ("SSIM", ""), ("FLIP", "")]
-FRONT = Budget(BYTES, 64)  # the least of `BITS` at which all codecs of README.md have a rung on each surface
+_READ = (
+    f"At a size: read off the curve of the rungs that validation pairs choose, test pairs (docs/metrics.md, “Curves”). "
+    f"{NONE}: a curve does not reach that size on each surface. ≥: fewer than three rungs, the best within that size. "
+    f"A surface counts at most {CAP_DB} dB, an error of one step of an 8-bit display."
+)
 _CHOICE = "A codec's rung is chosen by validation pairs, its numbers are of test pairs (docs/metrics.md, “Budgets”)."
 
 
 def budgets_table(run: Run) -> Iterator[Table]:
-    """A row a codec, a column a budget: PSNR, mean over materials. A table a kind of surface, then one over all."""
+    """A row a codec, a column a budget: PSNR, mean over materials. A table a kind of surface, then one over all.
+
+    At a size PSNR is read off curves, so that no step of a ladder decides; within a time it is that of a rung.
+    """
     result = budgets(run)
+    points = hulls(result, result.surfaces)
     kinds = grouped(result.surfaces, lambda material: kind_of(result.surfaces[material]))
-    tables = [each for kind in KINDS if kind in kinds for each in _budgets(run, result, kinds[kind], f"{kind} ")]
+    tables = list[Table]()
+    for kind in KINDS:
+        if kind in kinds:
+            tables += _budgets(run, result, points, kinds[kind], f"{kind} ")
     if len(kinds) > 1:
-        tables += _budgets(run, result, list(result.surfaces), "")
+        tables += _budgets(run, result, points, list(result.surfaces), "")
     if tables:  # notes common to them stand once, below the last
-        tables[-1].notes.extend([f"{_CHOICE} {NONE}: no rung fits on each surface.", *_common(run, result)])
+        tables[-1].notes.extend([_READ, *_common(run, result)])
     yield from tables
 
 
-def _budgets(run: Run, result: Budgets, materials: Sequence[str], kind: str) -> Iterator[Table]:
-    ranked = {budget: result.ranked(budget, materials) for budget in result.limits}
-    means = {line: [lines.get(line) for lines in ranked.values()] for by_line in ranked.values() for line in by_line}
-    if not means:
+def _budgets(run: Run, result: Budgets, points: Points, materials: Sequence[str], kind: str) -> Iterator[Table]:
+    columns: dict[Budget, dict[str, Reading]] = {}
+    for budget in result.limits:
+        if budget.kind == BYTES:
+            columns[budget] = readings(result, points, budget, materials)
+        else:
+            columns[budget] = {line: Reading(value, True) for line, value in result.ranked(budget, materials).items()}
+    lines = list(dict.fromkeys(line for column in columns.values() for line in column))
+    if not lines:
         return
-    order = sorted(means, key=lambda line: [-(value or 0.0) for value in reversed(means[line][: len(BITS)])])
-    many = [*ranked] if len(materials) >= FEWEST else []
-    told = {(line, i) for i, each in enumerate(many) for line in result.told_apart(run, each, materials)}
-    start = "*:" if told else "None is"
-    notes = [f"{start} told apart from {AGAINST}, by Holm's correction over the column."] if many else []
-    rows = [
-        [line, *(_number(value) + "*" * ((line, i) in told) for i, value in enumerate(means[line]))] for line in order
-    ]
+    times = [budget for budget in columns if budget.kind != BYTES]
+    told: dict[Budget, set[str]] = {}
+    if len(materials) >= FEWEST:
+        told = {budget: result.told_apart(run, budget, materials) for budget in times}
+    rows, scores = [], []
+    for line in sorted(lines, key=lambda line: _by_size(columns, line)):
+        cells: list[str] = [line]
+        values: list[float | None] = [None]
+        for budget, column in columns.items():
+            reading = column.get(line)
+            cells.append(_read(reading) + "*" * (line in told.get(budget, ())))
+            values.append(reading.value if reading else None)
+        rows.append(cells)
+        scores.append(values)
     shapes = {tuple(result.surfaces[name]["shape"]) for name in materials}
-    headers = [("codec", ""), *(_header(budget, shapes) for budget in ranked)]
-    surfaces = f"{len(materials)} {kind}surface{'s' * (len(materials) > 1)}"
-    title = f"Budgets on {surfaces} ({', '.join(materials)}): test PSNR, dB"
-    yield Table("budgets", title, headers, rows, notes, marks=best_cells(rows, [[None, *means[of]] for of in order]))
+    headers = [("codec", ""), *(_header(budget, shapes) for budget in columns)]
+    many = f"{len(materials)} {kind}surface{'s' * (len(materials) > 1)}"
+    title = f"Budgets on {many} ({', '.join(materials)}): test PSNR, dB"
+    notes = [f"*: told apart from {AGAINST}, by Holm's correction over the column."] if any(told.values()) else []
+    yield Table("budgets", title, headers, rows, notes, marks=best_cells(rows, scores))
+
+
+def _by_size(columns: Mapping[Budget, Mapping[str, Reading]], line: str) -> list[float]:
+    """The key by which rows are sorted: the value at 32 bits, which most codecs reach, then at sizes ever further."""
+    sizes = [budget for budget in columns if budget.kind == BYTES]
+    sizes.sort(key=lambda budget: abs(log2(budget.most / ENOUGH.most)))
+    read = (columns[budget].get(line) for budget in sizes)
+    return [-(reading.value if reading else 0.0) for reading in read]
+
+
+def _read(reading: Reading | None) -> str:
+    """A reading as a cell; with “≥” where only a best rung within the size is known."""
+    if reading is None:
+        return NONE
+    return "≥" * (not reading.off_curves) + _number(reading.value, digits=1)
 
 
 def _header(budget: Budget, shapes: set[tuple[int, int]]) -> tuple[str, str]:
@@ -164,28 +214,53 @@ def ranks_table(run: Run) -> Iterator[Table]:
 
 
 def front_table(run: Run) -> Iterator[Table]:
-    """Each codec at `FRONT`: decoder, file, time, and quality by kind of surface, all as means over surfaces."""
+    """Each codec at equal bytes: PSNR at 32 bits a texel by kind of surface, and its lead over `AGAINST`."""
     result = budgets(run)
+    points = hulls(result, result.surfaces)
     kinds = grouped(result.surfaces, lambda material: kind_of(result.surfaces[material]))
     kinds = {kind: kinds[kind] for kind in KINDS if kind in kinds} | {"all": list(result.surfaces)}
-    ranked = {kind: result.ranked(FRONT, surfaces) for kind, surfaces in kinds.items()}
-    picks = [result.picks(FRONT, surfaces) for surfaces in kinds.values()]
+    columns = [readings(result, points, ENOUGH, surfaces) for surfaces in kinds.values()]
+    picks = result.picks(ENOUGH, result.surfaces)
+    lines = list(dict.fromkeys(line for column in reversed(columns) for line in column))
+    if not lines:
+        return
     rows: list[list[str]] = []
     scores: list[list[float | None]] = []
-    for line in dict.fromkeys(line for lines in reversed(ranked.values()) for line in lines):
-        rungs = list({name: rung.of for lines in picks for name, rung in lines.get(line, {}).items()}.values())
-        parameters, size = (round(fmean(map(of, rungs))) for of in (lambda jobs: jobs[0]["parameters"], mean_bytes))
+    apart, without = False, False
+    for line in lines:
+        read = [column.get(line) for column in columns]
+        lead = _lead(result, points, line)
+        rungs = [rung.of for rung in picks.get(line, {}).values()]
         times = [time for jobs in rungs if (time := result.times.get(EAGER, {}).get(jobs[0]["job"]))]
-        quality = [_number(lines.get(line)) for lines in ranked.values()]
         time = fmean(times) if times else None
-        rows.append([line, integer(parameters), integer(size), *quality, significant(time)])
-        means = [lines.get(line) for lines in ranked.values()]
-        scores.append([None, None, -size, *means, None if time is None else -time])
-    surfaces = [(f"{kind}, {len(many)}", "dB ↑") for kind, many in kinds.items()]
-    headers = [("codec", ""), ("decoder", "param."), ("total", "bytes ↓"), *surfaces, ("time", "× floor ↓")]
-    if rows:
-        title = f"Within {in_words(FRONT)}: test PSNR, means over {', '.join(result.surfaces)}"
-        yield Table("front", title, headers, rows, [_CHOICE, *_common(run, result)], marks=best_cells(rows, scores))
+        row = [line, *map(_read, read)]
+        if lead:
+            apart, without = apart or lead.apart, without or line not in points
+            median = signed(lead.median, 1) + "°" * (line not in points)
+            interval = f"{signed(lead.low, 1)} to {signed(lead.high, 1)}" + "*" * lead.apart
+            row += [median, interval, f"{lead.won} of {lead.surfaces}"]
+        else:
+            row += ["" if line == AGAINST else NONE, "", ""]
+        rows.append([*row, significant(time)])
+        means = [reading.value if reading else None for reading in read]
+        scores.append([None, *means, lead.median if lead else None, None, None, None if time is None else -time])
+    headers = [("codec", ""), *((f"{kind}, {len(many)}", "dB ↑") for kind, many in kinds.items())]
+    headers += [("lead, median", "dB ↑"), ("95 % interval", "of the mean"), ("ahead", "on"), ("time", "× floor ↓")]
+    title = f"At {in_words(ENOUGH)}: test PSNR, means over {', '.join(result.surfaces)}"
+    notes = [f"Lead: over {AGAINST} at equal bytes (BD-PSNR), median over surfaces."]
+    if without:
+        notes.append("°: of fewer than three rungs, each at its own bytes.")
+    notes.append("*: told apart." if apart else f"None is told apart: that takes {LEAST_SURFACES} surfaces.")
+    yield Table("front", title, headers, rows, [*notes, _READ, *_common(run, result)], marks=best_cells(rows, scores))
+
+
+def _lead(result: Budgets, points: Points, line: str) -> Summary | None:
+    """The lead of a line over `AGAINST` at equal bytes; None of that line itself, and where they share no bytes."""
+    anchor = points.get(AGAINST, {})
+    if line == AGAINST:
+        return None
+    gaps = differences(dict(points[line]), dict(anchor)) if line in points else gaps_of_rungs(result, line, anchor)
+    return summarised(gaps) if gaps else None
 
 
 TABLES = {
@@ -197,8 +272,9 @@ TABLES = {
 }
 
 
-def _number(value: float | None, family: str = PSNR) -> str:
-    return EXACT if value is not None and value >= MOST_DB else fixed(value, _DIGITS[family])
+def _number(value: float | None, family: str = PSNR, digits: int | None = None) -> str:
+    exact = value is not None and value >= MOST_DB
+    return EXACT if exact else fixed(value, _DIGITS[family] if digits is None else digits)
 
 
 def in_words(budget: Budget) -> str:

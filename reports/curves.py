@@ -1,19 +1,20 @@
-"""Tables of curves of quality over bytes: at sizes, against one codec, and by three metrics."""
+"""Tables of curves of quality over bytes: against one codec, and by three metrics."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from statistics import median
 
-from bench.compare.choosing.budgets import Budgets, budgets
+from bench.compare.choosing.budgets import CAP_DB, Budgets, budgets
 from bench.compare.choosing.curves import (
-    CAP_DB,
     FEWEST,
     LEAST_RUNGS,
     Point,
+    Points,
     Summary,
     bd_rate,
     curve_of,
     differences,
     hulls,
+    mean_at,
     summarised,
 )
 from bench.compare.paired import AGAINST
@@ -22,24 +23,19 @@ from bench.records import FLIP, KINDS, PSNR, SSIM, Run, grouped, kind_of
 from reports.numbers import NONE, fixed, signed
 from reports.table import Table, best_cells
 
-SIZES = (8, 16, 32, 64)  # bits of the whole file a texel
 AGREE_AT = 32  # bits a texel at which three metrics are set beside each other
 _DIGITS = {PSNR: 1, SSIM: 3, FLIP: 3}
 
-Points = Mapping[str, Mapping[str, list[Point]]]  # by line and surface
-
 
 def curves_tables(run: Run) -> Iterator[Table]:
-    """dB at sizes by kind of surface, then BD-PSNR and BD-rate against one codec, then three metrics at one size."""
+    """BD-PSNR and BD-rate against one codec, then three metrics at one size; dB at sizes stand in `table budgets`."""
     result = budgets(run)
     points = hulls(result, result.surfaces)
     if not points:
         return
     kinds = grouped(result.surfaces, lambda surface: kind_of(result.surfaces[surface]))
     kinds = {kind: kinds[kind] for kind in KINDS if kind in kinds}
-    tables = [_at_sizes(points, surfaces, f"{kind} ") for kind, surfaces in kinds.items()]
-    if len(kinds) > 1:
-        tables.append(_at_sizes(points, list(result.surfaces), ""))
+    tables = []
     if AGAINST in points:
         tables.append(_differences(points, kinds))
     tables.append(_metrics(points, list(result.surfaces)))
@@ -47,29 +43,6 @@ def curves_tables(run: Run) -> Iterator[Table]:
     if found:
         found[-1].notes.extend(_notes(result))
     yield from found
-
-
-def _at_sizes(points: Points, surfaces: Sequence[str], kind: str) -> Table:
-    """A row a codec, a column a size: dB, mean over surfaces; no mean where a curve does not reach on each of them."""
-    means = {line: [_mean_at(of, surfaces, bits) for bits in SIZES] for line, of in points.items()}
-    means = {line: values for line, values in means.items() if any(value is not None for value in values)}
-    middle = SIZES.index(AGREE_AT)  # most codecs reach this size
-    by_size = (middle, middle - 1, middle + 1)
-    order = sorted(means, key=lambda line: [-(means[line][place] or 0.0) for place in by_size])
-    rows = [[line, *(fixed(value, _DIGITS[PSNR]) for value in means[line])] for line in order]
-    headers = [("codec", ""), *((f"{bits} bits", "a texel") for bits in SIZES)]
-    many = f"{len(surfaces)} {kind}surface{'s' * (len(surfaces) > 1)}"
-    title = f"Curves on {many} ({', '.join(surfaces)}): test PSNR at sizes, dB"
-    return Table("curves", title, headers, rows, [], marks=best_cells(rows, [[None, *means[line]] for line in order]))
-
-
-def _mean_at(of: Mapping[str, list[Point]], surfaces: Sequence[str], bits: float, family: str = PSNR) -> float | None:
-    """The mean over surfaces of a line's curves at a size; None if one of them does not reach it."""
-    values = []
-    for surface in surfaces:
-        curve = curve_of(of[surface], family) if surface in of else None
-        values.append(curve.at(bits) if curve else None)
-    return average(values)
 
 
 def _differences(points: Points, kinds: Mapping[str, Sequence[str]]) -> Table:
@@ -109,7 +82,7 @@ def _differences(points: Points, kinds: Mapping[str, Sequence[str]]) -> Table:
     return Table("curves", title, headers, rows, notes, marks=best_cells(rows, scores))
 
 
-def _median_rate(of: Mapping[str, list[Point]], anchor: Mapping[str, list[Point]]) -> float | None:
+def _median_rate(of: Mapping[str, Sequence[Point]], anchor: Mapping[str, Sequence[Point]]) -> float | None:
     """The median of BD-rate over the surfaces where both lines reach common values."""
     rates = []
     for surface in of.keys() & anchor.keys():
@@ -125,7 +98,7 @@ def _metrics(points: Points, surfaces: Sequence[str]) -> Table:
     families = (PSNR, SSIM, FLIP)
     known: dict[str, list[float]] = {}
     for line, of in points.items():
-        means = [_mean_at(of, surfaces, AGREE_AT, family) for family in families]
+        means = [mean_at(of, surfaces, AGREE_AT, family) for family in families]
         values = [value for value in means if value is not None]
         if len(values) == len(families):
             known[line] = values

@@ -62,6 +62,9 @@ def _rows(job: Record) -> Iterator[list[str]]:
     """The rows of a job over all pairs, beside the paper's, and over those held out."""
     material = str(job["material"])
     name = material if material in PUBLISHED else f"{material}, for {NEAREST[material]}"
+    height, width = job.get("shape", (0, 0))
+    if height != width:  # the paper's are square
+        name += f", {height} × {width}"
     figures = PUBLISHED[NEAREST.get(material, material)] if job["label"].split()[0] == METHOD else {}
     measured = job["status"] == "ok"
     for pairs, group in _PAIRS if measured else _PAIRS[:1]:

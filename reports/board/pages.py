@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 
 from bench.compare.choosing.budgets import ENOUGH, budgets
+from bench.compare.choosing.curves import hulls, readings
 from bench.compare.paired import AGAINST
 from bench.records import KINDS, Run, grouped, kind_of
 from reports import series
@@ -91,7 +92,9 @@ class Board:
             yield note(next((material.split for material in source.materials if material.measured), ""))
             if source.has_budgets:
                 yield from _first(source.run)
-                yield from (table_html(table, self._to_codec) for table in all_tables(source.run, kind="budgets"))
+                for kind_of_table in ("front", "budgets", "curves"):
+                    for table in all_tables(source.run, kind=kind_of_table):
+                        yield table_html(table, self._to_codec)
                 yield from (details(each.title, image(each)) for each in critical_differences(source.run))
             yield _plots_of(source)
             for table in all_tables(source.run, kind="when" if source.has_budgets else "summary"):
@@ -220,21 +223,24 @@ def _fits(name: str, source: Publication) -> Iterator[series.Plot]:
 
 def _first(run: Run) -> Iterator[str]:
     """A strip of one surface, if pictures are at hand, the fronts of each kind of surface, and who leads on it."""
-    result, told = budgets(run), []
+    result, told = budgets(run), list[str]()
+    points = hulls(result, result.surfaces)
     if figure := strip(run, ENOUGH):
         yield f'<div class="scroll">{image(figure)}</div>'
         yield note(f"{figure.title}. The slice is that of the best codec's median PSNR.")
     kinds = grouped(result.surfaces, lambda name: kind_of(result.surfaces[name]))
     for kind in sorted(kinds, key=KINDS.index):
-        means = result.ranked(ENOUGH, kinds[kind])
+        means = readings(result, points, ENOUGH, kinds[kind])
         if len(means) > 1:
             best, *others = means
             other = AGAINST if AGAINST in others else others[0]
-            told.append(f"{best} leads on {kind} surfaces, {means[best] - means[other]:.2f} dB before {other}")
+            lead = means[best].value - means[other].value
+            told.append(f"{best} leads on {kind} surfaces, {lead:.1f} dB before {other}")
+    if told:
+        yield f"<p>At {in_words(ENOUGH)}, means of test PSNR: {'; '.join(told)}.</p>"
     for number, figure in enumerate(fronts(run)):
         drawn = f'<div class="scroll">{image(figure)}</div>'
         yield details(figure.title, drawn) if number else drawn
-        yield f"<p>Within {in_words(ENOUGH)}, means of test PSNR: {'; '.join(told)}.</p>" if told and not number else ""
 
 
 def _plots_of(source: Publication) -> str:

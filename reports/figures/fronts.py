@@ -1,14 +1,15 @@
-"""Quality over cost: each codec's chosen rungs within budgets, and the choices of `trade.json` with their fronts.
+"""Quality over cost: curves over bytes, rungs within budgets of time, and the choices of `trade.json`.
 
 And the plots that the page also draws, as pictures: rate, speed, fits and level of detail.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from matplotlib.ticker import NullLocator
 
-from bench.compare.choosing.budgets import BITS, BYTES, EAGER, TIMES, Budget, Budgets, budgets
+from bench.compare.choosing.budgets import BITS, EAGER, TIMES, Budgets, budgets
+from bench.compare.choosing.curves import Point, hulls, mean_at
 from bench.records import KINDS, Record, Run, grouped, kind_of, load_trade
 from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style
 from reports.fits import GOALS_DB
@@ -17,39 +18,60 @@ from reports.series import Plot, plots_of
 from reports.styles import Styles
 
 FAR_DB = 8.0  # codecs so far from the best at every budget of bytes are left out: they would press the others together
-_COSTS = {BYTES: "bits of the file a texel", EAGER: "time of a query, × floor"}
+_STEPS = 8  # points of a drawn curve from one budget of bytes to the next
+_SIZES = [BITS[0] * 2 ** (step / _STEPS) for step in range(_STEPS * (len(BITS) - 1) + 1)]  # bits a texel
 
 
 def fronts(run: Run) -> Iterator[Figure]:
     """One figure for each kind of surface, if budgets have a rung."""
     result, styles = budgets(run), Styles(run)
     for kind in KINDS:
-        if surfaces := [name for name, job in result.surfaces.items() if kind_of(job) == kind]:
+        surfaces = [name for name, job in result.surfaces.items() if kind_of(job) == kind]
+        if surfaces and hulls(result, surfaces):
             with style():
                 drawing = _drawn(result, surfaces, kind, styles)
                 yield Figure("", f"fronts-{kind}", f"Quality within budgets, {kind} surfaces", png(drawing), drawing)
 
 
 def _drawn(result: Budgets, surfaces: Sequence[str], kind: str, styles: Styles) -> Any:
-    """The mean over the surfaces at each budget; a line ends where its codec has nothing for less."""
-    drawing, panels = plots(11.5, 5.4, 2)
+    """Means over the surfaces: curves over bytes, as far as they reach on each, and rungs within budgets of time."""
+    drawing, (by_size, by_time) = plots(11.5, 5.4, 2)
     handles: dict[str, Any] = {}
-    ranked = {budget: result.ranked(budget, surfaces) for budget in result.limits}
-    sizes = [lines for budget, lines in ranked.items() if budget.kind == BYTES and lines]
-    near = {line for lines in sizes for line, value in lines.items() if value > max(lines.values()) - FAR_DB}
-    for axes, (cost, label) in zip(panels, _COSTS.items(), strict=True):
-        for line in (line for line in ranked[Budget(BYTES, BITS[-1])] if line in near):
-            at = {each.most: lines[line] for each, lines in ranked.items() if each.kind == cost and line in lines}
-            look = styles.of_codec(line.partition(",")[0]) | {"linestyle": "-", "linewidth": 1.2}
-            handles.setdefault(line, axes.plot(at.keys(), at.values(), **look, markersize=5)[0])
-        ticks = BITS if cost == BYTES else TIMES
+    means = {line: _mean_curve(of, surfaces) for line, of in hulls(result, surfaces).items()}
+    best = [max(curve.get(bits, 0.0) for curve in means.values()) for bits in _SIZES]
+    most_first = sorted(means, key=lambda line: -max(means[line].values(), default=0.0))
+    for line in most_first:
+        curve = means[line]
+        near = [curve[bits] > most - FAR_DB for bits, most in zip(_SIZES, best, strict=True) if bits in curve]
+        if not any(near):
+            continue
+        look = styles.of_codec(line.partition(",")[0]) | {"linestyle": "-", "linewidth": 1.2}
+        marked = [place for place, bits in enumerate(curve) if bits in BITS]
+        handles[line] = by_size.plot(curve.keys(), curve.values(), **look, markersize=5, markevery=marked)[0]
+    ranked = {budget.most: result.ranked(budget, surfaces) for budget in result.limits if budget.kind == EAGER}
+    for line in handles:
+        at = {most: lines[line] for most, lines in ranked.items() if line in lines}
+        look = styles.of_codec(line.partition(",")[0]) | {"linestyle": "-", "linewidth": 1.2}
+        by_time.plot(at.keys(), at.values(), **look, markersize=5)
+    labels = {by_size: (BITS, "bits of the file a texel"), by_time: (TIMES, "budget: time of a query, × floor")}
+    for axes, (ticks, label) in labels.items():
         axes.set_xscale("log", base=2)
         axes.set_xticks(ticks, list(map(str, ticks)))
-        axes.set(xlabel=f"budget: {label}", xlim=(ticks[0] * 0.8, ticks[-1] * 1.25))
-    panels[0].set_ylabel("test PSNR, dB (higher is better)")
-    panels[0].set_title(f"{kind} surfaces: {', '.join(surfaces)}; within {FAR_DB:g} dB of the best", loc="left")
-    legend(panels[1], list(handles.values()), list(handles))
+        axes.set(xlabel=label, xlim=(ticks[0] * 0.8, ticks[-1] * 1.25))
+    by_size.set_ylabel("test PSNR, dB (higher is better)")
+    by_size.set_title(f"{kind} surfaces: {', '.join(surfaces)}; within {FAR_DB:g} dB of the best", loc="left")
+    legend(by_time, list(handles.values()), list(handles))
     return drawing
+
+
+def _mean_curve(of: Mapping[str, Sequence[Point]], surfaces: Sequence[str]) -> dict[float, float]:
+    """The mean over surfaces of a line's curves by bits a texel, where each of them reaches."""
+    found = {}
+    for bits in _SIZES:
+        mean = mean_at(of, surfaces, bits)
+        if mean is not None:
+            found[bits] = mean
+    return found
 
 
 def trade_fronts(run: Run) -> Iterator[Figure]:

@@ -125,7 +125,7 @@ def test_the_front_opens_with_the_best_three_on_a_surface_whose_pictures_may_be_
     source = Publication("made", load_run(made.folder))
     front = write(tmp_path / "site", runs=[source])["index.html"]
     assert re.findall('alt="(.*?): truth and decoded', front) == ["shown"]
-    assert "relief leads on rendered surfaces, 2.50 dB before neubtf-direct" in text_of(front)
+    assert "relief leads on rendered surfaces, 2.5 dB before neubtf-direct" in text_of(front)
     assert "truth and decoded" not in write(tmp_path / "site", source.run)["index.html"]
     words = [text.get_text() for text in strip(source.run, Budget(BYTES, 32)).drawing.drawing.texts]
     best = ("relief: 30.50 dB", "neubtf-direct: 28.00 dB", "pca: 25.00 dB")

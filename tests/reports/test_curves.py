@@ -1,4 +1,4 @@
-"""The tables of curves: dB at sizes, Bjøntegaard's differences, and three metrics at one size."""
+"""The tables of curves: Bjøntegaard's differences, and three metrics at one size."""
 
 from bench.records import FLIP, SSIM
 from reports.curves import curves_tables
@@ -20,24 +20,12 @@ def tables(tmp_path, *jobs):
     return list(curves_tables(run_of(tmp_path / "run", *jobs)))
 
 
-def test_sizes_are_read_off_and_a_codec_that_does_not_reach_one_has_none(tmp_path):
-    short = rungs("vq", "satin", 1.0)[:2]
-    short.append(at_bits("vq x=8", 8, 26.0, 27.0, material="satin"))
-    (sizes, against, *_) = tables(tmp_path, *rungs("neubtf-direct", "satin", 0.0), *short)
-    assert [header for header, _ in sizes.headers] == ["codec", "8 bits", "16 bits", "32 bits", "64 bits"]
-    assert {row[0]: row[1:] for row in sizes.rows} == {
-        "neubtf-direct": ["25.0", "30.0", "35.0", "40.0"],
-        "vq": ["27.0", "31.0", "—", "—"],
-    }
-    assert against.title.startswith("Curves against neubtf-direct")
-
-
 def test_differences_are_shown_with_median_interval_surfaces_and_bytes(tmp_path):
     jobs = []
     for number in range(10):
         jobs += rungs("neubtf-direct", f"m{number}", 0.0)
         jobs += rungs("neumip", f"m{number}", 2.5 if number else -5.0)
-    (_, against, *_) = tables(tmp_path, *jobs)
+    (against, *_) = tables(tmp_path, *jobs)
     (row,) = against.rows
     named = dict(zip((" ".join(header) for header in against.headers), row, strict=True))
     assert named["codec "] == "neumip"
@@ -49,7 +37,7 @@ def test_differences_are_shown_with_median_interval_surfaces_and_bytes(tmp_path)
 
 
 def test_nothing_is_told_apart_on_few_surfaces(tmp_path):
-    (_, against, *_) = tables(tmp_path, *rungs("neubtf-direct", "satin", 0.0), *rungs("neumip", "satin", 9.0))
+    (against, *_) = tables(tmp_path, *rungs("neubtf-direct", "satin", 0.0), *rungs("neumip", "satin", 9.0))
     assert "None is told apart: that takes 10 surfaces." in against.notes[0]
     assert "*" not in "".join(against.rows[0])
 

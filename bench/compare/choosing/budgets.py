@@ -21,6 +21,7 @@ from bench.records import FLIP, PSNR, Record, Run, fitted_to_scene, stats_of
 BITS = (4, 8, 16, 32, 64, 128)  # bits of the whole file a texel
 TIMES = (2, 4, 8, 16, 32)  # time of a query, × floor
 SECONDS = (10, 100, 1000)  # of a processor, of a fit
+CAP_DB = 48.13  # what a surface counts at most: an error of one step of an 8-bit display, 20 log10(255)
 BYTES, EAGER, FUSED, FIT = "bytes", "eager", "fused", "fit"
 
 Times = dict[str, float]  # by job: what a query takes at most, × floor, or processor seconds of a fit
@@ -62,11 +63,17 @@ class Budgets:
         return picked
 
     def ranked(self, budget: Budget, materials: Collection[str], family: str = PSNR) -> dict[str, float]:
-        """The lines with a rung on each of some materials, with their mean of a metric over these, the best first."""
+        """The lines with a rung on each of some materials, with their mean of a metric over these, the best first.
+
+        In a mean of PSNR a surface counts at most `CAP_DB`.
+        """
         picked = self.picks(budget, materials)
-        means = {line: average([shown(rung, family) for rung in rungs.values()]) for line, rungs in picked.items()}
-        known = [(line, value) for line, value in means.items() if value is not None]
-        return dict(sorted(known, key=lambda each: each[1] if family == FLIP else -each[1]))
+        known: dict[str, float] = {}
+        for line, rungs in picked.items():
+            mean = average([capped(shown(rung, family), family) for rung in rungs.values()])
+            if mean is not None:
+                known[line] = mean
+        return dict(sorted(known.items(), key=lambda each: each[1] if family == FLIP else -each[1]))
 
     def fewest_bytes(self) -> tuple[Budget, dict[str, float]] | None:
         """The smallest budget of bytes within `NEAR_DB` of the best of all, and its lines that are as near."""
@@ -158,6 +165,11 @@ def line_of(job: Record) -> str:
 def setting_of(job: Record) -> str:
     """The settings of a job in words, without those of its line."""
     return " ".join(word for word in str(job["label"]).split()[1:] if word != "recipe=paper") or "default"
+
+
+def capped(value: float | None, family: str = PSNR) -> float | None:
+    """A value as it counts in a mean over surfaces: PSNR at most `CAP_DB`."""
+    return value if value is None or family != PSNR else min(value, CAP_DB)
 
 
 def shown(rung: Rung, family: str) -> float | None:

@@ -6,7 +6,7 @@ is never extrapolated. Two curves are compared over the range that both have, by
 2001): BD-PSNR is the mean gap in dB over log bytes, BD-rate the mean gap in log bytes over dB.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 from typing import NamedTuple
@@ -14,10 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.compare.choosing import Rung
-from bench.compare.choosing.budgets import Budgets, rung_of
+from bench.compare.choosing.budgets import CAP_DB, Budget, Budgets, capped, rung_of, shown
 from bench.records import PSNR, Record, stats_of
 
-CAP_DB = 48.13  # what a surface counts at most: an error of one step of an 8-bit display, 20 log10(255)
 LEAST_RUNGS = 3  # of a codec on a surface, or it has no curve there
 DRAWS = 200  # draws of the seeds of each rung, of those that have several
 RESAMPLES = 10_000  # of the surfaces
@@ -46,6 +45,16 @@ class Curve:
         return float(np.interp(size, self.sizes, self.values))
 
 
+Points = Mapping[str, Mapping[str, Sequence[Point]]]  # by line and surface
+
+
+class Reading(NamedTuple):
+    """A line's mean at a size: read off its curves; or, without curves, that of its best rungs within that size."""
+
+    value: float
+    off_curves: bool
+
+
 class Summary(NamedTuple):
     """A difference over surfaces: mean, median, on how many it is above 0, and the 95 % interval of the mean."""
 
@@ -62,9 +71,9 @@ class Summary(NamedTuple):
         return self.surfaces >= FEWEST and not self.low <= 0 <= self.high
 
 
-def hulls(result: Budgets, surfaces: Iterable[str]) -> dict[str, dict[str, list[Point]]]:
+def hulls(result: Budgets, surfaces: Iterable[str]) -> dict[str, dict[str, Sequence[Point]]]:
     """By line and surface: the rungs on the hull that validation pairs leave, where there are enough for a curve."""
-    found: dict[str, dict[str, list[Point]]] = {}
+    found: dict[str, dict[str, Sequence[Point]]] = {}
     for line, by_settings in result.rungs.items():
         for surface in surfaces:
             rungs = [rung_of(jobs[surface], {}) for jobs in by_settings.values() if surface in jobs]
@@ -156,7 +165,50 @@ def _mean_gap(ours: _Line, theirs: _Line) -> float | None:
     return float(areas.sum() / (high - low))
 
 
-def differences(points: dict[str, list[Point]], anchor: dict[str, list[Point]]) -> dict[str, list[float]]:
+def mean_at(
+    by_surface: Mapping[str, Sequence[Point]], surfaces: Iterable[str], bits: float, family: str = PSNR
+) -> float | None:
+    """The mean over surfaces of a line's curves at a size; None if one of them does not reach it."""
+    values = []
+    for surface in surfaces:
+        curve = curve_of(by_surface[surface], family) if surface in by_surface else None
+        value = curve.at(bits) if curve else None
+        if value is None:
+            return None
+        values.append(value)
+    return fmean(values) if values else None
+
+
+def readings(result: Budgets, points: Points, budget: Budget, surfaces: Sequence[str]) -> dict[str, Reading]:
+    """By line: its mean PSNR over surfaces at a budget of bytes, the best first; without lines that do not reach it."""
+    found: dict[str, Reading] = {}
+    for line, value in result.ranked(budget, surfaces).items():
+        if not any(surface in points.get(line, {}) for surface in surfaces):
+            found[line] = Reading(value, False)
+    for line, by_surface in points.items():
+        read = mean_at(by_surface, surfaces, budget.most)
+        if read is not None:
+            found[line] = Reading(read, True)
+    return dict(sorted(found.items(), key=lambda each: -each[1].value))
+
+
+def gaps_of_rungs(result: Budgets, line: str, anchor: Mapping[str, Sequence[Point]]) -> dict[str, list[float]]:
+    """As `differences`, of a line without curves: the mean gap of its rungs to the other's curve at their bytes."""
+    found: dict[str, list[float]] = {}
+    for surface in sorted(anchor):
+        curve = curve_of(anchor[surface])
+        rungs = [rung_of(jobs[surface], {}) for jobs in result.rungs[line].values() if surface in jobs]
+        gaps = []
+        for rung in rungs:
+            ours, theirs = capped(shown(rung, PSNR)), curve.at(rung.size) if curve else None
+            if ours is not None and theirs is not None:
+                gaps.append(ours - theirs)
+        if gaps:
+            found[surface] = [fmean(gaps)] * (1 + DRAWS)
+    return found
+
+
+def differences(points: Mapping[str, Sequence[Point]], anchor: Mapping[str, Sequence[Point]]) -> dict[str, list[float]]:
     """By surface: BD-PSNR of a line to another where both have curves in common, then `DRAWS` draws of their seeds."""
     found: dict[str, list[float]] = {}
     rng = np.random.default_rng(0)

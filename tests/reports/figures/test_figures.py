@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bench.compare.choosing.budgets import BYTES, budgets
+from bench.compare.choosing.budgets import EAGER, budgets
+from bench.compare.choosing.curves import hulls, mean_at
 from bench.records import kind_of, load_run
 from reports import figures
 from reports.artefacts import arrays, program
@@ -30,16 +31,23 @@ def made(made):
 OF_ANY_RUN = [draw for kind, draw in figures.ALL.items() if kind not in ("ranks", "fronts")]  # of validation pairs
 
 
-def test_fronts_hold_the_numbers_of_the_budgets():
+def test_fronts_hold_what_is_read_off_curves_and_the_rungs_within_times():
     run = load_run(Path(__file__).parents[3] / "docs/results/budgets.jsonl")
     drawn = {figure.kind: figure.drawing for figure in figures.ALL["fronts"](run)}
     result = budgets(run)
     names = [name for name, job in result.surfaces.items() if kind_of(job) == "measured"]
-    lines = [list(zip(*line.get_data(), strict=True)) for line in drawn["fronts-measured"].axes[0].lines]
+    by_size, by_time = (
+        [dict(zip(*line.get_data(), strict=True)) for line in axes.lines] for axes in drawn["fronts-measured"].axes
+    )
+    points = hulls(result, names)
     for codec in ("neubtf-direct", "pca"):
-        bits = [budget for budget in result.limits if budget.kind == BYTES]
-        ranked = [(budget.most, result.ranked(budget, names).get(codec)) for budget in bits]
-        assert [(most, value) for most, value in ranked if value is not None] in lines
+        read = {bits: mean_at(points[codec], names, bits) for bits in (8, 16, 32, 64)}
+        reached = {bits: value for bits, value in read.items() if value is not None}
+        assert len(reached) > 1
+        assert any(reached.items() <= curve.items() for curve in by_size)
+        times = [budget for budget in result.limits if budget.kind == EAGER]
+        ranked = {budget.most: result.ranked(budget, names).get(codec) for budget in times}
+        assert {most: value for most, value in ranked.items() if value is not None} in by_time
 
 
 def store(path):
