@@ -1,4 +1,4 @@
-"""Tables of curves of quality over bytes: against one codec, and by three metrics."""
+"""Tables of curves of quality over bytes: against one codec, by three metrics, and by footprint."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from statistics import median
@@ -23,6 +23,7 @@ from bench.records import FLIP, KINDS, PSNR, SSIM, Run, grouped, kind_of
 from reports.numbers import NONE, fixed, signed
 from reports.table import Table, best_cells
 
+FOOTPRINTS = ("1", "2", "4", "8")  # texels a side of a pixel, as records name them
 AGREE_AT = 32  # bits a texel at which three metrics are set beside each other
 _DIGITS = {PSNR: 1, SSIM: 3, FLIP: 3}
 
@@ -38,7 +39,7 @@ def curves_tables(run: Run) -> Iterator[Table]:
     tables = []
     if AGAINST in points:
         tables.append(_differences(points, kinds))
-    tables.append(_metrics(points, list(result.surfaces)))
+    tables += [_metrics(points, list(result.surfaces)), _footprints(points, list(result.surfaces))]
     found = [table for table in tables if table.rows]
     if found:
         found[-1].notes.extend(_notes(result))
@@ -116,6 +117,24 @@ def _metrics(points: Points, surfaces: Sequence[str]) -> Table:
     headers = [("codec", ""), ("PSNR", "dB ↑"), ("SSIM", "↑"), ("FLIP", "↓")]
     title = f"Curves at {AGREE_AT} bits a texel on {len(surfaces)} surfaces: three metrics, and the place by each"
     return Table("curves", title, headers, rows, [])
+
+
+def _footprints(points: Points, surfaces: Sequence[str]) -> Table:
+    """A row a codec: PSNR at one size by footprint, the texels a side of a pixel that looks from further away."""
+    known: dict[str, list[float]] = {}
+    for line, of in points.items():
+        means = [mean_at(of, surfaces, AGREE_AT, footprint=side) for side in FOOTPRINTS]
+        values = [value for value in means if value is not None]
+        if len(values) == len(FOOTPRINTS):
+            known[line] = values
+    order = sorted(known, key=lambda line: -known[line][-1])
+    rows = [[line, *(fixed(value, _DIGITS[PSNR]) for value in known[line])] for line in order]
+    headers = [("codec", ""), *((f"{side} texel{'s' * (side != '1')}", "dB ↑") for side in FOOTPRINTS)]
+    title = f"Curves at {AGREE_AT} bits a texel on {len(surfaces)} surfaces: PSNR by footprint"
+    note = (
+        "Footprint: texels a side of a pixel. The truth is averaged over it; a codec without levels of detail aliases."
+    )
+    return Table("curves", title, headers, rows, [note], marks=best_cells(rows, [[None, *known[of]] for of in order]))
 
 
 def _signed(value: float | None) -> str:

@@ -1,3 +1,5 @@
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +43,27 @@ def own(file: Path, tmp_path: Path) -> Path:
 
 def propagate(file: Path, picture: Path, out: Path, *words: str) -> int:
     return cli.main(["propagate", str(file), "--guidance", str(picture), "-o", str(out), *words])
+
+
+@pytest.mark.long
+def test_a_photograph_of_2000_texels_a_side_takes_at_most_a_gigabyte_and_a_half(file: Path, tmp_path: Path) -> None:
+    """The paper's own size. The process tells its seconds and its memory at the peak; docs/neubtf.md has both."""
+    rng = np.random.default_rng(0)
+    Image.fromarray(rng.integers(0, 256, (2000, 2000, 3), np.uint8)).save(tmp_path / "large.png")
+    words = ["propagate", str(file), "--guidance", str(tmp_path / "large.png"), "-o", str(tmp_path / "large.nbtf")]
+    told = """
+import resource, sys, time
+from bench import cli
+start = time.process_time()
+code = cli.main(sys.argv[1:])
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+print(f"{time.process_time() - start:.0f} processor seconds, {peak:.0f} MiB")
+sys.exit(code or (peak > 1536))
+"""
+    done = subprocess.run([sys.executable, "-c", told, *words], capture_output=True, text=True, check=False)
+    print(done.stdout)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert loading.load(tmp_path / "large.nbtf").material.size == (2000, 2000)
 
 
 def picture(height: int, width: int) -> Tensor:

@@ -1,6 +1,6 @@
 """The tables of curves: Bjøntegaard's differences, and three metrics at one size."""
 
-from bench.records import FLIP, SSIM
+from bench.records import FLIP, PSNR, SSIM
 from reports.curves import curves_tables
 from tests.bench.compare.choosing.test_budgets import run_of
 from tests.bench.compare.choosing.test_curves import at_bits
@@ -44,3 +44,21 @@ def test_nothing_is_told_apart_on_few_surfaces(tmp_path):
 
 def test_a_run_without_three_rungs_of_a_codec_has_no_such_table(tmp_path):
     assert tables(tmp_path, *rungs("pca", "satin", 0.0)[:2]) == []
+
+
+def test_footprints_are_read_off_at_one_size_and_the_best_at_a_distance_comes_first(tmp_path):
+    def with_footprints(jobs, gain):
+        for job in jobs:
+            mean = job["scores"]["heldout"]["metrics"][PSNR]["mean"]
+            sides = {"1": mean, "2": mean + gain / 3, "4": mean + gain / 2, "8": mean + gain}
+            job["footprints"] = {side: {"mean": value} for side, value in sides.items()}
+        return jobs
+
+    filters = with_footprints(rungs("neumip", "satin", -1.0), 3.0)
+    aliases = with_footprints(rungs("neubtf-direct", "satin", 0.0), -6.0)
+    table = tables(tmp_path, *filters, *aliases)[-1]
+    assert table.title.endswith("PSNR by footprint")
+    assert table.rows == [
+        ["neumip", "34.0", "35.0", "35.5", "37.0"],
+        ["neubtf-direct", "35.0", "33.0", "32.0", "29.0"],
+    ]

@@ -109,17 +109,21 @@ def _is_below(middle: _Candidate, first: _Candidate, last: _Candidate) -> bool:
     return rise <= (last.score - first.score) * (middle.size - first.size)
 
 
-def curve_of(points: Sequence[Point], family: str = PSNR, draw: np.random.Generator | None = None) -> Curve | None:
+def curve_of(
+    points: Sequence[Point], family: str = PSNR, draw: np.random.Generator | None = None, footprint: str = ""
+) -> Curve | None:
     """The curve of a metric's family over test pairs, means over seeds; of seeds drawn with replacement, if asked.
 
-    PSNR counts at most `CAP_DB`. None if a job lacks the metric.
+    With a `footprint` in texels, of PSNR averaged over boxes of that side. PSNR counts at most `CAP_DB`. None if a job
+    lacks the metric.
     """
     values = []
     for point in points:
         jobs = point.jobs
         if draw is not None and len(jobs) > 1:
             jobs = [jobs[place] for place in draw.integers(0, len(jobs), len(jobs))]
-        means = [stats_of(job, family).get("mean") for job in jobs]
+        each = [job.get("footprints", {}).get(footprint, {}) if footprint else stats_of(job, family) for job in jobs]
+        means = [statistics.get("mean") for statistics in each]
         known = [float(mean) for mean in means if mean is not None]
         if len(known) < len(jobs):
             return None
@@ -166,12 +170,16 @@ def _mean_gap(ours: _Line, theirs: _Line) -> float | None:
 
 
 def mean_at(
-    by_surface: Mapping[str, Sequence[Point]], surfaces: Iterable[str], bits: float, family: str = PSNR
+    by_surface: Mapping[str, Sequence[Point]],
+    surfaces: Iterable[str],
+    bits: float,
+    family: str = PSNR,
+    footprint: str = "",
 ) -> float | None:
-    """The mean over surfaces of a line's curves at a size; None if one of them does not reach it."""
+    """The mean over surfaces of a line's curves at a size; None if one of them does not reach it. See `curve_of`."""
     values = []
     for surface in surfaces:
-        curve = curve_of(by_surface[surface], family) if surface in by_surface else None
+        curve = curve_of(by_surface[surface], family, footprint=footprint) if surface in by_surface else None
         value = curve.at(bits) if curve else None
         if value is None:
             return None
