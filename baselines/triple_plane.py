@@ -14,14 +14,14 @@ from torch import Tensor, nn
 from baselines.planes import Difference, blurred, blurring, half_and_difference, places
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
-from bench.inputs.settings import Count, Natural, NotNegative, Positive
+from bench.inputs.settings import Count, Natural, NotNegative, Positive, Width
 from bench.material import DecoderCost, Material, sample_texture, saturated, texel_corners, to_radiance
 from bench.training import Batch, Loss, Samples, TextureObjective, TextureSettings, fitted
 from bench.training.decoder import Architecture, Decoder, load_network
 from bench.training.initial_latents import RANDOM_SPREAD, Start, first_latents
 from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
 
-WIDTHS = (32, 32, 32)
+LAYERS = 3
 PAPER = {"bits": 8, "difference": "rusinkiewicz", "blur": 0.0, "start": "random", "optimiser": "adam", "loss": "l1"}
 PAPER |= {"steps": 10_000}
 
@@ -44,7 +44,7 @@ class TriplePlane(Codec):
     """
 
     name, version = "triple-plane", 2
-    sizes = ("channels", "resolution")
+    sizes = ("channels", "resolution", "width")
     recipes: ClassVar = {"paper": PAPER}
 
     @dataclass(frozen=True)
@@ -53,6 +53,7 @@ class TriplePlane(Codec):
         batch: Count = 4_096  # samples a step
         patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
         channels: Count = 8  # of each plane
+        width: Width = 32  # of the network's hidden layers
         resolution: Count = 50  # texels a side of the planes over directions
         difference: Difference = "nearest"  # turn to the half vector: about z, then y as published, or the shortest way
         blur: NotNegative = 5.0  # σ in texels of the planes over directions, so that neighbours fill unseen directions
@@ -63,7 +64,7 @@ class TriplePlane(Codec):
 
         @property
         def architecture(self) -> Architecture:
-            return Architecture(3 * self.channels, WIDTHS)
+            return Architecture(3 * self.channels, (self.width,) * LAYERS)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         fitting = fitted(TriplePlaneObjective, self.settings, btf, fit)

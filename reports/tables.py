@@ -44,6 +44,9 @@ def _marked(run: Run, tables: Iterable[Table]) -> Iterator[Table]:
     finished = [job for job in run.jobs if job["status"] == "ok"]
     reasons = {(job["material"], job["codec"]): why for job in finished if (why := stale(job))}
     for table in tables:
+        if table.kind == "times":  # a setting's time is not of its jobs
+            yield table
+            continue
         mine = {codec: why for (material, codec), why in reasons.items() if table.material in ("", material)}
         old = {i: codec for i, row in enumerate(table.rows) if (codec := row[0].partition(" ")[0].rstrip(",")) in mine}
         rows = [[row[0] + _STALE, *row[1:]] if i in old else row for i, row in enumerate(table.rows)]

@@ -6,8 +6,8 @@ timed in turns, twice. `table budgets` and `table front` use these times alone i
 examples:
   neubtf-bench time budgets --out runs/times
   neubtf-bench table times runs/times
-  neubtf-bench results add runs/times docs/results/times.jsonl
-  neubtf-bench table budgets docs/results/budgets.jsonl docs/results/times.jsonl
+  neubtf-bench table budgets runs/budgets runs/times
+  neubtf-bench results add runs/times docs/results/budgets.jsonl
 """
 
 import argparse

@@ -4,7 +4,6 @@ A *line* is a codec, or a codec as published (`recipe=paper`); its rungs over so
 measured on each of them. One is chosen for each budget and material. Test pairs are only shown.
 """
 
-import json
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -47,7 +46,7 @@ class Budgets:
 
     surfaces: dict[str, Record]  # a job of each material that has a rung at some budget
     limits: list[Budget]
-    rungs: dict[str, dict[str, dict[str, list[Record]]]]  # by line, settings and material: jobs, one a seed
+    rungs: dict[str, dict[str, dict[str, list[Record]]]]  # by line, label and material: jobs, one a seed
     times: dict[str, Times]  # by kind
     without: list[Record]  # jobs without a score of validation pairs
     unlike: list[Record]  # jobs not comparable with the published ones of their material, or else with the newest
@@ -55,8 +54,8 @@ class Budgets:
     def picks(self, budget: Budget, materials: Iterable[str]) -> dict[str, dict[str, Rung]]:
         """By line: the best rung on each material that fits, of those measured on all; lines that have one on each."""
         times, picked = self.times.get(budget.kind, {}), dict[str, dict[str, Rung]]()
-        for line, by_settings in self.rungs.items():
-            common = [jobs for jobs in by_settings.values() if jobs.keys() >= set(materials)]
+        for line, by_label in self.rungs.items():
+            common = [jobs for jobs in by_label.values() if jobs.keys() >= set(materials)]
             rungs = {name: [rung_of(jobs[name], times) for jobs in common] for name in materials}
             best = {name: rung for name, each in rungs.items() if (rung := chosen(each, budget.limits))}
             picked |= {line: best} if len(best) == len(rungs) else {}
@@ -110,8 +109,8 @@ def budgets(run: Run) -> Budgets:
     kinds = {BYTES: BITS} | dict.fromkeys(times, TIMES) | ({FIT: SECONDS} if FIT in times else {})
     rungs: dict[str, dict[str, dict[str, list[Record]]]] = {}
     for job in alike:
-        settings = json.dumps(job["settings"], sort_keys=True)
-        of_line = rungs.setdefault(line_of(job), {}).setdefault(settings, {})
+        # By label, which names what differs from the defaults: a setting that is added later splits no rung.
+        of_line = rungs.setdefault(line_of(job), {}).setdefault(job["label"], {})
         of_line.setdefault(job["material"], []).append(job)
     without = [job for job in done if not has_validation(job)]
     unlike = [job for job in judged if job["job"] in obstacle]

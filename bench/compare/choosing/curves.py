@@ -74,9 +74,9 @@ class Summary(NamedTuple):
 def hulls(result: Budgets, surfaces: Iterable[str]) -> dict[str, dict[str, Sequence[Point]]]:
     """By line and surface: the rungs on the hull that validation pairs leave, where there are enough for a curve."""
     found: dict[str, dict[str, Sequence[Point]]] = {}
-    for line, by_settings in result.rungs.items():
+    for line, by_label in result.rungs.items():
         for surface in surfaces:
-            rungs = [rung_of(jobs[surface], {}) for jobs in by_settings.values() if surface in jobs]
+            rungs = [rung_of(jobs[surface], {}) for jobs in by_label.values() if surface in jobs]
             if len(rungs) >= LEAST_RUNGS and len(points := _hull(rungs)) > 1:
                 found.setdefault(line, {})[surface] = points
     return found
