@@ -14,8 +14,17 @@ _NOTE = (
 
 
 def times_tables(run: Run) -> Iterator[Table]:
+    """Times of settings: as budgets use them, in each execution and precision, over batches, and of steps of fits."""
+    every = [timing for timing in run.timings if "label" in timing]
+    yield from _settings(run, [timing for timing in every if "rounds" in timing])
+    variants = [timing for timing in every if "of_tolerance" in timing]
+    yield from _variants(run, variants)
+    yield from _batches(run, variants)
+    yield from _fits(run, [timing for timing in every if timing["execution"] == "fit step"])
+
+
+def _settings(run: Run, timed: list[Record]) -> Iterator[Table]:
     """A row a setting, the quickest first."""
-    timed = [timing for timing in run.timings if "label" in timing]
     if not timed:
         return
     timed.sort(key=lambda timing: float(timing["ratio_to_floor"]))
@@ -34,6 +43,65 @@ def _row(timing: Record) -> list[str]:
     cells += [f"{significant(low, 3)} to {significant(high, 3)}", significant(apart, 2)]
     cells += [significant(between, 3) if between else NONE, significant(timing["ns_per_sample"], 3)]
     return [*cells, f"{timing['flops']:,}"]
+
+
+def _variants(run: Run, timed: list[Record]) -> Iterator[Table]:
+    """A row a setting, a column an execution and precision: ns a sample, and the share of what the machine allows."""
+    usual = max((timing["batch"] for timing in timed), default=0, key=[each["batch"] for each in timed].count)
+    timed = [timing for timing in timed if timing["batch"] == usual]
+    if not timed:
+        return
+    names = list(dict.fromkeys(_variant(timing) for timing in timed))
+    by_label: dict[str, dict[str, Record]] = {}
+    for timing in timed:
+        by_label.setdefault(timing["label"], {})[_variant(timing)] = timing
+    rows = []
+    for label, known in by_label.items():
+        rows.append([label, *(_share(known[name]) if name in known else NONE for name in names)])
+    headers = [("setting", ""), *((name, "ns, % of limit") for name in names)]
+    place = _conditions(run, timed[0] | {"execution": "each", "dtype": "variant"})
+    note = (
+        "ns a sample, and the time that arithmetic or reads take at the machine's measured rates, as a share of it. "
+        "!: answers differ from float64's by more than the precision allows (docs/trade.md)."
+    )
+    yield Table("times", f"Executions and precisions: {place}", headers, rows, [note])
+
+
+def _variant(timing: Record) -> str:
+    return f"{timing['execution']} {timing['dtype']}"
+
+
+def _share(timing: Record) -> str:
+    share = 100 * timing["limit_ns"] / timing["ns_per_sample"]
+    wrong = "!" if timing["of_tolerance"] > 1 else ""
+    return f"{significant(timing['ns_per_sample'], 3)}{wrong}, {significant(share, 2)}"
+
+
+def _batches(run: Run, timed: list[Record]) -> Iterator[Table]:
+    """A row a setting and variant, a column a batch: ns a sample."""
+    batches = sorted({timing["batch"] for timing in timed})
+    by_row: dict[tuple[str, str], dict[int, Record]] = {}
+    for timing in timed:
+        by_row.setdefault((timing["label"], _variant(timing)), {})[timing["batch"]] = timing
+    swept = {row: known for row, known in by_row.items() if len(known) > 1}
+    if not swept:
+        return
+    rows = []
+    for (label, variant), known in swept.items():
+        times = [significant(known[batch]["ns_per_sample"], 3) if batch in known else NONE for batch in batches]
+        rows.append([label, variant, *times])
+    headers = [("setting", ""), ("execution", ""), *((f"{batch:,}", "ns ↓") for batch in batches)]
+    yield Table("times", "Batches: ns a sample by the samples of a query", headers, rows, [], words=2)
+
+
+def _fits(run: Run, timed: list[Record]) -> Iterator[Table]:
+    """A row a codec: milliseconds of a step of its fit, the quickest first."""
+    if not timed:
+        return
+    timed.sort(key=lambda timing: float(timing["ns_per_sample"]))
+    rows = [[timing["label"], significant(timing["ns_per_sample"] / 1e6, 3)] for timing in timed]
+    place = _conditions(run, timed[0]).partition(", fit step")[0]
+    yield Table("times", f"Steps of fits: {place}", [("setting", ""), ("a step", "ms ↓")], rows, [])
 
 
 def _conditions(run: Run, timing: Record) -> str:

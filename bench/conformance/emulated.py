@@ -8,6 +8,7 @@ generator of the CPU. `counted` counts what a GPU and its host would do: kernels
 Not emulated: rounding and order of sums of a GPU, dtypes that it lacks, asynchrony, torch.compile and Triton.
 """
 
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -89,6 +90,23 @@ def emulated() -> Iterator[torch.device]:
         torch.__future__.set_swap_module_params_on_conversion(before)
 
 
+class HostEvent:
+    """An event as a GPU's, by the host's clock: its kernels have ended when their call returns."""
+
+    def __init__(self, enable_timing: bool = False):
+        self.seconds = 0.0
+
+    def record(self) -> None:
+        self.seconds = time.perf_counter()
+
+    def synchronize(self) -> None:
+        pass
+
+    def elapsed_time(self, end: "HostEvent") -> float:
+        """Milliseconds until another event."""
+        return 1e3 * (end.seconds - self.seconds)
+
+
 def register() -> None:
     """Add the device to PyTorch; `NoEmulationError` if it cannot. A process must do so before its first gradient."""
     if _libraries:
@@ -113,6 +131,8 @@ def register() -> None:
     }
     for name, kernel in kernels.items():
         aten.impl(name, kernel, "PrivateUse1")
+    module: Any = torch.get_device_module(NAME)
+    module.Event, module.synchronize = HostEvent, lambda device=None: None
     _libraries.extend([every, aten])
 
 

@@ -235,6 +235,8 @@ class Timing(TypedDict, total=False):
     label: Annotated[Name, RESULTS | APART]
     flops: Annotated[Count, RESULTS | APART]  # operations of a query
     rounds: Annotated[list[Positive], RESULTS | APART]  # × floor, in each round on each surface
+    limit_ns: Annotated[NotNegative, RESULTS | APART]  # of a sample, by the machine's ceilings
+    of_tolerance: Annotated[NotNegative, RESULTS | APART]  # largest difference from float64, over what is allowed
     floor_ns: Annotated[Positive, RESULTS]
     samples_ns: Annotated[Any, APART]
     floor_ratios: Annotated[Any, APART]
@@ -283,6 +285,7 @@ class RunStart(TypedDict, total=False):
     git: Annotated[Text | None, RESULTS]
     python: Text
     packages: Annotated[dict[str, Text | None], PUBLISHED]
+    ceilings: Annotated[Any, RESULTS]  # of the machine: flops and bytes a ns
     machine: Annotated[Machine, PUBLISHED]
 
 

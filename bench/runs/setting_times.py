@@ -5,9 +5,11 @@ surfaces), not on what was fitted. So each setting is fitted for one step, on fe
 with the floor. Files of one setting with the same operations a query are one entry, over surfaces and rounds.
 """
 
+import dataclasses
+import hashlib
+import json
 import logging
-import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,8 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from bench import records, timing
+from bench.btf import BTF
 from bench.codec import Codec, Progress, settings_dict, silent
-from bench.codecs import loading
+from bench.codecs import container, loading
 from bench.codecs.registry import make_codec
 from bench.codecs.scene_material import unreported
 from bench.data.open import open_material
@@ -57,23 +60,23 @@ class Entry:
         return row
 
 
+Contestants = dict[tuple[str, str], Material]  # by surface and label of a setting: what its file decodes to
+
+
 def time_settings(suite: Suite, folder: Path, device: str = "cpu", show: Progress = silent) -> list[Record]:
     """Time the settings of a suite, and write their records into a folder; returns them, the quickest first.
 
-    Raises `InputError` if nothing can be timed. Codecs that cannot be fitted here are left out, with a warning.
+    Files of one step lie in the folder, and are made only once. Raises `InputError` if nothing can be timed. Codecs
+    that cannot be fitted here are left out, with a warning.
     """
     suite = canonical(suite)
-    run = f"{datetime.now(UTC):%Y%m%dT%H%M%S.%f}"
+    run = new_run()
     entries: dict[tuple[str, int], Entry] = {}
-    with lock.locked(folder, run), tempfile.TemporaryDirectory(prefix="neubtf-times-") as scratch:
-        contestants = dict(_contestants(suite, Path(scratch), device, show))
-        if not contestants:
-            raise InputError(f"suite {suite.name}: none of its settings could be fitted, so none is timed")
+    with lock.locked(folder, run):
+        materials = contestants(suite, folder, device, show)
         for _ in range(ROUNDS):
-            _round(contestants, entries, suite.threads, show)
-        start: Record = {"kind": "run", "run": run, "suite": suite.name, "text": suite.text, "device": device}
-        start |= {"threads": suite.threads, "seeds": [], "jobs": [], "materials": []}
-        records.append(folder, start | provenance())
+            _round(materials, entries, suite.threads, show)
+        records.append(folder, start_of(suite, run, device))
         conditions = timing.conditions(suite.threads, device)
         found = [entry.record(run) | conditions for entry in entries.values()]
         for record in found:
@@ -81,57 +84,83 @@ def time_settings(suite: Suite, folder: Path, device: str = "cpu", show: Progres
     return sorted(found, key=lambda record: float(record["ratio_to_floor"]))
 
 
-Contestant = tuple[tuple[str, str], Material]  # surface and label of a setting, and what its file decodes to
+def new_run() -> str:
+    """The name of a run that begins now."""
+    return f"{datetime.now(UTC):%Y%m%dT%H%M%S.%f}"
 
 
-def _contestants(suite: Suite, scratch: Path, device: str, show: Progress) -> Iterator[Contestant]:
-    """Each setting on each surface, decoded from a file of one step."""
-    for surface in _surfaces(suite):
-        try:
-            btf = open_material(surface, suite.data, show, path_tracer=load_path_tracer)
-        except MissingDataError as error:
-            log.warning("%s: not timed on it: %s", surface.name, error)
-            continue
+def start_of(suite: Suite, run: str, device: str) -> Record:
+    """The record of the start of a run that times settings."""
+    start: Record = {"kind": "run", "run": run, "suite": suite.name, "text": suite.text, "device": device}
+    return start | {"threads": suite.threads, "seeds": [], "jobs": [], "materials": []} | provenance()
+
+
+def contestants(suite: Suite, folder: Path, device: str, show: Progress) -> Contestants:
+    """Each setting on each surface, decoded from a file of one step in a folder. `InputError` if there is none."""
+    found = dict(decoded(suite, surfaces_of(suite), folder, device, show))
+    if not found:
+        raise InputError(f"suite {suite.name}: none of its settings could be fitted, so none is timed")
+    return found
+
+
+def decoded(
+    suite: Suite, surfaces: Sequence[MaterialSpec], folder: Path, device: str, show: Progress
+) -> Iterator[tuple[tuple[str, str], Material]]:
+    """The same one after the other, on some surfaces."""
+    for surface in surfaces:
+        btf: BTF | None = None
         specs = [spec for spec in suite.codecs if not spec.materials or surface.name in spec.materials]
         for count, spec in enumerate(specs):
             show(f"{surface.name}: fits of one step", count, len(specs))
+            codec = short(spec)
+            path = folder / "files" / _file_name(suite, surface, codec)
             try:
-                header = library.encode(btf, _short(spec), scratch / f"{count}.nbtf", threads=suite.threads)
+                if not path.exists():
+                    btf = btf or open_material(surface, suite.data, show, path_tracer=load_path_tracer)
+                    library.encode(btf, codec, path, threads=suite.threads)
+                material = unreported(loading.load(path, device).material)
             except InputError as error:
-                log.warning("%s: not timed: %s", spec.label, error)
+                log.warning("%s on %s: not timed: %s", spec.label, surface.name, error)
+                if isinstance(error, MissingDataError) and btf is None:
+                    break  # the surface is not there
                 continue
-            material = unreported(loading.load(header.path, device).material)
             if not material.opaque:
                 yield (surface.name, spec.label), material
 
 
-def _surfaces(suite: Suite) -> list[MaterialSpec]:
+def _file_name(suite: Suite, surface: MaterialSpec, codec: Codec) -> str:
+    """The name of a setting's file; another codec version, setting or preparation has another."""
+    settings = settings_dict(codec)
+    named = [surface.name, codec.name, codec.version_of(settings), settings, dataclasses.asdict(suite.data)]
+    digest = hashlib.sha256(json.dumps(named, sort_keys=True).encode()).hexdigest()
+    return f"{surface.name}-{codec.name}-{digest[:12]}{container.SUFFIX}"
+
+
+def surfaces_of(suite: Suite) -> list[MaterialSpec]:
     built_in = [material for material in suite.materials if not material.path]
     others = [material for material in suite.materials if material.path]
     return [*built_in, *others][:SURFACES]
 
 
-def _short(spec: CodecSpec) -> Codec:
+def short(spec: CodecSpec) -> Codec:
     """The codec of a setting, with one step if it takes any."""
     codec = make_codec(spec.codec, spec.settings)
     return make_codec(spec.codec, spec.settings | {"steps": 1}) if "steps" in settings_dict(codec) else codec
 
 
-def _round(
-    contestants: dict[tuple[str, str], Material], entries: dict[tuple[str, int], Entry], threads: int, show: Progress
-) -> None:
+def _round(materials: Contestants, entries: dict[tuple[str, int], Entry], threads: int, show: Progress) -> None:
     """Time all contestants in turns, and add what was measured to their entries.
 
     The quality of a codec that answers texels is that of texels: where a query between them takes longer, the time at
     one texel is the entry's.
     """
     timed: dict[str, Material] = {}
-    for (surface, label), material in contestants.items():
+    for (surface, label), material in materials.items():
         timed[f"{surface}/{label}"] = material
         if one := material.at_one_texel():
             timed[f"{surface}/{label} at one texel"] = one
     found = timing.time_materials(timed, threads, show=show, turns=TURNS)
-    for (surface, label), material in contestants.items():
+    for (surface, label), material in materials.items():
         flops = material.cost.flops_per_sample
         entry = entries.setdefault((label, flops), Entry(label, flops))
         whole, at_one = found[f"{surface}/{label}"], found.get(f"{surface}/{label} at one texel")

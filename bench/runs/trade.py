@@ -253,8 +253,10 @@ def _timed(
         calls[f"product {dtype}"], calls[f"copy {dtype}"] = ceiling_calls(first.device, getattr(torch, dtype))
     measured = timing.in_turns(calls, batch, first.size, ceilings[0]["threads"], first.device, show, kept)
     for ceiling in ceilings:
-        best = [batch * float(measured[f"{what} {ceiling['dtype']}"].samples.min()) for what in ("product", "copy")]
-        for name, rate in rates(*best).items():
+        product, copied = (
+            batch * float(measured[f"{what} {ceiling['dtype']}"].samples.min()) for what in ("product", "copy")
+        )
+        for name, rate in rates(product, copied, first.device).items():
             ceiling[name] = max(ceiling[name], rate)
     return measured
 

@@ -19,8 +19,8 @@ from bench.timing.execution import networks
 
 BATCHES = (1, 64, 1024, BATCH, 1 << 18, 1 << 20, 1 << 22)
 FOOTPRINTS = (1, 2, 4, 8)  # in texels
-SIDE = 1024  # side of the multiplied matrices
-COPIED = 64 << 20  # bytes: far beyond any cache
+SIDE, GPU_SIDE = 1024, 8192  # side of the multiplied matrices: a GPU multiplies small ones slowly
+COPIED, GPU_COPIED = 64 << 20, 1 << 30  # bytes: far beyond any cache
 ROUNDS = 10
 
 
@@ -89,21 +89,28 @@ def roofline(device: torch.device, threads: int, dtype: torch.dtype = torch.floa
         calls = [calibrated(call, device, clock) for call in ceiling_calls(device, dtype)]
         best = [min(call() for _ in range(ROUNDS)) for call in calls]
     words = {"threads": threads, "device": str(device), "dtype": str(dtype).removeprefix("torch.")}
-    return rates(best[0], best[1]) | words
+    return rates(best[0], best[1], device) | words
 
 
 def ceiling_calls(device: torch.device, dtype: torch.dtype) -> tuple[Callable[[], Any], Callable[[], Any]]:
     """A matrix product and a copy, whose times are ceilings of a machine."""
-    a, b = (torch.rand(SIDE, SIDE, device=device).to(dtype) for _ in range(2))
+    side, copied = sizes_on(device)
+    a, b = (torch.rand(side, side, device=device).to(dtype) for _ in range(2))
     product = torch.empty_like(a)
-    source = torch.zeros(COPIED, dtype=torch.uint8, device=device)
+    source = torch.zeros(copied, dtype=torch.uint8, device=device)
     target = torch.empty_like(source)
     return lambda: torch.mm(a, b, out=product), lambda: target.copy_(source)
 
 
-def rates(product_ns: float, copy_ns: float) -> dict[str, float]:
+def sizes_on(device: torch.device) -> tuple[int, int]:
+    """The side of the multiplied matrices, and the copied bytes."""
+    return (GPU_SIDE, GPU_COPIED) if device.type == "cuda" else (SIDE, COPIED)  # an emulated GPU is a CPU
+
+
+def rates(product_ns: float, copy_ns: float, device: torch.device) -> dict[str, float]:
     """Rates from the times of both calls of `ceiling_calls`."""
-    return {"flops_per_ns": 2 * SIDE**3 / product_ns, "bytes_per_ns": 2 * COPIED / copy_ns}
+    side, copied = sizes_on(device)
+    return {"flops_per_ns": 2 * side**3 / product_ns, "bytes_per_ns": 2 * copied / copy_ns}
 
 
 def limit_ns(cost: DecoderCost, ceiling: dict[str, Any]) -> float:

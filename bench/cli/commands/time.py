@@ -1,13 +1,16 @@
 """time each setting of a suite on this machine, apart from what it was fitted to
 
 A time depends on the setting, not on the fit. So each setting is fitted for one step, on two surfaces, and all are
-timed in turns, twice. `table budgets` and `table front` use these times alone if they are given them:
+timed in turns, twice. `table budgets` and `table front` use these times alone if they are given them. With --variants
+each execution and precision is timed instead, first compared with float64, then batches of 2^14 to 2^22 for some
+settings, and the steps of fits: for a GPU. It ends after --minutes, and the same command goes on:
 
 examples:
   neubtf-bench time budgets --out runs/times
   neubtf-bench table times runs/times
   neubtf-bench table budgets runs/budgets runs/times
   neubtf-bench results add runs/times docs/results/budgets.jsonl
+  neubtf-bench time budgets --out runs/times --device cuda --variants --minutes 9
 """
 
 import argparse
@@ -19,6 +22,9 @@ from bench.inputs.errors import FINE
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     suite_options(parser, "budgets")
+    add = parser.add_argument
+    add("--variants", action="store_true", help="time executions, precisions, batches and steps of fits")
+    add("--minutes", type=float, default=60.0, help="end --variants after so many minutes (default: 60)")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -33,7 +39,12 @@ def run(options: argparse.Namespace) -> int:
     with Console() as console:
         for line in described_changes(suite, changes):
             console.say(line)
-        time_settings(suite, folder, device, console.show)
+        if options.variants:
+            from bench.runs.setting_variants import time_variants
+
+            time_variants(suite, folder, device, options.minutes, console.show)
+        else:
+            time_settings(suite, folder, device, console.show)
         from reports import table_text
 
         console.say(table_text(folder, kind="times"))

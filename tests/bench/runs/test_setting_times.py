@@ -1,15 +1,19 @@
 """Settings are timed apart from surfaces, and tables of budgets then use these times alone."""
 
+import copy
+
 import numpy as np
 import pytest
+import torch
 
 from bench import cli
 from bench.inputs.errors import InputError
 from bench.records import load_run
 from bench.records.schema import setting_name
-from bench.runs import setting_times
+from bench.runs import setting_times, setting_variants
 from bench.runs.setting_times import Entry, time_settings
 from bench.runs.suite import parse_suite
+from reports import table_text
 
 SUITE = """
 materials = ["satin", "cable-knit"]
@@ -92,3 +96,63 @@ codec = "pca"
     with pytest.raises(InputError, match="none of its settings could be fitted"):
         time_settings(suite, tmp_path / "times")
     assert not (tmp_path / "times" / "records.jsonl").exists()
+
+
+@pytest.fixture
+def short_variants(monkeypatch):
+    monkeypatch.setattr(setting_variants, "TURNS", 2)
+    monkeypatch.setattr(setting_variants, "BATCHES", (64, 256))
+    monkeypatch.setattr(setting_variants, "CHECKED", 64)
+    monkeypatch.setattr(setting_variants, "FIT_STEPS", 2)
+    monkeypatch.setattr("bench.timing.profile.SIDE", 64)
+    monkeypatch.setattr("bench.timing.profile.COPIED", 1 << 16)
+    monkeypatch.setattr(setting_variants, "PRECISIONS", {"eager": ("float32", "bfloat16")})
+
+
+def test_variants_are_checked_timed_written_and_not_timed_again(tmp_path, short_variants):
+    suite, folder = parse_suite("small", SUITE), tmp_path / "times"
+    found = setting_variants.time_variants(suite, folder, "cpu", 5.0)
+    by_job = {record["job"]: record for record in found}
+    fits = {record["label"] for record in found if record["execution"] == "fit step"}
+    assert fits == {"ntc steps=900 width=8"}
+    ntc = [record for record in found if record["label"].startswith("ntc") and "of_tolerance" in record]
+    assert {(record["dtype"], record["batch"]) for record in ntc} == {
+        ("float32", 64), ("float32", 256), ("bfloat16", 64), ("bfloat16", 256),
+    }  # fmt: skip
+    assert all(record["limit_ns"] > 0 for record in ntc)
+    assert all(record["of_tolerance"] <= 1 for record in ntc if record["dtype"] == "float32")
+    pca = [record for record in found if record["label"] == "pca components=1"]
+    assert {record["dtype"] for record in pca} == {"float32", "bfloat16"}
+    assert len(by_job) == len(found)
+    assert setting_variants.time_variants(suite, folder, "cpu", 5.0) == []  # all of it is done
+    text = table_text(folder, kind="times")
+    assert "Executions and precisions" in text
+    assert "Batches: ns a sample" in text
+    assert "Steps of fits" in text
+
+
+def test_variants_end_when_their_minutes_are_over_and_keep_what_they_have(tmp_path, short_variants):
+    suite, folder = parse_suite("small", SUITE), tmp_path / "times"
+    assert setting_variants.time_variants(suite, folder, "cpu", 0.0) == []
+    assert not len(load_run(folder).timings)
+    found = setting_variants.time_variants(suite, folder, "cpu", 5.0)  # the next call goes on
+    assert {record["label"] for record in found} == {"pca components=1", "pca components=2", "ntc steps=900 width=8"}
+
+
+def test_an_answer_that_is_off_is_told(timed):
+    material = next(iter(setting_times.contestants(parse_suite("s", SUITE), timed[0], "cpu", lambda *_: None).values()))
+    exact = copy.deepcopy(material).to(dtype=torch.float64)
+    assert setting_variants.difference(material, exact, "float32") <= 1
+    wrong = copy.deepcopy(material)
+    query = wrong.query
+    wrong.query = lambda *queries: query(*queries) + 0.1  # type: ignore[method-assign]
+    assert setting_variants.difference(wrong, exact, "float32") > 100
+
+
+def test_variants_are_timed_on_an_emulated_gpu_too(tmp_path, short_variants, monkeypatch, gpu):
+    monkeypatch.setattr("bench.timing.GPU_BATCH", 64)
+    monkeypatch.setattr("bench.timing.SPAN_NS", 1000)
+    small = SUITE.replace("components = [1, 2]", "components = 1").replace('"satin", "cable-knit"', '"satin"')
+    found = setting_variants.time_variants(parse_suite("small", small), tmp_path / "times", str(gpu), 5.0)
+    assert {record["execution"] for record in found} == {"eager", "fit step"}
+    assert {record["device"] for record in found} == {str(gpu)}
