@@ -93,6 +93,7 @@ class FitKey(TypedDict, total=False):
     store: Annotated[Count, PUBLISHED]  # version of the store of textures
     settings: Annotated[dict[str, Setting], PUBLISHED | CLAIM]
     training: Annotated[Any, PUBLISHED | CLAIM]
+    device: Annotated[Text, RESULTS]  # the kind that it was fitted on
     torch: Annotated[Any, RESULTS]
     code: Annotated[Any, RESULTS]
     libraries: Annotated[dict[str, Text | None], RESULTS]
