@@ -224,34 +224,47 @@ def front_table(run: Run) -> Iterator[Table]:
     lines = list(dict.fromkeys(line for column in reversed(columns) for line in column))
     if not lines:
         return
+    leads = {line: lead for line in lines if (lead := _lead(result, points, line))}
     rows: list[list[str]] = []
     scores: list[list[float | None]] = []
-    apart, without = False, False
     for line in lines:
         read = [column.get(line) for column in columns]
-        lead = _lead(result, points, line)
-        rungs = [rung.of for rung in picks.get(line, {}).values()]
-        times = [time for jobs in rungs if (time := result.times.get(EAGER, {}).get(jobs[0]["job"]))]
-        time = fmean(times) if times else None
-        row = [line, *map(_read, read)]
-        if lead:
-            apart, without = apart or lead.apart, without or line not in points
-            median = signed(lead.median, 1) + "°" * (line not in points)
-            interval = f"{signed(lead.low, 1)} to {signed(lead.high, 1)}" + "*" * lead.apart
-            row += [median, interval, f"{lead.won} of {lead.surfaces}"]
-        else:
-            row += ["" if line == AGAINST else NONE, "", ""]
-        rows.append([*row, significant(time)])
+        time = _mean_time(result, [rung.of for rung in picks.get(line, {}).values()])
+        lead = leads.get(line)
+        rows.append([line, *map(_read, read), *_lead_cells(line, lead, line in points), significant(time)])
         means = [reading.value if reading else None for reading in read]
-        scores.append([None, *means, lead.median if lead else None, None, None, None if time is None else -time])
+        quickest = None if time is None else -time
+        scores.append([None, *means, lead.median if lead else None, None, None, quickest])
     headers = [("codec", ""), *((f"{kind}, {len(many)}", "dB ↑") for kind, many in kinds.items())]
     headers += [("lead, median", "dB ↑"), ("95 % interval", "of the mean"), ("ahead", "on"), ("time", "× floor ↓")]
     title = f"At {in_words(ENOUGH)}: test PSNR, means over {', '.join(result.surfaces)}"
-    notes = [f"Lead: over {AGAINST} at equal bytes (BD-PSNR), median over surfaces."]
-    if without:
-        notes.append("°: of fewer than three rungs, each at its own bytes.")
-    notes.append("*: told apart." if apart else f"None is told apart: that takes {LEAST_SURFACES} surfaces.")
+    notes = [f"Lead: over {AGAINST} at equal bytes (BD-PSNR), median over surfaces.", *_lead_notes(leads, points)]
     yield Table("front", title, headers, rows, [*notes, _READ, *_common(run, result)], marks=best_cells(rows, scores))
+
+
+def _mean_time(result: Budgets, rungs: Sequence[Sequence[Record]]) -> float | None:
+    """The mean time of a query, × floor, over rungs that were timed."""
+    times = [result.times.get(EAGER, {}).get(jobs[0]["job"]) for jobs in rungs]
+    return average([time for time in times if time is not None])
+
+
+def _lead_cells(line: str, lead: Summary | None, has_curves: bool) -> list[str]:
+    """The cells of a lead: its median over surfaces, the interval of its mean, and on how many it is above 0."""
+    if lead is None:
+        return ["" if line == AGAINST else NONE, "", ""]
+    median = signed(lead.median, 1) + "°" * (not has_curves)
+    interval = f"{signed(lead.low, 1)} to {signed(lead.high, 1)}" + "*" * lead.apart
+    return [median, interval, f"{lead.won} of {lead.surfaces}"]
+
+
+def _lead_notes(leads: Mapping[str, Summary], points: Points) -> Iterator[str]:
+    if leads.keys() - points.keys():
+        yield "°: of fewer than three rungs, each at its own bytes."
+    if any(lead.apart for lead in leads.values()):
+        yield "*: told apart."
+    elif leads:
+        few = max(lead.surfaces for lead in leads.values()) < LEAST_SURFACES
+        yield "None is told apart" + (f": that takes {LEAST_SURFACES} surfaces." if few else ".")
 
 
 def _lead(result: Budgets, points: Points, line: str) -> Summary | None:

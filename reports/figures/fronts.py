@@ -30,7 +30,9 @@ def fronts(run: Run) -> Iterator[Figure]:
         if surfaces and hulls(result, surfaces):
             with style():
                 drawing = _drawn(result, surfaces, kind, styles)
-                yield Figure("", f"fronts-{kind}", f"Quality within budgets, {kind} surfaces", png(drawing), drawing)
+                yield Figure(
+                    "", f"fronts-{kind}", f"Quality over bytes and time, {kind} surfaces", png(drawing), drawing
+                )
 
 
 def _drawn(result: Budgets, surfaces: Sequence[str], kind: str, styles: Styles) -> Any:
