@@ -50,12 +50,13 @@ UP = (0.0, 0.0)  # θ and φ in degrees
 PAIRS = ((UP, UP), (UP, (45.0, 0.0)), (UP, (60.0, 135.0)), ((45.0, 270.0), (45.0, 90.0)))  # view, light
 EDITED = ((UP, UP), (UP, (30.0, 90.0)), (UP, (55.0, 135.0)))
 SCALES = (1, 3 / 4, 1 / 2, 1 / 4, 1 / 8)
-OURS: dict[str, Any] = {}  # our recipe at its full length
-SCALED: dict[str, dict[str, Any]] = {  # scales of the inputs down to a quarter
-    "ours": {"smallest": 0.25, "explore": 0.5},
-    "paper": {"recipe": "paper", "smallest": 0.25, "crop": 32},
+# End to end from the first step, on single samples alone: the way to a useful encoder in some minutes of one core.
+BRIEF: dict[str, Any] = {"steps": 1800, "direct": 0.0, "taught": 0.0, "explore": 0.1}
+# Half the steps show other slices, and half of those another scale, or none of them.
+SCALED = {
+    "ours": BRIEF | {"smallest": 0.25, "explore": 0.5, "steps": 3600},
+    "paper": {"recipe": "paper", "smallest": 0.25, "steps": 3600},
 }
-COMPARED = 2_000  # texels of an edit that are compared with those of the material
 
 
 class Bench:
@@ -68,7 +69,7 @@ class Bench:
         """A material with validation pairs; of a measured one about 1,000 pairs."""
         return open_material(named(name), Preparation(size=size, texels=size, pairs=1_000, split="validation"), silent)
 
-    def quarter(self, name: str, kind: str = "ours", settings: dict[str, Any] = OURS) -> FittedMaterial:
+    def quarter(self, name: str, kind: str = "brief", settings: dict[str, Any] = BRIEF) -> FittedMaterial:
         """NeuBTF, fitted to the upper left quarter of a material, which is not periodic."""
         btf = self.btf(name)
         part = btf.subset(btf.split().train).crop(0, 0, btf.shape[0] // 2, btf.shape[1] // 2)
@@ -234,38 +235,19 @@ def draw_tileable(bench: Bench) -> None:
 
 
 def draw_edits(bench: Bench) -> None:
-    """Structures that the materials never had, and how near their texels are to some texel of the material."""
+    """Structures that the materials never had."""
     rows, names = [], []
-    print("| structure | material | the quarter's own texels, dB | edited texels, dB |\n|" + " --- |" * 4)
     for name, structure, what in (
         ("brick", hexagons(), "a drawing,\nas brick"),
         ("satin", jacquard(), "a draft,\nas satin"),
         ("gravel", decode_srgb(data.coins()[2:290:2, 10:370:2] / 255), "coins,\nas gravel"),
-        ("ubo2003_local_pca/wool", hexagons(), "a drawing,\nas wool"),
     ):
         source = bench.quarter(name)
         picture = np.repeat(structure[..., None], 3, 2).astype(np.float32)
         material = guided(source, picture, Treatment())
-        own = loading.load(bench.keep / f"{Path(name).name}-ours-neubtf.nbtf").material
-        found = [nearest_texels(bench.btf(name), each) for each in (own, material)]
-        words = what.replace("\n", " ").partition(",")[0], Path(name).name, *(f"{value:.1f}" for value in found)
-        print(f"| {' | '.join(words)} |", flush=True)
-        if "/" in name:  # pictures of measured data are not published
-            continue
         rows.append([encode_srgb(picture), *(shot(material, pair, source.exposure) for pair in EDITED)])
         names.append(what)
     bench.save(grid(rows, ["guidance", *(lit_from(pair) for pair in EDITED)], names, 2.3, LARGE), "edits.jpg")
-
-
-def nearest_texels(btf: BTF, material: Material) -> float:
-    """Display PSNR of a material's texels to the nearest texel each of a BTF, over held-out pairs; pooled."""
-    shown, pairs = exposure(btf), heldout(btf)
-    truth = np.stack([to_display(btf[pair], shown).reshape(-1, 3) for pair in pairs], 1)  # (texels, pairs, 3)
-    ours = np.stack([to_display(material.slice(*at(btf, pair)).numpy(), shown).reshape(-1, 3) for pair in pairs], 1)
-    some = ours[:: -(-len(ours) // COMPARED)]
-    flat, known = (torch.from_numpy(values.reshape(len(values), -1)).float() for values in (some, truth))
-    nearest = torch.cdist(flat, known).amin(1)
-    return float(-10 * np.log10((nearest.square() / flat.shape[1]).mean()))
 
 
 def hexagons(side: float = 26, joint: float = 3) -> Array:
@@ -316,7 +298,7 @@ def draw_latents(bench: Bench) -> None:
     """The channels of two neural textures, as `neubtf-bench latents` draws them."""
     for name in ("brick", "satin"):
         bench.quarter(name)
-        material = loading.load(bench.keep / f"{name}-ours-neubtf.nbtf")[1]
+        material = loading.load(bench.keep / f"{name}-brief-neubtf.nbtf")[1]
         assert isinstance(material, NeuBTFMaterial)
         latents.draw(material.texture, bench.out / f"neubtf-latents-{name}.png")
 
