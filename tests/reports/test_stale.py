@@ -1,3 +1,5 @@
+from pathlib import Path
+
 from bench.codecs.registry import current_versions
 from bench.records import load_run
 from reports import table_text
@@ -14,3 +16,7 @@ def test_a_row_of_an_older_version_is_marked_in_every_table_and_why_is_said(made
         assert table.notes[-1].startswith("†: stale")
         assert "vq: codec version 1 instead of" in table.notes[-1]
     assert "vq †" in table_text(made.folder, "latex", "main")
+
+
+def test_no_stale_row_stands_on_the_front_page():
+    assert "†" not in (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
