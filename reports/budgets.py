@@ -303,7 +303,7 @@ def _common(run: Run, result: Budgets) -> Iterator[str]:
     """Notes on times, and on excluded records."""
     if result.times.keys() - {FIT}:
         on: dict[str, None] = {}
-        of_settings = [time for time in run.timings if "label" in time]
+        of_settings = [time for time in run.timings if "rounds" in time]
         for name in (time.get("run", "") for time in of_settings or run.timings):
             start: Record = next((each for each in reversed(run.starts) if not name or each.get("run") == name), {})
             machine = start.get("machine", {})

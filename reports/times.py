@@ -1,5 +1,6 @@
 """The times of settings, apart from any surface: what `neubtf-bench time` measured."""
 
+from collections import Counter
 from collections.abc import Iterator
 
 from bench.records import Record, Run
@@ -47,10 +48,11 @@ def _row(timing: Record) -> list[str]:
 
 def _variants(run: Run, timed: list[Record]) -> Iterator[Table]:
     """A row a setting, a column an execution and precision: ns a sample, and the share of what the machine allows."""
-    usual = max((timing["batch"] for timing in timed), default=0, key=[each["batch"] for each in timed].count)
-    timed = [timing for timing in timed if timing["batch"] == usual]
     if not timed:
         return
+    counts = Counter(timing["batch"] for timing in timed)
+    ((usual, _),) = counts.most_common(1)  # other batches are of few settings: see `_batches`
+    timed = [timing for timing in timed if timing["batch"] == usual]
     names = list(dict.fromkeys(_variant(timing) for timing in timed))
     by_label: dict[str, dict[str, Record]] = {}
     for timing in timed:

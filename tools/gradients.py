@@ -35,7 +35,7 @@ def shares(material: str, size: int, batches: int) -> list[float]:
     parameters = [*fitting.parameters()]
     norms = []
     for _ in range(batches):
-        losses = fitting.losses([fitting.element(generator) for _ in range(chosen.slices)], generator)
+        losses = fitting.losses(fitting.batch(generator), generator)
         each = [torch.autograd.grad(loss, parameters, retain_graph=True, allow_unused=True) for loss in losses]
         norms.append([sum(float(g.square().sum()) for g in grads if g is not None) ** 0.5 for grads in each])
     pixel, style, frequency = np.array(norms).T
