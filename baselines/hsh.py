@@ -42,7 +42,7 @@ class HSH(Codec):
     }
     """
 
-    name, version = "hsh", 3
+    name, version = "hsh", 4
     interpolates, sizes = True, ("lights", "views")
     recipes: ClassVar = {"paper": {"bits": 8, "domain": "rgb", "cosine": False, "smoothness": 0.0}}
 

@@ -21,7 +21,7 @@ Bits = Literal[0, 1, 2, 3, 4, 5, 6, 7, 8, 16, 32]  # of a stored number, on aver
 
 VERSION = 2  # part of the version of every codec: raise it if the codes or the choice of bits change
 BEARABLE = 0.015  # share of the fit's squared error that rounding may add, if the fit chooses the bits
-PROBED = 4  # bits of a channel that is rounded alone, to measure the error that this adds
+PROBED = 4  # bits of a channel that is rounded alone, to measure the error that this adds, if each takes one at least
 MEASURED = 1 << 16  # texels of larger textures whose rounding is measured
 RANGES = 29  # number of tried shares of a channel's range, from 0.3 to 1: smaller ones round finer and clip more
 
@@ -81,6 +81,8 @@ def choose_bits(roundings: Sequence[Rounding], answers: Callable[[], Tensor], ta
     if not roundings:
         return
     wanted, least = roundings[0].wanted, roundings[0].least
+    # A channel that may become its mean is tried as its mean: one of two values loses all by it, and nothing by 4 bits.
+    probed = PROBED if least else 0
     seen: dict[Rounding, Tensor] = {}
     for each in roundings:
         each.trial = partial(_noted, seen, each)
@@ -88,7 +90,7 @@ def choose_bits(roundings: Sequence[Rounding], answers: Callable[[], Tensor], ta
     for each in roundings:
         each.trial = None
     for each, values in seen.items():
-        change, felt = _change(values, PROBED), list[Tensor]()
+        change, felt = _change(values, probed), list[Tensor]()
         for channel in range(values.shape[-1]):
             alone = torch.zeros_like(values)
             alone[..., channel] = change[..., channel]
@@ -98,7 +100,7 @@ def choose_bits(roundings: Sequence[Rounding], answers: Callable[[], Tensor], ta
         flat = values.flatten(0, -2)
         some = flat[:: -(-len(flat) // MEASURED)]
         spread = torch.stack([_change(some, bits).square().mean(0) for bits in range(least, MOST_BITS + 1)], 1)
-        noise.append(spread * (torch.stack(felt) / spread[:, PROBED - least].clamp_min(1e-30))[:, None])
+        noise.append(spread * (torch.stack(felt) / spread[:, probed - least].clamp_min(1e-30))[:, None])
         sizes += [len(flat)] * len(felt)
     bearable = 0.0 if wanted else BEARABLE * float((exact - target).square().mean())
     total = (wanted or MOST_BITS) * sum(sizes)

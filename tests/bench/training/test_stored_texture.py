@@ -126,6 +126,15 @@ def test_a_channel_without_bits_is_its_mean(bits: int) -> None:
     assert (round_after(values, bits, answers, answers(values) + 0.1).bits > 0).all()  # unless a codec asks for it
 
 
+def test_a_channel_of_two_values_keeps_the_bit_that_tells_them_apart() -> None:
+    """Four bits tell two values exactly: measured with them, the channel seemed to need none."""
+    values = torch.ones(8, 8, 2)
+    values[:4, :, 0] = 0.25
+    rounding = round_after(values, 0, lambda texture: texture, values + 0.01, least=0)
+    assert rounding.bits.tolist() == [1, 0]
+    torch.testing.assert_close(rounding(values), values)
+
+
 def test_rounding_lets_the_gradient_pass() -> None:
     values = torch.randn(10, 2, requires_grad=True)
     bits = torch.tensor([3, 3])
