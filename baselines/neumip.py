@@ -23,9 +23,10 @@ from bench.machine.devices import is_gpu
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.metrics.display import LOG_SCALE
 from bench.training import Batch, Objective, Samples, TextureSettings, gain_of, groups_of, train
-from bench.training.decoder import Architecture, Decoder, load_network, store_network
+from bench.training.decoder import Architecture, Decoder
 from bench.training.initial_latents import RANDOM_SPREAD, Start, first_latents
 from bench.training.inputs import COUNTS, Directions, direction_inputs
+from bench.training.stored_network import load_network, store_network
 from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
 
 WIDTHS = (25, 25, 25)  # of the offset network
@@ -153,6 +154,9 @@ class NeuMIPObjective(Objective):
         picture = finest.T.unflatten(1, self.samples.shape)
         levels = (functional.adaptive_avg_pool2d(picture, size) for size in self.pyramid.levels)
         return torch.cat([level.flatten(1).T for level in levels])
+
+    def stored_networks(self) -> list[nn.Module]:
+        return [self.networks]
 
     def groups(self) -> list[dict[str, Any]]:
         settings = self.settings

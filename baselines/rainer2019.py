@@ -18,8 +18,9 @@ from bench.codec import Codec, Fit, Parts
 from bench.inputs.settings import Natural, Positive, Width
 from bench.material import Material
 from bench.training import Batch, Samples, distance, first_latents, gain_of, train
-from bench.training.decoder import Architecture, Decoder, load_network
+from bench.training.decoder import Architecture, Decoder
 from bench.training.fitting import ROUNDING_SAMPLES
+from bench.training.stored_network import load_network
 from bench.training.stored_texture import Bits, Rounding, load_texture, round_after, store_texture
 
 

@@ -20,8 +20,9 @@ from bench.codec import Codec, Fit, Parts
 from bench.inputs.settings import Count, Natural
 from bench.material import HIGHEST_LEVEL, DecoderCost, Material, at_least_float32, sample_texture, to_radiance
 from bench.training import Batch, FitSettings, Samples, TextureObjective, distance, first_latents, fitted
-from bench.training.decoder import Activation, Architecture, Decoder, load_network
+from bench.training.decoder import Activation, Architecture, Decoder
 from bench.training.inputs import Frames
+from bench.training.stored_network import load_network
 from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
 
 BRIGHTEST = 1e5  # gain · radiance that the sigmoid of the authors' code can answer

@@ -88,6 +88,9 @@ class Guided(Objective):
         self.disturbance = Disturbance(settings.hue, settings.blur, settings.noise)
         self.guidance = nn.Buffer(guidance, persistent=False)
 
+    def stored_networks(self) -> list[nn.Module]:
+        return [self.renderer]
+
     def groups(self) -> list[dict[str, Any]]:
         settings = self.settings
         renderer = groups_of([self.renderer], settings.rate, settings.optimiser, settings.hidden_rate)

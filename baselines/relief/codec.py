@@ -26,10 +26,11 @@ from bench.codec import Codec, Fit, Parts
 from bench.inputs.settings import Layers, Natural, Positive, Range, Width
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.training import Batch, Objective, Samples, TextureSettings, compress, expand, gain_of, groups_of, train
-from bench.training.decoder import Architecture, Decoder, load_network, store_network
+from bench.training.decoder import Architecture, Decoder
 from bench.training.fitting import Loss, distance
 from bench.training.initial_latents import first_latents
 from bench.training.inputs import Frames
+from bench.training.stored_network import load_network, store_network
 from bench.training.stored_texture import Rounding, load_texture
 
 COARSE_SHARE = 8  # one of this many samples is of a coarser level
@@ -157,6 +158,9 @@ class ReliefObjective(Objective):
         slices = None if height is None else partial(rectified, self.samples, height)
         self.latents = nn.Parameter(first_latents(self.samples, settings.latents, settings.start, generator, slices))
         self.rounding = Rounding(settings.latents, settings.bits)
+
+    def stored_networks(self) -> list[nn.Module]:
+        return [self.network]
 
     def groups(self) -> list[dict[str, Any]]:
         settings = self.settings

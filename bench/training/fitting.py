@@ -7,6 +7,7 @@ same seed, machine, versions and threads give the same parameters, whether or no
 import logging
 import time
 from collections.abc import Iterable
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from bench.material import keep_buffers
 from bench.metrics.display import LOG_SCALE, exposure, to_display
 from bench.metrics.psnr import psnr as decibels
 from bench.training.optimiser import Optimisers, rate
+from bench.training.stored_network import rounded_weights
 from bench.training.stored_texture import Rounding, choose_bits
 
 log = logging.getLogger(__name__)
@@ -198,6 +200,17 @@ class Objective(nn.Module):
         """Parameter groups, each with its highest learning rate, `lr`; Muon steps those with `hidden`, Adam others."""
         raise NotImplementedError
 
+    def stored_networks(self) -> list[nn.Module]:
+        """The networks that the file holds in the precision `settings.weights`."""
+        return []
+
+    def as_stored(self, progress: float) -> AbstractContextManager[None]:
+        """Within it, weights are as the file holds them: in eight bits, if so set, from half of the fit on."""
+        networks = self.stored_networks()
+        if not networks or progress < ROUNDED_FROM or self.settings.weights != "int8":
+            return nullcontext()
+        return rounded_weights(networks)
+
     def rate(self, step: int, steps: int, group: int) -> float:
         """The learning rate of a group at a step, as a share of its highest; each stage of a fit has its own curve."""
         return rate(step, steps)
@@ -225,7 +238,8 @@ class Objective(nn.Module):
         roundings = [each for each in self.modules() if isinstance(each, Rounding) and each.undecided]
         if roundings:
             batch = self.samples.draw(ROUNDING_SAMPLES, fit.generator())
-            choose_bits(roundings, lambda: self.predict(batch, progress), batch.target)
+            with self.as_stored(progress):
+                choose_bits(roundings, lambda: self.predict(batch, progress), batch.target)
 
 
 def display_psnr(level: Tensor, target: Tensor) -> float:
@@ -331,11 +345,13 @@ class _Loop:
         """Step up to `end`, then save the state, or go back to the last good one."""
         total = torch.zeros((), device=self.fit.device)
         while self.step < end:
-            if self.step >= ROUNDED_FROM * self.steps:
-                self.objective.round_textures(self.fit, self.step / self.steps)
+            progress = self.step / self.steps
+            if progress >= ROUNDED_FROM:
+                self.objective.round_textures(self.fit, progress)
             shares = (self.objective.rate(self.step, self.steps, i) for i in range(len(self.highest)))
-            loss = self.objective.loss(self.generator, self.step / self.steps)
-            loss.backward()
+            with self.objective.as_stored(progress):
+                loss = self.objective.loss(self.generator, progress)
+                loss.backward()
             self.optimisers.step(
                 [highest * share / 2**self.halvings for highest, share in zip(self.highest, shares, strict=True)]
             )
@@ -374,7 +390,9 @@ class _Loop:
         last = self.curve[-1][0] if self.curve else 0
         if self.step < self.steps and self.step - last < self.steps / POINTS:
             return True
-        level = self.objective.predict(self.probe, self.step / self.steps)
+        progress = self.step / self.steps
+        with self.objective.as_stored(progress):
+            level = self.objective.predict(self.probe, progress)
         if not (level - self.probe.target).square().mean() <= AWAY**2:
             return False
         psnr, seconds = display_psnr(level, self.probe.target), processor_seconds() - self.started

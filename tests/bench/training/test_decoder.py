@@ -3,7 +3,8 @@ import math
 import pytest
 import torch
 
-from bench.training.decoder import Architecture, Decoder, load_vector, smelu, to_vector
+from bench.training.decoder import Architecture, Decoder, smelu
+from bench.training.stored_network import load_vector, to_vector
 
 NEUBTF = Architecture(18, (32, 32, 32), activation="sine", norm=True, residual=True)
 PUBLISHED = {
