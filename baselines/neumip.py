@@ -14,12 +14,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from baselines.pyramids import Levels, drawn, fitted_levels, mixed, queries_of
+from baselines.pyramids import Levels, drawn, fitted_levels, mixed, queries_of, sampled
 from bench.btf import BTF, periods
 from bench.codec import Codec, Fit, Parts
 from bench.inputs.errors import InputError
 from bench.inputs.settings import Natural, Positive, Width
-from bench.machine.devices import is_gpu
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.metrics.display import LOG_SCALE
 from bench.training import Batch, Objective, Samples, TextureSettings, gain_of, groups_of, train
@@ -69,13 +68,6 @@ class Pyramid(Levels):
         super().__init__(size, levels or level_count(size))
         # (2,), of an offset of 1 along u and v: equally far on the surface.
         self.reach = nn.Buffer(OFFSET_SCALE * torch.tensor(periods(size)), persistent=False)
-
-    def sample(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
-        """As `fetch` at real levels, without a gradient: one bilinear fetch if all levels are the finest."""
-        if not (torch.compiler.is_exporting() or is_gpu(uv.device) or level.any()):  # these two take no branches
-            return sample_texture(table[: self.counts[0]].unflatten(0, self.levels[0]), uv)
-        index, weight = self.around(uv, level)
-        return functional.embedding_bag(index, table, per_sample_weights=weight.to(table.dtype), mode="sum")
 
     def fetch(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
         """Values (n, C) of a table of all levels at uv (n, 2), bilinear, periodic, and linear between two levels."""
@@ -231,7 +223,7 @@ class NeuMIPMaterial(Material):
         if self.offset is not None:
             latents = sample_texture(self.offset.unflatten(0, self.size), uv)
             uv = self.networks.move(uv, latents, wo, self.pyramid.reach)
-        latents = self.pyramid.sample(self.table, uv, self.pyramid.level(footprint))
+        latents = sampled(self.pyramid, self.table, uv, self.pyramid.level(footprint))
         return self.networks.colour(latents, wo, wi) / self.gain
 
 

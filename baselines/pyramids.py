@@ -9,6 +9,8 @@ from torch.nn import functional
 
 from bench.btf import BTF
 from bench.codec import Fit
+from bench.machine.devices import is_gpu
+from bench.material import sample_texture
 from bench.training import Batch, Samples
 
 Queries = tuple[Tensor, Tensor, Tensor, Tensor]  # uv (n, 2) in [0, 1], wo and wi (n, 3), level of detail (n,)
@@ -94,6 +96,14 @@ def mixed(table: Tensor, index: Tensor, weight: Tensor) -> Tensor:
     return (corners * weight[..., None].to(table.dtype)).sum(1)
 
 
+def sampled(levels: Levels, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
+    """Values (n, C) of a table at uv (n, 2), without a gradient: one bilinear fetch if all levels are the finest."""
+    if not (torch.compiler.is_exporting() or is_gpu(uv.device) or level.any()):  # these two take no branches
+        return sample_texture(table[: levels.counts[0]].unflatten(0, levels.levels[0]), uv)
+    index, weight = levels.around(uv, level)
+    return functional.embedding_bag(index, table, per_sample_weights=weight.to(table.dtype), mode="sum")
+
+
 class Pyramid(Levels):
     """A texture and its box-filtered levels; a file holds only the finest."""
 
@@ -111,7 +121,6 @@ class Pyramid(Levels):
 
     def fetch(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
         """Values (n, C) of a table at uv (n, 2) in [0, 1], bilinear, periodic, and linear between two levels."""
-        index, weight = self.around(uv, level)
-        if not table.requires_grad:
-            return functional.embedding_bag(index, table, per_sample_weights=weight.to(table.dtype), mode="sum")
-        return mixed(table, index, weight)  # a bag's gradient would take longer
+        if not (table.requires_grad or uv.requires_grad):
+            return sampled(self, table, uv, level)
+        return mixed(table, *self.around(uv, level))  # a bag's gradient would take longer
