@@ -21,7 +21,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts, SharedNetwork
 from bench.inputs.settings import BatchSize, Count, Natural, NotNegative, Positive
 from bench.material import HALF_MAX, DecoderCost, Material, sample_texture, saturated, texel_corners, to_radiance
-from bench.training import RANDOM_SPREAD, Batch, Loss, Samples, TextureObjective, distance, gain_of, train
+from bench.training import RANDOM_SPREAD, Batch, LogLoss, Samples, TextureObjective, distance, gain_of, train
 from bench.training.decoder import LEAK
 from bench.training.stored_network import WeightPrecision, load_network, store_network
 from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
@@ -44,7 +44,7 @@ class PlaneSettings:
     difference: Difference = "nearest"  # turn to the half vector: about z, then y as published, or the shortest way
     blur: NotNegative = 2.0  # σ in texels of the plane over half vectors
     plane_rate: Positive = 2e-2  # highest learning rate of planes, matrices and offsets
-    loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
+    loss: LogLoss = "both"  # error of log radiance: absolute, squared, or their sum
 
 
 class BiplaneNetwork(SharedNetwork):

@@ -125,8 +125,8 @@ class NeuMIPObjective(Objective):
     made_of: ClassVar[type[Networks]] = Networks
 
     def __init__(self, levels: list[Samples], settings: Any, generator: torch.Generator):
-        super().__init__(levels[0])
-        self.levels, self.settings = levels, settings
+        super().__init__(levels[0], settings)
+        self.levels = levels
         self.pyramid = Pyramid(self.samples.shape, len(levels))
         self.networks = self.made_of(settings, generator)
         self.networks.start_at(self.samples.mean(generator))
@@ -178,8 +178,10 @@ class NeuMIPObjective(Objective):
         return _log(answer(self.networks, self.pyramid, *self.textures(progress), queries))
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        queries, target = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)
+        queries, target, pair = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)
         ours = answer(self.networks, self.pyramid, *self.textures(progress), queries)
+        if self.settings.loss == "display":
+            return self.distance(_log(ours), target, pair, progress)
         squared, log, linear = LOSSES[self.settings.loss]
         loss = squared * functional.mse_loss(_log(ours), target) + log * functional.l1_loss(_log(ours), target)
         return loss + linear * functional.l1_loss(ours, target.expm1()) / LOG_SCALE
@@ -256,7 +258,7 @@ class NeuMIP(Codec):
         steps: Natural = 10_000  # steps of the fit
         width: Width = 25  # of the decoder's hidden layers
         outputs: int = 6  # of the decoder: colour and mask, as in the authors' code, or 3, colour, as in their text
-        loss: Literal["both", "l1", "balanced", "highlights"] = "both"  # log errors; the last two are the authors'
+        loss: Literal["both", "l1", "display", "balanced", "highlights"] = "both"  # the last two are the authors'
 
         def __post_init__(self) -> None:
             if self.outputs not in (3, 6):

@@ -19,7 +19,7 @@ from bench.codec import Codec, Fit, Parts
 from bench.inputs.errors import InputError
 from bench.inputs.settings import Count, Layers, Range, Width
 from bench.material import DecoderCost, Material, texel_corners, to_radiance
-from bench.training import Batch, DirectedObjective, FitSettings, Samples, distance, first_latents, fitted
+from bench.training import Batch, DirectedObjective, FitSettings, Samples, first_latents, fitted
 from bench.training.decoder import Activation, Architecture, Decoder
 from bench.training.inputs import COUNTS, Directions, direction_inputs
 from bench.training.quantise import pack_bits, unpack_bits
@@ -187,7 +187,7 @@ class NTCObjective(DirectedObjective):
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         batch = self.samples.draw(self.settings.batch, generator)
-        return distance(self.predict(batch, progress, generator), batch.target, self.settings.loss)
+        return self.distance(self.predict(batch, progress, generator), batch.target, batch.pair, progress)
 
 
 def hashed(uv: Tensor) -> Tensor:

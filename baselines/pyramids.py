@@ -26,8 +26,13 @@ def fitted_levels(btf: BTF, fit: Fit, count: int) -> int:
     return min(count, fit.density.levels(max(btf.shape))) if fit.density else count
 
 
-def drawn(levels: Sequence[Samples], count: int, share: int, generator: torch.Generator) -> tuple[Queries, Tensor]:
-    """The queries and targets of random samples; one of `share` is of a random coarser level, if there is one."""
+def drawn(
+    levels: Sequence[Samples], count: int, share: int, generator: torch.Generator
+) -> tuple[Queries, Tensor, Tensor]:
+    """The queries, targets and directions (n,) of random samples.
+
+    One of `share` is of a random coarser level, if there is one.
+    """
     coarse = count // share if len(levels) > 1 else 0
     batches = [(0, levels[0].draw(count - coarse, generator))]
     if coarse:
@@ -35,7 +40,8 @@ def drawn(levels: Sequence[Samples], count: int, share: int, generator: torch.Ge
         batches.append((level, levels[level].draw(coarse, generator)))
     uv, wo, wi, whole = zip(*(queries_of(levels, *batch) for batch in batches), strict=True)
     queries = torch.cat(uv), torch.cat(wo), torch.cat(wi), torch.cat(whole)
-    return queries, torch.cat([batch.target for _, batch in batches])
+    target, pair = (torch.cat(parts) for parts in zip(*((b.target, b.pair) for _, b in batches), strict=True))
+    return queries, target, pair
 
 
 def queries_of(levels: Sequence[Samples], level: int, batch: Batch) -> Queries:

@@ -17,6 +17,7 @@ from torch.nn import functional
 from baselines.planes import half_and_difference
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
+from bench.inputs.errors import InputError
 from bench.inputs.settings import Count, Natural
 from bench.material import HIGHEST_LEVEL, DecoderCost, Material, at_least_float32, sample_texture, to_radiance
 from bench.training import Batch, FitSettings, Samples, TextureObjective, distance, first_latents, fitted
@@ -63,6 +64,10 @@ class Zeltner2024(Codec):
         width: Count = 32  # channels of each hidden layer
         activation: Activation = "leaky-relu"  # activation of the hidden layers
         bits: Bits = 0  # bits of a stored latent on average; 0: chosen by the fit; 16, 32: floats
+
+        def __post_init__(self) -> None:
+            if self.edition == "code" and self.loss == "display":
+                raise InputError("codec zeltner2024: edition=code has a loss of its own: leave out loss=display")
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         fitting = fitted(Zeltner2024Objective, self.settings, btf, fit)

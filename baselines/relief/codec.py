@@ -24,11 +24,12 @@ from baselines.relief import geometry, sweep
 from baselines.relief.geometry import Surface, restored, slope, smoothed, stepped, wrapped
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
+from bench.inputs.errors import InputError
 from bench.inputs.settings import Layers, Natural, Positive, Range, Width
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.training import Batch, Objective, Samples, TextureSettings, compress, expand, gain_of, groups_of, train
 from bench.training.decoder import Architecture, Decoder
-from bench.training.fitting import Loss, distance
+from bench.training.fitting import Loss
 from bench.training.grids import FACTORS, Further, Grids, GridSettings, Offset, channels, load_grids, size_of, total
 from bench.training.initial_latents import first_latents
 from bench.training.inputs import Frames
@@ -198,8 +199,8 @@ class ReliefObjective(Objective):
     """The latents of the finest level, the network and, where there is a height, its refinement."""
 
     def __init__(self, levels: list[Samples], height: Tensor | None, settings: Any, fit: Fit):
-        super().__init__(levels[0])
-        self.levels, self.settings, self.fit = levels, settings, fit
+        super().__init__(levels[0], settings)
+        self.levels, self.fit = levels, fit
         generator = fit.generator()
         self.network = Network(settings, height is not None, generator)
         self.network.start_at(self.samples.mean(generator))
@@ -248,7 +249,7 @@ class ReliefObjective(Objective):
         return answer(self.network, self.pyramids, self.relief, self.tables(), queries_of(self.levels, 0, batch))
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        queries, target = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)
+        queries, target, pair = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)
         height = self.height if self.offset is not None and progress >= REFINED_FROM else None
         # By the number of the step, so that a resumed fit marches the same surface. A fit that was set back to before
         # the height moved marches the found height.
@@ -256,7 +257,7 @@ class ReliefObjective(Objective):
             self.renew()
             self.moved = height is not None
         ours = answer(self.network, self.pyramids, self.relief, self.tables(), queries, height)
-        return distance(ours, target, self.settings.loss)
+        return self.distance(ours, target, pair, progress)
 
 
 class Relief(Codec):
@@ -279,7 +280,7 @@ class Relief(Codec):
         refine: bool = True  # refine the height in the second half of the fit
         shadow: bool = True  # also march toward the light, if there is a height
         latent_rate: Positive = 1e-2  # highest learning rate of the latents
-        loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
+        loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum; or later errors as displayed
 
         def __post_init__(self) -> None:
             if not total(self):

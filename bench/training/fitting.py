@@ -25,6 +25,7 @@ from bench.machine.threads import processor_seconds
 from bench.material import keep_buffers
 from bench.metrics.display import LOG_SCALE, exposure, to_display
 from bench.metrics.psnr import psnr as decibels
+from bench.training.display_loss import DisplayLoss
 from bench.training.optimiser import Optimisers, rate
 from bench.training.stored_network import rounded_weights
 from bench.training.stored_texture import Rounding, choose_bits
@@ -44,14 +45,15 @@ ROUNDING_SAMPLES = 4_096  # samples that measure the error of rounding a channel
 GAIN = 0.02  # dB: a fit that gains less within its patience ends
 AWAY = 10.0  # root mean square error of log radiance of a diverged fit: a factor of 22,000
 
-Loss = Literal["l1", "l2", "both"]
+LogLoss = Literal["l1", "l2", "both"]
+Loss = Literal["l1", "l2", "both", "display"]
 
 
 class DivergedError(RuntimeError):
     """A fit diverged, also after each remedy."""
 
 
-def distance(ours: Tensor, target: Tensor, loss: Loss) -> Tensor:
+def distance(ours: Tensor, target: Tensor, loss: LogLoss) -> Tensor:
     """The mean distance of two log radiances: absolute, squared, or the sum of both."""
     match loss:
         case "l1":
@@ -190,11 +192,11 @@ def gain_of(btf: BTF, fit: Fit) -> float:
 class Objective(nn.Module):
     """The objective of a fit: parameters, rates, the loss of a step. Its state must be in parameters and buffers."""
 
-    settings: Any  # of the codec
-
-    def __init__(self, samples: Samples):
+    def __init__(self, samples: Samples, settings: Any):
         super().__init__()
-        self.samples = samples
+        self.samples, self.settings = samples, settings  # settings: the codec's
+        shown = getattr(settings, "loss", "") == "display"
+        self.display_loss = DisplayLoss(len(samples.wo)) if shown else None
 
     def groups(self) -> list[dict[str, Any]]:
         """Parameter groups, each with its highest learning rate, `lr`; Muon steps those with `hidden`, Adam others."""
@@ -225,7 +227,13 @@ class Objective(nn.Module):
         Every random number comes from the generator, which lives on the CPU.
         """
         batch = self.samples.draw(self.settings.batch, generator)
-        return distance(self.predict(batch, progress), batch.target, self.settings.loss)
+        return self.distance(self.predict(batch, progress), batch.target, batch.pair, progress)
+
+    def distance(self, ours: Tensor, target: Tensor, direction: Tensor, progress: float) -> Tensor:
+        """The distance of log radiances (n, 3) at directions (n,) from their targets, by the setting `loss`."""
+        if self.display_loss is None:
+            return distance(ours, target, self.settings.loss)
+        return self.display_loss(ours, target, direction, distance(ours, target, "both"), progress)
 
     def restored(self) -> None:
         """Read again what steps keep on the host, once the tensors came from a state."""

@@ -44,7 +44,7 @@ class FitSettings(TextureSettings):
 
     patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
     latent_rate: Positive = 1e-2  # highest learning rate of the neural texture
-    loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
+    loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum; or later errors as displayed
 
 
 class TextureObjective(Objective):
@@ -52,10 +52,6 @@ class TextureObjective(Objective):
 
     network: nn.Module
     texture_rate: ClassVar[str] = "latent_rate"  # the setting that is the texture's highest learning rate
-
-    def __init__(self, samples: Samples, settings: Any):
-        super().__init__(samples)
-        self.settings = settings
 
     def stored_networks(self) -> list[nn.Module]:
         return [self.network]

@@ -22,7 +22,7 @@ def btf() -> BTF:
 
 class Mean(Objective):
     def __init__(self, samples: Samples, lr: float = 0.1):
-        super().__init__(samples)
+        super().__init__(samples, None)
         self.lr = lr
         self.colour = nn.Parameter(torch.zeros(samples.texels, 3))
         self.calls = 0
