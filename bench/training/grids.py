@@ -18,7 +18,7 @@ from bench.inputs.settings import Range
 from bench.training.decoder import Architecture, Decoder
 from bench.training.stored_texture import Rounding, load_texture, store_texture
 
-FACTORS = {"latents": 1, "half": 2, "quarter": 4, "offset": 4}  # texels a side of a point of each grid
+FACTORS = {"latents": 1, "latents2": 2, "latents4": 4, "offset": 4}  # texels a side of a point of each grid
 OFFSET_CHANNELS = 4  # of the grid that the offset's network reads
 
 Further = Annotated[int, Range(0, 4096)]  # channels, or none
@@ -35,7 +35,7 @@ class GridSettings:
 
 def channels(settings: Any, offset: bool = True) -> dict[str, int]:
     """The channels of each grid that has some; without `offset` not that of the offset."""
-    counts = {"latents": settings.latents, "half": settings.half, "quarter": settings.quarter}
+    counts = {"latents": settings.latents, "latents2": settings.half, "latents4": settings.quarter}
     counts["offset"] = OFFSET_CHANNELS if settings.offset and offset else 0
     return {name: count for name, count in counts.items() if count}
 
