@@ -1,4 +1,8 @@
-"""Calls a codec's `encode`, which may be anyone's code, and turns what it does wrong into one error that names it."""
+"""Fits a codec and writes its file: the one way for a run, a command, a script, a search for a scene, and the checks.
+
+A codec's `encode` may be anyone's code. So its threads are limited and watched, what it changes of the process can be
+restored, and what it does wrong can be turned into one error that names it.
+"""
 
 import inspect
 import os
@@ -7,29 +11,101 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
+
+import torch
 
 from bench.btf import BTF
-from bench.codec import Codec, Fit, Parts
+from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, silent
+from bench.codecs import container, shared
+from bench.codecs.seeds import seed_of
 from bench.inputs.errors import CodecError, ContainerError, EncodeError, InputError, said_by, shown, unwritable
 from bench.machine.process_state import restored_process_state
+from bench.machine.threads import processor_seconds, torch_threads
 
+Encode = Callable[[BTF, Fit], Parts]  # a codec's own `encode`, or another that makes the parts of its file
 _left: list[threading.Thread] = []  # threads that codecs started and did not end
 
 
-def encoded(codec: Codec, btf: BTF, fit: Fit, encode: Callable[[BTF, Fit], Parts] | None = None) -> Parts:
-    """The parts that a codec makes of a BTF, by its own `encode` or by another; the state of the process is restored.
+class Fitted(NamedTuple):
+    """The tensors that a fit made, and its processor time in s."""
 
-    `EncodeError` if it raises any other error than an `InputError`, or tries to end the process.
+    parts: Parts
+    seconds: float
+
+
+class FittedFile(NamedTuple):
+    """The header of the file that a fit wrote, and the processor time of the fit in s."""
+
+    header: container.Header
+    seconds: float
+
+
+def new_fit(
+    codec: Codec,
+    btf: BTF,
+    repetition: int,
+    network: TrainedNetwork | None,
+    *,
+    device: str = "cpu",
+    threads: int = 1,
+    show: Progress = silent,
+    checkpoint: Path | None = None,
+) -> Fit:
+    """The context of one fit of a codec to a BTF; its seed follows from both names and the repetition.
+
+    `network` is the one that the codec shares over materials; None if it shares none. `InputError` if it was trained on
+    this material.
     """
-    try:
-        with restored_process_state(), watched_threads():
+    shared.refuse(network, btf)
+    seed = seed_of(btf.name, codec.name, repetition)
+    return Fit(torch.device(device), threads, seed, show, checkpoint, network=network)
+
+
+def fitted(codec: Codec, btf: BTF, fit: Fit, encode: Encode | None = None) -> Fitted:
+    """Fit a codec to all pairs of a BTF on the threads of `fit`, by its own `encode` or by another.
+
+    It raises what the codec raises, and what the codec changes of the process stays changed, except for the number of
+    threads. The time of a fit that was resumed includes the time before its interruption.
+    """
+    encode = encode or codec.encode
+    with torch_threads(fit.threads), watched_threads():
+        start = processor_seconds()
+        parts = encode(btf, fit)
+        seconds = processor_seconds() - start
+    if fit.history:  # its clock continues when an interrupted fit is resumed
+        seconds = max(seconds, fit.history[-1].get("seconds", 0.0))
+    return Fitted(parts, seconds)
+
+
+def fit_to_file(codec: Codec, btf: BTF, fit: Fit, path: Path, encode: Encode | None = None) -> FittedFile:
+    """Fit a codec as `fitted` does, restore the state of the process, and write the codec file to `path`.
+
+    `EncodeError` if no file can hold the parts. An error of the codec is raised as it is: see `naming_faults`.
+    """
+    place = path.absolute()  # a codec may remove the working directory
+    with restored_process_state():
+        parts, seconds = fitted(codec, btf, fit, encode)
+    return FittedFile(container.save(place, codec, parts), seconds)
+
+
+def naming_faults(codec: Codec, encode: Encode | None = None) -> Encode:
+    """The codec's own `encode` or another, which raises one error that names codec, BTF and line.
+
+    `EncodeError` if the codec raises any other error than an `InputError`, or tries to end the process.
+    """
+
+    def named(btf: BTF, fit: Fit) -> Parts:
+        try:
             return (encode or codec.encode)(btf, fit)
-    except (InputError, KeyboardInterrupt):
-        raise
-    except BaseException as error:  # also `sys.exit` and a cancelled task of asyncio
-        if isinstance(error, OSError) and unwritable(error):  # a full disk is not the codec's fault
+        except (InputError, KeyboardInterrupt):
             raise
-        raise EncodeError(f"codec {codec.name} failed to encode {btf.name}: {raised(error, codec)}") from error
+        except BaseException as error:  # also `sys.exit` and a cancelled task of asyncio
+            if isinstance(error, OSError) and unwritable(error):  # a full disk is not the codec's fault
+                raise
+            raise EncodeError(f"codec {codec.name} failed to encode {btf.name}: {raised(error, codec)}") from error
+
+    return named
 
 
 @contextmanager

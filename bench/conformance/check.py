@@ -20,7 +20,7 @@ from torch import Tensor
 from bench.btf import BTF, ArraySource
 from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, settings_dict, silent
 from bench.codecs import container, loading, shared
-from bench.codecs.encoding import raised, threads_left, watched_threads
+from bench.codecs.encoding import fit_to_file, fitted, raised, threads_left
 from bench.conformance import counting, emulated, frame
 from bench.directions.hemisphere import thinned_product, ubo2003, uniform
 from bench.inputs.errors import InputError, answered
@@ -91,9 +91,10 @@ class CodecUnderTest:
     def encode(self, name: str, btf: BTF | None = None) -> container.Header:
         """Encode a BTF, by default the small material, into a file of that name."""
         fit, folder = Fit(seed=1, network=self.network, show=self.show), os.getcwd()
-        # Generators go on, so that a codec that draws from the process's own gives another file the second time.
-        with chdir(folder), torch_threads(1), torch.enable_grad(), watched_threads():
-            parts = self.codec.encode(btf or self.btf, fit)
+        # Generators go on, so that a codec that draws from the process's own gives another file the second time:
+        # `fit_to_file` would set them back.
+        with chdir(folder), torch.enable_grad():
+            parts = fitted(self.codec, btf or self.btf, fit).parts
             if (now := working_folder()) != folder:
                 self.moved_to = now
         return container.save(self.folder / name, self.codec, parts)
@@ -269,10 +270,11 @@ def on_a_gpu(tested: CodecUnderTest) -> None:
     # An emulated GPU takes long for a kernel, so a fit has four steps.
     codec = type(tested.codec)(**settings | ({"steps": 4} if "steps" in settings else {}))
     try:
-        with emulated.emulated() as device, chdir(Path.cwd()), torch_threads(1), torch.enable_grad(), watched_threads():
+        with emulated.emulated() as device, torch_threads(1):
             fit = Fit(seed=1, network=tested.network, device=device)
             path = tested.folder / f"gpu{container.SUFFIX}"
-            parts = container.read_parts(container.save(path, codec, codec.encode(tested.btf, fit)).path)[1]
+            fit_to_file(codec, tested.btf, fit, path)
+            parts = container.read_parts(path)[1]
             material = _decoded_on(device, codec, replace(parts, network=tested.network), queries)
             answers = material.query(*(q.to(device) for q in queries)).cpu()
             material.slice(tested.btf.wo[0].tolist(), tested.btf.wi[0].tolist())

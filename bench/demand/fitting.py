@@ -4,7 +4,6 @@ Codecs need no code for this: they get a smaller BTF, and a `Fit` with a density
 """
 
 import dataclasses
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -19,10 +18,10 @@ from bench.btf import BTF, Layout
 from bench.codec import SCENE, Codec, Density, Fit, Parts, settings_dict
 from bench.codecs import container, loading
 from bench.codecs.container import Header
-from bench.codecs.encoding import encoded
+from bench.codecs.encoding import Encode, fit_to_file, naming_faults
 from bench.codecs.scene_material import unreported
 from bench.codecs.window import Window
-from bench.demand import UNIFORM
+from bench.demand import UNIFORM, require_demand
 from bench.demand.demand import Demand
 from bench.demand.frame_scorer import FLIP, PSNR, FrameScorer
 from bench.demand.needed_part import NeededPart, pair_weights, shares_from_weights, shares_of_others
@@ -76,6 +75,15 @@ def encode(codec: Codec, btf: BTF, fit: Fit, demand: Demand, uniform: float = UN
     return Problem.for_codec(codec, btf, demand, uniform).encode(codec, fit)
 
 
+def encode_of(codec: Codec, demand: Demand | None, uniform: float = UNIFORM) -> Encode:
+    """What makes the parts of a codec's file: a fit to the demand if its settings ask for a scene, else its own
+    `encode`. `InputError` if they ask for a scene and there is no demand."""
+    require_demand(codec, demand)
+    if codec.scene and demand:
+        return partial(encode, codec, demand=demand, uniform=uniform)
+    return codec.encode
+
+
 @dataclass(frozen=True)
 class Goal:
     """The goal for the frames of a scene: at least this PSNR in dB, at most this FLIP."""
@@ -98,7 +106,7 @@ class Model:
     psnr: float | None  # of the frames, in dB; None without error
     flip: float | None
     steps: int  # steps of the fit; 0 if it has none
-    seconds: float  # of the fit
+    seconds: float  # of the fit, processor time
 
 
 @dataclass(frozen=True)
@@ -110,7 +118,7 @@ class SearchResult:
     why: str  # why there is no scene model, or what the scene model omits
     met: bool  # whether the goal is reached
     fits: int
-    seconds: float  # of all fits except the full model's
+    seconds: float  # processor time of all fits except the full model's
 
     @property
     def chosen(self) -> Model:
@@ -166,13 +174,13 @@ class Search:
 
     def model(self, codec: Codec, name: str) -> Model:
         """Fit a codec, to the scene if its settings say so, else to the whole BTF; decode its file and score it."""
-        fit, start = self.fit(), time.perf_counter()
-        if codec.scene:
-            parts = encoded(codec, self.btf, fit, lambda _, fit: self.problem.encode(codec, fit))
-        else:
-            parts = encoded(codec, self.btf, fit)
-        seconds = time.perf_counter() - start
-        header = container.save(self.folder / f"{name}{container.SUFFIX}", codec, parts)
+        fit, path = self.fit(), self.folder / f"{name}{container.SUFFIX}"
+
+        def to_scene(_: BTF, fit: Fit) -> Parts:
+            return self.problem.encode(codec, fit)  # the same problem for every size
+
+        how = naming_faults(codec, to_scene if codec.scene else codec.encode)
+        header, seconds = fit_to_file(codec, self.btf, fit, path, how)
         material = unreported(loading.load(header.path, fit.device)[1])
         score = self.scorer.score(material, (PSNR, FLIP))
         steps = int(fit.history[-1]["step"]) if fit.history else 0

@@ -21,9 +21,10 @@ from typing import Any
 import numpy as np
 import torch
 
-from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, ended_bars, settings_dict, silent
+from bench.codec import Codec, Progress, TrainedNetwork, ended_bars, settings_dict, silent
 from bench.codecs import container, loading, shared
 from bench.codecs.command import Programs
+from bench.codecs.encoding import fit_to_file, new_fit
 from bench.codecs.registry import called, codec_entries, from_outside, make_codec
 from bench.codecs.seeds import seed_of
 from bench.demand import fitting, require_demand
@@ -31,7 +32,6 @@ from bench.files import atomic
 from bench.inputs.errors import NO_PLACE, CodecError, ContainerError, InputError, MissingDataError
 from bench.machine.devices import is_gpu
 from bench.machine.process_state import restored_process_state
-from bench.machine.threads import processor_seconds, torch_threads
 from bench.records import Record, fields
 from bench.records.schema import Facts
 from bench.runs import lock
@@ -192,8 +192,7 @@ class Job:
         path = self.task.folder / self.file
         if not self.task.fresh and path.exists() and (stored := self._stored(path)):
             return stored
-        facts, parts = self._encode()
-        header = container.save(path, self.codec, parts)
+        header, facts = self._fit(path)
         facts |= {"fit_key": self.fit_key, "sha256": header.sha256, "fitted": stamp(self.codec.name)}
         self.keep(str(Path(self.file).with_suffix(FACTS)), facts)  # a file without its facts is never reused
         self.checkpoint.unlink(missing_ok=True)
@@ -217,21 +216,22 @@ class Job:
         log.warning("%s is fitted again: %s is not the file that was fitted for it", self.task.name, path)
         return None
 
-    def _encode(self) -> tuple[Record, Parts]:
-        """Fit the codec; returns the facts of the fit (processor seconds and curve) and the encoded parts."""
-        device, threads = torch.device(self.task.device), self.task.threads
-        fit = Fit(device, threads, self.seed, self.show, self.checkpoint, network=self.network)
-        shared.refuse(self.network, self.workbench.training)
-        encode = self.codec.encode
-        if self.codec.scene and self.workbench.demand:
-            encode = partial(fitting.encode, self.codec, demand=self.workbench.demand, uniform=self.task.uniform)
-        with restored_process_state(), torch_threads(threads):
-            start = processor_seconds()
-            parts = encode(self.workbench.training, fit)
-            seconds = processor_seconds() - start
-        if fit.history:  # its clock continues when an interrupted fit is resumed
-            seconds = max(seconds, fit.history[-1].get("seconds", 0.0))
-        return {"fit_seconds": seconds, "history": fit.history}, parts
+    def _fit(self, path: Path) -> tuple[container.Header, Record]:
+        """Fit the codec and write its file; the facts of the fit are its processor seconds and its curve."""
+        task, training = self.task, self.workbench.training
+        fit = new_fit(
+            self.codec,
+            training,
+            task.repetition,
+            self.network,
+            device=task.device,
+            threads=task.threads,
+            show=self.show,
+            checkpoint=self.checkpoint,
+        )
+        encode = fitting.encode_of(self.codec, self.workbench.demand, task.uniform)
+        header, seconds = fit_to_file(self.codec, training, fit, path, encode)
+        return header, {"fit_seconds": seconds, "history": fit.history}
 
 
 def _facts_of_record(facts: Record) -> Record:

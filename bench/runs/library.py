@@ -11,20 +11,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Progress, SharedNetwork, silent
 from bench.codecs import container, loading, shared
-from bench.codecs.encoding import encoded
+from bench.codecs.encoding import fit_to_file, naming_faults, new_fit
 from bench.codecs.registry import make_codec
-from bench.codecs.seeds import seed_of
 from bench.codecs.slices_material import SlicesMaterial
 from bench.data.materials.variations import load_variation
 from bench.data.open import open_named
 from bench.data.readers import open_btf
 from bench.data.readers.checks import negative, refuse_extremes, some_slices
-from bench.demand import require_demand
+from bench.demand import fitting
 from bench.demand.demand import load as load_demand
 from bench.inputs.errors import InputError
 from bench.machine.threads import torch_threads
@@ -60,33 +58,33 @@ def encode(
     seed: int = 0,
     threads: int = 1,
     device: str = "cpu",
+    demand: str | Path | None = None,
     show: Progress = silent,
     **settings: Any,
 ) -> container.Header:
     """Fit a codec to the training pairs of a BTF and write its file; returns the header of the file.
 
     `codec` is a name, with its `settings`, or a codec. `seed` is the repetition, as in the `seeds` of a suite: with the
-    same data and name of the material a run writes the same file. The fit calls `show(label, done, total)` as it
-    progresses.
+    same data and name of the material a run writes the same file. With `scene=True` among the settings, the fit is to
+    the scene of `demand`, a demand file. The fit calls `show(label, done, total)` as it progresses.
     """
     if not isinstance(btf, BTF):
         raise InputError(f"bench.encode: give a BTF, not {_shown(btf)}: bench.open(name) opens one")
     if isinstance(codec, Codec) and settings:
         raise InputError(f"encode: codec {codec.name} already has its settings: give {min(settings)} when you make it")
     instance = codec if isinstance(codec, Codec) else make_codec(codec, settings)
-    require_demand(instance, None)
-    fit_seed = seed_of(btf.name, instance.name, seed)
-    fit = Fit(torch.device(device), threads, fit_seed, show, network=shared.find_for(instance))
+    scene_demand = load_demand(Path(demand)) if demand else None
+    if scene_demand and not instance.scene:
+        raise InputError("encode: a demand is for a fit to its scene: give scene=True, too, or leave out demand")
+    encode_parts = fitting.encode_of(instance, scene_demand)
+    network = shared.find_for(instance)
     train = btf.subset(btf.split().train)
     refuse_extremes(train)
     if text := negative(np.stack(list(some_slices(train)))):
         log.warning("%s: %s", btf.name, text)
-    shared.refuse(fit.network, train)
     container.refuse_other_file(Path(out))
-    place = Path(out).absolute()  # a codec may change the working directory
-    with torch_threads(threads):
-        parts = encoded(instance, train, fit)
-    return container.save(place, instance, parts)
+    fit = new_fit(instance, train, seed, network, device=device, threads=threads, show=show)
+    return fit_to_file(instance, train, fit, Path(out), naming_faults(instance, encode_parts)).header
 
 
 def load(file: str | Path, device: str = "cpu") -> Material:

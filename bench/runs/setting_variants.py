@@ -18,12 +18,12 @@ import torch
 from bench import records, timing
 from bench.codec import Codec, Fit, Progress, settings_dict, silent
 from bench.codecs import shared
+from bench.codecs.encoding import fitted
 from bench.codecs.registry import make_codec
 from bench.data.open import open_material
 from bench.demand.mitsuba import load_path_tracer
 from bench.inputs.errors import InputError
 from bench.machine.devices import is_gpu
-from bench.machine.threads import torch_threads
 from bench.material import Material
 from bench.records import Record, Run, load_run
 from bench.records.schema import setting_name
@@ -175,10 +175,9 @@ def _fits(suite: Suite, device: str, clock: Clock, done: set[str], show: Progres
 def _fitted(spec: CodecSpec, steps: int, train: Any, device: str, threads: int) -> float:
     """Wall seconds of a fit of so many steps."""
     codec: Codec = make_codec(spec.codec, spec.settings | {"steps": steps})
-    fit = Fit(torch.device(device), threads, 0, network=shared.find_for(codec))
+    fit = Fit(torch.device(device), threads, network=shared.find_for(codec))
     start = time.perf_counter()
-    with torch_threads(threads):
-        codec.encode(train, fit)
+    fitted(codec, train, fit)
     if is_gpu(device):
         torch.get_device_module(device).synchronize()
     return time.perf_counter() - start

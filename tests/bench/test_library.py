@@ -18,6 +18,7 @@ from bench.data.readers.folder import write_folder
 from bench.directions.hemisphere import from_degrees
 from bench.inputs.errors import ContainerError, InputError
 from bench.records import load_run
+from tests.bench.demand.scenes import SUN, camera, demand_of, surface
 from tests.bench.outside import install
 
 PAGE = Path(__file__).parents[2] / "docs" / "api.md"
@@ -79,6 +80,25 @@ def test_a_command_a_script_and_a_run_make_the_same_file(tmp_path, folder):
     script = bench.encode(bench.open(folder), "neubtf-direct", "script.nbtf", seed=1, **settings)
     assert job["score_key"]["sha256"] == script.sha256 == container.read_header(Path("1.nbtf")).sha256
     assert container.read_header(Path("0.nbtf")).sha256 != script.sha256
+
+
+def test_a_script_fits_to_a_scene_as_a_run_does(tmp_path, folder):
+    """A learned codec, too, whose samples are drawn by the demand."""
+    demand_of(camera(16, 12, 30, [0, -0.8, 1.4]) + surface(size=[1, 1]) + SUN).save(tmp_path / "scene.npz")
+    steps = ["--set", "neubtf-direct.steps=3", "--set", "scene=true"]
+    codecs = ["--codec", "pca", "--codec", "neubtf-direct"]
+    words = ["run", "quick", "--out", "run", "--material", str(folder), "--demand", "scene.npz", *codecs, *steps]
+    assert cli.main(words) == 0
+    measured = {job["codec"]: job for job in load_run(tmp_path / "run").jobs if job["settings"].get("scene")}
+    assert set(measured) == {"pca", "neubtf-direct"}
+    btf = bench.open(folder)
+    for name, job in measured.items():
+        header = bench.encode(btf, name, f"{name}.nbtf", demand="scene.npz", **job["settings"])
+        assert header.sha256 == job["score_key"]["sha256"], name
+        assert header.scene
+    with pytest.raises(InputError, match="a demand is for a fit to its scene: give scene=True"):
+        bench.encode(btf, "pca", "c.nbtf", demand="scene.npz")
+    assert not Path("c.nbtf").exists()
 
 
 def test_a_file_is_scored_at_the_test_pairs_of_another_seed_as_a_run_does(tmp_path, capsys):

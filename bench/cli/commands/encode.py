@@ -89,26 +89,23 @@ def _encode_for_scene(
 ) -> int:
     """Write the smallest model that reaches the target in a scene, or the full one, and show gains and losses."""
     import tempfile
+    from functools import partial
 
     import numpy as np
-    import torch
 
-    from bench.codec import Fit
     from bench.codecs import shared
-    from bench.codecs.seeds import seed_of
+    from bench.codecs.encoding import new_fit
     from bench.demand import UNIFORM, fitting
     from bench.demand.frame_scorer import FrameScorer, table_of
     from bench.files import atomic
     from bench.machine.threads import torch_threads
     from reports.scene_models import scene_models_text
 
-    def fit() -> Fit:
-        seed = seed_of(btf.name, codec.name, options.seed)
-        return Fit(torch.device(options.device), options.threads, seed, console.show, network=network)
-
-    shared.refuse(network, btf)
+    shared.refuse(network, btf)  # `new_fit` refuses it, too, but only after the frames are rendered
     scorer = FrameScorer(table_of(btf), scene_demand, console.show)
     uniform = UNIFORM if options.uniform is None else options.uniform
+    how = {"device": options.device, "threads": options.threads, "show": console.show}
+    fit = partial(new_fit, codec, btf, options.seed, network, **how)
     wanted = fitting.Goal(options.target_psnr, options.target_flip)
     with tempfile.TemporaryDirectory() as folder, torch_threads(options.threads):
         search = fitting.Search(codec, btf.subset(btf.split().train), scorer, fit, Path(folder), uniform)
@@ -123,5 +120,5 @@ def _encode_for_scene(
     else:
         share = result.scene.header.file_bytes / result.full.header.file_bytes
         verdict = f"The scene model takes {share:.0%} of the bytes: {result.why}"
-    console.say(f"{verdict}. {result.fits} fits to the scene took {result.seconds:.1f} s.")
+    console.say(f"{verdict}. {result.fits} fits to the scene took {result.seconds:.1f} s of processor time.")
     return FINE if result.met else NO

@@ -15,7 +15,7 @@ from torch import Tensor
 from bench.btf import BTF, Array
 from bench.codec import Codec, Configured, Fit, Parts, settings_dict
 from bench.codecs import container, loading
-from bench.codecs.encoding import raised, watched_threads
+from bench.codecs.encoding import fit_to_file, fitted, raised
 from bench.conformance.check import CheckError, CodecUnderTest, NotApplicable
 from bench.machine.threads import torch_threads
 from bench.material import Material
@@ -103,15 +103,14 @@ class Subject:
 
     def made(self, codec: Codec, btf: BTF) -> Parts:
         """What the codec makes of a BTF, with a new fit."""
-        with watched_threads():
-            return codec.encode(btf, self.fit())
+        return fitted(codec, btf, self.fit()).parts
 
     def encode(self, btf: BTF, stretch: int = 1, **changes: Any) -> Encoded:
         """Encode with the codec's fit, or with `stretch` times its steps, then write, read and decode."""
         if stretch > 1 and self.fits:
             changes = {"steps": stretch * self.tested.codec.settings.steps} | changes
         codec, path = self.codec(**changes), self.tested.folder / f"stress{container.SUFFIX}"
-        container.save(path, codec, self.made(codec, btf))
+        fit_to_file(codec, btf, self.fit(), path)
         material = loading.load(path, network=self.tested.network)[1]
         pairs = zip(btf.wo.tolist(), btf.wi.tolist(), strict=True)
         return Encoded(btf, torch.stack([material.slice(wo, wi) for wo, wi in pairs]).numpy())

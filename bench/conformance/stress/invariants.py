@@ -17,6 +17,7 @@ from torch.nn import functional
 from bench.btf import Array
 from bench.codec import Configured
 from bench.codecs import container, shared
+from bench.codecs.encoding import fit_to_file
 from bench.conformance import check
 from bench.conformance.check import CheckError, tiny_radiance
 from bench.conformance.stress.case import Case, Measured, Subject, applicable, require, short
@@ -145,7 +146,7 @@ def diverges(subject: Subject) -> None:
     try:
         if wild:
             wild_codec = subject.codec(**wild)
-            container.save(path, wild_codec, subject.made(wild_codec, ordinary()))
+            fit_to_file(wild_codec, ordinary(), subject.fit(), path)
         elif network:
             wild_network = network(**short(network) | wild_of_network)
             shared.make(wild_network, check.others(ordinary()), subject.fit(), path)

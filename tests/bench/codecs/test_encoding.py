@@ -11,7 +11,7 @@ import pytest
 from baselines.mean_colour import MeanColour
 from bench import cli
 from bench.codec import Fit
-from bench.codecs.encoding import encoded, threads_left
+from bench.codecs.encoding import fit_to_file, fitted, naming_faults, threads_left
 from bench.conformance.check import leaves_the_process, tiny_btf
 from bench.conformance.verdicts import check
 from bench.inputs.errors import EncodeError, InputError
@@ -42,8 +42,9 @@ def fails(error):
     ],
 )
 def test_any_error_of_a_codec_names_codec_data_and_line(error, says):
+    codec = fails(error)()
     with pytest.raises(EncodeError) as raised:
-        encoded(fails(error)(), tiny_btf(), Fit())
+        fitted(codec, tiny_btf(), Fit(), naming_faults(codec))
     message = str(raised.value)
     assert message.startswith(f"codec mean-colour failed to encode check: {says}")
     assert f"{Path(__file__).name}:" in message
@@ -52,8 +53,9 @@ def test_any_error_of_a_codec_names_codec_data_and_line(error, says):
 
 def test_bad_input_and_a_full_disk_are_not_the_codecs_fault():
     for error in (InputError("bad input"), OSError(28, "No space left on device")):
+        codec = fails(error)()
         with pytest.raises(type(error)) as raised:
-            encoded(fails(error)(), tiny_btf(), Fit())
+            fitted(codec, tiny_btf(), Fit(), naming_faults(codec))
         assert raised.value is error
 
 
@@ -65,14 +67,15 @@ def test_the_working_directory_is_restored_and_a_check_says_that_it_was_left(tmp
         os.chdir("elsewhere")
         return MeanColour.encode(self, btf, fit)
 
-    encoded(with_encode(wanders)(), tiny_btf(), Fit())
+    fit_to_file(with_encode(wanders)(), tiny_btf(), Fit(), Path("a.nbtf"))
     assert Path.cwd() == tmp_path
+    assert (tmp_path / "a.nbtf").exists()  # a path is relative to where the fit began
     said = {result.name: result.failure for result in check(with_encode(wanders)())}
     assert said[leaves_the_process.__doc__].startswith(f"encode changes the working directory to {tmp_path}/elsewhere")
     assert Path.cwd() == tmp_path
 
 
-def test_a_process_that_a_codec_forks_ends_with_its_encode():
+def test_a_process_that_a_codec_forks_ends_with_its_encode(tmp_path):
     endings = []
 
     def forks(self, btf, fit):
@@ -81,7 +84,7 @@ def test_a_process_that_a_codec_forks_ends_with_its_encode():
         endings.append(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
         return MeanColour.encode(self, btf, fit)
 
-    assert encoded(with_encode(forks)(), tiny_btf(), Fit()).texture
+    assert fit_to_file(with_encode(forks)(), tiny_btf(), Fit(), tmp_path / "a.nbtf").header.tensors
     assert [result.failure for result in check(with_encode(forks)()) if result.failure] == []
     assert len(endings) > 10
     assert set(endings) == {1}

@@ -13,7 +13,7 @@ from bench.codecs.container import read_header
 from bench.compare.choosing import TIE_DB, Limits, chosen, described, nearest, usable
 from bench.conformance.check import tiny_btf
 from bench.inputs.errors import InputError
-from bench.records import append
+from bench.records import append, load_run
 
 
 def row(name, psnr, size, ns, **more):
@@ -127,6 +127,27 @@ def test_the_chosen_file_is_offered_and_the_command_makes_it_byte_for_byte(tmp_p
     few = ["--max-gpu-bytes", str(int(exported.replace(",", "")) - 1)]
     assert cli.main([*words, *few]) == 1
     assert "no setting meets that" in capsys.readouterr().out
+
+
+def test_the_command_makes_the_file_that_was_measured_on_a_built_in_material(tmp_path, monkeypatch, capsys, brief):
+    """Two rungs of a codec that starts at random numbers, so that another seed makes another file."""
+    monkeypatch.setattr("bench.runs.trade.BATCH", 256)
+    monkeypatch.setattr("bench.timing.profile.COPIED", 1 << 20)
+    monkeypatch.chdir(tmp_path)
+    data = "data = {size = 16, views = 6, lights = 6, heldout = 6, validation = true}"
+    codecs = 'codecs = [{codec = "neubtf-direct", steps = 2, latents = [4, 8]}]'
+    (tmp_path / "own.toml").write_text(f'materials = ["satin"]\nseeds = [1]\n{data}\n{codecs}\n')
+    wish = ["--min-psnr", "0"]  # the smaller rung
+    assert cli.main(["choose", "satin", *wish, "--suite", "own.toml", "--out", "r"]) == 0
+    command = shlex.split(capsys.readouterr().out.splitlines()[-1])
+    jobs = load_run("r").jobs
+    measured = {job["settings"]["latents"]: job["score_key"]["sha256"] for job in jobs}
+    assert set(measured) == {4, 8}
+    assert cli.main(command[1:]) == 0
+    assert read_header(tmp_path / command[-1]).sha256 == measured[4]
+    first = [*command[1:-1], "first.nbtf", "--seed", "0"]
+    assert cli.main(first) == 0
+    assert read_header(tmp_path / "first.nbtf").sha256 != measured[4]
 
 
 def test_the_copy_replaces_no_measurement(tmp_path, capsys):
