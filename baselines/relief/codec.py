@@ -273,7 +273,7 @@ class Relief(Codec):
         bits: Annotated[int, Range(0, 8)] = 0  # bits of a stored latent on average; 0: as few as add little error
         layers: Layers = 3  # hidden layers of the network
         width: Width = 32  # channels of each hidden layer
-        activation: Literal["sine", "relu", "smelu"] = "sine"  # the sine with a layer norm and residuals
+        activation: Literal["sine", "silu", "relu"] = "sine"  # the sine with a layer norm and residuals
         omega: Positive = 2.0  # frequency of the sine
         relief: bool = True  # look for a height; it is written only if the slices show one
         frames: bool = True  # turn the directions into two learned shading frames, if there is a height

@@ -14,7 +14,7 @@ from torch.nn import functional
 
 from bench.material import sample_texture, saturated
 
-Activation = Literal["relu", "leaky-relu", "smelu", "sine"]
+Activation = Literal["relu", "leaky-relu", "smelu", "silu", "sine"]
 
 FREE = 1 << 22  # weights that any network may have, even if its file holds fewer numbers
 _most: ContextVar[int | None] = ContextVar("_most", default=None)  # weights of a network that is being decoded
@@ -127,6 +127,8 @@ class Decoder(Network):
                 return functional.leaky_relu(x, LEAK, inplace=free)
             case "smelu":
                 return smelu(x)
+            case "silu":
+                return functional.silu(x, inplace=free)
             case "relu":
                 return functional.relu(x, inplace=free)
 

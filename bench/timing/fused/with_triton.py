@@ -107,6 +107,8 @@ def _network(  # type: ignore[no-untyped-def]
             turn = hidden - tl.floor(hidden + 0.5)
             s = turn * turn
             hidden = (((((C5 * s + C4) * s + C3) * s + C2) * s + C1) * s + C0) * turn
+        elif ACTIVATION == "silu":
+            hidden = hidden * tl.sigmoid(hidden)
         else:
             hidden = _rectified(hidden, SLOPE, BEND, PARABOLA)
         if RESIDUAL and layer > 0:
