@@ -6,14 +6,13 @@ that fails the test on other views is not written. See docs/relief.md.
 
 The material marches the view ray to the surface, or without a height moves the look-up by a small network; fetches
 the latents there, from grids at full, half and quarter resolution; and shades. The network sees ω_o, ω_i and the half
-vector h in xyz. With a height it also sees the same in two shading frames (Zeltner et al., "Real-time neural appearance
-models", ACM Trans. Graph. 43(3), 2024), and how far the relief rises into the ray to the light.
+vector h in xyz, and with a height how far the relief rises into the ray to the light.
 """
 
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import torch
 from torch import Tensor, nn
@@ -32,8 +31,8 @@ from bench.training.decoder import Architecture, Decoder
 from bench.training.fitting import Loss
 from bench.training.grids import FACTORS, Further, Grids, GridSettings, Offset, channels, load_grids, size_of, total
 from bench.training.initial_latents import first_latents
-from bench.training.inputs import Frames
-from bench.training.stored_network import load_network, store_network
+from bench.training.inputs import COUNTS, direction_inputs
+from bench.training.stored_network import WeightPrecision, load_network, store_network
 
 COARSE_SHARE = 8  # one of this many samples is of a coarser level
 # Share of the steps. Earlier, latents are still misplaced, and would pull the height with them.
@@ -41,7 +40,6 @@ REFINED_FROM = 0.5
 RENEWED = 10  # steps between two surfaces that are marched, while the height is refined
 HIGHEST = 2 * geometry.REACH  # and −HIGHEST the lowest height, in widths of the picture: what a decoder reads
 HEIGHT_RATE = 0.02  # texels, the highest learning rate of the height
-FRAMES = 2
 DEEPEST = 3.0  # level of detail of footprints of 8 texels, which the network sees as 1
 SHADOW = 0.5  # texels: about half of the penumbra that a texel's width makes
 
@@ -52,22 +50,15 @@ class Network(nn.Module):
     def __init__(self, settings: Any, relief: bool, generator: torch.Generator | None = None):
         super().__init__()
         self.shadow: bool = relief and settings.shadow
-        latents, framed = total(settings), relief and settings.frames
-        inputs = latents + 1 + 9 * (1 + FRAMES * framed) + self.shadow
+        inputs = total(settings) + 1 + COUNTS["xyzh"] + self.shadow
         widths = (settings.width,) * settings.layers
-        outputs = 6 if self.shadow else 3
-        sine = settings.activation == "sine"  # which needs a norm before it and gains by residuals
-        architecture = Architecture(inputs, widths, outputs, settings.activation, settings.omega, sine, sine)
-        self.decoder = Decoder(architecture, generator)
-        self.frames = Frames(latents, FRAMES, generator) if framed else None
+        self.decoder = Decoder(Architecture(inputs, widths, 6 if self.shadow else 3, "silu"), generator)
         self.offset = Offset(settings.offset, generator) if settings.offset and not relief else None
 
     @property
     def flops(self) -> int:
         """Operations of one sample, a fused multiply-add counted as two."""
-        frames = self.frames.flops(3) if self.frames is not None else 0
-        offset = self.offset.flops if self.offset is not None else 0
-        return self.decoder.architecture.flops + frames + offset
+        return self.decoder.architecture.flops + (self.offset.flops if self.offset is not None else 0)
 
     def start_at(self, level: Tensor) -> None:
         """Set the network to answer one log radiance (3,) for any inputs, with the mask open."""
@@ -76,10 +67,8 @@ class Network(nn.Module):
 
     def forward(self, latents: Tensor, level: Tensor, wo: Tensor, wi: Tensor, excess: Tensor | None) -> Tensor:
         """Log radiance (n, 3); `level` (n, 1) is that of detail, `excess` (n, 1) in texels, if there is a relief."""
-        half = functional.normalize(wo + wi, dim=1)
-        inputs = [latents, level.to(latents.dtype) / DEEPEST, torch.cat([wo, wi, half], 1).to(latents.dtype)]
-        if self.frames is not None:
-            inputs.append(self.frames.turned(latents, torch.stack([wo, wi, half], 1)).to(latents.dtype))
+        numbers = [level / DEEPEST, *direction_inputs(wo, wi, "xyzh")]
+        inputs = [latents, *(each.to(latents.dtype) for each in numbers)]
         if excess is not None:
             inputs.append((excess * SHADOW).tanh().to(latents.dtype))
         out = self.decoder(torch.cat(inputs, 1)).to(wo.dtype)
@@ -269,18 +258,19 @@ class Relief(Codec):
     @dataclass(frozen=True)
     class Settings(TextureSettings, GridSettings):
         steps: Natural = 2_600  # steps of the fit
-        latents: Further = 14  # channels of the neural texture at full resolution
+        latents: Further = 4  # channels of the neural texture at full resolution
+        half: Further = 4  # further channels at half the resolution
+        quarter: Further = 8  # further channels at a quarter of it
+        offset: Further = 32  # without a height: hidden channels of the network that moves a look-up along the view
         bits: Annotated[int, Range(0, 8)] = 0  # bits of a stored latent on average; 0: as few as add little error
         layers: Layers = 3  # hidden layers of the network
-        width: Width = 32  # channels of each hidden layer
-        activation: Literal["sine", "silu", "relu"] = "sine"  # the sine with a layer norm and residuals
-        omega: Positive = 2.0  # frequency of the sine
+        width: Width = 64  # channels of each hidden layer
+        weights: WeightPrecision = "int8"  # precision of the stored network; eight bits are rounded in the fit, too
         relief: bool = True  # look for a height; it is written only if the slices show one
-        frames: bool = True  # turn the directions into two learned shading frames, if there is a height
         refine: bool = True  # refine the height in the second half of the fit
         shadow: bool = True  # also march toward the light, if there is a height
         latent_rate: Positive = 1e-2  # highest learning rate of the latents
-        loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum; or later errors as displayed
+        loss: Loss = "display"  # error of log radiance: absolute, squared, or their sum; or later errors as displayed
 
         def __post_init__(self) -> None:
             if not total(self):

@@ -1,9 +1,8 @@
 """A neural texture on up to three grids: channels at full, half and quarter resolution, fetched at one place.
 
 A channel at a quarter takes a sixteenth of the bits of one at full resolution, and many channels of a surface change
-slowly. A look-up may also be moved with the view, by a small network behind a gate that starts at 0, as NeuralBTF does
-(docs/recipes.md): where a texel blurs a relief over the places at which views see it, this finds most of what a height
-would.
+slowly. A look-up may also be moved along the view, by a depth that a small network finds: where a texel blurs a relief
+over the places at which views see it, this sharpens it, without a height.
 """
 
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from bench.training.stored_texture import Rounding, load_texture, store_texture
 FACTORS = {"latents": 1, "latents2": 2, "latents4": 4, "offset": 4}  # texels a side of a point of each grid
 OFFSET_CHANNELS = 4  # of the grid that the offset's network reads
 
+LOWEST = 0.2  # cosine of a view: nearer to the horizon (78.5°) it moves a look-up no further
 Further = Annotated[int, Range(0, 4096)]  # channels, or none
 
 
@@ -30,7 +30,7 @@ class GridSettings:
 
     half: Further = 0  # further channels at half the resolution
     quarter: Further = 0  # further channels at a quarter of it
-    offset: Further = 0  # hidden channels of the network that moves a look-up with the view; 0: no offset
+    offset: Further = 0  # hidden channels of the network that moves a look-up along the view; 0: no offset
 
 
 def channels(settings: Any, offset: bool = True) -> dict[str, int]:
@@ -95,19 +95,24 @@ def load_grids(stored: dict[str, Tensor], settings: Any, shape: tuple[int, int],
 
 
 class Offset(nn.Module):
-    """Moves a look-up with the view: a small network of the offset's latents and ω_o, behind a gate."""
+    """Moves a look-up along the view, by a depth of the offset's latents and ω_o; its scale, the gate, starts at 0.
+
+    Moved freely, as NeuralBTF does, neighbouring views of a periodic surface such as corduroy settle periods apart, and
+    a view between them sees it half a period away: docs/relief.md.
+    """
 
     def __init__(self, width: int, generator: torch.Generator | None = None):
         super().__init__()
-        self.decoder = Decoder(Architecture(OFFSET_CHANNELS + 3, (width,), 2), generator)
+        self.decoder = Decoder(Architecture(OFFSET_CHANNELS + 3, (width,), 1), generator)
         self.gate = nn.Parameter(torch.zeros(1))
 
     @property
     def flops(self) -> int:
         """Operations of one sample, a fused multiply-add counted as two."""
-        return self.decoder.architecture.flops + 6
+        return self.decoder.architecture.flops + 7
 
     def moved(self, uv: Tensor, latents: Tensor, wo: Tensor) -> Tensor:
-        """uv (n, 2), moved by what the latents (n, 4) there say for views wo (n, 3)."""
-        by = self.gate * self.decoder(torch.cat([latents, wo.to(latents.dtype)], 1)).tanh()
-        return uv + by.to(uv.dtype)
+        """uv (n, 2), moved by the depth that latents (n, 4) there have for views wo (n, 3)."""
+        depth = self.gate * self.decoder(torch.cat([latents, wo.to(latents.dtype)], 1)).tanh()
+        slope = wo[:, :2] / wo[:, 2:].clamp_min(LOWEST)
+        return uv + depth.to(uv.dtype) * slope.to(uv.dtype)

@@ -29,9 +29,9 @@ def fitted(btf: BTF, **settings: Any) -> ReliefMaterial:
 
 @pytest.mark.parametrize(
     ("settings", "count"),
-    # (42 + 1) · 32 + 2 · 33 · 32 + 33 · 3, norms 6 · 32, frames 15 · 12
-    [({}, 3_959), ({"frames": False}, 3_203), ({"latents": 4, "width": 16}, 1_279)],
-    ids=["default", "no frames", "small"],
+    # (16 + 1 + 9 + 1) · 64 + 2 · 65 · 64 + 65 · 3, and of the offset (4 + 3 + 1) · 32 + 33 + 1
+    [({}, 10_533), ({"offset": 0}, 10_243), ({"half": 0, "quarter": 0, "offset": 0, "width": 16}, 835)],
+    ids=["default", "no offset", "small"],
 )
 def test_parameters_without_relief(settings: dict[str, Any], count: int) -> None:
     material = fitted(tiny_btf(), **settings)
@@ -71,7 +71,8 @@ def test_highlights_that_move_hide_no_relief() -> None:
 )
 def test_no_height_is_written_where_there_is_none(btf: BTF) -> None:
     parts = Relief(steps=1, batch=64).encode(btf, Fit())
-    assert set(parts.texture) == {"latents", "low", "step"}
+    assert "height" not in parts.texture
+    assert "offset" in parts.texture
 
 
 def test_relief_is_nearer_than_none() -> None:
