@@ -13,6 +13,7 @@ from bench.conformance.check import tiny_btf
 from bench.conformance.counting import held_floats
 from bench.data.materials import load, recipe
 from bench.data.materials.maps import resize
+from bench.inputs.errors import InputError
 from bench.material import parameters
 from bench.training import fitting as training
 from bench.training import gain_of
@@ -43,6 +44,12 @@ def test_the_numbers_that_are_declared_are_those_that_its_decoder_holds(btf: BTF
     material = fitted(btf)
     assert material.cost.texture_floats == held_floats(material)
     assert material.cost.texture_floats > material.size[0] * material.size[1] * material.cost.texture_channels
+
+
+def test_a_texture_without_channels_is_refused() -> None:
+    with pytest.raises(InputError, match="relief needs a channel"):
+        Relief(latents=0, half=0, quarter=0)
+    assert fitted(tiny_btf(), latents=0, half=0, quarter=3).cost.texture_channels == 0
 
 
 def test_the_height_is_found() -> None:
