@@ -26,9 +26,8 @@ from bench.codec import Codec, Fit, Parts
 from bench.inputs.errors import InputError
 from bench.inputs.settings import Layers, Natural, Positive, Range, Width
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
-from bench.training import Batch, Objective, Samples, TextureSettings, compress, expand, gain_of, groups_of, train
+from bench.training import Batch, Loss, Objective, Samples, TextureSettings, compress, expand, gain_of, groups_of, train
 from bench.training.decoder import Architecture, Decoder
-from bench.training.fitting import Loss
 from bench.training.grids import FACTORS, Further, Grids, GridSettings, Offset, channels, load_grids, size_of, total
 from bench.training.initial_latents import first_latents
 from bench.training.inputs import COUNTS, direction_inputs

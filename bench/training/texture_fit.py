@@ -12,10 +12,11 @@ from bench.codec import Fit, Parts
 from bench.inputs.settings import BatchSize, Natural, Positive
 from bench.material import DecoderCost, Material, to_radiance
 from bench.training.decoder import Decoder
-from bench.training.fitting import Loss, Objective, Samples, gain_of, train
+from bench.training.fitting import Loss, Objective, train
 from bench.training.initial_latents import Start
 from bench.training.inputs import Directions, direction_inputs
 from bench.training.optimiser import Optimiser, groups_of
+from bench.training.samples import Samples, gain_of
 from bench.training.stored_network import WeightPrecision, store_network
 
 
