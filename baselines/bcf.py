@@ -19,8 +19,9 @@ from bench.inputs.errors import InputError
 from bench.inputs.settings import Layers, Width
 from bench.material import Material
 from bench.training import Batch, DirectedObjective, FitSettings, Samples, TextureMaterial, first_latents, fitted
-from bench.training.decoder import Architecture, Decoder, load_network
+from bench.training.decoder import Architecture, Decoder
 from bench.training.inputs import COUNTS, Directions
+from bench.training.stored_network import load_network
 
 OMEGA = 2.0  # frequency of the network's sine, as NeuBTF's
 ROUNDED_FROM = 0.5  # share of the steps after which latents are those of real blocks

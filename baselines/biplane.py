@@ -21,9 +21,9 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts, SharedNetwork
 from bench.inputs.settings import BatchSize, Count, Natural, NotNegative, Positive
 from bench.material import HALF_MAX, DecoderCost, Material, sample_texture, saturated, texel_corners, to_radiance
-from bench.training import RANDOM_SPREAD, Batch, Loss, Samples, TextureObjective, distance, gain_of, train
-from bench.training.decoder import LEAK, load_network, store_network
-from bench.training.quantise import WeightPrecision
+from bench.training import RANDOM_SPREAD, Batch, LogLoss, Samples, TextureObjective, distance, gain_of, train
+from bench.training.decoder import LEAK
+from bench.training.stored_network import WeightPrecision, load_network, store_network
 from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
 
 FEATURES = 6  # of each plane
@@ -44,7 +44,7 @@ class PlaneSettings:
     difference: Difference = "nearest"  # turn to the half vector: about z, then y as published, or the shortest way
     blur: NotNegative = 2.0  # σ in texels of the plane over half vectors
     plane_rate: Positive = 2e-2  # highest learning rate of planes, matrices and offsets
-    loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
+    loss: LogLoss = "both"  # error of log radiance: absolute, squared, or their sum
 
 
 class BiplaneNetwork(SharedNetwork):
@@ -187,6 +187,10 @@ class BiplaneObjective(TextureObjective):
         held = (material, corner, weight, d[:, :2], blurring(SIDE, settings.blur))
         # (texels,), twice (pairs, 4), (pairs, 2), and the kernel.
         self.material, self.corner, self.weight, self.d, self.kernel = (nn.Buffer(x, persistent=False) for x in held)
+
+    def stored_networks(self) -> list[nn.Module]:
+        fitted = any(p.requires_grad for p in self.network.parameters())
+        return [self.network] if fitted else []  # the file of one material holds no network
 
     def groups(self) -> list[dict[str, Any]]:
         planes = [{"params": [self.texture, self.free, self.colours], "lr": self.settings.plane_rate}]

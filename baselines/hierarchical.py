@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from baselines.neumip import COARSE_SHARE, Networks, NeuMIP, NeuMIPObjective, Pyramid, PyramidSettings, _log
-from baselines.pyramids import queries_of
+from baselines.pyramids import queries_of, sampled
 from bench.inputs.settings import BatchSize, NotNegative, Range
 from bench.material import DecoderCost, Material, sample_texture, saturated, to_radiance
 from bench.metrics.display import LOG_SCALE
@@ -138,7 +138,7 @@ class HierarchicalNetworks(Networks):
             finest = offset.unflatten(0, pyramid.levels[0])
             own = pyramid.fetch(offset, uv, torch.zeros_like(each)) if fits else sample_texture(finest, uv)
             uv = self.move(uv, own, wo.repeat_interleave(texels, 0), pyramid.reach)
-        latents = (pyramid.fetch if fits else pyramid.sample)(table, uv, each)
+        latents = pyramid.fetch(table, uv, each) if fits else sampled(pyramid, table, uv, each)
         numbers = torch.cat([place.to(latents.dtype), latents], 1).unflatten(0, (len(middle), side, side))
         out = self.decoder(self.seen(wo, wi), numbers)
         return to_radiance(out @ self.to_rgb.to(out.dtype), 1.0)

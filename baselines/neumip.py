@@ -14,18 +14,18 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from baselines.pyramids import Levels, drawn, fitted_levels, mixed, queries_of
+from baselines.pyramids import Levels, drawn, fitted_levels, mixed, queries_of, sampled
 from bench.btf import BTF, periods
 from bench.codec import Codec, Fit, Parts
 from bench.inputs.errors import InputError
 from bench.inputs.settings import Natural, Positive, Width
-from bench.machine.devices import is_gpu
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.metrics.display import LOG_SCALE
 from bench.training import Batch, Objective, Samples, TextureSettings, gain_of, groups_of, train
-from bench.training.decoder import Architecture, Decoder, load_network, store_network
+from bench.training.decoder import Architecture, Decoder
 from bench.training.initial_latents import RANDOM_SPREAD, Start, first_latents
 from bench.training.inputs import COUNTS, Directions, direction_inputs
+from bench.training.stored_network import load_network, store_network
 from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
 
 WIDTHS = (25, 25, 25)  # of the offset network
@@ -68,13 +68,6 @@ class Pyramid(Levels):
         super().__init__(size, levels or level_count(size))
         # (2,), of an offset of 1 along u and v: equally far on the surface.
         self.reach = nn.Buffer(OFFSET_SCALE * torch.tensor(periods(size)), persistent=False)
-
-    def sample(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
-        """As `fetch` at real levels, without a gradient: one bilinear fetch if all levels are the finest."""
-        if not (torch.compiler.is_exporting() or is_gpu(uv.device) or level.any()):  # these two take no branches
-            return sample_texture(table[: self.counts[0]].unflatten(0, self.levels[0]), uv)
-        index, weight = self.around(uv, level)
-        return functional.embedding_bag(index, table, per_sample_weights=weight.to(table.dtype), mode="sum")
 
     def fetch(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
         """Values (n, C) of a table of all levels at uv (n, 2), bilinear, periodic, and linear between two levels."""
@@ -132,8 +125,8 @@ class NeuMIPObjective(Objective):
     made_of: ClassVar[type[Networks]] = Networks
 
     def __init__(self, levels: list[Samples], settings: Any, generator: torch.Generator):
-        super().__init__(levels[0])
-        self.levels, self.settings = levels, settings
+        super().__init__(levels[0], settings)
+        self.levels = levels
         self.pyramid = Pyramid(self.samples.shape, len(levels))
         self.networks = self.made_of(settings, generator)
         self.networks.start_at(self.samples.mean(generator))
@@ -153,6 +146,9 @@ class NeuMIPObjective(Objective):
         picture = finest.T.unflatten(1, self.samples.shape)
         levels = (functional.adaptive_avg_pool2d(picture, size) for size in self.pyramid.levels)
         return torch.cat([level.flatten(1).T for level in levels])
+
+    def stored_networks(self) -> list[nn.Module]:
+        return [self.networks]
 
     def groups(self) -> list[dict[str, Any]]:
         settings = self.settings
@@ -182,8 +178,10 @@ class NeuMIPObjective(Objective):
         return _log(answer(self.networks, self.pyramid, *self.textures(progress), queries))
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        queries, target = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)
+        queries, target, pair = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)
         ours = answer(self.networks, self.pyramid, *self.textures(progress), queries)
+        if self.settings.loss == "display":
+            return self.distance(_log(ours), target, pair, progress)
         squared, log, linear = LOSSES[self.settings.loss]
         loss = squared * functional.mse_loss(_log(ours), target) + log * functional.l1_loss(_log(ours), target)
         return loss + linear * functional.l1_loss(ours, target.expm1()) / LOG_SCALE
@@ -227,7 +225,7 @@ class NeuMIPMaterial(Material):
         if self.offset is not None:
             latents = sample_texture(self.offset.unflatten(0, self.size), uv)
             uv = self.networks.move(uv, latents, wo, self.pyramid.reach)
-        latents = self.pyramid.sample(self.table, uv, self.pyramid.level(footprint))
+        latents = sampled(self.pyramid, self.table, uv, self.pyramid.level(footprint))
         return self.networks.colour(latents, wo, wi) / self.gain
 
 
@@ -260,7 +258,7 @@ class NeuMIP(Codec):
         steps: Natural = 10_000  # steps of the fit
         width: Width = 25  # of the decoder's hidden layers
         outputs: int = 6  # of the decoder: colour and mask, as in the authors' code, or 3, colour, as in their text
-        loss: Literal["both", "l1", "balanced", "highlights"] = "both"  # log errors; the last two are the authors'
+        loss: Literal["both", "l1", "display", "balanced", "highlights"] = "both"  # the last two are the authors'
 
         def __post_init__(self) -> None:
             if self.outputs not in (3, 6):

@@ -20,8 +20,9 @@ from bench.inputs.settings import BatchSize, Layers, Natural, Positive, Width
 from bench.material import DecoderCost, Material, at_least_float32, sample_texture, to_radiance
 from bench.metrics.display import LOG_SCALE
 from bench.training import Batch, FitSettings, Optimiser, Samples, TextureObjective, first_latents, fitted
-from bench.training.decoder import Architecture, Decoder, load_network
+from bench.training.decoder import Architecture, Decoder
 from bench.training.inputs import COUNTS, direction_inputs
+from bench.training.stored_network import load_network
 from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
 
 Inputs = Literal["xyzh", "harmonics"]

@@ -19,10 +19,11 @@ from bench.codec import Codec, Fit, Parts
 from bench.inputs.errors import InputError
 from bench.inputs.settings import Count, Layers, Range, Width
 from bench.material import DecoderCost, Material, texel_corners, to_radiance
-from bench.training import Batch, DirectedObjective, FitSettings, Samples, distance, first_latents, fitted
-from bench.training.decoder import Activation, Architecture, Decoder, load_network
+from bench.training import Batch, DirectedObjective, FitSettings, Samples, first_latents, fitted
+from bench.training.decoder import Activation, Architecture, Decoder
 from bench.training.inputs import COUNTS, Directions, direction_inputs
 from bench.training.quantise import pack_bits, unpack_bits
+from bench.training.stored_network import load_network
 
 OCTAVES, TILE, PLACE = 3, 8, 12  # encoding of places: it repeats after 8 texels, and has 12 numbers
 OMEGA = 2.0  # frequency of the sine, if the activation is a sine
@@ -186,7 +187,7 @@ class NTCObjective(DirectedObjective):
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         batch = self.samples.draw(self.settings.batch, generator)
-        return distance(self.predict(batch, progress, generator), batch.target, self.settings.loss)
+        return self.distance(self.predict(batch, progress, generator), batch.target, batch.pair, progress)
 
 
 def hashed(uv: Tensor) -> Tensor:

@@ -9,6 +9,8 @@ from torch.nn import functional
 
 from bench.btf import BTF
 from bench.codec import Fit
+from bench.machine.devices import is_gpu
+from bench.material import sample_texture
 from bench.training import Batch, Samples
 
 Queries = tuple[Tensor, Tensor, Tensor, Tensor]  # uv (n, 2) in [0, 1], wo and wi (n, 3), level of detail (n,)
@@ -24,8 +26,13 @@ def fitted_levels(btf: BTF, fit: Fit, count: int) -> int:
     return min(count, fit.density.levels(max(btf.shape))) if fit.density else count
 
 
-def drawn(levels: Sequence[Samples], count: int, share: int, generator: torch.Generator) -> tuple[Queries, Tensor]:
-    """The queries and targets of random samples; one of `share` is of a random coarser level, if there is one."""
+def drawn(
+    levels: Sequence[Samples], count: int, share: int, generator: torch.Generator
+) -> tuple[Queries, Tensor, Tensor]:
+    """The queries, targets and directions (n,) of random samples.
+
+    One of `share` is of a random coarser level, if there is one.
+    """
     coarse = count // share if len(levels) > 1 else 0
     batches = [(0, levels[0].draw(count - coarse, generator))]
     if coarse:
@@ -33,7 +40,8 @@ def drawn(levels: Sequence[Samples], count: int, share: int, generator: torch.Ge
         batches.append((level, levels[level].draw(coarse, generator)))
     uv, wo, wi, whole = zip(*(queries_of(levels, *batch) for batch in batches), strict=True)
     queries = torch.cat(uv), torch.cat(wo), torch.cat(wi), torch.cat(whole)
-    return queries, torch.cat([batch.target for _, batch in batches])
+    target, pair = (torch.cat(parts) for parts in zip(*((b.target, b.pair) for _, b in batches), strict=True))
+    return queries, target, pair
 
 
 def queries_of(levels: Sequence[Samples], level: int, batch: Batch) -> Queries:
@@ -94,6 +102,14 @@ def mixed(table: Tensor, index: Tensor, weight: Tensor) -> Tensor:
     return (corners * weight[..., None].to(table.dtype)).sum(1)
 
 
+def sampled(levels: Levels, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
+    """Values (n, C) of a table at uv (n, 2), without a gradient: one bilinear fetch if all levels are the finest."""
+    if not (torch.compiler.is_exporting() or is_gpu(uv.device) or level.any()):  # these two take no branches
+        return sample_texture(table[: levels.counts[0]].unflatten(0, levels.levels[0]), uv)
+    index, weight = levels.around(uv, level)
+    return functional.embedding_bag(index, table, per_sample_weights=weight.to(table.dtype), mode="sum")
+
+
 class Pyramid(Levels):
     """A texture and its box-filtered levels; a file holds only the finest."""
 
@@ -111,7 +127,6 @@ class Pyramid(Levels):
 
     def fetch(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
         """Values (n, C) of a table at uv (n, 2) in [0, 1], bilinear, periodic, and linear between two levels."""
-        index, weight = self.around(uv, level)
-        if not table.requires_grad:
-            return functional.embedding_bag(index, table, per_sample_weights=weight.to(table.dtype), mode="sum")
-        return mixed(table, index, weight)  # a bag's gradient would take longer
+        if not (table.requires_grad or uv.requires_grad):
+            return sampled(self, table, uv, level)
+        return mixed(table, *self.around(uv, level))  # a bag's gradient would take longer

@@ -15,7 +15,7 @@ from bench.codec import Fit
 from bench.directions.interpolation import stereographic
 from bench.inputs.settings import BatchSize, Natural, Positive
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
-from bench.training import Batch, Loss, NetworkSettings, Samples, TextureObjective, distance, groups_of
+from bench.training import Batch, LogLoss, NetworkSettings, Samples, TextureObjective, distance, groups_of
 from bench.training.decoder import LEAK, Architecture, Decoder
 from bench.training.inputs import direction_inputs
 
@@ -94,7 +94,7 @@ class RainerSettings(NetworkSettings):
     texels: BatchSize = 64  # ABRDFs encoded in a step
     pairs: BatchSize = 32  # pairs decoded of each of them
     rate: Positive = 3e-3  # highest learning rate
-    loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
+    loss: LogLoss = "both"  # error of log radiance: absolute, squared, or their sum
 
 
 class Fitted(TextureObjective):

@@ -17,9 +17,10 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.inputs.settings import Natural, Positive, Width
 from bench.material import Material
-from bench.training import Batch, Samples, distance, first_latents, gain_of, train
-from bench.training.decoder import Architecture, Decoder, load_network
+from bench.training import Batch, Samples, first_latents, gain_of, train
+from bench.training.decoder import Architecture, Decoder
 from bench.training.fitting import ROUNDING_SAMPLES
+from bench.training.stored_network import load_network
 from bench.training.stored_texture import Bits, Rounding, load_texture, round_after, store_texture
 
 
@@ -119,4 +120,4 @@ class Free(rainer.Fitted):
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         batch = self.samples.draw(self.settings.texels * self.settings.pairs, generator)
-        return distance(self.predict(batch, progress), batch.target, self.settings.loss)
+        return self.distance(self.predict(batch, progress), batch.target, batch.pair, progress)

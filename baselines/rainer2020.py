@@ -21,8 +21,9 @@ from bench.directions.interpolation import PairInterpolator, pack_layout, unpack
 from bench.inputs.settings import Count, Natural, Width
 from bench.material import Material
 from bench.training import Batch, Bits, Optimiser, Samples, gain_of, load_texture, round_after, store_texture, train
-from bench.training.decoder import Decoder, load_network, store_network
+from bench.training.decoder import Decoder
 from bench.training.fitting import ROUNDING_SAMPLES
+from bench.training.stored_network import load_network, store_network
 
 CANONICAL = 25  # views, and lights, of the pairs that the encoder sees
 CHECKED = 128  # pairs of a material at which the decoder's answers are checked during encoding
@@ -214,6 +215,9 @@ class Rainer2020Objective(rainer.Autoencoder):
         encoder = rainer.Encoder(pool.inputs.shape[1], settings.latents, generator)
         decoder = Decoder(rainer.architecture(settings.latents, settings.activation), generator)
         super().__init__(pool, encoder, decoder, settings, fit)
+
+    def stored_networks(self) -> list[torch.nn.Module]:
+        return [self.network, self.encoder]
 
     def where(self, batch: Batch) -> Tensor:
         return self.samples.where[self.samples.material[batch.texel], batch.pair]

@@ -80,8 +80,7 @@ class MapsObjective(Objective):
     """Seven free numbers a texel: logits of base colour, roughness and metalness, and two slopes of the normal."""
 
     def __init__(self, samples: Samples, settings: Any, generator: torch.Generator):
-        super().__init__(samples)
-        self.settings = settings
+        super().__init__(samples, settings)
         albedo = _albedo(samples, generator)
         bright = float(np.percentile(albedo.cpu().numpy(), 90)) or float(albedo.max())
         # Measured data may have any unit, so a factor on the reflected radiance is fitted with the maps.

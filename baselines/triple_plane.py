@@ -17,8 +17,9 @@ from bench.codec import Codec, Fit, Parts
 from bench.inputs.settings import Count, Natural, NotNegative, Positive, Width
 from bench.material import DecoderCost, Material, sample_texture, saturated, texel_corners, to_radiance
 from bench.training import Batch, Loss, Samples, TextureObjective, TextureSettings, fitted
-from bench.training.decoder import Architecture, Decoder, load_network
+from bench.training.decoder import Architecture, Decoder
 from bench.training.initial_latents import RANDOM_SPREAD, Start, first_latents
+from bench.training.stored_network import load_network
 from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
 
 LAYERS = 3

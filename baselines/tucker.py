@@ -21,7 +21,7 @@ from bench.directions.interpolation import PairInterpolator, pack_layout, unpack
 from bench.inputs.settings import Count, Natural
 from bench.material import DecoderCost, Material, at_least_float32, saturated
 from bench.training import Bits, Rounding, gain_of, load_texture, store_texture
-from bench.training.quantise import WeightPrecision, pack, unpack
+from bench.training.quantise import FloatPrecision, pack, unpack
 from bench.training.svd import Factors
 
 PASSES = 4  # passes over the data, one if they are small
@@ -76,7 +76,7 @@ class Tucker(Codec):
         joined = [mode[index[pairs]] for mode, index in zip((view, light), _modes(layout), strict=True)]
         rows = torch.einsum("pj,pm,jmck->pck", *joined, core).flatten(0, 1)
         rounding = rounded_coefficients(coefficients, bits, rows[:, :1], rows[:, 1:], values)
-        fine: WeightPrecision = "float32" if bits == 32 else "half"
+        fine: FloatPrecision = "float32" if bits == 32 else "half"
         return Parts(
             # One channel for each slice of the core, because their sizes differ by orders of magnitude.
             decoder=store_texture("core", core, rounding_with_zero(core, bits))

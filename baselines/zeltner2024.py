@@ -17,11 +17,13 @@ from torch.nn import functional
 from baselines.planes import half_and_difference
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
+from bench.inputs.errors import InputError
 from bench.inputs.settings import Count, Natural
 from bench.material import HIGHEST_LEVEL, DecoderCost, Material, at_least_float32, sample_texture, to_radiance
 from bench.training import Batch, FitSettings, Samples, TextureObjective, distance, first_latents, fitted
-from bench.training.decoder import Activation, Architecture, Decoder, load_network
+from bench.training.decoder import Activation, Architecture, Decoder
 from bench.training.inputs import Frames
+from bench.training.stored_network import load_network
 from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
 
 BRIGHTEST = 1e5  # gain · radiance that the sigmoid of the authors' code can answer
@@ -62,6 +64,10 @@ class Zeltner2024(Codec):
         width: Count = 32  # channels of each hidden layer
         activation: Activation = "leaky-relu"  # activation of the hidden layers
         bits: Bits = 0  # bits of a stored latent on average; 0: chosen by the fit; 16, 32: floats
+
+        def __post_init__(self) -> None:
+            if self.edition == "code" and self.loss == "display":
+                raise InputError("codec zeltner2024: edition=code has a loss of its own: leave out loss=display")
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         fitting = fitted(Zeltner2024Objective, self.settings, btf, fit)

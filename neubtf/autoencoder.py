@@ -29,7 +29,7 @@ from torch.nn import functional
 from bench.codecs import container
 from bench.inputs.errors import InputError
 from bench.metrics.display import LOG_SCALE
-from bench.training.decoder import load_vector, to_vector
+from bench.training.stored_network import load_vector, to_vector
 
 STRIDE = 4  # texels a cell of the bottleneck; the grid of cells begins at texel (0, 0)
 RADIUS = 36  # see `test_a_texel_depends_on_its_surroundings_only`

@@ -15,7 +15,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.material import Material
 from bench.training import Samples, gain_of, round_after, store_texture, train
-from bench.training.decoder import store_network
+from bench.training.stored_network import store_network
 from neubtf.autoencoder import (
     STRIDE,
     Autoencoder,

@@ -13,8 +13,9 @@ from torch import Tensor
 from bench.codec import Parts
 from bench.inputs.settings import Layers, Positive, Width
 from bench.training import Bits, TextureMaterial, load_texture
-from bench.training.decoder import Architecture, Decoder, load_network
+from bench.training.decoder import Architecture, Decoder
 from bench.training.inputs import COUNTS, Directions, direction_inputs
+from bench.training.stored_network import load_network
 
 
 @dataclass(frozen=True)

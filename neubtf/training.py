@@ -16,7 +16,17 @@ from torch import Tensor, nn
 
 from bench.inputs.errors import InputError
 from bench.inputs.settings import BatchSize, Natural, NotNegative, Positive, Range, Share
-from bench.training import Batch, Decoder, Loss, NetworkSettings, Objective, Samples, distance, first_latents, groups_of
+from bench.training import (
+    Batch,
+    Decoder,
+    LogLoss,
+    NetworkSettings,
+    Objective,
+    Samples,
+    distance,
+    first_latents,
+    groups_of,
+)
 from neubtf.augmentation import Crop, Disturbance, draw_scale
 from neubtf.autoencoder import STRIDE, Encoder, displayed
 from neubtf.renderer import RendererSettings, render
@@ -46,7 +56,7 @@ class StagedSettings(NetworkSettings, RendererSettings):
     rate: Positive = 1e-2  # highest learning rate of the renderer and of the first stage's texture
     encoder_rate: Positive = 2e-3  # highest learning rate of the autoencoder
     encoder_hidden_rate: Positive = 2e-2  # highest learning rate of Muon for the autoencoder's pointwise layers
-    loss: Loss = "both"  # of a pixel's log radiance: absolute, squared, or their sum
+    loss: LogLoss = "both"  # of a pixel's log radiance: absolute, squared, or their sum
     pixel: NotNegative = 1.0  # "paper": weight of the pixels' loss
     style: NotNegative = 0.3  # "paper": weight of the difference of Gram matrices
     frequency: NotNegative = 0.05  # "paper": weight of the focal frequency loss
@@ -81,12 +91,15 @@ class Guided(Objective):
     def __init__(
         self, samples: Samples, settings: StagedSettings, encoder: Encoder, guidance: Tensor, generator: torch.Generator
     ):
-        super().__init__(samples)
-        self.settings, self.encoder = settings, encoder
+        super().__init__(samples, settings)
+        self.encoder = encoder
         self.renderer = Decoder(settings.architecture, generator)
         self.renderer.start_at(samples.mean(generator), settings.init == "faint")
         self.disturbance = Disturbance(settings.hue, settings.blur, settings.noise)
         self.guidance = nn.Buffer(guidance, persistent=False)
+
+    def stored_networks(self) -> list[nn.Module]:
+        return [self.renderer]
 
     def groups(self) -> list[dict[str, Any]]:
         settings = self.settings

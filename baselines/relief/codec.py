@@ -4,12 +4,12 @@ Every published neural texture blurs a texel over the places where its views saw
 height of each texel; latents then belong to surface points, and the network learns only their reflectance. A height
 that fails the test on other views is not written. See docs/relief.md.
 
-The material marches the view ray to the surface, fetches the latents there, and shades. The network is NeuBTF's
-renderer, three hidden layers with layer norm and sine, with more inputs: ω_o, ω_i and the half vector h in xyz; the
-same in two shading frames (Zeltner et al., "Real-time neural appearance models", ACM Trans. Graph. 43(3), 2024); and
-how far the relief rises into the ray to the light.
+The material marches the view ray to the surface, or without a height moves the look-up by a small network; fetches
+the latents there, from grids at full, half and quarter resolution; and shades. The network sees ω_o, ω_i and the half
+vector h in xyz, and with a height how far the relief rises into the ray to the light.
 """
 
+import math
 from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any
@@ -23,14 +23,15 @@ from baselines.relief import geometry, sweep
 from baselines.relief.geometry import Surface, restored, slope, smoothed, stepped, wrapped
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
+from bench.inputs.errors import InputError
 from bench.inputs.settings import Layers, Natural, Positive, Range, Width
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
-from bench.training import Batch, Objective, Samples, TextureSettings, compress, expand, gain_of, groups_of, train
-from bench.training.decoder import Architecture, Decoder, load_network, store_network
-from bench.training.fitting import Loss, distance
+from bench.training import Batch, Loss, Objective, Samples, TextureSettings, compress, expand, gain_of, groups_of, train
+from bench.training.decoder import Architecture, Decoder
+from bench.training.grids import FACTORS, Further, Grids, GridSettings, Offset, channels, load_grids, size_of, total
 from bench.training.initial_latents import first_latents
-from bench.training.inputs import Frames
-from bench.training.stored_texture import Rounding, load_texture
+from bench.training.inputs import COUNTS, direction_inputs
+from bench.training.stored_network import WeightPrecision, load_network, store_network
 
 COARSE_SHARE = 8  # one of this many samples is of a coarser level
 # Share of the steps. Earlier, latents are still misplaced, and would pull the height with them.
@@ -38,7 +39,6 @@ REFINED_FROM = 0.5
 RENEWED = 10  # steps between two surfaces that are marched, while the height is refined
 HIGHEST = 2 * geometry.REACH  # and −HIGHEST the lowest height, in widths of the picture: what a decoder reads
 HEIGHT_RATE = 0.02  # texels, the highest learning rate of the height
-FRAMES = 2
 DEEPEST = 3.0  # level of detail of footprints of 8 texels, which the network sees as 1
 SHADOW = 0.5  # texels: about half of the penumbra that a texel's width makes
 
@@ -49,17 +49,15 @@ class Network(nn.Module):
     def __init__(self, settings: Any, relief: bool, generator: torch.Generator | None = None):
         super().__init__()
         self.shadow: bool = relief and settings.shadow
-        inputs = settings.latents + 1 + 9 * (1 + FRAMES * settings.frames) + self.shadow
+        inputs = total(settings) + 1 + COUNTS["xyzh"] + self.shadow
         widths = (settings.width,) * settings.layers
-        outputs = 6 if self.shadow else 3
-        architecture = Architecture(inputs, widths, outputs, "sine", settings.omega, norm=True, residual=True)
-        self.decoder = Decoder(architecture, generator)
-        self.frames = Frames(settings.latents, FRAMES, generator) if settings.frames else None
+        self.decoder = Decoder(Architecture(inputs, widths, 6 if self.shadow else 3, "silu"), generator)
+        self.offset = Offset(settings.offset, generator) if settings.offset and not relief else None
 
     @property
     def flops(self) -> int:
         """Operations of one sample, a fused multiply-add counted as two."""
-        return self.decoder.architecture.flops + (self.frames.flops(3) if self.frames is not None else 0)
+        return self.decoder.architecture.flops + (self.offset.flops if self.offset is not None else 0)
 
     def start_at(self, level: Tensor) -> None:
         """Set the network to answer one log radiance (3,) for any inputs, with the mask open."""
@@ -68,10 +66,8 @@ class Network(nn.Module):
 
     def forward(self, latents: Tensor, level: Tensor, wo: Tensor, wi: Tensor, excess: Tensor | None) -> Tensor:
         """Log radiance (n, 3); `level` (n, 1) is that of detail, `excess` (n, 1) in texels, if there is a relief."""
-        directions = torch.stack([wo, wi, functional.normalize(wo + wi, dim=1)], 1)
-        inputs = [latents, level.to(latents.dtype) / DEEPEST, directions.flatten(1).to(latents.dtype)]
-        if self.frames is not None:
-            inputs.append(self.frames.turned(latents, directions).to(latents.dtype))
+        numbers = [level / DEEPEST, *direction_inputs(wo, wi, "xyzh")]
+        inputs = [latents, *(each.to(latents.dtype) for each in numbers)]
         if excess is not None:
             inputs.append((excess * SHADOW).tanh().to(latents.dtype))
         out = self.decoder(torch.cat(inputs, 1)).to(wo.dtype)
@@ -82,50 +78,99 @@ class Network(nn.Module):
         return (radiance * out[:, 3:].sigmoid()).clamp_min(-0.5).log1p()
 
 
+class Pyramids(nn.Module):
+    """Each grid of a texture (H, W), and its coarser levels, by name; a file holds the finest of each."""
+
+    def __init__(self, settings: Any, size: tuple[int, int], relief: bool):
+        super().__init__()
+        names = channels(settings, offset=not relief)
+        self.each: Any = nn.ModuleDict({name: Pyramid(size_of(name, size)) for name in names})
+
+    def tables(self, grids: dict[str, Tensor]) -> dict[str, Tensor]:
+        """All levels (rows, C) of each grid (h, w, C)."""
+        return {name: self.each[name].table(values.flatten(0, 1)) for name, values in grids.items()}
+
+    def level(self, footprint: Tensor) -> Tensor:
+        """The level (n,) of footprints (n,) in texture units, of the finest grid."""
+        side = max(self.each[name].side * FACTORS[name] for name in self.each)
+        return (footprint.float() * side).log2().clamp_min(0)
+
+    def fetch(self, tables: dict[str, Tensor], uv: Tensor, level: Tensor) -> Tensor:
+        """The channels (n, C) of all grids but the offset's at uv (n, 2), each at its own level of the texture's."""
+        found = []
+        for name, pyramid in self.each.items():
+            if name != "offset":
+                coarser = int(math.log2(FACTORS[name]))
+                own = (level - coarser).clamp(0, len(pyramid.levels) - 1)
+                found.append(pyramid.fetch(tables[name], uv, own))
+        return torch.cat(found, 1)
+
+    def moved(self, network: Network, tables: dict[str, Tensor], uv: Tensor, wo: Tensor) -> Tensor:
+        """uv (n, 2) as the offset moves it, if the network has one."""
+        if network.offset is None:
+            return uv
+        finest = torch.zeros(len(uv), dtype=torch.long, device=uv.device)
+        return network.offset.moved(uv, self.each["offset"].fetch(tables["offset"], uv, finest), wo)
+
+
 def answer(
     network: Network,
-    pyramid: Pyramid,
+    pyramids: Pyramids,
     relief: Surface | None,
-    table: Tensor,
+    tables: dict[str, Tensor],
     queries: Queries,
     height: Tensor | None = None,
 ) -> Tensor:
     """Log radiance (n, 3) of queries; `height` (H, W) is that of the relief, in a fit that refines it."""
     uv, wo, wi, level = queries
     excess = None
-    if relief is not None:
+    if relief is None:
+        uv = pyramids.moved(network, tables, uv, wo)
+    else:
         with torch.no_grad():
             uv, z = relief.meet(uv, wo)
             if network.shadow:
                 excess = relief.excess(uv, z, wi)
         if height is not None:
             uv = relief.follow(height, uv, wo)
-    return network(pyramid.fetch(table, uv, level), level[:, None], wo, wi, excess)
+    return network(pyramids.fetch(tables, uv, level), level[:, None], wo, wi, excess)
 
 
 class ReliefMaterial(Material):
-    """Latents (H · W, D) of the finest level, a height or none, and the network."""
+    """The grids of a texture of `size` at their finest level, a height or none, and the network."""
 
-    def __init__(self, network: Network, size: tuple[int, int], latents: Tensor, relief: Surface | None, gain: float):
+    def __init__(
+        self,
+        network: Network,
+        pyramids: Pyramids,
+        size: tuple[int, int],
+        grids: dict[str, Tensor],
+        relief: Surface | None,
+        gain: float,
+    ):
         steps = geometry.VIEW_STEPS + 1 + 4 * geometry.SECANTS + (geometry.LIGHT_STEPS if network.shadow else 0)
         taps = 0 if relief is None else steps
-        pyramid = Pyramid(size)
-        table = pyramid.table(latents)
+        tables = pyramids.tables(grids)
         heights = 0 if relief is None else relief.height.numel() + relief.padded.numel()
+        reads = sum((4 if name == "offset" else 8) * table.shape[1] for name, table in tables.items())
         cost = DecoderCost(
             parameters=sum(p.numel() for p in network.parameters()),
-            texture_channels=latents.shape[1] + (relief is not None),
-            texture_floats=table.numel() + heights,
-            flops_per_sample=network.flops + 2 * 8 * latents.shape[1] + 8 * taps,
-            bytes_per_sample=8 * latents.shape[1] * latents.element_size() + 4 * taps,
+            texture_channels=(grids["latents"].shape[2] if "latents" in grids else 0) + (relief is not None),
+            texture_floats=sum(table.numel() for table in tables.values()) + heights,
+            flops_per_sample=network.flops + 2 * reads + 8 * taps,
+            bytes_per_sample=reads * next(iter(tables.values())).element_size() + 4 * taps,
         )
         super().__init__(size, cost)
         # The relief is separate from the network: it holds places, which stay float32 even if the network is shorter.
-        self.network, self.pyramid, self.relief, self.table, self.gain = network, pyramid, relief, table, gain
+        self.network, self.pyramids, self.relief, self.gain = network, pyramids, relief, gain
+        self.names = list(tables)
+        for name, table in tables.items():
+            setattr(self, f"table_{name}", table)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        queries = (uv, wo, wi, self.pyramid.level(footprint))
-        return to_radiance(answer(self.network, self.pyramid, self.relief, self.table, queries), self.gain)
+        tables = {name: getattr(self, f"table_{name}") for name in self.names}
+        queries = (uv, wo, wi, self.pyramids.level(footprint))
+        return to_radiance(answer(self.network, self.pyramids, self.relief, tables, queries), self.gain)
 
 
 def rectified(samples: Samples, height: Tensor, pair: Tensor) -> Tensor:
@@ -142,12 +187,12 @@ class ReliefObjective(Objective):
     """The latents of the finest level, the network and, where there is a height, its refinement."""
 
     def __init__(self, levels: list[Samples], height: Tensor | None, settings: Any, fit: Fit):
-        super().__init__(levels[0])
-        self.levels, self.settings, self.fit = levels, settings, fit
+        super().__init__(levels[0], settings)
+        self.levels, self.fit = levels, fit
         generator = fit.generator()
         self.network = Network(settings, height is not None, generator)
         self.network.start_at(self.samples.mean(generator))
-        self.pyramid = Pyramid(self.samples.shape)
+        self.pyramids = Pyramids(settings, self.samples.shape, height is not None)
         self.first_height: Tensor | None
         self.register_buffer("first_height", height, persistent=False)
         # The shift of the found height in texels, before smoothing.
@@ -155,14 +200,17 @@ class ReliefObjective(Objective):
         self.relief = None if height is None else Surface(stepped(height)[2])
         self.moved = False  # whether the marched surface differs from the found one
         slices = None if height is None else partial(rectified, self.samples, height)
-        self.latents = nn.Parameter(first_latents(self.samples, settings.latents, settings.start, generator, slices))
-        self.rounding = Rounding(settings.latents, settings.bits)
+        first = first_latents(self.samples, total(settings), settings.start, generator, slices)
+        self.grids = Grids(first, self.samples.shape, settings, offset=height is None)
+
+    def stored_networks(self) -> list[nn.Module]:
+        return [self.network]
 
     def groups(self) -> list[dict[str, Any]]:
         settings = self.settings
         networks = groups_of([self.network], settings.rate, settings.optimiser, settings.hidden_rate)
         refined = [] if self.offset is None else [{"params": [self.offset], "lr": HEIGHT_RATE}]
-        return [*networks, {"params": [self.latents], "lr": settings.latent_rate}, *refined]
+        return [*networks, {"params": list(self.grids.parameters()), "lr": settings.latent_rate}, *refined]
 
     @property
     def height(self) -> Tensor | None:
@@ -177,49 +225,55 @@ class ReliefObjective(Objective):
         """March the height as it is now, in the steps that the file will hold."""
         height = self.height
         if height is not None and height.isfinite().all():  # otherwise the fit diverges, and its loop handles that
-            self.relief = Surface(stepped(height)[2]).to(self.latents.device)
+            self.relief = Surface(stepped(height)[2]).to(height.device)
 
-    def table(self) -> Tensor:
-        """The pyramid as it is looked up: from half of the fit on that of the file."""
-        return self.pyramid.table(self.rounding(self.latents))
+    def tables(self) -> dict[str, Tensor]:
+        """The pyramids as they are looked up: from half of the fit on those of the file."""
+        return self.pyramids.tables(self.grids.rounded())
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         if progress == 1 and self.offset is not None:
             self.renew()
-        return answer(self.network, self.pyramid, self.relief, self.table(), queries_of(self.levels, 0, batch))
+        return answer(self.network, self.pyramids, self.relief, self.tables(), queries_of(self.levels, 0, batch))
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        queries, target = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)
+        queries, target, pair = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)
         height = self.height if self.offset is not None and progress >= REFINED_FROM else None
         # By the number of the step, so that a resumed fit marches the same surface. A fit that was set back to before
         # the height moved marches the found height.
         if (height is not None or self.moved) and round(progress * self.settings.steps) % RENEWED == 0:
             self.renew()
             self.moved = height is not None
-        ours = answer(self.network, self.pyramid, self.relief, self.table(), queries, height)
-        return distance(ours, target, self.settings.loss)
+        ours = answer(self.network, self.pyramids, self.relief, self.tables(), queries, height)
+        return self.distance(ours, target, pair, progress)
 
 
 class Relief(Codec):
     """Relief: heights found in the slices and marched, latents of few bits, directions in learned shading frames."""
 
-    name, version = "relief", 3
-    sizes = ("latents", "width")
+    name, version = "relief", 4
+    sizes = ("latents", "half", "quarter", "width")
 
     @dataclass(frozen=True)
-    class Settings(TextureSettings):
+    class Settings(TextureSettings, GridSettings):
         steps: Natural = 2_600  # steps of the fit
-        latents: Width = 14  # channels of the neural texture
+        latents: Further = 4  # channels of the neural texture at full resolution
+        half: Further = 4  # further channels at half the resolution
+        quarter: Further = 8  # further channels at a quarter of it
+        offset: Further = 32  # without a height: hidden channels of the network that moves a look-up along the view
         bits: Annotated[int, Range(0, 8)] = 0  # bits of a stored latent on average; 0: as few as add little error
         layers: Layers = 3  # hidden layers of the network
-        width: Width = 32  # channels of each hidden layer
-        omega: Positive = 2.0  # frequency of the sine
+        width: Width = 64  # channels of each hidden layer
+        weights: WeightPrecision = "int8"  # precision of the stored network; eight bits are rounded in the fit, too
         relief: bool = True  # look for a height; it is written only if the slices show one
-        frames: bool = True  # turn the directions into two learned shading frames
         refine: bool = True  # refine the height in the second half of the fit
         shadow: bool = True  # also march toward the light, if there is a height
         latent_rate: Positive = 1e-2  # highest learning rate of the latents
-        loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
+        loss: Loss = "display"  # error of log radiance: absolute, squared, or their sum; or later errors as displayed
+
+        def __post_init__(self) -> None:
+            if not total(self):
+                raise InputError("codec relief needs a channel: give latents, half or quarter")
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         gain = gain_of(btf, fit)
@@ -228,9 +282,7 @@ class Relief(Codec):
         height = swept.height if swept is not None and swept.stands else None
         fitting = ReliefObjective(levels, height, self.settings, fit)
         train(fitting, fit, self.settings.steps)
-        rounding = fitting.rounding
-        codes = compress(rounding.codes(fitting.latents).unflatten(0, btf.shape), rounding.bits.tolist())
-        texture = {"latents": codes, "low": rounding.low, "step": rounding.step}
+        texture = fitting.grids.stored()
         if fitting.height is not None:
             codes, extent, _ = stepped(fitting.height.detach().cpu())
             bits = max(1, int(codes.max()).bit_length())
@@ -246,7 +298,7 @@ class Relief(Codec):
             # Larger heights are from an altered file, but a search through them must still end.
             surface = Surface(restored(codes, parts.texture["height.range"]).nan_to_num(0).clamp(-HIGHEST, HIGHEST))
         network = load_network(Network(self.settings, surface is not None), parts.decoder)
-        steps = {f"latents.{name}": parts.texture[name] for name in ("low", "step")}
-        latents = load_texture("latents", {**parts.texture, **steps, "latents.size": parts.other["size"]})
+        pyramids = Pyramids(self.settings, (height, width), surface is not None)
+        grids = load_grids(parts.texture, self.settings, (height, width), offset=surface is None)
         gain = float(parts.other["gain"])
-        return ReliefMaterial(network, (height, width), latents.flatten(0, 1), surface, gain).to(device)
+        return ReliefMaterial(network, pyramids, (height, width), grids, surface, gain).to(device)

@@ -6,16 +6,15 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from bench.material import sample_texture, saturated
-from bench.training.quantise import WeightPrecision, pack, unpack
 
-Activation = Literal["relu", "leaky-relu", "smelu", "sine"]
+Activation = Literal["relu", "leaky-relu", "smelu", "silu", "sine"]
 
 FREE = 1 << 22  # weights that any network may have, even if its file holds fewer numbers
 _most: ContextVar[int | None] = ContextVar("_most", default=None)  # weights of a network that is being decoded
@@ -128,6 +127,8 @@ class Decoder(Network):
                 return functional.leaky_relu(x, LEAK, inplace=free)
             case "smelu":
                 return smelu(x)
+            case "silu":
+                return functional.silu(x, inplace=free)
             case "relu":
                 return functional.relu(x, inplace=free)
 
@@ -160,33 +161,3 @@ def decoding(numbers: int) -> Iterator[None]:
         yield
     finally:
         _most.reset(token)
-
-
-def to_vector(*networks: nn.Module) -> Tensor:
-    """Concatenate all parameters of some networks to one tensor, as a codec file stores them."""
-    return torch.cat([p.detach().reshape(-1) for network in networks for p in network.parameters()])
-
-
-def load_vector(vector: Tensor, *networks: nn.Module) -> None:
-    """The inverse of `to_vector`, from any float dtype. Raises `ValueError` if the count differs."""
-    parameters = [p for network in networks for p in network.parameters()]
-    wanted = sum(p.numel() for p in parameters)
-    if vector.shape != (wanted,):
-        raise ValueError(f"the networks have {wanted} parameters, but the file has {tuple(vector.shape)}")
-    with torch.no_grad():
-        for p, values in zip(parameters, vector.split([p.numel() for p in parameters]), strict=True):
-            p.copy_(values.reshape(p.shape))
-
-
-Stored = TypeVar("Stored", bound=nn.Module)
-
-
-def store_network(network: nn.Module, precision: WeightPrecision) -> dict[str, Tensor]:
-    """All weights of a network as named tensors, `weights`, for one part of a file."""
-    return pack("weights", to_vector(network), precision)
-
-
-def load_network(network: Stored, tensors: dict[str, Tensor]) -> Stored:
-    """The network, with the weights that `store_network` stored. Raises `ValueError` if their count differs."""
-    load_vector(unpack("weights", tensors), network)
-    return network

@@ -1,4 +1,4 @@
-"""Fits learned codecs: seeded random samples of a BTF, and one training loop for every network.
+"""Fits learned codecs: the objective of a fit, and one training loop for every network.
 
 The loop has a curve of PSNR over steps and seconds, a state on disk to resume from, and a guard against divergence. The
 same seed, machine, versions and threads give the same parameters, whether or not the fit was interrupted.
@@ -6,8 +6,8 @@ same seed, machine, versions and threads give the same parameters, whether or no
 
 import logging
 import time
-from collections.abc import Iterable
-from typing import Any, Literal, NamedTuple
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -16,22 +16,21 @@ from safetensors.torch import save as serialise
 from torch import Tensor, nn
 from torch.nn import functional
 
-from bench.btf import BTF, box_filter
-from bench.codec import REMARK, Density, Fit
+from bench.codec import REMARK, Fit
 from bench.files import atomic
 from bench.inputs.errors import InputError
 from bench.machine.threads import processor_seconds
 from bench.material import keep_buffers
-from bench.metrics.display import LOG_SCALE, exposure, to_display
+from bench.metrics.display import LOG_SCALE, to_display
 from bench.metrics.psnr import psnr as decibels
+from bench.training.display_loss import DisplayLoss
 from bench.training.optimiser import Optimisers, rate
+from bench.training.samples import PROBE, Batch, Samples
+from bench.training.stored_network import rounded_weights
 from bench.training.stored_texture import Rounding, choose_bits
 
 log = logging.getLogger(__name__)
 
-MEMORY_LIMIT = 640 << 20  # bytes of log radiance kept in memory; a larger BTF is read batch by batch
-COARSE_PAIRS = 2_048  # pairs of a larger BTF whose coarser levels of detail are kept
-PROBE = 8_192  # samples for the PSNR of the curve
 POINTS = 25  # points of the curve
 KEEP_EVERY = 100  # steps between two states that a diverging fit can go back to
 SHOW_SECONDS = 1.0  # between two moves of the progress bar
@@ -42,14 +41,15 @@ ROUNDING_SAMPLES = 4_096  # samples that measure the error of rounding a channel
 GAIN = 0.02  # dB: a fit that gains less within its patience ends
 AWAY = 10.0  # root mean square error of log radiance of a diverged fit: a factor of 22,000
 
-Loss = Literal["l1", "l2", "both"]
+LogLoss = Literal["l1", "l2", "both"]
+Loss = Literal["l1", "l2", "both", "display"]
 
 
 class DivergedError(RuntimeError):
     """A fit diverged, also after each remedy."""
 
 
-def distance(ours: Tensor, target: Tensor, loss: Loss) -> Tensor:
+def distance(ours: Tensor, target: Tensor, loss: LogLoss) -> Tensor:
     """The mean distance of two log radiances: absolute, squared, or the sum of both."""
     match loss:
         case "l1":
@@ -60,143 +60,29 @@ def distance(ours: Tensor, target: Tensor, loss: Loss) -> Tensor:
             return functional.l1_loss(ours, target) + functional.mse_loss(ours, target)
 
 
-class Batch(NamedTuple):
-    """Random samples of a BTF."""
-
-    texel: Tensor  # (n,), row · W + column
-    pair: Tensor  # (n,), of `Samples.wo` and `wi`: a pair, or in a fit to a scene a direction between pairs
-    target: Tensor  # (n, 3), log radiance
-
-
-class Samples:
-    """A BTF as log radiance, log1p(gain · radiance), for random reads; negative radiance counts as 0.
-
-    Within `MEMORY_LIMIT` it is read once and kept as half floats, whose rounding (5e-4 of a value) is far below any
-    codec's error. Random numbers are the CPU's, so that a fit is the same on any device; no step waits for a GPU.
-    """
-
-    density: Density | None = None  # density of the scene, in a fit to one
-
-    def __init__(self, btf: BTF, gain: float, fit: Fit, memory_limit: int = MEMORY_LIMIT):
-        self.btf, self.gain, self.device = btf, gain, fit.device
-        self.shape, self.pairs = btf.shape, len(btf)
-        self.texels = btf.shape[0] * btf.shape[1]
-        self.trained = self.texels  # these come first; others belong to materials kept out of training, for the curve
-        self.wo, self.wi = (torch.from_numpy(w).to(fit.device) for w in (btf.wo, btf.wi))
-        self.density = fit.density and fit.density.to(fit.device)
-        if self.density:  # the scene's directions follow those of the pairs
-            self.wo = torch.cat([self.wo, self.density.wo.to(fit.device)])
-            self.wi = torch.cat([self.wi, self.density.wi.to(fit.device)])
-        self.table: Tensor | None = None  # (texels, pairs, 3)
-        if 6 * self.texels * self.pairs <= memory_limit:
-            self.table = _filled({1: self}, fit.progress(btf, total=len(btf)))[0].to(fit.device)
-
-    @classmethod
-    def levels(cls, btf: BTF, count: int, gain: float, fit: Fit) -> "list[Samples]":
-        """The samples of the BTF at each level of detail, box-filtered over 2^level texels, by level.
-
-        If the finest does not fit into memory, the others hold `COARSE_PAIRS` random pairs: all would take minutes.
-        """
-        levels = {1: cls(btf, gain, fit, memory_limit=0)}
-        if 6 * btf.shape[0] * btf.shape[1] * len(btf) > MEMORY_LIMIT and len(btf) > COARSE_PAIRS and not fit.density:
-            btf = btf.subset(torch.randperm(len(btf), generator=fit.generator())[:COARSE_PAIRS].sort().values.numpy())
-        levels |= {2**level: cls(btf.downsample(2**level), gain, fit, memory_limit=0) for level in range(1, count)}
-        small = {factor: each for factor, each in levels.items() if 6 * each.texels * each.pairs <= MEMORY_LIMIT}
-        if small:
-            tables = _filled(small, fit.progress(btf, total=len(btf)))
-            for each, table in zip(small.values(), tables, strict=True):
-                each.table = table.to(fit.device)
-        return list(levels.values())
-
-    def _log(self, radiance: np.ndarray) -> Tensor:
-        return torch.from_numpy(np.maximum(radiance, 0)).mul_(self.gain).log1p_()  # a copy: sources may be read-only
-
-    def _up(self, drawn: Tensor) -> Tensor:
-        return drawn.to(self.device, non_blocking=True)
-
-    def draw(self, count: int, generator: torch.Generator) -> Batch:
-        """Draw `count` samples, uniform over texels and pairs; in a fit to a scene, by its density."""
-        if self.density:
-            return self.seen(*map(self._up, self.density.draw(count, self.shape, generator)))
-        flat = self._up(torch.randint(self.trained * self.pairs, (count,), generator=generator))
-        return self.at(flat // self.pairs, flat % self.pairs)
-
-    def draw_at(self, texel: Tensor, generator: torch.Generator) -> Batch:
-        """Draw a sample at each of some texels (n,), uniform over pairs; in a fit to a scene, by its density."""
-        if self.density:
-            return self.seen(texel, self._up(self.density.draw(len(texel), self.shape, generator).direction))
-        return self.at(texel, self._up(torch.randint(self.pairs, (len(texel),), generator=generator)))
-
-    def draw_unseen(self, count: int, generator: torch.Generator) -> Batch:
-        """Draw `count` samples of texels kept out of training."""
-        texel = self.trained + torch.randint(self.texels - self.trained, (count,), generator=generator)
-        return self.draw_at(self._up(texel), generator)
-
-    def mean(self, generator: torch.Generator) -> Tensor:
-        """The mean log radiance (3,), of a random sample."""
-        return self.draw(PROBE, generator).target.mean(0)
-
-    def at(self, texel: Tensor, pair: Tensor) -> Batch:
-        """The samples at some texels and pairs, both (n,)."""
-        if self.table is not None:
-            return Batch(texel, pair, self.table.view(-1, 3)[texel * self.pairs + pair].float())
-        row, col = np.divmod(texel.cpu().numpy(), self.shape[1])
-        return Batch(texel, pair, self._log(self.btf.gather(pair.cpu().numpy(), row, col)).to(self.device))
-
-    def seen(self, texel: Tensor, direction: Tensor) -> Batch:
-        """The samples at some texels and directions (n,), each a pair, or in a fit to a scene one between pairs."""
-        if not self.density:
-            return self.at(texel, direction)
-        pair, weight = self.density.around(direction)
-        corners = self.at(texel.repeat_interleave(pair.shape[1]), pair.flatten()).target.unflatten(0, pair.shape)
-        return Batch(texel, direction, (corners.expm1() * weight[..., None]).sum(1).log1p())
-
-    def abrdfs(self, texel: Tensor) -> Tensor:
-        """The log ABRDFs (n, pairs, 3) of some texels (n,)."""
-        if self.table is not None:
-            return self.table[texel].float()
-        return self._log(self.btf.texels(*np.divmod(texel.cpu().numpy(), self.shape[1]))).to(self.device)
-
-    def slices(self, pair: Tensor) -> Tensor:
-        """The log radiance (texels, n, 3) of some pairs (n,)."""
-        if self.table is not None:
-            return self.table[:, pair.to(self.device)].float()
-        chosen = self.btf.subset(pair.cpu().numpy())
-        return torch.stack([self._log(picture).reshape(-1, 3) for picture in chosen], 1).to(self.device)
-
-    def centres(self, texel: Tensor) -> Tensor:
-        """uv (n, 2) of the centres of some texels (n,); see `bench.btf` for the frame."""
-        height, width = self.shape
-        row = texel.div(width, rounding_mode="floor")
-        return torch.stack([(texel - row * width + 0.5) / width, 1 - (row + 0.5) / height], 1)
-
-
-def _filled(levels: dict[int, Samples], pictures: Iterable[np.ndarray]) -> list[Tensor]:
-    """The log radiance (texels, pairs, 3) of samples, in halves, from pictures to be averaged over each's factor."""
-    tables = [torch.empty(each.texels, each.pairs, 3, dtype=torch.float16) for each in levels.values()]
-    for pair, picture in enumerate(pictures):
-        for (factor, each), table in zip(levels.items(), tables, strict=True):
-            table[:, pair] = each._log(picture if factor == 1 else box_filter(picture, factor)).reshape(-1, 3)
-    return tables
-
-
-def gain_of(btf: BTF, fit: Fit) -> float:
-    """The gain, 8 × the exposure of the training pairs; a codec predicts log1p(gain · radiance) and stores the gain."""
-    return LOG_SCALE * exposure(btf, fit.seed)
-
-
 class Objective(nn.Module):
     """The objective of a fit: parameters, rates, the loss of a step. Its state must be in parameters and buffers."""
 
-    settings: Any  # of the codec
-
-    def __init__(self, samples: Samples):
+    def __init__(self, samples: Samples, settings: Any):
         super().__init__()
-        self.samples = samples
+        self.samples, self.settings = samples, settings  # settings: the codec's
+        shown = getattr(settings, "loss", "") == "display"
+        self.display_loss = DisplayLoss(len(samples.wo)) if shown else None
 
     def groups(self) -> list[dict[str, Any]]:
         """Parameter groups, each with its highest learning rate, `lr`; Muon steps those with `hidden`, Adam others."""
         raise NotImplementedError
+
+    def stored_networks(self) -> list[nn.Module]:
+        """The networks that the file holds in the precision `settings.weights`."""
+        return []
+
+    def as_stored(self, progress: float) -> AbstractContextManager[None]:
+        """Within it, weights are as the file holds them: in eight bits, if so set, from half of the fit on."""
+        networks = self.stored_networks()
+        if not networks or progress < ROUNDED_FROM or self.settings.weights != "int8":
+            return nullcontext()
+        return rounded_weights(networks)
 
     def rate(self, step: int, steps: int, group: int) -> float:
         """The learning rate of a group at a step, as a share of its highest; each stage of a fit has its own curve."""
@@ -212,7 +98,13 @@ class Objective(nn.Module):
         Every random number comes from the generator, which lives on the CPU.
         """
         batch = self.samples.draw(self.settings.batch, generator)
-        return distance(self.predict(batch, progress), batch.target, self.settings.loss)
+        return self.distance(self.predict(batch, progress), batch.target, batch.pair, progress)
+
+    def distance(self, ours: Tensor, target: Tensor, direction: Tensor, progress: float) -> Tensor:
+        """The distance of log radiances (n, 3) at directions (n,) from their targets, by the setting `loss`."""
+        if self.display_loss is None:
+            return distance(ours, target, self.settings.loss)
+        return self.display_loss(ours, target, direction, distance(ours, target, "both"), progress)
 
     def restored(self) -> None:
         """Read again what steps keep on the host, once the tensors came from a state."""
@@ -225,7 +117,8 @@ class Objective(nn.Module):
         roundings = [each for each in self.modules() if isinstance(each, Rounding) and each.undecided]
         if roundings:
             batch = self.samples.draw(ROUNDING_SAMPLES, fit.generator())
-            choose_bits(roundings, lambda: self.predict(batch, progress), batch.target)
+            with self.as_stored(progress):
+                choose_bits(roundings, lambda: self.predict(batch, progress), batch.target)
 
 
 def display_psnr(level: Tensor, target: Tensor) -> float:
@@ -331,11 +224,13 @@ class _Loop:
         """Step up to `end`, then save the state, or go back to the last good one."""
         total = torch.zeros((), device=self.fit.device)
         while self.step < end:
-            if self.step >= ROUNDED_FROM * self.steps:
-                self.objective.round_textures(self.fit, self.step / self.steps)
+            progress = self.step / self.steps
+            if progress >= ROUNDED_FROM:
+                self.objective.round_textures(self.fit, progress)
             shares = (self.objective.rate(self.step, self.steps, i) for i in range(len(self.highest)))
-            loss = self.objective.loss(self.generator, self.step / self.steps)
-            loss.backward()
+            with self.objective.as_stored(progress):
+                loss = self.objective.loss(self.generator, progress)
+                loss.backward()
             self.optimisers.step(
                 [highest * share / 2**self.halvings for highest, share in zip(self.highest, shares, strict=True)]
             )
@@ -374,7 +269,9 @@ class _Loop:
         last = self.curve[-1][0] if self.curve else 0
         if self.step < self.steps and self.step - last < self.steps / POINTS:
             return True
-        level = self.objective.predict(self.probe, self.step / self.steps)
+        progress = self.step / self.steps
+        with self.objective.as_stored(progress):
+            level = self.objective.predict(self.probe, progress)
         if not (level - self.probe.target).square().mean() <= AWAY**2:
             return False
         psnr, seconds = display_psnr(level, self.probe.target), processor_seconds() - self.started

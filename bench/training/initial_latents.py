@@ -13,7 +13,7 @@ from torch import Tensor
 from bench.training.svd import truncated_svd
 
 if TYPE_CHECKING:
-    from bench.training.fitting import Samples
+    from bench.training.samples import Samples
 
 Start = Literal["mixed", "components", "random"]
 Slices = Callable[[Tensor], Tensor]  # the log radiance (texels, n, 3) of some pairs (n,)

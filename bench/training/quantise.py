@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-WeightPrecision = Literal["float32", "half"]
+FloatPrecision = Literal["float32", "half"]
 
 HALF_PEAKS = (2.0**-4, 65504.0)  # range of the largest magnitude that halves hold unscaled
 
@@ -22,7 +22,7 @@ def half_scale(peak: float) -> float:
     return 2.0 ** max(-126, math.ceil(math.log2(peak)) - 15)
 
 
-def pack(name: str, values: Tensor, precision: WeightPrecision) -> dict[str, Tensor]:
+def pack(name: str, values: Tensor, precision: FloatPrecision) -> dict[str, Tensor]:
     """Values as named tensors. Scaled halves store their power of two in `name.scale`, (1,)."""
     values = values.detach().cpu()
     if precision == "float32":

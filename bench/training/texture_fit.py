@@ -11,12 +11,13 @@ from bench.btf import BTF
 from bench.codec import Fit, Parts
 from bench.inputs.settings import BatchSize, Natural, Positive
 from bench.material import DecoderCost, Material, to_radiance
-from bench.training.decoder import Decoder, store_network
-from bench.training.fitting import Loss, Objective, Samples, gain_of, train
+from bench.training.decoder import Decoder
+from bench.training.fitting import Loss, Objective, train
 from bench.training.initial_latents import Start
 from bench.training.inputs import Directions, direction_inputs
 from bench.training.optimiser import Optimiser, groups_of
-from bench.training.quantise import WeightPrecision
+from bench.training.samples import Samples, gain_of
+from bench.training.stored_network import WeightPrecision, store_network
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class NetworkSettings:
     optimiser: Optimiser = "muon"  # of the network's hidden matrices; Adam takes all others
     hidden_rate: Positive = 2e-2  # highest learning rate of Muon
     rate: Positive = 1e-2  # highest learning rate of the network
-    weights: WeightPrecision = "half"  # precision of the stored network
+    weights: WeightPrecision = "half"  # precision of the stored network; eight bits are rounded in the fit, too
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class FitSettings(TextureSettings):
 
     patience: Natural = 0  # steps without a gain of 0.02 dB on its probe that end the fit; 0: never
     latent_rate: Positive = 1e-2  # highest learning rate of the neural texture
-    loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
+    loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum; or later errors as displayed
 
 
 class TextureObjective(Objective):
@@ -53,9 +54,8 @@ class TextureObjective(Objective):
     network: nn.Module
     texture_rate: ClassVar[str] = "latent_rate"  # the setting that is the texture's highest learning rate
 
-    def __init__(self, samples: Samples, settings: Any):
-        super().__init__(samples)
-        self.settings = settings
+    def stored_networks(self) -> list[nn.Module]:
+        return [self.network]
 
     def groups(self) -> list[dict[str, Any]]:
         settings = self.settings

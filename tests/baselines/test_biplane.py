@@ -10,7 +10,7 @@ from bench.codecs import shared
 from bench.conformance.check import others, tiny_btf
 from bench.directions import hemisphere
 from bench.training import Samples, gain_of, train
-from bench.training.decoder import load_network
+from bench.training.stored_network import load_network
 from bench.training.stored_texture import load_texture
 from tests.baselines.made import at_tiny_pairs, coded, dense, fetch, leaky, oracle_difference, split
 

@@ -44,7 +44,7 @@ def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
         ("ntc", {"reduction": 0, "fine": 0, "coarse": 0, "bits": 0, "width": 0}),
         ("pca", {"components": 0, "passes": 1, "domain": "yuv"}),
         ("rainer2019", {"texels": 0, "pairs": 0, "latents": 0}),
-        ("relief", {"bits": -1, "latents": 0, "width": 0}),
+        ("relief", {"bits": -1, "latents": -1, "width": 0}),
         ("relief", {"bits": 9}),
         ("triple-plane", {"channels": 0, "resolution": 0, "batch": 0}),
         ("tucker", {"components": 0, "views": 0, "lights": 0}),

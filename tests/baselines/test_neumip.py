@@ -12,7 +12,7 @@ from bench.conformance.check import tiny_btf
 from bench.material import parameters, sample_texture
 from bench.training import Samples
 from bench.training import fitting as training
-from bench.training.decoder import load_vector
+from bench.training.stored_network import load_vector
 from tests.baselines.made import decoded
 
 CHANNELS = 7  # as the authors have it

@@ -12,7 +12,7 @@ from bench.codecs import shared
 from bench.conformance.check import others, tiny_btf
 from bench.material import texel_centres
 from bench.training import Samples
-from bench.training.decoder import to_vector
+from bench.training.stored_network import to_vector
 from tests.baselines.made import leaky, split
 
 Array = np.ndarray

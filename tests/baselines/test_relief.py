@@ -13,6 +13,7 @@ from bench.conformance.check import tiny_btf
 from bench.conformance.counting import held_floats
 from bench.data.materials import load, recipe
 from bench.data.materials.maps import resize
+from bench.inputs.errors import InputError
 from bench.material import parameters
 from bench.training import fitting as training
 from bench.training import gain_of
@@ -29,9 +30,9 @@ def fitted(btf: BTF, **settings: Any) -> ReliefMaterial:
 
 @pytest.mark.parametrize(
     ("settings", "count"),
-    # (42 + 1) · 32 + 2 · 33 · 32 + 33 · 3, norms 6 · 32, frames 15 · 12
-    [({}, 3_959), ({"frames": False}, 3_203), ({"latents": 4, "width": 16}, 1_279)],
-    ids=["default", "no frames", "small"],
+    # (16 + 1 + 9 + 1) · 64 + 2 · 65 · 64 + 65 · 3, and of the offset (4 + 3 + 1) · 32 + 33 + 1
+    [({}, 10_533), ({"offset": 0}, 10_243), ({"half": 0, "quarter": 0, "offset": 0, "width": 16}, 835)],
+    ids=["default", "no offset", "small"],
 )
 def test_parameters_without_relief(settings: dict[str, Any], count: int) -> None:
     material = fitted(tiny_btf(), **settings)
@@ -43,6 +44,12 @@ def test_the_numbers_that_are_declared_are_those_that_its_decoder_holds(btf: BTF
     material = fitted(btf)
     assert material.cost.texture_floats == held_floats(material)
     assert material.cost.texture_floats > material.size[0] * material.size[1] * material.cost.texture_channels
+
+
+def test_a_texture_without_channels_is_refused() -> None:
+    with pytest.raises(InputError, match="relief needs a channel"):
+        Relief(latents=0, half=0, quarter=0)
+    assert fitted(tiny_btf(), latents=0, half=0, quarter=3).cost.texture_channels == 0
 
 
 def test_the_height_is_found() -> None:
@@ -71,7 +78,8 @@ def test_highlights_that_move_hide_no_relief() -> None:
 )
 def test_no_height_is_written_where_there_is_none(btf: BTF) -> None:
     parts = Relief(steps=1, batch=64).encode(btf, Fit())
-    assert set(parts.texture) == {"latents", "low", "step"}
+    assert "height" not in parts.texture
+    assert "offset" in parts.texture
 
 
 def test_relief_is_nearer_than_none() -> None:

@@ -70,6 +70,8 @@ class _Layer(nn.Module):
                 hidden = functional.leaky_relu(hidden, LEAK)
             case "smelu":
                 hidden = smelu(hidden)
+            case "silu":
+                hidden = functional.silu(hidden)
         return x + hidden if self.residual else hidden
 
 

@@ -150,6 +150,8 @@ class DrJitNetwork(Network):
                 hidden = [dr.select(value > 0, value, value * leak) for value in hidden]
             case "smelu":
                 hidden = [self._smelu(value) for value in hidden]
+            case "silu":
+                hidden = [value / (1 + dr.exp(-value)) for value in hidden]
         return [a + b for a, b in zip(x, hidden, strict=True)] if layer.residual else hidden
 
     def _dense(self, layer: Layer, x: Sequence[Any]) -> list[Any]:

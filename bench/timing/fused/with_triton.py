@@ -58,8 +58,12 @@ def _product(x, matrix, PRECISION: tl.constexpr, WIDEN: tl.constexpr):  # type: 
 
 
 @triton.jit
-def _rectified(x, SLOPE: tl.constexpr, BEND: tl.constexpr, PARABOLA: tl.constexpr):  # type: ignore[no-untyped-def]
-    """Slope 1 above 0 and SLOPE below; with a PARABOLA, the kink is rounded from −BEND to BEND."""
+def _rectified(  # type: ignore[no-untyped-def]
+    x, ACTIVATION: tl.constexpr, SLOPE: tl.constexpr, BEND: tl.constexpr, PARABOLA: tl.constexpr
+):  # fmt: skip
+    """SiLU; or slope 1 above 0 and SLOPE below, and with a PARABOLA the kink rounded from −BEND to BEND."""
+    if ACTIVATION == "silu":
+        return x * tl.sigmoid(x)
     y = tl.where(x > 0, x, x * SLOPE)
     if PARABOLA > 0:
         inside = BEND - tl.abs(x)
@@ -108,7 +112,7 @@ def _network(  # type: ignore[no-untyped-def]
             s = turn * turn
             hidden = (((((C5 * s + C4) * s + C3) * s + C2) * s + C1) * s + C0) * turn
         else:
-            hidden = _rectified(hidden, SLOPE, BEND, PARABOLA)
+            hidden = _rectified(hidden, ACTIVATION, SLOPE, BEND, PARABOLA)
         if RESIDUAL and layer > 0:
             hidden += x
         x = hidden

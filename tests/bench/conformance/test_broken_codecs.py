@@ -17,8 +17,9 @@ from bench.conformance.stress.data import ordinary
 from bench.conformance.stress.queries import Queries
 from bench.material import HALF_MAX, DecoderCost, Material, sample_texture, to_radiance
 from bench.training import Bits, Rounding, load_texture, store_texture
-from bench.training.decoder import Architecture, Decoder, load_vector, to_vector
+from bench.training.decoder import Architecture, Decoder
 from bench.training.quantise import unpack
+from bench.training.stored_network import load_vector, to_vector
 
 CASES = {case.name: case for case in stress.CASES}
 

@@ -23,7 +23,7 @@ from bench.demand.needed_part import NeededPart, shares_of_others
 from bench.directions.hemisphere import uniform
 from bench.inputs.errors import InputError
 from bench.material import texel_centres
-from bench.training.fitting import Samples
+from bench.training.samples import Samples
 from tests.baselines.made import decoded
 from tests.bench.demand.scenes import camera, demand_of, light, surface
 

@@ -3,7 +3,8 @@ import math
 import pytest
 import torch
 
-from bench.training.decoder import Architecture, Decoder, load_vector, smelu, to_vector
+from bench.training.decoder import Architecture, Decoder, smelu
+from bench.training.stored_network import load_vector, to_vector
 
 NEUBTF = Architecture(18, (32, 32, 32), activation="sine", norm=True, residual=True)
 PUBLISHED = {
@@ -57,7 +58,7 @@ def test_a_smooth_rectifier_has_a_parabola_between_its_slopes() -> None:
     torch.testing.assert_close(smelu(x), expected)
 
 
-@pytest.mark.parametrize("activation", ["relu", "leaky-relu", "smelu", "sine"])
+@pytest.mark.parametrize("activation", ["relu", "leaky-relu", "smelu", "silu", "sine"])
 @pytest.mark.parametrize("norm", [True, False])
 def test_a_half_saturates_instead_of_overflowing(activation: str, norm: bool) -> None:
     architecture = Architecture(6, (6, 6), 3, activation=activation, omega=30.0, norm=norm, residual=True)  # type: ignore[arg-type]

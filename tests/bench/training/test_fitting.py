@@ -12,7 +12,9 @@ from bench.codec import Fit
 from bench.conformance.check import tiny_btf
 from bench.inputs.errors import InputError
 from bench.training import fitting as training
-from bench.training.fitting import Batch, DivergedError, Objective, Samples, gain_of, train
+from bench.training import samples as sampling
+from bench.training.fitting import DivergedError, Objective, train
+from bench.training.samples import Batch, Samples, gain_of
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +24,7 @@ def btf() -> BTF:
 
 class Mean(Objective):
     def __init__(self, samples: Samples, lr: float = 0.1):
-        super().__init__(samples)
+        super().__init__(samples, None)
         self.lr = lr
         self.colour = nn.Parameter(torch.zeros(samples.texels, 3))
         self.calls = 0
@@ -164,8 +166,8 @@ def test_the_levels_of_detail_are_made_in_one_reading_and_are_those_made_one_by_
 
 
 def test_coarser_levels_of_a_large_btf_are_kept_at_some_of_its_pairs(btf: BTF, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(training, "COARSE_PAIRS", 6)
-    monkeypatch.setattr(training, "MEMORY_LIMIT", 6 * (btf.shape[0] // 2) * (btf.shape[1] // 2) * 6)
+    monkeypatch.setattr(sampling, "COARSE_PAIRS", 6)
+    monkeypatch.setattr(sampling, "MEMORY_LIMIT", 6 * (btf.shape[0] // 2) * (btf.shape[1] // 2) * 6)
     finest, coarse, _ = Samples.levels(btf, 3, 2.5, Fit())
     assert (finest.table, finest.pairs) == (None, len(btf))
     assert coarse.table is not None

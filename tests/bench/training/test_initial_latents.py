@@ -7,8 +7,8 @@ import torch
 from bench.btf import BTF, ArraySource
 from bench.codec import Fit
 from bench.conformance.check import tiny_btf
-from bench.training.fitting import Samples, gain_of
 from bench.training.initial_latents import COMPONENT_SPREAD, MIXED_SPREAD, RANDOM_SPREAD, components, first_latents
+from bench.training.samples import Samples, gain_of
 
 
 @pytest.fixture(scope="module")

@@ -37,7 +37,7 @@ CODECS = {
     "neubtf-direct": {"steps": 5},
     "neumip": {"steps": 5},
     "neuralbtf": {"steps": 5, "width": 8},
-    "relief": {"steps": 5, "batch": 64},
+    "relief": {"steps": 5, "batch": 64, "width": 32},
     "svbrdf": {"steps": 5, "batch": 64},
 }
 

@@ -22,6 +22,7 @@ ARCHITECTURES = {
     "no norm": Architecture(7, (16, 16), activation="sine", omega=30.0, residual=True),
     "NeuMIP": Architecture(11, (25, 25, 25), 6),
     "smelu": Architecture(12, (16, 16), activation="smelu"),
+    "silu": Architecture(12, (20, 20), activation="silu"),
     "leaky": Architecture(12, (20, 20), activation="leaky-relu", norm=True),
 }
 
@@ -79,6 +80,8 @@ def test_the_folded_layers_are_the_network(name):
             case "smelu":
                 parabola = 0.495 * hidden**2 + 0.505 * hidden + 0.12375
                 hidden = np.where(hidden < -0.5, 0.01 * hidden, np.where(hidden > 0.5, hidden, parabola))
+            case "silu":
+                hidden = hidden / (1 + np.exp(-hidden))
         y = y + hidden if layer.residual else hidden
     np.testing.assert_allclose(y, network(x).numpy(), rtol=1e-10, atol=1e-10)
 

@@ -1,0 +1,47 @@
+"""The loss `display`: errors as the display shows them, each slice counted relative to its own error.
+
+The metric that decides is the mean over slices of PSNR after the display transform (docs/metrics.md). Its gradient is
+that of the squared error of displayed values, divided by the error of the sample's slice, here a running mean. In its
+first half a fit minimises `both`, so that no sample starts where the display clips it; a share of `both` stays.
+"""
+
+import torch
+from torch import Tensor, nn
+
+from bench.metrics.display import LOG_SCALE
+
+SHOWN_FROM = 0.5  # share of the steps after which the display counts
+LOG_SHARE = 0.1  # of the loss `both`, which goes on beside it: highlights that the display clips still count
+WEIGHT = 0.3  # of the displayed error over its slice's, which is 1 on average
+KEPT = 0.99  # of a running sum, each step
+LEAST_ERROR = 1e-5  # of a slice; smaller ones, over 50 dB, count no more
+HIGHEST = 20.0  # log radiance: above, the display clips by far, and an exponential could be infinite
+
+
+def displayed(level: Tensor) -> Tensor:
+    """Displayed values, sRGB in [0, 1], of log radiance, with a gradient; any shape."""
+    linear = (level.clamp(max=HIGHEST).expm1() / LOG_SCALE).clamp(0, 1)
+    curved = 1.055 * linear.clamp_min(0.0031308) ** (1 / 2.4) - 0.055
+    return torch.where(linear <= 0.0031308, 12.92 * linear, curved)
+
+
+class DisplayLoss(nn.Module):
+    """The running squared error of displayed values at each of some directions, and the loss that it weights."""
+
+    def __init__(self, directions: int):
+        super().__init__()
+        self.error = nn.Buffer(torch.zeros(directions))  # running sum of the squared errors of a direction's samples
+        self.count = nn.Buffer(torch.zeros(directions))  # and of their number
+
+    def forward(self, ours: Tensor, target: Tensor, direction: Tensor, both: Tensor, progress: float) -> Tensor:
+        """The loss of log radiances (n, 3) at directions (n,), whose loss `both` is given; `progress` is 0 to 1."""
+        error = (displayed(ours) - displayed(target)).square().mean(1)
+        with torch.no_grad():
+            self.error.mul_(KEPT).index_add_(0, direction, error)
+            self.count.mul_(KEPT).index_add_(0, direction, torch.ones_like(error))
+            mean = self.error.sum() / self.count.sum()
+            # A direction with few samples so far counts as the mean.
+            of_slice = (self.error[direction] + mean) / (self.count[direction] + 1)
+        if progress < SHOWN_FROM:
+            return both
+        return WEIGHT * (error / of_slice.clamp_min(LEAST_ERROR)).mean() + LOG_SHARE * both

@@ -1,0 +1,118 @@
+"""A neural texture on up to three grids: channels at full, half and quarter resolution, fetched at one place.
+
+A channel at a quarter takes a sixteenth of the bits of one at full resolution, and many channels of a surface change
+slowly. A look-up may also be moved along the view, by a depth that a small network finds: where a texel blurs a relief
+over the places at which views see it, this sharpens it, without a height.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from bench.inputs.errors import InputError
+from bench.inputs.settings import Range
+from bench.training.decoder import Architecture, Decoder
+from bench.training.stored_texture import Rounding, load_texture, store_texture
+
+FACTORS = {"latents": 1, "latents2": 2, "latents4": 4, "offset": 4}  # texels a side of a point of each grid
+OFFSET_CHANNELS = 4  # of the grid that the offset's network reads
+
+LOWEST = 0.2  # cosine of a view: nearer to the horizon (78.5°) it moves a look-up no further
+Further = Annotated[int, Range(0, 4096)]  # channels, or none
+
+
+@dataclass(frozen=True)
+class GridSettings:
+    """The further grids of a texture whose channels at full resolution are the setting `latents`."""
+
+    half: Further = 0  # further channels at half the resolution
+    quarter: Further = 0  # further channels at a quarter of it
+    offset: Further = 0  # hidden channels of the network that moves a look-up along the view; 0: no offset
+
+
+def channels(settings: Any, offset: bool = True) -> dict[str, int]:
+    """The channels of each grid that has some; without `offset` not that of the offset."""
+    counts = {"latents": settings.latents, "latents2": settings.half, "latents4": settings.quarter}
+    counts["offset"] = OFFSET_CHANNELS if settings.offset and offset else 0
+    return {name: count for name, count in counts.items() if count}
+
+
+def total(settings: Any) -> int:
+    """The channels that a network sees of all grids."""
+    return sum(channels(settings, offset=False).values())
+
+
+def size_of(name: str, shape: tuple[int, int]) -> tuple[int, int]:
+    """The size of a grid by name, over a picture (H, W); incomplete points at the edges count."""
+    factor = FACTORS[name]
+    return -(-shape[0] // factor), -(-shape[1] // factor)
+
+
+class Grids(nn.Module):
+    """The grids of a fit, free: `values[name]` (h, w, C), and the rounding of each."""
+
+    def __init__(self, first: Tensor, shape: tuple[int, int], settings: Any, offset: bool):
+        """Start at latents (H · W, `total`): the first channels at full resolution, the next at half, then a quarter.
+
+        The offset starts at the first channels: components that separate texels also separate heights.
+        """
+        super().__init__()
+        self.values: Any = nn.ParameterDict()
+        self.roundings: Any = nn.ModuleDict()
+        picture, start = first.T.unflatten(1, shape), 0
+        for name, count in channels(settings, offset).items():
+            part = picture[:count] if name == "offset" else picture[start : start + count]
+            start += len(part)
+            missing = picture.new_zeros(count - len(part), *shape)  # of an offset of more channels than all latents
+            mean = functional.adaptive_avg_pool2d(torch.cat([part, missing]), size_of(name, shape))
+            self.values[name] = nn.Parameter(mean.permute(1, 2, 0).contiguous())
+            self.roundings[name] = Rounding(count, settings.bits)
+
+    def rounded(self) -> dict[str, Tensor]:
+        """The grids (h, w, C) as they are looked up: from half of the fit on as the file will hold them."""
+        return {name: self.roundings[name](values) for name, values in self.values.items()}
+
+    def stored(self) -> dict[str, Tensor]:
+        """The tensors of a file."""
+        stored: dict[str, Tensor] = {}
+        for name, values in self.values.items():
+            stored |= store_texture(name, values, self.roundings[name])
+        return stored
+
+
+def load_grids(stored: dict[str, Tensor], settings: Any, shape: tuple[int, int], offset: bool) -> dict[str, Tensor]:
+    """The grids (h, w, C) of a picture (H, W) by name from `Grids.stored`. `InputError` if their sizes differ."""
+    grids = {}
+    for name, count in channels(settings, offset).items():
+        grids[name] = load_texture(name, stored)
+        if grids[name].shape != (*size_of(name, shape), count) or min(shape) < 1:
+            size = " × ".join(map(str, grids[name].shape))
+            raise InputError(f"grid {name} of this file is {size}, of {shape[0]} × {shape[1]} texels: encode it again")
+    return grids
+
+
+class Offset(nn.Module):
+    """Moves a look-up along the view, by a depth of the offset's latents and ω_o; its scale, the gate, starts at 0.
+
+    Moved freely, as NeuralBTF does, neighbouring views of a periodic surface such as corduroy settle periods apart, and
+    a view between them sees it half a period away: docs/relief.md.
+    """
+
+    def __init__(self, width: int, generator: torch.Generator | None = None):
+        super().__init__()
+        self.decoder = Decoder(Architecture(OFFSET_CHANNELS + 3, (width,), 1), generator)
+        self.gate = nn.Parameter(torch.zeros(1))
+
+    @property
+    def flops(self) -> int:
+        """Operations of one sample, a fused multiply-add counted as two."""
+        return self.decoder.architecture.flops + 7
+
+    def moved(self, uv: Tensor, latents: Tensor, wo: Tensor) -> Tensor:
+        """uv (n, 2), moved by the depth that latents (n, 4) there have for views wo (n, 3)."""
+        depth = self.gate * self.decoder(torch.cat([latents, wo.to(latents.dtype)], 1)).tanh()
+        slope = wo[:, :2] / wo[:, 2:].clamp_min(LOWEST)
+        return uv + depth.to(uv.dtype) * slope.to(uv.dtype)

@@ -1,0 +1,102 @@
+"""The weights of a network in a file: as floats, as halves, or in eight bits, which the fit takes into account.
+
+In eight bits each row of a matrix has a step of its own, so that the largest weight of the row is 127 steps; biases,
+norms and other vectors stay halves. From half of the fit on, a step is taken with the weights as the file will hold
+them: the gradient at the rounded weights moves the exact ones (Courbariaux et al., "BinaryConnect", 2015).
+"""
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Literal, TypeVar
+
+import torch
+from torch import Tensor, nn
+
+from bench.training.quantise import pack, unpack
+
+WeightPrecision = Literal["float32", "half", "int8"]
+
+MOST_STEPS = 127  # of the largest weight of a row, in eight bits
+
+
+def to_vector(*networks: nn.Module) -> Tensor:
+    """Concatenate all parameters of some networks to one tensor, as a codec file stores them."""
+    return torch.cat([p.detach().reshape(-1) for network in networks for p in network.parameters()])
+
+
+def load_vector(vector: Tensor, *networks: nn.Module) -> None:
+    """The inverse of `to_vector`, from any float dtype. Raises `ValueError` if the count differs."""
+    _fill([p for network in networks for p in network.parameters()], vector)
+
+
+Stored = TypeVar("Stored", bound=nn.Module)
+
+
+def store_network(network: nn.Module, precision: WeightPrecision) -> dict[str, Tensor]:
+    """All weights of a network as named tensors, `weights` and others, for one part of a file."""
+    if precision != "int8":
+        return pack("weights", to_vector(network), precision)
+    rows, others = _rows_and_others(network)
+    steps = [_steps(matrix) for matrix in rows]
+    codes = [(matrix.detach() / step).round() for matrix, step in zip(rows, steps, strict=True)]
+    stored = {"weights": _joined(codes).to(torch.int8).cpu()}
+    return stored | pack("weights.step", _joined(steps), "half") | pack("weights.other", _joined(others), "half")
+
+
+def load_network(network: Stored, tensors: dict[str, Tensor]) -> Stored:
+    """The network, with the weights that `store_network` stored. Raises `ValueError` if their count differs."""
+    if "weights.step" not in tensors:
+        load_vector(unpack("weights", tensors), network)
+        return network
+    rows, others = _rows_and_others(network)
+    _fill(rows, tensors["weights"].float())
+    _fill(others, unpack("weights.other", tensors))
+    steps = [torch.empty(len(matrix), 1) for matrix in rows]
+    _fill(steps, unpack("weights.step", tensors))
+    with torch.no_grad():
+        for matrix, step in zip(rows, steps, strict=True):
+            matrix.mul_(step)
+    return network
+
+
+@contextmanager
+def rounded_weights(networks: Iterable[nn.Module]) -> Iterator[None]:
+    """Within it, some networks have the weights that a file of eight bits holds; after it, their own again."""
+    rows = [matrix for network in networks for matrix in _rows_and_others(network)[0]]
+    own = [matrix.detach().clone() for matrix in rows]
+    with torch.no_grad():
+        for matrix in rows:
+            step = _steps(matrix)
+            matrix.div_(step).round_().mul_(step)
+    try:
+        yield
+    finally:
+        with torch.no_grad():
+            for matrix, values in zip(rows, own, strict=True):
+                matrix.copy_(values)
+
+
+def _rows_and_others(network: nn.Module) -> tuple[list[Tensor], list[Tensor]]:
+    """The parameters that are matrices, and the others."""
+    parameters = list(network.parameters())
+    return [p for p in parameters if p.ndim == 2], [p for p in parameters if p.ndim != 2]
+
+
+def _steps(matrix: Tensor) -> Tensor:
+    """The step (rows, 1) of each row of a matrix (rows, columns)."""
+    return (matrix.detach().abs().amax(1, keepdim=True) / MOST_STEPS).clamp_min(torch.finfo(torch.float32).tiny)
+
+
+def _joined(tensors: list[Tensor]) -> Tensor:
+    """Some tensors as one vector; of none, an empty one."""
+    return torch.cat([torch.empty(0), *(tensor.detach().cpu().reshape(-1) for tensor in tensors)])
+
+
+def _fill(tensors: list[Tensor], vector: Tensor) -> None:
+    """Copy a vector into some tensors, one after the other. Raises `ValueError` if the count differs."""
+    wanted = sum(each.numel() for each in tensors)
+    if vector.shape != (wanted,):
+        raise ValueError(f"the networks have {wanted} parameters, but the file has {tuple(vector.shape)}")
+    with torch.no_grad():
+        for each, values in zip(tensors, vector.split([each.numel() for each in tensors]), strict=True):
+            each.copy_(values.reshape(each.shape))
