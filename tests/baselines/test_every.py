@@ -259,3 +259,33 @@ def test_losses_of_black_and_white_have_gradients_at_equality_and_away_from_it(
         value.backward()
         assert value.isfinite()
         assert all(p.grad is None or p.grad.isfinite().all() for p in fitting.parameters())
+
+
+STORES_A_NETWORK = {
+    "bcf": SMALL,
+    "hierarchical": {"steps": 4, "batch": 256},
+    "neubtf": {"steps": 5},
+    "neubtf-direct": SMALL,
+    "neumip": SMALL,
+    "neuralbtf": SMALL | {"width": 32},
+    "ntc": SMALL | {"reduction": 2},
+    "rainer2019": FEW,
+    "relief": SMALL,
+    "triple-plane": SMALL,
+    "zeltner2024": SMALL,
+}
+
+
+@pytest.mark.parametrize("name", STORES_A_NETWORK)
+@pytest.mark.usefixtures("few_samples")
+def test_weights_of_eight_bits_are_half_as_large_and_answer_alike(name: str) -> None:
+    files = {}
+    for weights in ("half", "int8"):
+        codec = make_codec(name, STORES_A_NETWORK[name] | {"weights": weights})
+        files[weights] = codec.encode(tiny_btf(), Fit())
+    sizes = {
+        weights: sum(x.numel() * x.element_size() for x in parts.decoder.values()) for weights, parts in files.items()
+    }
+    assert sizes["int8"] < 0.8 * sizes["half"]  # biases, norms and the steps of rows stay halves
+    exact, rounded = (codec.decode(parts, CPU).slice(UP, UP) for parts in files.values())
+    assert (rounded - exact).abs().mean() < 0.25 * exact.abs().mean()
