@@ -79,10 +79,11 @@ class Network(nn.Module):
 
 
 class Pyramids(nn.Module):
-    """Each grid of a texture (H, W), and its coarser levels, by name; a file holds the finest of each."""
+    """Each grid of a texture of `size`, and its coarser levels, by name; a file holds the finest level of each."""
 
     def __init__(self, settings: Any, size: tuple[int, int], relief: bool):
         super().__init__()
+        self.side, self.coarsest = max(size), level_count(size) - 1
         names = channels(settings, offset=not relief)
         self.each: Any = nn.ModuleDict({name: Pyramid(size_of(name, size)) for name in names})
 
@@ -91,9 +92,8 @@ class Pyramids(nn.Module):
         return {name: self.each[name].table(values.flatten(0, 1)) for name, values in grids.items()}
 
     def level(self, footprint: Tensor) -> Tensor:
-        """The level (n,) of footprints (n,) in texture units, of the finest grid."""
-        side = max(self.each[name].side * FACTORS[name] for name in self.each)
-        return (footprint.float() * side).log2().clamp_min(0)
+        """The level (n,) of footprints (n,) in texture units: log2 of texels, of those that the texture has."""
+        return (footprint.float() * self.side).log2().clamp(0, self.coarsest)
 
     def fetch(self, tables: dict[str, Tensor], uv: Tensor, level: Tensor) -> Tensor:
         """The channels (n, C) of all grids but the offset's at uv (n, 2), each at its own level of the texture's."""
