@@ -44,7 +44,7 @@ SHADOW = 0.5  # texels: about half of the penumbra that a texel's width makes
 
 
 class Network(nn.Module):
-    """Latents (n, D) and directions (n, 3) → log radiance (n, 3); with `relief` it also sees the light's horizon."""
+    """Latents and directions (n, 3) → log radiance (n, 3); with `relief` it also sees the light's horizon."""
 
     def __init__(self, settings: Any, relief: bool, generator: torch.Generator | None = None):
         super().__init__()
@@ -64,12 +64,15 @@ class Network(nn.Module):
         rest = self.decoder.architecture.outputs - 3
         self.decoder.start_at(functional.pad(level.cpu(), (0, rest), value=2.0))
 
-    def forward(self, latents: Tensor, level: Tensor, wo: Tensor, wi: Tensor, excess: Tensor | None) -> Tensor:
-        """Log radiance (n, 3); `level` (n, 1) is that of detail, `excess` (n, 1) in texels, if there is a relief."""
+    def forward(self, latents: list[Tensor], level: Tensor, wo: Tensor, wi: Tensor, excess: Tensor | None) -> Tensor:
+        """Log radiance (n, 3) of the latents (n, C) of each grid.
+
+        `level` (n, 1) is that of detail, `excess` (n, 1) in texels, if there is a relief.
+        """
         numbers = [level / DEEPEST, *direction_inputs(wo, wi, "xyzh")]
-        inputs = [latents, *(each.to(latents.dtype) for each in numbers)]
         if excess is not None:
-            inputs.append((excess * SHADOW).tanh().to(latents.dtype))
+            numbers.append((excess * SHADOW).tanh())
+        inputs = [*latents, *(each.to(latents[0].dtype) for each in numbers)]
         out = self.decoder(torch.cat(inputs, 1)).to(wo.dtype)
         if excess is None:
             return out
@@ -95,15 +98,15 @@ class Pyramids(nn.Module):
         """The level (n,) of footprints (n,) in texture units: log2 of texels, of those that the texture has."""
         return (footprint.float() * self.side).log2().clamp(0, self.coarsest)
 
-    def fetch(self, tables: dict[str, Tensor], uv: Tensor, level: Tensor) -> Tensor:
-        """The channels (n, C) of all grids but the offset's at uv (n, 2), each at its own level of the texture's."""
+    def fetch(self, tables: dict[str, Tensor], uv: Tensor, level: Tensor) -> list[Tensor]:
+        """The channels (n, C) of each grid but the offset's at uv (n, 2), at its own level for those of the texture."""
         found = []
         for name, pyramid in self.each.items():
             if name != "offset":
                 coarser = int(math.log2(FACTORS[name]))
                 own = (level - coarser).clamp(0, len(pyramid.levels) - 1)
                 found.append(pyramid.fetch(tables[name], uv, own))
-        return torch.cat(found, 1)
+        return found
 
     def moved(self, network: Network, tables: dict[str, Tensor], uv: Tensor, wo: Tensor) -> Tensor:
         """uv (n, 2) as the offset moves it, if the network has one."""
