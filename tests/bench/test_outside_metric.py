@@ -79,6 +79,18 @@ def test_it_runs_and_tables_and_lists_show_it(installed, tmp_path, monkeypatch):
     assert "dark" in neubtf_bench("table", "main", tmp_path / "run")  # where it is not installed, by its name
 
 
+def test_a_job_that_it_fails_is_scored_again_once_it_is_mended(installed, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
+    words = ["run", "quick", "--material", "satin", "--codec", "mean-colour", "--metric", "dark", *SMALL]
+    words += ["--out", str(tmp_path / "run")]
+    installed(SOURCE.replace("np.abs(side", "np.nan * abs(side"))
+    assert cli.main(words) == 3
+    assert "metric dark of shades 1.0: compare returned" in " ".join(capsys.readouterr().out.split())
+    installed(SOURCE, package="mended")
+    assert cli.main(words) == 0
+    assert "1 scored again from cached files" in " ".join(capsys.readouterr().out.split())
+
+
 def test_it_is_scored_as_any_other(installed):
     installed(SOURCE)
     assert scored()["dark"]["mean"] > 0
