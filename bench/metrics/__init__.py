@@ -24,8 +24,8 @@ from bench.metrics.description import PERIODIC, Metric
 from bench.records import Record, metrics_of
 
 
-def _flip(space_name: str, space: str, target: str, label: str, default: bool = False) -> Metric:
-    family = f"flip_{space_name}"
+def _flip(kind: str, space: str, target: str, label: str, default: bool = False) -> Metric:
+    family = f"flip_{kind}"
     return Metric(f"{family}_{{ppd}}ppd", "1", "lower", space, 1, target, label, default, periodic=True, family=family)
 
 
