@@ -6,18 +6,8 @@ from functools import partial
 from statistics import fmean, stdev
 from typing import Any
 
-from bench.metrics import PERIODIC, label_of
-from bench.records import (
-    OUTSIDE,
-    PSNR,
-    RMSE,
-    SCENE_HELDOUT,
-    Record,
-    deciding_group,
-    metric_of,
-    metrics_of,
-    shown_columns,
-)
+from bench.metrics import PERIODIC, in_decibels, is_relative, label_of, metric_of
+from bench.records import OUTSIDE, PSNR, RMSE, SCENE_HELDOUT, Record, deciding_group, metrics_of, shown_columns
 from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, plus_minus, significant, stated
 from reports.rows import MaterialRows, Row, described
 
@@ -98,8 +88,8 @@ class Column:
         return None if mean is None else self.sign * mean
 
 
-def _digits(unit: str) -> int:
-    return 2 if unit == "dB" else 3
+def _digits(metric: str) -> int:
+    return 2 if in_decibels(metric) else 3
 
 
 def _scale(metric: Record) -> str:
@@ -108,15 +98,15 @@ def _scale(metric: Record) -> str:
     return f"{unit} {'↑' if metric['direction'] == 'higher' else '↓'}".strip()
 
 
-def _mean(name: str, scale: str, family: str, group: str = "", unit: str = "dB", of: str = "mean") -> Column:
+def _mean(name: str, scale: str, family: str, group: str = "", digits: int = 2, of: str = "mean") -> Column:
     """The mean over the slices of a group, by default those that decide, or another number of them."""
-    write = partial(fixed, digits=_digits(unit))
+    write = partial(fixed, digits=digits)
     return Column(name, scale, lambda row: stated(row.stats(group or row.deciding_group, family), of), write)
 
 
-def _spread(name: str, scale: str, family: str, unit: str = "dB") -> Column:
+def _spread(name: str, scale: str, family: str, digits: int = 2) -> Column:
     """Mean ± std over the slices that decide."""
-    write = partial(plus_minus, digits=_digits(unit))
+    write = partial(plus_minus, digits=digits)
     return Column(
         name, scale, lambda row: stated(row.stats(row.deciding_group, family), "mean", "std"), write, over="slices"
     )
@@ -243,9 +233,9 @@ def summary(materials: Sequence[MaterialRows]) -> list[Column]:
     """Columns of a summary over materials besides PSNR: every other metric, size, time."""
     metrics = {label_of(name): (name, each) for material in materials for name, each in material.metrics.items()}
     quality = [
-        _mean(label, _scale(each), name.removesuffix(PERIODIC), unit=each["unit"])
+        _mean(label, _scale(each), name.removesuffix(PERIODIC), digits=_digits(name))
         for label, (name, each) in metrics.items()
-        if name != PSNR and each["unit"] != "radiance"
+        if name != PSNR and not is_relative(name)
     ]
     times = [_FLOOR, _FUSED] if any(row.fused for each in materials for row in each.measured) else [_FLOOR]
     return [*quality, TOTAL, *(replace(time, unit="× floor ↓") for time in times)]
@@ -254,9 +244,8 @@ def summary(materials: Sequence[MaterialRows]) -> list[Column]:
 def _others(material: MaterialRows, make: Callable[..., Column] = _spread) -> Iterator[Column]:
     """A column for each metric but PSNR, and the errors of radiance, which have their own table."""
     for name, metric in material.metrics.items():
-        unit = metric["unit"]
-        if name != PSNR and unit != "radiance":
-            yield make(label_of(name), _scale(metric), family=name, unit=unit)
+        if name != PSNR and not is_relative(name):
+            yield make(label_of(name), _scale(metric), family=name, digits=_digits(name))
 
 
 def bands(job: Record) -> list[Column]:
@@ -316,18 +305,17 @@ def scene(job: Record) -> list[Column]:
     if SCENE_HELDOUT in job["scores"]:
         chosen.append(_mean("held out in the scene", "dB ↑", PSNR, SCENE_HELDOUT))
     for name, metric in _not_of_radiance(job, job["scene"]["metrics"]):
-        write = partial(fixed, digits=_digits(metric["unit"]))
+        write = partial(fixed, digits=_digits(name))
         chosen.append(Column(f"frames {label_of(name)}", _scale(metric), partial(value, name), write))
     for name, metric in _not_of_radiance(job, metrics_of(job, "scene")):
         label = f"weighted {label_of(name)}"
-        chosen.append(_mean(label, _scale(metric), name, "scene", metric["unit"], "pooled"))
+        chosen.append(_mean(label, _scale(metric), name, "scene", _digits(name), "pooled"))
     outside = _mean("outside PSNR", "dB ↑", PSNR, OUTSIDE)
     return [*chosen, *(replace(column, whole_only=True) for column in (outside, HELDOUT))]
 
 
 def _not_of_radiance(job: Record, names: Iterable[str]) -> Iterator[tuple[str, Record]]:
-    found = ((name, described(job, name)) for name in names)
-    return ((name, metric) for name, metric in found if metric["unit"] != "radiance")
+    return ((name, described(job, name)) for name in names if not is_relative(name))
 
 
 _BAND_NAMES = {"grazing view": "θ_o>60°", "grazing light": "θ_i>60°"}

@@ -19,6 +19,7 @@ from bench.compare.choosing.curves import (
 )
 from bench.compare.paired import AGAINST
 from bench.compare.quantities import average
+from bench.metrics import direction_of
 from bench.records import FLIP, KINDS, PSNR, SSIM, Run, grouped, kind_of
 from reports.numbers import NONE, fixed, signed
 from reports.table import Table, best_cells
@@ -106,7 +107,7 @@ def _metrics(points: Points, surfaces: Sequence[str]) -> Table:
     places = []
     for column, family in enumerate(families):
         by_line = {line: values[column] for line, values in known.items()}
-        ranked = sorted(by_line, key=by_line.__getitem__, reverse=family != FLIP)
+        ranked = sorted(by_line, key=by_line.__getitem__, reverse=direction_of(family) == "higher")
         places.append({line: place for place, line in enumerate(ranked, 1)})
     rows = []
     for line in places[0]:  # the best PSNR first

@@ -8,7 +8,8 @@ NeuBTF without one thing at a time: each codec of the suite `ablation` as it is,
 from collections.abc import Iterable, Iterator, Mapping
 from statistics import fmean
 
-from bench.records import FLIP, PSNR, SSIM, Record, Run, shown_label, stats_of
+from bench.metrics import stats_of
+from bench.records import FLIP, PSNR, SSIM, Record, Run, shown_label
 from reports.numbers import NONE, fixed, integer, plus_minus, signed, stated
 from reports.rows import of_suite
 from reports.table import Note, Table

@@ -8,6 +8,7 @@ from typing import Any
 
 from bench.codecs.alike import obstacles
 from bench.compare.choosing import fused_times
+from bench.metrics import metric_of, stats_of
 from bench.records import (
     CONDITIONS,
     PSNR,
@@ -16,11 +17,9 @@ from bench.records import (
     deciding_group,
     fitted_to_scene,
     grouped,
-    metric_of,
     metrics_of,
     require,
     shown_label,
-    stats_of,
 )
 
 NEW_RUN = "timed in another start than the other rows"

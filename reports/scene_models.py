@@ -4,7 +4,8 @@ import json
 from collections.abc import Iterator, Sequence
 from statistics import fmean
 
-from bench.records import MOST_DB, PSNR, SCENE_HELDOUT, Record, fitted_to_scene, stats_of
+from bench.metrics import stats_of
+from bench.records import MOST_DB, PSNR, SCENE_HELDOUT, Record, fitted_to_scene
 from reports.numbers import fixed, integer, significant
 from reports.rows import CodecRows, MaterialRows, Row
 from reports.table import Table

@@ -30,11 +30,11 @@ from bench.data.spec import Preparation, named
 from bench.directions.hemisphere import from_degrees, to_degrees
 from bench.machine.threads import torch_threads
 from bench.material import Material
-from bench.metrics import DEFAULTS, chosen_names
+from bench.metrics import DEFAULTS, chosen_names, metric_of
 from bench.metrics.angular import THETA_EDGES_DEG
 from bench.metrics.display import decode_srgb, encode_srgb, exposure, to_display
 from bench.metrics.scoring import Scorer
-from bench.records import SSIM, metric_of
+from bench.records import SSIM
 from neubtf import latents, propagation
 from neubtf.codec import NeuBTF
 from neubtf.guidance import RADIANCE, Treatment, guidance_of, seam_of

@@ -11,7 +11,8 @@ from rich.text import Text
 
 from bench.codecs.container import Header
 from bench.inputs.errors import visible
-from bench.records import MOST_DB, PSNR, stats_of
+from bench.metrics import stats_of
+from bench.records import MOST_DB, PSNR
 
 SILENCE = 10.0  # without a terminal, seconds between two lines of progress
 

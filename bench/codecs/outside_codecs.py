@@ -10,17 +10,12 @@ from functools import cache
 from importlib.metadata import EntryPoint
 from typing import Any
 
+from bench.inputs import plugins
 from bench.inputs.errors import CodecError, InputError
 
 Make = Callable[[str, dict[str, Any] | None], object]
-OURS = "neubtf-bench"
 EXPENDABLE = "NEUBTF_EXPENDABLE"  # set in the environment of a process that a codec may end
 PATIENCE = 120.0  # seconds for an import, including PyTorch's, on a slow disk
-
-
-def is_outside(entry: EntryPoint) -> bool:
-    """Whether a codec comes from another distribution than this suite."""
-    return entry.dist is not None and entry.dist.name != OURS
 
 
 def check(entry: EntryPoint, called: str, make: Make, settings: dict[str, Any] | None = None) -> None:
@@ -28,7 +23,7 @@ def check(entry: EntryPoint, called: str, make: Make, settings: dict[str, Any] |
 
     `CodecError` says how the process failed; an `InputError` of the codec is passed on.
     """
-    if EXPENDABLE in os.environ or not is_outside(entry):
+    if EXPENDABLE in os.environ or not plugins.is_outside(entry):
         return
     pairs = None if settings is None else tuple(sorted(settings.items()))
     if (error := _tried(entry.name, called, make, pairs)) is not None:

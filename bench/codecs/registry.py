@@ -5,11 +5,12 @@ import importlib.util
 import re
 import tomllib
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.codecs import outside_codecs
+from bench.inputs import plugins
 from bench.inputs.errors import CodecError, InputError, did_you_mean, said_by
 
 if TYPE_CHECKING:
@@ -23,12 +24,7 @@ _OF_COMMANDS = EntryPoint(COMMAND, "bench.codecs.command:Programs", GROUP)
 
 def codec_entries() -> dict[str, EntryPoint]:
     """Every installed codec's entry point by name. `InputError` if two packages use the same name."""
-    entries: dict[str, EntryPoint] = {}
-    for entry in entry_points(group=GROUP):
-        other = entries.setdefault(entry.name, entry)
-        if other.value != entry.value:
-            raise InputError(f"two codecs are named {entry.name!r}: {other.value} and {entry.value}: uninstall one")
-    return entries
+    return plugins.entries(GROUP, "codec")
 
 
 def load_codec(name: str, wanted_by: str = "") -> "type[Codec]":
@@ -96,17 +92,17 @@ def _kind(error: BaseException) -> str:
 def from_outside(name: str) -> bool:
     """Whether a codec comes from a distribution other than this suite."""
     entry = codec_entries().get(name)
-    return entry is not None and outside_codecs.is_outside(entry)
+    return entry is not None and plugins.is_outside(entry)
 
 
 def called(entry: EntryPoint) -> str:
     """The name of a codec in errors, with its distribution."""
-    return f"codec {entry.name} of {origin(entry)}"
+    return plugins.called(entry, "codec")
 
 
 def origin(entry: EntryPoint) -> str:
     """The distribution of a codec and its version: `neubtf-bench 0.1.0`."""
-    return f"{entry.dist.name} {entry.dist.version}" if entry.dist else "an unknown distribution"
+    return plugins.origin(entry)
 
 
 def describe(entry: EntryPoint) -> str:

@@ -5,7 +5,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from bench.records import FLIP, MOST_DB, PSNR, Record, deciding_group, metric_of, metrics_of
+from bench.metrics import PERIODIC, in_decibels, metric_of
+from bench.records import FLIP, MOST_DB, PSNR, Record, deciding_group, metrics_of
 
 FOOTPRINTS = "footprints"  # used in place of a metric's name
 MAIN = "PSNR"  # the mean over slices, which tables rank by
@@ -34,6 +35,7 @@ class Quantity:
     value: Callable[[Record], float | None]
     tolerance: Tolerance | None = None
     metric: str = ""  # the full name of the metric whose version must agree
+    decibels: bool = False  # whether `MOST_DB` and more is written as "exact"
 
     def version(self, job: Record) -> object:
         """The version of the metric that measured this in a job; None if it was not measured."""
@@ -50,7 +52,7 @@ class Quantity:
         """A value as tables show it."""
         if value is None:
             return "—"
-        exact = self.unit == "dB" and value >= MOST_DB
+        exact = self.decibels and value >= MOST_DB
         return "exact" if exact else f"{value:,.{self.digits}f}"
 
     def difference(self, change: float) -> str:
@@ -84,7 +86,7 @@ def deciding(job: Record) -> list[Quantity]:
         grazing = [name for name in (f"{group}, grazing view", f"{group}, grazing light") if name in job["scores"]]
         quantities += [_mean("grazing", psnr, grazing, DECIBELS)] if grazing else []
     if any(side != "1" for side in job.get("footprints", {})):
-        quantities.append(Quantity("footprints", "dB", "higher", 2, _footprints, DECIBELS, FOOTPRINTS))
+        quantities.append(Quantity("footprints", "dB", "higher", 2, _footprints, DECIBELS, FOOTPRINTS, decibels=True))
     if flip:
         quantities.append(_metric(job, flip, group, "FLIP", 4, DIFFERENCE))
     return quantities
@@ -97,22 +99,21 @@ def undeciding(job: Record) -> list[Quantity]:
     quantities = [_metric(job, psnr, group, "PSNR pooled", 2)] if psnr else []
     for name in names:
         if name not in (psnr, flip):
-            digits = 2 if job["metrics"][name]["unit"] == "dB" else 4
-            quantities.append(_metric(job, name, group, name.removesuffix("_periodic"), digits))
+            quantities.append(_metric(job, name, group, name.removesuffix(PERIODIC), 2 if in_decibels(name) else 4))
     for side in (side for side in job.get("footprints", {}) if side != "1"):
-        quantities.append(Quantity(f"{side} texels", "dB", "higher", 2, partial(_footprint, side)))
+        quantities.append(Quantity(f"{side} texels", "dB", "higher", 2, partial(_footprint, side), decibels=True))
     return quantities + [_part(part) for part in ("decoder", "texture") if part in job["bytes"]]
 
 
 def _metric(job: Record, metric: str, group: str, name: str, digits: int, limit: Tolerance | None = None) -> Quantity:
-    described = job["metrics"][metric]
+    described, decibels = job["metrics"][metric], in_decibels(metric)
 
     def value(job: Record) -> float | None:
         stats = metrics_of(job, group).get(metric)
-        return _number(stats, stats.get("pooled"), described["unit"]) if stats else None
+        return _number(stats, stats.get("pooled"), decibels) if stats else None
 
     unit = "" if described["unit"] == "1" else described["unit"]
-    return Quantity(name, unit, described["direction"], digits, value, limit, metric)
+    return Quantity(name, unit, described["direction"], digits, value, limit, metric, decibels)
 
 
 def _mean(name: str, metric: str, groups: list[str], tolerance: Tolerance) -> Quantity:
@@ -120,15 +121,15 @@ def _mean(name: str, metric: str, groups: list[str], tolerance: Tolerance) -> Qu
 
     def value(job: Record) -> float | None:
         stats = [each for group in groups if (each := metrics_of(job, group).get(metric)) and each.get("slices", 1)]
-        return average([_number(each, each.get("mean"), "dB") for each in stats])
+        return average([_number(each, each.get("mean")) for each in stats])
 
-    return Quantity(name, "dB", "higher", 2, value, tolerance, metric)
+    return Quantity(name, "dB", "higher", 2, value, tolerance, metric, decibels=True)
 
 
 def _footprints(job: Record) -> float | None:
     """The mean over footprints above one texel of the mean over slices, or of the pooled PSNR in older records."""
     sides = {side: stats for side, stats in job.get("footprints", {}).items() if side != "1"}
-    return average([_number(stats, stats["mean" if "mean" in stats else PSNR], "dB") for stats in sides.values()])
+    return average([_number(stats, stats["mean" if "mean" in stats else PSNR]) for stats in sides.values()])
 
 
 def average(values: Sequence[float | None]) -> float | None:
@@ -141,14 +142,14 @@ def average(values: Sequence[float | None]) -> float | None:
 
 def _footprint(side: str, job: Record) -> float | None:
     stats = job.get("footprints", {}).get(side)
-    return _number(stats, stats.get(PSNR), "dB") if stats else None
+    return _number(stats, stats.get(PSNR)) if stats else None
 
 
 def _part(part: str) -> Quantity:
     return Quantity(f"{part} bytes", "", "lower", 0, lambda job: job["bytes"].get(part))
 
 
-def _number(stats: Record, pooled: float | None, unit: str) -> float | None:
-    """The pooled number; infinite dB if no slice has an error; None if nothing was measured."""
-    exact = pooled is None and unit == "dB" and stats.get("slices") and stats.get("exact") == stats.get("slices")
+def _number(stats: Record, pooled: float | None, decibels: bool = True) -> float | None:
+    """The pooled number; infinite decibels if no slice has an error; None if nothing was measured."""
+    exact = pooled is None and decibels and stats.get("slices") and stats.get("exact") == stats.get("slices")
     return math.inf if exact else pooled

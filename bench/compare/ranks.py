@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bench.records import PSNR, Record, stats_of
+from bench.metrics import stats_of
+from bench.records import PSNR, Record
 
 ALPHA = 0.05
 SAME_DB = 0.005  # tables do not show a smaller difference, so such codecs share a rank

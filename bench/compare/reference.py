@@ -18,19 +18,8 @@ from bench.compare.paired import decibels, packed
 from bench.compare.quantities import MAIN, deciding
 from bench.compare.verdicts import FEW_SEEDS, agree, smallest_loss
 from bench.inputs.errors import InputError
-from bench.records import (
-    FLIP,
-    PSNR,
-    VALIDATION,
-    Record,
-    Run,
-    by_row,
-    deciding_group,
-    kept,
-    metric_of,
-    metrics_of,
-    stats_of,
-)
+from bench.metrics import metric_of, stats_of
+from bench.records import FLIP, PSNR, VALIDATION, Record, Run, by_row, deciding_group, kept, metrics_of
 
 
 def committed(suite: str) -> Path:

@@ -24,7 +24,7 @@ from bench.metrics.display import exposure_of, to_display
 
 NAMES = registry.chosen_names(registry.DEFAULTS, periodic=False)  # a frame has borders
 KEPT_FRAMES, KEPT_SIDE = 3, 320  # frames that a run stores, and pixels along their longer side, at most
-PSNR, FLIP = (records.metric_of(NAMES, family) for family in (records.PSNR, records.FLIP))
+PSNR, FLIP = (registry.metric_of(NAMES, family) for family in (records.PSNR, records.FLIP))
 
 
 def table_of(btf: BTF) -> BTF:

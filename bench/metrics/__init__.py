@@ -7,85 +7,107 @@ A metric's name fixes everything that its number depends on. Two parts of a name
 - the ending `_periodic`: the filters wrap around the picture instead of meeting a border, which is right only for
   a material that repeats.
 
-docs/metrics.md says how to add a metric: a class derived from `bench.metrics.base.SliceMetric`, and one line below.
+docs/metrics.md says how to add a metric: a class derived from `bench.metrics.base.SliceMetric`, and one line below; or
+both in another package, which an entry point names (`bench.metrics.outside`).
 """
 
-import importlib
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
 
 from bench.inputs.errors import InputError, did_you_mean
-
-if TYPE_CHECKING:
-    from bench.metrics.base import SliceMetric
-
-PERIODIC = "_periodic"
-
-
-@dataclass(frozen=True)
-class Metric:
-    """The description of a metric, available without importing it.
-
-    `direction` is "higher" or "lower", whichever is better; `space` is the space in which pictures are compared. A
-    change of `version` makes older records not comparable. `target` is "module:Class"; `options` go to its constructor.
-    `label` is its name in tables.
-    """
-
-    name: str
-    unit: str
-    direction: str
-    space: str
-    version: int
-    target: str
-    label: str = ""
-    default: bool = False  # whether it is measured if a suite chooses no metrics
-    periodic: bool = False  # whether `name` + "_periodic" exists; in a variant, whether it is that variant
-    options: dict[str, Any] = field(default_factory=dict, hash=False)
-
-    def load(self) -> "SliceMetric":
-        """Import the metric and make it."""
-        module, _, name = self.target.partition(":")
-        instance: SliceMetric = getattr(importlib.import_module(module), name)(**self.options)
-        return instance
+from bench.inputs.plugins import PluginError, called, remedy
+from bench.metrics import outside
+from bench.metrics.description import PERIODIC, Metric
+from bench.records import Record, metrics_of
 
 
-def _flip(name: str, space: str, target: str, label: str, default: bool = False) -> Metric:
-    return Metric(name, "1", "lower", space, 1, target, label, default, periodic=True)
+def _flip(kind: str, space: str, target: str, label: str, default: bool = False) -> Metric:
+    family = f"flip_{kind}"
+    return Metric(f"{family}_{{ppd}}ppd", "1", "lower", space, 1, target, label, default, periodic=True, family=family)
+
+
+def _psnr(space: str, target: str, label: str) -> Metric:
+    return Metric(f"psnr_{space}", "dB", "higher", space, 2, target, label, default=True, decibels=True)
 
 
 # A name may hold `{ppd}`, and `periodic` says whether that variant exists.
 REGISTERED = (
-    Metric("psnr_display", "dB", "higher", "display", 2, "bench.metrics.psnr:DisplayPSNR", "PSNR", default=True),
-    Metric("psnr_log1p", "dB", "higher", "log1p", 2, "bench.metrics.psnr:LogPSNR", "log PSNR", default=True),
-    Metric("rmse_linear", "radiance", "lower", "linear", 1, "bench.metrics.psnr:LinearRMSE", "RMSE", default=True),
+    _psnr("display", "bench.metrics.psnr:DisplayPSNR", "PSNR"),
+    _psnr("log1p", "bench.metrics.psnr:LogPSNR", "log PSNR"),
+    Metric(
+        "rmse_linear", "radiance", "lower", "linear", 1, "bench.metrics.psnr:LinearRMSE", "RMSE", True, relative=True
+    ),
     Metric("ssim", "1", "higher", "display luma", 1, "bench.metrics.ssim:SSIM", "SSIM", default=True, periodic=True),
-    _flip("flip_ldr_{ppd}ppd", "display", "bench.metrics.flip:LDR", "FLIP", default=True),
-    _flip("flip_hdr_{ppd}ppd", "HDR, ACES", "bench.metrics.flip:HDR", "HDR FLIP"),
-    _flip("flip_hdr_hable_{ppd}ppd", "HDR, Hable", "bench.metrics.flip:Hable", "HDR FLIP, Hable"),
-    _flip("flip_hdr_reinhard_{ppd}ppd", "HDR, Reinhard", "bench.metrics.flip:Reinhard", "HDR FLIP, Reinhard"),
+    _flip("ldr", "display", "bench.metrics.flip:LDR", "FLIP", default=True),
+    _flip("hdr", "HDR, ACES", "bench.metrics.flip:HDR", "HDR FLIP"),
+    _flip("hdr_hable", "HDR, Hable", "bench.metrics.flip:Hable", "HDR FLIP, Hable"),
+    _flip("hdr_reinhard", "HDR, Reinhard", "bench.metrics.flip:Reinhard", "HDR FLIP, Reinhard"),
 )
 # The default metrics, as a suite names them: without the periodic ending.
 DEFAULTS = tuple(metric.name.replace("{ppd}", "67") for metric in REGISTERED if metric.default)
 
 
 def get(name: str) -> Metric:
-    """The metric of that name, with every variable part filled in. `InputError` names the nearest if there is none."""
+    """The metric of that name, with every variable part filled in.
+
+    `InputError` names the nearest if there is none; `PluginError` if it is of another package and cannot be used.
+    """
     metric, variable = _found(name)
     ppd, periodic = variable.get("ppd"), bool(variable.get("ending"))
     options: dict[str, Any] = {"ppd": float(ppd)} if ppd and ppd != "67" else {}  # the class knows the exact default
-    options |= {"periodic": True} if periodic else {}
-    return replace(metric, name=name, periodic=periodic, options=options)
+    options |= metric.options | ({"periodic": True} if periodic else {})
+    return replace(metric, name=name, periodic=periodic, options=options, family=metric.family or metric.name)
 
 
 def _found(name: str) -> tuple[Metric, dict[str, str | None]]:
-    """The registered metric that a name belongs to, and the variable parts of the name, `ppd` and `ending`."""
+    """The metric that a name belongs to, and the variable parts of the name, `ppd` and `ending`."""
+    if built_in := _built_in(name):
+        return built_in
+    plain, others = name.removesuffix(PERIODIC), outside.entries()
+    if plain in others:
+        metric = outside.described(others[plain], {each.family or each.name for each in REGISTERED})
+        if metric.periodic or name == plain:
+            return metric, {"ending": name.removeprefix(plain)}
+    raise InputError(f"no metric is named {name!r}{did_you_mean(name, [*examples(), *others])}")
+
+
+def _built_in(name: str) -> tuple[Metric, dict[str, str | None]] | None:
     for metric in REGISTERED:
         pattern = re.escape(metric.name).replace(re.escape("{ppd}"), r"(?P<ppd>[1-9]\d{0,3}(?:\.\d*[1-9])?)")
         if match := re.fullmatch(pattern + f"(?P<ending>{PERIODIC})?" * metric.periodic, name):
             return metric, match.groupdict()
-    raise InputError(f"no metric is named {name!r}{did_you_mean(name, examples())}")
+    return None
+
+
+def refuse_taken_names() -> None:
+    """Raise a `PluginError` if another package has a metric with the name of a built-in one."""
+    for entry in outside.entries().values():
+        if _built_in(entry.name):
+            fault = "has the name of a built-in metric: choose another name"
+            raise PluginError(f"{called(entry, outside.KIND)} {fault}; {remedy(entry)}")
+
+
+def listed() -> dict[str, str]:
+    """Every metric in words, those of other packages last; one that cannot be used with what is wrong."""
+
+    def words(metric: Metric) -> str:
+        return f"{metric.unit}, {metric.direction} is better, {metric.space}, version {metric.version}"
+
+    lines = {metric.name: words(metric) for metric in REGISTERED}
+    try:
+        others = outside.entries()
+        refuse_taken_names()
+    except InputError as error:
+        return lines | {"(other packages)": f"FAILS: {error}"}
+    for name in sorted(others):
+        try:
+            lines[name] = words(get(name))
+        except InputError as error:
+            lines[name] = f"FAILS: {error}"
+    return lines
 
 
 def chosen_names(names: Sequence[str], periodic: bool) -> tuple[str, ...]:
@@ -96,13 +118,70 @@ def chosen_names(names: Sequence[str], periodic: bool) -> tuple[str, ...]:
     return tuple(f"{name}{end}" for name, end in ending.items())
 
 
+@lru_cache(maxsize=256)  # tables ask for every cell
+def find(name: str) -> Metric | None:
+    """The metric of that name; None for that of an older record, or of a package that is not installed or fails."""
+    try:
+        return get(name)
+    except InputError:
+        return None
+
+
 def label_of(name: str) -> str:
     """The name of a metric in tables; an unknown name, as in an older record, is returned unchanged."""
-    try:
-        ppd, label = get(name).options.get("ppd"), _found(name)[0].label
-    except InputError:
-        return name.replace("_", " ")
-    return (label or name.replace("_", " ")) + (f" {ppd:g}ppd" if ppd else "")
+    metric, words = find(name), name.replace("_", " ")
+    if metric is None:
+        return words
+    ppd = None if metric.called else metric.options.get("ppd")
+    return (metric.label or words) + (f" {ppd:g}ppd" if ppd else "")
+
+
+def family_of(name: str) -> str:
+    """The family of a metric; of an unknown one its name without the periodic ending."""
+    metric = find(name)
+    return metric.family if metric else name.removesuffix(PERIODIC)
+
+
+def metric_of(names: Iterable[str], family: str) -> str:
+    """Which of these metrics a table shows for a family, or for a metric in any variant (`ssim` → `ssim_periodic`).
+
+    Of several one that suites measure by default comes first, so FLIP is that of 67 pixels per degree; then the first
+    by name. "" if there is none.
+    """
+    return _member(tuple(names), family)
+
+
+@lru_cache(maxsize=1024)
+def _member(names: tuple[str, ...], family: str) -> str:
+    def place(name: str) -> tuple[bool, bool, str]:
+        return name != family, name.removesuffix(PERIODIC) not in DEFAULTS, name
+
+    members = [name for name in names if family in (name, name.removesuffix(PERIODIC), family_of(name))]
+    return min(members, key=place, default="")
+
+
+def in_decibels(name: str) -> bool:
+    """Whether a metric is a PSNR, whose slices without error count as exact."""
+    metric = find(name)
+    return metric is not None and metric.decibels
+
+
+def is_relative(name: str) -> bool:
+    """Whether a metric is an error of radiance, which a table of its own shows."""
+    metric = find(name)
+    return metric is not None and metric.relative
+
+
+def direction_of(family: str) -> str:
+    """Which end is better in a family of built-in metrics: "higher" or "lower"."""
+    return next(metric.direction for metric in REGISTERED if (metric.family or metric.name) == family)
+
+
+def stats_of(job: Record, family: str, group: str = "") -> Record:
+    """The statistics of a family's metric over a group, by default the deciding one; empty if there are none."""
+    metrics = metrics_of(job, group)
+    stats: Record = metrics.get(metric_of(metrics, family), {})
+    return stats
 
 
 def examples() -> list[str]:

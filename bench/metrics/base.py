@@ -80,6 +80,11 @@ class SliceMetric:
     smallest = 1  # texels a side that a picture must have
     per_material = False  # whether `for_material` has anything to fix
 
+    @property
+    def module(self) -> str:
+        """The module whose source the numbers depend on."""
+        return type(self).__module__
+
     def for_material(self, sample: Array) -> "SliceMetric":
         """The metric with its per-material constants fixed, from a sample (n, 3) of the material's linear radiance."""
         del sample

@@ -18,6 +18,7 @@ from bench.inputs.errors import InputError
 from bench.machine.threads import cores
 from bench.metrics.angular import as_number, bins, grazing, polar_map
 from bench.metrics.base import Picture, SliceMetric, check_radiance
+from bench.metrics.description import Metric
 from bench.metrics.display import display_error, exposure_of, sample
 from bench.metrics.psnr import DisplayPSNR, LogPSNR
 
@@ -172,13 +173,13 @@ def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) ->
     - `slices` and `radiance`, the mean linear radiance of its references;
     - `metrics`: by name, `mean` and `std` over the slices, `pooled` over all of them, `exact`, the number of slices
       without any error, and `slices`, the number that the metric applies to; `relative` for an error
-      in units of radiance: pooled over the group's `radiance`; `worst` for a PSNR: its mean over the worst tenth of the
+      of radiance: pooled over the group's `radiance`; `worst` for a PSNR: its mean over the worst tenth of the
       slices;
     - `bins`: by name, pooled numbers of θ_o × θ_i bins (`bench.metrics.angular.bins`).
 
     None stands for no slice to measure.
     """
-    loaded = {name: (registry.get(name).unit, registry.get(name).load()) for name in scores.raw}
+    loaded = {name: (registry.get(name), registry.get(name).load()) for name in scores.raw}
     view, light = grazing(wo[scores.pairs]), grazing(wi[scores.pairs])
     masks = {"grazing view": view, "grazing light": light}
     for name, members in groups.items():
@@ -196,7 +197,7 @@ def weighted(scores: Scores, share: Array) -> dict[str, Any]:
     for name, raw in scores.raw.items():
         metric, some = registry.get(name).load(), ~np.isnan(raw) & (share > 0)
         stats = _weighted(metric, raw[some], share[some])
-        if registry.get(name).unit == "radiance":
+        if registry.get(name).relative:
             stats["relative"] = stats["pooled"] / radiance if radiance and stats["pooled"] is not None else None
         result["metrics"][name] = stats
     return result
@@ -255,17 +256,17 @@ def summarise_footprints(errors: dict[int, Array]) -> dict[str, dict[str, float 
 
 
 def _group(
-    scores: Scores, chosen: Array, wo: Array, wi: Array, loaded: dict[str, tuple[str, SliceMetric]]
+    scores: Scores, chosen: Array, wo: Array, wi: Array, loaded: dict[str, tuple[Metric, SliceMetric]]
 ) -> dict[str, Any]:
     pairs = scores.pairs[chosen]
     radiance = as_number(scores.radiance[chosen].mean()) if len(pairs) else None
     result: dict[str, Any] = {"slices": len(pairs), "radiance": radiance, "metrics": {}, "bins": {}}
-    for name, (unit, metric) in loaded.items():
+    for name, (description, metric) in loaded.items():
         raw = scores.raw[name][chosen]
         stats = _statistics(metric, raw[~np.isnan(raw)])
-        if unit == "radiance":
+        if description.relative:
             stats["relative"] = stats["pooled"] / radiance if radiance and stats["pooled"] is not None else None
-        if unit == "dB":
+        if description.decibels:
             stats["worst"] = worst(metric.values(raw[~np.isnan(raw)]))
         result["metrics"][name] = stats
         result["bins"][name] = bins(wo[pairs], wi[pairs], raw, metric.pool)

@@ -22,10 +22,8 @@ from bench.records.meaning import (
     flattened,
     grouped,
     kind_of,
-    metric_of,
     metrics_of,
     scored_unlike,
     shown_label,
-    stats_of,
 )
 from bench.records.schema import ARTEFACT, CLAIM, NAMES, REFERENCE, RESULTS, Record

@@ -1,4 +1,4 @@
-"""The meaning of a record's fields: which pairs decide, which metric belongs to a family, which numbers are alike."""
+"""The meaning of a record's fields: which pairs decide, which numbers are alike."""
 
 import json
 import math
@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 from bench.records.fields import field_names
 from bench.records.schema import APART, Record, Timing
 
-PSNR, SSIM, FLIP, RMSE = "psnr_display", "ssim", "flip_ldr", "rmse_linear"
+PSNR, SSIM, FLIP, RMSE = "psnr_display", "ssim", "flip_ldr", "rmse_linear"  # families of metrics
 
 MOST_DB = 100.0  # the PSNR of a slice counts as no more, so that exact and black slices do not decide a mean
 
@@ -76,22 +76,10 @@ def fitted_to_scene(job: Record) -> bool:
     return bool(job.get("settings", {}).get("scene"))
 
 
-def metric_of(names: Iterable[str], family: str) -> str:
-    """The first of these metric names that belongs to a family (`ssim` → `ssim_periodic`), or ""."""
-    return next((name for name in names if name == family or name.startswith(f"{family}_")), "")
-
-
 def metrics_of(job: Record, group: str = "") -> Record:
     """The statistics of each metric over a group, by default the deciding one; empty if there are none."""
     metrics: Record = job["scores"].get(group or deciding_group(job["scores"]), {}).get("metrics", {})
     return metrics
-
-
-def stats_of(job: Record, family: str, group: str = "") -> Record:
-    """The statistics of a family's metric over a group, by default the deciding one; empty if there are none."""
-    metrics = metrics_of(job, group)
-    stats: Record = metrics.get(metric_of(metrics, family), {})
-    return stats
 
 
 def flattened(job: Record, timing: Record | None) -> Iterator[tuple[str, Any]]:

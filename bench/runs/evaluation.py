@@ -20,11 +20,11 @@ from bench.inputs.errors import ContainerError, InputError
 from bench.machine.threads import torch_threads
 from bench.material import Material, parameters, resident_bytes
 from bench.metrics import get as get_metric
-from bench.metrics import scoring
+from bench.metrics import metric_of, scoring
 from bench.metrics.display import to_display
 from bench.metrics.flip import magma
 from bench.program.recording import program_of
-from bench.records import FLIP, PSNR, SCENE_HELDOUT, Record, deciding_group, metric_of
+from bench.records import FLIP, PSNR, SCENE_HELDOUT, Record, deciding_group
 from bench.runs.identity import identity
 from bench.runs.workbench import Workbench
 
@@ -37,7 +37,7 @@ Keep = Callable[[str, dict[str, Any]], str]
 def score_key(workbench: Workbench, header: Header) -> dict[str, Any]:
     """Everything that the figures of a file depend on. A file is not scored again if a record has the same key."""
     codec = registry.load_codec(header.codec, wanted_by=str(header.path))(**header.settings)
-    code = identity(codec, __name__, *(type(metric).__module__ for metric in workbench.scorer.metrics.values()))["code"]
+    code = identity(codec, __name__, *(metric.module for metric in workbench.scorer.metrics.values()))["code"]
     return {"sha256": header.sha256, "code": code} | conditions(workbench)
 
 

@@ -30,6 +30,7 @@ from bench.codecs.seeds import seed_of
 from bench.demand import fitting, require_demand
 from bench.files import atomic
 from bench.inputs.errors import NO_PLACE, CodecError, ContainerError, InputError, MissingDataError
+from bench.inputs.plugins import PluginError
 from bench.machine.devices import is_gpu
 from bench.machine.process_state import restored_process_state
 from bench.records import Record, fields
@@ -155,7 +156,9 @@ class Job:
             more |= {"fit_key": self.fit_key}
         except InputError:  # a codec that cannot be made has no key
             pass
-        named = isinstance(error, CodecError)
+        if isinstance(error, PluginError):  # the key does not cover metrics: the next run tries again
+            more |= {"fit_key": {}}
+        named = isinstance(error, CodecError | PluginError)
         text = str(error) if named else attributed(self.task, f"{type(error).__name__}: {error}")
         return failed(self.task, text, more)
 

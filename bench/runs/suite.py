@@ -34,7 +34,7 @@ from bench.data.spec import MaterialSpec, Preparation, changed, named
 from bench.demand import UNIFORM
 from bench.inputs.errors import CodecError, InputError, did_you_mean, shown
 from bench.inputs.settings import Seed, Share, Threads, converted, fields, parse_toml, read_toml, shipped_toml, table
-from bench.metrics import DEFAULTS, chosen_names
+from bench.metrics import DEFAULTS, chosen_names, refuse_taken_names
 from bench.records import Record
 
 MOST_JOBS = 100_000
@@ -179,6 +179,7 @@ def with_metrics(suite: Suite, names: list[str]) -> Suite:
 def _metrics(key: str, names: Iterable[str]) -> tuple[str, ...]:
     """The names without duplicates. `InputError` if one is not the name of a metric."""
     try:
+        refuse_taken_names()
         return chosen_names(list(names), periodic=False)
     except InputError as error:
         raise InputError(f"{key}: {error}") from None

@@ -26,11 +26,12 @@ from bench.inputs.errors import InputError, installed
 from bench.machine.devices import is_gpu
 from bench.machine.threads import torch_threads
 from bench.material import Material
+from bench.metrics import metric_of
 from bench.metrics.angular import as_number
 from bench.metrics.display import display_error
 from bench.metrics.psnr import psnr as decibels
 from bench.metrics.scoring import summarise
-from bench.records import FILE, FLIP, PSNR, VALIDATION, Record, Run, deciding_group, metric_of, metrics_of
+from bench.records import FILE, FLIP, PSNR, VALIDATION, Record, Run, deciding_group, metrics_of
 from bench.records.lines import TRADE, TRADE_FORMAT, load_run, load_trade
 from bench.runs import runner
 from bench.runs.estimate import duration

@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.colors import Normalize
 
 from bench.compare.choosing.budgets import Budget, budgets
-from bench.records import FLIP, KINDS, PSNR, Record, Run, kind_of, stats_of
+from bench.metrics import stats_of
+from bench.records import FLIP, KINDS, PSNR, Record, Run, kind_of
 from reports.artefacts import Arrays, arrays, of_shown
 from reports.figures.canvas import Figure, Sheet, coloured, enlarged, of_each_material, style
 from reports.numbers import fixed

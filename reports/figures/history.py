@@ -5,7 +5,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from statistics import fmean
 
-from bench.records import PSNR, Record, Records, Run, shown_label, stats_of
+from bench.metrics import stats_of
+from bench.records import PSNR, Record, Records, Run, shown_label
 from reports.figures.canvas import Figure, legend, log_ticks, new, png, style
 from reports.styles import Styles
 

@@ -1,4 +1,4 @@
-from bench import records
+from bench import metrics, records
 
 STATS = {"pooled": 30.0}
 
@@ -17,11 +17,14 @@ def test_held_out_pairs_decide_and_all_pairs_where_there_are_none():
 
 def test_a_family_is_its_own_name_or_a_variant_and_no_other_word():
     names = ["ssimilar", "ssim_periodic", "flip_ldr_20ppd"]
-    assert records.metric_of(names, "ssim") == "ssim_periodic"
-    assert records.metric_of(names, records.FLIP) == "flip_ldr_20ppd"
-    assert records.metric_of(names, records.PSNR) == ""
-    assert records.stats_of(job(heldout=names), "ssim") == STATS
-    assert records.stats_of(job(heldout=names), records.PSNR) == {}
+    assert metrics.metric_of(names, "ssim") == "ssim_periodic"
+    assert metrics.metric_of(names, records.FLIP) == "flip_ldr_20ppd"
+    assert metrics.metric_of([*names, "flip_ldr_67ppd_periodic"], records.FLIP) == "flip_ldr_67ppd_periodic"
+    assert metrics.metric_of(["ssim_of_another_package"], "ssim") == ""
+    assert metrics.metric_of(["flip_hdr_hable_67ppd"], "flip_hdr") == ""
+    assert metrics.metric_of(names, records.PSNR) == ""
+    assert metrics.stats_of(job(heldout=names), "ssim") == STATS
+    assert metrics.stats_of(job(heldout=names), records.PSNR) == {}
 
 
 def test_a_record_is_flattened_to_numbers_by_path():

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from bench.cli.commands import say_line
 from bench.inputs.errors import FINE, NOTHING, visible
-from bench.records import RMSE, grouped
+from bench.records import grouped
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -82,8 +82,8 @@ def _table(frame: "pd.DataFrame") -> str:
     frame = frame.assign(own=frame.get("fitted/codec"))
     keys = ["material", "label", "folder", "started", "git", "own"]
     frame = frame.sort_values(["material", "label", "started", "folder"], kind="stable")
-    metrics = _heldout(frame)
-    forms = {name: ".2f" if name.endswith("PSNR") else ".4f" for name in metrics}
+    metrics, decibels = _heldout(frame)
+    forms = {label: ".2f" if label in decibels else ".4f" for label in metrics}
     sizes = [name for name in ("parameters", "bytes/total") if name in frame]
     several = frame["own"].notna().any()  # a codec has a repository of its own
     frame = frame[[*keys, "status", *sizes]].assign(**metrics)
@@ -105,14 +105,16 @@ def _table(frame: "pd.DataFrame") -> str:
     return tabulate(rows, headers, "simple", colalign=aligned, disable_numparse=True)
 
 
-def _heldout(frame: "pd.DataFrame") -> "dict[str, pd.Series[float]]":
-    """The numbers of held-out pairs by the metric's label, for whichever variant was measured."""
-    from bench.metrics import label_of
+def _heldout(frame: "pd.DataFrame") -> "tuple[dict[str, pd.Series[float]], set[str]]":
+    """The numbers of held-out pairs by the metric's label, for whichever variant was measured; and the labels of those
+    in decibels."""
+    from bench.metrics import in_decibels, is_relative, label_of
 
     chosen: dict[str, str] = {}  # the mean over slices where a metric has one
     for column in map(str, frame.columns):
         match = re.fullmatch("scores/heldout/metrics/(.*)/(mean|pooled)", column)
-        if match and not match[1].startswith(RMSE) and (match[2] == "mean" or match[1] not in chosen):
+        if match and not is_relative(match[1]) and (match[2] == "mean" or match[1] not in chosen):
             chosen[match[1]] = column
     by_label = {label: [chosen[name] for name in names] for label, names in grouped(chosen, label_of).items()}
-    return {label: frame[columns].bfill(axis=1).iloc[:, 0] for label, columns in by_label.items()}
+    decibels = {label_of(name) for name in chosen if in_decibels(name)}
+    return {label: frame[columns].bfill(axis=1).iloc[:, 0] for label, columns in by_label.items()}, decibels

@@ -1,4 +1,4 @@
-"""list codecs, materials, suites and metrics, or the settings of one codec
+"""list codecs, materials, suites, metrics and readers, or the settings of one codec
 
 examples:
   neubtf-bench list
@@ -12,7 +12,8 @@ from bench.inputs.errors import FINE, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("what", nargs="?", choices=["codecs", "materials", "suites", "metrics"], help="only these")
+    kinds = ["codecs", "materials", "suites", "metrics", "readers"]
+    parser.add_argument("what", nargs="?", choices=kinds, help="only these")
     parser.add_argument("name", nargs="?", help="the name of a codec, to list its settings, defaults and limits")
 
 
@@ -20,7 +21,7 @@ def run(options: argparse.Namespace) -> int:
     from bench import metrics
     from bench.cli.console import Console
     from bench.codecs import registry
-    from bench.data import materials
+    from bench.data import materials, readers
     from bench.runs import suite
 
     if options.name:
@@ -39,9 +40,8 @@ def run(options: argparse.Namespace) -> int:
         "codecs": codecs,
         "materials": materials.describe(),
         "suites": {name: suite.parse_suite(name, text).description for name, text in suite.builtin_suites().items()},
-        "metrics": {
-            m.name: f"{m.unit}, {m.direction} is better, {m.space}, version {m.version}" for m in metrics.REGISTERED
-        },
+        "metrics": metrics.listed(),
+        "readers": readers.listed(),
     }
     for title, each in listings.items():
         if options.what in (None, title):

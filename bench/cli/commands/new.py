@@ -1,14 +1,18 @@
-"""write the files that start your own project: a codec, or its check in CI
+"""write the files that start your own project: a codec, a metric, a reader of data, or a check in CI
 
 `new codec NAME` writes the folder NAME-codec: a small working codec for you to change, and its `pyproject.toml`; with
 --neural a neural texture and a network, with a fit in a loop of its own. After `pip install ./NAME-codec`,
-`neubtf-bench list` shows it and `neubtf-bench check NAME` passes. `new ci NAME` writes `tracking.toml`, a suite that
-measures the codec, and `.github/workflows/quality.yml`, which compares each push with `reference.jsonl`; it installs
-the codec from NAME-codec if that folder is here, else from this one. The command never overwrites a file.
+`neubtf-bench list` shows it and `neubtf-bench check NAME` passes. `new metric NAME` and `new reader NAME` write the
+folders NAME-metric and NAME-reader: a small working one each, with a test that passes. `new ci NAME` writes
+`tracking.toml`, a suite that measures the codec, and `.github/workflows/quality.yml`, which compares each push with
+`reference.jsonl`; it installs the codec from NAME-codec if that folder is here, else from this one. The command never
+overwrites a file.
 
 examples:
   neubtf-bench new codec my-codec
   neubtf-bench new codec my-network --neural
+  neubtf-bench new metric my-metric
+  neubtf-bench new reader my-format
   neubtf-bench new ci my-codec
 """
 
@@ -24,38 +28,55 @@ from bench.inputs.errors import FINE, InputError
 # For each kind: the place of each file, and its template.
 _FILES = {
     "codec": {"{name}-codec/{module}.py": "codec", "{name}-codec/pyproject.toml": "pyproject"},
+    "metric": {
+        "{name}-metric/{module}.py": "metric",
+        "{name}-metric/test_{module}.py": "metric-test",
+        "{name}-metric/pyproject.toml": "pyproject",
+    },
+    "reader": {
+        "{name}-reader/{module}.py": "reader",
+        "{name}-reader/test_{module}.py": "reader-test",
+        "{name}-reader/pyproject.toml": "pyproject",
+    },
     "ci": {"tracking.toml": "suite", ".github/workflows/quality.yml": "workflow"},
 }
 _NEXT = {
     "codec": "pip install ./{name}-codec\nneubtf-bench check {name}",
+    "metric": "pip install ./{name}-metric\npytest {name}-metric\nneubtf-bench run quick --metric {entry}",
+    "reader": "pip install ./{name}-reader\npytest {name}-reader\nneubtf-bench run quick --material PATH",
     "ci": "git submodule add URL-OF-THE-SUITE neubtf-bench\n"
     "neubtf-bench run tracking.toml --fresh --out runs/tracking\n"
     "neubtf-bench reference update runs/tracking --out reference.jsonl",
 }
 
 
+# What the entry point of each kind names.
+_PLACES = {"codec": "{module}:{class_name}", "metric": "{module}:METRIC", "reader": "{module}"}
+
+
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("what", choices=sorted(_FILES))
-    parser.add_argument("name", metavar="NAME", help="the codec's name, such as my-codec")
+    parser.add_argument("name", metavar="NAME", help="the name of the codec, metric or format, such as my-codec")
     parser.add_argument("--neural", action="store_true", help="codec: a neural texture, fitted in a loop of its own")
     parser.add_argument("--out", type=Path, default=Path(), metavar="FOLDER", help="where (default: here)")
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.codecs.registry import codec_entries
-
-    name = options.name
+    name, what = options.name, options.what
     if not re.fullmatch("[a-z][a-z0-9]*(-[a-z0-9]+)*", name):
         raise InputError(f"new {name}: a name has small letters, digits and single hyphens, such as my-codec")
-    if options.what == "codec" and name in codec_entries():
-        raise InputError(f"new codec {name}: a codec of this name is installed: choose another")
-    if options.neural and options.what != "codec":
+    entry = name.replace("-", "_") if what == "metric" else name  # names of metrics have underscores
+    if _is_taken(what, entry):
+        raise InputError(f"new {what} {name}: a {what} of this name is installed: choose another")
+    if options.neural and what != "codec":
         raise InputError("--neural: only `new codec` has it")
-    words = {"name": name, "module": f"{name.replace('-', '_')}_codec"}
+    words = {"name": name, "what": what, "entry": entry, "module": f"{name.replace('-', '_')}_{what}"}
     words["class_name"] = "".join(part.capitalize() for part in name.split("-"))
+    words["group"] = f"neubtf_bench.{what}s"
+    words["place"] = _PLACES.get(what, "").format(**words)
     folder = f"{name}-codec"  # where `new codec` puts the package
     words["package"] = f"./{folder}" if (options.out / folder / "pyproject.toml").is_file() else "."
-    places = {options.out / place.format(**words): template for place, template in _FILES[options.what].items()}
+    places = {options.out / place.format(**words): template for place, template in _FILES[what].items()}
     if options.neural:
         places = {path: "neural" if template == "codec" else template for path, template in places.items()}
     if there := next((path for path in places if path.exists()), None):
@@ -63,5 +84,18 @@ def run(options: argparse.Namespace) -> int:
     for path, template in places.items():
         text = (files("bench.cli") / "templates" / f"{template}.txt").read_text("utf-8")
         write_text(path, Template(text).substitute(words), "choose another --out")
-    print(f"next:\n{_NEXT[options.what].format(**words)}")
+    print(f"next:\n{_NEXT[what].format(**words)}")
     return FINE
+
+
+def _is_taken(what: str, name: str) -> bool:
+    """Whether a codec, a metric or a reader of this name is installed."""
+    from bench import metrics
+    from bench.codecs.registry import codec_entries
+    from bench.data import readers
+
+    if what == "metric":
+        return metrics.find(name) is not None
+    if what == "reader":
+        return name in readers.listed()
+    return what == "codec" and name in codec_entries()

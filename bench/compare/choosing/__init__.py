@@ -12,7 +12,8 @@ from functools import lru_cache
 from typing import Any
 
 from bench.machine.devices import is_gpu
-from bench.records import MOST_DB, PSNR, VALIDATION, Record, Run, deciding_group, load_trade, stats_of
+from bench.metrics import stats_of
+from bench.records import MOST_DB, PSNR, VALIDATION, Record, Run, deciding_group, load_trade
 
 NEAR_DB = 0.5  # within this many dB of the best counts as equally good
 TIE_DB = 0.02  # what rounding changes between executions of one file, and more: nobody sees it

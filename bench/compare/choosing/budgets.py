@@ -15,7 +15,8 @@ from bench.compare.choosing import NEAR_DB, Limits, Rung, chosen, fused_times, h
 from bench.compare.paired import AGAINST, against_jobs
 from bench.compare.quantities import average
 from bench.compare.ranks import Ranks, ranks
-from bench.records import FLIP, PSNR, Record, Run, fitted_to_scene, stats_of
+from bench.metrics import direction_of, stats_of
+from bench.records import PSNR, Record, Run, fitted_to_scene
 
 BITS = (4, 8, 16, 32, 64, 128)  # bits of the whole file a texel
 TIMES = (2, 4, 8, 16, 32)  # time of a query, × floor
@@ -72,7 +73,8 @@ class Budgets:
             mean = average([capped(shown(rung, family), family) for rung in rungs.values()])
             if mean is not None:
                 known[line] = mean
-        return dict(sorted(known.items(), key=lambda each: each[1] if family == FLIP else -each[1]))
+        sign = 1 if direction_of(family) == "lower" else -1
+        return dict(sorted(known.items(), key=lambda each: sign * each[1]))
 
     def fewest_bytes(self) -> tuple[Budget, dict[str, float]] | None:
         """The smallest budget of bytes within `NEAR_DB` of the best of all, and its lines that are as near."""

@@ -15,7 +15,8 @@ import numpy as np
 
 from bench.compare.choosing import Rung
 from bench.compare.choosing.budgets import CAP_DB, Budget, Budgets, capped, rung_of, shown
-from bench.records import PSNR, Record, stats_of
+from bench.metrics import stats_of
+from bench.records import PSNR, Record
 
 LEAST_RUNGS = 3  # of a codec on a surface, or it has no curve there
 DRAWS = 200  # draws of the seeds of each rung, of those that have several

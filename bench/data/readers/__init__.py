@@ -1,7 +1,8 @@
 """Readers of measured BTFs. `open_btf` chooses one by the content of a file or folder, never by its extension.
 
 To add a reader, write one file with a function `opened(seen)` and add one line below. The function gets a
-`bench.data.readers.files.Candidate` and returns the BTF, or None if the file or folder has another format.
+`bench.data.readers.files.Candidate` and returns the BTF, or None if the file or folder has another format. A reader of
+another package is such a module, which an entry point names (`bench.data.readers.outside`).
 """
 
 import importlib
@@ -9,6 +10,7 @@ import os
 from pathlib import Path
 
 from bench.btf import BTF
+from bench.data.readers import outside
 from bench.data.readers.checks import told
 from bench.data.readers.files import Candidate
 from bench.inputs.errors import InputError
@@ -32,22 +34,42 @@ def open_btf(path: str | Path, angles: str = "") -> BTF:
     `angles`, "degrees" or "radians", says what the angles of a file are that should be degrees, if the file may be
     wrong; it is an `InputError` for a file that states no such angles.
     """
-    path, supported = Path(path), ", ".join(READERS.values())
+    path, others = Path(path), outside.entries(READERS)
+    supported = ", ".join([*READERS.values(), *(f"data of reader {name}" for name in others)])
     if not path.exists():
         raise InputError(f"{path}: there is no such file or folder: give {supported}")
     try:
         seen = Candidate(path, angles)
-        for name in READERS:
-            reader = importlib.import_module(name if "." in name else f"{__name__}.{name}")
-            btf: BTF | None = reader.opened(seen)
-            if btf is None:
-                continue
-            if told(angles) and "angles" not in btf.provenance:
-                raise InputError(f"{path}: it states no angles in degrees: leave out --{angles} (data.angles)")
-            return btf
-        raise InputError(f"{path}: {_unknown(seen, supported)}")
+        btf = _opened(seen)
+        faults: list[str] = []
+        if btf is None:
+            btf = outside.opened(seen, others.values(), faults)
+        if btf is None:
+            raise InputError("; ".join([f"{path}: {_unknown(seen, supported)}", *faults]))
+        if told(angles) and "angles" not in btf.provenance:
+            raise InputError(f"{path}: it states no angles in degrees: leave out --{angles} (data.angles)")
+        return btf
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error}): check its permissions") from error
+
+
+def listed() -> dict[str, str]:
+    """The format that each reader opens, those of other packages last; one that cannot be used with what is wrong."""
+    lines = {name.rpartition(".")[2]: opens for name, opens in READERS.items()}
+    try:
+        return lines | {name: outside.listed(entry) for name, entry in outside.entries(READERS).items()}
+    except InputError as error:
+        return lines | {"(other packages)": f"FAILS: {error}"}
+
+
+def _opened(seen: Candidate) -> BTF | None:
+    """The BTF of the first built-in reader that knows the format; None if none does."""
+    for name in READERS:
+        reader = importlib.import_module(name if "." in name else f"{__name__}.{name}")
+        btf: BTF | None = reader.opened(seen)
+        if btf is not None:
+            return btf
+    return None
 
 
 def _unknown(seen: Candidate, supported: str) -> str:

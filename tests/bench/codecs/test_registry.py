@@ -4,6 +4,7 @@ import pytest
 
 from baselines.pca import PCA
 from bench.codecs import registry
+from bench.inputs import plugins
 from bench.inputs.errors import InputError
 from tests.bench.outside import install
 
@@ -14,7 +15,7 @@ MINE = 'class Mine:\n    """Says what it is."""\n\n    name, version = "mine", 1
 def installed(monkeypatch):
     def install(*entries):
         points = [EntryPoint(name, value, registry.GROUP) for name, value in entries]
-        monkeypatch.setattr(registry, "entry_points", lambda group: points)
+        monkeypatch.setattr(plugins, "entry_points", lambda group: points)
 
     return install
 

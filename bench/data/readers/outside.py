@@ -1,0 +1,84 @@
+"""Readers of other packages, by entry point: `neubtf_bench.readers`, name → "module", with a function `opened(seen)`.
+
+They are imported, in the order of their names, for a file or folder that no built-in reader knows.
+"""
+
+from collections.abc import Collection, Iterable
+from importlib.metadata import EntryPoint
+from typing import Any
+
+import numpy as np
+
+from bench.btf import BTF
+from bench.data.readers.files import Candidate
+from bench.inputs import plugins
+from bench.inputs.errors import InputError, said_by
+from bench.inputs.plugins import PluginError, called, remedy
+
+GROUP, KIND = "neubtf_bench.readers", "reader"
+
+
+def entries(built_in: Collection[str]) -> dict[str, EntryPoint]:
+    """The entry points of readers, in the order of their names.
+
+    Raises `InputError` if two packages use the same name, `PluginError` if one has the name of a built-in reader.
+    """
+    found = dict(sorted(plugins.entries(GROUP, KIND).items()))
+    for name, entry in found.items():
+        if name in built_in:
+            fault = "has the name of a built-in reader: choose another name"
+            raise PluginError(f"{called(entry, KIND)} {fault}; {remedy(entry)}")
+    return found
+
+
+def opened(seen: Candidate, readers: Iterable[EntryPoint], faults: list[str]) -> BTF | None:
+    """The BTF of the first of these readers that knows the format; None if none does.
+
+    A reader that cannot be imported does not stop the others: what is wrong with it is added to `faults`. Raises
+    `PluginError` that names the reader, if it fails or returns something else than a BTF whose first slice is (H, W, 3)
+    float32; an `InputError` of its own, which is about the file, is passed on.
+    """
+    for entry in readers:
+        try:
+            reader = _module(entry)
+        except PluginError as error:
+            faults.append(str(error))
+            continue
+        btf = _asked(entry, seen, reader.opened, seen)
+        if btf is None:
+            continue
+        if not isinstance(btf, BTF):
+            fault = f"opened returned a {type(btf).__name__}, but must return a BTF, or None"
+            raise PluginError(f"{seen.path}: {called(entry, KIND)}: {fault}")
+        first = _asked(entry, seen, btf.source.slice, int(btf.pairs[0]))  # unchecked: NaN may be masked by --repair
+        if first.shape != (*btf.shape, 3) or first.dtype != np.float32:
+            fault = f"slice 0 is {first.shape} {first.dtype}, but must be {(*btf.shape, 3)} float32"
+            raise PluginError(f"{seen.path}: {called(entry, KIND)}: {fault}")
+        return btf
+    return None
+
+
+def listed(entry: EntryPoint) -> str:
+    """The first line of a reader's docstring, or what is wrong with it."""
+    try:
+        text = (_module(entry).__doc__ or "").strip()
+    except PluginError as error:
+        return f"FAILS: {error}"
+    return text.split("\n")[0] or f"no description: add a docstring to {entry.value}"
+
+
+def _module(entry: EntryPoint) -> Any:
+    module = plugins.imported(entry, KIND)
+    if not callable(getattr(module, "opened", None)):
+        raise PluginError(f"{called(entry, KIND)}: {entry.value} has no function `opened`: add it; {remedy(entry)}")
+    return module
+
+
+def _asked(entry: EntryPoint, seen: Candidate, function: Any, *given: Any) -> Any:
+    try:
+        return function(*given)
+    except (InputError, OSError, MemoryError):
+        raise
+    except (Exception, SystemExit) as error:
+        words = f"{called(entry, KIND)} fails: {said_by(error)}"
+        raise PluginError(f"{seen.path}: {words}: {remedy(entry)}") from error

@@ -1,0 +1,54 @@
+"""What other packages add by entry points: codecs, metrics, readers. Finding them imports none."""
+
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from bench.inputs.errors import InputError, said_by
+
+OURS = "neubtf-bench"
+
+
+class PluginError(InputError):
+    """A metric or a reader of another package that cannot be used, or fails; the message names it and its package."""
+
+
+def entries(group: str, kind: str) -> dict[str, EntryPoint]:
+    """The entry points of a group by name. `kind` ("codec") names them in errors.
+
+    Raises `InputError` if two packages use the same name for different objects.
+    """
+    found: dict[str, EntryPoint] = {}
+    for entry in entry_points(group=group):
+        other = found.setdefault(entry.name, entry)
+        if other.value != entry.value:
+            raise InputError(f"two {kind}s are named {entry.name!r}: {other.value} and {entry.value}: uninstall one")
+    return found
+
+
+def is_outside(entry: EntryPoint) -> bool:
+    """Whether an entry point belongs to another distribution than this suite."""
+    return entry.dist is not None and entry.dist.name != OURS
+
+
+def origin(entry: EntryPoint) -> str:
+    """The distribution of an entry point and its version: `neubtf-bench 0.1.0`."""
+    return f"{entry.dist.name} {entry.dist.version}" if entry.dist else "an unknown distribution"
+
+
+def called(entry: EntryPoint, kind: str) -> str:
+    """The name of what an entry point adds in errors, with its distribution: `codec ptm of ptm-codec 1.0`."""
+    return f"{kind} {entry.name} of {origin(entry)}"
+
+
+def remedy(entry: EntryPoint) -> str:
+    """What a user can do about a package that does not work: mend it, or uninstall it by its name."""
+    return f"mend it, or uninstall {entry.dist.name}" if entry.dist else "mend it, or uninstall it"
+
+
+def imported(entry: EntryPoint, kind: str) -> Any:
+    """The object of an entry point. `PluginError` names the package if it cannot be imported."""
+    try:
+        return entry.load()
+    except (Exception, SystemExit) as error:
+        words = f"{called(entry, kind)} cannot be imported: {said_by(error)}"
+        raise PluginError(f"{words}: {remedy(entry)}") from error

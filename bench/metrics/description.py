@@ -1,0 +1,49 @@
+"""The description of a metric: what a record and a table need to know of it, without importing what computes it."""
+
+import importlib
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bench.metrics.base import SliceMetric
+
+PERIODIC = "_periodic"
+
+
+@dataclass(frozen=True)
+class Metric:
+    """The description of a metric, available without importing it.
+
+    `direction` is "higher" or "lower", whichever is better; `space` is the space in which pictures are compared. A
+    change of `version` makes older records not comparable. `target` is "module:Class"; `options` go to its constructor.
+    `label` is its name in tables. Nothing follows from the words of `name` and `unit`: what a table or a record does
+    differently for some metrics, a field says.
+    """
+
+    name: str
+    unit: str
+    direction: str
+    space: str
+    version: int
+    target: str
+    label: str = ""
+    default: bool = False  # whether it is measured if a suite chooses no metrics
+    periodic: bool = False  # whether `name` + "_periodic" exists; in a variant, whether it is that variant
+    options: dict[str, Any] = field(default_factory=dict, hash=False)
+    family: str = ""  # metrics of which a table shows one, such as FLIP at several distances; "": its name
+    decibels: bool = False  # a PSNR: two digits, "exact" for no error, and a record of the mean of the worst tenth
+    relative: bool = False  # an error of radiance: also recorded over the mean radiance; it has a table of its own
+    called: str = ""  # of a metric of another package: its name in errors, with the package; the registry sets it
+
+    def load(self) -> "SliceMetric":
+        """Import the metric and make it. `PluginError` if it is of another package and that fails."""
+        if not self.called:
+            return self._made()
+        from bench.metrics.guarded import guarded
+
+        return guarded(self._made, self.called)
+
+    def _made(self) -> "SliceMetric":
+        module, _, name = self.target.partition(":")
+        instance: SliceMetric = getattr(importlib.import_module(module), name)(**self.options)
+        return instance

@@ -1,0 +1,74 @@
+"""Metrics of other packages, by entry point: `neubtf_bench.metrics`, name → "module:OBJECT", a `Metric`.
+
+They are imported when a suite or a record names one that is not built in.
+"""
+
+import re
+import sys
+from collections.abc import Collection
+from dataclasses import replace
+from functools import lru_cache
+from importlib.metadata import EntryPoint
+
+from bench.inputs import plugins
+from bench.inputs.plugins import PluginError
+from bench.metrics.description import PERIODIC, Metric
+
+GROUP, KIND = "neubtf_bench.metrics", "metric"
+
+
+def entries() -> dict[str, EntryPoint]:
+    """The entry points of metrics by name. `InputError` if two packages use the same name."""
+    return _entries(tuple(sys.path))
+
+
+@lru_cache(maxsize=4)  # tables ask for every cell
+def _entries(path: tuple[str, ...]) -> dict[str, EntryPoint]:
+    del path
+    return plugins.entries(GROUP, KIND)
+
+
+def described(entry: EntryPoint, families: Collection[str]) -> Metric:
+    """Import the description of a metric. `families` are those of the built-in metrics, which it may not join.
+
+    Raises `PluginError` that names the package, if the description cannot be imported or used.
+    """
+    found = _imported(entry, tuple(sys.path))
+    if isinstance(found, PluginError):
+        raise found
+    called = plugins.called(entry, KIND)
+    if not isinstance(found, Metric):
+        fault = f"{entry.value} is a {type(found).__name__}: it must be a bench.metrics.Metric"
+        raise PluginError(f"{called}: {fault}")
+    if fault := _fault(found, entry, families):
+        raise PluginError(f"{called}: {fault}")
+    return replace(found, called=called)
+
+
+@lru_cache(maxsize=64)  # a package that cannot be imported is tried once
+def _imported(entry: EntryPoint, path: tuple[str, ...]) -> object:
+    del path
+    try:
+        return plugins.imported(entry, KIND)
+    except PluginError as error:
+        return error
+
+
+def _fault(found: Metric, entry: EntryPoint, families: Collection[str]) -> str:
+    """What is wrong with the description of a metric, and the remedy; "" if nothing is."""
+    if found.name != entry.name:
+        return f"it calls itself {found.name!r}: write {entry.name!r} as the name of its Metric"
+    if not re.fullmatch("[a-z][a-z0-9_]*", found.name) or found.name.endswith(PERIODIC):
+        return f"its name must have small letters, digits and underscores, and not end with {PERIODIC}: rename it"
+    words = (found.unit, found.space, found.label, found.family, found.target)
+    if not all(isinstance(word, str) and word.isprintable() for word in words):
+        return "its unit, space, label, family and target must be words on one line"
+    if found.direction not in ("higher", "lower"):
+        return f"its direction is {found.direction!r}: write 'higher' or 'lower', whichever is better"
+    if type(found.version) is not int or found.version < 1:
+        return f"its version is {found.version!r}: write 1, and raise it when its numbers change"
+    if found.default:
+        return "only built-in metrics are measured by default: leave out default=True"
+    if found.family in families:
+        return f"the family {found.family!r} is that of a built-in metric: choose another"
+    return ""
