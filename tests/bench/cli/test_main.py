@@ -101,7 +101,7 @@ def test_info_shows_the_layers_that_add_up_to_the_parameters(tmp_path, folder, c
     capsys.readouterr()
     assert cli.main(["info", file]) == 0
     decoder, *lines = capsys.readouterr().out.partition("decoder: ")[2].splitlines()
-    matches = [re.fullmatch(r"  [\w.]+ +(?:Linear|LayerNorm|Frames) +([\d,]+)", line) for line in lines]
+    matches = [re.fullmatch(r"  [\w.]+ +(?:Linear|LayerNorm|Frames|Offset) +([\d,]+)", line) for line in lines]
     counted = [int(match[1].replace(",", "")) for match in matches if match]
     assert sum(counted) == int(decoder.split()[0].replace(",", ""))
     assert ("layers of the decoder and their trainable parameters, counted by torchinfo:" in lines) == (codec != "pca")
