@@ -1,8 +1,9 @@
 """Curves of quality over bytes: what a codec reaches at a size, and by how much it is ahead of another at equal sizes.
 
 A curve is of one codec on one surface. Its points are the rungs on the upper convex hull that validation pairs leave
-over the logarithm of bytes; they are shown with their scores of test pairs, and joined linearly over log bytes. A curve
-is never extrapolated. Two curves are compared over the range that both have, by Bjøntegaard's differences (VCEG-M33,
+over the logarithm of bytes; they are shown with their scores of test pairs, and joined linearly over log bytes. From
+the best rung a curve goes on level to the largest that was measured, since a file may be smaller than it may be; it is
+never extrapolated. Two curves are compared over the range that both have, by Bjøntegaard's differences (VCEG-M33,
 2001): BD-PSNR is the mean gap in dB over log bytes, BD-rate the mean gap in log bytes over dB.
 """
 
@@ -92,7 +93,10 @@ class _Candidate(NamedTuple):
 
 
 def _hull(rungs: Sequence[Rung]) -> list[Point]:
-    """The rungs on the upper convex hull of validation scores over log bytes, up to the best; sizes ascend."""
+    """The rungs on the upper convex hull of validation scores over log bytes; sizes ascend.
+
+    The best rung stands once more at the size of the largest, if that is another.
+    """
     hull: list[_Candidate] = []
     for rung in sorted(rungs, key=lambda rung: (rung.size, -rung.score)):
         candidate = _Candidate(float(np.log2(rung.size)), rung.score, rung)
@@ -101,7 +105,11 @@ def _hull(rungs: Sequence[Rung]) -> list[Point]:
         while len(hull) > 1 and _is_below(hull[-1], hull[-2], candidate):
             hull.pop()
         hull.append(candidate)
-    return [Point(each.size, each.rung.of) for each in hull]
+    points = [Point(each.size, each.rung.of) for each in hull]
+    largest = float(np.log2(max(rung.size for rung in rungs)))
+    if largest > points[-1].size:
+        points.append(Point(largest, points[-1].jobs))
+    return points
 
 
 def _is_below(middle: _Candidate, first: _Candidate, last: _Candidate) -> bool:
@@ -118,11 +126,14 @@ def curve_of(
     With a `footprint` in texels, of PSNR averaged over boxes of that side. PSNR counts at most `CAP_DB`. None if a job
     lacks the metric.
     """
-    values = []
-    for point in points:
+    values = list[float]()
+    for place, point in enumerate(points):
         jobs = point.jobs
+        if place and jobs is points[place - 1].jobs:  # the level end of a curve
+            values.append(values[-1])
+            continue
         if draw is not None and len(jobs) > 1:
-            jobs = [jobs[place] for place in draw.integers(0, len(jobs), len(jobs))]
+            jobs = [jobs[seed] for seed in draw.integers(0, len(jobs), len(jobs))]
         each = [job.get("footprints", {}).get(footprint, {}) if footprint else stats_of(job, family) for job in jobs]
         means = [statistics.get("mean") for statistics in each]
         known = [float(mean) for mean in means if mean is not None]
@@ -153,7 +164,8 @@ def bd_rate(ours: Curve, theirs: Curve) -> float | None:
     lines = []
     for curve in (ours, theirs):
         highest = np.maximum.accumulate(curve.values).tolist()
-        lines.append(_Line(highest, curve.sizes))
+        reached = highest.index(highest[-1]) + 1  # more bytes add nothing from here on
+        lines.append(_Line(highest[:reached], curve.sizes[:reached]))
     gap = _mean_gap(*lines)
     return None if gap is None else float(2**gap - 1)
 

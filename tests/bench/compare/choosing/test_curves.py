@@ -47,6 +47,25 @@ def test_a_curve_has_the_rungs_on_the_hull_of_validation_pairs_with_their_scores
     assert curve.values == [19.0, 28.0, 30.5]
 
 
+def test_a_curve_goes_on_level_from_its_best_rung_to_the_largest(tmp_path):
+    """A file of 16 bits may be used where 32 are allowed; beyond the largest rung nothing is known."""
+    run = run_of(
+        tmp_path / "run",
+        at_bits("a x=1", 4, 20.0, 19.0),
+        at_bits("a x=2", 16, 30.0, 28.0),
+        at_bits("a x=3", 32, 29.0, 27.0),
+    )
+    points = points_of(run, "a")
+    curve = curve_of(points)
+    assert curve.sizes == pytest.approx([2, 4, 5])
+    assert curve.values == [19.0, 28.0, 28.0]
+    assert curve.at(32) == 28.0
+    assert curve.at(33) is None
+    # Bytes that gain nothing do not count as bytes that a quality takes.
+    assert bd_rate(curve, curve) == 0
+    assert bd_rate(Curve([2, 4, 5], [19.0, 28.0, 28.0]), Curve([3, 5, 6], [19.0, 28.0, 28.0])) == pytest.approx(-0.5)
+
+
 def test_a_curve_is_linear_over_log_bytes_and_never_extrapolated():
     assert OURS.at(4) == 20.0
     assert OURS.at(2**2.5) == pytest.approx(23.0)
