@@ -12,6 +12,7 @@ from typing import Literal, TypeVar
 import torch
 from torch import Tensor, nn
 
+from bench.material import HALF_MAX
 from bench.training.quantise import pack, unpack
 
 WeightPrecision = Literal["float32", "half", "int8"]
@@ -55,7 +56,8 @@ def load_network(network: Stored, tensors: dict[str, Tensor]) -> Stored:
     _fill(steps, unpack("weights.step", tensors))
     with torch.no_grad():
         for matrix, step in zip(rows, steps, strict=True):
-            matrix.mul_(step)
+            # Halves hold no larger weights either: those of an altered file could overflow in a few layers.
+            matrix.mul_(step).clamp_(-HALF_MAX, HALF_MAX)
     return network
 
 

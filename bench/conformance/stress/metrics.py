@@ -15,7 +15,7 @@ from bench.conformance.stress.case import CaseVerdict, judged, require
 from bench.inputs.errors import InputError
 from bench.metrics.base import SliceMetric
 from bench.metrics.display import LOG_SCALE
-from bench.training.fitting import Loss, distance
+from bench.training.fitting import LogLoss, distance
 
 SIDE = 16
 
@@ -92,7 +92,7 @@ def subjects() -> dict[str, Callable[[PictureCase], None]]:
     tests: dict[str, Callable[[PictureCase], None]] = {
         name: partial(scored, metrics.get(name).load()) for name in metrics.examples()
     }
-    return tests | {f"loss {loss}": partial(weighed, partial(distance, loss=loss)) for loss in get_args(Loss)}
+    return tests | {f"loss {loss}": partial(weighed, partial(distance, loss=loss)) for loss in get_args(LogLoss)}
 
 
 def judge(test: Callable[[PictureCase], None], case: PictureCase) -> CaseVerdict:
