@@ -11,7 +11,7 @@ from bench.btf import BTF, ArraySource
 from bench.codec import Fit, Parts
 from bench.conformance.check import tiny_btf
 from bench.directions import hemisphere
-from bench.training import Samples
+from bench.training import Samples, gain_of
 from bench.training import fitting as training
 from tests.baselines.made import bilinear, coded
 
@@ -136,7 +136,7 @@ def test_a_decoded_file_answers_as_the_equations(recipe: str, size: tuple[int, i
 def test_a_patch_of_the_fit_is_what_its_texels_answer_one_by_one(level: int) -> None:
     btf, fit = tiny_btf(), Fit()
     codec = Hierarchical(**SMALL, patch=3, **EXACT)
-    levels = Samples.levels(btf, 3, training.gain_of(btf, fit), fit)
+    levels = Samples.levels(btf, 3, gain_of(btf, fit), fit)
     fitting = codec.objective(levels, codec.settings, fit.generator())
     assert isinstance(fitting, HierarchicalObjective)
     training.train(fitting, fit, 10)

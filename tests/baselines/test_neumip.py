@@ -10,7 +10,7 @@ from bench.btf import BTF
 from bench.codec import Fit
 from bench.conformance.check import tiny_btf
 from bench.material import parameters, sample_texture
-from bench.training import Samples
+from bench.training import Samples, gain_of
 from bench.training import fitting as training
 from bench.training.stored_network import load_vector
 from tests.baselines.made import decoded
@@ -89,7 +89,7 @@ def test_the_offset_moves_along_the_view_equally_far_on_the_surface(
 def test_the_stored_textures_are_those_that_were_fitted() -> None:
     """The blur is baked: what the file answers is what the fit saw at its end."""
     btf, fit, codec = tiny_btf(), Fit(), NeuMIP(steps=10, batch=256, blur=True, bits=32, weights="float32")
-    gain = training.gain_of(btf, fit)
+    gain = gain_of(btf, fit)
     levels = [Samples(btf.downsample(2**level), gain, fit) for level in range(3)]
     objective = NeuMIPObjective(levels, codec.settings, fit.generator())
     training.train(objective, fit, 10)
