@@ -40,7 +40,8 @@ def drawn(
         batches.append((level, levels[level].draw(coarse, generator)))
     uv, wo, wi, whole = zip(*(queries_of(levels, *batch) for batch in batches), strict=True)
     queries = torch.cat(uv), torch.cat(wo), torch.cat(wi), torch.cat(whole)
-    target, pair = (torch.cat(parts) for parts in zip(*((b.target, b.pair) for _, b in batches), strict=True))
+    target = torch.cat([batch.target for _, batch in batches])
+    pair = torch.cat([batch.pair for _, batch in batches])
     return queries, target, pair
 
 
