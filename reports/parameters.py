@@ -72,10 +72,17 @@ def parameters_table(jobs: Iterable[Record]) -> Table | None:
         rows.append([paper.method, shown_label(job), *chain.from_iterable(numbers)])
     times = [{how: ns for job in group for how, ns in job.get("ns", {}).items()} for group in alike]  # of any settings
     if any(times):
-        headers += [("a sample", whose) for whose in ("ns eager", "ns fused", "ns paper")]
+        gpus = sorted({job["gpu"] for group in alike for job in group if "gpu" in job})
+        headers += [("a sample", "ns eager"), ("a sample", "ns fused")]
+        headers += [("a sample", "ns GPU")] if gpus else []
+        headers.append(("a sample", "ns paper"))
         for row, job, ns in zip(rows, chosen, times, strict=True):
-            row += [fixed(ns.get("eager"), 0), fixed(ns.get("fused"), 0), _published(job).ns]
+            row += [fixed(ns.get("eager"), 0), fixed(ns.get("fused"), 0)]
+            row += [fixed(ns.get("gpu"), 1)] if gpus else []
+            row.append(_published(job).ns)
         notes.append("Times: ours of one CPU thread (docs/trade.md); the paper's of a GPU that it does not name.")
+        if gpus:
+            notes.append(f"GPU: {', '.join(gpus)}; the quickest execution in float32, of batches of 2^20.")
     return Table("parameters", title, headers, rows, notes, words=2)
 
 

@@ -59,7 +59,7 @@ def _variants(run: Run, timed: list[Record]) -> Iterator[Table]:
         by_label.setdefault(timing["label"], {})[_variant(timing)] = timing
     rows = []
     for label, known in by_label.items():
-        rows.append([label, *(_share(known[name]) if name in known else NONE for name in names)])
+        rows.append([_setting(label), *(_share(known[name]) if name in known else NONE for name in names)])
     headers = [("setting", ""), *((name, "ns, % of limit") for name in names)]
     place = _conditions(run, timed[0] | {"execution": "each", "dtype": "variant"})
     note = (
@@ -67,6 +67,11 @@ def _variants(run: Run, timed: list[Record]) -> Iterator[Table]:
         "!: answers differ from float64's by more than the precision allows (docs/trade.md)."
     )
     yield Table("times", f"Executions and precisions: {place}", headers, rows, [note])
+
+
+def _setting(label: str) -> str:
+    """The label of a setting without the steps of its fit, which change no time."""
+    return " ".join(word for word in label.split() if not word.startswith("steps="))
 
 
 def _variant(timing: Record) -> str:
@@ -80,20 +85,21 @@ def _share(timing: Record) -> str:
 
 
 def _batches(run: Run, timed: list[Record]) -> Iterator[Table]:
-    """A row a setting and variant, a column a batch: ns a sample."""
+    """A row a setting and execution in float32, a column a batch: ns a sample."""
+    timed = [timing for timing in timed if timing["dtype"] == "float32"]
     batches = sorted({timing["batch"] for timing in timed})
     by_row: dict[tuple[str, str], dict[int, Record]] = {}
     for timing in timed:
-        by_row.setdefault((timing["label"], _variant(timing)), {})[timing["batch"]] = timing
+        by_row.setdefault((timing["label"], timing["execution"]), {})[timing["batch"]] = timing
     swept = {row: known for row, known in by_row.items() if len(known) > 1}
     if not swept:
         return
     rows = []
-    for (label, variant), known in swept.items():
+    for (label, execution), known in swept.items():
         times = [significant(known[batch]["ns_per_sample"], 3) if batch in known else NONE for batch in batches]
-        rows.append([label, variant, *times])
+        rows.append([_setting(label), execution, *times])
     headers = [("setting", ""), ("execution", ""), *((f"{batch:,}", "ns ↓") for batch in batches)]
-    yield Table("times", "Batches: ns a sample by the samples of a query", headers, rows, [], words=2)
+    yield Table("times", "Batches: ns a sample in float32, by the samples of a query", headers, rows, [], words=2)
 
 
 def _fits(run: Run, timed: list[Record]) -> Iterator[Table]:

@@ -1,7 +1,8 @@
 """Times each setting of a suite in every execution, precision and batch, and the steps of fits: for a GPU above all.
 
-It is sized for a GPU that is lent for minutes: it ends by itself, writes after each setting, and goes on where an
-earlier process stopped. Before a variant is timed, its answers are compared with those of float64.
+It is sized for a GPU that is at hand for minutes: it ends by itself, writes after each setting, and goes on where an
+earlier process stopped. First comes one setting of each codec, the last that the suite lists, then the steps of fits,
+then all other settings. Before a variant is timed, its answers are compared with those of float64.
 """
 
 import copy
@@ -56,32 +57,39 @@ class Clock:
 
 
 def time_variants(suite: Suite, folder: Path, device: str, minutes: float, show: Progress = silent) -> list[Record]:
-    """Time the variants of a suite's settings, on its first surface, then steps of fits; returns what it recorded.
+    """Time the variants of a suite's settings, on its first surface, and steps of fits; returns what it recorded.
 
     No setting is begun after so many minutes.
     """
     suite, clock, run, on = canonical(suite), Clock(minutes), new_run(), torch.device(device)
-    largest = {spec.codec: spec.label for spec in suite.codecs}
+    last_of_each = tuple({spec.codec: spec for spec in suite.codecs}.values())
+    others = tuple(spec for spec in suite.codecs if spec not in last_of_each)
     found: list[Record] = []
     swept: set[str] = set()
     with lock.locked(folder, run):
         known = load_run(folder) if (folder / records.FILE).exists() else Run(folder)
         done = {timed["job"] for timed in known.timings if timed.get("device") == device}
-        ceilings = [roofline(on, suite.threads, dtype) for dtype in (torch.float32, torch.float16, torch.bfloat16)]
+        ceilings = [ceiling(on, suite.threads, precision) for precision in DTYPES if is_measured(precision, on)]
         records.append(folder, start_of(suite, run, device) | {"ceilings": ceilings})
-        settings = decoded(suite, surfaces_of(suite)[:1], folder, device, show)
-        while not clock.over and (each := next(settings, None)):
-            (_, label), material = each
-            if label in largest.values() and networks(material) and len(swept) < SWEPT:
-                swept.add(label)
-            batches = BATCHES if label in swept else (timing.batch_on(on),)
-            show(f"{label}: executions and precisions", len(found), len(suite.codecs))
-            for record in _variants(label, material, batches, suite.threads, ceilings, done):
+
+        def keep(timed: Iterator[Record]) -> None:
+            for record in timed:
                 records.append(folder, record | {"run": run})
                 found.append(record)
-        for record in _fits(suite, device, clock, done, show):
-            records.append(folder, record | {"run": run})
-            found.append(record)
+
+        def time_all(specs: tuple[CodecSpec, ...], sweep: bool) -> None:
+            settings = decoded(replace(suite, codecs=specs), surfaces_of(suite)[:1], folder, device, show)
+            while not clock.over and (each := next(settings, None)):
+                (_, label), material = each
+                if sweep and networks(material) and len(swept) < SWEPT:
+                    swept.add(label)
+                batches = BATCHES if label in swept else (timing.batch_on(on),)
+                show(f"{label}: executions and precisions", len(found), len(suite.codecs))
+                keep(_variants(label, material, batches, suite.threads, ceilings, done))
+
+        time_all(last_of_each, sweep=True)
+        keep(_fits(suite, device, clock, done, show))
+        time_all(others, sweep=False)
     return found
 
 
@@ -138,11 +146,27 @@ def difference(ready: Material, exact: Material, precision: str) -> float:
     return float((answers - truth).abs().max()) / allowed
 
 
+def is_measured(precision: str, device: torch.device) -> bool:
+    """Whether a precision has a ceiling of its own on a device."""
+    return exists_on(Variant("eager", precision), device)
+
+
+def ceiling(device: torch.device, threads: int, precision: str) -> dict[str, Any]:
+    """The measured rates of a device in a precision; `dtype` names the precision, such as tf32."""
+    rounds = torch.backends.cuda.matmul
+    before = rounds.allow_tf32
+    rounds.allow_tf32 = precision == "tf32"
+    try:
+        return roofline(device, threads, DTYPES[precision]) | {"dtype": precision}
+    finally:
+        rounds.allow_tf32 = before
+
+
 def _limit(material: Material, variant: Variant, ceilings: list[dict[str, Any]]) -> float:
     """The fewest ns a sample that the measured ceilings allow in a variant's precision."""
     dtype = DTYPES[variant.precision]
     cost = replace(material.cost, bytes_per_sample=round(material.cost.bytes_per_sample * dtype.itemsize / 4))
-    usable = {"float32", str(dtype).removeprefix("torch.")}  # short types may be widened where that is quicker
+    usable = {"float32", variant.precision}  # short types may be widened where that is quicker
     return min(limit_ns(cost, each) for each in ceilings if each["dtype"] in usable)
 
 

@@ -1,6 +1,8 @@
 from pathlib import Path
 
 from bench import cli
+from bench.compare.choosing import gpu_times
+from bench.records import Run
 from reports.parameters import parameters_table
 
 
@@ -27,6 +29,24 @@ def test_a_decoder_has_the_times_of_any_settings_that_leave_it_alike():
     fused = job("neubtf", 3_011, 14, "neubtf steps=9") | {"ns": {"fused": 144.2}}
     table = parameters_table([job("neubtf", 3_011, 14) | {"ns": {"eager": 387.0}}, fused, job("neumip", 3_332, 14)])
     assert [row[-3:] for row in table.rows] == [["387", "144", "251.4 ± 44.8"], ["—"] * 3]
+
+
+def test_a_time_on_a_gpu_stands_beside_the_paper_s_with_the_name_of_the_gpu():
+    timed = job("neubtf", 3_011, 14) | {"ns": {"eager": 387.0, "gpu": 2.497}, "gpu": "NVIDIA H100"}
+    table = parameters_table([timed, job("neumip", 3_332, 14)])
+    assert [row[-4:] for row in table.rows] == [["387", "—", "2.5", "251.4 ± 44.8"], ["—"] * 4]
+    assert "GPU: NVIDIA H100;" in table.notes[-1]
+
+
+def test_the_time_on_a_gpu_is_that_of_the_quickest_execution_in_float32():
+    def timing(execution, dtype, batch, ns, device="cuda"):
+        of = {"label": "neubtf", "of_tolerance": 0.1, "execution": execution, "dtype": dtype, "batch": batch}
+        return of | {"device": device, "ns_per_sample": ns}
+
+    timings = [timing("eager", "float32", 64, 5.0), timing("compiled", "float32", 64, 2.5)]
+    timings += [timing("compiled", "float16", 64, 2.0), timing("eager", "float32", 16, 1.0)]
+    timings += [timing("eager", "float32", 64, 0.5, "cpu")]
+    assert gpu_times(Run(Path(), timings=timings), 64) == {"neubtf": timings[1]}
 
 
 def test_every_count_of_the_papers_is_met_by_a_recipe_as_published(monkeypatch, capsys):

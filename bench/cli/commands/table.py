@@ -23,6 +23,7 @@ from bench.cli.commands import several
 from bench.inputs.errors import FINE, NOTHING, InputError, visible
 
 if TYPE_CHECKING:
+    from bench.records import Record
     from reports.choice import Choice
 
 
@@ -85,19 +86,27 @@ def parameters_table(folders: list[Path], format: str, choice: "Choice | None" =
     """The table of parameters: of every codec as published, and of the records of runs, whatever their data; with times
     of a sample, where a run has some."""
     from bench.codecs.registry import codec_entries
-    from bench.compare.choosing import fused_times
+    from bench.compare.choosing import fused_times, gpu_times
     from bench.conformance.verdicts import count
     from bench.records import load_together, require
+    from bench.timing import GPU_BATCH
     from reports import parameters_text
     from reports.parameters import PUBLISHED
 
     jobs = []
-    for folder in folders or _runs()[-1:]:
-        run = load_together([folder], wanted=lambda job: False)  # none takes another's place
+    runs = [load_together([folder], wanted=lambda job: False) for folder in folders or _runs()[-1:]]  # none replaced
+    on_gpu: dict[str, Record] = {}
+    for run in runs:
+        on_gpu |= gpu_times(run, GPU_BATCH)
+    for run in runs:
         for job in (job for job in run.jobs if job["status"] == "ok"):
-            require(job, "tables", folder)
-            times = {"eager": run.timing(job), "fused": fused_times(run).get(job["job"])}
-            jobs.append(job | {"ns": {how: time["ns_per_sample"] for how, time in times.items() if time}})
+            require(job, "tables", run.folder)
+            timings = {"eager": run.timing(job), "fused": fused_times(run).get(job["job"])}
+            timings["gpu"] = on_gpu.get(job["label"])
+            times = {how: timing["ns_per_sample"] for how, timing in timings.items() if timing}
+            jobs.append(job | {"ns": times})
+            if timings["gpu"]:
+                jobs[-1]["gpu"] = timings["gpu"]["gpu"]
     counted = [count(name) for name in PUBLISHED if name in codec_entries()]
     return parameters_text([*counted, *jobs], format, choice)
 

@@ -109,6 +109,20 @@ def fused_times(run: Run) -> dict[str, Record]:
     return {row["job"]: row for row in fused if "job" in row and "ratio_to_floor" in row}
 
 
+def gpu_times(run: Run, batch: int) -> dict[str, Record]:
+    """The time of each setting on a GPU by label: in float32, by the quickest execution, in batches of so many."""
+    quickest: dict[str, Record] = {}
+    for timing in run.timings:
+        if not (is_gpu(timing["device"]) and "of_tolerance" in timing):  # of the variants that `time` compared
+            continue
+        if (timing["dtype"], timing["batch"]) != ("float32", batch):
+            continue
+        known = quickest.get(timing["label"])
+        if known is None or timing["ns_per_sample"] < known["ns_per_sample"]:
+            quickest[timing["label"]] = timing
+    return quickest
+
+
 def answers(material: str, choices: list[Record]) -> Iterator[str]:
     """Sentences that name the best choice by validation pairs, and the fastest and the smallest one within `NEAR_DB` of
     it, with their figures."""

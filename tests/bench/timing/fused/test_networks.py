@@ -167,3 +167,5 @@ def test_the_kernel_for_a_gpu_refuses_what_it_cannot_compute(triton_network):
         triton_network(Decoder(Architecture(4, (8, 16))))
     with pytest.raises(InputError, match="float16: use compiled"):
         triton_network(Decoder(Architecture(4, (8,))).half())
+    with pytest.raises(InputError, match="64 inputs, not 65"):
+        triton_network(Decoder(Architecture(65, (8,))).bfloat16())
