@@ -20,7 +20,7 @@ from reports.scene_models import scene_gains, scene_quality
 from reports.stress import stress_tables
 from reports.summary import summary_table
 from reports.table import Table, best_cells
-from reports.times import times_tables
+from reports.times import times_tables, variant_tables
 from reports.trade import trade_tables
 
 Chosen = Callable[[MaterialRows], Sequence[Column]]  # the columns of a material
@@ -196,7 +196,7 @@ _OF_KIND: dict[str, Maker] = {
     "scene": lambda _, rows: map(scene_table, rows),
     "fits": lambda run, _: fit_tables(run),
     "times": lambda run, _: times_tables(run),
-    "trade": lambda run, _: trade_tables(run.folder),
+    "trade": lambda run, _: [*trade_tables(run.folder), *variant_tables(run, "trade")],
     "paper": lambda run, _: [paper_table(run)],
     "parameters": lambda run, _: [parameters_table(run.jobs)],
     "ablation": lambda run, _: [ablation_table(run)],

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 
 from bench.records import Record, Run
 from reports.numbers import NONE, significant
@@ -16,12 +17,16 @@ _NOTE = (
 
 def times_tables(run: Run) -> Iterator[Table]:
     """Times of settings: as budgets use them, in each execution and precision, over batches, and of steps of fits."""
-    every = [timing for timing in run.timings if "label" in timing]
-    yield from _settings(run, [timing for timing in every if "rounds" in timing])
-    variants = [timing for timing in every if "of_tolerance" in timing]
-    yield from _variants(run, variants)
-    yield from _batches(run, variants)
-    yield from _fits(run, [timing for timing in every if timing["execution"] == "fit step"])
+    yield from _settings(run, [timing for timing in run.timings if "rounds" in timing])
+    yield from variant_tables(run, "times")
+
+
+def variant_tables(run: Run, kind: str) -> Iterator[Table]:
+    """Tables of a kind: times of settings in each execution and precision, over batches, and of steps of fits."""
+    variants = [timing for timing in run.timings if "of_tolerance" in timing]
+    steps = [timing for timing in run.timings if timing["execution"] == "fit step"]
+    for table in (*_variants(run, variants), *_batches(run, variants), *_fits(run, steps)):
+        yield replace(table, kind=kind)
 
 
 def _settings(run: Run, timed: list[Record]) -> Iterator[Table]:

@@ -2,13 +2,13 @@
 
 It is sized for a GPU that is at hand for minutes: it ends by itself, writes after each setting, and goes on where an
 earlier process stopped. First comes one setting of each codec, the last that the suite lists, then the steps of fits,
-then all other settings. Before a variant is timed, its answers are compared with those of float64.
+batches of other sizes, and all other settings. Before a variant is timed, its answers are compared with float64's.
 """
 
 import copy
 import logging
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -31,7 +31,7 @@ from bench.records.schema import setting_name
 from bench.runs import lock
 from bench.runs.setting_times import decoded, new_run, start_of, surfaces_of
 from bench.runs.suite import CodecSpec, Suite, canonical
-from bench.timing import Queries
+from bench.timing import Queries, native
 from bench.timing.execution import DTYPES, TOLERANCES, Variant, exists_on, is_whole, networks, prepared
 from bench.timing.profile import limit_ns, roofline
 
@@ -40,6 +40,7 @@ log = logging.getLogger(__name__)
 TURNS = 10  # of a variant
 CHECKED = 4_096  # random samples whose answers are compared with float64's
 BATCHES = tuple(1 << power for power in range(14, 23, 2))
+LARGEST_ON_CPU = 1 << 18  # of them: larger ones take minutes there, and no longer a sample
 SWEPT = 6  # settings that are timed in each of `BATCHES`, one a codec
 FIT_STEPS = 100  # that are timed of a fit, beyond its first
 PRECISIONS = {"eager": tuple(DTYPES), "compiled": ("float32", "float16"), "fused": tuple(DTYPES)}
@@ -59,81 +60,113 @@ class Clock:
 def time_variants(suite: Suite, folder: Path, device: str, minutes: float, show: Progress = silent) -> list[Record]:
     """Time the variants of a suite's settings, on its first surface, and steps of fits; returns what it recorded.
 
-    No setting is begun after so many minutes.
+    Nothing is begun after so many minutes.
     """
-    suite, clock, run, on = canonical(suite), Clock(minutes), new_run(), torch.device(device)
-    last_of_each = tuple({spec.codec: spec for spec in suite.codecs}.values())
-    others = tuple(spec for spec in suite.codecs if spec not in last_of_each)
-    found: list[Record] = []
-    swept: set[str] = set()
+    run = new_run()
     with lock.locked(folder, run):
+        measuring = _Measuring(canonical(suite), folder, torch.device(device), run, Clock(minutes), show)
+        measuring.everything()
+    return measuring.found
+
+
+class _Measuring:
+    """The timing of a suite's variants on one device, into one folder, until a clock is over."""
+
+    def __init__(self, suite: Suite, folder: Path, device: torch.device, run: str, clock: Clock, show: Progress):
+        self.suite, self.folder, self.device, self.run, self.clock, self.show = suite, folder, device, run, clock, show
+        self.found: list[Record] = []
         known = load_run(folder) if (folder / records.FILE).exists() else Run(folder)
-        done = {timed["job"] for timed in known.timings if timed.get("device") == device}
-        ceilings = [ceiling(on, suite.threads, precision) for precision in DTYPES if is_measured(precision, on)]
-        records.append(folder, start_of(suite, run, device) | {"ceilings": ceilings})
+        self.done = {timed["job"] for timed in known.timings if timed.get("device") == str(device)}
+        measured = [precision for precision in DTYPES if _is_native(precision, device)]
+        self.ceilings = [ceiling(device, suite.threads, precision) for precision in measured]
+        records.append(folder, start_of(suite, run, str(device)) | {"ceilings": self.ceilings})
 
-        def keep(timed: Iterator[Record]) -> None:
-            for record in timed:
-                records.append(folder, record | {"run": run})
-                found.append(record)
+    def everything(self) -> None:
+        """One setting of each codec, steps of fits, batches of some of these settings, then all other settings."""
+        usual = timing.batch_on(self.device)
+        last_of_each = tuple({spec.codec: spec for spec in self.suite.codecs}.values())
+        others = tuple(spec for spec in self.suite.codecs if spec not in last_of_each)
+        swept: list[CodecSpec] = []
+        for spec, material in self.settings(last_of_each):
+            self.time(spec.label, material, usual)
+            if networks(material) and len(swept) < SWEPT:
+                swept.append(spec)
+        self.keep(_fits(self.suite, str(self.device), self.clock, self.done, self.show))
+        batches = [batch for batch in BATCHES if is_gpu(self.device) or batch <= LARGEST_ON_CPU]
+        for spec, material in self.settings(tuple(swept)):
+            for batch in batches:
+                self.time(spec.label, material, batch)
+        for spec, material in self.settings(others):
+            self.time(spec.label, material, usual)
 
-        def time_all(specs: tuple[CodecSpec, ...], sweep: bool) -> None:
-            settings = decoded(replace(suite, codecs=specs), surfaces_of(suite)[:1], folder, device, show)
-            while not clock.over and (each := next(settings, None)):
-                (_, label), material = each
-                if sweep and networks(material) and len(swept) < SWEPT:
-                    swept.add(label)
-                batches = BATCHES if label in swept else (timing.batch_on(on),)
-                show(f"{label}: executions and precisions", len(found), len(suite.codecs))
-                keep(_variants(label, material, batches, suite.threads, ceilings, done))
+    def settings(self, specs: tuple[CodecSpec, ...]) -> Iterator[tuple[CodecSpec, Material]]:
+        """Each setting with its material, decoded from a file of one step, while there is time."""
+        by_label = {spec.label: spec for spec in specs}
+        surface = surfaces_of(self.suite)[:1]
+        files = decoded(replace(self.suite, codecs=specs), surface, self.folder, str(self.device), self.show)
+        while not self.clock.over and (each := next(files, None)):
+            (_, label), material = each
+            yield by_label[label], material
 
-        time_all(last_of_each, sweep=True)
-        keep(_fits(suite, device, clock, done, show))
-        time_all(others, sweep=False)
-    return found
-
-
-def _variants(
-    label: str,
-    material: Material,
-    batches: Sequence[int],
-    threads: int,
-    ceilings: list[dict[str, Any]],
-    done: set[str],
-) -> Iterator[Record]:
-    """The times of a setting in each variant and batch that is not done, each in turns with the others."""
-    on = material.device
-    exact = copy.deepcopy(material).to(dtype=torch.float64)
-    for batch in batches:
-        timed: dict[str, tuple[Variant, Material, float]] = {}
-        for variant in _possible(material):
-            name = f"{setting_name(label, material.cost.flops_per_sample)}/{variant}/{batch}"
-            if name in done:
-                continue
-            try:
-                ready = prepared(material, variant)
-                timed[name] = variant, ready, difference(ready, exact, variant.precision)
-            except Exception as error:  # an error in one variant must not lose the times of the others
-                log.warning("%s, %s: not timed: %s", label, variant, " ".join(str(error).split())[:300])
+    def time(self, label: str, material: Material, batch: int) -> None:
+        """Time a setting in each variant that is not done, each in turns with the others, and keep the records."""
+        self.show(f"{label}: executions and precisions", len(self.found), len(self.suite.codecs))
+        names = {
+            f"{setting_name(label, material.cost.flops_per_sample)}/{variant}/{batch}": variant
+            for variant in _possible(material)
+        }
+        missing = {name: variant for name, variant in names.items() if name not in self.done}
+        timed = self.compared(label, material, missing)
         if not timed:
-            continue
-        queries = Queries(batch).draw(material.size, on)
+            return
+        queries = Queries(batch).draw(material.size, self.device)
         calls = {name: partial(ready.query, *queries) for name, (_, ready, _) in timed.items()}
-        measured = timing.in_turns(calls, batch, material.size, threads, on, turns=TURNS)
+        measured = timing.in_turns(calls, batch, material.size, self.suite.threads, self.device, turns=TURNS)
+        rows = []
         for name, (variant, ready, off) in timed.items():
             row: Record = {"kind": "timing", "job": name, "label": label, "flops": material.cost.flops_per_sample}
-            row |= timing.conditions(threads, str(on)) | {"batch": batch, "execution": variant.execution}
-            row |= {"dtype": variant.precision, "of_tolerance": off, "limit_ns": _limit(ready, variant, ceilings)}
-            yield row | measured[name].summary()
+            row |= timing.conditions(self.suite.threads, str(self.device)) | {"batch": batch}
+            row |= {"execution": variant.execution, "dtype": variant.precision, "of_tolerance": off}
+            row |= {"limit_ns": _limit(ready, variant, self.ceilings)}
+            rows.append(row | measured[name].summary())
+        self.keep(rows)
+
+    def compared(
+        self, label: str, material: Material, missing: dict[str, Variant]
+    ) -> dict[str, tuple[Variant, Material, float]]:
+        """Each variant by name, prepared and compared with float64's answers, while there is time."""
+        exact = copy.deepcopy(material).to(dtype=torch.float64)
+        found = {}
+        for name, variant in missing.items():
+            if self.clock.over:
+                break
+            try:
+                ready = prepared(material, variant)
+                found[name] = variant, ready, difference(ready, exact, variant.precision)
+            except Exception as error:  # an error in one variant must not lose the times of the others
+                log.warning("%s, %s: not timed: %s", label, variant, " ".join(str(error).split())[:300])
+        return found
+
+    def keep(self, rows: Iterable[Record]) -> None:
+        """Write records, each as it comes."""
+        for row in rows:
+            records.append(self.folder, row | {"run": self.run})
+            self.found.append(row)
+            self.done.add(row["job"])
 
 
 def _possible(material: Material) -> list[Variant]:
     """The variants that this kind of device has; without a network those of whole materials alone."""
     every = [Variant(execution, precision) for execution, each in PRECISIONS.items() for precision in each]
-    there = [variant for variant in every if exists_on(variant, material.device)]
+    there = [v for v in every if exists_on(v, material.device) and _is_native(v.precision, material.device)]
     if networks(material):
         return there
     return [variant for variant in there if variant.execution == "eager" or is_whole(variant, material.device)]
+
+
+def _is_native(precision: str, device: torch.device) -> bool:
+    """Whether a device has a precision, and computes in it instead of emulating it."""
+    return exists_on(Variant("eager", precision), device) and not native.emulated(precision, device)
 
 
 @torch.no_grad()
@@ -144,11 +177,6 @@ def difference(ready: Material, exact: Material, precision: str) -> float:
     absolute, relative = TOLERANCES[precision]
     allowed = absolute + relative * float(truth.abs().max())
     return float((answers - truth).abs().max()) / allowed
-
-
-def is_measured(precision: str, device: torch.device) -> bool:
-    """Whether a precision has a ceiling of its own on a device."""
-    return exists_on(Variant("eager", precision), device)
 
 
 def ceiling(device: torch.device, threads: int, precision: str) -> dict[str, Any]:
