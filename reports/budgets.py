@@ -32,7 +32,7 @@ from bench.compare.choosing.curves import (
 )
 from bench.compare.paired import AGAINST, FEWEST
 from bench.compare.quantities import average
-from bench.records import FLIP, KINDS, MOST_DB, PSNR, SSIM, Record, Run, grouped, kind_of, shown_label
+from bench.records import FLIP, MOST_DB, PSNR, SSIM, Record, Run, by_kind, shown_label
 from reports.notes import beside
 from reports.numbers import EXACT, NONE, fixed, integer, signed, significant
 from reports.table import Table, best_cells
@@ -55,11 +55,10 @@ def budgets_table(run: Run) -> Iterator[Table]:
     """
     result = budgets(run)
     points = hulls(result, result.surfaces)
-    kinds = grouped(result.surfaces, lambda material: kind_of(result.surfaces[material]))
+    kinds = by_kind(result.surfaces)
     tables = list[Table]()
-    for kind in KINDS:
-        if kind in kinds:
-            tables += _budgets(run, result, points, kinds[kind], f"{kind} ")
+    for kind, surfaces in kinds.items():
+        tables += _budgets(run, result, points, surfaces, f"{kind} ")
     if len(kinds) > 1:
         tables += _budgets(run, result, points, list(result.surfaces), "")
     if tables:  # notes common to them stand once, below the last
@@ -217,8 +216,7 @@ def front_table(run: Run) -> Iterator[Table]:
     """Each codec at equal bytes: PSNR at 32 bits a texel by kind of surface, and its lead over `AGAINST`."""
     result = budgets(run)
     points = hulls(result, result.surfaces)
-    kinds = grouped(result.surfaces, lambda material: kind_of(result.surfaces[material]))
-    kinds = {kind: kinds[kind] for kind in KINDS if kind in kinds} | {"all": list(result.surfaces)}
+    kinds = by_kind(result.surfaces) | {"all": list(result.surfaces)}
     columns = [readings(result, points, ENOUGH, surfaces) for surfaces in kinds.values()]
     picks = result.picks(ENOUGH, result.surfaces)
     lines = list(dict.fromkeys(line for column in reversed(columns) for line in column))

@@ -20,7 +20,7 @@ from bench.compare.choosing.curves import (
 from bench.compare.paired import AGAINST
 from bench.compare.quantities import average
 from bench.metrics import direction_of
-from bench.records import FLIP, KINDS, PSNR, SSIM, Run, grouped, kind_of
+from bench.records import FLIP, PSNR, SSIM, Run, by_kind
 from reports.numbers import NONE, fixed, signed
 from reports.table import Table, best_cells
 
@@ -35,8 +35,7 @@ def curves_tables(run: Run) -> Iterator[Table]:
     points = hulls(result, result.surfaces)
     if not points:
         return
-    kinds = grouped(result.surfaces, lambda surface: kind_of(result.surfaces[surface]))
-    kinds = {kind: kinds[kind] for kind in KINDS if kind in kinds}
+    kinds = by_kind(result.surfaces)
     tables = []
     if AGAINST in points:
         tables.append(_differences(points, kinds))

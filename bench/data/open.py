@@ -1,23 +1,20 @@
-"""Opens a material of a suite, built in, measured or given as PBR maps, as a BTF; or makes one of arrays in memory."""
+"""Opens a material of a suite, of whatever kind, as a BTF; or makes one of arrays in memory."""
 
 import logging
-import os
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from bench.btf import BTF, ArraySource
 from bench.codec import Progress, silent
-from bench.data.derived import repaired, shrunk, thinned
+from bench.data.kinds import LoadTracer, kind_of
 from bench.data.readers.checks import negative, no_duplicates, radiance_fault, unit_directions, warn_of_radians
 from bench.data.spec import MaterialSpec, Preparation, changed, named
-from bench.inputs.errors import InputError, MissingDataError
+from bench.inputs.errors import InputError
 from bench.inputs.settings import Seed, converted
 
-if TYPE_CHECKING:
-    from bench.data.bake import PathTracer
 log = logging.getLogger(__name__)
 
 
@@ -26,7 +23,7 @@ def open_material(
     data: Preparation,
     show: Progress,
     draw: int = 0,
-    path_tracer: "Callable[[], PathTracer] | None" = None,
+    path_tracer: LoadTracer | None = None,
 ) -> BTF:
     """Open a suite's material as a BTF, without the pairs that `data.split` excludes.
 
@@ -37,60 +34,32 @@ def open_material(
     tracer that bakes folders of maps for `data.renderer = "mitsuba"`. `MissingDataError` says where to get missing
     measured data.
     """
-    if not spec.path:
-        from bench.data.materials import recipe
-        from bench.data.materials.store import load_or_render
-
-        return load_or_render(spec.name, recipe(spec.name), data, draw=draw, show=show)
-    path = spec.existing()
-    if path is None:
-        under = f", nor under NEUBTF_DATA={os.environ['NEUBTF_DATA']}" if "NEUBTF_DATA" in os.environ else ""
-        error = MissingDataError if spec.where else InputError
-        raise error(f"{spec.path}: there is no such file{under}: {spec.where or 'check the path'}")
-    from bench.data.bake.naming import looks_like_maps
-
-    if looks_like_maps(path):
-        from bench.data.bake import open_svbrdf
-
-        traced = data.renderer == "mitsuba"
-        if traced and path_tracer is None:
-            remedy = f"neubtf-bench bake {path} --renderer mitsuba"
-            raise InputError(f"data.renderer: only a run bakes with mitsuba; instead: {remedy}")
-        return open_svbrdf(path, data, show, draw, path_tracer() if traced and path_tracer else None)
-    from bench.data.readers import open_btf
-
-    btf = thinned(open_btf(path, data.angles), data.pairs)
-    if data.split == "validation":
-        btf = btf.without_test()
-    elif data.validation:
-        btf = btf.with_validation()
-    return shrunk(repaired(btf, show) if data.repair else btf, data.texels)
-
-
-def outlined(spec: MaterialSpec, data: Preparation, draw: int = 0) -> BTF:
-    """A built-in material as `open_material` opens it, but without values: its fingerprint needs no rendering."""
-    from bench.data.materials import recipe
-    from bench.data.materials.store import load_or_render
-
-    return load_or_render(spec.name, recipe(spec.name), data, draw=draw, outline=True)
+    kind = kind_of(spec)
+    btf = kind.open(spec, data, show, draw, path_tracer)
+    told: dict[str, object] = {"surface": kind.surface} if kind.surface else {}
+    told |= {} if kind.free is None else {"free": kind.free}
+    return replace(btf, provenance=btf.provenance | told) if told else btf
 
 
 def draw_of(spec: MaterialSpec, data: Preparation, repetition: int) -> int:
     """The draw of test pairs for a repetition; 0 if all repetitions share one."""
-    return repetition if spec.rendered and data.split == "test" else 0
+    return repetition if data.split == "test" and kind_of(spec).drawn else 0
 
 
-def open_named(name: str, changes: dict[str, str], show: Progress = silent) -> BTF:
+def open_named(name: str, changes: Mapping[str, object], show: Progress = silent, words: bool = True) -> BTF:
     """The BTF of a built-in material or a path, with `data.KEY` settings changed. `InputError` if it lacks one.
 
-    `data.seed` is the repetition whose test pairs are drawn, as for the seeds of a suite.
+    Values are `words`, as on a command line, or of the setting's type. `data.seed` is the repetition whose test pairs
+    are drawn, as for the seeds of a suite.
     """
     spec = named(name)
     changes = dict(changes)
-    repetition = converted("data.seed:", Seed, changes.pop("data.seed", "0"), words=True)
-    data = changed(Preparation(), {key: value for key, value in changes.items() if key.startswith("data.")})
+    repetition = converted("data.seed:", Seed, changes.pop("data.seed", 0), words)
+    of_data = {key: value for key, value in changes.items() if key.startswith("data.")}
+    data = changed(Preparation(), of_data, words)
+    kind = kind_of(spec)
     for key in changes:
-        if reason := spec.ignores(key):
+        if reason := kind.ignores(spec, key):
             raise InputError(f"{key}: {reason}")
     return open_material(spec, data, show, draw_of(spec, data, repetition))
 

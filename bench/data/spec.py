@@ -8,6 +8,7 @@ tables; they use another random stream, with another draw for each repetition an
 import dataclasses
 import hashlib
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple, get_args, get_type_hints
@@ -16,7 +17,7 @@ import numpy as np
 
 from bench.btf import Array
 from bench.directions.hemisphere import DIRECTION_SETS, thinned_product, uniform
-from bench.inputs.errors import InputError, did_you_mean
+from bench.inputs.errors import InputError, MissingDataError, did_you_mean
 from bench.inputs.settings import Natural, Range, converted
 
 Split = Literal["test", "validation"]
@@ -111,13 +112,6 @@ class Preparation:
         return wo, wi
 
 
-# What to use instead of a setting that only the other kind of material has.
-_OF_RENDERED = dict.fromkeys(("data.views", "data.lights"), "give data.pairs")
-_OF_RENDERED |= {"data.size": "give data.texels", "data.directions": "leave it out"}
-_OF_RENDERED |= {"data.heldout": "whole views and lights are held out"}
-_OF_MEASURED = {"data.texels": "give data.size", "data.angles": "leave it out"}
-
-
 @dataclass(frozen=True)
 class MaterialSpec:
     """A material of a suite; built in if `path` is empty."""
@@ -135,30 +129,19 @@ class MaterialSpec:
                 f"{self.name}: a name of {length} bytes leaves no room for the names of results: rename it"
             )
 
-    @property
-    def rendered(self) -> bool:
-        """Whether the suite renders it: built in, or a folder of maps."""
-        if not self.path:
-            return True
-        from bench.data.bake.naming import looks_like_maps
-
-        path = self.existing()
-        return path is not None and looks_like_maps(path)
-
-    def ignores(self, key: str) -> str:
-        """Why `data.KEY` does not affect this material, and what does; "" if it does, or if there are no data."""
-        if not self.rendered and not self.existing():
-            return ""
-        if key == "data.renderer" and not self.path:
-            return f"mitsuba bakes only folders of maps, and {self.name} is built in"
-        kind, others = ("rendered", _OF_MEASURED) if self.rendered else ("measured", _OF_RENDERED)
-        instead = others.get(key)
-        return f"{self.name} is {kind}, which has no such setting: {instead}" if instead else ""
-
     def existing(self) -> Path | None:
         """The path of measured data on this machine, or None."""
         places = [Path(self.path), Path(os.environ.get("NEUBTF_DATA", "")) / self.path]
         return next((place for place in places if os.path.exists(place)), None)  # False for a name too long
+
+    def there(self) -> Path:
+        """The same path. `MissingDataError` says where to get data that are not there, `InputError` if nobody said."""
+        path = self.existing()
+        if path is None:
+            under = f", nor under NEUBTF_DATA={os.environ['NEUBTF_DATA']}" if "NEUBTF_DATA" in os.environ else ""
+            error = MissingDataError if self.where else InputError
+            raise error(f"{self.path}: there is no such file{under}: {self.where or 'check the path'}")
+        return path
 
 
 def named(material: str) -> MaterialSpec:
@@ -168,12 +151,12 @@ def named(material: str) -> MaterialSpec:
     return spec if is_path else MaterialSpec(material)
 
 
-def changed(data: Preparation, changes: dict[str, str]) -> Preparation:
-    """Change some keys of a preparation, as `--set data.KEY=VALUE` does."""
+def changed(data: Preparation, changes: Mapping[str, object], words: bool = True) -> Preparation:
+    """Change some keys of a preparation, as `--set data.KEY=VALUE` does; values are `words`, or of the field's type."""
     kinds, values = get_type_hints(Preparation, include_extras=True), {}
     for key, value in changes.items():
         name = key.removeprefix("data.")
         if name not in kinds:
             raise InputError(f"{key}: no such setting of the data{did_you_mean(name, kinds)}")
-        values[name] = converted(f"{key}:", kinds[name], value, words=True)
+        values[name] = converted(f"{key}:", kinds[name], value, words)
     return dataclasses.replace(data, **values)

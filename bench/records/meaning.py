@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Container, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from typing import Any, TypeVar
 
 from bench.records.fields import field_names
@@ -45,11 +45,30 @@ KINDS = ("measured", "path-traced", "rendered")  # of surfaces, in the order of 
 
 
 def kind_of(job: Record) -> str:
-    """The kind of a job's surface: measured, path-traced with inter-reflections, or rendered by the suite itself."""
+    """The kind of a job's surface: what its data call it, or else one of `KINDS`: measured, path-traced with
+    inter-reflections, or rendered by the suite itself."""
     provenance = job.get("provenance", {})
+    if "surface" in provenance:
+        return str(provenance["surface"])
     if "path_version" in provenance:
         return KINDS[1]
     return KINDS[2] if "renderer_version" in provenance else KINDS[0]
+
+
+def kind_order(kind: str) -> int:
+    """The place of a kind in tables; others come after `KINDS`."""
+    return KINDS.index(kind) if kind in KINDS else len(KINDS)
+
+
+def by_kind(surfaces: Mapping[str, Record]) -> dict[str, list[str]]:
+    """The names of surfaces, of each of which a job is given, by kind, in the order of kinds."""
+    found = grouped(surfaces, lambda name: kind_of(surfaces[name]))
+    return {kind: found[kind] for kind in sorted(found, key=kind_order)}
+
+
+def pictures_are_free(job: Record) -> bool:
+    """Whether pictures of a job's surface may be published: what its data say, or else of all but measured ones."""
+    return bool(job.get("provenance", {}).get("free", kind_of(job) != KINDS[0]))
 
 
 def deciding_group(groups: Container[str]) -> str:

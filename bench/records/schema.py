@@ -132,6 +132,8 @@ class Provenance(TypedDict, total=False):
     parameters: Annotated[Any, RESULTS]
     renderer_version: Annotated[Any, RESULTS]
     path_version: Annotated[Any, RESULTS]
+    surface: Annotated[Text, RESULTS]  # what a kind of surface of its own is called in tables
+    free: Annotated[bool, RESULTS]  # whether its pictures may be published
     native: Annotated[Any, RESULTS]
     split: Annotated[Any, RESULTS]
 

@@ -21,8 +21,8 @@ from bench.codec import Progress, settings_dict, silent
 from bench.codecs import container, loading, shared
 from bench.codecs.container import Header
 from bench.codecs.registry import COMMAND, codec_entries, make_codec
-from bench.data.bake.naming import looks_like_maps
-from bench.data.open import draw_of, outlined
+from bench.data.kinds import kind_of
+from bench.data.open import draw_of
 from bench.data.spec import MaterialSpec, Preparation
 from bench.files import atomic
 from bench.files.archive import ZipFiles, inside
@@ -184,13 +184,12 @@ def _material(job: Record, start: Record, places: Mapping[str, str]) -> Material
 
 def _other_data(job: Record, spec: MaterialSpec, data: Preparation) -> str:
     """Why the data of a job are not prepared: they differ, or are too large to be baked for an unverified archive."""
-    draw = draw_of(spec, data, int(job["seed"]))
-    if not spec.path:
-        known = outlined(spec, data, draw).fingerprint == job["score_key"]["btf"]
-        return "" if known else _OTHER.format(spec.name)
-    needed = 12 * data.size**2 * (data.views * data.lights + data.heldout)
-    baked = looks_like_maps(Path(spec.path))
-    return f"baking {spec.name} would need {needed >> 30} GiB" if baked and needed > MOST_BAKED else ""
+    kind, draw = kind_of(spec), draw_of(spec, data, int(job["seed"]))
+    known = kind.outline(spec, data, draw)
+    if known is not None:
+        return "" if known.fingerprint == job["score_key"]["btf"] else _OTHER.format(spec.name)
+    needed = kind.bytes_made(spec, data)
+    return f"baking {spec.name} would need {needed >> 30} GiB" if needed > MOST_BAKED else ""
 
 
 def _judged(job: Record, workbench: Workbench, folder: Path, out: Path, show: Progress, split: str) -> Verified:

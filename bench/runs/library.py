@@ -46,8 +46,7 @@ def open(name: str | Path, **data: Any) -> BTF:
             f"bench.open: give the name of a material or a path, not a {type(name).__name__}: "
             "arrays become a BTF by bench.from_arrays(radiance, wo, wi)"
         )
-    words = {key: str(value).lower() if isinstance(value, bool) else str(value) for key, value in data.items()}
-    return open_named(str(name), {f"data.{key}": word for key, word in words.items()})
+    return open_named(str(name), {f"data.{key}": value for key, value in data.items()}, words=False)
 
 
 def encode(

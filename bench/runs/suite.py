@@ -30,6 +30,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.codecs.registry import COMMAND, load_codec, make_codec
+from bench.data.kinds import kind_of
 from bench.data.spec import MaterialSpec, Preparation, changed, named
 from bench.demand import UNIFORM
 from bench.inputs.errors import CodecError, InputError, did_you_mean, shown
@@ -257,7 +258,7 @@ def _change(suite: Suite, key: str, value: str) -> Suite:
     scope, _, name = key.rpartition(".")
     if scope == "data":
         suite = dataclasses.replace(suite, data=changed(suite.data, {key: value}))
-        if all(reasons := [spec.ignores(key) for spec in suite.materials]):
+        if all(reasons := [kind_of(spec).ignores(spec, key) for spec in suite.materials]):
             raise InputError(f"--set {key}: {reasons[0]}")
         return suite
     codecs = [_set(spec, name, value) if _has(spec.codec, scope, name) else spec for spec in suite.codecs]
@@ -288,7 +289,8 @@ def described_changes(suite: Suite, changes: dict[str, str]) -> list[str]:
     for key, value in changes.items():
         scope, _, name = key.rpartition(".")
         if scope == "data":
-            lines += [f"--set {key}={value}: {reason}" for spec in suite.materials if (reason := spec.ignores(key))]
+            reasons = [kind_of(spec).ignores(spec, key) for spec in suite.materials]
+            lines += [f"--set {key}={value}: {reason}" for reason in reasons if reason]
         else:
             reached = [codec for codec in codecs if _has(codec, scope, name)]
             lines.append(f"--set {key}={value} changes {', '.join(reached)}")

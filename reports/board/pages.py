@@ -6,7 +6,7 @@ from html import escape
 from bench.compare.choosing.budgets import ENOUGH, budgets
 from bench.compare.choosing.curves import hulls, readings
 from bench.compare.paired import AGAINST
-from bench.records import KINDS, Run, grouped, kind_of
+from bench.records import Run, by_kind, kind_of, kind_order, pictures_are_free
 from reports import series
 from reports.board import tables
 from reports.board.sources import STATES, Codec, Publication, by_material, joined, page_name
@@ -48,8 +48,7 @@ class Board:
 
     def __init__(self, sources: Sequence[Publication], codecs: Mapping[str, Codec]):
         filled = (source for source in sources if source.materials)
-        places = {kind: place for place, kind in enumerate((*KINDS, ""))}
-        self.sources = sorted(filled, key=lambda s: (not s.has_budgets, places[_kind(s).partition(",")[0]]))
+        self.sources = sorted(filled, key=lambda s: (not s.has_budgets, kind_order(_kind(s).partition(",")[0])))
         self.known = codecs
         jobs = (job for source in self.sources for job in source.run.jobs)
         self.pictured = {job["material"] for job in jobs if "pictures" in job or "drawing" in job}
@@ -166,7 +165,8 @@ class MaterialPage(Page):
         if any("pictures" in row.job for row in material.shown):
             yield from super()._slices(number, material)
         else:
-            yield note(_NOT_FREE if material.first and kind_of(material.first) == KINDS[0] else _NO_PICTURES)
+            free = material.first is None or pictures_are_free(material.first)
+            yield note(_NO_PICTURES if free else _NOT_FREE)
 
     def _live(self, number: int, material: Live) -> Iterator[str]:
         if material.models:
@@ -228,9 +228,8 @@ def _first(run: Run) -> Iterator[str]:
     if figure := strip(run, ENOUGH):
         yield f'<div class="scroll">{image(figure)}</div>'
         yield note(f"{figure.title}. The slice is that of the best codec's median PSNR.")
-    kinds = grouped(result.surfaces, lambda name: kind_of(result.surfaces[name]))
-    for kind in sorted(kinds, key=KINDS.index):
-        means = readings(result, points, ENOUGH, kinds[kind])
+    for kind, surfaces in by_kind(result.surfaces).items():
+        means = readings(result, points, ENOUGH, surfaces)
         if len(means) > 1:
             best, *others = means
             other = AGAINST if AGAINST in others else others[0]
@@ -250,4 +249,4 @@ def _plots_of(source: Publication) -> str:
 def _kind(source: Publication, material: str = "") -> str:
     """The kinds of truth of a source or of one of its materials, in words."""
     jobs = (job for job in source.run.jobs if job["status"] == "ok" and material in ("", job["material"]))
-    return ", ".join(sorted({kind_of(job) for job in jobs}, key=KINDS.index))
+    return ", ".join(sorted({kind_of(job) for job in jobs}, key=kind_order))

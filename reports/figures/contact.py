@@ -2,6 +2,7 @@
 
 import textwrap
 from collections.abc import Sequence
+from itertools import chain
 from math import prod
 
 import numpy as np
@@ -9,7 +10,7 @@ from matplotlib.colors import Normalize
 
 from bench.compare.choosing.budgets import Budget, budgets
 from bench.metrics import stats_of
-from bench.records import FLIP, KINDS, PSNR, Record, Run, kind_of
+from bench.records import FLIP, PSNR, Record, Run, by_kind
 from reports.artefacts import Arrays, arrays, of_shown
 from reports.figures.canvas import Figure, Sheet, coloured, enlarged, of_each_material, style
 from reports.numbers import fixed
@@ -65,7 +66,7 @@ def strip(run: Run, budget: Budget) -> Figure | None:
     Of the slices that pictures show, it is the one with the median PSNR of the best codec.
     """
     result = budgets(run)
-    for material in sorted(result.surfaces, key=lambda name: KINDS.index(kind_of(result.surfaces[name]))):
+    for material in chain.from_iterable(by_kind(result.surfaces).values()):
         picked = result.picks(budget, [material])
         jobs = [picked[line][material].of[0] for line in result.ranked(budget, [material])]
         known = [(job, each) for job in jobs if (each := arrays(run.folder, job, "pictures"))]

@@ -10,7 +10,7 @@ from matplotlib.ticker import NullLocator
 
 from bench.compare.choosing.budgets import BITS, EAGER, TIMES, Budgets, budgets
 from bench.compare.choosing.curves import Point, hulls, mean_at
-from bench.records import KINDS, Record, Run, grouped, kind_of, load_trade
+from bench.records import Record, Run, by_kind, grouped, load_trade
 from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style
 from reports.fits import GOALS_DB
 from reports.rows import MaterialRows, materials
@@ -25,9 +25,8 @@ _SIZES = [BITS[0] * 2 ** (step / _STEPS) for step in range(_STEPS * (len(BITS) -
 def fronts(run: Run) -> Iterator[Figure]:
     """One figure for each kind of surface, if budgets have a rung."""
     result, styles = budgets(run), Styles(run)
-    for kind in KINDS:
-        surfaces = [name for name, job in result.surfaces.items() if kind_of(job) == kind]
-        if surfaces and hulls(result, surfaces):
+    for kind, surfaces in by_kind(result.surfaces).items():
+        if hulls(result, surfaces):
             with style():
                 drawing = _drawn(result, surfaces, kind, styles)
                 yield Figure(

@@ -142,14 +142,17 @@ def _offer(folder: Path, row: "Record", copy: Path | None) -> None:
 
 def _command(suite: "Suite", row: "Record", device: str) -> str:
     """The command that makes the chosen file again, byte for byte; "" where only a run can make it."""
+    from bench.data.kinds import kind_of
+
     spec, data = suite.materials[0], suite.data
-    if suite.demand or (spec.path and data.renderer == "mitsuba"):
+    kind = kind_of(spec)
+    if suite.demand or kind.needs_a_run(data):
         return ""
     words = ["encode", spec.path or spec.name, "--codec", row["codec"]]
     for key, value in row["settings"].items():
         words += ["--set", f"{key}={value}"]
     for key, value in asdict(data).items():  # as they differ from the defaults; validation pairs leave the training
-        if value != getattr(type(data)(), key) and not spec.ignores(f"data.{key}"):
+        if value != getattr(type(data)(), key) and not kind.ignores(spec, f"data.{key}"):
             words += ["--set", f"data.{key}={str(value).lower() if value is True else value}"]
     if suite.seeds[0]:
         words += ["--seed", str(suite.seeds[0])]

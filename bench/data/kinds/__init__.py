@@ -1,0 +1,76 @@
+"""Kinds of surfaces: built in, PBR maps, measured. Each says how one is opened, and which settings it ignores.
+
+To add a kind, write one file here with a class of `Kind` and an instance of it, `KIND`. A kind that no other `knows`
+is measured: a reader then opens it by its content (`bench.data.readers`).
+"""
+
+import importlib
+import pkgutil
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from functools import cache
+from typing import TYPE_CHECKING
+
+from bench.data.spec import MaterialSpec, Preparation
+
+if TYPE_CHECKING:
+    from bench.btf import BTF
+    from bench.codec import Progress
+    from bench.data.bake import PathTracer
+
+LoadTracer = Callable[[], "PathTracer"]  # imports Mitsuba
+OTHERWISE = "measured"  # the module of the kind of all surfaces that no other kind knows
+
+# What to use instead of a setting that only the other kind of surface has.
+OF_RENDERED = dict.fromkeys(("data.views", "data.lights"), "give data.pairs")
+OF_RENDERED |= {"data.size": "give data.texels", "data.directions": "leave it out"}
+OF_RENDERED |= {"data.heldout": "whole views and lights are held out"}
+OF_MEASURED = {"data.texels": "give data.size", "data.angles": "leave it out"}
+
+
+class Kind(ABC):
+    """A kind of surface."""
+
+    drawn = False  # whether each repetition draws test pairs of its own
+    surface = ""  # what tables call such a surface; "" where the BTF's provenance tells (`bench.records.kind_of`)
+    free: bool | None = None  # whether its pictures may be published; None where the provenance tells
+
+    @abstractmethod
+    def knows(self, spec: MaterialSpec) -> bool:
+        """Whether a material is of this kind."""
+
+    @abstractmethod
+    def open(
+        self, spec: MaterialSpec, data: Preparation, show: "Progress", draw: int, path_tracer: LoadTracer | None
+    ) -> "BTF":
+        """Open it as `bench.data.open.open_material` promises."""
+
+    def ignores(self, spec: MaterialSpec, key: str) -> str:
+        """Why `data.KEY` does not affect a material, and what does; "" if it does."""
+        return ""
+
+    def outline(self, spec: MaterialSpec, data: Preparation, draw: int) -> "BTF | None":
+        """The same BTF without values, where its fingerprint is known before they are made; None elsewhere."""
+        return None
+
+    def bytes_made(self, spec: MaterialSpec, data: Preparation) -> int:
+        """The bytes that opening it makes, as float32; 0 if it makes none."""
+        return 0
+
+    def needs_a_run(self, data: Preparation) -> bool:
+        """Whether only a run can open it as `data` says, no other command."""
+        return False
+
+
+def kind_of(spec: MaterialSpec) -> Kind:
+    """The kind of a material."""
+    every = dict(_kinds(tuple(__path__)))
+    otherwise = every.pop(OTHERWISE)
+    return next((kind for kind in every.values() if kind.knows(spec)), otherwise)
+
+
+@cache
+def _kinds(folders: tuple[str, ...]) -> tuple[tuple[str, Kind], ...]:
+    """Each kind by the name of its module, of all modules of this package."""
+    names = sorted(module.name for module in pkgutil.iter_modules(folders))
+    return tuple((name, importlib.import_module(f"{__name__}.{name}").KIND) for name in names)

@@ -1,0 +1,38 @@
+"""Built-in materials, rendered by the suite: they need no download."""
+
+from bench.btf import BTF
+from bench.codec import Progress
+from bench.data.kinds import OF_MEASURED, Kind, LoadTracer
+from bench.data.spec import MaterialSpec, Preparation
+
+
+class BuiltIn(Kind):
+    """A material that has no path, but a name in `bench.data.materials`."""
+
+    drawn = True
+
+    def knows(self, spec: MaterialSpec) -> bool:
+        return not spec.path
+
+    def open(
+        self, spec: MaterialSpec, data: Preparation, show: Progress, draw: int, path_tracer: LoadTracer | None
+    ) -> BTF:
+        from bench.data.materials import recipe
+        from bench.data.materials.store import load_or_render
+
+        return load_or_render(spec.name, recipe(spec.name), data, draw=draw, show=show)
+
+    def outline(self, spec: MaterialSpec, data: Preparation, draw: int) -> BTF | None:
+        from bench.data.materials import recipe
+        from bench.data.materials.store import load_or_render
+
+        return load_or_render(spec.name, recipe(spec.name), data, draw=draw, outline=True)
+
+    def ignores(self, spec: MaterialSpec, key: str) -> str:
+        if key == "data.renderer":
+            return f"mitsuba bakes only folders of maps, and {spec.name} is built in"
+        instead = OF_MEASURED.get(key)
+        return f"{spec.name} is rendered, which has no such setting: {instead}" if instead else ""
+
+
+KIND = BuiltIn()

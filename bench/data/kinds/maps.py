@@ -1,0 +1,45 @@
+"""Folders of PBR maps, which the suite or Mitsuba renders: baked once, then mapped from the cache."""
+
+from bench.btf import BTF
+from bench.codec import Progress
+from bench.data.kinds import OF_MEASURED, Kind, LoadTracer
+from bench.data.spec import MaterialSpec, Preparation
+from bench.inputs.errors import InputError
+
+
+class PbrMaps(Kind):
+    """A folder whose pictures are named as maps."""
+
+    drawn = True
+
+    def knows(self, spec: MaterialSpec) -> bool:
+        from bench.data.bake.naming import looks_like_maps
+
+        path = spec.existing() if spec.path else None
+        return path is not None and looks_like_maps(path)
+
+    def open(
+        self, spec: MaterialSpec, data: Preparation, show: Progress, draw: int, path_tracer: LoadTracer | None
+    ) -> BTF:
+        from bench.data.bake import open_svbrdf
+
+        path = spec.there()
+        if data.renderer == "builtin":
+            return open_svbrdf(path, data, show, draw)
+        if path_tracer is None:
+            remedy = f"neubtf-bench bake {path} --renderer mitsuba"
+            raise InputError(f"data.renderer: only a run bakes with mitsuba; instead: {remedy}")
+        return open_svbrdf(path, data, show, draw, path_tracer())
+
+    def ignores(self, spec: MaterialSpec, key: str) -> str:
+        instead = OF_MEASURED.get(key)
+        return f"{spec.name} is rendered, which has no such setting: {instead}" if instead else ""
+
+    def bytes_made(self, spec: MaterialSpec, data: Preparation) -> int:
+        return 12 * data.size**2 * (data.views * data.lights + data.heldout)
+
+    def needs_a_run(self, data: Preparation) -> bool:
+        return data.renderer == "mitsuba"
+
+
+KIND = PbrMaps()

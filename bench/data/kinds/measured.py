@@ -1,0 +1,35 @@
+"""Measured surfaces in a file or folder: BTFs, RTI sets, arrays. A reader opens them by their content."""
+
+from bench.btf import BTF
+from bench.codec import Progress
+from bench.data.derived import repaired, shrunk, thinned
+from bench.data.kinds import OF_RENDERED, Kind, LoadTracer
+from bench.data.spec import MaterialSpec, Preparation
+
+
+class Measured(Kind):
+    """Everything that has a path, and is of no other kind."""
+
+    def knows(self, spec: MaterialSpec) -> bool:
+        return bool(spec.path)
+
+    def open(
+        self, spec: MaterialSpec, data: Preparation, show: Progress, draw: int, path_tracer: LoadTracer | None
+    ) -> BTF:
+        from bench.data.readers import open_btf
+
+        btf = thinned(open_btf(spec.there(), data.angles), data.pairs)
+        if data.split == "validation":
+            btf = btf.without_test()
+        elif data.validation:
+            btf = btf.with_validation()
+        return shrunk(repaired(btf, show) if data.repair else btf, data.texels)
+
+    def ignores(self, spec: MaterialSpec, key: str) -> str:
+        if not spec.existing():
+            return ""  # nobody knows what it would be
+        instead = OF_RENDERED.get(key)
+        return f"{spec.name} is measured, which has no such setting: {instead}" if instead else ""
+
+
+KIND = Measured()
