@@ -10,13 +10,14 @@ if TYPE_CHECKING:
     from bench.data.open import from_arrays as from_arrays
     from bench.runs.history import load_runs as load_runs
     from bench.runs.library import encode as encode
+    from bench.runs.library import encode_for_scene as encode_for_scene
     from bench.runs.library import load as load
     from bench.runs.library import open as open
     from bench.runs.library import score as score
 
     __version__: str
 
-_LAZY = dict.fromkeys(("open", "encode", "load", "score"), "bench.runs.library") | {
+_LAZY = dict.fromkeys(("open", "encode", "encode_for_scene", "load", "score"), "bench.runs.library") | {
     "from_arrays": "bench.data.open",
     "load_runs": "bench.runs.history",
 }

@@ -6,7 +6,10 @@ The commands of `neubtf-bench` call the same code, so that a script measures the
 import dataclasses
 import logging
 import os
+import tempfile
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +25,11 @@ from bench.data.materials.variations import load_variation
 from bench.data.open import open_named
 from bench.data.readers import open_btf
 from bench.data.readers.checks import negative, refuse_extremes, some_slices
-from bench.demand import fitting
+from bench.demand import UNIFORM, fitting
+from bench.demand.demand import Demand
 from bench.demand.demand import load as load_demand
+from bench.demand.frame_scorer import FrameScorer, table_of
+from bench.files import atomic
 from bench.inputs.errors import InputError
 from bench.machine.threads import torch_threads
 from bench.material import Material
@@ -84,6 +90,63 @@ def encode(
     container.refuse_other_file(Path(out))
     fit = new_fit(instance, train, seed, network, device=device, threads=threads, show=show)
     return fit_to_file(instance, train, fit, Path(out), naming_faults(instance, encode_parts)).header
+
+
+@dataclass(frozen=True)
+class SceneFit:
+    """What a fit to a scene found: the models, and a row of named numbers of each."""
+
+    found: fitting.SearchResult
+    rows: list[dict[str, Any]]
+
+    def described(self) -> str:
+        """The verdict in one line."""
+        found = self.found
+        if not found.met:
+            verdict = f"The target is not reached; this is the {'scene' if found.scene else 'full'} model"
+        elif found.scene is None:
+            verdict = f"This is the full model: {found.why}"
+        else:
+            share = found.scene.header.file_bytes / found.full.header.file_bytes
+            verdict = f"The scene model takes {share:.0%} of the bytes: {found.why}"
+        return f"{verdict}. {found.fits} fits to the scene took {found.seconds:.1f} s of processor time."
+
+
+def encode_for_scene(
+    btf: BTF,
+    codec: str | Codec,
+    out: str | Path,
+    demand: str | Path | Demand,
+    *,
+    goal: fitting.Goal | None = None,
+    uniform: float = UNIFORM,
+    seed: int = 0,
+    threads: int = 1,
+    device: str = "cpu",
+    show: Progress = silent,
+    **settings: Any,
+) -> SceneFit:
+    """Write the smallest file whose frames of a scene reach a goal; the full model's if none is smaller.
+
+    `demand` is a demand or its file; `goal` a PSNR in dB and a FLIP that frames must reach, by default to be within
+    0.2 dB of the full model. `uniform` is the share of samples that are spread evenly. The rest as in `encode`; the
+    full model is fitted first. `InputError` says what is wrong with the demand or the codec.
+    """
+    instance = codec if isinstance(codec, Codec) else make_codec(codec, settings)
+    scene_demand = demand if isinstance(demand, Demand) else load_demand(Path(demand))
+    container.refuse_other_file(Path(out))
+    network = shared.find_for(instance)
+    shared.refuse(network, btf)  # `new_fit` refuses it, too, but only after the frames are rendered
+    scorer = FrameScorer(table_of(btf), scene_demand, show)
+    fit = partial(new_fit, instance, btf, seed, network, device=device, threads=threads, show=show)
+    training = btf.split().train
+    held_out = btf.subset(np.setdiff1d(np.arange(len(btf)), training))
+    with tempfile.TemporaryDirectory() as folder, torch_threads(threads):
+        search = fitting.Search(instance, btf.subset(training), scorer, fit, Path(folder), uniform)
+        result = search.run(goal)
+        rows = fitting.rows(result, scorer, threads, held_out)
+        atomic.write(Path(out), result.chosen.header.path.read_bytes())
+    return SceneFit(result, rows)
 
 
 def load(file: str | Path, device: str = "cpu") -> Material:

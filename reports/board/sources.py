@@ -66,14 +66,17 @@ class Publication:
 
 
 def may_be_shown(job: Record, run: Run) -> bool:
-    """Whether pictures of a material may be published: it is built in, or made of maps whose suite states CC0.
+    """Whether pictures of a material may be published: it is built in, made of maps whose suite states CC0, or of a
+    kind of surface that permits it.
 
     What an archive says of a licence is nobody's word, so of verified jobs built-in materials alone are shown.
     """
     stated = [each for start in run.starts for each in start.get("materials") or () if isinstance(each, dict)]
     where = " ".join(str(each.get("where")) for each in stated if each.get("name") == job["material"])
-    source = job.get("provenance", {}).get("source")
-    return source == RENDERED or (source == BAKED and "CC0" in where and not job.get("verified"))
+    provenance = job.get("provenance", {})
+    source = provenance.get("source")
+    stated_free = bool(provenance.get("free")) or (source == BAKED and "CC0" in where)
+    return source == RENDERED or (stated_free and not job.get("verified"))
 
 
 def with_files(records: Sequence[Publication], runs: Sequence[Publication]) -> list[Publication]:

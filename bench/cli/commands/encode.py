@@ -9,16 +9,9 @@ examples:
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from bench.cli.commands import assignments, read_as, reading_options, seed_option, threads, usable_device
 from bench.inputs.errors import FINE, NO, ContainerError, EncodeError, InputError
-
-if TYPE_CHECKING:
-    from bench.btf import BTF
-    from bench.cli.console import Console
-    from bench.codec import Codec, TrainedNetwork
-    from bench.demand.demand import Demand
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,8 +36,11 @@ def run(options: argparse.Namespace) -> int:
     from bench.codecs.encoding import raised
     from bench.codecs.registry import make_codec
     from bench.data.open import open_named
-    from bench.demand import demand, require_demand
-    from bench.runs.library import encode
+    from bench.demand import require_demand
+    from bench.demand.demand import load as load_demand
+    from bench.demand.fitting import Goal
+    from bench.runs.library import encode, encode_for_scene
+    from reports.scene_models import scene_models_text
 
     if not options.out.parent.is_dir():
         raise InputError(f"{options.out}: there is no such folder: make it first")
@@ -57,16 +53,23 @@ def run(options: argparse.Namespace) -> int:
     changes = assignments(options.set) | read_as(options)
     settings = {k: v for k, v in changes.items() if not k.startswith("data.")}
     codec = make_codec(options.codec, settings)
-    scene_demand = demand.load(options.demand) if options.demand else None
-    require_demand(codec, scene_demand)
+    demand = load_demand(options.demand) if options.demand else None
+    require_demand(codec, demand)
     device = usable_device(options.device)
-    network, code = shared.find_for(codec), FINE  # a missing one is said before anything is rendered
+    shared.find_for(codec)  # a missing one is said before anything is rendered
+    how = {"seed": options.seed, "threads": options.threads, "device": device}
+    code = FINE
     with Console() as console:
         btf = open_named(options.btf, changes, console.show)
-        if scene_demand:
-            code = _encode_for_scene(options, codec, btf, scene_demand, network, console)
+        if demand:
+            how |= {} if options.uniform is None else {"uniform": options.uniform}
+            goal = Goal(options.target_psnr, options.target_flip)
+            wanted = None if goal == Goal() else goal
+            scene_fit = encode_for_scene(btf, codec, options.out, demand, goal=wanted, show=console.show, **how)
+            console.say(scene_models_text(scene_fit.rows))
+            console.say(scene_fit.described())
+            code = FINE if scene_fit.found.met else NO
         else:
-            how = {"seed": options.seed, "threads": options.threads, "device": device}
             encode(btf, codec, options.out, show=console.show, **how)
     try:
         console.say(file_lines(container.read_header(options.out)))
@@ -77,48 +80,3 @@ def run(options: argparse.Namespace) -> int:
             f"codec {codec.name} cannot decode {options.out}, its own file: {raised(error, codec)}"
         ) from error
     return code
-
-
-def _encode_for_scene(
-    options: argparse.Namespace,
-    codec: "Codec",
-    btf: "BTF",
-    scene_demand: "Demand",
-    network: "TrainedNetwork | None",
-    console: "Console",
-) -> int:
-    """Write the smallest model that reaches the target in a scene, or the full one, and show gains and losses."""
-    import tempfile
-    from functools import partial
-
-    import numpy as np
-
-    from bench.codecs import shared
-    from bench.codecs.encoding import new_fit
-    from bench.demand import UNIFORM, fitting
-    from bench.demand.frame_scorer import FrameScorer, table_of
-    from bench.files import atomic
-    from bench.machine.threads import torch_threads
-    from reports.scene_models import scene_models_text
-
-    shared.refuse(network, btf)  # `new_fit` refuses it, too, but only after the frames are rendered
-    scorer = FrameScorer(table_of(btf), scene_demand, console.show)
-    uniform = UNIFORM if options.uniform is None else options.uniform
-    how = {"device": options.device, "threads": options.threads, "show": console.show}
-    fit = partial(new_fit, codec, btf, options.seed, network, **how)
-    wanted = fitting.Goal(options.target_psnr, options.target_flip)
-    with tempfile.TemporaryDirectory() as folder, torch_threads(options.threads):
-        search = fitting.Search(codec, btf.subset(btf.split().train), scorer, fit, Path(folder), uniform)
-        result = search.run(None if wanted == fitting.Goal() else wanted)
-        held = btf.subset(np.setdiff1d(np.arange(len(btf)), btf.split().train))
-        console.say(scene_models_text(fitting.rows(result, scorer, options.threads, held)))
-        atomic.write(options.out, result.chosen.header.path.read_bytes())
-    if not result.met:
-        verdict = f"The target is not reached; this is the {'scene' if result.scene else 'full'} model"
-    elif result.scene is None:
-        verdict = f"This is the full model: {result.why}"
-    else:
-        share = result.scene.header.file_bytes / result.full.header.file_bytes
-        verdict = f"The scene model takes {share:.0%} of the bytes: {result.why}"
-    console.say(f"{verdict}. {result.fits} fits to the scene took {result.seconds:.1f} s of processor time.")
-    return FINE if result.met else NO

@@ -25,20 +25,11 @@ import re
 import shlex
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from bench.cli.commands import say_line
 from bench.inputs.errors import FINE, NO, InputError, readable, writable
 
-if TYPE_CHECKING:
-    from reports.board import Codec
-
 _BLOCK = re.compile(r"(?P<start><!-- neubtf-bench (?P<words>[^\n]*?) -->\n)(?P<body>.*?)(?P<end><!-- end -->)", re.S)
-
-_SUITE = """@software{neubtfbench,
-  author = {{The NeuBTF bench authors}},
-  title = {neubtf-bench: a benchmark of neural codecs of bidirectional texture functions}
-}"""  # as CITATION.cff says
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -61,7 +52,12 @@ def run(options: argparse.Namespace) -> int:
     if options.action == "add":
         return _add(options.run, options.file)
     if options.action == "write" and options.site:
-        _site(options.records, options.runs, options.site)
+        from reports.board.assembly import write_board
+
+        with writable(options.site, "choose another --site"):
+            written = write_board(options.records, options.runs, options.site)
+        size = sum(path.stat().st_size for path in written)
+        say_line(f"wrote {written[0]}: {len(written)} pages, {size / 1e6:.1f} MB")
     elif not options.documents:
         raise InputError("results write: name a Markdown file, or a folder with --site")
     stale = [path for path in options.documents if _written(path, options.action == "write")]
@@ -85,57 +81,6 @@ def _add(run: Path, file: Path) -> int:
         write(file, text.encode())
     say_line(f"wrote {file}: {len(whole.jobs)} jobs, {len(text.encode()):,} bytes")
     return FINE
-
-
-def _site(records: Path, runs: list[Path], site: Path) -> None:
-    import tempfile
-
-    from bench.records import FILE, load_run
-    from reports.board import Publication, write_site
-
-    files = sorted(records.glob("*.jsonl"))
-    if not files:
-        remedy = "`neubtf-bench results add RUN FOLDER/NAME.jsonl` makes such a file of a run, and docs/results of the "
-        remedy += "suite's repository has the published ones: give --records FOLDER"
-        raise InputError(f"--records {records}: no file of records (*.jsonl) is there: {remedy}")
-    with tempfile.TemporaryDirectory(prefix="neubtf-site-") as scratch, writable(site, "choose another --site"):
-        found = [Publication(path.stem, load_run(path)) for path in files]
-        for path in sorted(records.glob("*.zip")):
-            from bench.runs.archive import unpack  # loads PyTorch
-
-            found.append(Publication(path.name, unpack(path, Path(scratch) / path.stem), claimed=True))
-        folders: list[Path] = []
-        for run in runs:  # a run itself, or a folder of runs
-            inside = [] if (run / FILE).exists() else sorted(path.parent for path in run.glob(f"*/{FILE}"))
-            folders += inside or [run]
-        written = write_site(found, [Publication(path.name, load_run(path)) for path in folders], _codecs(), site)
-    size = sum(path.stat().st_size for path in written)
-    say_line(f"wrote {written[0]}: {len(written)} pages, {size / 1e6:.1f} MB")
-
-
-def _codecs() -> "dict[str, Codec]":
-    """What each installed codec says of itself; without its settings where it cannot be imported."""
-    from bench.codec import described_settings
-    from bench.codecs import registry
-    from reports.board import Codec
-
-    found = {}
-    for name, entry in registry.codec_entries().items():
-        about, cited = registry.describe(entry), registry.reference(entry)
-        rows: list[tuple[str, str, str, str]] = []
-        try:
-            codec = registry.load_codec(name)
-        except InputError:
-            about += " It cannot be imported here."
-        else:
-            published = {} if (paper := codec.recipes.get("paper")) is None else {"recipe": "paper"} | dict(paper)
-            for each in described_settings(codec):
-                theirs = str(published.get(each.name, each.default)) if published else ""
-                rows.append((each.name, each.meaning, each.default, theirs))
-        if not cited["bibtex"] and not registry.from_outside(name):
-            cited["bibtex"] = _SUITE  # of this suite, without a paper of its own
-        found[name] = Codec(about, f"{entry.value} of {registry.origin(entry)}", **cited, settings=rows)
-    return found
 
 
 def _written(path: Path, writes: bool) -> bool:
