@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from bench.data.open import from_arrays as from_arrays
     from bench.runs.history import load_runs as load_runs
+    from bench.runs.library import SceneGoal as SceneGoal
     from bench.runs.library import encode as encode
     from bench.runs.library import encode_for_scene as encode_for_scene
     from bench.runs.library import load as load
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
     __version__: str
 
-_LAZY = dict.fromkeys(("open", "encode", "encode_for_scene", "load", "score"), "bench.runs.library") | {
+_LAZY = dict.fromkeys(("open", "encode", "encode_for_scene", "load", "score", "SceneGoal"), "bench.runs.library") | {
     "from_arrays": "bench.data.open",
     "load_runs": "bench.runs.history",
 }

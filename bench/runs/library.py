@@ -93,6 +93,16 @@ def encode(
 
 
 @dataclass(frozen=True)
+class SceneGoal:
+    """A scene, by its demand or its file, and what its frames must reach: by default 0.2 dB below the full model."""
+
+    demand: str | Path | Demand
+    psnr: float | None = None  # dB, at least
+    flip: float | None = None  # at most
+    uniform: float = UNIFORM  # the share of samples that are spread evenly
+
+
+@dataclass(frozen=True)
 class SceneFit:
     """What a fit to a scene found: the models, and a row of named numbers of each."""
 
@@ -116,10 +126,8 @@ def encode_for_scene(
     btf: BTF,
     codec: str | Codec,
     out: str | Path,
-    demand: str | Path | Demand,
+    scene: SceneGoal,
     *,
-    goal: fitting.Goal | None = None,
-    uniform: float = UNIFORM,
     seed: int = 0,
     threads: int = 1,
     device: str = "cpu",
@@ -128,22 +136,22 @@ def encode_for_scene(
 ) -> SceneFit:
     """Write the smallest file whose frames of a scene reach a goal; the full model's if none is smaller.
 
-    `demand` is a demand or its file; `goal` a PSNR in dB and a FLIP that frames must reach, by default to be within
-    0.2 dB of the full model. `uniform` is the share of samples that are spread evenly. The rest as in `encode`; the
-    full model is fitted first. `InputError` says what is wrong with the demand or the codec.
+    The full model is fitted first; the rest as in `encode`. `InputError` says what is wrong with the demand or the
+    codec.
     """
     instance = codec if isinstance(codec, Codec) else make_codec(codec, settings)
-    scene_demand = demand if isinstance(demand, Demand) else load_demand(Path(demand))
+    demand = scene.demand if isinstance(scene.demand, Demand) else load_demand(Path(scene.demand))
+    wanted = fitting.Goal(scene.psnr, scene.flip)
     container.refuse_other_file(Path(out))
     network = shared.find_for(instance)
     shared.refuse(network, btf)  # `new_fit` refuses it, too, but only after the frames are rendered
-    scorer = FrameScorer(table_of(btf), scene_demand, show)
+    scorer = FrameScorer(table_of(btf), demand, show)
     fit = partial(new_fit, instance, btf, seed, network, device=device, threads=threads, show=show)
     training = btf.split().train
     held_out = btf.subset(np.setdiff1d(np.arange(len(btf)), training))
     with tempfile.TemporaryDirectory() as folder, torch_threads(threads):
-        search = fitting.Search(instance, btf.subset(training), scorer, fit, Path(folder), uniform)
-        result = search.run(goal)
+        search = fitting.Search(instance, btf.subset(training), scorer, fit, Path(folder), scene.uniform)
+        result = search.run(None if wanted == fitting.Goal() else wanted)
         rows = fitting.rows(result, scorer, threads, held_out)
         atomic.write(Path(out), result.chosen.header.path.read_bytes())
     return SceneFit(result, rows)

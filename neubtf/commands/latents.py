@@ -11,7 +11,11 @@ import argparse
 from pathlib import Path
 
 from bench.cli.commands import say_line
-from bench.inputs.errors import FINE
+from bench.codecs import loading
+from bench.codecs.scene_material import SceneMaterial
+from bench.inputs.errors import FINE, InputError
+from neubtf.latents import draw
+from neubtf.renderer import NeuBTFMaterial
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,12 +24,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.codecs import loading
-    from bench.codecs.scene_material import SceneMaterial
-    from bench.inputs.errors import InputError
-    from neubtf.latents import draw
-    from neubtf.renderer import NeuBTFMaterial
-
     header, material, _ = loading.load(options.file)
     if isinstance(material, SceneMaterial):
         material = material.inner

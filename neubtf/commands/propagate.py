@@ -11,7 +11,12 @@ import argparse
 from pathlib import Path
 
 from bench.cli.commands import usable_device
+from bench.cli.console import Console, file_lines
+from bench.codecs.loading import load
 from bench.inputs.errors import FINE, InputError
+from neubtf.guidance import FRONTAL, Treatment, seam_of
+from neubtf.propagation import propagate
+from neubtf.renderer import NeuBTFMaterial
 
 MARGIN = 1 / 6  # of a side: about what the built-in photographs lose
 
@@ -42,12 +47,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.cli.console import Console, file_lines
-    from bench.codecs.loading import load
-    from neubtf.guidance import FRONTAL, Treatment, seam_of
-    from neubtf.propagation import propagate
-    from neubtf.renderer import NeuBTFMaterial
-
     if not options.out.parent.is_dir():
         raise InputError(f"{options.out}: there is no such folder: make it first")
     treatment = Treatment(options.scale, options.make_tileable, options.exposure)

@@ -101,6 +101,24 @@ def test_a_script_fits_to_a_scene_as_a_run_does(tmp_path, folder):
     assert not Path("c.nbtf").exists()
 
 
+def test_a_script_searches_the_smallest_file_for_a_scene_as_the_command_does(tmp_path, folder, capsys):
+    demand_of(camera(16, 12, 30, [0, -0.8, 1.4]) + surface(size=[1, 1]) + SUN).save(tmp_path / "scene.npz")
+    words = ["encode", str(folder), "--codec", "pca", "--set", "components=4", "--demand", "scene.npz"]
+    code = cli.main([*words, "-o", "command.nbtf"])
+    shown = capsys.readouterr().out
+    goal = bench.SceneGoal(tmp_path / "scene.npz")
+    found = bench.encode_for_scene(bench.open(folder), "pca", "script.nbtf", goal, components=4)
+    assert code == 0
+    assert found.found.met
+    assert found.described().partition(".")[0] in shown
+    assert found.rows[0]["model"] == "full"
+    assert Path("script.nbtf").read_bytes() == Path("command.nbtf").read_bytes()
+    unreachable = bench.SceneGoal("scene.npz", psnr=99.0)
+    missed = bench.encode_for_scene(bench.open(folder), "pca", "script.nbtf", unreachable, components=1)
+    assert not missed.found.met
+    assert missed.described().startswith("The target is not reached")
+
+
 def test_a_file_is_scored_at_the_test_pairs_of_another_seed_as_a_run_does(tmp_path, capsys):
     size = {"size": 8, "views": 4, "lights": 4, "heldout": 6}
     changes = [word for key, value in size.items() for word in ("--set", f"data.{key}={value}")]

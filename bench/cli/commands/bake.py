@@ -10,6 +10,10 @@ import argparse
 from pathlib import Path
 
 from bench.cli.commands import seed_option
+from bench.cli.console import Console
+from bench.data.bake import bake, read_surface, recognise, table
+from bench.data.spec import Preparation
+from bench.demand.mitsuba import load_path_tracer
 from bench.inputs.errors import FINE, InputError
 
 
@@ -31,11 +35,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.cli.console import Console
-    from bench.data.bake import bake, read_surface, recognise, table
-    from bench.data.spec import Preparation
-    from bench.demand.mitsuba import load_path_tracer
-
     path_tracer = load_path_tracer() if options.renderer == "mitsuba" else None
     data = Preparation(options.size, options.directions, options.views, options.lights, options.heldout)
     with Console() as console:

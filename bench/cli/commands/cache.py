@@ -8,6 +8,7 @@ examples:
 import argparse
 
 from bench.cli.commands import say_line
+from bench.files.atomic import cache_dir, clear_cache
 from bench.inputs.errors import FINE
 
 
@@ -16,8 +17,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.files.atomic import cache_dir, clear_cache
-
     if options.clear:
         count, size = clear_cache()
         say_line(f"removed {count} files, {size / 1e6:.1f} MB, from {cache_dir()}")

@@ -8,6 +8,8 @@ examples:
 import argparse
 
 from bench.cli.commands import assignments
+from bench.cli.console import Console
+from bench.conformance.verdicts import check, codec_to_check, planned
 from bench.inputs.errors import FINE, NO
 
 
@@ -17,9 +19,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.cli.console import Console
-    from bench.conformance.verdicts import check, codec_to_check, planned
-
     failed = tried = 0
     with Console() as console:
         codec = codec_to_check(options.codec, assignments(options.set))

@@ -15,15 +15,23 @@ import re
 import shlex
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from bench.cli.commands import say_line, several, usable_device, workers
-from bench.inputs.errors import FAILED, FINE, NO, InputError
-
-if TYPE_CHECKING:
-    from bench.compare.choosing import Rung
-    from bench.records import Record
-    from bench.runs.suite import Suite
+from bench.cli.console import Console
+from bench.codecs import container, shared
+from bench.codecs.loading import load
+from bench.compare.choosing import TIE_DB, Limits, Rung, chosen, described, longest_ns, nearest, timed_on, usable
+from bench.data.kinds import kind_of
+from bench.files import atomic
+from bench.inputs.errors import FAILED, FINE, NO, ContainerError, InputError
+from bench.program.recording import program_of
+from bench.records import Record, load_run, load_trade
+from bench.runs.runner import Options
+from bench.runs.suite import Suite, canonical, load_suite, with_changes
+from bench.runs.trade import run_and_measure
+from reports import artefacts
+from reports.shaders.dialects import GLSL
+from reports.shaders.generator import shader
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,10 +55,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.codecs import container
-    from bench.compare.choosing import TIE_DB, Limits, chosen, described, longest_ns, nearest, timed_on
-    from bench.runs.suite import canonical
-
     size, on_gpu = (parse_bytes(options, word) for word in ("max_bytes", "max_gpu_bytes"))
     wishes = Limits(size, options.max_ns, options.min_psnr, on_gpu)
     if wishes == Limits():
@@ -90,11 +94,6 @@ def run(options: argparse.Namespace) -> int:
 
 def _gpu_bytes(folder: Path, name: str) -> int | None:
     """The bytes of a job's textures on a GPU, as `export` counts them; None if it cannot be exported."""
-    from bench.records import load_run
-    from reports import artefacts
-    from reports.shaders.dialects import GLSL
-    from reports.shaders.generator import shader
-
     job = load_run(folder).job(name)
     if not job or "file" not in job:
         return None
@@ -102,9 +101,6 @@ def _gpu_bytes(folder: Path, name: str) -> int | None:
         if "drawing" in job:
             program = artefacts.program(folder / job["drawing"])
         else:  # a run draws its first seed alone, and no large textures
-            from bench.codecs.loading import load
-            from bench.program.recording import program_of
-
             program = program_of(load(folder / job["file"]).material)
         return shader(program, GLSL).gpu_bytes
     except InputError:
@@ -113,11 +109,6 @@ def _gpu_bytes(folder: Path, name: str) -> int | None:
 
 def _offer(folder: Path, row: "Record", copy: Path | None) -> None:
     """Print where the chosen file is, and copy it with the network that it needs."""
-    from bench.codecs import container, shared
-    from bench.files import atomic
-    from bench.inputs.errors import ContainerError
-    from bench.records import load_run
-
     job = load_run(folder).job(row.get("job", "")) or {}
     if "file" not in job:
         return
@@ -142,8 +133,6 @@ def _offer(folder: Path, row: "Record", copy: Path | None) -> None:
 
 def _command(suite: "Suite", row: "Record", device: str) -> str:
     """The command that makes the chosen file again, byte for byte; "" where only a run can make it."""
-    from bench.data.kinds import kind_of
-
     spec, data = suite.materials[0], suite.data
     kind = kind_of(spec)
     if suite.demand or kind.needs_a_run(data):
@@ -176,8 +165,6 @@ def parse_bytes(options: argparse.Namespace, word: str) -> int | None:
 
 def _suite(options: argparse.Namespace) -> "Suite":
     """The suite that the options name, for one material."""
-    from bench.runs.suite import load_suite, with_changes
-
     suite = with_changes(load_suite(options.suite), [options.material], options.codec, {}, None)
     if options.steps is None:
         return suite
@@ -189,9 +176,6 @@ def _suite(options: argparse.Namespace) -> "Suite":
 
 def _measured(folder: Path, suite: "Suite", options: argparse.Namespace) -> tuple[list["Rung"], list[str]]:
     """The choices of a suite's material that were measured on a device, and the labels that were not tried."""
-    from bench.compare.choosing import usable
-    from bench.records import load_trade
-
     codecs, material = {codec.codec for codec in suite.codecs}, suite.materials[0].name
     every = (load_trade(folder) or {"choices": []})["choices"]
     of_device = [row for row in every if (row["material"], row["device"]) == (material, options.device)]
@@ -206,10 +190,6 @@ def _measured(folder: Path, suite: "Suite", options: argparse.Namespace) -> tupl
 
 def _measure(folder: Path, suite: "Suite", options: argparse.Namespace, missing: int) -> None:
     """Run a trade over the suite, which fits only the missing settings."""
-    from bench.cli.console import Console
-    from bench.runs.runner import Options
-    from bench.runs.trade import run_and_measure
-
     with Console() as console:
         several = f"{missing} of {len(suite.codecs)} settings of {suite.name}"
         console.say(f"{suite.materials[0].name}: {several} are not in {folder}: fitted, scored and timed first")

@@ -16,6 +16,11 @@ import argparse
 from pathlib import Path
 
 from bench.cli.commands import several, write_text
+from bench.compare.comparison import compare, compare_extremes
+from bench.compare.forms import annotations, junit, tracker
+from bench.inputs.errors import InputError
+from bench.records import load_run
+from reports.comparison import markdown, terminal
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,12 +38,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.compare.comparison import compare, compare_extremes
-    from bench.compare.forms import annotations, junit, tracker
-    from bench.inputs.errors import InputError
-    from bench.records import load_run
-    from reports.comparison import markdown, terminal
-
     base, new = load_run(options.base), load_run(options.new)
     for name, each in ((options.base, base), (options.new, new)):
         if each.jobs and each.stress:

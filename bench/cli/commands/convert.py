@@ -9,6 +9,9 @@ import argparse
 from pathlib import Path
 
 from bench.cli.commands import read_as, reading_options
+from bench.cli.console import Console
+from bench.data.convert import changed, check_place, write_btf
+from bench.data.open import open_named
 from bench.inputs.errors import FINE
 
 
@@ -23,10 +26,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.cli.console import Console
-    from bench.data.convert import changed, check_place, write_btf
-    from bench.data.open import open_named
-
     check_place(options.out)
     with Console() as console:
         opened = open_named(options.btf, read_as(options), console.show)

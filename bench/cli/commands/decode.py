@@ -9,8 +9,14 @@ examples:
 import argparse
 from pathlib import Path
 
+from bench.btf import BTF
 from bench.cli.commands import say_line, usable_device
-from bench.inputs.errors import FINE, InputError
+from bench.cli.console import Console
+from bench.codecs.loading import DecodedSource, load
+from bench.data.convert import write_btf, write_maps
+from bench.data.open import open_named
+from bench.directions.hemisphere import DIRECTION_SETS, thinned_product
+from bench.inputs.errors import FINE, InputError, did_you_mean
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,14 +31,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.btf import BTF
-    from bench.cli.console import Console
-    from bench.codecs.loading import DecodedSource, load
-    from bench.data.convert import write_btf, write_maps
-    from bench.data.open import open_named
-    from bench.directions.hemisphere import DIRECTION_SETS, thinned_product
-    from bench.inputs.errors import did_you_mean
-
     header, material, _ = load(options.file, usable_device(options.device))
     if options.maps:
         maps, factor = material.maps()

@@ -11,6 +11,11 @@ import argparse
 from pathlib import Path
 
 from bench.cli.commands import seed_option
+from bench.cli.console import Console
+from bench.demand import overview
+from bench.demand.collect import Caster, checked, collect
+from bench.demand.scene import named_scene
+from bench.demand.text_scene import TextScene
 from bench.inputs.errors import FINE, InputError, installed
 
 
@@ -24,17 +29,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.cli.console import Console
-    from bench.demand import overview
-    from bench.demand.collect import Caster, checked, collect
-
     checked(options.queries, options.out)
     path = Path(options.scene)
     if path.suffix != ".xml":
         if options.bsdf:
             raise InputError(f"--bsdf: only for a Mitsuba scene, an .xml file: {path} has one material")
-        from bench.demand.scene import named_scene
-        from bench.demand.text_scene import TextScene
 
         scene: Caster = TextScene(named_scene(options.scene))
     elif not path.is_file():

@@ -11,7 +11,16 @@ import argparse
 from pathlib import Path
 
 from bench.cli.commands import assignments, read_as, reading_options, seed_option, threads, usable_device
+from bench.cli.console import Console, file_lines
+from bench.codecs import container, shared
+from bench.codecs.encoding import raised
+from bench.codecs.registry import make_codec
+from bench.data.open import open_named
+from bench.demand import UNIFORM, require_demand
+from bench.demand.demand import load as load_demand
 from bench.inputs.errors import FINE, NO, ContainerError, EncodeError, InputError
+from bench.runs.library import SceneGoal, encode, encode_for_scene
+from reports.scene_models import scene_models_text
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,17 +40,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.cli.console import Console, file_lines
-    from bench.codecs import container, shared
-    from bench.codecs.encoding import raised
-    from bench.codecs.registry import make_codec
-    from bench.data.open import open_named
-    from bench.demand import require_demand
-    from bench.demand.demand import load as load_demand
-    from bench.demand.fitting import Goal
-    from bench.runs.library import encode, encode_for_scene
-    from reports.scene_models import scene_models_text
-
     if not options.out.parent.is_dir():
         raise InputError(f"{options.out}: there is no such folder: make it first")
     for word in ("target_psnr", "target_flip", "uniform"):
@@ -62,10 +60,9 @@ def run(options: argparse.Namespace) -> int:
     with Console() as console:
         btf = open_named(options.btf, changes, console.show)
         if demand:
-            how |= {} if options.uniform is None else {"uniform": options.uniform}
-            goal = Goal(options.target_psnr, options.target_flip)
-            wanted = None if goal == Goal() else goal
-            scene_fit = encode_for_scene(btf, codec, options.out, demand, goal=wanted, show=console.show, **how)
+            uniform = UNIFORM if options.uniform is None else options.uniform
+            goal = SceneGoal(demand, options.target_psnr, options.target_flip, uniform)
+            scene_fit = encode_for_scene(btf, codec, options.out, goal, show=console.show, **how)
             console.say(scene_models_text(scene_fit.rows))
             console.say(scene_fit.described())
             code = FINE if scene_fit.found.met else NO

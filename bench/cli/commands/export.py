@@ -11,7 +11,11 @@ import argparse
 from pathlib import Path
 
 from bench.cli.commands import say_line
+from bench.codecs.container import FORMAT
+from bench.codecs.loading import load
 from bench.inputs.errors import FINE, InputError
+from bench.runs.drawing import drawable
+from reports.shaders.export import export
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,11 +25,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.codecs.container import FORMAT
-    from bench.codecs.loading import load
-    from bench.runs.drawing import drawable
-    from reports.shaders.export import export
-
     loaded = load(options.file)
     header = loaded.header
     source = f"`{options.file.name}`: codec {header.codec}, version {header.version}, file format {FORMAT}"

@@ -16,7 +16,10 @@ import re
 from pathlib import Path
 
 from bench.cli.commands import several
+from bench.files import atomic
 from bench.inputs.errors import FINE, InputError, visible, writable
+from reports.choice import Choice, new_names
+from reports.drawn import PAIRS, Wanted, drawn
 
 ENDINGS = (".png", ".svg", ".pdf")
 
@@ -36,10 +39,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.files import atomic
-    from reports.choice import Choice, new_names
-    from reports.drawn import PAIRS, Wanted, drawn
-
     ending = options.out.suffix.lower()
     if ending not in ENDINGS:
         raise InputError(f"{options.out}: give a name that ends in {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}")

@@ -13,15 +13,20 @@ examples:
 
 import argparse
 import re
+import sys
+import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import pandas as pd
+from tabulate import tabulate
 
 from bench.cli.commands import say_line
-from bench.inputs.errors import FINE, NOTHING, visible
-from bench.records import grouped
-
-if TYPE_CHECKING:
-    import pandas as pd
+from bench.files.atomic import replacing
+from bench.inputs.errors import FINE, NOTHING, InputError, installed, visible, writable
+from bench.metrics import in_decibels, is_relative, label_of
+from bench.records import grouped, load_run
+from bench.runs.history import load_runs
+from reports import write_history
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,13 +36,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    import sys
-    import warnings
-
-    from bench.inputs.errors import InputError, writable
-    from bench.records import load_run
-    from bench.runs.history import load_runs
-
     if options.out and options.out.suffix not in (".csv", ".parquet"):
         raise InputError(f"--out {options.out}: the name must end in .csv or .parquet")
     with warnings.catch_warnings(record=True) as caught:
@@ -52,8 +50,6 @@ def run(options: argparse.Namespace) -> int:
         _write(frame, options.out)
         say_line(f"wrote {options.out}: {len(frame):,} jobs, {len(frame.columns):,} columns")
     if options.plot:
-        from reports import write_history
-
         with writable(options.plot, "choose another --plot"):
             written = write_history([load_run(run) for run in options.runs], options.plot)
         for path in written:
@@ -64,9 +60,6 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _write(frame: "pd.DataFrame", path: Path) -> None:
-    from bench.files.atomic import replacing
-    from bench.inputs.errors import installed, writable
-
     needs = installed(f"{path}: Parquet needs pyarrow: pip install 'neubtf-bench[parquet]', or name a .csv")
     with needs, writable(path, "choose another --out"), replacing(path) as partial:
         if path.suffix == ".csv":
@@ -77,8 +70,6 @@ def _write(frame: "pd.DataFrame", path: Path) -> None:
 
 def _table(frame: "pd.DataFrame") -> str:
     """Means over seeds: a line for each start of a run in which a codec was measured."""
-    from tabulate import tabulate
-
     frame = frame.assign(own=frame.get("fitted/codec"))
     keys = ["material", "label", "folder", "started", "git", "own"]
     frame = frame.sort_values(["material", "label", "started", "folder"], kind="stable")
@@ -108,8 +99,6 @@ def _table(frame: "pd.DataFrame") -> str:
 def _heldout(frame: "pd.DataFrame") -> "tuple[dict[str, pd.Series[float]], set[str]]":
     """The numbers of held-out pairs by the metric's label, for whichever variant was measured; and the labels of those
     in decibels."""
-    from bench.metrics import in_decibels, is_relative, label_of
-
     chosen: dict[str, str] = {}  # the mean over slices where a metric has one
     for column in map(str, frame.columns):
         match = re.fullmatch("scores/heldout/metrics/(.*)/(mean|pooled)", column)

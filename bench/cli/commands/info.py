@@ -9,6 +9,10 @@ import argparse
 from pathlib import Path
 
 from bench.cli.commands import read_as, reading_options, say_line
+from bench.cli.console import btf_lines, file_lines
+from bench.codecs.container import read_header
+from bench.data.open import open_named
+from bench.data.portrait import draw, look
 from bench.inputs.errors import FINE, InputError
 
 
@@ -19,18 +23,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.cli.console import btf_lines, file_lines
-    from bench.data.open import open_named
-
     path = Path(options.path)
     if path.is_file() and _is_codec_file(path):
         if options.picture:
             raise InputError(f"{path}: --picture draws a BTF, and this is a codec file: decode it and draw the result")
-        from bench.codecs.container import read_header
 
         print(file_lines(read_header(path)))
         return FINE
-    from bench.data.portrait import draw, look
 
     portrait = look(open_named(options.path, read_as(options)))
     print(btf_lines(portrait))

@@ -22,7 +22,10 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 
+from bench import metrics
 from bench.cli.commands import write_text
+from bench.codecs.registry import codec_entries
+from bench.data import readers
 from bench.inputs.errors import FINE, InputError
 
 # For each kind: the place of each file, and its template.
@@ -90,10 +93,6 @@ def run(options: argparse.Namespace) -> int:
 
 def _is_taken(what: str, name: str) -> bool:
     """Whether a codec, a metric or a reader of this name is installed."""
-    from bench import metrics
-    from bench.codecs.registry import codec_entries
-    from bench.data import readers
-
     if what == "metric":
         return metrics.find(name) is not None
     if what == "reader":

@@ -14,8 +14,16 @@ examples:
 import argparse
 from pathlib import Path
 
+import torch
+
 from bench.cli.commands import assignments, several, threads, usable_device
+from bench.cli.console import Console, file_lines
+from bench.codec import Fit
+from bench.codecs import shared
+from bench.codecs.registry import load_codec
+from bench.data.open import open_named
 from bench.inputs.errors import FINE, InputError
+from bench.runs.library import MATERIALS, pretrain
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,15 +39,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    import torch
-
-    from bench.cli.console import Console, file_lines
-    from bench.codec import Fit
-    from bench.codecs import shared
-    from bench.codecs.registry import load_codec
-    from bench.data.open import open_named
-    from bench.runs.library import MATERIALS, pretrain
-
     codec = load_codec(options.codec)
     if codec.network is None:
         raise InputError(f"codec {options.codec} shares no network over materials: it needs no pretraining")

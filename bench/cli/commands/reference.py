@@ -13,7 +13,13 @@ import argparse
 from pathlib import Path
 
 from bench.cli.commands import say_line
-from bench.inputs.errors import FINE
+from bench.compare.comparison import check_whole, compare
+from bench.compare.reference import committed, few_seeds, pairs_by_seed, reference, seeds_of, smallest_losses
+from bench.files.atomic import write
+from bench.inputs.errors import FINE, InputError, writable
+from bench.records import FILE, load_run
+from bench.runs.suite import builtin_suites
+from reports.comparison import terminal
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,14 +31,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.compare.comparison import check_whole, compare
-    from bench.compare.reference import committed, few_seeds, pairs_by_seed, reference, seeds_of, smallest_losses
-    from bench.files.atomic import write
-    from bench.inputs.errors import InputError, writable
-    from bench.records import FILE, load_run
-    from bench.runs.suite import builtin_suites
-    from reports.comparison import terminal
-
     measured = load_run(options.run)
     if not all("run" in start for start in measured.starts):
         raise InputError(f"{options.run}: it is a reference, not a run: give the folder of a run")

@@ -13,7 +13,15 @@ examples:
 import argparse
 from pathlib import Path
 
+import numpy as np
+
 from bench.cli.commands import assignments, say_line, several, usable_device
+from bench.cli.console import Console
+from bench.codecs.loading import load
+from bench.data.open import open_named
+from bench.demand import still
+from bench.demand.frame_scorer import table_of
+from bench.demand.scene import named_scene
 from bench.inputs.errors import FINE, InputError, installed
 
 LIMITS: dict[str, tuple[float, float]] = {
@@ -41,15 +49,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    import numpy as np
-
-    from bench.cli.console import Console
-    from bench.codecs.loading import load
-    from bench.data.open import open_named
-    from bench.demand import still
-    from bench.demand.frame_scorer import table_of
-    from bench.demand.scene import named_scene
-
     still.check_ending(options.out)
     for name, (low, high) in LIMITS.items():
         value = getattr(options, name)
@@ -83,10 +82,6 @@ def run(options: argparse.Namespace) -> int:
 
 def _path_traced(options: argparse.Namespace) -> int:
     """Render files with Mitsuba, side by side."""
-    import numpy as np
-
-    from bench.demand import still
-
     if not (options.files and options.bsdf):
         raise InputError("a Mitsuba scene needs codec files, and the BSDF that they replace: give --bsdf ID")
     own = {

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from bench.cli.commands import say_line
 from bench.inputs.errors import FINE
+from reports import write_report
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,8 +21,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from reports import write_report
-
     written = write_report(options.run, options.vector)
     print(written.text)
     for path in written.files:

@@ -26,8 +26,16 @@ import shlex
 from functools import partial
 from pathlib import Path
 
-from bench.cli.commands import say_line
+from bench.cli.commands import say_line, table
+from bench.codecs.described import described_codecs
+from bench.compare.reference import published
+from bench.files.atomic import write
 from bench.inputs.errors import FINE, NO, InputError, readable, writable
+from bench.records import load_together
+from bench.runs.archive import unpack
+from reports import KINDS, WHY_EMPTY, table_text
+from reports.board.assembly import write_board
+from reports.board.sources import Codec
 
 _BLOCK = re.compile(r"(?P<start><!-- neubtf-bench (?P<words>[^\n]*?) -->\n)(?P<body>.*?)(?P<end><!-- end -->)", re.S)
 
@@ -52,10 +60,9 @@ def run(options: argparse.Namespace) -> int:
     if options.action == "add":
         return _add(options.run, options.file)
     if options.action == "write" and options.site:
-        from reports.board.assembly import write_board
-
+        codecs = {name: Codec(**about) for name, about in described_codecs().items()}
         with writable(options.site, "choose another --site"):
-            written = write_board(options.records, options.runs, options.site)
+            written = write_board(options.records, options.runs, codecs, unpack, options.site)
         size = sum(path.stat().st_size for path in written)
         say_line(f"wrote {written[0]}: {len(written)} pages, {size / 1e6:.1f} MB")
     elif not options.documents:
@@ -69,10 +76,6 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _add(run: Path, file: Path) -> int:
-    from bench.compare.reference import published
-    from bench.files.atomic import write
-    from bench.records import load_together
-
     if file.suffix != ".jsonl":
         raise InputError(f"{file}: the name of a file of records ends in .jsonl")
     whole = load_together([*([file] if file.exists() else []), run])
@@ -85,8 +88,6 @@ def _add(run: Path, file: Path) -> int:
 
 def _written(path: Path, writes: bool) -> bool:
     """Make the tables of a document again, and store it if `writes`; returns whether it changed."""
-    from bench.files.atomic import write
-
     with readable(str(path), "name a Markdown file"):
         text = path.read_text(encoding="utf-8")
     if not _BLOCK.search(text):
@@ -100,9 +101,6 @@ def _written(path: Path, writes: bool) -> bool:
 
 def _table(path: Path, words: str) -> str:
     """What a command prints, as Markdown: plain text in a fence, or a Markdown table as it is."""
-    from bench.cli.commands import table
-    from reports import KINDS, WHY_EMPTY, table_text
-
     command, *rest = shlex.split(words)
     parser = argparse.ArgumentParser(add_help=False, exit_on_error=False)
     table.arguments(parser)

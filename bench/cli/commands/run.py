@@ -12,7 +12,7 @@ import argparse
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from bench.cli.commands import (
     assignments,
@@ -24,10 +24,13 @@ from bench.cli.commands import (
     usable_device,
     workers,
 )
+from bench.cli.console import Console
 from bench.inputs.errors import FAILED, FINE, INTERRUPTED, NOTHING, InputError
-
-if TYPE_CHECKING:
-    from bench.runs.executors import Seats
+from bench.records import load_run
+from bench.runs import executors, runner
+from bench.runs.executors import Seats
+from bench.runs.suite import described_changes, load_suite, with_changes, with_metrics
+from reports import write_report
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,10 +53,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.cli.console import Console
-    from bench.runs import runner
-    from bench.runs.suite import described_changes, load_suite, with_changes, with_metrics
-
     changes = assignments(options.set) | ({"data.pairs": "0"} if options.all_pairs else {})
     changes |= read_as(options)
     suite = with_changes(load_suite(options.suite), options.material, options.codec, changes, options.seed)
@@ -76,8 +75,6 @@ def run(options: argparse.Namespace) -> int:
             done = f"{len(outcomes)} of {len(suite.cells)} jobs are done"
             console.say(f"{_summary(outcomes, timed=False)}\ninterrupted: {done}; the same command resumes: {folder}")
             return INTERRUPTED
-        from bench.records import load_run
-        from reports import write_report
 
         console.show("drawing tables, figures and pages", 0, 1)
         written = write_report(folder)
@@ -93,8 +90,6 @@ def run(options: argparse.Namespace) -> int:
 
 def _workers(options: argparse.Namespace, threads: int) -> "Seats | None":
     """The workers that run jobs; None if the runner decides."""
-    from bench.runs import executors
-
     if options.resource and not options.scheduler:
         raise InputError("--resource: only for the workers of a Dask --scheduler: give it, or leave --resource out")
     if options.max_seconds is not None and options.scheduler:

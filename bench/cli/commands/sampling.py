@@ -9,9 +9,14 @@ examples:
 """
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 from bench.cli.commands import say_line, seed_option
+from bench.cli.console import Console
+from bench.codecs import container, loading
+from bench.codecs.registry import make_codec
+from bench.demand.mitsuba.lobes import NAME, fitted, noise
 from bench.inputs.errors import FINE, InputError
 
 
@@ -24,13 +29,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from dataclasses import replace
-
-    from bench.cli.console import Console
-    from bench.codecs import container, loading
-    from bench.codecs.registry import make_codec
-    from bench.demand.mitsuba.lobes import NAME, fitted, noise
-
     if not 1 <= options.cells <= 64:
         raise InputError(f"--cells {options.cells}: must be from 1 to 64")
     container.refuse_other_file(options.out)

@@ -17,7 +17,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from bench.cli.commands import assignments, read_as, reading_options, threads, usable_device, write_text
+from bench.cli.console import Console
+from bench.codecs.container import read_header
+from bench.data.open import open_named
 from bench.inputs.errors import FINE, InputError
+from bench.runs.library import score
+from bench.runs.suite import CodecSpec, changed_settings
+from reports import score_text
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,13 +38,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.cli.console import Console
-    from bench.codecs.container import read_header
-    from bench.data.open import open_named
-    from bench.runs.library import score
-    from bench.runs.suite import CodecSpec, changed_settings
-    from reports import score_text
-
     changes = assignments(options.set)
     if foreign := next((key for key in changes if not key.startswith("data.")), None):
         raise InputError(f"--set {foreign}: the file has its codec's settings already; only data.KEY can be set here")

@@ -11,13 +11,26 @@ examples:
 
 import argparse
 import os
+import tempfile
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from bench import records
 from bench.cli.commands import say_line, several
+from bench.cli.console import Console
+from bench.codecs.registry import load_codec
+from bench.conformance.check import CheckError
+from bench.conformance.stress import CASES, Case, metrics
+from bench.conformance.stress import run as stress
+from bench.conformance.stress.case import subject_of
+from bench.conformance.stress.properties import data_hold, query_holds
+from bench.conformance.stress.run import chosen
 from bench.inputs.errors import FINE, NO, InputError, writable
 from bench.records import STRESS
+from bench.runs.executors import in_process, processes
+from bench.runs.provenance import provenance
+from reports import stress_text
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,8 +47,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.conformance.stress import CASES, Case, metrics
-
     if options.list:
         width = max(len(case.name) for case in CASES)
         every: list[Case | metrics.PictureCase] = [*CASES, *metrics.CASES]
@@ -43,12 +54,6 @@ def run(options: argparse.Namespace) -> int:
         return FINE
     if options.query or options.data:
         return _again(options)
-    from bench import records
-    from bench.cli.console import Console
-    from bench.conformance.stress import run as stress
-    from bench.runs.executors import in_process, processes
-    from bench.runs.provenance import provenance
-    from reports import stress_text
 
     codecs, cases = stress.chosen(options.codec, options.case)
     cases = [case for case in cases if case.cheap or not options.cheap]
@@ -72,14 +77,6 @@ def run(options: argparse.Namespace) -> int:
 
 def _again(options: argparse.Namespace) -> int:
     """Try one query or one drawn material, in the form that a failed property prints, on each codec."""
-    import tempfile
-
-    from bench.codecs.registry import load_codec
-    from bench.conformance.check import CheckError
-    from bench.conformance.stress.case import subject_of
-    from bench.conformance.stress.properties import data_hold, query_holds
-    from bench.conformance.stress.run import chosen
-
     queries = _numbers("--query", options.query, float, 9)
     data = _numbers("--data", options.data, int, 6)
     if data and (min(data[:4]) < 1 or max(data[2:4]) > 81):

@@ -9,11 +9,15 @@ examples:
 """
 
 import argparse
+import hashlib
 import shlex
 from pathlib import Path
 
 from bench.cli.commands import say_line, several
+from bench.compare.reference import published
 from bench.inputs.errors import FINE, InputError
+from bench.records import load_run
+from bench.runs.archive import chosen, pack
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,12 +27,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    import hashlib
-
-    from bench.compare.reference import published
-    from bench.records import load_run
-    from bench.runs.archive import chosen, pack
-
     if options.out.suffix != ".zip":
         raise InputError(f"--out {options.out}: the name must end in .zip")
     run = chosen(load_run(options.run), options.codec)

@@ -17,19 +17,21 @@ examples:
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from bench.cli.commands import several
+from bench.codecs.registry import codec_entries
+from bench.compare.choosing import fused_times, gpu_times
+from bench.conformance.verdicts import count
 from bench.inputs.errors import FINE, NOTHING, InputError, visible
-
-if TYPE_CHECKING:
-    from bench.records import Record
-    from reports.choice import Choice
+from bench.records import FILE, STRESS, Record, Run, load_together, require
+from bench.runs.suite import load_suite
+from bench.timing import GPU_BATCH
+from reports import FORMATS, KINDS, WHY_EMPTY, paper_text, parameters_text, table_text
+from reports.choice import Choice, new_names
+from reports.parameters import PUBLISHED
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    from reports import FORMATS, KINDS
-
     what = f"one kind of table ({', '.join(KINDS)}; default: all), and folders of runs or files of records (default: "
     parser.add_argument("what", nargs="*", metavar="KIND|RUN", help=f"{what}the newest run under runs/)")
     form = "the format; raw is a CSV of every number of every job (default: text)"
@@ -44,8 +46,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from reports import KINDS, WHY_EMPTY, table_text
-
     kinds = [word for word in options.what if word in KINDS]
     folders = [Path(word) for word in options.what if word not in KINDS]
     chosen = choice(options)
@@ -71,8 +71,6 @@ def run(options: argparse.Namespace) -> int:
 
 def choice(options: argparse.Namespace) -> "Choice | None":
     """The rows, columns and names that the options choose; None if they choose none."""
-    from reports.choice import Choice, new_names
-
     if not (options.codec or options.material or options.against or options.column or options.name):
         return None
     if options.against and options.format == "raw":
@@ -85,14 +83,6 @@ def choice(options: argparse.Namespace) -> "Choice | None":
 def parameters_table(folders: list[Path], format: str, choice: "Choice | None" = None) -> str:
     """The table of parameters: of every codec as published, and of the records of runs, whatever their data; with times
     of a sample, where a run has some."""
-    from bench.codecs.registry import codec_entries
-    from bench.compare.choosing import fused_times, gpu_times
-    from bench.conformance.verdicts import count
-    from bench.records import load_together, require
-    from bench.timing import GPU_BATCH
-    from reports import parameters_text
-    from reports.parameters import PUBLISHED
-
     jobs = []
     runs = [load_together([folder], wanted=lambda job: False) for folder in folders or _runs()[-1:]]  # none replaced
     on_gpu: dict[str, Record] = {}
@@ -113,10 +103,6 @@ def parameters_table(folders: list[Path], format: str, choice: "Choice | None" =
 
 def _paper(folders: list[Path], format: str, choice: "Choice | None") -> str:
     """The table beside the paper's quality: of runs, and what they lack with where to get it."""
-    from bench.records import Run, load_together
-    from bench.runs.suite import load_suite
-    from reports import paper_text
-
     folders = folders or [folder for folder in (Path("runs/paper"), Path("runs/paper-nearest")) if folder.is_dir()]
     # As in the table of parameters, none takes another's place: of other suites, the same names have other data.
     run = load_together(folders, wanted=lambda job: False) if folders else Run(Path())
@@ -128,8 +114,6 @@ def _paper(folders: list[Path], format: str, choice: "Choice | None") -> str:
 
 
 def _newest_run(kind: str | None) -> Path:
-    from bench.records import FILE, STRESS
-
     folders = _runs()
     if kind == STRESS and (Path("runs") / STRESS / FILE).is_file():
         return Path("runs") / STRESS
@@ -140,7 +124,5 @@ def _newest_run(kind: str | None) -> Path:
 
 def _runs() -> list[Path]:
     """The folders of runs under runs/, without the stress test's, newest last."""
-    from bench.records import FILE, STRESS
-
     files = [path for path in Path("runs").glob(f"*/{FILE}") if path.parent.name != STRESS]
     return [path.parent for path in sorted(files, key=lambda path: path.stat().st_mtime)]

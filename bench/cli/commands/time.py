@@ -17,7 +17,12 @@ import argparse
 from pathlib import Path
 
 from bench.cli.commands import assignments, suite_options, usable_device
+from bench.cli.console import Console
 from bench.inputs.errors import FINE
+from bench.runs.setting_times import time_settings
+from bench.runs.setting_variants import time_variants
+from bench.runs.suite import described_changes, load_suite, with_changes
+from reports import table_text
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,10 +33,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.cli.console import Console
-    from bench.runs.setting_times import time_settings
-    from bench.runs.suite import described_changes, load_suite, with_changes
-
     changes = assignments(options.set)
     suite = with_changes(load_suite(options.suite), options.material, options.codec, changes, None)
     folder = options.out or Path("runs") / f"{suite.name}-times"
@@ -40,12 +41,9 @@ def run(options: argparse.Namespace) -> int:
         for line in described_changes(suite, changes):
             console.say(line)
         if options.variants:
-            from bench.runs.setting_variants import time_variants
-
             time_variants(suite, folder, device, options.minutes, console.show)
         else:
             time_settings(suite, folder, device, console.show)
-        from reports import table_text
 
         console.say(table_text(folder, kind="times"))
         console.say(f"wrote {folder}")

@@ -10,7 +10,12 @@ import argparse
 from pathlib import Path
 
 from bench.cli.commands import assignments, suite_options, usable_device
+from bench.cli.console import Console
 from bench.inputs.errors import FAILED, FINE, NOTHING
+from bench.runs.runner import Options
+from bench.runs.suite import described_changes, load_suite, with_changes
+from bench.runs.trade import run_and_measure
+from reports import table_text, write_report
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,11 +28,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from bench.cli.console import Console
-    from bench.runs.runner import Options
-    from bench.runs.suite import described_changes, load_suite, with_changes
-    from bench.runs.trade import run_and_measure
-
     changes = assignments(options.set)
     suite = with_changes(load_suite(options.suite), options.material, options.codec, changes, None)
     folder = options.out or Path("runs") / suite.name
@@ -39,7 +39,6 @@ def run(options: argparse.Namespace) -> int:
         states = run_and_measure(suite, run_options, console.ended, options.full, options.emulated, options.noise)
         if "ok" not in states:
             return NOTHING
-        from reports import table_text, write_report
 
         files = write_report(folder).files
         console.say(table_text(folder, kind="trade"))

@@ -13,11 +13,17 @@ examples:
 
 import argparse
 import os
+import tempfile
 from collections import Counter
 from pathlib import Path
 
+from tabulate import tabulate
+
 from bench.cli.commands import assignments, say_line, several
+from bench.cli.console import Console
 from bench.inputs.errors import FINE, NO, NOTHING, InputError, visible
+from bench.records import FILE
+from bench.runs.archive import AGREES, DIFFERS, unpack, verify
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,14 +33,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    import tempfile
-
-    from tabulate import tabulate
-
-    from bench.cli.console import Console
-    from bench.records import FILE
-    from bench.runs.archive import AGREES, DIFFERS, unpack, verify
-
     folder = options.out or Path("runs") / options.archive.stem
     if (folder / FILE).exists():
         raise InputError(f"--out {folder}: it holds a run already: name another folder")

@@ -9,16 +9,22 @@ examples:
 """
 
 import argparse
+import tempfile
+import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from bench.cli.commands import assignments, say_line, several
+from bench.cli.console import Console
+from bench.codec import Progress
+from bench.codecs.loading import Loaded, load
+from bench.data.open import open_named
+from bench.files import atomic
 from bench.inputs.errors import FINE, InputError
-
-if TYPE_CHECKING:
-    from bench.codec import Progress
-    from bench.codecs.loading import Loaded
-    from bench.program import Program
+from bench.program import Program
+from bench.runs.drawing import BAKED, baked, drawable, drawable_truth
+from reports.shaders.dialects import GLSL
+from reports.shaders.generator import shader
+from reports.viewer.page import Shown, page
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,16 +35,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    import tempfile
-    import webbrowser
-
-    from bench.cli.console import Console
-    from bench.codecs.loading import load
-    from bench.data.open import open_named
-    from bench.files import atomic
-    from bench.runs.drawing import drawable_truth
-    from reports.viewer.page import Shown, page
-
     if options.set and not options.truth:
         raise InputError("--set: it says how --truth is prepared: give --truth, too")
     changes = assignments(options.set)
@@ -65,10 +61,6 @@ def run(options: argparse.Namespace) -> int:
 
 def _drawn(file: "Loaded", show: "Progress") -> "tuple[tuple[Program, float], str]":
     """The material of a file, its exposure, and a note on it; its baked slices if no shader can evaluate it."""
-    from bench.runs.drawing import BAKED, baked, drawable, drawable_truth
-    from reports.shaders.dialects import GLSL
-    from reports.shaders.generator import shader
-
     try:
         drawing = drawable(file.material)
         shader(drawing[0], GLSL)
