@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-KILL = Path(__file__).parents[2] / "tools" / "kill.py"
+KILL = Path(__file__).with_name("kill.py")
 pytestmark = pytest.mark.timeout(600)  # some 15 s on two cores that have nothing else to do
 
 DASK = pytest.mark.skipif(not importlib.util.find_spec("distributed"), reason="needs the extra dask")

@@ -1,6 +1,6 @@
 """The guard at work on what was really measured: the committed reference, and many further seeds and planted faults.
 
-`tools/gate.py` measures both anew.
+`tests/bench/compare/gate.py` measures both anew.
 """
 
 import json

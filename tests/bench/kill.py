@@ -1,6 +1,6 @@
 """Kills a run again and again: in the end each job has one good record, and every file is that of an undisturbed run.
 
-    python tools/kill.py [--kills 20] [--workers here|processes|dask] [--seed 0] [--quick]
+    python tests/bench/kill.py [--kills 20] [--workers here|processes|dask] [--seed 0] [--quick]
 
 `here` and `processes` kill the whole run (`kill -9`) at random moments and start it again in the same folder; `dask`
 kills one of the two workers of a local cluster in the middle of a job each time, and starts nothing again. Exit code 1

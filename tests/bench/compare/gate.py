@@ -1,6 +1,6 @@
 """Renews the guard: the reference of the suite `ci`, what its tests replay, and how well it guards, measured.
 
-    python tools/gate.py [--out runs/gate] [--seeds 9] [--jobs 2] [--codec NAME] [--only-read]
+    python tests/bench/compare/gate.py [--out runs/gate] [--seeds 9] [--jobs 2] [--codec NAME] [--only-read]
 
 Runs the suite with so many seeds, three of them again as other processors compute, and with faults planted in fits:
 half of the steps, and ReLU for the sine. Then it writes `bench/compare/references/ci.jsonl` and
@@ -27,7 +27,7 @@ from bench.records import Record, Run, load_run
 from bench.runs.suite import load_suite
 
 SUITE = "ci"
-REPLAYS = Path(__file__).parent.parent / "tests" / "bench" / "compare" / "seeds.json"
+REPLAYS = Path(__file__).with_name("seeds.json")
 # Besides the machine's own: what makes it compute as another. PyTorch's kernels obey the first variable, the matrix
 # products of oneDNN and MKL each their own.
 PROCESSORS = {
