@@ -7,7 +7,8 @@ import signal
 import sys
 import textwrap
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import bench
 from bench.cli import commands, guard
@@ -128,6 +129,15 @@ def _read_in(folder: str | os.PathLike[str], out: str | os.PathLike[str]) -> boo
     return os.path.commonpath([inside, place]) == inside and place.lower().endswith((".png", ".exr"))
 
 
+def _of_package(run: Callable[..., int], options: argparse.Namespace) -> int:
+    """Run a command of another package: on a device that is there, with a terminal to speak to."""
+    if hasattr(options, "device"):
+        commands.usable_device(options.device)
+    from bench.cli.console import Console
+
+    return run(options, Console())
+
+
 def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:
     """The parser of the wanted command; the others are only listed, not imported. `InputError` if there is none."""
     known = commands.modules()
@@ -157,5 +167,6 @@ def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:
         )
         loaded.arguments(command)
         command.add_argument(DEBUG, action="store_true", help="show the traceback of an error, too")
-        command.set_defaults(command=loaded.run)
+        ours = module.startswith(f"{commands.__name__}.")
+        command.set_defaults(command=loaded.run if ours else partial(_of_package, loaded.run))
     return top

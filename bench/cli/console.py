@@ -74,6 +74,10 @@ class Console:
         self.spoke = time.monotonic()
         self.out.print("\n".join(map(visible, text.split("\n"))), markup=False, soft_wrap=True)
 
+    def say_file(self, header: Header) -> None:
+        """Print what a codec file is: its codec, settings, bytes and cost."""
+        self.say(file_lines(header))
+
     def ended(self, outcome: "Outcome") -> None:
         """Print a finished job in one line, with the progress of the run if no bar shows it."""
         record = outcome.record

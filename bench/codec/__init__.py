@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
 
 import torch
 from torch import Tensor
@@ -58,6 +58,23 @@ def ended_bars(show: Progress) -> Iterator[Progress]:
     finally:
         for bar, total in unfinished.items():
             show(bar, total, total)
+
+
+class Terminal(Protocol):
+    """What a command of another package speaks to: lines that stay and, while it is entered, progress bars."""
+
+    def __enter__(self) -> "Terminal": ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def show(self, label: str, done: int, total: int) -> None:
+        """Move the progress bar of a label; a `Progress`."""
+
+    def say(self, text: str) -> None:
+        """Print lines, without control characters."""
+
+    def say_file(self, header: Any) -> None:
+        """Print what a codec file is, by its header."""
 
 
 class Drawn(NamedTuple):

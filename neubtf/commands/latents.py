@@ -10,7 +10,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.cli.commands import say_line
+from bench.codec import Terminal
 from bench.codecs import loading
 from bench.codecs.scene_material import SceneMaterial
 from bench.inputs.errors import FINE, InputError
@@ -23,7 +23,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--out", type=Path, help="the PNG to write (default: the file's name with .latents.png)")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace, terminal: Terminal) -> int:
     header, material, _ = loading.load(options.file)
     if isinstance(material, SceneMaterial):
         material = material.inner
@@ -31,5 +31,5 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(f"{options.file}: it is a file of codec {header.codec}: give one of neubtf or neubtf-direct")
     out = options.out or options.file.with_suffix(".latents.png")
     draw(material.texture, out)
-    say_line(f"wrote {out}: {material.texture.shape[2]} channels of {material.size[0]} × {material.size[1]} texels")
+    terminal.say(f"wrote {out}: {material.texture.shape[2]} channels of {material.size[0]} × {material.size[1]} texels")
     return FINE

@@ -10,8 +10,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.cli.commands import usable_device
-from bench.cli.console import Console, file_lines
+from bench.codec import Terminal
 from bench.codecs.loading import load
 from bench.inputs.errors import FINE, InputError
 from neubtf.guidance import FRONTAL, Treatment, seam_of
@@ -46,17 +45,16 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--out", type=Path, required=True, help="the codec file to write")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace, terminal: Terminal) -> int:
     if not options.out.parent.is_dir():
         raise InputError(f"{options.out}: there is no such folder: make it first")
     treatment = Treatment(options.scale, options.make_tileable, options.exposure)
-    with Console() as console:
-        device = usable_device(options.device)
-        header = propagate(options.file, options.guidance, options.out, treatment, console.show, device)
-    console.say(file_lines(header))
+    with terminal:
+        header = propagate(options.file, options.guidance, options.out, treatment, terminal.show, options.device)
+    terminal.say_file(header)
     material = load(header.path)[1]
     assert isinstance(material, NeuBTFMaterial)
     seams = zip(("left–right", "top–bottom"), seam_of(material, FRONTAL), strict=True)
     ratios = ", ".join(f"{side} {seam.of_mean:.2f}" for side, seam in seams)
-    console.say(f"seam (gradient across the border, relative to those inside): {ratios}")
+    terminal.say(f"seam (gradient across the border, relative to those inside): {ratios}")
     return FINE

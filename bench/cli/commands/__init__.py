@@ -1,8 +1,8 @@
 """The commands of `neubtf-bench`, one module each; other packages add theirs by entry point, `neubtf_bench.commands`.
 
 A command's module has a docstring, whose first line stands in the list of commands; `arguments(parser)`; and
-`run(options)`, which prints and returns an exit code of `bench.inputs.errors`. It imports other modules only when it
-runs, so that all commands start fast.
+`run(options)`, which prints and returns an exit code of `bench.inputs.errors`. That of another package is called as
+`run(options, terminal)`, with a `bench.codec.Terminal`. Only the wanted command is imported, so that all start fast.
 """
 
 import argparse

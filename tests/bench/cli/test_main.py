@@ -64,7 +64,9 @@ def test_run_prints_a_table_writes_reports_and_is_cached_the_second_time(tmp_pat
 
 def test_a_command_of_another_package_is_found_by_its_entry_point(tmp_path, monkeypatch, capsys):
     says = '"""say a word loudly"""\narguments = lambda parser: parser.add_argument("word")\n'
-    (tmp_path / "shout.py").write_text(f"{says}run = lambda options: print(options.word.upper()) or 0\n")
+    (tmp_path / "shout.py").write_text(
+        f"{says}run = lambda options, terminal: terminal.say(options.word.upper()) or 0\n"
+    )
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(commands, "entry_points", lambda group: [EntryPoint("shout", "shout", group)])
     assert cli.main(["shout", "hello"]) == 0
