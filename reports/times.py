@@ -1,9 +1,9 @@
 """The times of settings, apart from any surface: what `neubtf-bench time` measured."""
 
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 
+from bench.compare.choosing import usual_batch
 from bench.records import Record, Run
 from reports.numbers import NONE, significant
 from reports.table import Table
@@ -55,9 +55,8 @@ def _variants(run: Run, timed: list[Record]) -> Iterator[Table]:
     """A row a setting, a column an execution and precision: ns a sample, and the share of what the machine allows."""
     if not timed:
         return
-    counts = Counter(timing["batch"] for timing in timed)
-    ((usual, _),) = counts.most_common(1)  # other batches are of few settings: see `_batches`
-    timed = [timing for timing in timed if timing["batch"] == usual]
+    usual = usual_batch(timed)
+    timed = [timing for timing in timed if timing["batch"] == usual]  # others: see `_batches`
     names = list(dict.fromkeys(_variant(timing) for timing in timed))
     by_label: dict[str, dict[str, Record]] = {}
     for timing in timed:

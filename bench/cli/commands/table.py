@@ -25,7 +25,6 @@ from bench.conformance.verdicts import count
 from bench.inputs.errors import FINE, NOTHING, InputError, visible
 from bench.records import FILE, STRESS, Record, Run, load_together, require
 from bench.runs.suite import load_suite
-from bench.timing import GPU_BATCH
 from reports import FORMATS, KINDS, WHY_EMPTY, paper_text, parameters_text, table_text
 from reports.choice import Choice, new_names
 from reports.parameters import PUBLISHED
@@ -87,7 +86,7 @@ def parameters_table(folders: list[Path], format: str, choice: "Choice | None" =
     runs = [load_together([folder], wanted=lambda job: False) for folder in folders or _runs()[-1:]]  # none replaced
     on_gpu: dict[str, Record] = {}
     for run in runs:
-        on_gpu |= gpu_times(run, GPU_BATCH)
+        on_gpu |= gpu_times(run)
     for run in runs:
         for job in (job for job in run.jobs if job["status"] == "ok"):
             require(job, "tables", run.folder)

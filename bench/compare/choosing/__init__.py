@@ -6,6 +6,7 @@ Imports nothing heavy, so an answer from stored measurements comes at once.
 """
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -109,18 +110,23 @@ def fused_times(run: Run) -> dict[str, Record]:
     return {row["job"]: row for row in fused if "job" in row and "ratio_to_floor" in row}
 
 
-def gpu_times(run: Run, batch: int) -> dict[str, Record]:
-    """The time of each setting on a GPU by label: in float32, by the quickest execution, in batches of so many."""
+def gpu_times(run: Run) -> dict[str, Record]:
+    """The time of each setting on a GPU by label: in float32, by the quickest execution, in the usual batches."""
+    variants = [timing for timing in run.timings if is_gpu(timing["device"]) and "of_tolerance" in timing]
     quickest: dict[str, Record] = {}
-    for timing in run.timings:
-        if not (is_gpu(timing["device"]) and "of_tolerance" in timing):  # of the variants that `time` compared
-            continue
-        if (timing["dtype"], timing["batch"]) != ("float32", batch):
+    for timing in variants:
+        if timing["dtype"] != "float32" or timing["batch"] != usual_batch(variants):
             continue
         known = quickest.get(timing["label"])
         if known is None or timing["ns_per_sample"] < known["ns_per_sample"]:
             quickest[timing["label"]] = timing
     return quickest
+
+
+def usual_batch(variants: Sequence[Record]) -> int:
+    """The size of batches in which most variants were timed: a few settings are timed in others, too."""
+    ((batch, _),) = Counter(timing["batch"] for timing in variants).most_common(1)
+    return int(batch)
 
 
 def answers(material: str, choices: list[Record]) -> Iterator[str]:
