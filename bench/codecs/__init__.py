@@ -1,1 +1,1 @@
-"""Building blocks of codecs: their files, the registry, networks and fitting."""
+"""What is common to codecs: their files, the registry, encoding and loading."""

@@ -39,6 +39,7 @@ RESCUES = 3
 ROUNDED_FROM = 0.5  # share of the steps after which textures are rounded as in the file
 ROUNDING_SAMPLES = 4_096  # samples that measure the error of rounding a channel
 GAIN = 0.02  # dB: a fit that gains less within its patience ends
+FARTHEST = 1e12  # a parameter beyond it, or not finite, is of a diverged fit, whose answers may still be finite
 AWAY = 10.0  # root mean square error of log radiance of a diverged fit: a factor of 22,000
 
 LogLoss = Literal["l1", "l2", "both"]
@@ -133,9 +134,9 @@ def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> floa
 
     With a `patience` above 0 a fit ends early, once its curve gained less than `GAIN` dB in that many steps; the last
     point of the curve then has `ended`. The state is saved in `fit.checkpoint`, if given, and a fit resumes from it;
-    the caller removes it. If the loss or a parameter is not finite, or the error exceeds `AWAY`, the last good state
-    is restored and the learning rate halved; the fourth time, `DivergedError` is raised. Raises `InputError` if the
-    file on disk belongs to another fit.
+    the caller removes it. If the loss is not finite, a parameter exceeds `FARTHEST` or the error `AWAY`, the last good
+    state is restored and the learning rate halved; the fourth time, `DivergedError` is raised. Raises `InputError` if
+    the file on disk belongs to another fit.
     """
     if steps < 1:
         raise InputError(f"a fit needs at least 1 step, not {steps}")
@@ -239,7 +240,8 @@ class _Loop:
             if self.step < end and time.perf_counter() - self.shown >= SHOW_SECONDS:
                 self._show()
         # A parameter that is not finite stays so, so an occasional check misses nothing.
-        if not all(t.isfinite().all() for t in (total, *self.parameters)) or not self._measured():
+        near = all((parameter.abs() < FARTHEST).all() for parameter in self.parameters)
+        if not (near and total.isfinite()) or not self._measured():
             self._rescue()
             return
         self._show()

@@ -1,14 +1,16 @@
 import re
+from collections import Counter
 
 import pytest
 
 from baselines.mean_colour import MeanColour, MeanColourMaterial
 from bench.cli import main
 from bench.codec import Parts
-from bench.codecs.registry import load_codec
-from bench.conformance.stress import metrics, properties
+from bench.codecs.registry import codec_entries, from_outside, load_codec
+from bench.conformance.stress import CASES, metrics, properties
 from bench.conformance.stress.case import subject_of
 from bench.conformance.stress.invariants import wild_rates
+from bench.conformance.verdicts import stress_reference
 from bench.inputs.errors import InputError
 from bench.records import load_run
 from bench.training.fitting import DivergedError
@@ -145,3 +147,12 @@ def test_a_drawn_case_is_tried_again(monkeypatch, capsys):
 def test_bad_usage_is_named(words, message, tmp_path, capsys):
     assert main(["stress", "--out", str(tmp_path / "out"), *words]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_every_built_in_codec_is_in_the_reference():
+    """`neubtf-bench stress --codec NAME --out runs/stress` measures a new one: docs/stress.md."""
+    measured = {record["subject"] for record in load_run(stress_reference()).stress}
+    built_in = {name for name in codec_entries() if not from_outside(name)}
+    assert built_in - measured == set()
+    each = Counter(record["subject"] for record in load_run(stress_reference()).stress if record["subject"] in built_in)
+    assert set(each.values()) == {len(CASES)}

@@ -139,6 +139,13 @@ def test_a_fit_that_ran_away_has_diverged_though_every_number_is_finite(
     assert "half the learning rate" in caplog.text
 
 
+def test_a_fit_whose_parameters_ran_away_has_diverged_though_its_answers_are_small(btf: BTF) -> None:
+    mean = objective(btf, lr=1e15)
+    mean.predict = lambda batch, progress: mean.colour[batch.texel].clamp(0, 1)  # type: ignore[method-assign]
+    with pytest.raises(DivergedError, match="4 times"):
+        train(mean, Fit(), 200)
+
+
 def test_a_patient_fit_ends_where_its_curve_is_flat_and_says_so(btf: BTF, monkeypatch: pytest.MonkeyPatch) -> None:
     for patience, steps in ((200, 300), (0, 2000)):
         mean, fit = objective(btf), Fit()
