@@ -1,9 +1,10 @@
 """NeuBTF's neural texture and renderer fitted to the data directly, without the autoencoder.
 
-With `recipe=paper` the decoder is the paper's; by default it also sees half vectors. It makes no new textures.
+With `recipe=paper` the decoder is the paper's; by default it also sees half vectors. It makes no new textures. Grids at
+half and a quarter of the resolution and an offset along the view may be added: `neubtf.gridded`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import torch
@@ -13,7 +14,11 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.material import Material
 from bench.training import Batch, DirectedObjective, FitSettings, Samples, first_latents, fitted
+from bench.training.decoder import Architecture
+from bench.training.grids import GridSettings, total
+from bench.training.inputs import COUNTS
 from bench.training.stored_texture import Rounding, store_texture
+from neubtf.gridded import GriddedObjective, is_gridded, load_gridded
 from neubtf.renderer import RendererSettings, load
 
 PAPER = {"bits": 8, "directions": "xy", "start": "random", "optimiser": "adam", "loss": "l1", "steps": 10_000}
@@ -30,14 +35,22 @@ class NeuBTFDirect(Codec):
     recipes: ClassVar = {"paper": PAPER}
 
     @dataclass(frozen=True)
-    class Settings(FitSettings, RendererSettings):
+    class Settings(FitSettings, RendererSettings, GridSettings):
         recipe: Literal["ours", "paper"] = "ours"  # "paper": its inputs, start, loss and Adam, random latents
 
+        @property
+        def architecture(self) -> Architecture:
+            return replace(super().architecture, inputs=total(self) + COUNTS[self.directions])
+
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        if is_gridded(self.settings):
+            return fitted(GriddedObjective, self.settings, btf, fit).file()
         direct = fitted(Direct, self.settings, btf, fit)
         return direct.parts(store_texture("latents", direct.texture.reshape(*btf.shape, -1), direct.rounding))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
+        if is_gridded(self.settings):
+            return load_gridded(parts, self.settings).to(device)
         return load(parts, self.settings).to(device)
 
 

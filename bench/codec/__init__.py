@@ -13,7 +13,7 @@ from torch import Tensor
 
 from bench.btf import BTF, periods
 from bench.inputs.errors import MissingDataError
-from bench.inputs.settings import Setting, convert, described, parse
+from bench.inputs.settings import IF_SET, Setting, convert, described, parse
 from bench.machine.threads import processor_seconds
 from bench.material import Material
 
@@ -279,8 +279,12 @@ class Codec(Configured):
 
 
 def settings_dict(codec: Configured) -> dict[str, Any]:
-    """The settings of a codec as plain values, for files and records."""
-    return dataclasses.asdict(codec.settings) | {name: True for name in COMMON if getattr(codec, name)}
+    """The settings of a codec as plain values, for files and records, but those with `IF_SET` at their default."""
+    written = dataclasses.asdict(codec.settings)
+    for each in dataclasses.fields(codec.settings):
+        if each.metadata == IF_SET and written[each.name] == each.default:
+            del written[each.name]
+    return written | {name: True for name in COMMON if getattr(codec, name)}
 
 
 def setting_names(codec: type[Configured]) -> set[str]:

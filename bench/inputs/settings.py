@@ -56,6 +56,10 @@ Layers = Annotated[int, Range(1, 64)]
 Width = Annotated[int, Range(1, 4096)]
 BatchSize = Annotated[int, Range(1, 1 << 22)]
 
+# Metadata of a setting that files hold only where it differs from its default. A setting that an older codec is given
+# later has it, so that files without the new feature stay what they were.
+IF_SET = {"written": "if set"}
+
 WORD, TOML = 1 << 12, 1 << 20  # the most characters of a word, and bytes of a file of settings
 WHOLE = 1 << 53  # larger whole numbers are not exact as floats
 

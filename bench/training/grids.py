@@ -5,7 +5,7 @@ slowly. A look-up may also be moved along the view, by a depth that a small netw
 over the places at which views see it, this sharpens it, without a height.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import torch
@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from bench.inputs.errors import InputError
-from bench.inputs.settings import Range
+from bench.inputs.settings import IF_SET, Range
 from bench.training.decoder import Architecture, Decoder
 from bench.training.stored_texture import Rounding, load_texture, store_texture
 
@@ -28,9 +28,9 @@ Further = Annotated[int, Range(0, 4096)]  # channels, or none
 class GridSettings:
     """The further grids of a texture whose channels at full resolution are the setting `latents`."""
 
-    half: Further = 0  # further channels at half the resolution
-    quarter: Further = 0  # further channels at a quarter of it
-    offset: Further = 0  # hidden channels of the network that moves a look-up along the view; 0: no offset
+    half: Further = field(default=0, metadata=IF_SET)  # further channels at half the resolution
+    quarter: Further = field(default=0, metadata=IF_SET)  # further channels at a quarter of it
+    offset: Further = field(default=0, metadata=IF_SET)  # hidden channels of what moves a look-up along the view
 
 
 def channels(settings: Any, offset: bool = True) -> dict[str, int]:

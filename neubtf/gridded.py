@@ -1,0 +1,101 @@
+"""NeuBTF's renderer on a texture of several grids, with a look-up that moves along the view; no part of the paper.
+
+What other codecs may use, this one may, too: `half`, `quarter` and `offset` are settings of `neubtf-direct`, and
+without them its files are those of one texture. The grids are those of `bench.training.grids`.
+"""
+
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from bench.codec import Parts
+from bench.material import DecoderCost, Material, sample_texture, to_radiance
+from bench.training import Batch, DirectedObjective, Samples, first_latents, groups_of
+from bench.training.decoder import Decoder
+from bench.training.grids import Grids, Offset, load_grids, total
+from bench.training.inputs import direction_inputs
+from bench.training.stored_network import load_network
+
+
+def is_gridded(settings: Any) -> bool:
+    """Whether settings ask for more than one texture at full resolution."""
+    return bool(settings.half or settings.quarter or settings.offset)
+
+
+class GriddedNetwork(nn.Module):
+    """The renderer and, if the settings ask for it, the network of the offset."""
+
+    def __init__(self, decoder: Decoder, settings: Any, generator: torch.Generator | None = None):
+        super().__init__()
+        self.decoder = decoder
+        self.offset = Offset(settings.offset, generator) if settings.offset else None
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        return self.decoder(inputs)
+
+    def fetch(self, grids: dict[str, Tensor], uv: Tensor, wo: Tensor) -> Tensor:
+        """The channels (n, D) of all grids (h, w, C) at uv (n, 2), where the offset moves it for views wo (n, 3)."""
+        if self.offset is not None:
+            uv = self.offset.moved(uv, sample_texture(grids["offset"], uv), wo)
+        seen = [sample_texture(grid, uv) for name, grid in grids.items() if name != "offset"]
+        return torch.cat(seen, 1)
+
+
+class GriddedObjective(DirectedObjective):
+    """The grids and both networks, all free."""
+
+    def __init__(self, samples: Samples, settings: Any, generator: torch.Generator):
+        super().__init__(samples, settings, generator, about=settings.recipe == "paper")
+        self.network: Any = GriddedNetwork(self.network, settings, generator)
+        first = first_latents(samples, total(settings), settings.start, generator)
+        self.grids = Grids(first, samples.shape, settings, offset=bool(settings.offset))
+
+    def groups(self) -> list[dict[str, Any]]:
+        settings = self.settings
+        networks = groups_of([self.network], settings.rate, settings.optimiser, settings.hidden_rate)
+        return [*networks, {"params": list(self.grids.parameters()), "lr": settings.latent_rate}]
+
+    def predict(self, batch: Batch, progress: float) -> Tensor:
+        uv, wo = self.samples.centres(batch.texel), self.samples.wo.index_select(0, batch.pair)
+        return self.answers(self.network.fetch(self.grids.rounded(), uv, wo), batch.pair)
+
+    def file(self) -> Parts:
+        """The tensors of a file."""
+        size = torch.tensor(self.samples.shape, dtype=torch.int32)
+        return self.parts(self.grids.stored(), size=size)
+
+
+def load_gridded(parts: Parts, settings: Any) -> "GriddedMaterial":
+    """The material of a file."""
+    height, width = parts.other["size"].tolist()
+    network = load_network(GriddedNetwork(Decoder(settings.architecture), settings), parts.decoder)
+    grids = load_grids(parts.texture, settings, (height, width), offset=bool(settings.offset))
+    return GriddedMaterial(network, grids, (height, width), float(parts.other["gain"]), settings.directions)
+
+
+class GriddedMaterial(Material):
+    """Grids (h, w, C) by name over a picture of `size`, and the networks."""
+
+    def __init__(
+        self, network: GriddedNetwork, grids: dict[str, Tensor], size: tuple[int, int], gain: float, directions: Any
+    ):
+        reads = sum(4 * grid.shape[2] for grid in grids.values())
+        offset_flops = network.offset.flops if network.offset is not None else 0
+        cost = DecoderCost(
+            parameters=sum(parameter.numel() for parameter in network.parameters()),
+            texture_channels=grids["latents"].shape[2],
+            texture_floats=sum(grid.numel() for grid in grids.values()),
+            flops_per_sample=network.decoder.architecture.flops + offset_flops + 2 * reads,
+            bytes_per_sample=reads * grids["latents"].element_size(),
+        )
+        super().__init__(size, cost)
+        self.network, self.gain, self.directions, self.names = network, gain, directions, list(grids)
+        for name, grid in grids.items():
+            setattr(self, f"grid_{name}", grid)
+
+    def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        grids = {name: getattr(self, f"grid_{name}") for name in self.names}
+        numbers = self.network.fetch(grids, uv, wo)
+        seen = [each.to(numbers.dtype) for each in direction_inputs(wo, wi, self.directions)]
+        return to_radiance(self.network(torch.cat([numbers, *seen], 1)), self.gain)
