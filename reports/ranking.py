@@ -2,16 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
 
 from bench.compare.paired import AGAINST, Against, against
 from bench.compare.ranks import Standing, standings
 from bench.inputs.errors import InputError
-from bench.records import Record, Run
+from bench.records import Record, Run, view
 from reports.rows import materials
 
 
-@lru_cache(maxsize=1)
+@view
 def ranked(run: Run) -> list[Standing]:
     """Every measured codec, the best first; models of a scene come last, without a rank."""
     whole: dict[str, dict[str, list[Record]]] = {}
@@ -23,7 +22,7 @@ def ranked(run: Run) -> list[Standing]:
     return [*standings(whole), *(replace(each, rank=None, wins=None) for each in standings(of_scene))]
 
 
-@lru_cache(maxsize=1)
+@view
 def against_one(run: Run, wanted: str = "") -> Against:
     """The paired differences of the ranked codecs to the row `wanted`, a label or the name of a codec with one row.
 

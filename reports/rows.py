@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 from bench.codecs.alike import obstacles
@@ -20,6 +20,7 @@ from bench.records import (
     metrics_of,
     require,
     shown_label,
+    view,
 )
 
 NEW_RUN = "timed in another start than the other rows"
@@ -163,7 +164,7 @@ def described(job: Record, name: str) -> Record:
     return {"unit": "1", "direction": "higher", "version": "?"} | known.get(name, known.get(metric_of(known, name), {}))
 
 
-@lru_cache(maxsize=1)  # every table and figure of a report calls it
+@view
 def materials(run: Run) -> list[MaterialRows]:
     """The run's jobs by material. `InputError` if a finished one lacks a field that tables show."""
     finished = [job for job in run.jobs if job["status"] == "ok"]

@@ -1,7 +1,6 @@
 """The data of plots, for the page and for figures: points, curves and samples by codec, as JSON can hold them."""
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache
 from statistics import fmean
 from typing import Any
 
@@ -9,7 +8,7 @@ import numpy as np
 
 from bench.compare.paired import decibels
 from bench.inputs.errors import InputError
-from bench.records import Run, grouped
+from bench.records import Run, grouped, view
 from reports.fits import FitCurve, curves_by_material
 from reports.rows import CodecRows, MaterialRows, Row, materials
 from reports.styles import Styles, is_own
@@ -31,7 +30,7 @@ def codecs(run: Run) -> Series:
     return entries
 
 
-@lru_cache(maxsize=1)  # the page and several figures call it
+@view
 def plots_of(run: Run) -> list[Plot]:
     """Every plot that has a point, those over all materials first."""
     curves = curves_by_material(run)

@@ -17,12 +17,15 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import wraps
 from pathlib import Path
-from typing import Any, NamedTuple, overload
+from typing import Any, NamedTuple, TypeVar, overload
 
 from bench.inputs.errors import InputError, writable
 from bench.records import fields
 from bench.records.schema import ARTEFACT, Record, setting_name
+
+Found = TypeVar("Found")
 
 FILE = "records.jsonl"
 TRADE = "trade.json"  # beside the records: the measurements of `neubtf-bench trade`; see `bench.runs.trade`
@@ -113,6 +116,7 @@ class Run:
     stress: Records = field(default_factory=Records)
     unreadable: list[int] = field(default_factory=list)  # line numbers, from 1
     published: set[str] = field(default_factory=set)  # of several runs: the jobs that stand in files of records
+    views: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)  # what `view` keeps
 
     def job(self, name: str) -> Record | None:
         """The latest record of the job of that name."""
@@ -126,6 +130,20 @@ class Run:
         """The timing of a job's setting, apart from its surface; None if it was not measured."""
         cost = job.get("cost", {})
         return self.timings.latest(setting_name(job["label"], cost.get("flops_per_sample", 0)))
+
+
+def view(made: Callable[..., Found]) -> Callable[..., Found]:
+    """A function of a run, and of words, whose result is kept with the run: each table and figure may ask for it."""
+
+    @wraps(made)
+    def kept(run: Run, *words: str) -> Found:
+        key = (made, *words)
+        if key not in run.views:
+            run.views[key] = made(run, *words)
+        found: Found = run.views[key]
+        return found
+
+    return kept
 
 
 def load_run(folder: str | Path) -> Run:

@@ -1,12 +1,14 @@
 import errno
 import json
 import os
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from bench import cli
 from bench.inputs.errors import InputError
-from bench.records import FILE, append, lines, load_run, load_trade
+from bench.records import FILE, Run, append, lines, load_run, load_trade, view
 
 LEAST = {"material": "satin", "label": "pca", "seed": 0}
 DONE = LEAST | {"status": "ok", "scores": {}, "metrics": {}, "bytes": {"total": 1}, "parameters": 0}
@@ -197,3 +199,19 @@ def test_every_command_says_in_one_line_what_is_wrong_with_a_record(words, tmp_p
     error = capsys.readouterr().err
     assert "records.jsonl, line 1: scores must be an object, not 3" in error
     assert error.count("\n") == 1
+
+
+def test_a_view_of_a_run_is_made_once_for_each_run_and_its_words():
+    asked = []
+
+    @view
+    def words_of(run, more=""):
+        asked.append((run, more))
+        return [*run.starts, more]
+
+    first, second = Run(Path("a"), starts=[{"run": "1"}]), Run(Path("a"))
+    assert words_of(first) is words_of(first)
+    assert words_of(first, "x") == [{"run": "1"}, "x"]
+    assert words_of(second) == [""]
+    assert len(asked) == 3
+    assert words_of(replace(first, starts=[])) == [""]  # a changed run has none of the views of the first

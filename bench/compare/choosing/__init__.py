@@ -9,12 +9,11 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 from bench.machine.devices import is_gpu
 from bench.metrics import stats_of
-from bench.records import MOST_DB, PSNR, VALIDATION, Record, Run, deciding_group, load_trade
+from bench.records import MOST_DB, PSNR, VALIDATION, Record, Run, deciding_group, load_trade, view
 
 NEAR_DB = 0.5  # within this many dB of the best counts as equally good
 TIE_DB = 0.02  # what rounding changes between executions of one file, and more: nobody sees it
@@ -102,7 +101,7 @@ def longest_ns(row: Record) -> float:
     return row["ns_per_sample"] * of_median
 
 
-@lru_cache(maxsize=1)
+@view
 def fused_times(run: Run) -> dict[str, Record]:
     """The time of each job as one fused kernel in float32."""
     choices = (load_trade(run.folder) or {"choices": []})["choices"]

@@ -6,7 +6,6 @@ measured on each of them. One is chosen for each budget and material. Test pairs
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from statistics import fmean
 from typing import NamedTuple
 
@@ -16,7 +15,7 @@ from bench.compare.paired import AGAINST, against_jobs
 from bench.compare.quantities import average
 from bench.compare.ranks import Ranks, ranks
 from bench.metrics import direction_of, stats_of
-from bench.records import PSNR, Record, Run, fitted_to_scene
+from bench.records import PSNR, Record, Run, fitted_to_scene, view
 
 BITS = (4, 8, 16, 32, 64, 128)  # bits of the whole file a texel
 TIMES = (2, 4, 8, 16, 32)  # time of a query, × floor
@@ -100,7 +99,7 @@ class Budgets:
         return ranks({line: [shown(rung, PSNR) or 0.0 for rung in rungs.values()] for line, rungs in lines.items()})
 
 
-@lru_cache(maxsize=1)
+@view
 def budgets(run: Run) -> Budgets:
     """The rungs of a run, and budgets of bytes and of time."""
     done = [job for job in run.jobs if job["status"] == "ok" and not fitted_to_scene(job)]
