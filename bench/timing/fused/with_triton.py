@@ -191,7 +191,7 @@ class TritonNetwork(Network):
 def _exact(parameter: Tensor) -> str:
     """Triton's word for products as exact as those of float32."""
     # Three products of tf32 numbers, which NVIDIA's matrix units compute. A single float32 product they cannot compute:
-    # "ieee" is 5 times slower at 64 channels, and at 106 it did not compile within five minutes.
+    # "ieee" is 3 times slower at 64 channels, and at 106 it did not compile within five minutes.
     return "tf32x3" if parameter.device.type == "cuda" and not torch.version.hip else "ieee"
 
 
