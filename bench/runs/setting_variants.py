@@ -23,6 +23,7 @@ from bench.codecs.encoding import fitted
 from bench.codecs.registry import make_codec
 from bench.data.open import open_material
 from bench.demand.mitsuba import load_path_tracer
+from bench.files import atomic
 from bench.inputs.errors import InputError
 from bench.machine.devices import is_gpu
 from bench.material import Material
@@ -42,6 +43,7 @@ CHECKED = 4_096  # random samples whose answers are compared with float64's
 BATCHES = tuple(1 << power for power in range(14, 23, 2))
 LARGEST_ON_CPU = 1 << 18  # of them: larger ones take minutes there, and no longer a sample
 SWEPT = 6  # settings that are timed in each of `BATCHES`, one a codec
+TRIED, GIVEN_UP = "tried.txt", "given-up.txt"  # in the folder: the variant that is being tried, and those that failed
 FIT_STEPS = 100  # that are timed of a fit, beyond its first
 PRECISIONS = {"eager": tuple(DTYPES), "compiled": ("float32", "float16"), "fused": tuple(DTYPES)}
 
@@ -76,7 +78,7 @@ class _Measuring:
         self.suite, self.folder, self.device, self.run, self.clock, self.show = suite, folder, device, run, clock, show
         self.found: list[Record] = []
         known = load_run(folder) if (folder / records.FILE).exists() else Run(folder)
-        self.done = {timed["job"] for timed in known.timings if timed.get("device") == str(device)}
+        self.done = {timed["job"] for timed in known.timings if timed.get("device") == str(device)} | self.given_up()
         measured = [precision for precision in DTYPES if _is_native(precision, device)]
         self.ceilings = [ceiling(device, suite.threads, precision) for precision in measured]
         records.append(folder, start_of(suite, run, str(device)) | {"ceilings": self.ceilings})
@@ -116,10 +118,10 @@ class _Measuring:
             for variant in _possible(material)
         }
         missing = {name: variant for name, variant in names.items() if name not in self.done}
-        timed = self.compared(label, material, missing)
+        queries = Queries(batch).draw(material.size, self.device)
+        timed = self.compared(label, material, missing, queries)
         if not timed:
             return
-        queries = Queries(batch).draw(material.size, self.device)
         calls = {name: partial(ready.query, *queries) for name, (_, ready, _) in timed.items()}
         measured = timing.in_turns(calls, batch, material.size, self.suite.threads, self.device, turns=TURNS)
         rows = []
@@ -132,20 +134,42 @@ class _Measuring:
         self.keep(rows)
 
     def compared(
-        self, label: str, material: Material, missing: dict[str, Variant]
+        self, label: str, material: Material, missing: dict[str, Variant], queries: tuple[torch.Tensor, ...]
     ) -> dict[str, tuple[Variant, Material, float]]:
-        """Each variant by name, prepared and compared with float64's answers, while there is time."""
+        """Each variant by name, prepared, compared with float64's answers and asked once, while there is time."""
         exact = copy.deepcopy(material).to(dtype=torch.float64)
         found = {}
         for name, variant in missing.items():
             if self.clock.over:
                 break
+            tried = self.folder / TRIED
+            atomic.write(tried, name.encode())
             try:
                 ready = prepared(material, variant)
                 found[name] = variant, ready, difference(ready, exact, variant.precision)
+                ready.query(*queries)
+                finish(self.device)
             except Exception as error:  # an error in one variant must not lose the times of the others
                 log.warning("%s, %s: not timed: %s", label, variant, " ".join(str(error).split())[:300])
+                finish(self.device)  # after a fault of a GPU everything fails: the next process goes on
+                found.pop(name, None)
+            except KeyboardInterrupt:
+                tried.unlink()
+                raise
+            tried.unlink()
         return found
+
+    def given_up(self) -> set[str]:
+        """The variants that ended earlier processes, as a fault of a GPU does: none is tried again."""
+        tried, list_of_them = self.folder / TRIED, self.folder / GIVEN_UP
+        names = list_of_them.read_text(encoding="utf-8").splitlines() if list_of_them.exists() else []
+        if tried.exists():
+            names.append(tried.read_text(encoding="utf-8"))
+            atomic.write(list_of_them, "".join(f"{name}\n" for name in names).encode())
+            tried.unlink()
+        for name in names:
+            log.warning("%s: not timed: it ended an earlier process; remove %s to try it again", name, list_of_them)
+        return set(names)
 
     def keep(self, rows: Iterable[Record]) -> None:
         """Write records, each as it comes."""
@@ -167,6 +191,12 @@ def _possible(material: Material) -> list[Variant]:
 def _is_native(precision: str, device: torch.device) -> bool:
     """Whether a device has a precision, and computes in it instead of emulating it."""
     return exists_on(Variant("eager", precision), device) and not native.emulated(precision, device)
+
+
+def finish(device: torch.device) -> None:
+    """Wait until a GPU has done all; raises `RuntimeError` if it has a fault."""
+    if is_gpu(device):
+        torch.get_device_module(device).synchronize(device)
 
 
 @torch.no_grad()
@@ -230,6 +260,5 @@ def _fitted(spec: CodecSpec, steps: int, train: Any, device: str, threads: int) 
     fit = Fit(torch.device(device), threads, network=shared.find_for(codec))
     start = time.perf_counter()
     fitted(codec, train, fit)
-    if is_gpu(device):
-        torch.get_device_module(device).synchronize()
+    finish(torch.device(device))
     return time.perf_counter() - start

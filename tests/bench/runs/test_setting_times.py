@@ -141,6 +141,37 @@ def test_variants_end_when_their_minutes_are_over_and_keep_what_they_have(tmp_pa
     assert {record["label"] for record in found} == {"pca components=1", "pca components=2", "ntc steps=900 width=8"}
 
 
+def test_a_variant_that_ended_a_process_is_not_tried_again_and_one_that_fails_leaves_the_others(
+    tmp_path, short_variants, monkeypatch, caplog
+):
+    suite, folder = parse_suite("small", SUITE.replace("components = [1, 2]", "components = 1")), tmp_path / "times"
+    whole, faulty = setting_variants.difference, []
+
+    def difference(ready, exact, precision):
+        if precision == "bfloat16":
+            raise RuntimeError("a kernel fails")
+        return whole(ready, exact, precision)
+
+    def finish(device):
+        if faulty:
+            raise RuntimeError("the GPU has a fault")
+
+    monkeypatch.setattr(setting_variants, "difference", difference)
+    monkeypatch.setattr(setting_variants, "finish", finish)
+    faulty.append(True)
+    with pytest.raises(RuntimeError, match="has a fault"):
+        setting_variants.time_variants(suite, folder, "cpu", 5.0)
+    (name,) = (folder / "tried.txt").read_text().splitlines()
+    assert "float32" in name
+    faulty.clear()
+    found = setting_variants.time_variants(suite, folder, "cpu", 5.0)  # the next call goes on
+    assert name not in {record["job"] for record in found}
+    assert {record["dtype"] for record in found if "of_tolerance" in record} == {"float32"}
+    assert "a kernel fails" in caplog.text
+    assert f"{name}: not timed: it ended an earlier process" in caplog.text
+    assert not (folder / "tried.txt").exists()
+
+
 def test_an_answer_that_is_off_is_told(timed):
     material = next(iter(setting_times.contestants(parse_suite("s", SUITE), timed[0], "cpu", lambda *_: None).values()))
     exact = copy.deepcopy(material).to(dtype=torch.float64)
