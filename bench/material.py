@@ -163,7 +163,7 @@ class Material:
         return self.query(uv, view, light, factor / max(height, width)).reshape(height // factor, width // factor, 3)
 
 
-class Around(Material):
+class Wrapped(Material):
     """Wraps a material, and computes its `evaluate` in another way or elsewhere."""
 
     def __init__(self, inner: Material):

@@ -7,14 +7,14 @@ import torch
 from torch import Tensor
 
 from bench.codecs.window import Window, cell_of, from_hex
-from bench.material import Around, Material
+from bench.material import Material, Wrapped
 
 log = logging.getLogger(__name__)
 
 FINER = 2.0  # a footprint smaller than the finest demanded one by this factor is far outside
 
 
-class SceneMaterial(Around):
+class SceneMaterial(Wrapped):
     """Wraps the decoded material of a window of the texture; see `bench.demand.needed_part`.
 
     A query is far outside the scene's demand if its direction is over a map cell away from every demanded one, or its

@@ -16,32 +16,32 @@ _CHOSEN = ("codec", "settings", "psnr", "worst", "flip", "of_limit", "fastest", 
 
 
 @cache
-def kind_of(hint: Any) -> Kind:
+def field_kind(hint: Any) -> Kind:
     """The kind of values that a type describes."""
     marks = getattr(hint, "__metadata__", ())
     if known := next((mark for mark in marks if isinstance(mark, Kind)), None):
         return known
     if marks or get_origin(hint) is Required:
-        return kind_of(get_args(hint)[0])
+        return field_kind(get_args(hint)[0])
     if is_typeddict(hint):
-        each_kind = {name: kind_of(each) for name, each in get_type_hints(hint, include_extras=True).items()}
+        each_kind = {name: field_kind(each) for name, each in get_type_hints(hint, include_extras=True).items()}
         return Fields(each_kind, tuple(name for name in each_kind if name in hint.__required_keys__), hint)
     arguments = get_args(hint)
     match get_origin(hint):
         case kind if kind is Literal:
             return Plain(" or ".join(map(repr, arguments)), lambda value: isinstance(value, str) and value in arguments)
         case kind if kind is dict:
-            return Each(kind_of(arguments[1]))
+            return Each(field_kind(arguments[1]))
         case kind if kind is list:
-            return Several(kind_of(arguments[0]))
+            return Several(field_kind(arguments[0]))
     if type(None) in arguments:
-        plain: Any = kind_of(arguments[0])
+        plain: Any = field_kind(arguments[0])
         return Plain(f"{plain.words} or null", lambda value: value is None or plain.test(value))
     return {bool: kinds.FLAG, Any: kinds.ANYTHING}[hint]
 
 
 FIELDS = {
-    name: kind_of(each) for name, each in {"run": RunStart, "job": Job, "timing": Timing, "stress": Stress}.items()
+    name: field_kind(each) for name, each in {"run": RunStart, "job": Job, "timing": Timing, "stress": Stress}.items()
 }
 
 
@@ -66,7 +66,7 @@ def fault_of_trade(trade: Mapping[str, Any]) -> str:
 
 def fault_of(described: type, value: Any) -> str:
     """The same for the facts of a fit, or for the scene that a codec file was fitted to."""
-    return kinds.fault_of(kind_of(described), value)
+    return kinds.fault_of(field_kind(described), value)
 
 
 def kept(record: Record, use: Use) -> Record:

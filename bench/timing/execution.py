@@ -26,7 +26,7 @@ from torch import Tensor, nn
 
 from bench.inputs.errors import InputError, did_you_mean, installed
 from bench.machine.devices import is_gpu
-from bench.material import Around, Material
+from bench.material import Material, Wrapped
 from bench.program.llvm import drjit, unusable
 from bench.training.decoder import Decoder
 
@@ -150,7 +150,7 @@ def _whole(material: Material) -> Material:
     return fused
 
 
-class _Compiled(Around):
+class _Compiled(Wrapped):
     """`evaluate` through torch.compile: a kernel of fixed size for whole chunks, and one of any size for the rest."""
 
     def __init__(self, inner: Material):
@@ -181,7 +181,7 @@ class _Compiled(Around):
         return rgb
 
 
-class _Tf32(Around):
+class _Tf32(Wrapped):
     """Products of float32 numbers rounded as tf32."""
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:

@@ -10,14 +10,14 @@ from reports import table_text, write_report
 
 @pytest.fixture
 def described():
-    caches = (fields.field_names, fields.shown_columns, fields.kind_of)
+    caches = (fields.field_names, fields.shown_columns, fields.field_kind)
     before, known = dict(schema.Job.__annotations__), fields.FIELDS["job"]
 
     def describe(**added):
         schema.Job.__annotations__.update(added)
         for cache in caches:
             cache.cache_clear()
-        fields.FIELDS["job"] = fields.kind_of(schema.Job)
+        fields.FIELDS["job"] = fields.field_kind(schema.Job)
 
     yield describe
     schema.Job.__annotations__.clear()

@@ -25,7 +25,7 @@ from bench.data.materials.maps import Maps
 from bench.data.materials.renderer import DESCRIBED, RENDERER_VERSION, render
 from bench.data.readers import open_btf
 from bench.data.readers.files import FolderFiles
-from bench.data.readers.pictures import colour_note, kind_of
+from bench.data.readers.pictures import colour_note, picture_format
 from bench.data.spec import Preparation, Table
 from bench.files import atomic
 from bench.files.atomic import cache_dir
@@ -174,7 +174,7 @@ def _read_anew(maps: MapFiles) -> list[str]:
     """What version 2 may have read otherwise, for the key of a cached bake: colour spaces, drawn flat normals, and EXR
     normals and heights."""
     files = FolderFiles(maps.folder)
-    kinds = {role: kind_of(files.head(name, 8)) for role, name in maps.files.items()}
+    kinds = {role: picture_format(files.head(name, 8)) for role, name in maps.files.items()}
     anew = [colour_note(files, maps.files["albedo"])]
     for role in ("normal_gl", "normal_dx", "normal", "displacement", "depth"):
         is_normal = role.startswith("normal")

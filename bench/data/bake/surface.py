@@ -17,7 +17,7 @@ from bench.btf import Array
 from bench.data.bake.naming import MapFiles
 from bench.data.materials.maps import Maps, resize
 from bench.data.readers.files import FolderFiles
-from bench.data.readers.pictures import colour_note, kind_of, picture_size, read_alpha, read_picture
+from bench.data.readers.pictures import colour_note, picture_format, picture_size, read_alpha, read_picture
 from bench.inputs.errors import InputError
 from bench.metrics.display import encode_srgb
 
@@ -126,7 +126,7 @@ class _Reader:
         return self.kind(role) in ("exr", "hdr")
 
     def kind(self, role: str) -> str | None:
-        return kind_of(self.files.head(self.roles[role], 8))
+        return picture_format(self.files.head(self.roles[role], 8))
 
     def channel(self, name: str, notes: dict[str, str], default: float) -> Array | float:
         """A scalar map in [0, 1] from the first of its sources that the folder has, else a number."""

@@ -38,7 +38,7 @@ def srgb_table(levels: int) -> Array:
     return decode_srgb(np.arange(levels) / (levels - 1)).astype(np.float32)
 
 
-def kind_of(head: bytes) -> str | None:
+def picture_format(head: bytes) -> str | None:
     """`jpeg`, `png`, `exr` or `hdr` from the first bytes of a file, None for anything else."""
     return next((kind for start, kind in _STARTS.items() if head.startswith(start)), None)
 
@@ -67,7 +67,7 @@ def _header(files: Files, name: str, is_colour: bool = True) -> _Header:
     """What the header of a picture says; without `is_colour` not of its colour space."""
     label, total = files.label(name), files.size(name)
     data = files.head(name, 4096)
-    kind = kind_of(data)
+    kind = picture_format(data)
     if kind is None:
         raise InputError(f"{label}: it begins with {data[:8]!r}, like no known picture: {SUPPORTED}")
     with readable(label, "the picture is damaged; get it again"):
@@ -102,7 +102,7 @@ def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False, is_colour
     header, label = _header(files, name, is_colour), files.label(name)
     height, width = header.size
     with readable(label, "the picture is damaged; get it again"):
-        kind = kind_of(files.head(name, 8))
+        kind = picture_format(files.head(name, 8))
         if kind == "exr":
             if not isinstance(files, FolderFiles):
                 raise InputError(f"{label}: EXR is read from folders only: extract the archive and give the folder")
@@ -122,7 +122,7 @@ def read_alpha(files: Files, name: str) -> Array:
     with readable(label, "the picture is damaged; get it again"):
         from PIL import Image
 
-        kind = kind_of(files.head(name, 8))
+        kind = picture_format(files.head(name, 8))
         picture = Image.open(io.BytesIO(files.read(name)), formats=["PNG"]) if kind == "png" else None
         if picture is None or not ("A" in picture.getbands() or "transparency" in picture.info):
             raise InputError(f"{label}: it has no alpha, which holds the smoothness: save it as PNG with alpha")

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from bench.inputs.errors import InputError
-from bench.material import Around, Material
+from bench.material import Material, Wrapped
 from bench.program.backend import Value
 from bench.program.kernel import Kernel
 from bench.program.llvm import drjit
@@ -44,7 +44,7 @@ class Placeholder(Network):
         return torch.ops.neubtf.network(inputs, self.number, self.outputs)
 
 
-class Whole(Around):
+class Whole(Wrapped):
     """A material whose `evaluate` is one kernel. `InputError` if it cannot be recorded, or is too large."""
 
     def __init__(self, material: Material, marked: Material, decoders: list[Decoder]):
