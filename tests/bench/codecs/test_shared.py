@@ -51,7 +51,7 @@ def places(tmp_path, monkeypatch):
     monkeypatch.setenv("NEUBTF_SHARED", str(tmp_path / "shared"))
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": Tinted)
-    for module in ("codecs.registry", "runs.job", "runs.runner", "runs.suite"):
+    for module in ("codecs.registry", "runs.job", "runs.runner", "runs.suite", "cli.commands.encode"):
         monkeypatch.setattr(f"bench.{module}.make_codec", lambda name, settings: Tinted(**settings))
 
 

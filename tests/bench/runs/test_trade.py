@@ -346,7 +346,7 @@ def test_a_choice_whose_file_was_fitted_again_is_none(measured, tmp_path):
 
 
 def choosing(monkeypatch, out, suite=SUITE, **wish):
-    monkeypatch.setattr("bench.runs.suite.load_suite", lambda name: suite)
+    monkeypatch.setattr("bench.cli.commands.choose.load_suite", lambda name: suite)
     parser = argparse.ArgumentParser()
     choose_command.arguments(parser)
     options = vars(parser.parse_args(["tiny", "--out", str(out)]))
@@ -363,7 +363,7 @@ def choosing(monkeypatch, out, suite=SUITE, **wish):
     ],
 )
 def test_choose_picks_from_what_was_measured_or_says_how_near_it_came(measured, monkeypatch, capsys, wish, code, words):
-    monkeypatch.delattr("bench.runs.trade.run_and_measure")
+    monkeypatch.delattr("bench.cli.commands.choose.run_and_measure")
     assert choosing(monkeypatch, measured[0], **wish) == code
     assert words in capsys.readouterr().out
 
@@ -372,7 +372,8 @@ def test_choose_measures_what_is_missing(measured, tmp_path, monkeypatch, capsys
     result = measured[1]
     shutil.copy(measured[0] / "records.jsonl", tmp_path)
     trade.write(tmp_path, result | {"choices": [row for row in result["choices"] if row["label"] == "mean-colour"]})
-    monkeypatch.setattr(trade, "run_and_measure", lambda suite, options, tell, **_: trade.write(options.folder, result))
+    measure = "bench.cli.commands.choose.run_and_measure"
+    monkeypatch.setattr(measure, lambda suite, options, tell, **_: trade.write(options.folder, result))
     best = max(rung.score for rung in usable(result["choices"], "tiny"))
     for wish, code, measures in ((1.0, 0, False), (best - 0.01, 0, True), (99.0, 1, False)):  # at last all was tried
         assert choosing(monkeypatch, tmp_path, min_psnr=wish) == code
@@ -404,7 +405,7 @@ def test_the_timing_that_follows_is_told_before_and_during_the_fits(tmp_path, mo
 def test_what_choose_measures_is_of_the_codecs_steps_and_processes_asked_for(measured, tmp_path, monkeypatch, capsys):
     asked = []
     monkeypatch.setattr(
-        "bench.runs.trade.run_and_measure", lambda suite, options, tell, **_: asked.append((suite, options))
+        "bench.cli.commands.choose.run_and_measure", lambda suite, options, tell, **_: asked.append((suite, options))
     )
     monkeypatch.setattr("bench.runs.executors.processes", lambda *words: words)
     wish = {"codec": ["neubtf-direct"], "min_psnr": 99.0}
@@ -419,7 +420,7 @@ def test_what_choose_measures_is_of_the_codecs_steps_and_processes_asked_for(mea
 
 
 def test_a_setting_that_is_spelled_out_as_the_default_is_measured_once(measured, tmp_path, monkeypatch):
-    monkeypatch.delattr("bench.runs.trade.run_and_measure")
+    monkeypatch.delattr("bench.cli.commands.choose.run_and_measure")
     spelled = replace(SUITE, codecs=(CodecSpec("pca", {"components": 2, "passes": 4}),))
     assert choosing(monkeypatch, measured[0], spelled, min_psnr=99.0) == 1
 
