@@ -251,8 +251,8 @@ def changed_settings(spec: CodecSpec) -> dict[str, Any]:
             default |= {RECIPE: codec.Settings.recipe}  # type: ignore[attr-defined]
     except CodecError:  # its jobs fail with this error
         return spec.settings
-    names = [key for key in spec.settings if given.get(key) != default.get(key)]
-    return {key: given.get(key, getattr(codec.settings, key, spec.settings[key])) for key in names}
+    parsed = spec.settings | dataclasses.asdict(codec.settings) | given
+    return {key: parsed[key] for key in spec.settings if given.get(key) != default.get(key)}
 
 
 def _change(suite: Suite, key: str, value: str) -> Suite:

@@ -112,9 +112,12 @@ def fused_times(run: Run) -> dict[str, Record]:
 def gpu_times(run: Run) -> dict[str, Record]:
     """The time of each setting on a GPU by label: in float32, by the quickest execution, in the usual batches."""
     variants = [timing for timing in run.timings if is_gpu(timing["device"]) and "of_tolerance" in timing]
+    if not variants:
+        return {}
+    usual = usual_batch(variants)
     quickest: dict[str, Record] = {}
     for timing in variants:
-        if timing["dtype"] != "float32" or timing["batch"] != usual_batch(variants):
+        if timing["dtype"] != "float32" or timing["batch"] != usual:
             continue
         known = quickest.get(timing["label"])
         if known is None or timing["ns_per_sample"] < known["ns_per_sample"]:
