@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from bench.records import Record, Run
+    from bench.records import Job, Run, Stress
     from reports.choice import Choice
+    from reports.parameters import TimedJob
     from reports.table import Table
 
 _NO_NUMBERS = "no job of this run has numbers: `neubtf-bench table unfinished` says why"
@@ -89,7 +90,7 @@ def table_text(
     return _written(all_tables(run, narrow, kind, against), format, choice)
 
 
-def parameters_text(jobs: Sequence["Record"], format: str = "text", choice: "Choice | None" = None) -> str:
+def parameters_text(jobs: Sequence["TimedJob"], format: str = "text", choice: "Choice | None" = None) -> str:
     """The table of parameters alone, of any records that say `codec`, `label`, `status`, `parameters` and `cost`."""
     from reports.parameters import parameters_table
 
@@ -112,7 +113,7 @@ def _written(tables: Iterable["Table | None"], format: str, choice: "Choice | No
     return writers.get(format, text.table_csv)(choice.of_tables(shown) if choice else shown)
 
 
-def score_text(record: "Record") -> str:
+def score_text(record: "Job") -> str:
     """The tables of a codec file that was scored outside a run: bytes, quality, errors by direction and footprint."""
     from bench.records import Records, Run
     from reports.terminal import scored
@@ -120,7 +121,7 @@ def score_text(record: "Record") -> str:
     return scored(Run(Path(), jobs=Records({record["job"]: record})))
 
 
-def stress_text(records: Sequence["Record"], format: str = "text") -> str:
+def stress_text(records: Sequence["Stress"], format: str = "text") -> str:
     """Only the tables of the stress test, of records of the kind `stress`."""
     from reports.stress import tables
 

@@ -3,23 +3,24 @@
 import json
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from bench.files.archive import MAX_FILE, read_arrays
 from bench.inputs.errors import InputError
 from bench.program import Program
-from bench.records import Record, Run
+from bench.records import Job, Run
 from reports.rows import MaterialRows, Row
 
 Arrays = Mapping[str, np.ndarray]
 
 
-def arrays(folder: Path, job: Record, name: str, names: Collection[str] | None = None) -> Arrays | None:
+def arrays(folder: Path, job: Job, name: str, names: Collection[str] | None = None) -> Arrays | None:
     """The arrays of a job's artefact (`slices`, `pictures`), all or those named; None if missing or unreadable."""
     try:
-        return read_arrays(folder / job[name], MAX_FILE, names)
+        place = cast(str, dict(job)[name])
+        return read_arrays(folder / place, MAX_FILE, names)
     except (OSError, KeyError, ValueError, TypeError):
         return None  # the records of a run are useful without its large files
 
@@ -30,7 +31,7 @@ def of_shown(run: Run, material: MaterialRows, name: str, needed: Collection[str
     return [(row, each) for row, each in stored if each and each.keys() >= set(needed)]
 
 
-def angular(folder: Path, job: Record) -> dict[str, Any] | None:
+def angular(folder: Path, job: Job) -> dict[str, Any] | None:
     """A job's bins and polar maps; None if the file is missing or unreadable."""
     try:
         bins: dict[str, Any] = json.loads((folder / job["angular"]).read_text(encoding="utf-8"))

@@ -32,7 +32,7 @@ from bench.compare.choosing.curves import (
 )
 from bench.compare.paired import AGAINST, FEWEST
 from bench.compare.quantities import average
-from bench.records import FLIP, MOST_DB, PSNR, SSIM, Record, Run, by_kind, shown_label
+from bench.records import FLIP, MOST_DB, PSNR, SSIM, Job, Machine, Run, by_kind, shown_label
 from reports.notes import beside
 from reports.numbers import EXACT, NONE, fixed, integer, signed, significant
 from reports.table import Table, best_cells
@@ -90,7 +90,10 @@ def _budgets(run: Run, result: Budgets, points: Points, materials: Sequence[str]
             values.append(reading.value if reading else None)
         rows.append(cells)
         scores.append(values)
-    shapes = {tuple(result.surfaces[name]["shape"]) for name in materials}
+    shapes = set()
+    for name in materials:
+        height, width = result.surfaces[name]["shape"]
+        shapes.add((height, width))
     headers = [("codec", ""), *(_header(budget, shapes) for budget in columns)]
     many = f"{len(materials)} {kind}surface{'s' * (len(materials) > 1)}"
     title = f"Budgets on {many} ({', '.join(materials)}): test PSNR, dB"
@@ -240,7 +243,7 @@ def front_table(run: Run) -> Iterator[Table]:
     yield Table("front", title, headers, rows, [*notes, _READ, *_common(run, result)], marks=best_cells(rows, scores))
 
 
-def _mean_time(result: Budgets, rungs: Sequence[Sequence[Record]]) -> float | None:
+def _mean_time(result: Budgets, rungs: Sequence[Sequence[Job]]) -> float | None:
     """The mean time of a query, × floor, over rungs that were timed."""
     times = [result.times.get(EAGER, {}).get(jobs[0]["job"]) for jobs in rungs]
     return average([time for time in times if time is not None])
@@ -303,8 +306,8 @@ def _common(run: Run, result: Budgets) -> Iterator[str]:
         on: dict[str, None] = {}
         of_settings = [time for time in run.timings if "rounds" in time]
         for name in (time.get("run", "") for time in of_settings or run.timings):
-            start: Record = next((each for each in reversed(run.starts) if not name or each.get("run") == name), {})
-            machine = start.get("machine", {})
+            starts = [start for start in run.starts if not name or start.get("run") == name]
+            machine = starts[-1].get("machine", Machine()) if starts else Machine()
             parts = [machine.get("processor"), f"{machine['cores']} cores" if "cores" in machine else ""]
             on[", ".join(str(part) for part in parts if part)] = None
         yield f"Times: upper ends of 95 % intervals, × floor, one bilinear fetch; {'; '.join(filter(None, on))}."

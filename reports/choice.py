@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from bench.inputs.errors import InputError, did_you_mean
-from bench.records import Record, Records, Run, shown_label
+from bench.records import Job, Records, Run, shown_label
 from reports.table import Table
 
 
@@ -50,7 +50,7 @@ class Choice:
             starts.append(start | {"jobs": planned})
         return replace(run, jobs=jobs, starts=starts)
 
-    def _has(self, job: Record) -> bool:
+    def _has(self, job: Job) -> bool:
         if self.materials and job["material"] not in self.materials:
             return False
         return not self.codecs or any(wanted in _called(job) for wanted in self.codecs)
@@ -97,14 +97,14 @@ class Choice:
         return re.sub(pattern, lambda found: self.names[found[0]], text)
 
 
-def _planned(name: str) -> Record:
+def _planned(name: str) -> Job:
     """What the name of a planned job, `MATERIAL/LABEL/SEED`, says of it."""
     material, _, rest = name.partition("/")
     label = rest.rpartition("/")[0]
     return {"job": name, "material": material, "label": label, "codec": label.split(" ")[0]}
 
 
-def _called(job: Record) -> tuple[str, ...]:
+def _called(job: Job) -> tuple[str, ...]:
     """The possible names of a codec: its name, its label, its label in tables."""
     return str(job.get("codec", "")), str(job.get("label", "")), shown_label(job)
 

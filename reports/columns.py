@@ -1,15 +1,25 @@
 """The columns of tables by material: each finds its number in a record, and writes one seed or several."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from statistics import fmean, stdev
-from typing import Any
+from typing import Any, cast
 
 from bench.metrics import PERIODIC, in_decibels, is_relative, label_of, metric_of
-from bench.records import OUTSIDE, PSNR, RMSE, SCENE_HELDOUT, Record, deciding_group, metrics_of, shown_columns
+from bench.records import (
+    OUTSIDE,
+    PSNR,
+    RMSE,
+    SCENE_HELDOUT,
+    Job,
+    MetricFacts,
+    deciding_group,
+    metrics_of,
+    shown_columns,
+)
 from reports.numbers import EXACT, NONE, NOT_COMPARABLE, fixed, integer, plus_minus, significant, stated
-from reports.rows import MaterialRows, Row, described
+from reports.rows import MaterialRows, Row, facts_of
 
 Value = float | tuple[float, ...] | str | None  # a number, several numbers of one cell, a word, or nothing
 
@@ -37,7 +47,7 @@ class Column:
     unit: str
     value: Callable[[Row], Value]
     write: Callable[[Any], str]
-    native: Callable[[Record], Value] | None = None
+    native: Callable[[Mapping[str, Any]], Value] | None = None
     sparse: bool = False
     pool: Callable[[Sequence[tuple[float, ...]]], tuple[float, ...]] = elementwise
     starred: Callable[[Row], bool] = lambda row: False  # whether its number was measured apart from those of other rows
@@ -92,7 +102,7 @@ def _digits(metric: str) -> int:
     return 2 if in_decibels(metric) else 3
 
 
-def _scale(metric: Record) -> str:
+def _scale(metric: MetricFacts) -> str:
     """The unit of a metric with an arrow to the better end."""
     unit = "" if metric["unit"] == "1" else metric["unit"]
     return f"{unit} {'↑' if metric['direction'] == 'higher' else '↓'}".strip()
@@ -112,7 +122,7 @@ def _spread(name: str, scale: str, family: str, digits: int = 2) -> Column:
     )
 
 
-def bits(job: Record, size: int) -> float:
+def bits(job: Job, size: int) -> float:
     """The bits a texel of so many bytes."""
     height, width = job["shape"]
     return 8 * size / (height * width)
@@ -124,8 +134,8 @@ def _timed(name: str, unit: str, field: str, write: Callable[..., str] = signifi
     def value(row: Row) -> Value:
         if row.timing is None:
             return None
-        measured = row.timing[field]
-        number: Value = tuple(measured) if isinstance(measured, list) else measured
+        measured = dict(row.timing)[field]
+        number = tuple(measured) if isinstance(measured, list) else cast(float, measured)
         return number if row.timed_apart or not row.timing_obstacle else NOT_COMPARABLE
 
     return Column(name, unit, value, write, pool=hull, starred=lambda row: row.timed_apart)
@@ -162,16 +172,25 @@ RELATIVE_ERROR = Column(
 )
 _NS = _timed("time", "ns ↓", "ns_per_sample")
 _FLOOR = _timed("time", "× floor", "ratio_to_floor")
-_FUSED = Column("fused", "× floor", lambda row: (row.fused or {}).get("ratio_to_floor"), significant, sparse=True)
+_FUSED = Column(
+    "fused", "× floor", lambda row: row.fused["ratio_to_floor"] if row.fused else None, significant, sparse=True
+)
 _INTERVAL = _timed("95 % interval", "ns", "interval95_ns", lambda both: " to ".join(map(significant, both)))
 
 _NAMED = {"decoder", "texture", "total", "shared"}  # parts of the bytes that have columns of their own
+
+
+def _other_bytes(job: Job) -> int:
+    """The bytes of a file that no other column counts."""
+    return sum(cast(int, size) for part, size in job["bytes"].items() if part not in _NAMED)
+
+
 SIZE = (
     _PARAMETERS,
     _CHANNELS,
     Column("decoder", "bytes", lambda row: row.job["bytes"].get("decoder"), _whole),
     Column("texture", "bytes", lambda row: row.job["bytes"].get("texture"), _whole),
-    Column("other", "bytes", lambda row: sum(n for part, n in row.job["bytes"].items() if part not in _NAMED), _whole),
+    Column("other", "bytes", lambda row: _other_bytes(row.job), _whole),
     TOTAL,
     _SHARED,
     Column("resident", "bytes", lambda row: row.job.get("resident"), _whole, sparse=True),
@@ -188,7 +207,7 @@ def _declared() -> list[Column]:
 
 
 def _field(name: str, row: Row) -> Value:
-    return row.job.get(name)
+    return cast(Value, dict(row.job).get(name))
 
 
 def time() -> list[Column]:
@@ -248,12 +267,12 @@ def _others(material: MaterialRows, make: Callable[..., Column] = _spread) -> It
             yield make(label_of(name), _scale(metric), family=name, digits=_digits(name))
 
 
-def bands(job: Record) -> list[Column]:
+def bands(job: Job) -> list[Column]:
     """PSNR over each band of the pairs that decide."""
     return [_mean(name, f"dB ↑ ({count:,})", PSNR, group) for name, group, count in _bands(job)]
 
 
-def radiance_bands(job: Record) -> list[Column]:
+def radiance_bands(job: Job) -> list[Column]:
     """The error of linear radiance over each band, absolute and relative."""
 
     def value(group: str, row: Row) -> Value:
@@ -268,7 +287,7 @@ def radiance_bands(job: Record) -> list[Column]:
     return [Column(name, unit, partial(value, group), write) for name, unit, group in units]
 
 
-def footprints(job: Record) -> list[Column]:
+def footprints(job: Job) -> list[Column]:
     """PSNR at each footprint."""
 
     def value(side: str, row: Row) -> Value:
@@ -278,7 +297,7 @@ def footprints(job: Record) -> list[Column]:
     return [Column(name, "dB ↑", partial(value, side), partial(fixed, digits=2)) for side, name in sides]
 
 
-def _bands(job: Record) -> list[tuple[str, str, int]]:
+def _bands(job: Job) -> list[tuple[str, str, int]]:
     """(name, group, slices) of the pairs that decide and their subsets, without subsets of subsets."""
     decides = deciding_group(job["scores"])
     groups = [("held out" if decides == "heldout" else "all", decides)]
@@ -291,7 +310,7 @@ def _bands(job: Record) -> list[tuple[str, str, int]]:
     return [(name, group, job["scores"][group].get("slices", 0)) for name, group in groups]
 
 
-def scene(job: Record) -> list[Column]:
+def scene(job: Job) -> list[Column]:
     """Quality in the frames of a scene, over the pairs that the scene uses, and over the others."""
     if "scene" not in job:
         return []
@@ -314,8 +333,8 @@ def scene(job: Record) -> list[Column]:
     return [*chosen, *(replace(column, whole_only=True) for column in (outside, HELDOUT))]
 
 
-def _not_of_radiance(job: Record, names: Iterable[str]) -> Iterator[tuple[str, Record]]:
-    return ((name, described(job, name)) for name in names if not is_relative(name))
+def _not_of_radiance(job: Job, names: Iterable[str]) -> Iterator[tuple[str, MetricFacts]]:
+    return ((name, facts_of(job, name)) for name in names if not is_relative(name))
 
 
 _BAND_NAMES = {"grazing view": "θ_o>60°", "grazing light": "θ_i>60°"}

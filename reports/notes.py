@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from statistics import fmean
 
 from bench.metrics import label_of
-from bench.records import PSNR, Record, Run, deciding_group, grouped, shown_columns, shown_label
+from bench.records import PSNR, Machine, Run, RunStart, deciding_group, grouped, shown_columns, shown_label
 from reports.numbers import significant
 from reports.rows import MaterialRows, Row, materials
 from reports.table import Note, Part
@@ -88,7 +88,7 @@ def _metrics(material: MaterialRows) -> Iterator[str]:
     parts: list[Part] = []
     for name, each in material.metrics.items():
         words = [word for word in (each["unit"], each.get("space")) if word and word != "1"]
-        text = ", ".join([f"{name} version {each['version']}", *words, f"{each['direction']} is better"])
+        text = ", ".join([f"{name} version {each.get('version', '?')}", *words, f"{each['direction']} is better"])
         derived = {"PSNR train", "train", "worst tenth", "PSNR pooled"} if name == PSNR else set()
         parts.append((text, {label_of(name), *derived}.__contains__))
     if parts:
@@ -129,7 +129,9 @@ def height_notes(materials: Sequence[MaterialRows]) -> Iterator[str]:
         for row in material.measured:
             settings = row.job.get("settings", {})
             if settings.get("relief") and (row.timing or row.fused):
-                holds = row.job["cost"]["texture_channels"] == settings["latents"] + 1  # the height is one more channel
+                holds = (
+                    row.job["cost"]["texture_channels"] == int(settings["latents"]) + 1
+                )  # the height is one more channel
                 found.setdefault(row.label, {}).setdefault(holds, {})[material.name] = None
     words = {True: "a height on", False: "none on"}
     for label, by in found.items():
@@ -157,16 +159,16 @@ def _older(run: Run) -> Iterator[str]:
     """Footnotes on rows that were fitted or scored by another revision than that of the latest start."""
     older: dict[tuple[str, str], list[str]] = {}
     for job in run.jobs:
-        revisions = {step: (job.get(step) or {}).get("git") for step in ("fitted", "scored")}
-        if job["status"] == "ok" and set(revisions.values()) - {run.starts[-1].get("git"), None}:
-            older.setdefault((str(revisions["fitted"]), str(revisions["scored"])), []).append(job["job"])
+        fitted, scored = job.get("fitted", {}).get("git"), job.get("scored", {}).get("git")
+        if job["status"] == "ok" and {fitted, scored} - {run.starts[-1].get("git"), None}:
+            older.setdefault((str(fitted), str(scored)), []).append(job["job"])
     for (fitted, scored), jobs in older.items():
         listed = ", ".join(jobs[:5]) + (f" and {len(jobs) - 5} more" if len(jobs) > 5 else "")
         yield f"Fitted by revision {fitted}, scored by {scored}: {listed}."
 
 
-def _provenance(start: Record) -> str:
-    machine, packages = start.get("machine", {}), start.get("packages", {})
+def _provenance(start: RunStart) -> str:
+    machine, packages = start.get("machine", Machine()), start.get("packages", {})
     parts = [f"Suite {start.get('suite', '?')}", f"run {start.get('run', '?')}"]
     parts += [f"revision {start['git']}"] if start.get("git") else []
     parts += [f"{name} {packages[name]}" for name in ("neubtf-bench", "torch", "numpy") if name in packages]

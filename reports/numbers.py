@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from bench.compare.paired import Interval
+    from bench.records import Statistics
 
 NONE, EXACT, NOT_APPLICABLE, NOT_COMPARABLE = "—", "exact", "n/a", "n/c"
 
@@ -28,7 +29,7 @@ def significant(value: float | None, digits: int = 3) -> str:
     return f"{value:,.{max(0, decimals)}f}"
 
 
-def stated(stats: dict[str, Any], *names: str) -> Any:
+def stated(stats: "Statistics", *names: str) -> Any:
     """A number of a metric's statistics, such as `pooled`; of several names, a tuple of those that have numbers.
 
     `exact` if no slice has an error, `n/a` if no number applies, None without statistics.

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from statistics import fmean
 
 from bench.metrics import stats_of
-from bench.records import FLIP, PSNR, SSIM, Record, Run, shown_label
+from bench.records import FLIP, PSNR, SSIM, Job, Run, shown_label
 from reports.numbers import NONE, fixed, integer, plus_minus, signed, stated
 from reports.rows import of_suite
 from reports.table import Note, Table
@@ -59,7 +59,7 @@ def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | No
     return Table("paper", "Quality, beside Table 1 of NeuBTF (2023)", headers, rows, notes, words=3)
 
 
-def _rows(job: Record) -> Iterator[list[str]]:
+def _rows(job: Job) -> Iterator[list[str]]:
     """The rows of a job over all pairs, beside the paper's, and over those held out."""
     material = str(job["material"])
     name = material if material in PUBLISHED else f"{material}, for {NEAREST[material]}"
@@ -91,7 +91,7 @@ def ablation_table(run: Run) -> Table | None:
         Note(("FLOP: of the decoder's network.", lambda name: "FLOP" in name)),
         "A change is told by the settings that differ from the row “as it is”.",
     ]
-    firsts: dict[str, Record] = {}
+    firsts: dict[str, Job] = {}
     base: dict[str, str] = {}  # of each codec the first label, which is the codec as it is
     for job in jobs:
         firsts.setdefault(job["label"], job)
@@ -114,7 +114,7 @@ def ablation_table(run: Run) -> Table | None:
     return Table("ablation", title, headers, rows, notes, words=2)
 
 
-def _mean(jobs: Iterable[Record], material: str, label: str, family: str) -> float | None:
+def _mean(jobs: Iterable[Job], material: str, label: str, family: str) -> float | None:
     """The mean over seeds of a mean over slices; None where there is no number."""
     means = (stats_of(job, family).get("mean") for job in jobs if (job["material"], job["label"]) == (material, label))
     return fmean(numbers) if (numbers := [mean for mean in means if mean is not None]) else None

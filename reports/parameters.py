@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from itertools import chain
 from typing import NamedTuple
 
-from bench.records import Record, grouped, shown_label
+from bench.records import Job, grouped, shown_label
 from reports.numbers import NONE, fixed, integer
 from reports.table import Table
 
@@ -20,6 +20,13 @@ class Published(NamedTuple):
     parameters: int
     channels: int
     ns: str = NONE  # a sample, mean ± deviation
+
+
+class TimedJob(Job, total=False):
+    """A job with times of a sample in ns by execution (`eager`, `fused`, `gpu`), and the GPU's name."""
+
+    ns: dict[str, float]
+    gpu: str
 
 
 PUBLISHED = {
@@ -37,17 +44,16 @@ PUBLISHED = {
 _ZELTNER_CODE = Published("Zeltner 2024 (code)", 819, 8)  # the authors' of 2026: docs/recipes.md
 
 
-def parameters_table(jobs: Iterable[Record]) -> Table | None:
+def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
     """A row for each different decoder among finished jobs of the codecs in `PUBLISHED`, as published before ours.
 
     None where there is none. A job without a run was counted and not measured: see `bench.conformance.verdicts.count`.
-    Its `ns`, where it has them, are those of a sample, `eager` and `fused`.
     """
     order = list(PUBLISHED)
 
-    def decoder(job: Record) -> tuple[int, bool, int, int]:
+    def decoder(job: Job) -> tuple[int, bool, int, int]:
         ours = job.get("settings", {}).get("recipe", "paper") != "paper"  # and the codec has one as published
-        return order.index(job["codec"]), ours, job["parameters"], job["cost"]["texture_channels"]
+        return order.index(job["codec"]), ours, job["parameters"] or 0, job["cost"]["texture_channels"]
 
     decoders = grouped((job for job in jobs if job["status"] == "ok" and job["codec"] in PUBLISHED), decoder)
     if not decoders:
@@ -67,7 +73,7 @@ def parameters_table(jobs: Iterable[Record]) -> Table | None:
         notes.append(f"{NONE} {', '.join(absent)}: no codec of this method was measured.")
     rows = []
     for job, paper in zip(chosen, map(_published, chosen), strict=True):
-        ours = [(job["parameters"], paper.parameters), (job["cost"]["texture_channels"], paper.channels)]
+        ours = [(job["parameters"] or 0, paper.parameters), (job["cost"]["texture_channels"], paper.channels)]
         numbers = ([integer(a), integer(b), f"{a - b:+,}" if a != b else "0"] for a, b in ours)
         rows.append([paper.method, shown_label(job), *chain.from_iterable(numbers)])
     times = [{how: ns for job in group for how, ns in job.get("ns", {}).items()} for group in alike]  # of any settings
@@ -86,5 +92,5 @@ def parameters_table(jobs: Iterable[Record]) -> Table | None:
     return Table("parameters", title, headers, rows, notes, words=2)
 
 
-def _published(job: Record) -> Published:
+def _published(job: Job) -> Published:
     return _ZELTNER_CODE if job.get("settings", {}).get("edition") == "code" else PUBLISHED[job["codec"]]

@@ -6,15 +6,15 @@ from dataclasses import replace
 from bench.compare.paired import AGAINST, Against, against
 from bench.compare.ranks import Standing, standings
 from bench.inputs.errors import InputError
-from bench.records import Record, Run, view
+from bench.records import Job, Run, view
 from reports.rows import materials
 
 
 @view
 def ranked(run: Run) -> list[Standing]:
     """Every measured codec, the best first; models of a scene come last, without a rank."""
-    whole: dict[str, dict[str, list[Record]]] = {}
-    of_scene: dict[str, dict[str, list[Record]]] = {}
+    whole: dict[str, dict[str, list[Job]]] = {}
+    of_scene: dict[str, dict[str, list[Job]]] = {}
     for material in materials(run):
         for codec in (codec for codec in material.codecs if codec.measured):
             jobs = of_scene if codec.of_scene else whole

@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 from bench.codecs.alike import obstacles
 from bench.compare.choosing import fused_times
@@ -12,8 +11,12 @@ from bench.metrics import metric_of, stats_of
 from bench.records import (
     CONDITIONS,
     PSNR,
-    Record,
+    Job,
+    MetricFacts,
     Run,
+    Statistics,
+    Timing,
+    TradeChoice,
     deciding_group,
     fitted_to_scene,
     grouped,
@@ -30,11 +33,11 @@ NEW_RUN = "timed in another start than the other rows"
 class Row:
     """One job of a material; `label` is the codec with its settings, `name` has the seed too if there are several."""
 
-    job: Record
+    job: Job
     label: str
     name: str
-    timing: Record | None = None
-    fused: Record | None = None  # its time as one kernel, if `neubtf-bench trade` measured it
+    timing: Timing | None = None
+    fused: TradeChoice | None = None  # its time as one kernel, if `neubtf-bench trade` measured it
     obstacle: str = ""  # why its numbers are not comparable with the others'
     timing_obstacle: str = ""
 
@@ -63,7 +66,7 @@ class Row:
         """The full name of the metric of a family that scored this job (`ssim` → `ssim_periodic`), or ""."""
         return metric_of(metrics_of(self.job), family)
 
-    def stats(self, group: str, family: str) -> dict[str, Any]:
+    def stats(self, group: str, family: str) -> Statistics:
         """The statistics of a metric over a group of pairs; empty if there are none."""
         return stats_of(self.job, family, group)
 
@@ -125,14 +128,14 @@ class MaterialRows:
         return [codec.measured[0] for codec in self.codecs if codec.measured]
 
     @property
-    def first(self) -> Record | None:
+    def first(self) -> Job | None:
         """The record that stands for what the comparable rows share: split, shape, metrics."""
         return next((row.job for row in self.measured), None)
 
     @cached_property
-    def metrics(self) -> dict[str, Record]:
+    def metrics(self) -> dict[str, MetricFacts]:
         """Every metric that a comparable row was scored with, as the records describe it."""
-        return {name: described(row.job, name) for row in self.measured for name in metrics_of(row.job)}
+        return {name: facts_of(row.job, name) for row in self.measured for name in metrics_of(row.job)}
 
     @property
     def deciding(self) -> str:
@@ -152,16 +155,17 @@ class MaterialRows:
         )
 
 
-def of_suite(run: Run, suite: str) -> list[Record]:
+def of_suite(run: Run, suite: str) -> list[Job]:
     """The jobs that a run of this suite made."""
     made = {start.get("run") for start in run.starts if start.get("suite") == suite}
     return [job for job in run.jobs if job.get("run") in made]
 
 
-def described(job: Record, name: str) -> Record:
+def facts_of(job: Job, metric: str) -> MetricFacts:
     """A metric as a record describes it, or else as it describes a variant, such as the periodic one of frames."""
     known = job["metrics"]
-    return {"unit": "1", "direction": "higher", "version": "?"} | known.get(name, known.get(metric_of(known, name), {}))
+    found = known.get(metric) or known.get(metric_of(known, metric))
+    return found or MetricFacts(unit="1", direction="higher")  # an older record does not describe it
 
 
 @view
@@ -175,12 +179,12 @@ def materials(run: Run) -> list[MaterialRows]:
     return [MaterialRows(name, list(_rows(run, jobs, unlike)), nowhere) for name, jobs in by_name.items()]
 
 
-def _rows(run: Run, jobs: list[Record], unlike: dict[str, str]) -> Iterator[Row]:
+def _rows(run: Run, jobs: list[Job], unlike: dict[str, str]) -> Iterator[Row]:
     timings = {job["job"]: run.timing(job) for job in jobs if job["status"] == "ok"}
-    timed = [(str(timing["run"]), timing) for timing in timings.values() if timing]
-    counts = Counter(start for start, _ in timed)
+    timed = [timing for timing in timings.values() if timing]
+    counts = Counter(timing["run"] for timing in timed)
     # Of the start that timed most rows, of several the last: one codec timed again leaves the others' times as they are
-    _, common = max(timed, key=lambda each: (counts[each[0]], each[0]), default=("", {}))
+    common = max(timed, key=lambda timing: (counts[timing["run"]], timing["run"]), default=Timing())
     seeds, fused = {job.get("seed") for job in jobs}, fused_times(run)
     for job in jobs:
         label = shown_label(job)

@@ -5,14 +5,14 @@ from collections.abc import Iterator, Sequence
 from statistics import fmean
 
 from bench.metrics import stats_of
-from bench.records import MOST_DB, PSNR, SCENE_HELDOUT, Record, fitted_to_scene
+from bench.records import MOST_DB, PSNR, SCENE_HELDOUT, SceneModel, fitted_to_scene
 from reports.numbers import fixed, integer, significant
 from reports.rows import CodecRows, MaterialRows, Row
 from reports.table import Table
 from reports.text import plain
 
 
-def scene_models_text(rows: Sequence[Record]) -> str:
+def scene_models_text(rows: Sequence[SceneModel]) -> str:
     """The rows of `bench.demand.fitting.rows` for a terminal."""
     headers = [("model", ""), ("total", "bytes ↓"), ("time", "ns ↓"), ("fit", "steps"), ("fit", "s")]
     headers += [("held-out PSNR", "dB ↑"), ("scene PSNR", "dB ↑"), ("scene FLIP", "↓"), ("outside PSNR", "dB ↑")]
@@ -29,14 +29,16 @@ def scene_models_text(rows: Sequence[Record]) -> str:
     return plain([Table("scene", "the model of the scene beside the full one", headers, cells, [*gains(rows), note])])
 
 
-def gains(rows: Sequence[Record]) -> list[str]:
+def gains(rows: Sequence[SceneModel]) -> list[str]:
     """One line on what a model of the scene saves and gains against the full one; none without such a model."""
     by_model = {row["model"]: row for row in rows}
     if len(by_model) < 2:
         return []
     full, scene = by_model["full"], by_model["scene"]
-    held, frames = (("held-out pairs", "held_out"), ("the pixels of its frames", "psnr"))
-    qualities = [(words, full[key], scene[key]) for words, key in (held, frames)]
+    qualities = [
+        ("held-out pairs", full["held_out"], scene["held_out"]),
+        ("the pixels of its frames", full["psnr"], scene["psnr"]),
+    ]
     return [gain(full["bytes"], scene["bytes"], qualities)]
 
 
@@ -73,7 +75,7 @@ def scene_quality(codec: CodecRows) -> float:
     values = []
     for row in codec.measured:
         held = stats_of(row.job, PSNR, SCENE_HELDOUT)
-        in_frames = row.job.get("scene", {}).get("metrics", {}).get(PSNR)
+        in_frames = row.job["scene"]["metrics"].get(PSNR) if "scene" in row.job else None
         value = held.get("mean") if held else in_frames
         values.append(MOST_DB if value is None else value)
     return fmean(values) if values else float("-inf")

@@ -99,8 +99,13 @@ def _footprints(codec: CodecRows) -> list[list[float]]:
     """[side in texels, mean display PSNR of slices in dB], means over seeds, where every seed has an error."""
     stats = [row.job.get("footprints", {}) for row in codec.measured]
     sides = sorted({int(side) for each in stats for side in each if side.isdecimal() and int(side)})
-    values = {side: [each.get(str(side), {}).get("mean") for each in stats] for side in sides}
-    return [[side, fmean(known)] for side, known in values.items() if None not in known]
+    points = []
+    for side in sides:
+        means = [each.get(str(side), {}).get("mean") for each in stats]
+        known = [mean for mean in means if mean is not None]
+        if len(known) == len(means):
+            points.append([side, fmean(known)])
+    return points
 
 
 def _mean(kind: str, by_material: Sequence[Plot], materials: int) -> Plot:

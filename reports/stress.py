@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable
 
-from bench.records import FILE, STRESS, Record, Run, load_run
+from bench.records import FILE, STRESS, Run, Stress, load_run
 from reports.numbers import NONE
 from reports.table import Table
 
@@ -24,7 +24,7 @@ def stress_tables(run: Run) -> list[Table]:
     return tables(r for r in load_run(folder).stress if (r["subject"], r.get("version")) in versions)
 
 
-def tables(records: Iterable[Record]) -> list[Table]:
+def tables(records: Iterable[Stress]) -> list[Table]:
     """Extremes × codecs, and metrics and losses × extreme pictures; each only if it has a record."""
     ordered = sorted(records, key=lambda record: record["order"])  # the order of the catalogue
     halves = ([record for record in ordered if (record["group"] == PICTURES) == of] for of in (False, True))
@@ -42,7 +42,7 @@ def summary(run: Run) -> str:
     return f"Extremes (table stress): {passed} pass, {failed} fail, {without} not applicable."
 
 
-def _table(records: list[Record]) -> Table:
+def _table(records: list[Stress]) -> Table:
     """The extremes of codecs in rows, by group, or the metrics and losses in rows, if the records are of pictures."""
     cells, groups = _Cells(records), dict[str, dict[str, None]]()
     for record in records:
@@ -63,7 +63,7 @@ def _table(records: list[Record]) -> Table:
 class _Cells:
     """Cells by subject and extreme; the reasons of cells that do not apply have letters."""
 
-    def __init__(self, records: list[Record]):
+    def __init__(self, records: list[Stress]):
         self.records = {(record["subject"], record["extreme"]): record for record in records}
         reasons = dict.fromkeys(_reason(record) for record in records if record["verdict"] == "n/a")
         self.letters = {reason: chr(ord("a") + i) for i, reason in enumerate(reasons)}
@@ -83,15 +83,18 @@ class _Cells:
         notes = [f"FAIL {record['subject']}, {record['extreme']}: {record['detail']}" for record in failed]
         if any(record["group"] != PICTURES for record in failed):
             notes.append('To try one cell again: neubtf-bench stress --codec CODEC --case "EXTREME"')
-        worst: dict[str, Record] = {}  # by extreme with a measured margin: what comes closest to the bound
+        worst: dict[str, tuple[float, Stress]] = {}  # by extreme with a measured margin: what comes closest to it
         for record in self.records.values():
             used, extreme = record.get("used"), record["extreme"]
-            if used is not None and record["detail"] and (extreme not in worst or used > worst[extreme]["used"]):
-                worst[extreme] = record
-        notes += [f"{name}, worst of all: {record['subject']}: {record['detail']}" for name, record in worst.items()]
+            if used is None or not record["detail"]:
+                continue
+            if extreme not in worst or used > worst[extreme][0]:
+                worst[extreme] = used, record
+        for name, (_, record) in worst.items():
+            notes.append(f"{name}, worst of all: {record['subject']}: {record['detail']}")
         return [*notes, *(f"{letter}: {reason}" for reason, letter in self.letters.items())]
 
 
-def _reason(record: Record) -> str:
+def _reason(record: Stress) -> str:
     """Why a case does not apply, without the sizes that differ from cell to cell."""
     return re.sub(r"^reference is [^,]*, and ", "", record["detail"])

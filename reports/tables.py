@@ -4,17 +4,18 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from math import inf
 from statistics import fmean
+from typing import cast
 
 from bench.codecs.alike import stale
 from bench.compare.choosing import has_validation
-from bench.records import MOST_DB, Record, Run, grouped
+from bench.records import MOST_DB, Job, Run, grouped
 from reports import BY_BUDGET, KINDS, columns
 from reports.columns import Column
 from reports.fits import fit_tables
 from reports.notes import common_notes, cost_notes, main_notes, not_run, quality_notes, scene_notes
 from reports.numbers import NONE, NOT_COMPARABLE
 from reports.paper import ablation_table, paper_table
-from reports.parameters import parameters_table
+from reports.parameters import TimedJob, parameters_table
 from reports.rows import CodecRows, MaterialRows, materials
 from reports.scene_models import scene_gains, scene_quality
 from reports.stress import stress_tables
@@ -176,7 +177,7 @@ def _by_budget(kind: str) -> "Maker":
     return tables
 
 
-def _of_first(chosen: Callable[[Record], list[Column]]) -> Chosen:
+def _of_first(chosen: Callable[[Job], list[Column]]) -> Chosen:
     """The columns of a material that its first job has numbers for."""
     return lambda material: chosen(material.first) if material.first else []
 
@@ -198,7 +199,7 @@ _OF_KIND: dict[str, Maker] = {
     "times": lambda run, _: times_tables(run),
     "trade": lambda run, _: [*trade_tables(run.folder), *variant_tables(run, "trade")],
     "paper": lambda run, _: [paper_table(run)],
-    "parameters": lambda run, _: [parameters_table(run.jobs)],
+    "parameters": lambda run, _: [parameters_table([cast(TimedJob, job) for job in run.jobs])],
     "ablation": lambda run, _: [ablation_table(run)],
     "stress": lambda run, _: stress_tables(run),
     "unfinished": lambda run, _: [unfinished_table(run)],

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from bench.compare.choosing import usual_batch
-from bench.records import Record, Run
+from bench.records import Machine, Run, Timing
 from reports.numbers import NONE, significant
 from reports.table import Table
 
@@ -29,7 +29,7 @@ def variant_tables(run: Run, kind: str) -> Iterator[Table]:
         yield replace(table, kind=kind)
 
 
-def _settings(run: Run, timed: list[Record]) -> Iterator[Table]:
+def _settings(run: Run, timed: list[Timing]) -> Iterator[Table]:
     """A row a setting, the quickest first."""
     if not timed:
         return
@@ -40,7 +40,7 @@ def _settings(run: Run, timed: list[Record]) -> Iterator[Table]:
     yield Table("times", f"Times of settings: {_conditions(run, timed[0])}", headers, rows, [_NOTE])
 
 
-def _row(timing: Record) -> list[str]:
+def _row(timing: Timing) -> list[str]:
     low, high = timing["ratio_interval95"]
     rounds = timing["rounds"]
     apart = 100 * (max(rounds) / min(rounds) - 1)
@@ -51,21 +51,21 @@ def _row(timing: Record) -> list[str]:
     return [*cells, f"{timing['flops']:,}"]
 
 
-def _variants(run: Run, timed: list[Record]) -> Iterator[Table]:
+def _variants(run: Run, timed: list[Timing]) -> Iterator[Table]:
     """A row a setting, a column an execution and precision: ns a sample, and the share of what the machine allows."""
     if not timed:
         return
     usual = usual_batch(timed)
     timed = [timing for timing in timed if timing["batch"] == usual]  # others: see `_batches`
     names = list(dict.fromkeys(_variant(timing) for timing in timed))
-    by_label: dict[str, dict[str, Record]] = {}
+    by_label: dict[str, dict[str, Timing]] = {}
     for timing in timed:
         by_label.setdefault(timing["label"], {})[_variant(timing)] = timing
     rows = []
     for label, known in by_label.items():
         rows.append([_setting(label), *(_share(known[name]) if name in known else NONE for name in names)])
     headers = [("setting", ""), *((name, "ns, % of limit") for name in names)]
-    place = _conditions(run, timed[0] | {"execution": "each", "dtype": "variant"})
+    place = _conditions(run, {**timed[0], "execution": "each", "dtype": "variant"})
     note = (
         "ns a sample, and the time that arithmetic or reads take at the machine's measured rates, as a share of it. "
         "!: answers differ from float64's by more than the precision allows (docs/trade.md)."
@@ -78,21 +78,21 @@ def _setting(label: str) -> str:
     return " ".join(word for word in label.split() if not word.startswith("steps="))
 
 
-def _variant(timing: Record) -> str:
+def _variant(timing: Timing) -> str:
     return f"{timing['execution']} {timing['dtype']}"
 
 
-def _share(timing: Record) -> str:
+def _share(timing: Timing) -> str:
     share = 100 * timing["limit_ns"] / timing["ns_per_sample"]
     wrong = "!" if timing["of_tolerance"] > 1 else ""
     return f"{significant(timing['ns_per_sample'], 3)}{wrong}, {significant(share, 2)}"
 
 
-def _batches(run: Run, timed: list[Record]) -> Iterator[Table]:
+def _batches(run: Run, timed: list[Timing]) -> Iterator[Table]:
     """A row a setting and execution in float32, a column a batch: ns a sample."""
     timed = [timing for timing in timed if timing["dtype"] == "float32"]
     batches = sorted({timing["batch"] for timing in timed})
-    by_row: dict[tuple[str, str], dict[int, Record]] = {}
+    by_row: dict[tuple[str, str], dict[int, Timing]] = {}
     for timing in timed:
         by_row.setdefault((timing["label"], timing["execution"]), {})[timing["batch"]] = timing
     swept = {row: known for row, known in by_row.items() if len(known) > 1}
@@ -106,7 +106,7 @@ def _batches(run: Run, timed: list[Record]) -> Iterator[Table]:
     yield Table("times", "Batches: ns a sample in float32, by the samples of a query", headers, rows, [], words=2)
 
 
-def _fits(run: Run, timed: list[Record]) -> Iterator[Table]:
+def _fits(run: Run, timed: list[Timing]) -> Iterator[Table]:
     """A row a codec: milliseconds of a step of its fit, the quickest first."""
     if not timed:
         return
@@ -116,10 +116,10 @@ def _fits(run: Run, timed: list[Record]) -> Iterator[Table]:
     yield Table("times", f"Steps of fits: {place}", [("setting", ""), ("a step", "ms ↓")], rows, [])
 
 
-def _conditions(run: Run, timing: Record) -> str:
+def _conditions(run: Run, timing: Timing) -> str:
     """Where and how they were measured, in words."""
-    start: Record = next((each for each in run.starts if each["run"] == timing["run"]), {})
-    machine = start.get("machine", {})
+    starts = [start for start in run.starts if start["run"] == timing["run"]]
+    machine = starts[0].get("machine", Machine()) if starts else Machine()
     place = timing.get("gpu") or machine.get("processor") or timing["device"]
     threads = "" if timing.get("gpu") else f", {timing['threads']} thread{'s' * (timing['threads'] > 1)}"
     return f"{place}{threads}, {timing['execution']} {timing['dtype']}, batches of {timing['batch']:,}"

@@ -4,10 +4,9 @@ import json
 from collections.abc import Iterator, Sequence
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
 
 from bench.compare.choosing import named
-from bench.records import MOST_DB, grouped, load_trade
+from bench.records import MOST_DB, Ceiling, Profile, TradeChoice, grouped, load_trade
 from reports.numbers import EXACT, NONE, fixed, integer, signed, significant
 from reports.table import Table
 from reports.text import fields_csv
@@ -49,7 +48,7 @@ _ABOVE = (
 )
 
 
-def _choices(material: str, rows: Sequence[dict[str, Any]], answers: list[str]) -> Table:
+def _choices(material: str, rows: Sequence[TradeChoice], answers: list[str]) -> Table:
     noisy = any("noise" in row or "noise_error" in row for row in rows)
     cells = [_choice(row) for row in rows]
     for row, line in zip(rows, cells, strict=True) if noisy else ():  # each by the cosine, and from lobes
@@ -64,21 +63,23 @@ def _choices(material: str, rows: Sequence[dict[str, Any]], answers: list[str]) 
     return Table("trade", f"{material}: gains and losses of each setting", headers, cells, notes, material=material)
 
 
-def _choice(row: dict[str, Any]) -> list[str]:
+def _choice(row: TradeChoice) -> list[str]:
     if "error" in row:
         return [named(row), *[NONE] * (len(_CHOICES) - 1)]
     quality, limit, fronts = [NONE] * 4, NONE, ""
     if "bytes" in row:  # else it is the floor
-        quality = [EXACT if row["psnr"] >= MOST_DB else fixed(row["psnr"], 2)]
+        psnr = row["psnr"]
+        quality = [EXACT if psnr is None or psnr >= MOST_DB else fixed(psnr, 2)]
         quality += [EXACT if row["worst"] is None else fixed(row["worst"], 2), fixed(row["flip"], 3)]
         quality += [integer(row["bytes"])]
         limit = fixed(100 * row["of_limit"], 1) + (" *" if row["of_limit"] > 1 else "")
-        fronts = ", ".join(word for word, key in (("speed", "fastest"), ("rate", "smallest")) if row[key])
+        on = [word for word, best in (("speed", row["fastest"]), ("rate", row["smallest"])) if best]
+        fronts = ", ".join(on)
     time = [significant(row["ns_per_sample"]), significant(row["ratio_to_floor"])]
     return [named(row), *quality, *time, " to ".join(map(significant, row["ratio_interval95"])), limit, fronts or NONE]
 
 
-def _noise_notes(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+def _noise_notes(rows: Sequence[TradeChoice]) -> Iterator[str]:
     for scene in dict.fromkeys(row["noise"]["scene"] for row in rows if "noise" in row):
         yield (
             f"1 % noise: samples a pixel in a picture by Mitsuba ({scene}), light directions drawn by the cosine, and "
@@ -87,7 +88,7 @@ def _noise_notes(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     yield from (f"{named(row)}: noise was not measured: {row['noise_error']}." for row in rows if "noise_error" in row)
 
 
-def _conditions(rows: Sequence[dict[str, Any]]) -> str:
+def _conditions(rows: Sequence[TradeChoice]) -> str:
     timed = next((row for row in rows if "batch" in row), None)
     if timed is None:
         return "Nothing could be timed."
@@ -98,13 +99,13 @@ def _conditions(rows: Sequence[dict[str, Any]]) -> str:
     )
 
 
-def _stability(material: str, rows: Sequence[dict[str, Any]]) -> Table:
+def _stability(material: str, rows: Sequence[TradeChoice]) -> Table:
     """What each execution and precision changes of the answers of eager float32, and its time."""
     plain = {row["label"]: row["psnr"] for row in rows if named(row) == row["label"] and "psnr" in row}
     cells = []
     for row in rows:
         if "from_float32" in row:
-            apart, gained = row["from_float32"], row["psnr"] - plain[row["label"]]
+            apart, gained = row["from_float32"], (row["psnr"] or 0.0) - (plain[row["label"]] or 0.0)
             cells.append([named(row), significant(row["ratio_to_floor"]), EXACT if apart is None else fixed(apart, 1)])
             cells[-1] += [signed(gained), fixed(row["flip"], 3)]
     note = (
@@ -120,7 +121,7 @@ def _stability(material: str, rows: Sequence[dict[str, Any]]) -> Table:
 _CONDITION = ("part", "batch", "coherent", "footprint", "threads")
 
 
-def _profile(material: str, records: Sequence[dict[str, Any]]) -> Table:
+def _profile(material: str, records: Sequence[Profile]) -> Table:
     """ns a sample: a row a condition, a column a codec."""
     names = list(dict.fromkeys(record["name"] for record in records))
     rows = []
@@ -138,7 +139,7 @@ def _profile(material: str, records: Sequence[dict[str, Any]]) -> Table:
     return Table("trade", title, headers, rows, [note], material=material)
 
 
-def _ceilings(ceilings: Sequence[dict[str, Any]], left_out: Sequence[str]) -> Table:
+def _ceilings(ceilings: Sequence[Ceiling], left_out: Sequence[str]) -> Table:
     headers = [("device", ""), ("threads", ""), ("numbers", ""), ("multiply-add", "Gflop/s"), ("copy", "GB/s")]
     rows = [
         [c["device"], str(c["threads"]), c["dtype"], significant(c["flops_per_ns"]), significant(c["bytes_per_ns"])]

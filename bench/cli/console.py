@@ -83,7 +83,7 @@ class Console:
         record = outcome.record
         if record["status"] == "ok":
             psnr = stats_of(record, PSNR)["mean"]
-            shown = "exact" if psnr >= MOST_DB else f"{psnr:.2f} dB"
+            shown = "exact" if psnr is None or psnr >= MOST_DB else f"{psnr:.2f} dB"
             reused = {"record": "cached", "file": "scored again from the cached file"}.get(outcome.cached)
             how = reused or f"fitted in {record['fit_seconds']:.1f} processor s"
             line = f"{record['job']}: {shown}, {record['bytes']['total']:,} bytes, {how}"

@@ -8,15 +8,15 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from bench.codecs.registry import current_versions, from_outside
-from bench.records import Record, scored_unlike, shown_label
+from bench.records import FitKey, Job, ScoreKey, scored_unlike, shown_label
 
 
-def stale(job: Record) -> str:
+def stale(job: Job) -> str:
     """How a job's versions differ from the installed ones, in words; "" if they agree or are not known."""
-    return _differences(job.get("fit_key", {}), current_versions(*_recipe_of(job)))
+    return _differences(job.get("fit_key", FitKey()), current_versions(*_recipe_of(job)))
 
 
-def obstacles(jobs: Iterable[Record], published: Collection[str] = ()) -> dict[str, str]:
+def obstacles(jobs: Iterable[Job], published: Collection[str] = ()) -> dict[str, str]:
     """By name of job, why its numbers cannot stand beside those of newer jobs; jobs that can are left out.
 
     Where some jobs are `published`, they say which data and pairs a material has, whatever newer jobs have.
@@ -43,12 +43,12 @@ def obstacles(jobs: Iterable[Record], published: Collection[str] = ()) -> dict[s
     return found
 
 
-def _recipe_of(job: Record) -> tuple[str, str]:
+def _recipe_of(job: Job) -> tuple[str, str]:
     """The codec of a job and its recipe, which may have a version of its own; "" without recipes."""
     return str(job.get("codec", "")), str(job.get("settings", {}).get("recipe", ""))
 
 
-def row_of(job: Record) -> tuple[Any, ...]:
+def row_of(job: Job) -> tuple[Any, ...]:
     """The row that a job and its other seeds share."""
     return job["material"], shown_label(job)
 
@@ -59,7 +59,7 @@ def _differences(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> str:
     return ", ".join(f"{names[key]} version {mine.get(key)} instead of {theirs[key]}" for key in differ)
 
 
-def _scored(key: Record, newest: Record) -> list[str]:
+def _scored(key: ScoreKey, newest: ScoreKey) -> list[str]:
     """The conditions in which two scores differ although they must agree."""
     reasons = scored_unlike(key, newest)
     reasons += ["another demand"] if key.get("demand") != newest.get("demand") else []

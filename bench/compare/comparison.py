@@ -16,7 +16,7 @@ from statistics import fmean
 from bench.compare.rows import ORDER, ComparedRow, advice, compared, multiples, worst
 from bench.compare.verdicts import DECIDED, Chance, Change, Verdict, verdict
 from bench.inputs.errors import FAILED, FINE, NO, NOTHING, InputError, did_you_mean, visible
-from bench.records import Record, Run, by_row, grouped, require
+from bench.records import Job, Run, RunStart, by_row, grouped, require
 
 FORBIDDEN = (Verdict.WORSE, Verdict.GONE, Verdict.FAILED, Verdict.UNLIKE)
 
@@ -71,7 +71,7 @@ def compare(
     Raises `InputError` for a name that neither has, for a damaged base, and for a job that lacks a needed field.
     """
 
-    def wanted(job: Record) -> bool:
+    def wanted(job: Job) -> bool:
         return (not materials or job["material"] in materials) and (not codecs or _codec(job) in codecs)
 
     check_whole(base)
@@ -148,22 +148,22 @@ def _together(changes: list[Change], weights: list[float]) -> Chance | None:
     return Chance(math.sqrt(total * chosen), freedom)
 
 
-def _renamed(before: list[Record], after: list[Record]) -> list[Record]:
+def _renamed(before: list[Job], after: list[Job]) -> list[Job]:
     """The jobs of `before`; a label that `after` lacks is replaced by its label for equal settings."""
     known = {(job["material"], job["label"]) for job in after}
     same = {_identity(job): job["label"] for job in after if job["status"] == "ok"}
     renamed = []
     for job in before:
         lacks = job["status"] == "ok" and (job["material"], job["label"]) not in known
-        renamed.append(job | {"label": same.get(_identity(job), job["label"])} if lacks else job)
+        renamed.append({**job, "label": same.get(_identity(job), job["label"])} if lacks else job)
     return renamed
 
 
-def _identity(job: Record) -> tuple[str, ...]:
+def _identity(job: Job) -> tuple[str, ...]:
     return job["material"], _codec(job), json.dumps(job["fit_key"]["settings"], sort_keys=True)
 
 
-def _codec(job: Record) -> str:
+def _codec(job: Job) -> str:
     """The codec's name; an unavailable job has it only in its label."""
     name: str = job["label"].split()[0]
     return name
@@ -200,8 +200,8 @@ def _notes(base: Run, new: Run, rows: list[ComparedRow]) -> Iterator[str]:
         )
 
 
-def _conditions(start: Record) -> dict[str, object]:
-    every = {"torch": start.get("packages", {}).get("torch")} | start.get("machine", {}) | start
+def _conditions(start: RunStart) -> dict[str, object]:
+    every = {"torch": start.get("packages", {}).get("torch"), **start.get("machine", {}), **start}
     return {name: every.get(name) for name in ("torch", "processor", "capability", "device", "threads")}
 
 

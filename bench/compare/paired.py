@@ -21,7 +21,7 @@ from bench.btf import Array
 from bench.files.archive import MAX_FILE, read_arrays
 from bench.inputs.errors import InputError
 from bench.metrics.psnr import psnr
-from bench.records import MOST_DB, PSNR, Record, Run, deciding_group, grouped, shown_label
+from bench.records import MOST_DB, PSNR, Job, Run, deciding_group, grouped, shown_label
 
 AGAINST = "neubtf-direct"  # the codec that others are compared with, named before anything was measured
 FEWEST = 3  # materials on which codecs may be told apart
@@ -29,7 +29,7 @@ FALSE = 0.05  # the largest chance that a table of equal codecs tells any of the
 DRAWS = 2000
 SEED = 0
 
-Slices = Callable[[Record], Array | None]  # the PSNR (n,) of each slice of a job
+Slices = Callable[[Job], Array | None]  # the PSNR (n,) of each slice of a job
 
 
 @dataclass(frozen=True)
@@ -77,14 +77,14 @@ def against(run: Run, first: str, others: Iterable[str]) -> Against:
     for label in (first, *others):
         if label not in known:
             raise InputError(f"against {label!r}: the run has no such label: it has {'; '.join(known)}")
-    jobs: dict[str, dict[tuple[str, int], Record]] = {first: {}, **{label: {} for label in others}}
+    jobs: dict[str, dict[tuple[str, int], Job]] = {first: {}, **{label: {} for label in others}}
     for job in run.jobs:
         if job["status"] == "ok" and (label := shown_label(job)) in jobs:
             jobs[label][job["material"], job["seed"]] = job
     return against_jobs(run.folder, first, jobs)
 
 
-def against_jobs(folder: Path, first: str, jobs: Mapping[str, Mapping[tuple[str, int], Record]]) -> Against:
+def against_jobs(folder: Path, first: str, jobs: Mapping[str, Mapping[tuple[str, int], Job]]) -> Against:
     """The same for any jobs, which are given by name, then by material and seed."""
     ours = jobs[first]
     read = cache(lambda *key: decibels(folder, ours[key]))
@@ -110,14 +110,14 @@ def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
     return {label: replace(each, apart=label in told) for label, each in over.items()}
 
 
-def between(base: Run, before: Iterable[Record], new: Run, after: Iterable[Record]) -> Interval | None:
+def between(base: Run, before: Iterable[Job], new: Run, after: Iterable[Job]) -> Interval | None:
     """The mean difference of the jobs of a row in two runs, seed by seed."""
     theirs = {job["seed"]: job for job in after}
     pairs = [(job, theirs[job["seed"]]) for job in before if job["seed"] in theirs]
     return interval(_cells(pairs, partial(decibels, base.folder), partial(decibels, new.folder)))
 
 
-def _cells(pairs: Iterable[tuple[Record, Record]], ours_of: Slices, theirs_of: Slices) -> list[Cell]:
+def _cells(pairs: Iterable[tuple[Job, Job]], ours_of: Slices, theirs_of: Slices) -> list[Cell]:
     """The differences of the slices of each two jobs, if they were scored at the same pairs of the same data."""
     cells = []
     for job, other in pairs:
@@ -176,7 +176,7 @@ def _drawn(counts: tuple[int, ...], seeds: int, draws: int) -> tuple[list[Array]
     return shares, rng.integers(0, seeds, (seeds, draws))
 
 
-def decibels(folder: Path, job: Record) -> Array | None:
+def decibels(folder: Path, job: Job) -> Array | None:
     """The PSNR (n,) in dB of each slice of the pairs that decide, in the order of the BTF, at most `MOST_DB`.
 
     It is read from the file beside the record, or from a reference, which stores it packed; None if it is in neither.

@@ -4,9 +4,10 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import cast
 
 from bench.metrics import PERIODIC, in_decibels, metric_of
-from bench.records import FLIP, MOST_DB, PSNR, Record, deciding_group, metrics_of
+from bench.records import FLIP, MOST_DB, PSNR, Job, Statistics, deciding_group, metrics_of
 
 FOOTPRINTS = "footprints"  # used in place of a metric's name
 MAIN = "PSNR"  # the mean over slices, which tables rank by
@@ -32,16 +33,19 @@ class Quantity:
     unit: str
     better: str  # "higher" or "lower"
     digits: int
-    value: Callable[[Record], float | None]
+    value: Callable[[Job], float | None]
     tolerance: Tolerance | None = None
     metric: str = ""  # the full name of the metric whose version must agree
     decibels: bool = False  # whether `MOST_DB` and more is written as "exact"
 
-    def version(self, job: Record) -> object:
+    def version(self, job: Job) -> object:
         """The version of the metric that measured this in a job; None if it was not measured."""
         if self.metric == FOOTPRINTS:
             return job["score_key"].get(FOOTPRINTS, 1) if self.value(job) is not None else None
-        return job["metrics"].get(self.metric, {}).get("version") if self.metric else 0
+        if not self.metric:
+            return 0
+        described = job["metrics"].get(self.metric)
+        return described["version"] if described else None
 
     @property
     def scale(self) -> str:
@@ -68,7 +72,7 @@ BY_SLICE = replace(DECIBELS, chance=0.001)
 DIFFERENCE = Tolerance(certain=0.0005, drawn=0.003, one_seed=0.005, common=0.0015)  # of FLIP
 
 
-def deciding(job: Record) -> list[Quantity]:
+def deciding(job: Job) -> list[Quantity]:
     """The quantities that decide a verdict: parameters, bytes, and PSNR and FLIP of held-out pairs.
 
     PSNR is a mean over slices: of all pairs, at grazing directions, over footprints; and of training pairs, which
@@ -92,7 +96,7 @@ def deciding(job: Record) -> list[Quantity]:
     return quantities
 
 
-def undeciding(job: Record) -> list[Quantity]:
+def undeciding(job: Job) -> list[Quantity]:
     """The other numbers of quality and size in a record, which are shown and do not decide."""
     group, names = deciding_group(job["scores"]), metrics_of(job)
     psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)
@@ -105,10 +109,10 @@ def undeciding(job: Record) -> list[Quantity]:
     return quantities + [_part(part) for part in ("decoder", "texture") if part in job["bytes"]]
 
 
-def _metric(job: Record, metric: str, group: str, name: str, digits: int, limit: Tolerance | None = None) -> Quantity:
+def _metric(job: Job, metric: str, group: str, name: str, digits: int, limit: Tolerance | None = None) -> Quantity:
     described, decibels = job["metrics"][metric], in_decibels(metric)
 
-    def value(job: Record) -> float | None:
+    def value(job: Job) -> float | None:
         stats = metrics_of(job, group).get(metric)
         return _number(stats, stats.get("pooled"), decibels) if stats else None
 
@@ -119,14 +123,14 @@ def _metric(job: Record, metric: str, group: str, name: str, digits: int, limit:
 def _mean(name: str, metric: str, groups: list[str], tolerance: Tolerance) -> Quantity:
     """The mean PSNR of slices, averaged over groups; a few slices do not dominate it, so it scatters less."""
 
-    def value(job: Record) -> float | None:
+    def value(job: Job) -> float | None:
         stats = [each for group in groups if (each := metrics_of(job, group).get(metric)) and each.get("slices", 1)]
         return average([_number(each, each.get("mean")) for each in stats])
 
     return Quantity(name, "dB", "higher", 2, value, tolerance, metric, decibels=True)
 
 
-def _footprints(job: Record) -> float | None:
+def _footprints(job: Job) -> float | None:
     """The mean over footprints above one texel of the mean over slices, or of the pooled PSNR in older records."""
     sides = {side: stats for side, stats in job.get("footprints", {}).items() if side != "1"}
     return average([_number(stats, stats["mean" if "mean" in stats else PSNR]) for stats in sides.values()])
@@ -140,16 +144,20 @@ def average(values: Sequence[float | None]) -> float | None:
     return math.fsum(finite) / len(finite) if (finite := [v for v in known if math.isfinite(v)]) else math.inf
 
 
-def _footprint(side: str, job: Record) -> float | None:
+def _footprint(side: str, job: Job) -> float | None:
     stats = job.get("footprints", {}).get(side)
     return _number(stats, stats.get(PSNR)) if stats else None
 
 
 def _part(part: str) -> Quantity:
-    return Quantity(f"{part} bytes", "", "lower", 0, lambda job: job["bytes"].get(part))
+    def value(job: Job) -> float | None:
+        sizes = dict(job["bytes"])
+        return cast(int | None, sizes.get(part))
+
+    return Quantity(f"{part} bytes", "", "lower", 0, value)
 
 
-def _number(stats: Record, pooled: float | None, decibels: bool = True) -> float | None:
+def _number(stats: Statistics, pooled: float | None, decibels: bool = True) -> float | None:
     """The pooled number; infinite decibels if no slice has an error; None if nothing was measured."""
     exact = pooled is None and decibels and stats.get("slices") and stats.get("exact") == stats.get("slices")
     return math.inf if exact else pooled

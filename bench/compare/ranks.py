@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.metrics import stats_of
-from bench.records import PSNR, Record
+from bench.records import PSNR, Job
 
 ALPHA = 0.05
 SAME_DB = 0.005  # tables do not show a smaller difference, so such codecs share a rank
-Jobs = Mapping[str, Mapping[str, Sequence[Record]]]  # the jobs of each material and label, one a seed
+Jobs = Mapping[str, Mapping[str, Sequence[Job]]]  # the jobs of each material and label, one a seed
 
 
 class Ranks(NamedTuple):
@@ -69,7 +69,7 @@ def standings(cells: Jobs) -> list[Standing]:
     return sorted(every, key=lambda each: (each.rank is None, each.rank, -each.psnr))
 
 
-def _qualities(codecs: Mapping[str, Sequence[Record]]) -> dict[str, float]:
+def _qualities(codecs: Mapping[str, Sequence[Job]]) -> dict[str, float]:
     """The mean over seeds of the mean PSNR of slices by label; absent where none was measured."""
     means = {label: [stats_of(job, PSNR).get("mean") for job in jobs] for label, jobs in codecs.items()}
     known = {label: [value for value in values if value is not None] for label, values in means.items()}

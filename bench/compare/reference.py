@@ -19,7 +19,20 @@ from bench.compare.quantities import MAIN, deciding
 from bench.compare.verdicts import FEW_SEEDS, agree, smallest_loss
 from bench.inputs.errors import InputError
 from bench.metrics import metric_of, stats_of
-from bench.records import FLIP, PSNR, VALIDATION, Record, Run, by_row, deciding_group, kept, metrics_of
+from bench.records import (
+    FLIP,
+    PSNR,
+    VALIDATION,
+    Group,
+    Job,
+    Run,
+    Statistics,
+    Timing,
+    by_row,
+    deciding_group,
+    kept,
+    metrics_of,
+)
 
 
 def committed(suite: str) -> Path:
@@ -84,13 +97,13 @@ def seeds_of(run: Run) -> int:
     return len(_judged(run)) or len({job["seed"] for job in run.jobs})
 
 
-def _timings(run: Run, jobs: list[Record]) -> Iterator[Record]:
+def _timings(run: Run, jobs: list[Job]) -> Iterator[Timing]:
     starts = {start["run"]: str(i) for i, start in enumerate(run.starts, 1)}
     for timing in filter(None, map(run.timing, jobs)):
         yield rounded(kept(timing, records.REFERENCE)) | {"run": starts.get(timing["run"], timing["run"])}
 
 
-def _seeds_to_keep(jobs: list[Record], before: list[Record]) -> Iterator[Record]:
+def _seeds_to_keep(jobs: list[Job], before: list[Job]) -> Iterator[Job]:
     """The jobs of `before` whose seeds are missing now, from rows whose other jobs are identical."""
     now = {job["job"]: job for job in jobs}
     for jobs in by_row(before).values():
@@ -99,7 +112,7 @@ def _seeds_to_keep(jobs: list[Record], before: list[Record]) -> Iterator[Record]
             yield from (job for job in jobs if job["job"] not in now)
 
 
-def _in_order(every: Iterable[Record]) -> list[Record]:
+def _in_order(every: Iterable[Job]) -> list[Job]:
     """The jobs by material and label, both in the order of first appearance, then by seed."""
     jobs = list(every)
     materials, labels = (list(dict.fromkeys(job[name] for job in jobs)) for name in ("material", "label"))
@@ -114,7 +127,7 @@ def _judged(run: Run) -> set[int]:
         return set()
 
 
-def _reduced(job: Record, folder: Path, whole: bool) -> Record:
+def _reduced(job: Job, folder: Path, whole: bool) -> Job:
     """A job's line; if not `whole`, only the numbers that decide."""
     line = kept(job, records.REFERENCE)
     decides, names = deciding_group(job["scores"]), list(metrics_of(job))
@@ -134,14 +147,14 @@ def _reduced(job: Record, folder: Path, whole: bool) -> Record:
     return rounded(line)
 
 
-def _shorter(metrics: Record, names: list[str], pooled: bool) -> Record:
+def _shorter(metrics: dict[str, Statistics], names: list[str], pooled: bool) -> Group:
     """The pooled numbers, and for PSNR also the mean over slices, or only that."""
     of_psnr = ("pooled", "mean") if pooled else ("mean",)
     wanted = {name: of_psnr if name == PSNR else ("pooled",) for name in names if name in metrics}
     return {"metrics": {name: _short(metrics[name], *numbers) for name, numbers in wanted.items()}}
 
 
-def _short(stats: Record, *numbers: str) -> Record:
+def _short(stats: Statistics, *numbers: str) -> Statistics:
     """The numbers; if one is missing, also the fields that tell whether it is exact or was never measured."""
     known = {name: stats[name] for name in numbers if name in stats}
     return known if None not in known.values() else known | {key: stats[key] for key in ("exact", "slices")}
@@ -169,7 +182,7 @@ def published(run: Run) -> str:
     return "".join(json.dumps(rounded(line), allow_nan=False) + "\n" for line in lines)
 
 
-def published_job(job: Record, folder: Path) -> Record:
+def published_job(job: Job, folder: Path) -> Job:
     """The record of a job of a run's folder as it is published: without host, paths, tracebacks and home folders."""
     line = kept(job, records.RESULTS)
     if "error" in line:

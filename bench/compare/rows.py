@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from bench.compare.paired import between
 from bench.compare.quantities import MAIN, deciding, undeciding
 from bench.compare.verdicts import Change, Verdict, agree, fitted_unlike, judge, one_file, other_settings, unlike
-from bench.records import CONDITIONS, Record, Run, by_row, grouped
+from bench.records import CONDITIONS, Job, Run, Timing, by_row, grouped
 
 UNIT = "mean-colour"
 FACTOR = 1.25  # a smaller change of a ratio is not mentioned
@@ -48,7 +48,7 @@ def advice(base: Multiple | None, new: Multiple | None) -> Advice | None:
     return Advice(base, new) if base and new and base.conditions == new.conditions else None
 
 
-def multiples(jobs: Sequence[Record], timings: Sequence[Record]) -> dict[tuple[str, str], Multiple]:
+def multiples(jobs: Sequence[Job], timings: Sequence[Timing]) -> dict[tuple[str, str], Multiple]:
     """Times by row, (material, label). A time is divided by those of `mean-colour` taken in the same start of the run,
     because the speed of the machine may change between two starts; rows without such a time are left out.
     """
@@ -59,7 +59,7 @@ def multiples(jobs: Sequence[Record], timings: Sequence[Record]) -> dict[tuple[s
     return {row: multiple for row, multiple in multiples.items() if multiple}
 
 
-def _multiple(ours: list[Record], floors: list[Record]) -> Multiple | None:
+def _multiple(ours: list[Timing], floors: list[Timing]) -> Multiple | None:
     by_start = grouped(floors, lambda timing: timing["run"])
     floor = {start: sum(each["ns_per_sample"] for each in many) / len(many) for start, many in by_start.items()}
     ours = [timing for timing in ours if timing["run"] in floor]
@@ -129,7 +129,7 @@ def sentence(change: Change) -> str:
 
 
 def compared(
-    runs: tuple[Run, Run], before: list[Record], after: list[Record], declared: set[int], timing: Advice | None
+    runs: tuple[Run, Run], before: list[Job], after: list[Job], declared: set[int], timing: Advice | None
 ) -> ComparedRow:
     """The row of the jobs of base and new, of which one may be empty; `declared` are the seeds that new should have."""
     first = (before or after)[0]
@@ -157,7 +157,7 @@ def worst(changes: list[Change]) -> Verdict:
     return next(verdict for verdict in ORDER if any(change.verdict == verdict for change in changes))
 
 
-def _changes(runs: tuple[Run, Run], ours: list[Record], theirs: list[Record], base: list[Record]) -> list[Change]:
+def _changes(runs: tuple[Run, Run], ours: list[Job], theirs: list[Job], base: list[Job]) -> list[Change]:
     """The deciding numbers, judged; none if neither side has a score."""
     quantities = deciding(base[0])
     metrics = [quantity for quantity in quantities if quantity.metric]
@@ -169,7 +169,7 @@ def _changes(runs: tuple[Run, Run], ours: list[Record], theirs: list[Record], ba
     return [replace(each, interval=apart) if each.quantity.name == MAIN else each for each in changes]
 
 
-def _paired(base: list[Record], new: list[Record]) -> tuple[list[Record], list[Record]]:
+def _paired(base: list[Job], new: list[Job]) -> tuple[list[Job], list[Job]]:
     """The jobs of the seeds that both have; all jobs if they share no seed."""
     shared = {job["seed"] for job in base} & {job["seed"] for job in new}
     if not shared:
@@ -178,7 +178,7 @@ def _paired(base: list[Record], new: list[Record]) -> tuple[list[Record], list[R
     return ours, theirs
 
 
-def _unfinished(base: list[Record], after: list[Record], declared: set[int]) -> tuple[Verdict | None, str]:
+def _unfinished(base: list[Job], after: list[Job], declared: set[int]) -> tuple[Verdict | None, str]:
     """The verdict on a row whose jobs failed or vanished, and why."""
     if failed := [job for job in after if job["status"] == "failed"]:
         which = "the job" if len(failed) == 1 else f"{len(failed)} jobs"

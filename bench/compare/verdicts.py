@@ -21,7 +21,7 @@ from statistics import fmean, stdev
 
 from bench.compare.paired import Interval
 from bench.compare.quantities import Quantity, Tolerance, average
-from bench.records import Record, scored_unlike
+from bench.records import Job, scored_unlike
 
 Values = Sequence[float | None]  # a number a seed; None where it was not measured
 AGREE = 0.1  # share of the tolerance: rounding may make the seeds of a deterministic codec differ by this much
@@ -92,7 +92,7 @@ class Chance:
 
 
 def judge(
-    quantity: Quantity, base: Sequence[Record], new: Sequence[Record], reference: Sequence[Record], draws: bool = False
+    quantity: Quantity, base: Sequence[Job], new: Sequence[Job], reference: Sequence[Job], draws: bool = False
 ) -> Change:
     """The verdict on one quantity of two comparable sets of jobs; `reference` holds all seeds of the base, and `draws`
     marks a random codec, even if the seeds of this quantity agree: see `agree`."""
@@ -121,19 +121,19 @@ def _unchanged(base: Values, new: Values) -> bool:
     return len(base) == len(new) and all(a == b or (a and b and math.isclose(a, b, rel_tol=1e-5)) for a, b in pairs)
 
 
-def _same_pairs(jobs: Sequence[Record]) -> bool:
+def _same_pairs(jobs: Sequence[Job]) -> bool:
     """Whether all seeds are scored at the same pairs."""
     return len({job["score_key"]["btf"] for job in jobs}) == 1
 
 
-def one_file(reference: Sequence[Record]) -> bool:
+def one_file(reference: Sequence[Job]) -> bool:
     """Whether seeds scored at different pairs are known to have given the same file: the codec is deterministic."""
     files = {job["score_key"].get("sha256") for job in reference}
     return not _same_pairs(reference) and len(files) == 1 and None not in files
 
 
 def _scatter_values(
-    quantity: Quantity, base: Sequence[Record], new: Sequence[Record], reference: Sequence[Record]
+    quantity: Quantity, base: Sequence[Job], new: Sequence[Job], reference: Sequence[Job]
 ) -> list[float | None]:
     """The numbers that measure scatter: those of all seeds or, if pairs differ too, the change of each seed."""
     if not quantity.metric or _same_pairs(reference):
@@ -148,7 +148,7 @@ def _difference(base: float | None, new: float | None) -> float | None:
     return 0.0 if base == new else new - base
 
 
-def agree(quantity: Quantity, base: Sequence[Record], new: Sequence[Record], reference: Sequence[Record]) -> bool:
+def agree(quantity: Quantity, base: Sequence[Job], new: Sequence[Job], reference: Sequence[Job]) -> bool:
     """Whether the seeds agree up to rounding, or all changed by the same amount: then the codec is deterministic."""
     tolerance, values = quantity.tolerance, _finite(_scatter_values(quantity, base, new, reference))
     if tolerance is None or len(values) < 2:
@@ -187,7 +187,7 @@ def margin(tolerance: Tolerance, known: Values, chance: Chance | None) -> float:
     return unit * tolerance.certain if chance is None else max(unit * tolerance.drawn, chance.margin(tolerance, unit))
 
 
-def smallest_loss(quantity: Quantity, jobs: Sequence[Record], count: int, draws: bool) -> float:
+def smallest_loss(quantity: Quantity, jobs: Sequence[Job], count: int, draws: bool) -> float:
     """The margin of `count` new seeds that scatter as these jobs do; see `judge` for `draws`."""
     assert quantity.tolerance is not None, "a deciding quantity has a tolerance"
     values = [quantity.value(job) for job in jobs]
@@ -201,7 +201,7 @@ def quantile(freedom: float, probability: float) -> float:
     return -float(stdtrit(freedom, probability))
 
 
-def fitted_unlike(base: Record, new: Record) -> str:
+def fitted_unlike(base: Job, new: Job) -> str:
     """Why the fits of two jobs are of different kinds: another version of the codec, or other training data."""
     mine, theirs = base["fit_key"], new["fit_key"]
     reasons = []
@@ -214,7 +214,7 @@ def fitted_unlike(base: Record, new: Record) -> str:
     return ", ".join(reasons)
 
 
-def unlike(base: Record, new: Record) -> str:
+def unlike(base: Job, new: Job) -> str:
     """Why no numbers of two jobs may be compared (unlike fits, other pairs or another exposure); "" if they may."""
     reasons = [fitted] if (fitted := fitted_unlike(base, new)) else []
     if base["fit_key"]["training"] == new["fit_key"]["training"]:  # else one reason says it all
@@ -222,14 +222,14 @@ def unlike(base: Record, new: Record) -> str:
     return ", ".join(reasons)
 
 
-def other_settings(base: Record, new: Record) -> str:
+def other_settings(base: Job, new: Job) -> str:
     """The settings in which two jobs differ, as text; the jobs are compared nevertheless."""
     mine, theirs = base["fit_key"]["settings"], new["fit_key"]["settings"]
     changed = [key for key in sorted({*mine, *theirs}) if mine.get(key) != theirs.get(key)]
     return ", ".join(f"{key} {mine.get(key, '—')} → {theirs.get(key, '—')}" for key in changed)
 
 
-def _obstacle(quantity: Quantity, base: Record, new: Record, before: Sequence[object], after: Sequence[object]) -> str:
+def _obstacle(quantity: Quantity, base: Job, new: Job, before: Sequence[object], after: Sequence[object]) -> str:
     versions = [quantity.version(job) for job in (base, new)]
     if versions[1] is None and versions[0] is not None:
         return f"{quantity.metric} is not measured any more"

@@ -17,7 +17,7 @@ from bench.conformance import emulated, stress
 from bench.conformance.check import STAGES, Check, CodecUnderTest, NotApplicable, more_steps
 from bench.conformance.stress.case import Measured, judged, short
 from bench.material import parameters
-from bench.records import Record, load_run
+from bench.records import Job, Stress, load_run
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def stress_reference() -> Path:
 
 
 @cache
-def _met() -> tuple[Record, ...]:
+def _met() -> tuple[Stress, ...]:
     return tuple(load_run(stress_reference()).stress) if stress_reference().is_file() else ()
 
 
@@ -107,7 +107,7 @@ def met_by_others(extreme: str) -> str:
     return f"; {count} built-in codecs to which it applies pass" if passed else ""
 
 
-def count(name: str) -> Record:
+def count(name: str) -> Job:
     """Count a codec's decoder in a file of the small material: `label`, `settings`, `parameters`, `cost` of a record.
 
     A codec with recipes is counted as published. A codec that is fitted in `steps` takes a small one, which changes no
@@ -123,5 +123,12 @@ def count(name: str) -> Record:
     with tempfile.TemporaryDirectory() as folder:
         material = CodecUnderTest(codec, Path(folder)).material
     label = f"{name} recipe=paper" if codec_class.recipes else name
-    counted = {"parameters": parameters(material), "cost": dataclasses.asdict(material.cost)}
-    return {"codec": name, "job": label, "label": label, "status": "ok", "settings": settings_dict(codec)} | counted
+    return {
+        "codec": name,
+        "job": label,
+        "label": label,
+        "status": "ok",
+        "settings": settings_dict(codec),
+        "parameters": parameters(material),
+        "cost": dataclasses.asdict(material.cost),
+    }

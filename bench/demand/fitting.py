@@ -28,7 +28,7 @@ from bench.demand.needed_part import NeededPart, pair_weights, shares_from_weigh
 from bench.material import Material
 from bench.metrics.display import display_error, exposure
 from bench.metrics.psnr import psnr
-from bench.records import MOST_DB
+from bench.records import MOST_DB, SceneModel
 
 EQUAL_DB = 0.2  # a scene model within this many dB of the full one counts as equally good
 OUTSIDE_PAIRS = 48  # how many pairs measure the error outside the scene
@@ -239,7 +239,7 @@ def held_out(btf: BTF, scorer: FrameScorer, material: Material) -> float | None:
     return float(np.average(values, weights=shares[used]))
 
 
-def rows(result: SearchResult, scorer: FrameScorer, threads: int, held: BTF) -> list[dict[str, Any]]:
+def rows(result: SearchResult, scorer: FrameScorer, threads: int, held: BTF) -> list[SceneModel]:
     """The costs and scores of the full model and the scene model, each as named numbers. `held` are the held-out pairs.
     Times are of whole queries of the scene in random order, the models in turns."""
     models = {"full": result.full} | ({"scene": result.scene} if result.scene else {})
@@ -248,10 +248,20 @@ def rows(result: SearchResult, scorer: FrameScorer, threads: int, held: BTF) -> 
     queries = [torch.from_numpy(column[order]).to(device) for column in scorer.demand.queries(size)]
     calls = {name: partial(model.material.query, *queries) for name, model in models.items()}
     timings = timing.in_turns(calls, len(order), size, threads, device)
-    table: list[dict[str, Any]] = []
+    table: list[SceneModel] = []
     for name, model in models.items():
-        row = {"model": name, "bytes": model.header.file_bytes, "ns": timings[name].summary()["ns_per_sample"]}
-        row |= {kept: getattr(model, kept) for kept in ("steps", "seconds", "psnr", "flip")}
-        row |= {"outside": outside(scorer, model.material), "held_out": held_out(held, scorer, model.material)}
-        table.append(row | {"settings": model.header.settings})
+        table.append(
+            {
+                "model": name,
+                "bytes": model.header.file_bytes,
+                "ns": timings[name].summary()["ns_per_sample"],
+                "steps": model.steps,
+                "seconds": model.seconds,
+                "psnr": model.psnr,
+                "flip": model.flip,
+                "outside": outside(scorer, model.material),
+                "held_out": held_out(held, scorer, model.material),
+                "settings": model.header.settings,
+            }
+        )
     return table

@@ -6,7 +6,6 @@ a pyramid of box filters: bilinear and periodic within the two levels around a f
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import torch
@@ -127,10 +126,15 @@ class FrameScorer:
             self.prepared[name] = [metric.prepare(picture, self.exposure) for picture in self.truth]
         return self.prepared[name]
 
-    def record(self, frames: Array) -> dict[str, Any]:
+    def record(self, frames: Array) -> records.Scene:
         """The fields of a job's record about the scene, from a material's frames (frames, H, W, 3), linear RGB."""
-        facts = {"name": self.demand.name, "queries": len(self.demand), "frames": list(self.demand.frames)}
-        return facts | {"exposure": self.exposure, "metrics": self.compare(frames)}
+        return {
+            "name": self.demand.name,
+            "queries": len(self.demand),
+            "frames": list(self.demand.frames),
+            "exposure": self.exposure,
+            "metrics": self.compare(frames),
+        }
 
     def pictures(self, frames: Array) -> dict[str, Array]:
         """A few frames, `truth` and `decoded`: small, display-transformed, 8 bit (at most `KEPT_FRAMES`, h, w, 3)."""

@@ -21,7 +21,7 @@ from bench.inputs.errors import InputError, did_you_mean
 from bench.inputs.plugins import PluginError, called, remedy
 from bench.metrics import outside
 from bench.metrics.description import PERIODIC, Metric
-from bench.records import Record, metrics_of
+from bench.records import Job, Statistics, metrics_of
 
 
 def _flip(kind: str, space: str, target: str, label: str, default: bool = False) -> Metric:
@@ -177,10 +177,10 @@ def direction_of(family: str) -> str:
     return next(metric.direction for metric in REGISTERED if (metric.family or metric.name) == family)
 
 
-def stats_of(job: Record, family: str, group: str = "") -> Record:
+def stats_of(job: Job, family: str, group: str = "") -> Statistics:
     """The statistics of a family's metric over a group, by default the deciding one; empty if there are none."""
     metrics = metrics_of(job, group)
-    stats: Record = metrics.get(metric_of(metrics, family), {})
+    stats: Statistics = metrics.get(metric_of(metrics, family), {})
     return stats
 
 

@@ -21,6 +21,7 @@ from bench.metrics.base import Picture, SliceMetric, check_radiance
 from bench.metrics.description import Metric
 from bench.metrics.display import display_error, exposure_of, sample
 from bench.metrics.psnr import DisplayPSNR, LogPSNR
+from bench.records import Group, Statistics
 
 Decode = Callable[[int], Array]
 
@@ -163,7 +164,7 @@ def _decoded(picture: Array, shape: tuple[int, ...], what: str) -> Array:
     return picture
 
 
-def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) -> dict[str, Any]:
+def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) -> dict[str, Group]:
     """Statistics of groups of pairs, ready for JSON.
 
     `wo` and `wi` are the BTF's directions (N, 3), `groups` indices of its pairs by name; pairs that were not scored
@@ -188,12 +189,12 @@ def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) ->
     return {name: _group(scores, chosen, wo, wi, loaded) for name, chosen in masks.items()}
 
 
-def weighted(scores: Scores, share: Array) -> dict[str, Any]:
+def weighted(scores: Scores, share: Array) -> Group:
     """Statistics of all scored pairs, weighted by their shares (N,), by pair of the BTF; ready for JSON. As a group of
     `summarise`, without bins and `worst`; `slices` and `exact` count pairs with a share."""
     share = share[scores.pairs]
     radiance = as_number(np.average(scores.radiance, weights=share)) if share.any() else None
-    result: dict[str, Any] = {"slices": int((share > 0).sum()), "radiance": radiance, "metrics": {}}
+    result: Group = {"slices": int((share > 0).sum()), "radiance": radiance, "metrics": {}}
     for name, raw in scores.raw.items():
         metric, some = registry.get(name).load(), ~np.isnan(raw) & (share > 0)
         stats = _weighted(metric, raw[some], share[some])
@@ -203,7 +204,7 @@ def weighted(scores: Scores, share: Array) -> dict[str, Any]:
     return result
 
 
-def _weighted(metric: SliceMetric, raw: Array, share: Array) -> dict[str, Any]:
+def _weighted(metric: SliceMetric, raw: Array, share: Array) -> Statistics:
     values = metric.values(raw)
     finite = np.isfinite(values)
     mean = float(np.average(values[finite], weights=share[finite])) if finite.any() else None
@@ -245,22 +246,20 @@ def footprint_errors(
     return {factor: np.array(squared) for factor, squared in errors.items()}
 
 
-def summarise_footprints(errors: dict[int, Array]) -> dict[str, dict[str, float | int | None]]:
+def summarise_footprints(errors: dict[int, Array]) -> dict[str, Statistics]:
     """The summary of `footprint_errors` for a record: of each footprint the display PSNR. {"1": {"psnr_display": pooled
     over pairs, "mean": over slices, "exact": …, "slices": …}, …}."""
-    summary: dict[str, dict[str, float | int | None]] = {}
+    summary: dict[str, Statistics] = {}
     for factor, raw in errors.items():
         stats = _statistics(DisplayPSNR(), raw)
         summary[str(factor)] = {"psnr_display": stats["pooled"]} | {k: stats[k] for k in ("mean", "exact", "slices")}
     return summary
 
 
-def _group(
-    scores: Scores, chosen: Array, wo: Array, wi: Array, loaded: dict[str, tuple[Metric, SliceMetric]]
-) -> dict[str, Any]:
+def _group(scores: Scores, chosen: Array, wo: Array, wi: Array, loaded: dict[str, tuple[Metric, SliceMetric]]) -> Group:
     pairs = scores.pairs[chosen]
     radiance = as_number(scores.radiance[chosen].mean()) if len(pairs) else None
-    result: dict[str, Any] = {"slices": len(pairs), "radiance": radiance, "metrics": {}, "bins": {}}
+    result: Group = {"slices": len(pairs), "radiance": radiance, "metrics": {}, "bins": {}}
     for name, (description, metric) in loaded.items():
         raw = scores.raw[name][chosen]
         stats = _statistics(metric, raw[~np.isnan(raw)])
@@ -278,7 +277,7 @@ def worst(values: Array) -> float | None:
     return float(np.sort(values)[: -(-len(values) // 10)].mean()) if len(values) else None
 
 
-def _statistics(metric: SliceMetric, raw: Array) -> dict[str, Any]:
+def _statistics(metric: SliceMetric, raw: Array) -> Statistics:
     values = metric.values(raw)
     finite = values[np.isfinite(values)]
     mean, spread = (float(finite.mean()), float(finite.std())) if len(finite) else (None, None)
@@ -286,7 +285,7 @@ def _statistics(metric: SliceMetric, raw: Array) -> dict[str, Any]:
     return {"mean": mean, "std": spread, "pooled": pooled} | _counts(metric, raw)
 
 
-def _counts(metric: SliceMetric, raw: Array) -> dict[str, Any]:
+def _counts(metric: SliceMetric, raw: Array) -> Statistics:
     return {"exact": int((raw == metric.perfect).sum()), "slices": len(raw)}
 
 

@@ -3,12 +3,25 @@
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal, Required, get_args, get_origin, get_type_hints, is_typeddict
+from typing import (
+    Any,
+    Literal,
+    NotRequired,
+    Required,
+    TypeVar,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+    is_typeddict,
+)
 
 from bench.inputs.errors import InputError
 from bench.records import kinds
 from bench.records.kinds import Each, Fields, Kind, Plain, Several
-from bench.records.schema import Job, Needed, Record, RunStart, Shown, Stress, Timing, Trade, Use
+from bench.records.schema import Job, Needed, RunStart, Shown, Stress, Timing, Trade, Use
+
+Kept = TypeVar("Kept", Job, RunStart, Timing, Stress)
 
 _MEASURED = ("scores", "metrics", "bytes", "parameters")  # the fields of a job that has a result
 _TIMED = ("ns_per_sample", "ratio_to_floor", "ratio_interval95", "batch", "threads")
@@ -21,11 +34,12 @@ def field_kind(hint: Any) -> Kind:
     marks = getattr(hint, "__metadata__", ())
     if known := next((mark for mark in marks if isinstance(mark, Kind)), None):
         return known
-    if marks or get_origin(hint) is Required:
+    if marks or get_origin(hint) in (Required, NotRequired):
         return field_kind(get_args(hint)[0])
     if is_typeddict(hint):
         each_kind = {name: field_kind(each) for name, each in get_type_hints(hint, include_extras=True).items()}
-        return Fields(each_kind, tuple(name for name in each_kind if name in hint.__required_keys__), hint)
+        must = {*hint.__required_keys__, *field_names(Use.MUST, hint)}
+        return Fields(each_kind, tuple(name for name in each_kind if name in must), hint)
     arguments = get_args(hint)
     match get_origin(hint):
         case kind if kind is Literal:
@@ -38,11 +52,6 @@ def field_kind(hint: Any) -> Kind:
         plain: Any = field_kind(arguments[0])
         return Plain(f"{plain.words} or null", lambda value: value is None or plain.test(value))
     return {bool: kinds.FLAG, Any: kinds.ANYTHING}[hint]
-
-
-FIELDS = {
-    name: field_kind(each) for name, each in {"run": RunStart, "job": Job, "timing": Timing, "stress": Stress}.items()
-}
 
 
 def fault(record: Mapping[str, Any]) -> str:
@@ -69,9 +78,10 @@ def fault_of(described: type, value: Any) -> str:
     return kinds.fault_of(field_kind(described), value)
 
 
-def kept(record: Record, use: Use) -> Record:
+def kept(record: Kept, use: Use) -> Kept:
     """The shorter form of a record: its fields and nested fields of that use, in the order of their descriptions."""
-    return _shortened(FIELDS[record["kind"]], record, use)
+    whole = cast(Mapping[str, Any], record)
+    return cast(Kept, _shortened(FIELDS[whole["kind"]], whole, use))
 
 
 def _shortened(kind: Kind, value: Any, use: Use) -> Any:
@@ -94,7 +104,7 @@ def shown_columns() -> dict[str, Shown]:
     return {path: mark for path, marks in _marks(Job) for mark in marks if isinstance(mark, Shown)}
 
 
-def require(job: Record, by: Literal["comparison", "tables", "verification"], folder: Path) -> None:
+def require(job: Job, by: Literal["comparison", "tables", "verification"], folder: Path) -> None:
     """Check that a job has the fields needed for a use. `InputError` names a missing field."""
     for path in _needed(by):
         value: Any = job
@@ -113,6 +123,11 @@ def _needed(by: str) -> list[str]:
 def _marks(described: Any) -> Iterator[tuple[str, tuple[Any, ...]]]:
     """The description of each field of a class, and of nested fields."""
     for name, hint in get_type_hints(described, include_extras=True).items():
-        while get_origin(hint) is Required:
+        while get_origin(hint) in (Required, NotRequired):
             hint = get_args(hint)[0]
         yield name, getattr(hint, "__metadata__", ())
+
+
+FIELDS = {
+    name: field_kind(each) for name, each in {"run": RunStart, "job": Job, "timing": Timing, "stress": Stress}.items()
+}

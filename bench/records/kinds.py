@@ -74,6 +74,7 @@ TEXT = Plain("a text", _is_text)
 NAME = Plain("a name", lambda value: _is_text(value) and bool(value.strip()))
 SIDE = Plain("a whole number > 0", lambda value: _is_count(value) and value > 0)
 DIGITS = Plain("64 hexadecimal digits", lambda value: _is_text(value) and bool(re.fullmatch("[0-9a-f]{64}", value)))
+DIRECTION = Plain("'higher' or 'lower'", lambda value: isinstance(value, str) and value in ("higher", "lower"))
 FLAG = Plain("true or false", lambda value: isinstance(value, bool))
 SETTING = Plain(
     "a finite number, a text, true or false",

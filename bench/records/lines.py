@@ -19,11 +19,11 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import wraps
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, overload
+from typing import Any, NamedTuple, TypeVar, cast, overload
 
 from bench.inputs.errors import InputError, writable
 from bench.records import fields
-from bench.records.schema import ARTEFACT, Record, setting_name
+from bench.records.schema import ARTEFACT, Job, Record, RunStart, Stress, Timing, Trade, setting_name
 
 Found = TypeVar("Found")
 
@@ -35,13 +35,16 @@ STRESS = "stress"  # the folder that `neubtf-bench stress` writes to, beside tho
 _SEALED = re.compile(rb'\{"crc32": "([0-9a-f]{8})", ')
 _NAMED = re.compile(rb'\{"crc32": "[0-9a-f]{8}", "kind": "(job|timing)", "job": ("(?:[^"\\]|\\.)*")[,}]')
 
+_NO_RECORD: Record = RunStart()  # empty
+
 _LONGEST_LINE = 16 << 20  # bytes; a record has a few thousand
 
 
 def append(folder: Path, record: Record) -> None:
     """Append one record to a run and sync it to disk. `InputError` if it cannot be written."""
-    head = {key: record[key] for key in ("kind", "job") if key in record}
-    text = json.dumps(head | dict(sorted(record.items())), allow_nan=False)[1:].encode()
+    content = dict(record)
+    head = {key: content[key] for key in ("kind", "job") if key in content}
+    text = json.dumps(head | dict(sorted(content.items())), allow_nan=False)[1:].encode()
     line = b'{"crc32": "%08x", %b\n' % (zlib.crc32(text), text)
     remedy = "make room, then give the same command again: finished work is kept"
     with writable(folder / FILE, remedy), open(folder / FILE, "ab", buffering=0) as file:
@@ -68,13 +71,13 @@ class Line(NamedTuple):
     text: bytes  # of the line
 
 
-class Records(Sequence[Record]):
+class Records(Sequence[Found]):
     """Records of one kind: the latest of each name, in the order in which the names were planned or appeared."""
 
-    def __init__(self, by_name: "Mapping[Any, Record | Line] | None" = None) -> None:
-        self._by_name: dict[object, Record | Line] = dict(by_name or {})
+    def __init__(self, by_name: "Mapping[Any, Found | Line] | None" = None) -> None:
+        self._by_name: dict[object, Found | Line] = dict(by_name or {})
 
-    def put(self, name: object, record: "Record | Line") -> None:
+    def put(self, name: object, record: "Found | Line") -> None:
         """Add a record, or its line, which is parsed on demand."""
         self._by_name[name] = record
 
@@ -83,26 +86,31 @@ class Records(Sequence[Record]):
         ordered = {name: self._by_name[name] for name in names if name in self._by_name}
         self._by_name = ordered | {name: record for name, record in self._by_name.items() if name not in ordered}
 
-    def latest(self, name: object) -> Record | None:
+    def latest(self, name: object) -> Found | None:
         """The latest record of a name, or None."""
         record = self._by_name.get(name)
         if isinstance(record, Line):
-            record = self._by_name[name] = _record_of(record)
+            record = self._by_name[name] = cast(Found, _record_of(record))
         return record
+
+    def _of(self, name: object) -> Found:
+        return self.latest(name) or cast(Found, {})
 
     def __len__(self) -> int:
         return len(self._by_name)
 
-    def __iter__(self) -> Iterator[Record]:
-        return (self.latest(name) or {} for name in self._by_name)
+    def __iter__(self) -> Iterator[Found]:
+        return map(self._of, self._by_name)
 
     @overload
-    def __getitem__(self, index: int) -> Record: ...
+    def __getitem__(self, index: int) -> Found: ...
     @overload
-    def __getitem__(self, index: slice) -> list[Record]: ...
-    def __getitem__(self, index: int | slice) -> Record | list[Record]:
+    def __getitem__(self, index: slice) -> list[Found]: ...
+    def __getitem__(self, index: int | slice) -> Found | list[Found]:
         names = list(self._by_name)[index]
-        return [self.latest(name) or {} for name in names] if isinstance(names, list) else self.latest(names) or {}
+        if isinstance(names, list):
+            return list(map(self._of, names))
+        return self._of(names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,23 +118,23 @@ class Run:
     """A run's folder: the latest record of each job and timing; jobs in the order of their suite."""
 
     folder: Path
-    starts: list[Record] = field(default_factory=list)
-    jobs: Records = field(default_factory=Records)
-    timings: Records = field(default_factory=Records)
-    stress: Records = field(default_factory=Records)
+    starts: list[RunStart] = field(default_factory=list)
+    jobs: Records[Job] = field(default_factory=Records)
+    timings: Records[Timing] = field(default_factory=Records)
+    stress: Records[Stress] = field(default_factory=Records)
     unreadable: list[int] = field(default_factory=list)  # line numbers, from 1
     published: set[str] = field(default_factory=set)  # of several runs: the jobs that stand in files of records
     views: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)  # what `view` keeps
 
-    def job(self, name: str) -> Record | None:
+    def job(self, name: str) -> Job | None:
         """The latest record of the job of that name."""
         return self.jobs.latest(name)
 
-    def timing(self, job: Record) -> Record | None:
+    def timing(self, job: Job) -> Timing | None:
         """The timing of a job's decoder; None if it was not timed."""
         return self.timings.latest(job["job"])
 
-    def setting_timing(self, job: Record) -> Record | None:
+    def setting_timing(self, job: Job) -> Timing | None:
         """The timing of a job's setting, apart from its surface; None if it was not measured."""
         cost = job.get("cost", {})
         return self.timings.latest(setting_name(job["label"], cost.get("flops_per_sample", 0)))
@@ -171,7 +179,7 @@ def load_run(folder: str | Path) -> Run:
 
 
 def load_together(
-    sources: Sequence[str | Path], wanted: Callable[[Record], bool] = lambda job: True, beside: bool = False
+    sources: Sequence[str | Path], wanted: Callable[[Job], bool] = lambda job: True, beside: bool = False
 ) -> Run:
     """Read several runs as one: folders of runs, files of records, and folders of such files (`*.jsonl`).
 
@@ -199,13 +207,11 @@ def load_together(
                 if beside and job["job"] in together.published and paths[number].suffix != ".jsonl":
                     aside.add(job["job"])
                     other = f"{job['job']}, other data of {run.folder.name}"
-                    together.jobs.put(other, job | {"job": other})
+                    together.jobs.put(other, {**job, "job": other})
                     continue
                 told = "was measured on other data in an earlier run: give fewer runs, or name the material otherwise"
                 raise InputError(f"{run.folder}: {job['job']} {told}")
-            names = [name for name in fields.field_names(ARTEFACT) if isinstance(job.get(name), str)]
-            artefacts = {name: str(run.folder.absolute() / job[name]) for name in names}
-            together.jobs.put(job["job"], job | artefacts)
+            together.jobs.put(job["job"], _with_whole_paths(job, run.folder.absolute()))
             if paths[number].suffix == ".jsonl":
                 together.published.add(job["job"])
         for timing in (each for each in run.timings if each["job"] not in aside):
@@ -214,19 +220,29 @@ def load_together(
     return together
 
 
+def _with_whole_paths(job: Job, folder: Path) -> Job:
+    """A job whose paths of files are absolute, since the runs of several folders are read as one."""
+    whole = dict(job)
+    for name in fields.field_names(ARTEFACT):
+        place = whole.get(name)
+        if isinstance(place, str):
+            whole[name] = str(folder / place)
+    return cast(Job, whole)
+
+
 def _files_of(source: Path) -> list[Path]:
     """The runs of a folder: its own, or the files of records in it."""
     one = source.suffix == ".jsonl" or (source / FILE).is_file()
     return [source] if one else sorted(source.glob("*.jsonl")) or [source]
 
 
-def load_trade(folder: Path) -> Record | None:
+def load_trade(folder: Path) -> Trade | None:
     """Read the measurements of `neubtf-bench trade`; None if it was not run. `InputError` for an unreadable file.
 
     Choices are left out if their codec files were fitted again since.
     """
     try:
-        trade: Record = json.loads((folder / TRADE).read_text(encoding="utf-8"))
+        trade: Trade = json.loads((folder / TRADE).read_text(encoding="utf-8"))
     except FileNotFoundError:
         return None
     except (OSError, ValueError, RecursionError) as error:
@@ -253,11 +269,16 @@ def _add_line(run: Run, line: Line) -> bool:
     record = _record_of(line)
     match record.get("kind"):
         case "run":
-            run.starts.append(record)
+            run.starts.append(cast(RunStart, record))
         case "stress":
-            run.stress.put((record["subject"], record["extreme"]), record)
-        case "job" | "timing" as kind:
-            (run.jobs if kind == "job" else run.timings).put(record["job"], record)
+            tried = cast(Stress, record)
+            run.stress.put((tried["subject"], tried["extreme"]), tried)
+        case "job":
+            job = cast(Job, record)
+            run.jobs.put(job["job"], job)
+        case "timing":
+            timing = cast(Timing, record)
+            run.timings.put(timing["job"], timing)
     return bool(record)
 
 
@@ -266,12 +287,12 @@ def _record_of(line: Line) -> Record:
     try:
         record = json.loads(line.text)
     except (ValueError, RecursionError):
-        return {}
+        return _NO_RECORD
     if not isinstance(record, dict) or not isinstance(record.get("kind"), str):
-        return {}
+        return _NO_RECORD
     record.pop("crc32", None)
     if (kind := record.get("kind")) not in fields.FIELDS or (kind in ("job", "timing") and "job" not in record):
-        return {}
+        return _NO_RECORD
     if fault := fields.fault(record):
         raise InputError(f"{line.path}, line {line.number}: {fault}: mend the line or remove it")
-    return record
+    return cast(Record, record)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from typing import Any, TypeVar
 
 from bench.records.fields import field_names
-from bench.records.schema import APART, Record, Timing
+from bench.records.schema import APART, Job, ScoreKey, Statistics, Timing
 
 PSNR, SSIM, FLIP, RMSE = "psnr_display", "ssim", "flip_ldr", "rmse_linear"  # families of metrics
 
@@ -26,7 +26,7 @@ _HEAD = ("material", "label", "codec", "seed", "job", "status")
 _LONGEST = 8  # a longer list does not become fields
 
 
-def scored_unlike(key: Record, other: Record) -> list[str]:
+def scored_unlike(key: ScoreKey, other: ScoreKey) -> list[str]:
     """Why no numbers of two jobs may be compared, by their score keys; empty if they may."""
     reasons = ["other data (their fingerprint differs)"] if key.get("btf") != other.get("btf") else []
     reasons += ["other held-out pairs"] if key.get("deciding") != other.get("deciding") else []
@@ -34,7 +34,7 @@ def scored_unlike(key: Record, other: Record) -> list[str]:
     return reasons + ([] if math.isclose(*exposures, rel_tol=SAME_EXPOSURE) else ["another exposure"])
 
 
-def shown_label(job: Record) -> str:
+def shown_label(job: Job) -> str:
     """The label of a job in tables: a codec with recipes gets "(our recipe)" for its default."""
     label = str(job.get("label", job["job"]))
     ours = job.get("settings", {}).get("recipe") == "ours" and "recipe=" not in label
@@ -44,7 +44,7 @@ def shown_label(job: Record) -> str:
 KINDS = ("measured", "path-traced", "rendered")  # of surfaces, in the order of what a claim on them is worth
 
 
-def kind_of(job: Record) -> str:
+def kind_of(job: Job) -> str:
     """The kind of a job's surface: what its data call it, or else one of `KINDS`: measured, path-traced with
     inter-reflections, or rendered by the suite itself."""
     provenance = job.get("provenance", {})
@@ -60,13 +60,13 @@ def kind_order(kind: str) -> int:
     return KINDS.index(kind) if kind in KINDS else len(KINDS)
 
 
-def by_kind(surfaces: Mapping[str, Record]) -> dict[str, list[str]]:
+def by_kind(surfaces: Mapping[str, Job]) -> dict[str, list[str]]:
     """The names of surfaces, of each of which a job is given, by kind, in the order of kinds."""
     found = grouped(surfaces, lambda name: kind_of(surfaces[name]))
     return {kind: found[kind] for kind in sorted(found, key=kind_order)}
 
 
-def pictures_are_free(job: Record) -> bool:
+def pictures_are_free(job: Job) -> bool:
     """Whether pictures of a job's surface may be published: what its data say, or else of all but measured ones."""
     return bool(job.get("provenance", {}).get("free", kind_of(job) != KINDS[0]))
 
@@ -84,24 +84,24 @@ def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list
     return groups
 
 
-def by_row(jobs: Iterable[Record]) -> dict[tuple[str, str], list[Record]]:
+def by_row(jobs: Iterable[Job]) -> dict[tuple[str, str], list[Job]]:
     """The jobs of each row of a table, by material and label."""
     return grouped(jobs, lambda job: (job["material"], job["label"]))
 
 
-def fitted_to_scene(job: Record) -> bool:
+def fitted_to_scene(job: Job) -> bool:
     """Whether a job's file was fitted to a scene. It answers for that scene alone, so its scores over the whole
     material rank it nowhere."""
     return bool(job.get("settings", {}).get("scene"))
 
 
-def metrics_of(job: Record, group: str = "") -> Record:
+def metrics_of(job: Job, group: str = "") -> dict[str, Statistics]:
     """The statistics of each metric over a group, by default the deciding one; empty if there are none."""
-    metrics: Record = job["scores"].get(group or deciding_group(job["scores"]), {}).get("metrics", {})
-    return metrics
+    scored = job["scores"].get(group or deciding_group(job["scores"]))
+    return scored["metrics"] if scored else {}
 
 
-def flattened(job: Record, timing: Record | None) -> Iterator[tuple[str, Any]]:
+def flattened(job: Job, timing: Timing | None) -> Iterator[tuple[str, Any]]:
     """Every number of a job and of its timing, by the path of its field: `bytes/total`, `timing/ns_per_sample`.
 
     Nothing is rounded. The fields that name the job (material, label, codec, seed, job, status) come first, settings as
@@ -120,7 +120,7 @@ def flattened(job: Record, timing: Record | None) -> Iterator[tuple[str, Any]]:
     yield from _flat("timing/", times, [])
 
 
-def _flat(prefix: str, values: Record, fields: list[tuple[str, Any]]) -> list[tuple[str, Any]]:
+def _flat(prefix: str, values: Mapping[str, Any], fields: list[tuple[str, Any]]) -> list[tuple[str, Any]]:
     """Add the fields to those found; nested generators would pass each number through every level."""
     for name, value in values.items():
         if isinstance(value, dict):

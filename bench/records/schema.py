@@ -1,22 +1,22 @@
 """The fields of every record: each states once its type, which shorter forms keep it, and how tables show it.
 
-A record is a dictionary; the classes here describe its kinds. Besides its type a field may state
+A record is a plain dictionary, of one of the classes here (docs/decisions/0096-records-are-typed-dictionaries.md).
+Functions say which class they take, so a wrong name of a field, or a wrong type, is found before the code runs; what
+comes from a file is checked by the same classes (`bench.records.fields`). Besides its type a field may state
 
 - its `Use`: the shorter forms of a record that keep it (`kept`), or that it names a file of the run's folder;
 - `Needed`: a comparison or a table requires it (`require`);
 - `Shown`: tables, the page and published results have a column of it.
 
 So a new number takes two edits: its measurement and its field. Fields that are not listed are free, but plain
-(`bench.records.kinds`); the shorter forms drop them. `bench.records.fields` reads these descriptions.
+(`bench.records.kinds`); the shorter forms drop them.
 """
 
 from enum import Flag, auto
-from typing import Annotated, Any, Literal, NamedTuple, Required, TypedDict
+from typing import Annotated, Any, Literal, NamedTuple, NotRequired, Required, TypedDict
 
 from bench.records import kinds
 from bench.records.kinds import Several
-
-Record = dict[str, Any]
 
 
 class Use(Flag):
@@ -28,9 +28,10 @@ class Use(Flag):
     CLAIM = auto()  # compared when a submitted record is verified
     ARTEFACT = auto()  # names a file of the run's folder
     APART = auto()  # not in the table of all numbers: it names the row, or has its own form
+    MUST = auto()  # a record without it is refused; a record that is still being built may lack it
 
 
-REFERENCE, RESULTS, NAMES, CLAIM, ARTEFACT, APART = Use
+REFERENCE, RESULTS, NAMES, CLAIM, ARTEFACT, APART, MUST = Use
 PUBLISHED = REFERENCE | RESULTS
 
 
@@ -60,13 +61,13 @@ Pair = Annotated[list[float], Several(kinds.NUMBER, 2)]
 Statistics = dict[str, Number | None]
 
 
-class Metric(TypedDict, total=False):
-    """A metric, as the record's tables show it."""
+class MetricFacts(TypedDict, total=False):
+    """What tables say of a metric with its numbers."""
 
-    unit: Required[Annotated[Text, PUBLISHED]]
-    direction: Required[Annotated[Literal["higher", "lower"], PUBLISHED]]
+    unit: Annotated[Text, PUBLISHED, MUST]
+    direction: Annotated[str, kinds.DIRECTION, PUBLISHED, MUST]
     space: Annotated[Text, RESULTS]
-    version: Required[Annotated[Count, PUBLISHED]]
+    version: Annotated[Count, PUBLISHED, MUST]
 
 
 class Group(TypedDict, total=False):
@@ -75,6 +76,7 @@ class Group(TypedDict, total=False):
     slices: Count
     radiance: Number | None
     metrics: Required[dict[str, Statistics]]
+    bins: Any  # kept in a file of its own
 
 
 class Point(TypedDict, total=False):
@@ -93,17 +95,24 @@ class FitKey(TypedDict, total=False):
     store: Annotated[Count, PUBLISHED]  # version of the store of textures
     settings: Annotated[dict[str, Setting], PUBLISHED | CLAIM]
     training: Annotated[Any, PUBLISHED | CLAIM]
+    seed: Count
+    threads: Count
     device: Annotated[Text, RESULTS]  # the kind that it was fitted on
     torch: Annotated[Any, RESULTS]
     code: Annotated[Any, RESULTS]
     libraries: Annotated[dict[str, Text | None], RESULTS]
     shared: Annotated[Any, RESULTS | CLAIM]
+    programs: Text  # of a codec that is two programs: a digest of them
+    demand: Text  # of the scene that it was fitted to
+    uniform: Number
 
 
 class ScoreKey(TypedDict, total=False):
     """Everything that scores depend on, besides the file."""
 
     sha256: Annotated[Text, RESULTS | CLAIM]
+    code: Text
+    scored: Count  # pairs, where not all are
     btf: Annotated[Text, PUBLISHED | CLAIM]
     exposure: Annotated[Number, PUBLISHED | CLAIM]
     metrics: Annotated[dict[str, Count], RESULTS | CLAIM]
@@ -113,7 +122,7 @@ class ScoreKey(TypedDict, total=False):
 
 
 class Bytes(TypedDict, total=False):
-    """The size of a file by part, and of the file of a network that it shares with others."""
+    """The size of a file by part, and of the file of a network that it shares with others; empty without a file."""
 
     decoder: Count
     texture: Count
@@ -121,7 +130,8 @@ class Bytes(TypedDict, total=False):
     sampling: Count
     other: Count
     header: Count
-    total: Required[Count]
+    shared: Count
+    total: Annotated[Count, MUST]
 
 
 class Provenance(TypedDict, total=False):
@@ -142,6 +152,7 @@ class Machine(TypedDict, total=False):
     """The machine of a job or a run; published without the host's name."""
 
     host: Setting | None
+    system: Setting | None
     processor: Annotated[Setting | None, PUBLISHED]
     capability: Annotated[Setting | None, PUBLISHED]
     cores: Annotated[Setting | None, RESULTS]
@@ -160,6 +171,7 @@ class Scene(TypedDict):
     name: Text
     queries: Count
     frames: Annotated[list[int], Several(kinds.COUNT, 3)]
+    exposure: NotRequired[Number]
     metrics: Statistics
 
 
@@ -169,13 +181,13 @@ class Job(TypedDict, total=False):
     kind: Annotated[Text, PUBLISHED | NAMES | APART]
     job: Annotated[Text, PUBLISHED | NAMES | APART]
     run: Annotated[Text, RESULTS | NAMES | APART, Needed("tables"), Needed("verification")]
-    material: Required[Annotated[Name, PUBLISHED | NAMES | APART]]
+    material: Annotated[Name, PUBLISHED | NAMES | APART, MUST]
     codec: Annotated[Name, RESULTS | NAMES | APART, Needed("tables"), Needed("verification")]
-    label: Required[Annotated[Name, PUBLISHED | NAMES | APART]]
+    label: Annotated[Name, PUBLISHED | NAMES | APART, MUST]
     curve: Annotated[Name, RESULTS | NAMES, Needed("verification")]
-    seed: Required[Annotated[Count, PUBLISHED | NAMES | APART]]
+    seed: Annotated[Count, PUBLISHED | NAMES | APART, MUST]
     split: Annotated[Text, RESULTS | CLAIM]
-    status: Required[Annotated[Literal["ok", "failed", "unavailable"], PUBLISHED | APART]]
+    status: Annotated[Literal["ok", "failed", "unavailable"], PUBLISHED | APART, MUST]
     error: Annotated[Text, RESULTS]
     traceback: Annotated[Text, APART]
     shape: Annotated[list[int], Several(kinds.COUNT, 2), RESULTS | CLAIM | APART, Needed("tables")]
@@ -186,7 +198,7 @@ class Job(TypedDict, total=False):
     parameters: Annotated[Count | None, PUBLISHED | CLAIM]
     resident: Annotated[Count | None, RESULTS]
     cost: Annotated[dict[str, Count], RESULTS | CLAIM, Needed("tables", ("texture_channels",))]
-    metrics: Annotated[dict[str, Metric], PUBLISHED | CLAIM | APART]
+    metrics: Annotated[dict[str, MetricFacts], PUBLISHED | CLAIM | APART]
     scores: Annotated[dict[str, Group], CLAIM]
     footprints: Annotated[dict[str, Statistics], RESULTS | CLAIM]
     scene: Annotated[Scene, RESULTS]
@@ -226,9 +238,9 @@ class Timing(TypedDict, total=False):
 
     kind: Annotated[Text, PUBLISHED | APART]
     job: Annotated[Text, PUBLISHED | APART]
-    run: Required[Annotated[Text, PUBLISHED | APART]]
-    ns_per_sample: Required[Annotated[Positive, PUBLISHED]]
-    interval95_ns: Required[Annotated[Pair, PUBLISHED]]
+    run: Annotated[Text, PUBLISHED | APART, MUST]
+    ns_per_sample: Annotated[Positive, PUBLISHED, MUST]
+    interval95_ns: Annotated[Pair, PUBLISHED, MUST]
     iqr_ns: Annotated[Number, RESULTS]
     ratio_to_floor: Annotated[Positive, RESULTS]
     ratio_interval95: Annotated[Pair, RESULTS]
@@ -250,6 +262,7 @@ class Timing(TypedDict, total=False):
     execution: Annotated[Text, PUBLISHED]
     queries: Annotated[Text, PUBLISHED]
     texture_fetch: Annotated[bool, PUBLISHED]
+    gpu: Annotated[Text, PUBLISHED]
 
 
 def setting_name(label: str, flops: int) -> str:
@@ -260,13 +273,14 @@ def setting_name(label: str, flops: int) -> str:
 class Stress(TypedDict, total=False):
     """One extreme, tried on one codec or metric."""
 
-    subject: Required[Name]
-    extreme: Required[Name]
-    group: Required[Name]
-    verdict: Required[Literal["pass", "fail", "n/a"]]
-    detail: Required[Text]
-    figure: Required[Text]
-    order: Required[Count]
+    kind: Text
+    subject: Annotated[Name, MUST]
+    extreme: Annotated[Name, MUST]
+    group: Annotated[Name, MUST]
+    verdict: Annotated[Literal["pass", "fail", "n/a"], MUST]
+    detail: Annotated[Text, MUST]
+    figure: Annotated[Text, MUST]
+    order: Annotated[Count, MUST]
     holds: Text
     used: Number | None
     version: Count | None
@@ -290,6 +304,9 @@ class RunStart(TypedDict, total=False):
     packages: Annotated[dict[str, Text | None], PUBLISHED]
     ceilings: Annotated[Any, RESULTS]  # of the machine: flops and bytes a ns
     machine: Annotated[Machine, PUBLISHED]
+
+
+Record = RunStart | Job | Timing | Stress  # a line of a run's records
 
 
 class Facts(TypedDict, total=False):
@@ -321,6 +338,21 @@ class FileScene(TypedDict):
     lights: Digits
 
 
+class SceneModel(TypedDict):
+    """A model of a search for the smallest file for a scene: "full", of the whole material, or "scene"."""
+
+    model: Text
+    bytes: Count
+    ns: Positive  # of a query of the scene
+    steps: Count | None
+    seconds: NotNegative  # of the fit
+    psnr: Number | None  # dB, in the frames
+    flip: Number | None
+    outside: Number | None  # dB, at pairs that the scene does not use
+    held_out: Number | None  # dB, at held-out pairs that lie in the scene
+    settings: dict[str, Setting]
+
+
 class Noise(TypedDict):
     """Samples and seconds until the noise in a scene is 1 %, by cosine and by lobes."""
 
@@ -332,11 +364,11 @@ class Noise(TypedDict):
 class TradeChoice(TypedDict, total=False):
     """A codec with settings, execution and precision, as a trade measured it."""
 
-    material: Required[Name]
-    label: Required[Name]
-    execution: Required[Text]
-    precision: Required[Text]
-    device: Required[Text]
+    material: Annotated[Name, MUST]
+    label: Annotated[Name, MUST]
+    execution: Annotated[Text, MUST]
+    precision: Annotated[Text, MUST]
+    device: Annotated[Text, MUST]
     job: Text
     codec: Text
     error: Text
@@ -344,13 +376,17 @@ class TradeChoice(TypedDict, total=False):
     noise: Noise
     noise_error: Text
     settings: dict[str, Setting]
+    interval95_ns: Pair
+    iqr_ns: Number
+    limit_ns: NotNegative
+    gpu: Text
     psnr: Number | None
     worst: Number | None
     from_float32: Number | None
     flip: Number | None
     validation: Statistics
     bytes: Count
-    parameters: Count
+    parameters: Count | None
     batch: Count
     threads: Count
     ns_per_sample: Positive
@@ -375,6 +411,14 @@ class Profile(TypedDict, total=False):
     footprint: Required[NotNegative]
     threads: Required[Count]
     ns_per_sample: Required[Positive]
+    iqr_ns: Number
+    interval95_ns: Pair
+    ratio_to_floor: Positive
+    ratio_interval95: Pair
+    ratio_least: Positive
+    floor_ns: Positive
+    samples_ns: Any
+    gpu: Text
 
 
 class Ceiling(TypedDict):
@@ -390,8 +434,10 @@ class Ceiling(TypedDict):
 class Trade(TypedDict, total=False):
     """The measurements of `neubtf-bench trade`."""
 
-    choices: Required[list[TradeChoice]]
-    profiles: Required[list[Profile]]
-    ceilings: Required[list[Ceiling]]
-    answers: Required[list[Text]]
+    format: Count
+    suite: Text
+    choices: Annotated[list[TradeChoice], MUST]
+    profiles: Annotated[list[Profile], MUST]
+    ceilings: Annotated[list[Ceiling], MUST]
+    answers: Annotated[list[Text], MUST]
     left_out: list[Text]

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from bench import records
 from bench.codec import Progress, settings_dict, silent
@@ -28,7 +28,21 @@ from bench.files import atomic
 from bench.files.archive import ZipFiles, inside
 from bench.inputs.errors import InputError
 from bench.inputs.settings import table
-from bench.records import CLAIM, FILE, NAMES, OUTSIDE, PSNR, SCENE_HELDOUT, Record, Records, Run, kept, metrics_of
+from bench.records import (
+    CLAIM,
+    FILE,
+    NAMES,
+    OUTSIDE,
+    PSNR,
+    SCENE_HELDOUT,
+    FitKey,
+    Job,
+    Records,
+    Run,
+    RunStart,
+    kept,
+    metrics_of,
+)
 from bench.runs.evaluation import evaluate, score_key
 from bench.runs.job import keep
 from bench.runs.provenance import machine, provenance, stamp
@@ -117,7 +131,7 @@ class Verified:
     job: str
     verdict: str
     why: str = ""
-    record: Record | None = None
+    record: Job | None = None
 
 
 def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, str] | None = None) -> Iterator[Verified]:
@@ -125,12 +139,14 @@ def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, st
     must be under `NEUBTF_DATA`, or at `places`, by material: an archive may not choose which paths here are opened."""
     starts = {start["run"]: start for start in run.starts}
     for start in starts.values():
-        here = {"text": "", "device": "cpu", "threads": 1} | provenance()
-        records.append(out, {key: start[key] for key in _STARTED if key in start} | here)
+        here: RunStart = {"text": "", "device": "cpu", "threads": 1}
+        here |= provenance()
+        given = {key: value for key, value in start.items() if key in _STARTED}
+        records.append(out, cast(RunStart, given | dict(here)))
     for job in run.jobs:
         name = str(job.get("job"))
         try:
-            yield _verified(job, starts.get(job.get("run"), {}), run.folder, out, show, places or {})
+            yield _verified(job, starts.get(job.get("run", ""), RunStart()), run.folder, out, show, places or {})
         except InputError as error:
             yield Verified(name, NOT_VERIFIED, str(error))
         except OSError:
@@ -141,7 +157,7 @@ def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, st
 
 
 def _verified(
-    job: Record, start: Record, folder: Path, out: Path, show: Progress, places: Mapping[str, str]
+    job: Job, start: RunStart, folder: Path, out: Path, show: Progress, places: Mapping[str, str]
 ) -> Verified:
     name = job["job"]
     if job["status"] != "ok":
@@ -165,7 +181,7 @@ def _verified(
         return _judged(job, workbench, folder, out, show, data.split)
 
 
-def _material(job: Record, start: Record, places: Mapping[str, str]) -> MaterialSpec:
+def _material(job: Job, start: RunStart, places: Mapping[str, str]) -> MaterialSpec:
     """The material of a job, with its path on this machine. `InputError` if the archive or the machine lacks it."""
     listed = [table("materials of its run", MaterialSpec, each) for each in start.get("materials") or []]
     spec = next((each for each in listed if each.name == job["material"]), None)
@@ -182,7 +198,7 @@ def _material(job: Record, start: Record, places: Mapping[str, str]) -> Material
     return dataclasses.replace(spec, path=str(Path(root) / inside(spec.path, f"the data of {spec.name}")))
 
 
-def _other_data(job: Record, spec: MaterialSpec, data: Preparation) -> str:
+def _other_data(job: Job, spec: MaterialSpec, data: Preparation) -> str:
     """Why the data of a job are not prepared: they differ, or are too large to be baked for an unverified archive."""
     kind, draw = kind_of(spec), draw_of(spec, data, int(job["seed"]))
     known = kind.outline(spec, data, draw)
@@ -192,7 +208,7 @@ def _other_data(job: Record, spec: MaterialSpec, data: Preparation) -> str:
     return f"baking {spec.name} would need {needed >> 30} GiB" if needed > MOST_BAKED else ""
 
 
-def _judged(job: Record, workbench: Workbench, folder: Path, out: Path, show: Progress, split: str) -> Verified:
+def _judged(job: Job, workbench: Workbench, folder: Path, out: Path, show: Progress, split: str) -> Verified:
     file = folder / "files" / Path(job["file"]).name
     loaded = loading.load(file)
     header = loaded.header
@@ -203,10 +219,14 @@ def _judged(job: Record, workbench: Workbench, folder: Path, out: Path, show: Pr
     measured = evaluate(workbench, loaded, 1, partial(keep, out), show)
     measured |= {"score_key": score_key(workbench, header), "scored": stamp(), "machine": machine(), "status": "ok"}
     measured["verified"] = True
-    fit = {"codec": header.codec, "version": header.version, "settings": header.settings}
-    fit |= {"store": job["fit_key"]["store"]} if "store" in job["fit_key"] else {}  # no file says it
-    fit |= {"training": workbench.training.fingerprint} | ({"shared": header.network} if header.network else {})
-    record = kept(job, NAMES) | {"split": split, "fit_key": fit} | measured
+    fit: FitKey = {"codec": header.codec, "version": header.version, "settings": header.settings}
+    if "store" in job["fit_key"]:  # no file says it
+        fit["store"] = job["fit_key"]["store"]
+    fit["training"] = workbench.training.fingerprint
+    if header.network:
+        fit["shared"] = header.network
+    record: Job = {**kept(job, NAMES), "split": split, "fit_key": fit}
+    record |= measured
     record["file"] = f"files/{file.name}"
     atomic.write(out / record["file"], file.read_bytes())
     reasons = list(differences(job, record))
@@ -215,11 +235,11 @@ def _judged(job: Record, workbench: Workbench, folder: Path, out: Path, show: Pr
     return Verified(job["job"], DIFFERS if reasons else AGREES, "; ".join(reasons[:SHOWN]) + more, record)
 
 
-def differences(claimed: Record, here: Record) -> Iterator[str]:
+def differences(claimed: Job, here: Job) -> Iterator[str]:
     """The claims that differ from the measurements here by more than rounding on another processor, in words."""
-    here = json.loads(json.dumps(here))
+    found = json.loads(json.dumps(here))
     for name, value in kept(claimed, CLAIM).items():
-        yield from _unlike(name, value, here[name])
+        yield from _unlike(name, value, found[name])
 
 
 def _unlike(place: str, claimed: Any, measured: Any) -> Iterator[str]:
@@ -238,7 +258,7 @@ def _unlike(place: str, claimed: Any, measured: Any) -> Iterator[str]:
         yield f"{place} is {measured}, not {claimed}"
 
 
-def misnamed(claimed: Record, header: Header) -> Iterator[str]:
+def misnamed(claimed: Job, header: Header) -> Iterator[str]:
     """Why the names of a job do not fit its file: a label holds the codec and the settings that are not defaults."""
     label, curve = str(claimed["label"]), str(claimed["curve"])
     given = header.settings if header.codec == COMMAND else {}

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from bench.codecs.registry import make_codec
 from bench.inputs.errors import InputError
-from bench.records import Record
+from bench.records import Job
 from bench.runs.suite import CodecSpec
 
 
@@ -42,7 +42,7 @@ class Estimate:
         self.seconds: defaultdict[str, float] = defaultdict(float)  # by codec, of the jobs that were fitted
         self.steps: defaultdict[str, int] = defaultdict(int)  # of the same jobs
 
-    def ended(self, record: Record, cached: str) -> None:
+    def ended(self, record: Job, cached: str) -> None:
         """Count a job that ended, given its record and what was reused for it."""
         name, now = record["job"], time.monotonic()
         self.waiting.discard(name)

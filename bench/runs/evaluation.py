@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -21,51 +21,66 @@ from bench.machine.threads import torch_threads
 from bench.material import Material, parameters, resident_bytes
 from bench.metrics import get as get_metric
 from bench.metrics import metric_of, scoring
+from bench.metrics.description import Metric
 from bench.metrics.display import to_display
 from bench.metrics.flip import magma
 from bench.program.recording import program_of
-from bench.records import FLIP, PSNR, SCENE_HELDOUT, Record, deciding_group
+from bench.records import (
+    FLIP,
+    PSNR,
+    SCENE_HELDOUT,
+    Bytes,
+    Job,
+    MetricFacts,
+    Provenance,
+    Scene,
+    ScoreKey,
+    Statistics,
+    deciding_group,
+)
 from bench.runs.identity import identity
 from bench.runs.workbench import Workbench
 
 DRAWN_FLOATS = 2_000_000  # the most floats of a texture that a page draws live
 COARSE = (2, 4, 8)  # footprints in texels that are scored in addition to slices, whose footprint is one texel
-DESCRIBED = ("unit", "direction", "space", "version")  # fields of a metric that tables show with its numbers
 Keep = Callable[[str, dict[str, Any]], str]
 
 
-def score_key(workbench: Workbench, header: Header) -> dict[str, Any]:
+def score_key(workbench: Workbench, header: Header) -> ScoreKey:
     """Everything that the figures of a file depend on. A file is not scored again if a record has the same key."""
     codec = registry.load_codec(header.codec, wanted_by=str(header.path))(**header.settings)
     code = identity(codec, __name__, *(metric.module for metric in workbench.scorer.metrics.values()))["code"]
-    return {"sha256": header.sha256, "code": code} | conditions(workbench)
+    key: ScoreKey = {"sha256": header.sha256, "code": code}
+    return key | conditions(workbench)
 
 
-def conditions(workbench: Workbench) -> dict[str, Any]:
+def conditions(workbench: Workbench) -> ScoreKey:
     """Everything besides the file that scores depend on: the part of a score key that comparable rows share."""
     versions = {name: get_metric(name).version for name in workbench.scorer.names}
-    key = {"btf": workbench.btf.fingerprint, "exposure": workbench.exposure}
+    key: ScoreKey = {"btf": workbench.btf.fingerprint, "exposure": workbench.exposure}
     key |= {"metrics": versions, "footprints": scoring.FOOTPRINTS_VERSION}
     if workbench.demand:
-        key |= {"demand": workbench.demand.fingerprint}
+        key["demand"] = workbench.demand.fingerprint
     if len(workbench.scored) < len(workbench.btf):
-        key |= {"scored": len(workbench.scored)}
+        key["scored"] = len(workbench.scored)
     if len(workbench.deciding) < len(workbench.groups[deciding_group(workbench.groups)]):
-        key |= {"deciding": sha256(workbench.deciding.astype("<i8").tobytes()).hexdigest()[:16]}
+        key["deciding"] = sha256(workbench.deciding.astype("<i8").tobytes()).hexdigest()[:16]
     return key
 
 
-def evaluate(workbench: Workbench, file: Loaded, threads: int, keep: Keep, show: Progress) -> Record:
+def evaluate(workbench: Workbench, file: Loaded, threads: int, keep: Keep, show: Progress) -> Job:
     """Score the material decoded from a codec file; returns the part of its record that the score key covers.
     `keep(name, content)` stores what is too large for the record, and returns the name that the record holds."""
     shared.refuse(file.network, workbench.btf)
     figures = scored(workbench, unreported(file.material), file.header.path.stem, threads, keep, show)
-    sizes = file.header.part_bytes() | {"total": file.header.file_bytes}
-    sizes |= {"shared": file.network.file_bytes} if file.network else {}
-    return {"settings": file.header.settings, "bytes": sizes} | figures
+    sizes = cast(Bytes, file.header.part_bytes() | {"total": file.header.file_bytes})
+    if file.network:
+        sizes["shared"] = file.network.file_bytes
+    record: Job = {"settings": file.header.settings, "bytes": sizes}
+    return record | figures
 
 
-def scored(workbench: Workbench, material: Material, name: str, threads: int, keep: Keep, show: Progress) -> Record:
+def scored(workbench: Workbench, material: Material, name: str, threads: int, keep: Keep, show: Progress) -> Job:
     """Score any material: its record without settings and bytes; kept files are called after `name`."""
     decoder = Slices(workbench, material, show)
     groups, decides = dict(workbench.groups), deciding_group(workbench.groups)
@@ -75,42 +90,51 @@ def scored(workbench: Workbench, material: Material, name: str, threads: int, ke
         scores = workbench.scorer.score(workbench.scored, decoder.watched)
         coarse = scoring.footprint_errors(workbench.btf, workbench.deciding, decoder.slice, workbench.exposure, COARSE)
         pictures = _pictures(workbench, decoder)
-        scene, frames = _in_scene(workbench, material)
+        in_scene = _in_scene(workbench, material)
     summary = scoring.summarise(scores, workbench.btf.wo, workbench.btf.wi, groups)
     finest = summary[decides]["metrics"][PSNR]
-    one = {PSNR: finest["pooled"]} | {key: finest[key] for key in ("mean", "exact", "slices")}
+    one: Statistics = {PSNR: finest["pooled"]} | {key: finest[key] for key in ("mean", "exact", "slices")}
     if workbench.scene_shares is not None:
         summary["scene"] = scoring.weighted(scores, workbench.scene_shares)
     if workbench.heldout_shares is not None:
         summary[SCENE_HELDOUT] = scoring.weighted(scores, workbench.heldout_shares)
     angular: dict[str, Any] = {"bins": {name: group.pop("bins", {}) for name, group in summary.items()}}
     angular["polar"] = scoring.polar_maps(scores, workbench.btf.wo, workbench.btf.wi)
-    program: Record = {}
-    if isinstance(material, ProgramMaterial):  # its time would include exchanging files
-        nanoseconds = 1e9 * material.waited / max(1, material.queries)
-        program = {"program": {"queries": material.queries, "ns_per_query": nanoseconds}}
-    return {
+    record: Job = {
         "shape": list(workbench.btf.shape),
         "pairs": {name: len(pairs) for name, pairs in workbench.groups.items()},
         "views": len(workbench.btf.layout.views),
-        "provenance": workbench.btf.provenance,
+        "provenance": cast(Provenance, workbench.btf.provenance),
         "parameters": None if material.opaque else parameters(material),
         "resident": None if material.opaque else resident_bytes(material),
         "cost": dataclasses.asdict(material.cost),
-        "metrics": {
-            name: {word: getattr(get_metric(name), word) for word in DESCRIBED} for name in workbench.scorer.names
-        },
+        "metrics": {name: described(get_metric(name)) for name in workbench.scorer.names},
         "scores": summary,
         "footprints": {"1": one} | scoring.summarise_footprints(coarse),
-        **({"scene": scene, "frames": keep(f"frames/{name}.npz", frames)} if scene else {}),
-        **program,
         "slices": keep(f"slices/{name}.npz", _slices(workbench, scores, coarse)),
         "angular": keep(f"angular/{name}.json", angular),
         "pictures": keep(f"pictures/{name}.npz", pictures),
     }
+    if isinstance(material, ProgramMaterial):  # its time would include exchanging files
+        nanoseconds = 1e9 * material.waited / max(1, material.queries)
+        record["program"] = {"queries": material.queries, "ns_per_query": nanoseconds}
+    if in_scene:
+        record["scene"] = in_scene.quality
+        record["frames"] = keep(f"frames/{name}.npz", in_scene.pictures)
+    return record
 
 
-def drawing(file: Loaded, keep: Keep) -> Record:
+def described(metric: Metric) -> MetricFacts:
+    """What the record of a job says of a metric, which tables show with its numbers."""
+    return {
+        "unit": metric.unit,
+        "direction": metric.direction,
+        "space": metric.space,
+        "version": metric.version,
+    }
+
+
+def drawing(file: Loaded, keep: Keep) -> Job:
     """Store what a page needs to draw the material live; returns `drawing`, or `not_drawn` with the reason."""
     if file.material.cost.texture_floats > DRAWN_FLOATS:
         return {"not_drawn": f"its texture has more than {DRAWN_FLOATS:,} floats"}
@@ -121,7 +145,7 @@ def drawing(file: Loaded, keep: Keep) -> Record:
     return {"drawing": keep(f"drawings/{file.header.path.stem}.npz", program.arrays())}
 
 
-def recorded(folder: Path, job: Record, device: str) -> Material:
+def recorded(folder: Path, job: Job, device: str) -> Material:
     """Decode the file of a job. `ContainerError` if it is not the file that the record describes."""
     file = loading.load(folder / job["file"], device)
     if file.header.sha256 != job["score_key"]["sha256"]:
@@ -149,13 +173,20 @@ class Slices:
         return self.slice(pair)
 
 
-def _in_scene(workbench: Workbench, material: Material) -> tuple[Record, dict[str, np.ndarray]]:
-    """The quality of a material in the frames of the scene, and a few small frames; empty without a scene."""
+class _InScene(NamedTuple):
+    """The quality of a material in the frames of a scene, and a few small frames."""
+
+    quality: Scene
+    pictures: dict[str, np.ndarray]
+
+
+def _in_scene(workbench: Workbench, material: Material) -> _InScene | None:
+    """How a material does in the scene; None without a scene."""
     judge = workbench.judge
     if judge is None:
-        return {}, {}
+        return None
     frames = judge.frames(material)
-    return judge.record(frames), judge.pictures(frames)
+    return _InScene(judge.record(frames), judge.pictures(frames))
 
 
 def _slices(workbench: Workbench, scores: scoring.Scores, coarse: dict[int, np.ndarray]) -> dict[str, np.ndarray]:

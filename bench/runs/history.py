@@ -12,7 +12,7 @@ from typing import Any
 
 import pandas as pd
 
-from bench.records import Record, Run, flattened, load_run
+from bench.records import FitKey, Job, Run, RunStart, flattened, load_run
 
 _STARTED = "%Y%m%dT%H%M%S.%f"
 
@@ -32,9 +32,11 @@ def load_runs(paths: str | PathLike[str] | Iterable[str | PathLike[str]]) -> pd.
     return frame
 
 
-def _fields(path: str, run: Run, job: Record) -> Iterator[tuple[str, Any]]:
-    start: Record = next((start for start in run.starts if start.get("run") == job.get("run")), {})
-    packages, fit = start.get("packages", {}), job.get("fit_key", {})
+def _fields(path: str, run: Run, job: Job) -> Iterator[tuple[str, Any]]:
+    starts = [start for start in run.starts if start.get("run") == job.get("run")]
+    start = starts[0] if starts else RunStart()
+    packages = start.get("packages", {})
+    fit = job.get("fit_key", FitKey())
     yield "folder", path
     yield "started", job.get("run")
     yield from ((name, start.get(name)) for name in ("suite", "git"))

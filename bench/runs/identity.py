@@ -17,6 +17,7 @@ from importlib.metadata import PackageNotFoundError, packages_distributions, ver
 from pathlib import Path
 
 from bench.codec import Codec
+from bench.records import FitKey
 
 # Modules that every fit uses, and those that only fits to a scene use.
 ALWAYS, OF_SCENES = ("bench.codecs.container",), ("bench.demand.fitting",)
@@ -27,7 +28,7 @@ BY_NAME = {"import_module", "__import__", "spec_from_file_location", "run_path",
 _distributions = cache(packages_distributions)
 
 
-def identity(codec: Codec, *more: str) -> dict[str, object]:
+def identity(codec: Codec, *more: str) -> FitKey:
     """`code`, a hash of the source that a fit of this codec runs and of `more` modules, and `libraries`, the versions
     of what it imports."""
     kinds = (type(codec), *([codec.network] if codec.network else []))
@@ -36,11 +37,11 @@ def identity(codec: Codec, *more: str) -> dict[str, object]:
 
 
 @cache
-def _identity(roots: frozenset[str]) -> dict[str, object]:
+def _identity(roots: frozenset[str]) -> FitKey:
     own = {root.partition(".")[0] for root in roots} | {"bench"}
     sources, libraries = _reached(roots, own)
     lines = "\n".join(f"{name} {digest}" for name, digest in sorted(sources.items()))
-    versions = {name: number for name in sorted(libraries) if (number := _version(name))}
+    versions: dict[str, str | None] = {name: number for name in sorted(libraries) if (number := _version(name))}
     return {"code": hashlib.sha256(lines.encode()).hexdigest(), "libraries": versions}
 
 

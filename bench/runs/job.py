@@ -16,7 +16,7 @@ import traceback
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -33,8 +33,7 @@ from bench.inputs.errors import NO_PLACE, CodecError, ContainerError, InputError
 from bench.inputs.plugins import PluginError
 from bench.machine.devices import is_gpu
 from bench.machine.process_state import restored_process_state
-from bench.records import Record, fields
-from bench.records.schema import Facts
+from bench.records import Facts, FitKey, Job, Point, fields
 from bench.runs import lock
 from bench.runs.drawing import sparse_truth
 from bench.runs.evaluation import Keep, drawing, evaluate, score_key
@@ -55,7 +54,7 @@ FACTS = ".fit.json"  # beside a codec file
 class Outcome:
     """A job's record, and what was reused from earlier runs: "" (nothing), "file" or "record"."""
 
-    record: Record
+    record: Job
     cached: str = ""
     progress: str = ""  # the progress of the run after it, in words
 
@@ -66,17 +65,20 @@ def work(task: Task, show: Progress = silent) -> Outcome:
         raise lock.unseen(task.folder, f"on {platform.node()}")
     try:
         with ended_bars(show) as shown, opened(task, shown) as workbench, restored_process_state():
-            return Job(task, workbench, lambda label, done, total: shown(f"{task.name}: {label}", done, total)).run()
+            return Attempt(
+                task, workbench, lambda label, done, total: shown(f"{task.name}: {label}", done, total)
+            ).run()
     except MissingDataError as error:
-        return Outcome(task.base | {"status": "unavailable", "error": str(error)})
+        return Outcome({**task.base, "status": "unavailable", "error": str(error)})
     except OSError as error:  # while opening the material: the cache has no room, which is not the job's fault
         _raise_where_no_job_can_help(error)
         raise
 
 
-def failed(task: Task, error: str, more: Record | None = None) -> Outcome:
+def failed(task: Task, error: str, more: Job | None = None) -> Outcome:
     """The outcome of a job that failed."""
-    return Outcome(task.base | {"status": "failed", "error": error} | (more or {}))
+    record: Job = {**task.base, "status": "failed", "error": error}
+    return Outcome(record | (more or {}))
 
 
 def attributed(task: Task, error: str) -> str:
@@ -86,7 +88,7 @@ def attributed(task: Task, error: str) -> str:
 
 
 @dataclass
-class Job:
+class Attempt:
     """A task with its material opened."""
 
     task: Task
@@ -111,18 +113,28 @@ class Job:
         return shared.find(self.codec.name, self.task.folder / self.task.network)
 
     @cached_property
-    def fit_key(self) -> dict[str, Any]:
+    def fit_key(self) -> FitKey:
         settings = settings_dict(self.codec)
-        key = {"codec": self.codec.name, "version": self.codec.version_of(settings)}
-        key |= {"store": stored_texture.VERSION, "settings": settings, "training": self.workbench.training.fingerprint}
-        key |= {"seed": self.seed, "device": torch.device(self.task.device).type, "threads": self.task.threads}
-        key |= {"torch": torch.__version__} | identity(self.codec)
-        key |= {"shared": self.network.sha256} if self.network else {}
+        key: FitKey = {
+            "codec": self.codec.name,
+            "version": self.codec.version_of(settings),
+            "store": stored_texture.VERSION,
+            "settings": settings,
+            "training": self.workbench.training.fingerprint,
+            "seed": self.seed,
+            "device": torch.device(self.task.device).type,
+            "threads": self.task.threads,
+            "torch": torch.__version__,
+        }
+        key |= identity(self.codec)
+        if self.network:
+            key["shared"] = self.network.sha256
         if isinstance(self.codec, Programs):
-            key |= {"programs": self.codec.digest}
+            key["programs"] = self.codec.digest
         require_demand(self.codec, self.workbench.demand)
         if self.codec.scene and self.workbench.demand:
-            key |= {"demand": self.workbench.demand.fingerprint, "uniform": self.task.uniform}
+            key["demand"] = self.workbench.demand.fingerprint
+            key["uniform"] = self.task.uniform
         return key
 
     @property
@@ -142,7 +154,7 @@ class Job:
     def run(self) -> Outcome:
         """Encode, decode and score, or find that this is done. `MissingDataError` if data are missing."""
         try:
-            return self._outcome(self.task.earlier or {})
+            return self._outcome(self.task.earlier or Job())
         except (MissingDataError, KeyboardInterrupt):
             raise
         except BaseException as error:  # errors, even `sys.exit`, are recorded and shown, and decide the exit code
@@ -150,30 +162,32 @@ class Job:
             return self._failed(error)
 
     def _failed(self, error: BaseException) -> Outcome:
-        more = {"traceback": "".join(traceback.format_exception(error)), "machine": machine()}
+        more: Job = {"traceback": "".join(traceback.format_exception(error)), "machine": machine()}
         try:
             self.checkpoint.unlink(missing_ok=True)  # before the next try, the code that wrote it may be fixed
-            more |= {"fit_key": self.fit_key}
+            more["fit_key"] = self.fit_key
         except InputError:  # a codec that cannot be made has no key
             pass
         if isinstance(error, PluginError):  # the key does not cover metrics: the next run tries again
-            more |= {"fit_key": {}}
+            more["fit_key"] = {}
         named = isinstance(error, CodecError | PluginError)
         text = str(error) if named else attributed(self.task, f"{type(error).__name__}: {error}")
         return failed(self.task, text, more)
 
-    def _outcome(self, earlier: Record) -> Outcome:
+    def _outcome(self, earlier: Job) -> Outcome:
         if earlier.get("status") == "failed" and earlier.get("fit_key", self.fit_key) == self.fit_key:
             return Outcome(earlier, "record")
         header, fit = self._file()
         key = score_key(self.workbench, header)
         if earlier.get("score_key") == key:
             return Outcome(earlier, "record")
-        record = self.task.base | {"fit_key": self.fit_key, "machine": machine()} | fit
-        record |= {"status": "ok", "score_key": key, "file": self.file, "scored": stamp()} | self._scored(header)
+        record: Job = {**self.task.base, "fit_key": self.fit_key, "machine": machine()}
+        record |= fit
+        record |= {"status": "ok", "score_key": key, "file": self.file, "scored": stamp()}
+        record |= self._scored(header)
         return Outcome(record, "file" if fit["fit_cached"] else "")
 
-    def _scored(self, header: container.Header) -> Record:
+    def _scored(self, header: container.Header) -> Job:
         file = loading.load(header.path, self.task.device, self.network)
         scores = evaluate(self.workbench, file, self.task.threads, self.keep, self.show)
         if self.task.repetition:  # only the first seed has pictures
@@ -190,18 +204,17 @@ class Job:
             self.keep(truth, program.arrays())
         return scores | drawing(file, self.keep)
 
-    def _file(self) -> tuple[container.Header, Record]:
+    def _file(self) -> tuple[container.Header, Job]:
         """The codec file and the facts of its fit: from an earlier run with the same key, else encoded now."""
         path = self.task.folder / self.file
         if not self.task.fresh and path.exists() and (stored := self._stored(path)):
             return stored
         header, facts = self._fit(path)
-        facts |= {"fit_key": self.fit_key, "sha256": header.sha256, "fitted": stamp(self.codec.name)}
-        self.keep(str(Path(self.file).with_suffix(FACTS)), facts)  # a file without its facts is never reused
+        self.keep(str(Path(self.file).with_suffix(FACTS)), dict(facts))  # a file without its facts is never reused
         self.checkpoint.unlink(missing_ok=True)
-        return header, _facts_of_record(facts) | {"fit_cached": False}
+        return header, _facts_of_record(facts, cached=False)
 
-    def _stored(self, path: Path) -> tuple[container.Header, Record] | None:
+    def _stored(self, path: Path) -> tuple[container.Header, Job] | None:
         """An existing codec file and the facts of its fit; None, with a warning, if it is not from this job."""
         try:
             header, facts = container.read_header(path), json.loads(path.with_suffix(FACTS).read_text("utf-8"))
@@ -215,12 +228,12 @@ class Job:
         settings = settings_dict(self.codec)
         version = self.codec.version_of(settings)
         if same and stored == (self.codec.name, version, settings, facts.get("sha256")):
-            return header, _facts_of_record(facts) | {"fit_cached": True}
+            return header, _facts_of_record(facts, cached=True)
         log.warning("%s is fitted again: %s is not the file that was fitted for it", self.task.name, path)
         return None
 
-    def _fit(self, path: Path) -> tuple[container.Header, Record]:
-        """Fit the codec and write its file; the facts of the fit are its processor seconds and its curve."""
+    def _fit(self, path: Path) -> tuple[container.Header, Facts]:
+        """Fit the codec and write its file; returns the facts of the fit, too."""
         task, training = self.task, self.workbench.training
         fit = new_fit(
             self.codec,
@@ -234,12 +247,21 @@ class Job:
         )
         encode = fitting.encode_of(self.codec, self.workbench.demand, task.uniform)
         header, seconds = fit_to_file(self.codec, training, fit, path, encode)
-        return header, {"fit_seconds": seconds, "history": fit.history}
+        return header, {
+            "fit_key": self.fit_key,
+            "sha256": header.sha256,
+            "fit_seconds": seconds,
+            "history": cast(list[Point], fit.history),
+            "fitted": stamp(self.codec.name),
+        }
 
 
-def _facts_of_record(facts: Record) -> Record:
+def _facts_of_record(facts: Facts, cached: bool) -> Job:
     """The facts of a fit that the record holds. They are not in the file, so that its bytes do not change."""
-    return {name: facts[name] for name in ("fit_seconds", "history", "fitted") if name in facts}
+    record: Job = {"fit_seconds": facts["fit_seconds"], "history": facts["history"], "fit_cached": cached}
+    if "fitted" in facts:
+        record["fitted"] = facts["fitted"]
+    return record
 
 
 def keep(folder: Path, name: str, content: dict[str, Any]) -> str:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from bench.files import atomic
 from bench.inputs.errors import InputError
 from bench.machine.threads import torch_threads
 from bench.material import Material
-from bench.records import ARTEFACT, Record, field_names
+from bench.records import ARTEFACT, Job, SceneModel, field_names
 from bench.runs.evaluation import conditions, evaluate, score_key, scored
 from bench.runs.workbench import Workbench
 
@@ -107,7 +107,7 @@ class SceneFit:
     """What a fit to a scene found: the models, and a row of named numbers of each."""
 
     found: fitting.SearchResult
-    rows: list[dict[str, Any]]
+    rows: list[SceneModel]
 
     def described(self) -> str:
         """The verdict in one line."""
@@ -170,7 +170,7 @@ def score(
     threads: int = 1,
     device: str = "cpu",
     show: Progress = silent,
-) -> Record:
+) -> Job:
     """Score a decoded material against its BTF, as a run does; returns the numbers of a job's record.
 
     `decoded` is a codec file; or slices at the pairs of the BTF, as a folder with `pairs.csv` or as a BTF; or a
@@ -186,7 +186,7 @@ def score(
     if isinstance(decoded, str | os.PathLike) and not Path(decoded).is_dir():
         loaded = loading.load(Path(decoded), device)
         _same_size(str(decoded), loaded.material.size, btf)
-        figures = {"codec": loaded.header.codec, "score_key": score_key(workbench, loaded.header)}
+        figures: Job = {"codec": loaded.header.codec, "score_key": score_key(workbench, loaded.header)}
         figures |= evaluate(workbench, loaded, threads, lambda name, content: name, show)
     else:
         name, material = _material(decoded, btf)
@@ -194,9 +194,8 @@ def score(
             raise InputError(f"{name}: slices cannot be scored in a scene, which needs more pairs: leave out demand")
         figures = {"codec": name, "settings": {}, "bytes": {}, "score_key": conditions(workbench)}
         figures |= scored(workbench, material, name, threads, lambda name, content: name, show)
-    for field in field_names(ARTEFACT):  # a run keeps these files, `score` does not
-        figures.pop(field, None)
-    return figures
+    kept_files = field_names(ARTEFACT)  # a run keeps these files, `score` does not
+    return cast(Job, {name: value for name, value in figures.items() if name not in kept_files})
 
 
 def _shown(value: object) -> str:

@@ -9,21 +9,20 @@ from functools import cache
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import torch
 
 from bench.codecs.registry import codec_entries
-from bench.records import Record
+from bench.records import Machine, RunStart
 
 PACKAGES = ("neubtf-bench", "torch", "numpy", "scipy", "scikit-image", "OpenEXR", "safetensors", "torchinfo")
 
 
-def provenance() -> dict[str, Any]:
+def provenance() -> RunStart:
     """Git revision of the suite (None outside a checkout), package versions, processor and operating system."""
     capability, cores = torch.backends.cpu.get_cpu_capability(), os.cpu_count()
-    here = {"system": platform.platform(), "processor": processor(), "capability": capability, "cores": cores}
-    packages = {name: version(name) for name in PACKAGES}
+    here: Machine = {"system": platform.platform(), "processor": processor(), "capability": capability, "cores": cores}
+    packages: dict[str, str | None] = {name: version(name) for name in PACKAGES}
     return {"git": revision(), "packages": packages, "python": sys.version.split()[0], "machine": here}
 
 
@@ -74,13 +73,16 @@ def processor() -> str:
     return next(names, platform.machine())
 
 
-def stamp(codec: str = "") -> Record:
+def stamp(codec: str = "") -> dict[str, str | None]:
     """The revision of the suite and the current time, for results that later runs may reuse; of a fit also `codec`, the
     revision of its codec's own repository, if it has one."""
     own = codec_revision(codec) if codec else None
-    return {"git": revision(), "at": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"} | ({"codec": own} if own else {})
+    found = {"git": revision(), "at": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"}
+    if own:
+        found["codec"] = own
+    return found
 
 
-def machine() -> dict[str, str]:
+def machine() -> Machine:
     """The host and processor that ran a job: the workers of a cluster differ."""
     return {"host": platform.node(), "processor": processor()}

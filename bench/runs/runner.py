@@ -26,7 +26,7 @@ from bench.files import atomic
 from bench.inputs.errors import CodecError, InputError, MissingDataError
 from bench.machine.devices import present
 from bench.machine.threads import cores
-from bench.records import Record, Run
+from bench.records import Job, Run, RunStart, Timing
 from bench.runs import lock
 from bench.runs.estimate import Effort, Estimate
 from bench.runs.evaluation import recorded
@@ -140,7 +140,7 @@ class _Session:
             path = options.folder / records.FILE
             log.warning("%s: skipped %d line(s) that are not records: %s", path, len(bad), lines)
         self.tasks = [self._task(*cell) for cell in suite.cells]  # in the order of the suite
-        self.done: dict[str, Record] = {}  # jobs that have a file, by name
+        self.done: dict[str, Job] = {}  # jobs that have a file, by name
 
     def _task(self, material: MaterialSpec, codec: CodecSpec, repetition: int) -> Task:
         suite, options = self.suite, self.options
@@ -164,7 +164,7 @@ class _Session:
         )
         return dataclasses.replace(task, earlier=self._earlier(task.name))
 
-    def _earlier(self, name: str) -> Record | None:
+    def _earlier(self, name: str) -> Job | None:
         """The latest record of a job, if it may still hold."""
         options, record = self.options, self.before.job(name)
         if record is None or options.fresh or (record["status"] == "failed" and options.retry_failed):
@@ -173,9 +173,9 @@ class _Session:
         return None if gone else record
 
     def start(self) -> None:
-        """Record the start of the run: suite, machine, and the names of its jobs, which may end in another order."""
+        """Job the start of the run: suite, machine, and the names of its jobs, which may end in another order."""
         suite = self.suite
-        record: Record = {"kind": "run", "run": self.run_id, "suite": suite.name, "text": suite.text}
+        record: RunStart = {"kind": "run", "run": self.run_id, "suite": suite.name, "text": suite.text}
         record |= {"device": self.options.device, "threads": suite.threads, "seeds": list(suite.seeds)}
         record |= {"data": dataclasses.asdict(suite.data)}
         record |= {"materials": [dataclasses.asdict(material) for material in suite.materials]}
@@ -218,7 +218,7 @@ class _Session:
             log.warning("no decoder is timed, because there is no GPU here: %s", remedy)
             return
         for material in self.suite.materials:
-            jobs: dict[str, Record] = {}
+            jobs: dict[str, Job] = {}
             for task in self.tasks:
                 if task.material.name == material.name and task.name in self.done:
                     jobs.setdefault(task.codec.label, self.done[task.name])
@@ -269,7 +269,7 @@ def _outcome(task: Task, future: Future[Outcome]) -> Outcome:
     return failed(task, attributed(task, why))
 
 
-def timings(folder: Path, jobs: list[Record], device: str, threads: int, show: Progress = silent) -> list[Record]:
+def timings(folder: Path, jobs: list[Job], device: str, threads: int, show: Progress = silent) -> list[Timing]:
     """The timing of each job's decoder. If a decoder from outside crashes its process, the others are timed again."""
     ours = [job for job in jobs if not from_outside(job["codec"])]
     if len(ours) < len(jobs):
@@ -282,7 +282,7 @@ def timings(folder: Path, jobs: list[Record], device: str, threads: int, show: P
     return measured(folder, ours, device, threads, show)
 
 
-def measured(folder: Path, jobs: list[Record], device: str, threads: int, show: Progress = silent) -> list[Record]:
+def measured(folder: Path, jobs: list[Job], device: str, threads: int, show: Progress = silent) -> list[Timing]:
     """The timing of each job's decoder, measured in this process; also at one texel a query if it can."""
     materials = {}
     for job in jobs:
@@ -293,9 +293,12 @@ def measured(folder: Path, jobs: list[Record], device: str, threads: int, show: 
     found = timing.time_materials(materials | ones, threads, show=show) if materials else {}
     timed = []
     for name in materials:
-        record: Record = {"kind": "timing", "job": name} | timing.conditions(threads, device) | found[name].summary()
+        record: Timing = {"kind": "timing", "job": name}
+        record |= timing.conditions(threads, device)
+        record |= found[name].summary()
         if name + ONE_TEXEL in found:
             record["ratio_at_one_texel"] = found[name + ONE_TEXEL].summary()["ratio_to_floor"]
-        samples = {"samples_ns": found[name].samples.tolist(), "floor_ratios": found[name].ratios.tolist()}
-        timed.append(record | samples)
+        record["samples_ns"] = found[name].samples.tolist()
+        record["floor_ratios"] = found[name].ratios.tolist()
+        timed.append(record)
     return timed

@@ -27,7 +27,6 @@ from bench.data.spec import MaterialSpec
 from bench.demand.mitsuba import load_path_tracer
 from bench.inputs.errors import InputError, MissingDataError
 from bench.material import Material
-from bench.records import Record
 from bench.records.schema import setting_name
 from bench.runs import library, lock
 from bench.runs.provenance import provenance
@@ -50,11 +49,18 @@ class Entry:
     samples: list[np.ndarray] = field(default_factory=list)
     between: list[np.ndarray] = field(default_factory=list)  # ratios between texels, where quality is of texels
 
-    def record(self, run: str) -> Record:
+    def record(self, run: str) -> records.Timing:
         """The record of its times, without those of single turns."""
         pooled = timing.Timing(np.concatenate(self.samples), np.concatenate(self.ratios)).summary()
-        row: Record = {"kind": "timing", "job": setting_name(self.label, self.flops), "run": run, "label": self.label}
-        row |= {"flops": self.flops, "rounds": [float(np.median(each)) for each in self.ratios]} | pooled
+        row: records.Timing = {
+            "kind": "timing",
+            "job": setting_name(self.label, self.flops),
+            "run": run,
+            "label": self.label,
+            "flops": self.flops,
+            "rounds": [float(np.median(each)) for each in self.ratios],
+        }
+        row |= pooled
         if self.between:
             row["ratio_between_texels"] = float(np.median(np.concatenate(self.between)))
         return row
@@ -63,7 +69,7 @@ class Entry:
 Contestants = dict[tuple[str, str], Material]  # by surface and label of a setting: what its file decodes to
 
 
-def time_settings(suite: Suite, folder: Path, device: str = "cpu", show: Progress = silent) -> list[Record]:
+def time_settings(suite: Suite, folder: Path, device: str = "cpu", show: Progress = silent) -> list[records.Timing]:
     """Time the settings of a suite, and write their records into a folder; returns them, the quickest first.
 
     Files of one step lie in the folder, and are made only once. Raises `InputError` if nothing can be timed. Codecs
@@ -89,10 +95,20 @@ def new_run() -> str:
     return f"{datetime.now(UTC):%Y%m%dT%H%M%S.%f}"
 
 
-def start_of(suite: Suite, run: str, device: str) -> Record:
+def start_of(suite: Suite, run: str, device: str) -> records.RunStart:
     """The record of the start of a run that times settings."""
-    start: Record = {"kind": "run", "run": run, "suite": suite.name, "text": suite.text, "device": device}
-    return start | {"threads": suite.threads, "seeds": [], "jobs": [], "materials": []} | provenance()
+    start: records.RunStart = {
+        "kind": "run",
+        "run": run,
+        "suite": suite.name,
+        "text": suite.text,
+        "device": device,
+        "threads": suite.threads,
+        "seeds": [],
+        "jobs": [],
+        "materials": [],
+    }
+    return start | provenance()
 
 
 def contestants(suite: Suite, folder: Path, device: str, show: Progress) -> Contestants:

@@ -27,7 +27,7 @@ from bench.files import atomic
 from bench.inputs.errors import InputError
 from bench.machine.devices import is_gpu
 from bench.material import Material
-from bench.records import Record, Run, load_run
+from bench.records import Ceiling, Run, RunStart, Timing, load_run
 from bench.records.schema import setting_name
 from bench.runs import lock
 from bench.runs.setting_times import decoded, new_run, start_of, surfaces_of
@@ -59,7 +59,7 @@ class Clock:
         return time.monotonic() >= self.end
 
 
-def time_variants(suite: Suite, folder: Path, device: str, minutes: float, show: Progress = silent) -> list[Record]:
+def time_variants(suite: Suite, folder: Path, device: str, minutes: float, show: Progress = silent) -> list[Timing]:
     """Time the variants of a suite's settings, on its first surface, and steps of fits; returns what it recorded.
 
     Nothing is begun after so many minutes.
@@ -76,12 +76,13 @@ class _Measuring:
 
     def __init__(self, suite: Suite, folder: Path, device: torch.device, run: str, clock: Clock, show: Progress):
         self.suite, self.folder, self.device, self.run, self.clock, self.show = suite, folder, device, run, clock, show
-        self.found: list[Record] = []
+        self.found: list[Timing] = []
         known = load_run(folder) if (folder / records.FILE).exists() else Run(folder)
         self.done = {timed["job"] for timed in known.timings if timed.get("device") == str(device)} | self.given_up()
         measured = [precision for precision in DTYPES if _is_native(precision, device)]
         self.ceilings = [ceiling(device, suite.threads, precision) for precision in measured]
-        records.append(folder, start_of(suite, run, str(device)) | {"ceilings": self.ceilings})
+        start: RunStart = {**start_of(suite, run, str(device)), "ceilings": self.ceilings}
+        records.append(folder, start)
 
     def everything(self) -> None:
         """One setting of each codec, steps of fits, batches of some of these settings, then all other settings."""
@@ -126,11 +127,12 @@ class _Measuring:
         measured = timing.in_turns(calls, batch, material.size, self.suite.threads, self.device, turns=TURNS)
         rows = []
         for name, (variant, ready, off) in timed.items():
-            row: Record = {"kind": "timing", "job": name, "label": label, "flops": material.cost.flops_per_sample}
-            row |= timing.conditions(self.suite.threads, str(self.device)) | {"batch": batch}
-            row |= {"execution": variant.execution, "dtype": variant.precision, "of_tolerance": off}
+            row: Timing = {"kind": "timing", "job": name, "label": label, "flops": material.cost.flops_per_sample}
+            row |= timing.conditions(self.suite.threads, str(self.device))
+            row |= {"batch": batch, "execution": variant.execution, "dtype": variant.precision, "of_tolerance": off}
             row |= {"limit_ns": _limit(ready, variant, self.ceilings)}
-            rows.append(row | measured[name].summary())
+            row |= measured[name].summary()
+            rows.append(row)
         self.keep(rows)
 
     def compared(
@@ -171,10 +173,11 @@ class _Measuring:
             log.warning("%s: not timed: it ended an earlier process; remove %s to try it again", name, list_of_them)
         return set(names)
 
-    def keep(self, rows: Iterable[Record]) -> None:
+    def keep(self, rows: Iterable[Timing]) -> None:
         """Write records, each as it comes."""
         for row in rows:
-            records.append(self.folder, row | {"run": self.run})
+            named: Timing = {**row, "run": self.run}
+            records.append(self.folder, named)
             self.found.append(row)
             self.done.add(row["job"])
 
@@ -209,18 +212,20 @@ def difference(ready: Material, exact: Material, precision: str) -> float:
     return float((answers - truth).abs().max()) / allowed
 
 
-def ceiling(device: torch.device, threads: int, precision: str) -> dict[str, Any]:
+def ceiling(device: torch.device, threads: int, precision: str) -> Ceiling:
     """The measured rates of a device in a precision; `dtype` names the precision, such as tf32."""
     rounds = torch.backends.cuda.matmul
     before = rounds.allow_tf32
     rounds.allow_tf32 = precision == "tf32"
     try:
-        return roofline(device, threads, DTYPES[precision]) | {"dtype": precision}
+        measured = roofline(device, threads, DTYPES[precision])
     finally:
         rounds.allow_tf32 = before
+    measured["dtype"] = precision
+    return measured
 
 
-def _limit(material: Material, variant: Variant, ceilings: list[dict[str, Any]]) -> float:
+def _limit(material: Material, variant: Variant, ceilings: list[Ceiling]) -> float:
     """The fewest ns a sample that the measured ceilings allow in a variant's precision."""
     dtype = DTYPES[variant.precision]
     cost = replace(material.cost, bytes_per_sample=round(material.cost.bytes_per_sample * dtype.itemsize / 4))
@@ -228,7 +233,7 @@ def _limit(material: Material, variant: Variant, ceilings: list[dict[str, Any]])
     return min(limit_ns(cost, each) for each in ceilings if each["dtype"] in usable)
 
 
-def _fits(suite: Suite, device: str, clock: Clock, done: set[str], show: Progress) -> Iterator[Record]:
+def _fits(suite: Suite, device: str, clock: Clock, done: set[str], show: Progress) -> Iterator[Timing]:
     """The seconds of a step of each codec that is fitted in steps, of its largest setting, while there is time."""
     specs = {
         spec.codec: spec for spec in suite.codecs if "steps" in settings_dict(make_codec(spec.codec, spec.settings))
@@ -249,9 +254,21 @@ def _fits(suite: Suite, device: str, clock: Clock, done: set[str], show: Progres
             log.warning("%s: its fit is not timed: %s", spec.label, error)
             continue
         step = max(1.0, 1e9 * (seconds[1] - seconds[0]) / FIT_STEPS)  # ns
-        row: Record = {"kind": "timing", "job": name, "label": spec.label, "execution": "fit step", "dtype": "float32"}
-        row |= {"batch": 1, "threads": suite.threads, "device": device, "queries": "one step", "texture_fetch": True}
-        yield row | {"ns_per_sample": step, "interval95_ns": [step, step]} | timing.hardware(device)
+        row: Timing = {
+            "kind": "timing",
+            "job": name,
+            "label": spec.label,
+            "execution": "fit step",
+            "dtype": "float32",
+            "batch": 1,
+            "threads": suite.threads,
+            "device": device,
+            "queries": "one step",
+            "texture_fetch": True,
+            "ns_per_sample": step,
+            "interval95_ns": [step, step],
+        }
+        yield row | timing.hardware(device)
 
 
 def _fitted(spec: CodecSpec, steps: int, train: Any, device: str, threads: int) -> float:

@@ -36,7 +36,7 @@ from bench.demand import UNIFORM
 from bench.inputs.errors import CodecError, InputError, did_you_mean, shown
 from bench.inputs.settings import Seed, Share, Threads, converted, fields, parse_toml, read_toml, shipped_toml, table
 from bench.metrics import DEFAULTS, chosen_names, refuse_taken_names
-from bench.records import Record
+from bench.records import Job
 
 MOST_JOBS = 100_000
 Words = tuple[str, ...]
@@ -111,7 +111,7 @@ class Task:
     device: str = "cpu"
     scorers: int | None = None  # threads that score; None: one a core
     fresh: bool = False
-    earlier: Record | None = None  # the job's latest record, if it may still hold
+    earlier: Job | None = None  # the job's latest record, if it may still hold
     network: str = ""  # the file, in the run's folder, of the network that the codec shares over materials
     losses: int = 0  # workers that died while they ran this job
 
@@ -120,11 +120,19 @@ class Task:
         return f"{self.material.name}/{self.codec.label}/{self.repetition}"
 
     @property
-    def base(self) -> Record:
+    def base(self) -> Job:
         """The fields with which each record of this job begins."""
-        row = {"kind": "job", "job": self.name, "run": self.run, "material": self.material.name}
-        row |= {"codec": self.codec.codec, "label": self.codec.label, "curve": self.codec.curve}
-        return row | {"seed": self.repetition, "split": self.data.split}
+        return {
+            "kind": "job",
+            "job": self.name,
+            "run": self.run,
+            "material": self.material.name,
+            "codec": self.codec.codec,
+            "label": self.codec.label,
+            "curve": self.codec.curve,
+            "seed": self.repetition,
+            "split": self.data.split,
+        }
 
 
 def builtin_suites() -> dict[str, str]:

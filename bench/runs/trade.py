@@ -5,12 +5,12 @@ and timed from the same one. The results go into `trade.json` beside the run's r
 """
 
 import json
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -23,7 +23,7 @@ from bench.demand.mitsuba.lobes import fitted
 from bench.files import atomic
 from bench.files.archive import MAX_FILE, read_arrays
 from bench.inputs.errors import InputError, installed
-from bench.machine.devices import is_gpu
+from bench.machine.devices import described, is_gpu
 from bench.machine.threads import torch_threads
 from bench.material import Material
 from bench.metrics import metric_of
@@ -31,7 +31,19 @@ from bench.metrics.angular import as_number
 from bench.metrics.display import display_error
 from bench.metrics.psnr import psnr as decibels
 from bench.metrics.scoring import summarise
-from bench.records import FILE, FLIP, PSNR, VALIDATION, Record, Run, deciding_group, metrics_of
+from bench.records import (
+    FILE,
+    FLIP,
+    PSNR,
+    VALIDATION,
+    Ceiling,
+    Job,
+    Run,
+    Trade,
+    TradeChoice,
+    deciding_group,
+    metrics_of,
+)
 from bench.records.lines import TRADE, TRADE_FORMAT, load_run, load_trade
 from bench.runs import runner
 from bench.runs.estimate import duration
@@ -66,7 +78,8 @@ def run_and_measure(
     if noise:
         _path_tracer()  # and a missing Mitsuba
     load_trade(options.folder)  # an unreadable file stops here
-    states, folder, suite = [], options.folder, canonical(suite)
+    states: list[str] = []
+    folder, suite = options.folder, canonical(suite)
     before = load_run(folder) if (folder / FILE).exists() else Run(folder)
     options = replace(options, then=_timing(suite, before, options.device, _timed_jobs(suite)))
     for outcome in runner.run(suite, options):
@@ -90,7 +103,7 @@ def measure(
     emulated: bool = False,
     noise: bool = False,
     profiles: bool = True,
-) -> dict[str, Any]:
+) -> Trade:
     """Score and time every choice of a finished run of a suite; returns the content of `trade.json`.
 
     `full` profiles batches up to 2^22 instead of 2^18, which takes half an hour more; `emulated` also measures
@@ -104,8 +117,14 @@ def measure(
     left_out = [text for text in there if not emulated and native.emulated(Variant.parse(text).precision, on)]
     suite = replace(suite, variants=tuple(text for text in there if text not in left_out))
     ceilings = _ceilings(suite, on, cores)
-    result: dict[str, Any] = {"format": TRADE_FORMAT, "suite": suite.name, "ceilings": ceilings, "left_out": left_out}
-    result |= {"choices": [], "profiles": []}
+    result: Trade = {
+        "format": TRADE_FORMAT,
+        "suite": suite.name,
+        "ceilings": ceilings,
+        "left_out": left_out,
+        "choices": [],
+        "profiles": [],
+    }
     for spec in suite.materials:
         recorded_jobs = [run.job(f"{spec.name}/{codec.label}/{suite.seeds[0]}") for codec in suite.codecs]
         result["choices"] += [_failed(job, device) for job in recorded_jobs if job and job["status"] != "ok"]
@@ -114,12 +133,15 @@ def measure(
             task = Task("trade", run.folder, spec, suite.data, *first, metrics=suite.metrics)
             with opened(task, show) as workbench:
                 choices = _choices(workbench, jobs, suite, run, device, ceilings, show)
-            result["choices"] += [row | _noise(run, row, show) for row in choices] if noise else choices
+            if noise:
+                for row in choices:
+                    _add_noise(run, row, show)
+            result["choices"] += choices
             if not profiles:
                 continue
             plain = {job["label"]: recorded(run.folder, job, device) for job in jobs if _plain(suite, job)}
-            records = profile(plain or {jobs[0]["label"]: recorded(run.folder, jobs[0], device)}, cores, batches)
-            result["profiles"] += [{"material": spec.name} | record for record in records]
+            profiled = plain or {jobs[0]["label"]: recorded(run.folder, jobs[0], device)}
+            result["profiles"] += profile(spec.name, profiled, cores, batches)
     result["answers"] = [text for spec in suite.materials for text in answers(spec.name, result["choices"])]
     return result
 
@@ -139,8 +161,9 @@ def _timing(suite: Suite, run: Run, device: str, names: Collection[str]) -> str:
     seconds = 0.0
     for name in names:
         job = run.job(name)
-        known = (run.timing(job) or {}) if job else {}
-        each = max(timing.SPAN_NS, batch * known.get("ns_per_sample", usual)) + timing.SPAN_NS  # and the floor's turn
+        known = run.timing(job) if job else None
+        ns = known["ns_per_sample"] if known else usual
+        each = max(timing.SPAN_NS, batch * ns) + timing.SPAN_NS  # and the floor's turn
         plain = 1 if entries[name].swept else 1 + len(more)
         seconds += 1e-9 * timing.TURNS * each * plain
     return f"about {duration(seconds)} of timing"
@@ -152,64 +175,83 @@ def _timed_jobs(suite: Suite) -> dict[str, CodecSpec]:
     return {f"{material.name}/{codec.label}/{suite.seeds[0]}": codec for material, codec in first}
 
 
-def merged(earlier: dict[str, Any] | None, result: dict[str, Any]) -> dict[str, Any]:
+def merged(earlier: Trade | None, result: Trade) -> Trade:
     """A result, extended by the materials and settings of codecs that only an earlier result holds."""
-    together = {}
-    for key in ("choices", "profiles"):
-        here = {_place(row) for row in result[key]}
-        others = [row for row in (earlier or {}).get(key, ()) if _place(row) not in here]
-        together[key] = [*others, *result[key]]
-    names = dict.fromkeys(row["material"] for row in together["choices"])
-    return result | together | {"answers": [text for name in names for text in answers(name, together["choices"])]}
+    choices, profiles = result["choices"], result["profiles"]
+    if earlier:
+        scored = {(row["material"], row["label"], row["device"]) for row in choices}
+        others = [row for row in earlier["choices"] if (row["material"], row["label"], row["device"]) not in scored]
+        choices = [*others, *choices]
+        profiled = {row["material"] for row in profiles}
+        profiles = [*(row for row in earlier["profiles"] if row["material"] not in profiled), *profiles]
+    told: list[str] = []
+    for name in dict.fromkeys(row["material"] for row in choices):
+        told += answers(name, choices)
+    return {**result, "choices": choices, "profiles": profiles, "answers": told}
 
 
-def _place(row: dict[str, Any]) -> tuple[Any, ...]:
-    return row["material"], row.get("label"), row.get("device")
-
-
-def _ceilings(suite: Suite, device: torch.device, cores: int) -> list[dict[str, Any]]:
+def _ceilings(suite: Suite, device: torch.device, cores: int) -> list[Ceiling]:
     """Rooflines of the device: on the suite's threads (also in bfloat16 if a variant uses it), and on all cores."""
     half = any(Variant.parse(text).precision == "bfloat16" for text in suite.variants)
     short = [roofline(device, suite.threads, torch.bfloat16)] if half else []
     return [*(roofline(device, count) for count in dict.fromkeys((suite.threads, cores))), *short]
 
 
-def write(folder: Path, result: dict[str, Any]) -> None:
+def write(folder: Path, result: Trade) -> None:
     """Store the result beside the records, atomically."""
     atomic.write(folder / TRADE, json.dumps(result, allow_nan=False).encode())
     forget(folder)
 
 
-def _failed(job: Record, device: str) -> dict[str, Any]:
+def _failed(job: Job, device: str) -> TradeChoice:
     """A row with the error of a job that has no result."""
-    row = {"material": job["material"], "label": job["label"], "codec": job["codec"], "device": device}
-    row |= {"execution": "eager", "precision": "float32"}
-    return row | {"error": f"{job['status']}: {' '.join(job['error'].split())}"}
+    return {
+        "material": job["material"],
+        "label": job["label"],
+        "codec": job["codec"],
+        "device": device,
+        "execution": "eager",
+        "precision": "float32",
+        "error": f"{job['status']}: {' '.join(job['error'].split())}",
+    }
 
 
-def _plain(suite: Suite, job: Record) -> bool:
+def _plain(suite: Suite, job: Job) -> bool:
     """Whether a job belongs to a codec entry without a sweep; such a job represents its codec."""
     return any(spec.label == job["label"] and not spec.swept for spec in suite.codecs)
 
 
 def _choices(
     workbench: Workbench,
-    jobs: list[Record],
+    jobs: list[Job],
     suite: Suite,
     run: Run,
     device: str,
-    ceilings: list[Record],
+    ceilings: list[Ceiling],
     show: Progress,
-) -> list[Record]:
+) -> list[TradeChoice]:
     """Every choice of one material: quality, bytes, time in turns with all others, and whether it is on a front."""
-    rows, timed, unfinished = [], {}, Unfinished(run.folder)
+    rows: list[TradeChoice] = []
+    timed: dict[int, Material] = {}  # by the number of the row
+    unfinished = Unfinished(run.folder)
     for job in jobs:
         material = recorded(run.folder, job, device)
         for variant in (Variant(), *_variants(suite, job, material)):
-            row = {name: job[name] for name in ("material", "job", "label", "codec", "settings")}
-            row |= {"execution": variant.execution, "precision": variant.precision, "bytes": job["bytes"]["total"]}
-            row |= {"parameters": job["parameters"], "device": device, "sha256": job["score_key"]["sha256"]}
-            row |= {"emulated": True} if native.emulated(variant.precision, material.device) else {}
+            row: TradeChoice = {
+                "material": job["material"],
+                "job": job["job"],
+                "label": job["label"],
+                "codec": job["codec"],
+                "settings": job["settings"],
+                "execution": variant.execution,
+                "precision": variant.precision,
+                "bytes": job["bytes"]["total"],
+                "parameters": job["parameters"],
+                "device": device,
+                "sha256": job["score_key"]["sha256"],
+            }
+            if native.emulated(variant.precision, material.device):
+                row["emulated"] = True
             try:
                 ready = prepared(material, variant)
                 if variant == Variant():
@@ -223,27 +265,41 @@ def _choices(
                     )
             except Exception as error:  # an error in one variant must not lose the figures of the others
                 kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "  # an unexpected error
-                rows.append(row | {"error": kind + " ".join(str(error).split())})
+                row["error"] = kind + " ".join(str(error).split())
+                rows.append(row)
                 continue
             rows.append(row)
             timed[len(rows) - 1] = ready
     batch = timing.batch_on(device, BATCH)
-    conditions = {"batch": batch, "threads": suite.threads, "device": device} | timing.hardware(device)
+    conditions: TradeChoice = {"batch": batch, "threads": suite.threads, "device": device}
+    if is_gpu(device):
+        conditions["gpu"] = described(device)
     whose = [[rows[i]["sha256"], rows[i]["execution"], rows[i]["precision"]] for i in timed]
     kept = unfinished.turns(json.dumps([workbench.name, conditions, machine(), whose]))
     here = [each for each in ceilings if each["threads"] == suite.threads]
     measured = _timed({str(i): ready for i, ready in timed.items()}, here, batch, show, kept)
     for i, ready in timed.items():
-        summary = measured[str(i)].summary()
+        times = _times(measured[str(i)])
         least = _limit(ready, ceilings)
-        rows[i] |= summary | conditions | {"limit_ns": least, "of_limit": least / summary["ns_per_sample"]}
-    floor = {"material": workbench.name, "label": timing.FLOOR, "execution": "eager", "precision": "float32"}
+        rows[i] |= times | conditions
+        rows[i] |= {"limit_ns": least, "of_limit": least / times["ns_per_sample"]}
+    floor: TradeChoice = {
+        "material": workbench.name,
+        "label": timing.FLOOR,
+        "execution": "eager",
+        "precision": "float32",
+    }
     _mark([row for row in rows if "error" not in row])
-    return [*rows, floor | conditions | measured[timing.FLOOR].summary()]
+    return [*rows, floor | conditions | _times(measured[timing.FLOOR])]
+
+
+def _times(measured: timing.Timing) -> TradeChoice:
+    """The fields of a choice that its timing gives."""
+    return cast(TradeChoice, measured.summary())
 
 
 def _timed(
-    materials: dict[str, Material], ceilings: list[Record], batch: int, show: Progress, kept: KeptTurns
+    materials: dict[str, Material], ceilings: list[Ceiling], batch: int, show: Progress, kept: KeptTurns
 ) -> dict[str, timing.Timing]:
     """Time materials in turns with each other and with the ceilings, which rise where a turn reaches more."""
     first = next(iter(materials.values()))
@@ -257,12 +313,13 @@ def _timed(
         product, copied = (
             batch * float(measured[f"{what} {ceiling['dtype']}"].samples.min()) for what in ("product", "copy")
         )
-        for name, rate in rates(product, copied, first.device).items():
-            ceiling[name] = max(ceiling[name], rate)
+        flops, read = rates(product, copied, first.device)
+        ceiling["flops_per_ns"] = max(ceiling["flops_per_ns"], flops)
+        ceiling["bytes_per_ns"] = max(ceiling["bytes_per_ns"], read)
     return measured
 
 
-def _variants(suite: Suite, job: Record, material: Material) -> list[Variant]:
+def _variants(suite: Suite, job: Job, material: Material) -> list[Variant]:
     """The variants of the suite, for an entry without a sweep; without a network only variants of whole codecs."""
     if not _plain(suite, job):
         return []
@@ -270,7 +327,7 @@ def _variants(suite: Suite, job: Record, material: Material) -> list[Variant]:
     return variants if networks(material) else [variant for variant in variants if is_whole(variant, material.device)]
 
 
-def _limit(material: Material, ceilings: list[dict[str, Any]]) -> float:
+def _limit(material: Material, ceilings: list[Ceiling]) -> float:
     """The machine's lower bound in ns per sample: short types read fewer bytes, and may multiply faster."""
     short = material.dtype.itemsize / 4
     cost = replace(material.cost, bytes_per_sample=round(material.cost.bytes_per_sample * short))
@@ -279,12 +336,12 @@ def _limit(material: Material, ceilings: list[dict[str, Any]]) -> float:
     return min(limit_ns(cost, c) for c in ceilings if c["threads"] == threads and c["dtype"] in usable)
 
 
-def _changed(workbench: Workbench, ours: Material, plain: Material, threads: int, show: Progress) -> dict[str, Any]:
+def _changed(workbench: Workbench, ours: Material, plain: Material, threads: int, show: Progress) -> TradeChoice:
     """The figures of a material in another execution or precision, and how far it answers from eager float32."""
     return _score(workbench, ours, threads, show) | _deviation(workbench, ours, plain, show)
 
 
-def _score(workbench: Workbench, material: Material, threads: int, show: Progress) -> dict[str, Any]:
+def _score(workbench: Workbench, material: Material, threads: int, show: Progress) -> TradeChoice:
     """The figures of a material in another execution or precision, scored now."""
     groups = {deciding_group(workbench.groups): workbench.deciding} | {
         name: np.intersect1d(workbench.scored, pairs) for name, pairs in workbench.groups.items() if name == VALIDATION
@@ -297,7 +354,7 @@ def _score(workbench: Workbench, material: Material, threads: int, show: Progres
     return _figures({"scores": summary}, scores.raw[PSNR][np.isin(scores.pairs, workbench.deciding)])
 
 
-def _deviation(workbench: Workbench, ours: Material, plain: Material, show: Progress) -> dict[str, Any]:
+def _deviation(workbench: Workbench, ours: Material, plain: Material, show: Progress) -> TradeChoice:
     """PSNR, against the answers of eager float32, of the held-out slice that differs most; None if none differs."""
     at, at_plain = (Slices(workbench, material, show).slice for material in (ours, plain))
     exposure = workbench.scorer.exposure
@@ -305,13 +362,18 @@ def _deviation(workbench: Workbench, ours: Material, plain: Material, show: Prog
     return {"from_float32": as_number(float(decibels(worst)))}
 
 
-def _figures(job: Record, squared: np.ndarray) -> dict[str, Any]:
+def _figures(job: Job, squared: np.ndarray) -> TradeChoice:
     """PSNR, FLIP and worst-slice PSNR of the deciding pairs, and PSNR of validation pairs, if a record has them."""
     metrics, validation = metrics_of(job), validation_of(job)
     flip = metric_of(metrics, FLIP)
-    figures = {"psnr": metrics[PSNR]["mean"], "flip": metrics[flip]["mean"] if flip else None}
-    figures |= {"worst": as_number(float(decibels(squared.max())))}
-    return figures | ({"validation": dict(validation)} if validation else {})
+    figures: TradeChoice = {
+        "psnr": metrics[PSNR]["mean"],
+        "flip": metrics[flip]["mean"] if flip else None,
+        "worst": as_number(float(decibels(squared.max()))),
+    }
+    if validation:
+        figures["validation"] = dict(validation)
+    return figures
 
 
 def _path_tracer() -> ModuleType:
@@ -323,26 +385,39 @@ def _path_tracer() -> ModuleType:
     return noise
 
 
-def _noise(run: Run, row: dict[str, Any], show: Progress) -> dict[str, Any]:
-    """The noise of a path tracer with the file of a choice as material, or why it was not measured; {} for other
+def _add_noise(run: Run, row: TradeChoice, show: Progress) -> None:
+    """Add the noise of a path tracer with the file of a choice as material, or why it was not measured; not to other
     executions and precisions, which have the same noise."""
     if "sha256" not in row or (row["execution"], row["precision"]) != (Variant().execution, Variant().precision):
-        return {}
+        return
+    job = run.job(row["job"])
+    assert job is not None  # the choice is one of its file
     path_tracer = _path_tracer()
-    file = run.folder / (run.job(row["job"]) or {})["file"]
+    file = run.folder / job["file"]
     try:
         lobes = fitted(load(file).material, show=show)
         noises = path_tracer.reached(file, [None, lobes])
     except (InputError, RuntimeError) as error:  # the second is Mitsuba's; keep the figures of other files
-        return {"noise_error": " ".join(str(error).split())}
-    both = {"samples": [each.samples for each in noises], "seconds": [each.seconds for each in noises]}
-    return {"noise": {"scene": path_tracer.EVEN, **both}}
+        row["noise_error"] = " ".join(str(error).split())
+        return
+    row["noise"] = {
+        "scene": path_tracer.EVEN,
+        "samples": [each.samples for each in noises],
+        "seconds": [each.seconds for each in noises],
+    }
 
 
-def _mark(rows: list[dict[str, Any]]) -> None:
+def _mark(rows: list[TradeChoice]) -> None:
     """Mark each choice that is on a Pareto front: no other is at least as good and as cheap, and better in one."""
-    for cost, front in (("ns_per_sample", "fastest"), ("bytes", "smallest")):
-        # Rounded to 0.01 dB, because executions of one file differ by rounding.
-        places = [(round(row["psnr"], 2), -row[cost]) for row in rows]
-        for row, (good, cheap) in zip(rows, places, strict=True):
-            row[front] = not any(x >= good and y >= cheap and (x, y) != (good, cheap) for x, y in places)
+    quality = [round(row["psnr"] or 0.0, 2) for row in rows]  # executions of one file differ by rounding
+    fastest = _on_front(quality, [row["ns_per_sample"] for row in rows])
+    smallest = _on_front(quality, [row["bytes"] for row in rows])
+    for row, is_fastest, is_smallest in zip(rows, fastest, smallest, strict=True):
+        row["fastest"] = is_fastest
+        row["smallest"] = is_smallest
+
+
+def _on_front(quality: Sequence[float], costs: Sequence[float]) -> list[bool]:
+    """Whether each place of quality and cost is on the Pareto front."""
+    places = list(zip(quality, costs, strict=True))
+    return [not any(q >= good and c <= cost and (q, c) != (good, cost) for q, c in places) for good, cost in places]

@@ -7,9 +7,9 @@ that the same command goes on where it was interrupted.
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from bench.files import atomic
+from bench.records import TradeChoice
 from bench.timing.turns import KeptTurns
 
 FIGURES, TURNS = "trade.figures.json", "trade.turns.npz"
@@ -21,16 +21,16 @@ class Unfinished:
     def __init__(self, folder: Path):
         self.folder = folder
         try:
-            self.figures: dict[str, Any] = dict(json.loads((folder / FIGURES).read_text(encoding="utf-8")))
+            self.figures: dict[str, TradeChoice] = dict(json.loads((folder / FIGURES).read_text(encoding="utf-8")))
         except (OSError, ValueError, TypeError, RecursionError):
             self.figures = {}
 
-    def figures_of(self, key: str, measure: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    def figures_of(self, key: str, measure: Callable[[], TradeChoice]) -> TradeChoice:
         """The figures under a key that names all they depend on: kept ones, else those that `measure` gives."""
         if key not in self.figures:
             self.figures[key] = measure()
             atomic.write(self.folder / FIGURES, json.dumps(self.figures, allow_nan=False).encode())
-        return dict(self.figures[key])
+        return self.figures[key].copy()
 
     def turns(self, key: str) -> KeptTurns:
         """The turns of the timing that the key names."""

@@ -21,6 +21,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from bench import records
 from bench.codec import Progress, followed, silent
 from bench.directions.hemisphere import from_degrees, uniform
 from bench.machine.devices import described, is_gpu
@@ -69,13 +70,18 @@ class Timing:
     samples: np.ndarray  # (turns,)
     ratios: np.ndarray  # (turns,)
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> records.Timing:
         """Median, interquartile range, bootstrap 95 % interval of the median (ns per sample); ratio to the floor."""
         quarter, three_quarters = np.percentile(self.samples, [25, 75])
-        times = {"ns_per_sample": float(np.median(self.samples)), "iqr_ns": float(three_quarters - quarter)}
-        ratios = {"ratio_to_floor": float(np.median(self.ratios)), "ratio_interval95": interval95(self.ratios)}
-        floor = {"ratio_least": float(self.ratios.min()), "floor_ns": float(np.median(self.samples / self.ratios))}
-        return times | {"interval95_ns": interval95(self.samples)} | ratios | floor
+        return {
+            "ns_per_sample": float(np.median(self.samples)),
+            "iqr_ns": float(three_quarters - quarter),
+            "interval95_ns": interval95(self.samples),
+            "ratio_to_floor": float(np.median(self.ratios)),
+            "ratio_interval95": interval95(self.ratios),
+            "ratio_least": float(self.ratios.min()),
+            "floor_ns": float(np.median(self.samples / self.ratios)),
+        }
 
 
 def interval95(samples: np.ndarray) -> list[float]:
@@ -98,16 +104,23 @@ def batch_on(device: torch.device | str, cpu: int = BATCH) -> int:
     return GPU_BATCH if is_gpu(device) else cpu
 
 
-def hardware(device: torch.device | str) -> dict[str, str]:
+def hardware(device: torch.device | str) -> records.Timing:
     """What a record of times on a GPU says of it; the CPU stands in the record of its run."""
     return {"gpu": described(device)} if is_gpu(device) else {}
 
 
-def conditions(threads: int, device: str) -> dict[str, Any]:
+def conditions(threads: int, device: str) -> records.Timing:
     """The conditions under which `time_materials` measures, to be published with its figures."""
-    computed = {"batch": batch_on(device), "dtype": "float32", "threads": threads, "device": device}
-    computed |= {"execution": "eager", "queries": "random uv and directions up to 75°, footprint 0"}
-    return computed | {"texture_fetch": True} | hardware(device)
+    found: records.Timing = {
+        "batch": batch_on(device),
+        "dtype": "float32",
+        "threads": threads,
+        "device": device,
+        "execution": "eager",
+        "queries": "random uv and directions up to 75°, footprint 0",
+        "texture_fetch": True,
+    }
+    return found | hardware(device)
 
 
 def time_materials(

@@ -5,15 +5,16 @@ GPU of `GPU_BATCH`. How fast this machine multiplies and copies is the ceiling i
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import torch
 from torch import Tensor
 
 from bench.machine.threads import torch_threads
 from bench.material import DecoderCost, Material
+from bench.records import Ceiling, Profile
 from bench.timing import BATCH, FLOOR, Queries, batch_on, calibrated, clock_of, hardware, in_turns
 from bench.timing.execution import networks
 
@@ -37,16 +38,19 @@ class Condition:
 
 def conditions(batches: tuple[int, ...], all_threads: int, batch: int = BATCH) -> list[Condition]:
     """Every condition of a profile, the common one first."""
-    changes: list[dict[str, Any]] = [{}, {"part": "decoder"}, {"part": "evaluate"}]
-    changes += [{"batch": size} for size in batches]
-    changes += [{"coherent": True}, *({"footprint": side} for side in FOOTPRINTS), {"threads": all_threads}]
-    return list(dict.fromkeys(Condition(**{"batch": batch} | change) for change in changes))
+    common = Condition(batch=batch)
+    others = [replace(common, part="decoder"), replace(common, part="evaluate")]
+    others += [replace(common, batch=size) for size in batches]
+    others += [replace(common, coherent=True)]
+    others += [replace(common, footprint=side) for side in FOOTPRINTS]
+    others += [replace(common, threads=all_threads)]
+    return list(dict.fromkeys([common, *others]))
 
 
 def profile(
-    materials: dict[str, Material], all_threads: int, batches: tuple[int, ...] = BATCHES
-) -> Iterator[dict[str, Any]]:
-    """One record for each condition and material, and the floor: the condition, the summary of its timing."""
+    surface: str, materials: dict[str, Material], all_threads: int, batches: tuple[int, ...] = BATCHES
+) -> Iterator[Profile]:
+    """One record of a surface for each condition and codec, and the floor: the condition, the summary of its timing."""
     first = next(iter(materials.values()))
     for condition in conditions(batches, all_threads, batch_on(first.device)):
         calls = {name: _call(material, condition) for name, material in materials.items()}
@@ -54,8 +58,9 @@ def profile(
         timed = in_turns(there, condition.batch, first.size, condition.threads, first.device)
         for name, timing in timed.items():
             if name != FLOOR or condition.part == "query":
-                summary = timing.summary() | {"samples_ns": timing.samples.tolist()} | hardware(first.device)
-                yield {"name": name} | asdict(condition) | summary
+                found = {"material": surface, "name": name} | asdict(condition) | dict(timing.summary())
+                found |= {"samples_ns": timing.samples.tolist()} | dict(hardware(first.device))
+                yield cast(Profile, found)
 
 
 def _call(material: Material, condition: Condition) -> Callable[[], Any] | None:
@@ -79,7 +84,7 @@ def _chunks(call: Callable[..., Tensor], inputs: tuple[Tensor, ...], chunk: int)
         call(*(x[start : start + chunk] for x in inputs))
 
 
-def roofline(device: torch.device, threads: int, dtype: torch.dtype = torch.float32) -> dict[str, Any]:
+def roofline(device: torch.device, threads: int, dtype: torch.dtype = torch.float32) -> Ceiling:
     """Measured flop/s of a matrix product (a fused multiply-add counts as two) and bytes/s of a copy, read and written,
     by the clock that times decoders on as many threads.
 
@@ -88,8 +93,14 @@ def roofline(device: torch.device, threads: int, dtype: torch.dtype = torch.floa
     with torch_threads(threads):
         calls = [calibrated(call, device, clock) for call in ceiling_calls(device, dtype)]
         best = [min(call() for _ in range(ROUNDS)) for call in calls]
-    words = {"threads": threads, "device": str(device), "dtype": str(dtype).removeprefix("torch.")}
-    return rates(best[0], best[1], device) | words
+    flops, read = rates(best[0], best[1], device)
+    return {
+        "flops_per_ns": flops,
+        "bytes_per_ns": read,
+        "threads": threads,
+        "device": str(device),
+        "dtype": str(dtype).removeprefix("torch."),
+    }
 
 
 def ceiling_calls(device: torch.device, dtype: torch.dtype) -> tuple[Callable[[], Any], Callable[[], Any]]:
@@ -107,12 +118,12 @@ def sizes_on(device: torch.device) -> tuple[int, int]:
     return (GPU_SIDE, GPU_COPIED) if device.type == "cuda" else (SIDE, COPIED)  # an emulated GPU is a CPU
 
 
-def rates(product_ns: float, copy_ns: float, device: torch.device) -> dict[str, float]:
-    """Rates from the times of both calls of `ceiling_calls`."""
+def rates(product_ns: float, copy_ns: float, device: torch.device) -> tuple[float, float]:
+    """Operations and bytes a ns, from the times of both calls of `ceiling_calls`."""
     side, copied = sizes_on(device)
-    return {"flops_per_ns": 2 * side**3 / product_ns, "bytes_per_ns": 2 * copied / copy_ns}
+    return 2 * side**3 / product_ns, 2 * copied / copy_ns
 
 
-def limit_ns(cost: DecoderCost, ceiling: dict[str, Any]) -> float:
+def limit_ns(cost: DecoderCost, ceiling: Ceiling) -> float:
     """The fewest ns a sample that a ceiling allows: for its arithmetic or its reads, whichever takes longer."""
     return max(cost.flops_per_sample / ceiling["flops_per_ns"], cost.bytes_per_sample / ceiling["bytes_per_ns"])

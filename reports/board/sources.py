@@ -6,11 +6,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import cast
 
 from bench.btf import BAKED, RENDERED
 from bench.compare.choosing import has_validation
 from bench.compare.reference import published_job
-from bench.records import ARTEFACT, Record, Records, Run, field_names
+from bench.records import ARTEFACT, Job, Records, Run, field_names
 from reports.rows import MaterialRows, materials
 
 VERIFIED, CLAIMED, OWN = "verified", "claimed", "own run"
@@ -58,14 +59,14 @@ class Publication:
         """Its name, and that it is claimed."""
         return f"{self.name}, {CLAIMED}" if self.claimed else self.name
 
-    def state(self, job: Record) -> str:
+    def state(self, job: Job) -> str:
         """Whose word a number is; of a job without one, its status."""
         if job["status"] != "ok":
             return str(job["status"])
         return CLAIMED if self.claimed else VERIFIED if job.get("verified") else OWN
 
 
-def may_be_shown(job: Record, run: Run) -> bool:
+def may_be_shown(job: Job, run: Run) -> bool:
     """Whether pictures of a material may be published: it is built in, made of maps whose suite states CC0, or of a
     kind of surface that permits it.
 
@@ -99,19 +100,21 @@ def with_files(records: Sequence[Publication], runs: Sequence[Publication]) -> l
     return named
 
 
-def _placed(run: Run, at_hand: dict[tuple[str, ...], tuple[Run, Record]]) -> Run:
-    names, jobs = set(field_names(ARTEFACT)), Records()
+def _placed(run: Run, at_hand: dict[tuple[str, ...], tuple[Run, Job]]) -> Run:
+    names = set(field_names(ARTEFACT))
+    jobs: Records[Job] = Records()
     for job in run.jobs:
         here = {name: value for name, value in job.items() if name not in names or not isinstance(value, str)}
         owner, local = at_hand.get(_key(job), (None, job))
         if owner and may_be_shown(local, owner):
-            paths = {name: local[name] for name in names - {"file"} if isinstance(local.get(name), str)}
-            here |= {name: str(owner.folder.absolute() / path) for name, path in paths.items()}
-        jobs.put(job["job"], here)
+            for name, path in local.items():
+                if name in names - {"file"} and isinstance(path, str):
+                    here[name] = str(owner.folder.absolute() / path)
+        jobs.put(job["job"], cast(Job, here))
     return replace(run, jobs=jobs)
 
 
-def _key(job: Record) -> tuple[str, ...]:
+def _key(job: Job) -> tuple[str, ...]:
     """What names a measured file: its job, its hash, and that of its data."""
     key = job.get("score_key", {})
     return job["job"], str(key.get("sha256")), str(key.get("btf"))

@@ -10,7 +10,7 @@ from matplotlib.colors import Normalize
 
 from bench.compare.choosing.budgets import Budget, budgets
 from bench.metrics import stats_of
-from bench.records import FLIP, PSNR, Record, Run, by_kind
+from bench.records import FLIP, PSNR, Job, Run, by_kind
 from reports.artefacts import Arrays, arrays, of_shown
 from reports.figures.canvas import Figure, Sheet, coloured, enlarged, of_each_material, style
 from reports.numbers import fixed
@@ -77,7 +77,7 @@ def strip(run: Run, budget: Budget) -> Figure | None:
     return None
 
 
-def _strip(material: str, known: Sequence[tuple[Record, Arrays]], scores: Arrays) -> Figure:
+def _strip(material: str, known: Sequence[tuple[Job, Arrays]], scores: Arrays) -> Figure:
     truth, pairs = (known[0][1][name] for name in ("truth", "pairs"))
     errors = dict(zip(scores["pairs"].tolist(), scores[PSNR].tolist(), strict=True))
     shown = sorted(range(len(pairs)), key=lambda place: errors[pairs[place]])[len(pairs) // 2]

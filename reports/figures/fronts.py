@@ -10,7 +10,7 @@ from matplotlib.ticker import NullLocator
 
 from bench.compare.choosing.budgets import BITS, EAGER, TIMES, Budgets, budgets
 from bench.compare.choosing.curves import Point, hulls, mean_at
-from bench.records import Record, Run, by_kind, grouped, load_trade
+from bench.records import Run, TradeChoice, by_kind, grouped, load_trade
 from reports.figures.canvas import Figure, legend, log_ticks, plots, png, style
 from reports.fits import GOALS_DB
 from reports.rows import MaterialRows, materials
@@ -77,16 +77,17 @@ def _mean_curve(of: Mapping[str, Sequence[Point]], surfaces: Sequence[str]) -> d
 
 def trade_fronts(run: Run) -> Iterator[Figure]:
     """One figure for each material whose choices were measured."""
-    trade = load_trade(run.folder) or {"choices": []}
-    for material in dict.fromkeys(row["material"] for row in trade["choices"]):
-        rows = [r for r in trade["choices"] if r["material"] == material and r.get("psnr") is not None]
+    trade = load_trade(run.folder)
+    choices = trade["choices"] if trade else []
+    for material in dict.fromkeys(row["material"] for row in choices):
+        rows = [row for row in choices if row["material"] == material and row.get("psnr") is not None]
         if rows:
             with style():
                 drawing = _fronts(material, rows, Styles(run))
                 yield Figure(material, "trade", f"{material}: speed, accuracy and bytes", png(drawing), drawing)
 
 
-def _fronts(material: str, rows: Sequence[Record], styles: Styles) -> Any:
+def _fronts(material: str, rows: Sequence[TradeChoice], styles: Styles) -> Any:
     groups = grouped(rows, lambda row: row["codec"] + _how(row))
     drawing, (speed, rate) = plots(11.5, max(5.0, 1.4 + 0.2 * len(groups)), 2)
     handles = []
@@ -97,8 +98,10 @@ def _fronts(material: str, rows: Sequence[Record], styles: Styles) -> Any:
         handles += speed.plot([row["ns_per_sample"] for row in group], psnr, **look, markersize=6)
         if default:  # executions do not change bytes
             rate.plot([row["bytes"] for row in group], psnr, **look, markersize=6)
-    _front(speed, [row for row in rows if row["fastest"]], "ns_per_sample", "ns a sample (less is better)", "")
-    _front(rate, [row for row in rows if row["smallest"]], "bytes", "size of the file (less is better)", "B")
+    fastest = [(row["ns_per_sample"], row["psnr"]) for row in rows if row["fastest"]]
+    smallest = [(row["bytes"], row["psnr"]) for row in rows if row["smallest"]]
+    _front(speed, fastest, "ns a sample (less is better)", "")
+    _front(rate, smallest, "size of the file (less is better)", "B")
     speed.set_ylabel("display PSNR, dB (held-out pairs; higher is better)")
     speed.set_title(f"{material}: speed and accuracy", loc="left")
     rate.set_title("rate and accuracy; grey: no other is as good for less", loc="left")
@@ -106,15 +109,15 @@ def _fronts(material: str, rows: Sequence[Record], styles: Styles) -> Any:
     return drawing
 
 
-def _how(row: Record) -> str:
+def _how(row: TradeChoice) -> str:
     """The execution and precision of a row in words, "" for the default ones."""
     how = row["execution"], row["precision"]
     return "" if how == ("eager", "float32") else f" [{' '.join(how)}]"
 
 
-def _front(axes: Any, best: Sequence[Record], cost: str, label: str, unit: str) -> None:
-    """The front as a stair, and the axis of its cost."""
-    stair = sorted((row[cost], row["psnr"]) for row in best)
+def _front(axes: Any, best: Sequence[tuple[float, float | None]], label: str, unit: str) -> None:
+    """The front, by cost and PSNR, as a stair, and the axis of its cost."""
+    stair = sorted(best)
     axes.plot([x for x, _ in stair], [y for _, y in stair], color="0.4", linewidth=1, drawstyle="steps-post", zorder=0)
     axes.set_xscale("log")
     log_ticks(axes.xaxis, unit)

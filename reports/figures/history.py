@@ -6,13 +6,13 @@ from pathlib import Path
 from statistics import fmean
 
 from bench.metrics import stats_of
-from bench.records import PSNR, Record, Records, Run, shown_label
+from bench.records import PSNR, Job, Records, Run, RunStart, Timing, shown_label
 from reports.figures.canvas import Figure, legend, log_ticks, new, png, style
 from reports.styles import Styles
 
-Measured = tuple[Record, Record]  # a job and its timing, empty without one
+Measured = tuple[Job, Timing]  # a job and its timing, empty without one
 Codecs = dict[tuple[str, str], dict[str, list[Measured]]]  # by label and kind of held-out pairs, then by start
-_QUANTITIES: dict[str, Callable[[Record, Record], float | None]] = {  # of a job and its timing, if any
+_QUANTITIES: dict[str, Callable[[Job, Timing], float | None]] = {  # of a job and its timing, if any
     "display PSNR, dB": lambda job, timing: stats_of(job, PSNR).get("mean"),
     "bytes of the file": lambda job, timing: float(job["bytes"]["total"]),
     "time a sample, × floor": lambda job, timing: timing.get("ratio_to_floor"),
@@ -57,13 +57,13 @@ def _materials(runs: Sequence[Run]) -> dict[str, Codecs]:
             if job["status"] == "ok":
                 codecs = by_material.setdefault(job["material"], {})
                 codec = codecs.setdefault((shown_label(job), str(job.get("split", ""))), {})
-                codec.setdefault(str(job.get("run", "")), []).append((job, run.timing(job) or {}))
+                codec.setdefault(str(job.get("run", "")), []).append((job, run.timing(job) or Timing()))
     return by_material
 
 
-def _ticks(order: Sequence[str], starts: dict[str, Record]) -> list[str]:
+def _ticks(order: Sequence[str], starts: dict[str, RunStart]) -> list[str]:
     """The names of starts on an axis: the revision, or the day, with the time of day if several are equal."""
-    names = [str(starts.get(when, {}).get("git") or when[:8])[:12] for when in order]
+    names = [str(starts.get(when, RunStart()).get("git") or when[:8])[:12] for when in order]
     times = []
     for when in order:  # 11-23 09:31 of a start named 20251123T093106
         n = "".join(filter(str.isdigit, when[:16]))

@@ -6,7 +6,7 @@ import numpy as np
 
 from bench.inputs.errors import InputError
 from bench.program import Program
-from bench.records import Record, Run
+from bench.records import Job, Run
 from reports.artefacts import program
 from reports.figures.canvas import Figure, Sheet, enlarged, of_each_material, short
 from reports.rows import MaterialRows
@@ -46,7 +46,7 @@ def latent_channels(run: Run, material: MaterialRows) -> Figure | None:
     return Figure(material.name, "latents", title, sheet.png("L"), sheet)
 
 
-def _stored(run: Run, job: Record) -> Textures:
+def _stored(run: Run, job: Job) -> Textures:
     """The textures of a job's drawing; none if it is missing or unreadable."""
     try:
         return textures(program(run.folder / job["drawing"]))

@@ -107,7 +107,7 @@ def test_a_profile_times_each_part_and_condition(monkeypatch):
     monkeypatch.setattr("bench.timing.SPAN_NS", 10_000)
     network = Sleeper(0.0)
     network.net = Decoder(Architecture(4, (4,)))
-    records = list(profile({"net": network, "table": Sleeper(0.0)}, 2, (1, 8)))
+    records = list(profile("surface", {"net": network, "table": Sleeper(0.0)}, 2, (1, 8)))
     assert {r["part"] for r in records if r["name"] == "net"} == {"query", "evaluate", "decoder"}
     assert {r["part"] for r in records if r["name"] == "table"} == {"query", "evaluate"}
     assert {r["batch"] for r in records} == {1, 8, BATCH}

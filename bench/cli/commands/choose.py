@@ -25,7 +25,7 @@ from bench.data.kinds import kind_of
 from bench.files import atomic
 from bench.inputs.errors import FAILED, FINE, NO, ContainerError, InputError
 from bench.program.recording import program_of
-from bench.records import Record, load_run, load_trade
+from bench.records import TradeChoice, load_run, load_trade
 from bench.runs.runner import Options
 from bench.runs.suite import Suite, canonical, load_suite, with_changes
 from bench.runs.trade import run_and_measure
@@ -107,10 +107,10 @@ def _gpu_bytes(folder: Path, name: str) -> int | None:
         return None
 
 
-def _offer(folder: Path, row: "Record", copy: Path | None) -> None:
+def _offer(folder: Path, row: "TradeChoice", copy: Path | None) -> None:
     """Print where the chosen file is, and copy it with the network that it needs."""
-    job = load_run(folder).job(row.get("job", "")) or {}
-    if "file" not in job:
+    job = load_run(folder).job(row.get("job", ""))
+    if job is None or "file" not in job:
         return
     file = folder / job["file"]
     try:
@@ -131,7 +131,7 @@ def _offer(folder: Path, row: "Record", copy: Path | None) -> None:
     say_line(f"wrote {copy}")
 
 
-def _command(suite: "Suite", row: "Record", device: str) -> str:
+def _command(suite: "Suite", row: "TradeChoice", device: str) -> str:
     """The command that makes the chosen file again, byte for byte; "" where only a run can make it."""
     spec, data = suite.materials[0], suite.data
     kind = kind_of(spec)
@@ -177,7 +177,8 @@ def _suite(options: argparse.Namespace) -> "Suite":
 def _measured(folder: Path, suite: "Suite", options: argparse.Namespace) -> tuple[list["Rung"], list[str]]:
     """The choices of a suite's material that were measured on a device, and the labels that were not tried."""
     codecs, material = {codec.codec for codec in suite.codecs}, suite.materials[0].name
-    every = (load_trade(folder) or {"choices": []})["choices"]
+    trade = load_trade(folder)
+    every = trade["choices"] if trade else []
     of_device = [row for row in every if (row["material"], row["device"]) == (material, options.device)]
     rows = [row for row in of_device if row.get("codec") in codecs]
     tried = {row["label"] for row in rows if "validation" in row or "error" in row}

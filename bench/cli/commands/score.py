@@ -21,6 +21,7 @@ from bench.cli.console import Console
 from bench.codecs.container import read_header
 from bench.data.open import open_named
 from bench.inputs.errors import FINE, InputError
+from bench.records import Job
 from bench.runs.library import score
 from bench.runs.suite import CodecSpec, changed_settings
 from reports import score_text
@@ -50,7 +51,14 @@ def run(options: argparse.Namespace) -> int:
         scores = score(options.file, btf, demand=options.demand, show=console.show, **place)
     spec = CodecSpec(scores["codec"], scores["settings"])
     label = replace(spec, settings=changed_settings(spec)).label if spec.settings else spec.label
-    job = {"kind": "job", "job": str(options.file), "material": btf.name, "label": label, "status": "ok", "run": ""}
+    job: Job = {
+        "kind": "job",
+        "job": str(options.file),
+        "material": btf.name,
+        "label": label,
+        "status": "ok",
+        "run": "",
+    }
     print(score_text(job | scores))
     if options.json:
         write_text(options.json, json.dumps(scores, indent=2, allow_nan=False), "choose another --json")

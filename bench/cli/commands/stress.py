@@ -59,8 +59,9 @@ def run(options: argparse.Namespace) -> int:
     cases = [case for case in cases if case.cheap or not options.cheap]
     with writable(options.out, "choose another --out"):
         options.out.mkdir(parents=True, exist_ok=True)
-    records.append(options.out, {"kind": "run", "suite": "stress", "device": "cpu"} | provenance())
-    tried: list[records.Record] = []
+    start: records.RunStart = {"kind": "run", "suite": "stress", "device": "cpu"}
+    records.append(options.out, start | provenance())
+    tried: list[records.Stress] = []
     count = min(options.jobs, 2 * len(codecs))
     with Console() as console, in_process() if count == 1 else processes(count, threads=1) as workers:
         pictures = () if options.case else stress.picture_records()

@@ -23,11 +23,11 @@ from bench.codecs.registry import codec_entries
 from bench.compare.choosing import fused_times, gpu_times
 from bench.conformance.verdicts import count
 from bench.inputs.errors import FINE, NOTHING, InputError, visible
-from bench.records import FILE, STRESS, Record, Run, load_together, require
+from bench.records import FILE, STRESS, Run, Timing, load_together, require
 from bench.runs.suite import load_suite
 from reports import FORMATS, KINDS, WHY_EMPTY, paper_text, parameters_text, table_text
 from reports.choice import Choice, new_names
-from reports.parameters import PUBLISHED
+from reports.parameters import PUBLISHED, TimedJob
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -82,21 +82,24 @@ def choice(options: argparse.Namespace) -> "Choice | None":
 def parameters_table(folders: list[Path], format: str, choice: "Choice | None" = None) -> str:
     """The table of parameters: of every codec as published, and of the records of runs, whatever their data; with times
     of a sample, where a run has some."""
-    jobs = []
+    jobs: list[TimedJob] = []
     runs = [load_together([folder], wanted=lambda job: False) for folder in folders or _runs()[-1:]]  # none replaced
-    on_gpu: dict[str, Record] = {}
+    on_gpu: dict[str, Timing] = {}
     for run in runs:
         on_gpu |= gpu_times(run)
     for run in runs:
         for job in (job for job in run.jobs if job["status"] == "ok"):
             require(job, "tables", run.folder)
-            timings = {"eager": run.timing(job), "fused": fused_times(run).get(job["job"])}
-            timings["gpu"] = on_gpu.get(job["label"])
-            times = {how: timing["ns_per_sample"] for how, timing in timings.items() if timing}
-            jobs.append(job | {"ns": times})
-            if timings["gpu"]:
-                jobs[-1]["gpu"] = timings["gpu"]["gpu"]
-    counted = [count(name) for name in PUBLISHED if name in codec_entries()]
+            found: TimedJob = {**job, "ns": {}}
+            if eager := run.timing(job):
+                found["ns"]["eager"] = eager["ns_per_sample"]
+            if fused := fused_times(run).get(job["job"]):
+                found["ns"]["fused"] = fused["ns_per_sample"]
+            if quickest := on_gpu.get(job["label"]):
+                found["ns"]["gpu"] = quickest["ns_per_sample"]
+                found["gpu"] = quickest["gpu"]
+            jobs.append(found)
+    counted: list[TimedJob] = [{**count(name), "ns": {}} for name in PUBLISHED if name in codec_entries()]
     return parameters_text([*counted, *jobs], format, choice)
 
 

@@ -7,13 +7,25 @@ Imports nothing heavy, so an answer from stored measurements comes at once.
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from bench.machine.devices import is_gpu
 from bench.metrics import stats_of
-from bench.records import MOST_DB, PSNR, VALIDATION, Record, Run, deciding_group, load_trade, view
+from bench.records import (
+    MOST_DB,
+    PSNR,
+    VALIDATION,
+    Job,
+    Run,
+    Statistics,
+    Timing,
+    TradeChoice,
+    deciding_group,
+    load_trade,
+    view,
+)
 
 NEAR_DB = 0.5  # within this many dB of the best counts as equally good
 TIE_DB = 0.02  # what rounding changes between executions of one file, and more: nobody sees it
@@ -73,26 +85,28 @@ def _time(rung: Rung) -> float:
     return math.inf if rung.time is None else rung.time
 
 
-def validation_of(job: Record) -> Mapping[str, Any]:
+def validation_of(job: Job) -> Statistics:
     """The statistics of a job's display PSNR over validation pairs; empty if it was not scored at any."""
     return stats_of(job, PSNR, VALIDATION) if "scores" in job else {}
 
 
-def has_validation(job: Record) -> bool:
+def has_validation(job: Job) -> bool:
     """Whether a job may be chosen: it has a score of validation pairs, and a score of test pairs to show."""
     return bool(validation_of(job).get("slices")) and deciding_group(job["scores"]) == "heldout"
 
 
-def usable(choices: list[Record], material: str) -> list[Rung]:
+def usable(choices: list[TradeChoice], material: str) -> list[Rung]:
     """The choices of a material that have scores of validation pairs, as rungs with bytes and `longest_ns`."""
-    return [
-        Rung(row["bytes"], float(row["validation"]["mean"]), longest_ns(row), row)
-        for row in choices
-        if row["material"] == material and "error" not in row and row.get("validation", {}).get("slices")
-    ]
+    rungs = []
+    for row in choices:
+        validation = row.get("validation", {})
+        mean = validation.get("mean")
+        if row["material"] == material and "error" not in row and validation.get("slices") and mean is not None:
+            rungs.append(Rung(row["bytes"], mean, longest_ns(row), row))
+    return rungs
 
 
-def longest_ns(row: Record) -> float:
+def longest_ns(row: TradeChoice) -> float:
     """The upper end of the 95 % interval of a choice's time, in ns a sample: a choice fits a limit if this does.
 
     The interval is of the ratio to the floor that was timed beside it.
@@ -102,20 +116,21 @@ def longest_ns(row: Record) -> float:
 
 
 @view
-def fused_times(run: Run) -> dict[str, Record]:
+def fused_times(run: Run) -> dict[str, TradeChoice]:
     """The time of each job as one fused kernel in float32."""
-    choices = (load_trade(run.folder) or {"choices": []})["choices"]
+    trade = load_trade(run.folder)
+    choices = trade["choices"] if trade else []
     fused = (row for row in choices if (row["execution"], row["precision"]) == ("fused", "float32"))
     return {row["job"]: row for row in fused if "job" in row and "ratio_to_floor" in row}
 
 
-def gpu_times(run: Run) -> dict[str, Record]:
+def gpu_times(run: Run) -> dict[str, Timing]:
     """The time of each setting on a GPU by label: in float32, by the quickest execution, in the usual batches."""
     variants = [timing for timing in run.timings if is_gpu(timing["device"]) and "of_tolerance" in timing]
     if not variants:
         return {}
     usual = usual_batch(variants)
-    quickest: dict[str, Record] = {}
+    quickest: dict[str, Timing] = {}
     for timing in variants:
         if timing["dtype"] != "float32" or timing["batch"] != usual:
             continue
@@ -125,13 +140,13 @@ def gpu_times(run: Run) -> dict[str, Record]:
     return quickest
 
 
-def usual_batch(variants: Sequence[Record]) -> int:
+def usual_batch(variants: Sequence[Timing]) -> int:
     """The size of batches in which most variants were timed: a few settings are timed in others, too."""
     ((batch, _),) = Counter(timing["batch"] for timing in variants).most_common(1)
     return int(batch)
 
 
-def answers(material: str, choices: list[Record]) -> Iterator[str]:
+def answers(material: str, choices: list[TradeChoice]) -> Iterator[str]:
     """Sentences that name the best choice by validation pairs, and the fastest and the smallest one within `NEAR_DB` of
     it, with their figures."""
     rungs = usable(choices, material)
@@ -147,24 +162,24 @@ def answers(material: str, choices: list[Record]) -> Iterator[str]:
         yield f"{material}: within {NEAR_DB} dB of it, {answer}."
 
 
-def named(row: Record) -> str:
+def named(row: TradeChoice) -> str:
     """The name of a choice: the codec's label, and its execution and precision if they are not the default."""
     how = f"{row['execution']} {row['precision']}" + (", emulated" if row.get("emulated") else "")
     return str(row["label"]) + ("" if how == "eager float32" else f" [{how}]")
 
 
-def described(row: Record) -> str:
+def described(row: TradeChoice) -> str:
     """A choice with its figures, in words: first the PSNR that decides, then that of test pairs."""
     decides, shown = _decibels(row["validation"]["mean"]), _decibels(row["psnr"])
     quality = f"{decides} on validation pairs, {shown} on test pairs"
     return f"{named(row)}: {quality}, {row['bytes']:,} bytes, {row['ns_per_sample']:,.0f} ns a sample"
 
 
-def _decibels(value: float) -> str:
-    return "exact" if value >= MOST_DB else f"{value:.2f} dB"
+def _decibels(value: float | None) -> str:
+    return "exact" if value is None or value >= MOST_DB else f"{value:.2f} dB"
 
 
-def timed_on(row: Record) -> str:
+def timed_on(row: TradeChoice) -> str:
     """Which device a choice was timed on, in words."""
     threads = row.get("threads", 1)
     return "the GPU's" if is_gpu(row["device"]) else f"the CPU's, {threads} thread{'s' * (threads != 1)}"

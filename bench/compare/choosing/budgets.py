@@ -15,7 +15,7 @@ from bench.compare.paired import AGAINST, against_jobs
 from bench.compare.quantities import average
 from bench.compare.ranks import Ranks, ranks
 from bench.metrics import direction_of, stats_of
-from bench.records import PSNR, Record, Run, fitted_to_scene, view
+from bench.records import PSNR, Job, Run, Timing, TradeChoice, fitted_to_scene, view
 
 BITS = (4, 8, 16, 32, 64, 128)  # bits of the whole file a texel
 TIMES = (2, 4, 8, 16, 32)  # time of a query, × floor
@@ -44,12 +44,12 @@ ENOUGH = Budget(BYTES, 32)  # the budget of ranks, and for questions about a sin
 class Budgets:
     """The rungs of a run, with the limits to choose them by; `without` and `unlike` are excluded jobs."""
 
-    surfaces: dict[str, Record]  # a job of each material that has a rung at some budget
+    surfaces: dict[str, Job]  # a job of each material that has a rung at some budget
     limits: list[Budget]
-    rungs: dict[str, dict[str, dict[str, list[Record]]]]  # by line, label and material: jobs, one a seed
+    rungs: dict[str, dict[str, dict[str, list[Job]]]]  # by line, label and material: jobs, one a seed
     times: dict[str, Times]  # by kind
-    without: list[Record]  # jobs without a score of validation pairs
-    unlike: list[Record]  # jobs not comparable with the published ones of their material, or else with the newest
+    without: list[Job]  # jobs without a score of validation pairs
+    unlike: list[Job]  # jobs not comparable with the published ones of their material, or else with the newest
 
     def picks(self, budget: Budget, materials: Iterable[str]) -> dict[str, dict[str, Rung]]:
         """By line: the best rung on each material that fits, of those measured on all; lines that have one on each."""
@@ -108,7 +108,7 @@ def budgets(run: Run) -> Budgets:
     alike = [job for job in judged if job["job"] not in obstacle]
     times = _times(run, alike)
     kinds = {BYTES: BITS} | dict.fromkeys(times, TIMES) | ({FIT: SECONDS} if FIT in times else {})
-    rungs: dict[str, dict[str, dict[str, list[Record]]]] = {}
+    rungs: dict[str, dict[str, dict[str, list[Job]]]] = {}
     for job in alike:
         # By label, which names what differs from the defaults: a setting that is added later splits no rung.
         of_line = rungs.setdefault(line_of(job), {}).setdefault(job["label"], {})
@@ -121,14 +121,14 @@ def budgets(run: Run) -> Budgets:
     return replace(found, surfaces=there)
 
 
-def _times(run: Run, jobs: Sequence[Record]) -> dict[str, Times]:
+def _times(run: Run, jobs: Sequence[Job]) -> dict[str, Times]:
     """The times of some jobs by kind, without kinds that none has; of a query the upper end of its interval.
 
     Where settings were timed apart from surfaces, on one machine, no other times of queries count.
     """
     names = {job["job"] for job in jobs}
 
-    def upper(records: Iterable[Record]) -> Times:
+    def upper(records: Iterable[Timing | TradeChoice]) -> Times:
         known = (each for each in records if each["job"] in names and "ratio_interval95" in each)
         return {each["job"]: float(each["ratio_interval95"][1]) for each in known}
 
@@ -143,26 +143,26 @@ def _times(run: Run, jobs: Sequence[Record]) -> dict[str, Times]:
     return {kind: each for kind, each in times.items() if each}
 
 
-def rung_of(seeds: Sequence[Record], times: Times) -> Rung:
+def rung_of(seeds: Sequence[Job], times: Times) -> Rung:
     """The rung of several seeds: the means of score, bits a texel and time."""
     height, width = seeds[0]["shape"]
     known = [times[job["job"]] for job in seeds if job["job"] in times]
-    score = fmean(validation_of(job)["mean"] for job in seeds)
+    score = fmean(validation_of(job)["mean"] or 0.0 for job in seeds)
     return Rung(8 * mean_bytes(seeds) / (height * width), score, fmean(known) if known else None, seeds)
 
 
-def mean_bytes(seeds: Sequence[Record]) -> int:
+def mean_bytes(seeds: Sequence[Job]) -> int:
     """The mean bytes of files; the largest would grow with the number of seeds."""
     return round(fmean(job["bytes"]["total"] for job in seeds))
 
 
-def line_of(job: Record) -> str:
+def line_of(job: Job) -> str:
     """The line of a job: its codec's name; a codec as published has its own line."""
     published = job.get("settings", {}).get("recipe") == "paper"
     return str(job["label"]).split()[0] + (", as published" if published else "")
 
 
-def setting_of(job: Record) -> str:
+def setting_of(job: Job) -> str:
     """The settings of a job in words, without those of its line."""
     return " ".join(word for word in str(job["label"]).split()[1:] if word != "recipe=paper") or "default"
 

@@ -17,7 +17,7 @@ import numpy as np
 from bench.compare.choosing import Rung
 from bench.compare.choosing.budgets import CAP_DB, Budget, Budgets, capped, rung_of, shown
 from bench.metrics import stats_of
-from bench.records import PSNR, Record
+from bench.records import PSNR, Job
 
 LEAST_RUNGS = 3  # of a codec on a surface, or it has no curve there
 DRAWS = 200  # draws of the seeds of each rung, of those that have several
@@ -29,7 +29,7 @@ class Point(NamedTuple):
     """A rung of a curve: log2 of its bits a texel, and its jobs, one a seed."""
 
     size: float
-    jobs: Sequence[Record]
+    jobs: Sequence[Job]
 
 
 @dataclass(frozen=True)

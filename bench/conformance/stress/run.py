@@ -6,13 +6,14 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, as_completed
 from pathlib import Path
+from typing import cast
 
 from bench.codec import Progress, silent
 from bench.codecs.registry import codec_entries, load_codec
 from bench.conformance.stress import CASES, metrics
 from bench.conformance.stress.case import Case, CaseVerdict, judge, subject_of
 from bench.inputs.errors import InputError, did_you_mean
-from bench.records import Record
+from bench.records import Stress
 from bench.runs.executors import Workers
 
 
@@ -26,7 +27,7 @@ def chosen(codecs: Sequence[str], names: Sequence[str]) -> tuple[list[str], list
     return [kind.name for kind in kinds], [known[name] for name in names] or list(CASES)
 
 
-def run(codecs: Sequence[str], cases: Sequence[Case], workers: Workers, show: Progress = silent) -> Iterator[Record]:
+def run(codecs: Sequence[str], cases: Sequence[Case], workers: Workers, show: Progress = silent) -> Iterator[Stress]:
     """A record for each codec and case, as workers finish: the material cases of a codec are one task, its other cases
     another."""
     names = {case.name for case in cases}
@@ -35,7 +36,7 @@ def run(codecs: Sequence[str], cases: Sequence[Case], workers: Workers, show: Pr
         for of_data in (True, False)  # the longer ones first
     ]
     tasks = [(codec, group) for group in wanted if group for codec in codecs]
-    waiting: set[Future[list[Record]]] = set()
+    waiting: set[Future[list[Stress]]] = set()
     for number, task in enumerate(tasks):
         show("stress", number - len(waiting), len(tasks))
         waiting.add(workers.executor.submit(attempt, *task))  # waits for a free worker
@@ -48,7 +49,7 @@ def run(codecs: Sequence[str], cases: Sequence[Case], workers: Workers, show: Pr
     show("stress", len(tasks), len(tasks))
 
 
-def attempt(codec: str, names: Sequence[str]) -> list[Record]:
+def attempt(codec: str, names: Sequence[str]) -> list[Stress]:
     """The records of some cases of one codec, in a folder of their own; their log is not shown."""
     kind, before = load_codec(codec), logging.root.manager.disable
     logging.disable(logging.WARNING)
@@ -56,7 +57,7 @@ def attempt(codec: str, names: Sequence[str]) -> list[Record]:
         with tempfile.TemporaryDirectory() as folder:
             subject = subject_of(kind, Path(folder))
             return [
-                _record(codec, case, judge(case, subject)) | {"version": kind.version, "order": order}
+                {**_record(codec, case, judge(case, subject)), "version": kind.version, "order": order}
                 for order, case in enumerate(CASES)
                 if case.name in names
             ]
@@ -64,14 +65,14 @@ def attempt(codec: str, names: Sequence[str]) -> list[Record]:
         logging.disable(before)
 
 
-def picture_records() -> Iterator[Record]:
+def picture_records() -> Iterator[Stress]:
     """A record for each metric or loss and each pair of pictures."""
     for name, test in metrics.subjects().items():
         for order, case in enumerate(metrics.CASES, len(CASES)):
-            yield _record(name, case, metrics.judge(test, case)) | {"order": order}
+            yield {**_record(name, case, metrics.judge(test, case)), "order": order}
 
 
-def _record(subject: str, case: Case | metrics.PictureCase, verdict: CaseVerdict) -> Record:
+def _record(subject: str, case: Case | metrics.PictureCase, verdict: CaseVerdict) -> Stress:
     """A line of `records.jsonl`; `subject` is a codec or, in the group `pictures`, a metric or a loss."""
     about = {"kind": "stress", "subject": subject, "group": case.group, "extreme": case.name, "holds": case.holds}
-    return about | dataclasses.asdict(verdict)
+    return cast(Stress, about | dataclasses.asdict(verdict))
