@@ -1,7 +1,6 @@
 """The stored frames of a scene as pictures of a page: the truth, models of the scene, whole models."""
 
 from collections.abc import Iterator
-from html import escape
 
 import numpy as np
 from PIL import Image
@@ -18,17 +17,17 @@ WHOLE = 3  # whole models that are shown in a run without models of its scene
 QUALITY = 90  # of WebP
 
 
-def scene_strips(run: Run, material: MaterialRows) -> Iterator[str]:
-    """A row of pictures for each stored frame; nothing if the run stored none."""
+def scene_strips(run: Run, material: MaterialRows) -> Iterator[list[tuple[str, str]]]:
+    """A row of pictures, each with its words, for each stored frame; nothing if the run stored none."""
     stored = {row.label: (row, frames) for row, frames in of_shown(run, material, "frames", ("truth", "decoded"))}
     chosen = [stored[label] for label in _chosen(material) if label in stored]
     if not chosen:
         return
     truth = chosen[0][1]["truth"]
     for number, picture in enumerate(truth):
-        figures = [_figure(picture, "the reference table")]
-        figures += [_figure(frames["decoded"][number], _caption(row)) for row, frames in _alike(chosen, truth)]
-        yield f'<div class="strip">{"".join(figures)}</div>'
+        pictures = [("the reference table", _webp(picture))]
+        pictures += [(_caption(row), _webp(frames["decoded"][number])) for row, frames in _alike(chosen, truth)]
+        yield pictures
 
 
 def _chosen(material: MaterialRows) -> list[str]:
@@ -57,6 +56,5 @@ def _caption(row: Row) -> str:
     return f"{row.label}: {shown}, {integer(row.job['bytes']['total'])} bytes"
 
 
-def _figure(picture: np.ndarray, words: str) -> str:
-    data = webp(Image.fromarray(picture), quality=QUALITY, method=4)
-    return f'<figure><img alt="{escape(words)}" src="{data}"><figcaption>{escape(words)}</figcaption></figure>'
+def _webp(picture: np.ndarray) -> str:
+    return webp(Image.fromarray(picture), quality=QUALITY, method=4)

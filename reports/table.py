@@ -11,6 +11,15 @@ BOLD, UNDERLINED = "bold", "underlined"  # marks of a cell, if a format can show
 FEW = 3
 DOT = "•"  # before the best of a column in plain text, which has no bold
 LEGEND = "Bold: the best of a column. Underlined: the second best."
+TERMS = {  # of headers, explained above the tables that have them
+    "mean rank": "the place by PSNR among the codecs, mean over materials",
+    "won": "so many materials on which no codec has a better PSNR",
+    "PSNR": "mean over slices",
+    "worst tenth": "mean of the worst tenth of the slices",
+    "PSNR pooled": "of the squared error of all slices together",
+    "bits per": "8 × bytes of the whole file / texels",
+    "× floor": "a multiple of the least time that a query can take, that of one bilinear fetch of a colour",
+}
 Part = tuple[str, Callable[[str], bool]]  # of a note: its text, and whether it is about the column of a name
 
 
@@ -49,6 +58,12 @@ class Table:
     def footnotes(self) -> list[str]:
         """The notes, and the legend of the marks, if it has any."""
         return [*self.notes, LEGEND] if self.marks else self.notes
+
+    @property
+    def terms(self) -> list[tuple[str, str]]:
+        """The terms of its headers that need a word, each with what it says."""
+        words = {word.rstrip(" ↑↓") for header in self.headers for word in header}
+        return [(term, says) for term, says in TERMS.items() if term in words]
 
     def of_columns(self, kept: Sequence[int]) -> "Table":
         """The table with these columns alone, in this order, the notes about them and the rows that say something."""

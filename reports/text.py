@@ -1,4 +1,4 @@
-r"""Tables as plain text, GitHub Markdown, CSV, HTML and LaTeX, and jobs as CSV in full precision, for other programs.
+r"""Tables as plain text, GitHub Markdown, CSV and LaTeX, and jobs as CSV in full precision, for other programs.
 
 LaTeX needs `\usepackage{booktabs,graphicx}`; no table is wider than the text, in one column or over both of two.
 """
@@ -8,9 +8,8 @@ import io
 import re
 import textwrap
 import unicodedata
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from html import escape
 from itertools import count
 from typing import Any
 
@@ -27,17 +26,6 @@ _MARKS = {BOLD: "**{}**", UNDERLINED: "<ins>{}</ins>", "": "{}"}
 _NUMBER = re.compile(r"[−+-]?\d[\d,]*(\.\d+)?")
 _FORMULA = re.compile(r"\s*[=+@-]\S")
 _READ_NUMBER = re.compile(r"[+-]?\d[\d.]*([eE][+-]?\d+)?( .*)?")  # as CSV has it; a deviation or an interval may follow
-TERMS = {  # of headers, explained above the tables that have them
-    "mean rank": "the place by PSNR among the codecs, mean over materials",
-    "won": "so many materials on which no codec has a better PSNR",
-    "PSNR": "mean over slices",
-    "worst tenth": "mean of the worst tenth of the slices",
-    "PSNR pooled": "of the squared error of all slices together",
-    "bits per": "8 × bytes of the whole file / texels",
-    "× floor": "a multiple of the least time that a query can take, that of one bilinear fetch of a colour",
-}
-_HTML_MARKS = {BOLD: "<b>{}</b>", UNDERLINED: "<u>{}</u>", "": "{}"}
-Place = Callable[[str, str], str]  # what a first cell links to, by material and cell, or ""
 PACKAGES = r"% needs \usepackage{booktabs,graphicx}"
 _LATEX_MARKS = {BOLD: r"\textbf{%s}", UNDERLINED: r"\underline{%s}", "": "%s"}
 _MATH = {"<": "<", ">": ">", "|": "|", "−": "-", "±": r"\pm", "×": r"\times", "θ": r"\theta", "φ": r"\varphi"}
@@ -183,58 +171,6 @@ def _inert(cell: Any) -> Any:
         return cell
     cell = visible(cell)
     return f"'{cell}" if _FORMULA.match(cell) and not _READ_NUMBER.fullmatch(cell) else cell
-
-
-def table_html(table: Table, place: Place) -> str:
-    """Title, cells and notes. A row links to the place of its first cell, where that has one."""
-    looks = [' class="word"' if i < table.words else "" for i in range(len(table.headers))]
-    heads = "".join(
-        f'<th scope="col"{look}>{_html(name) or "&nbsp;"}<small>{_html(unit)}</small></th>'
-        for (name, unit), look in zip(table.headers, looks, strict=True)
-    )
-    lines = []
-    for i, row in enumerate(table.rows):
-        cells = [_HTML_MARKS[table.marks.get((i, j), "")].format(_html(cell)) for j, cell in enumerate(row)]
-        if target := place(table.material, row[0]):
-            cells[0] = f'<a href="{_html(target)}">{cells[0]}</a>'
-        tags = (f"<td{look}>{cell}</td>" for cell, look in zip(cells, looks, strict=True))
-        lines.append(f"<tr>{''.join(tags)}</tr>")
-    rows = "\n".join(lines)
-    title, words = _html(table.title), {word.rstrip(" ↑↓") for header in table.headers for word in header}
-    terms = "; ".join(f"<b>{_html(term)}</b>: {_html(says)}" for term, says in TERMS.items() if term in words)
-    notes = "\n".join(map(note, table.footnotes))
-    return (
-        f"<h3>{title}</h3>\n"
-        + (f'<p class="notes">{terms}.</p>\n' if terms else "")
-        + f'<div class="scroll"><table aria-label="{title}"><thead><tr>{heads}</tr></thead>\n'
-        f"<tbody>{rows}</tbody></table></div>\n{notes}"
-    )
-
-
-def _html(text: str) -> str:
-    """Text escaped for HTML."""
-    return escape(visible(text))
-
-
-def note(text: str) -> str:
-    """A footnote."""
-    return f'<p class="notes">{_html(text)}</p>'
-
-
-def contents(links: Iterable[tuple[str, str]]) -> str:
-    """Links, each a place and its name, at the head of a page."""
-    items = "".join(f"<li>{anchors([link])}</li>" for link in links)
-    return f'<nav aria-label="Contents"><ul>{items}</ul></nav>'
-
-
-def anchors(links: Iterable[tuple[str, str]]) -> str:
-    """Links in a sentence."""
-    return ", ".join(f'<a href="{_html(to)}">{_html(name)}</a>' for to, name in links)
-
-
-def details(title: str, inside: str) -> str:
-    """Content that is folded away under its title."""
-    return f'<details class="block"><summary>{_html(title)}</summary>\n{inside}</details>'
 
 
 def latex(tables: Sequence[Table]) -> str:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from html import escape
 from itertools import chain
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from bench.records import Run, load_run
 from reports import KINDS, Report, figures, trade
 from reports.figures.canvas import Figure
 from reports.figures.history import history_figures
+from reports.html import TEMPLATES
 from reports.page import Page
 from reports.table import Table
 from reports.tables import all_tables
@@ -40,23 +40,13 @@ def write(folder: Path, vector: bool = False) -> Report:
 
 def write_history(runs: Sequence[Run], folder: Path) -> list[Path]:
     """See `reports.write_history`."""
-    files, pieces = [], []
+    files, drawn = [], []
     for figure in history_figures(runs):
         files += _write_figure(figure, folder, VECTOR)
         inline = "<svg" + figure.vector("svg").decode().partition("<svg")[2]  # without its XML declaration
-        pieces.append(f"<h2>{escape(figure.material)}</h2>\n{inline}")
-    page = _HISTORY.format("\n".join(pieces))
+        drawn.append((figure.material, inline))
+    page = TEMPLATES.get_template("history.html").render(figures=drawn)
     return [*files, put(folder / "history.html", page.encode())]
-
-
-_HISTORY = """<!doctype html>
-<html lang="en"><meta charset="utf-8"><title>From revision to revision</title>
-<body style="font-family: sans-serif; max-width: 60em; margin: auto">
-<h1>Quality, bytes and time from revision to revision</h1>
-<p>Means over seeds. Times are multiples of the floor, timed in the same run. A codec without error has no PSNR.</p>
-{}
-</body></html>
-"""
 
 
 def _formats_there(folder: Path) -> list[str]:

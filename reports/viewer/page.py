@@ -1,28 +1,19 @@
 """Writes the page of live materials: one HTML file that holds shaders, textures and the code that draws them."""
 
 import base64
-import hashlib
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from html import escape
 from importlib.resources import files
 from typing import NamedTuple
 
 from bench.program import Program
+from reports.html import TEMPLATES
 from reports.shaders.dialects import GLSL
 from reports.shaders.generator import Shader, fallback, shader
 from reports.shaders.writer import WIDTH
 
 SCRIPTS = ("shapes.js", "passes.js", "controls.js", "viewer.js")
-HEAD = """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; {images}style-src {style_hashes}; \
-script-src {script_hashes}; base-uri 'none'; form-action 'none'">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{title}</title>
-{inline}</head>
-<body>"""
 STYLE = """:root { color-scheme: light dark; }
 body { font: 16px/1.4 system-ui, sans-serif; margin: 1rem auto; max-width: 70rem; padding: 0 1rem; }
 h1 { overflow-wrap: anywhere; }
@@ -58,47 +49,41 @@ def _encoded(source: Shader, encode: Callable[[bytes], object]) -> dict[str, obj
     return {"shader": source.text, **{name: encode(each.tobytes()) for name, each in arrays.items()}}
 
 
+class Data(NamedTuple):
+    """An element that holds data: its text is of `as_json`, or base64 of the type `text/plain`."""
+
+    id: str
+    text: str
+    type: str = "application/json"
+
+
 class Fragment(NamedTuple):
-    """The viewer as parts of a page: styles and script once, markup for each viewer.
+    """The viewer's styles and script, once a page; each viewer is the template `viewer.html`.
 
     The script defines `mountViewer(section, data)`, which returns the viewer, or null if the browser cannot draw.
     """
 
     css: str
-    html: str
     script: str
 
 
 def fragment() -> Fragment:
     """The viewer for any page."""
     folder = files("reports.viewer")
-    css, html = ((folder / f"viewer.{name}").read_text("utf-8") for name in ("css", "html"))
+    css = (folder / "viewer.css").read_text("utf-8")
     scripts = [(folder / name).read_text("utf-8") for name in SCRIPTS]
     # A page sees only one of their names.
     script = f"const mountViewer = (() => {{\n{''.join(scripts)}\nreturn mountViewer;\n}})();\n"
-    return Fragment(css, html, script)
+    return Fragment(css, script)
 
 
 def page(title: str, models: Sequence[Shown]) -> str:
     """The whole page. `InputError` if no shader can compute a program."""
     parts = fragment()
-    style, script = STYLE + parts.css, parts.script + START
     drawn = [model_data(model, lambda raw: base64.b64encode(raw).decode()) for model in models]
-    data = f'<script type="application/json" id="models">{as_json({"width": WIDTH, "models": drawn})}</script>'
-    body = f"<h1>{escape(title)}</h1>\n{parts.html}\n{data}\n<script>{script}</script></body></html>\n"
-    return head(title, [style], [script]) + body
-
-
-def head(title: str, styles: Sequence[str], scripts: Sequence[str], images: str = "") -> str:
-    """The head of a page, with its styles; its policy permits them, its scripts and what a directive says of images."""
-    inline = "\n".join(f"<style>{style}</style>" for style in styles)
-    hashes = {"style_hashes": " ".join(map(_hashed, styles)), "script_hashes": " ".join(map(_hashed, scripts))}
-    return HEAD.format(title=escape(title), inline=inline, images=images, **hashes)
-
-
-def _hashed(text: str) -> str:
-    """The hash by which a content security policy permits an inline style or script."""
-    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+    data = Data("models", as_json({"width": WIDTH, "models": drawn}))
+    styles, scripts = [STYLE + parts.css], [parts.script + START]
+    return TEMPLATES.get_template("view.html").render(title=title, styles=styles, scripts=scripts, data=[data])
 
 
 def as_json(data: object) -> str:

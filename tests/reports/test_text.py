@@ -3,9 +3,7 @@ import pytest
 from bench.records import append, load_run
 from reports import table_text
 from reports.notes import run_notes
-from reports.tables import all_tables
 from reports.terminal import terminal
-from reports.text import table_html
 
 LONG = "neubtf channels=14 guidance=albedo layers=3 steps=4000 width=32"
 
@@ -50,11 +48,3 @@ def test_a_name_steers_no_terminal_and_starts_no_line(made, format):
     assert not [line for line in text.splitlines() if line.lstrip().startswith(("::", "##["))]
     assert {each for each in text if not each.isprintable()} == {"\n"}
     assert "x1b" in text
-
-
-def test_a_name_steers_no_browser(made):
-    made.job("pca\x1b[2J", material="a\x00b")
-    (table,) = all_tables(load_run(made.folder), kind="main")
-    page = table_html(table, lambda *_: "")
-    assert {each for each in page if not each.isprintable()} == {"\n"}
-    assert "pca\\x1b[2J" in page
