@@ -39,8 +39,15 @@ def conditions(batches: tuple[int, ...], all_threads: int, batch: int = BATCH) -
     """Every condition of a profile, the common one first."""
     changes: list[dict[str, Any]] = [{}, {"part": "decoder"}, {"part": "evaluate"}]
     changes += [{"batch": size} for size in batches]
-    changes += [{"coherent": True}, *({"footprint": side} for side in FOOTPRINTS), {"threads": all_threads}]
-    return list(dict.fromkeys(Condition(**{"batch": batch} | change) for change in changes))
+    changes += [{"coherent": True}]
+    changes += [{"footprint": side} for side in FOOTPRINTS]
+    changes += [{"threads": all_threads}]
+    different: list[Condition] = []
+    for change in changes:
+        condition = Condition(**{"batch": batch} | change)
+        if condition not in different:
+            different.append(condition)
+    return different
 
 
 def profile(
@@ -53,9 +60,10 @@ def profile(
         there = {name: call for name, call in calls.items() if call}
         timed = in_turns(there, condition.batch, first.size, condition.threads, first.device)
         for name, timing in timed.items():
-            if name != FLOOR or condition.part == "query":
-                summary = timing.summary() | {"samples_ns": timing.samples.tolist()} | hardware(first.device)
-                yield {"name": name} | asdict(condition) | summary
+            if name == FLOOR and condition.part != "query":
+                continue
+            summary = timing.summary() | {"samples_ns": timing.samples.tolist()} | hardware(first.device)
+            yield {"name": name} | asdict(condition) | summary
 
 
 def _call(material: Material, condition: Condition) -> Callable[[], Any] | None:
@@ -86,10 +94,11 @@ def roofline(device: torch.device, threads: int, dtype: torch.dtype = torch.floa
     The best of several rounds, because a limit needs to be reached only once."""
     clock = clock_of(threads)
     with torch_threads(threads):
-        calls = [calibrated(call, device, clock) for call in ceiling_calls(device, dtype)]
-        best = [min(call() for _ in range(ROUNDS)) for call in calls]
+        product, copy = (calibrated(call, device, clock) for call in ceiling_calls(device, dtype))
+        product_ns = min(product() for _ in range(ROUNDS))
+        copy_ns = min(copy() for _ in range(ROUNDS))
     words = {"threads": threads, "device": str(device), "dtype": str(dtype).removeprefix("torch.")}
-    return rates(best[0], best[1], device) | words
+    return rates(product_ns, copy_ns, device) | words
 
 
 def ceiling_calls(device: torch.device, dtype: torch.dtype) -> tuple[Callable[[], Any], Callable[[], Any]]:

@@ -94,9 +94,8 @@ def _stored(path: Path, file: Any, key: str) -> Any:
     links, name = file.id.links, key.encode()
     kind = links.get_info(name).type if links.exists(name) else None  # the link's own, which opens no other file
     if kind is not None and kind != h5py.h5l.TYPE_HARD:
-        raise InputError(
-            f"{path}: {key} is {_target(links.get_val(name))}: copy the data set itself to {key}, as h5repack or h5copy does"
-        )
+        where = _target(links.get_val(name))
+        raise InputError(f"{path}: {key} is {where}: copy the data set itself to {key}, as h5repack or h5copy does")
     if kind is None or not isinstance(file[key], h5py.Dataset):
         held = ", ".join(sorted(file)[:5])[:200] or "nothing"
         raise InputError(f"{path}: no data set {key} (it holds {held}): it needs {COLOUR}, {VIEW}, {LIGHT}")
