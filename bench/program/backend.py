@@ -78,7 +78,8 @@ class Backend(ABC):
 
     def check(self, program: Program) -> None:
         """Raise `InputError` if the program has an operation that this back end does not know."""
-        if absent := {step.operation for step in program.steps} - self.operations.keys():
+        absent = {step.operation for step in program.steps} - self.operations.keys()
+        if absent:
             raise self.cannot(f"do {min(absent)!r}")
 
     def run(self, program: Program, inputs: dict[str, list[Scalar]]) -> list[Scalar]:

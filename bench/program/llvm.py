@@ -52,7 +52,8 @@ def drjit() -> ModuleType:
     """Dr.Jit with an LLVM that compiles the suite's kernels. `InputError` says what to install."""
     with installed("fused on the CPU needs Dr.Jit: pip install neubtf-bench[mitsuba]"):
         import drjit as dr
-    if reason := unusable():
+    reason = unusable()
+    if reason:
         raise InputError(reason)
     return dr
 

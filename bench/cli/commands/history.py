@@ -75,11 +75,12 @@ def _table(frame: "pd.DataFrame") -> str:
     keys = ["material", "label", "folder", "started", "git", "own"]
     frame = frame.sort_values(["material", "label", "started", "folder"], kind="stable")
     metrics, decibels = _heldout(frame)
-    forms = {label: ".2f" if label in decibels else ".4f" for label in metrics}
     sizes = [name for name in ("parameters", "bytes/total") if name in frame]
     several = frame["own"].notna().any()  # a codec has a repository of its own
     frame = frame[[*keys, "status", *sizes]].assign(**metrics)
-    numbers = {"parameters": ",.0f", "bytes/total": ",.0f"} | forms
+    numbers = {"parameters": ",.0f", "bytes/total": ",.0f"}
+    for metric in metrics:
+        numbers[metric] = ".2f" if metric in decibels else ".4f"
     rows = []
     for values, jobs in frame.groupby(keys, sort=False, dropna=False):
         material, label, folder, started, git, codec = values

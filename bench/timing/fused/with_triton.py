@@ -150,16 +150,14 @@ class TritonNetwork(Network):
         layers = layers_of(decoder)
         inputs, width, last = _padded(architecture.inputs), _padded(width), _padded(architecture.outputs)
         sides = [inputs, *[width] * len(architecture.widths), last]
-        weights = torch.cat(
-            [
-                _matrix(layer.weight.T, *sides_of_layer)
-                for layer, sides_of_layer in zip(layers, pairwise(sides), strict=True)
-            ]
-        )
+        weights = []
+        for layer, (rows, columns) in zip(layers, pairwise(sides), strict=True):
+            weights.append(_matrix(layer.weight.T, rows, columns))
         *hidden, end = layers
-        scalars = torch.cat([*(_scalars(layer, width) for layer in hidden), _matrix(end.bias[None], 1, last)])
-        self.weights = torch.nn.Parameter(weights.to(parameter), requires_grad=False)
-        self.scalars = torch.nn.Parameter(scalars.to(parameter.device), requires_grad=False)
+        scalars = [_scalars(layer, width) for layer in hidden]
+        scalars.append(_matrix(end.bias[None], 1, last))
+        self.weights = torch.nn.Parameter(torch.cat(weights).to(parameter), requires_grad=False)
+        self.scalars = torch.nn.Parameter(torch.cat(scalars).to(parameter.device), requires_grad=False)
         self.outputs, self.shape = architecture.outputs, (inputs, width, last)
         norm = layers[0].norm
         used, activation = len(layers[0].bias), architecture.activation
