@@ -56,7 +56,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise
     if argv is None:
         guard.report(code)
-    if argv is None and (left := _threads_left()):
+    left = _threads_left() if argv is None else []
+    if left:
         print(f"neubtf-bench: a codec left {', '.join(left)} running; they are ended", file=sys.stderr)
         sys.stdout.flush()
         sys.stderr.flush()
@@ -97,7 +98,8 @@ def _run(words: list[str]) -> int:
         sys.stderr.close()
         return FINE
     except Exception as error:
-        if isinstance(error, OSError) and (why := unwritable(error)):
+        why = unwritable(error) if isinstance(error, OSError) else ""
+        if why:
             print(f"neubtf-bench: {visible(why)}", file=sys.stderr)
             return USAGE
         traceback.print_exc()
@@ -111,7 +113,8 @@ def _refuse_overwriting(options: argparse.Namespace) -> None:
     if out is None or not os.path.isfile(out):
         return
     for name, value in vars(options).items():
-        for given in value if isinstance(value, list) else [value]:
+        several = value if isinstance(value, list) else [value]
+        for given in several:
             is_path = name != "out" and isinstance(given, str | os.PathLike)
             if is_path and (_same(given, out) or _read_in(given, out)):
                 raise InputError(f"{out}: this file is read, so it cannot be written, too: give --out another name")

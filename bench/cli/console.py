@@ -30,7 +30,8 @@ class _TimeLeft(ProgressColumn):
         if task.description.endswith(" left") or steps <= 0 or task.elapsed is None or task.total is None:
             return Text("")
         idle = time.monotonic() - task.fields["moved_at"]
-        pace, more = (task.elapsed - idle) / steps, task.total - task.completed
+        pace = (task.elapsed - idle) / steps
+        more = task.total - task.completed
         # The running step may take longer than those before; never show less than the remaining whole steps need.
         minutes, seconds = divmod(round(max(pace * more - idle, pace * (more - 1))), 60)
         return Text(f"{minutes}:{seconds:02} left")
@@ -72,7 +73,8 @@ class Console:
     def say(self, text: str) -> None:
         """Print lines above the bars, without control characters."""
         self.spoke = time.monotonic()
-        self.out.print("\n".join(map(visible, text.split("\n"))), markup=False, soft_wrap=True)
+        lines = [visible(line) for line in text.split("\n")]
+        self.out.print("\n".join(lines), markup=False, soft_wrap=True)
 
     def say_file(self, header: Header) -> None:
         """Print what a codec file is: its codec, settings, bytes and cost."""
@@ -91,7 +93,9 @@ class Console:
             word = "not available" if record["status"] == "unavailable" else "FAILED"
             line = f"{record['job']}: {word}: {record['error']}"
         line = visible(line)  # a name or an error may have line breaks
-        self.say(line if self.out.is_terminal or not outcome.progress else f"{line} ({outcome.progress})")
+        if outcome.progress and not self.out.is_terminal:
+            line += f" ({outcome.progress})"
+        self.say(line)
 
 
 def file_lines(header: Header) -> str:
@@ -99,19 +103,23 @@ def file_lines(header: Header) -> str:
     from bench.codecs.container import SHARED
     from bench.codecs.shared import read
 
+    settings = ", ".join(f"{key} = {value}" for key, value in header.settings.items())
+    sizes = ", ".join(f"{part} {size:,}" for part, size in header.part_bytes().items())
     lines = [
         f"{header.path}: codec {header.codec}, version {header.version}, {header.file_bytes:,} bytes",
-        "settings: " + (", ".join(f"{k} = {v}" for k, v in header.settings.items()) or "none"),
-        "bytes: " + ", ".join(f"{part} {size:,}" for part, size in header.part_bytes().items()),
+        f"settings: {settings or 'none'}",
+        f"bytes: {sizes}",
     ]
     if header.kind == SHARED:
         lines.append("this file holds no material, but the network that the codec shares over materials")
         lines.append(f"trained on: {len(read(header.path).origins)} materials")
     else:
         lines += _material_lines(header)
-    if scene := header.scene:
+    scene = header.scene
+    if scene:
         top, left, height, width = scene["window"]
-        across, sides = scene["factor"], " × ".join(map(str, scene["size"]))
+        across = scene["factor"]
+        sides = " × ".join(map(str, scene["size"]))
         lines.append(
             f"fitted to the scene {scene['name']}, demand {scene['demand'][:12]}: {height} × {width} texels of {sides} "
             f"from row {top}, column {left}, in boxes of {across} × {across}; {scene['pairs']:,} pairs; "
@@ -119,8 +127,10 @@ def file_lines(header: Header) -> str:
         )
     lines += [f"provenance: {key} = {value}" for key, value in header.provenance.items()]
     for name, (dtype, shape, size) in sorted(header.tensors.items()):
-        lines.append(f"  {name}  {dtype} {' × '.join(map(str, shape)) or 'scalar'}  {size:,} bytes")
-    return "\n".join(map(visible, [*lines, f"sha256: {header.sha256}"]))
+        form = " × ".join(map(str, shape)) or "scalar"
+        lines.append(f"  {name}  {dtype} {form}  {size:,} bytes")
+    lines.append(f"sha256: {header.sha256}")
+    return "\n".join(visible(line) for line in lines)
 
 
 def _material_lines(header: Header) -> list[str]:
@@ -134,7 +144,8 @@ def _material_lines(header: Header) -> list[str]:
         f"decoder: {parameters(material):,} parameters, {material.cost.texture_channels} texture channels, "
         f"{material.cost.flops_per_sample:,} FLOP and {material.cost.bytes_per_sample:,} bytes read a sample",
     ]
-    if rows := [(name, kind, f"{count:,}") for name, kind, count in layers(material)]:
+    rows = [(name, kind, f"{count:,}") for name, kind, count in layers(material)]
+    if rows:
         lines.append("layers of the decoder and their trainable parameters, counted by torchinfo:")
         first, second, third = (max(map(len, column)) for column in zip(*rows, strict=True))
         lines += [f"  {name:<{first}}  {kind:<{second}}  {count:>{third}}" for name, kind, count in rows]
@@ -147,19 +158,23 @@ def btf_lines(portrait: "Look") -> str:
     """Describe a BTF: size, directions, split, range of values, its reader's notes, and warnings."""
     btf, values = portrait.btf, portrait.values
     split = btf.split()
-    heldout = {f"held out{'' if name == 'heldout' else f', {name}'}": pairs for name, pairs in split.heldout.items()}
-    low, middle, high = np.percentile(values, [0, 50, 100])
+    repeats = "periodic" if btf.periodic else "not periodic"
     lines = [
-        f"{btf.name}: {btf.shape[0]} × {btf.shape[1]} texels, {len(btf):,} pairs, "
-        + ("periodic" if btf.periodic else "not periodic"),
+        f"{btf.name}: {btf.shape[0]} × {btf.shape[1]} texels, {len(btf):,} pairs, {repeats}",
         f"training: {_pairs_line(btf, split.train)}",
-        *([f"{name}: {_pairs_line(btf, pairs)}" for name, pairs in heldout.items()] or ["held out: no pairs"]),
-        f"values (of some slices): minimum {low:.4g}, median {middle:.4g}, maximum {high:.4g}",
-        *_frame_lines(portrait),
-        f"fingerprint: {btf.fingerprint}",
     ]
+    for name, pairs in split.heldout.items():
+        title = "held out" if name == "heldout" else f"held out, {name}"
+        lines.append(f"{title}: {_pairs_line(btf, pairs)}")
+    if not split.heldout:
+        lines.append("held out: no pairs")
+    low, middle, high = np.percentile(values, [0, 50, 100])
+    lines.append(f"values (of some slices): minimum {low:.4g}, median {middle:.4g}, maximum {high:.4g}")
+    lines += _frame_lines(portrait)
+    lines.append(f"fingerprint: {btf.fingerprint}")
     lines += [f"  {key}: {value}" for key, value in btf.provenance.items()]
-    return "\n".join(map(visible, lines + [f"warning: {text}" for text in portrait.warnings()]))
+    lines += [f"warning: {text}" for text in portrait.warnings()]
+    return "\n".join(visible(line) for line in lines)
 
 
 def _frame_lines(portrait: "Look") -> list[str]:
@@ -182,9 +197,12 @@ def _pairs_line(btf: "BTF", pairs: np.ndarray) -> str:
 
     if not len(pairs):
         return "no pairs"
+
+    def in_words(directions: np.ndarray, word: str) -> str:
+        theta, _ = to_degrees(directions)
+        plural = "" if len(directions) == 1 else "s"
+        return f"{len(directions):,} {word}{plural} up to {theta.max():.1f}°"
+
     layout = Layout.of(btf.wo[pairs], btf.wi[pairs])
-    views, lights = (
-        f"{len(w):,} {word}{'s' * (len(w) != 1)} up to {to_degrees(w)[0].max():.1f}°"
-        for w, word in ((layout.views, "view"), (layout.lights, "light"))
-    )
-    return f"{len(pairs):,} pairs, {views}, {lights}" + (" (their product)" if layout.grid is not None else "")
+    line = f"{len(pairs):,} pairs, {in_words(layout.views, 'view')}, {in_words(layout.lights, 'light')}"
+    return line if layout.grid is None else f"{line} (their product)"

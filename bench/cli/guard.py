@@ -21,12 +21,14 @@ REPORT = "NEUBTF_REPORT"  # in the other process: the file descriptor for its ex
 
 def guarded(words: Sequence[str]) -> bool:
     """Whether a command is to run in a process of its own."""
-    return bool(words) and words[0] in VERDICTS and REPORT not in os.environ and any(map(from_outside, _names(words)))
+    if not words or words[0] not in VERDICTS or REPORT in os.environ:
+        return False
+    return any(from_outside(name) for name in _names(words))
 
 
 def _names(words: Sequence[str]) -> list[str]:
     """The words of a command that may name a codec."""
-    return [word.partition("=")[2] if word.startswith("--codec=") else word for word in words[1:]]
+    return [word.removeprefix("--codec=") for word in words[1:]]
 
 
 def run(words: Sequence[str]) -> int:

@@ -34,7 +34,9 @@ def obstacles(jobs: Iterable[Job], published: Collection[str] = ()) -> dict[str,
         shape, due = job.get("shape"), shapes[job["material"]]
         if not reasons and shape and due and shape != due:  # a seed that no other job has
             reasons.append(f"other data ({shape[0]} × {shape[1]} texels instead of {due[0]} × {due[1]})")
-        reasons += [each] if (each := _differences(key, fitted[_recipe_of(job)])) else []
+        other_version = _differences(key, fitted[_recipe_of(job)])
+        if other_version:
+            reasons.append(other_version)
         # The suite's own codecs get a new version if their files change; one's own may change without.
         if code and key.get("code") != code and from_outside(str(job.get("codec"))):
             reasons.append("fitted by other code of the codec than its newest seed")
@@ -62,7 +64,8 @@ def _differences(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> str:
 def _scored(key: ScoreKey, newest: ScoreKey) -> list[str]:
     """The conditions in which two scores differ although they must agree."""
     reasons = scored_unlike(key, newest)
-    reasons += ["another demand"] if key.get("demand") != newest.get("demand") else []
+    if key.get("demand") != newest.get("demand"):
+        reasons.append("another demand")
     mine, theirs = key.get("metrics", {}), newest.get("metrics", {})
     both = sorted(mine.keys() & theirs.keys())  # if only one has a metric, they are still comparable
     differ = [name for name in both if mine[name] != theirs[name]]

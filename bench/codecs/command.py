@@ -58,15 +58,18 @@ class Programs(Codec):
         """A hash of the programs and of every file that their command lines name: their files depend on these."""
         digest = hashlib.sha256()
         for word in shlex.split(f"{self.settings.encode} {self.settings.decode}"):
+            digest.update(word.encode() + b"\0")
             place = Path(shutil.which(word) or word)
-            digest.update(word.encode() + b"\0" + (place.read_bytes() if place.is_file() else b""))
+            if place.is_file():
+                digest.update(place.read_bytes())
         return digest.hexdigest()
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Run the program that encodes. `CodecError` says how it failed."""
         for setting, needed in (("encode", ("{btf}", "{files}")), ("decode", ("{files}",))):
             command = getattr(self.settings, setting)
-            if absent := [word for word in needed if word not in command]:
+            absent = [word for word in needed if word not in command]
+            if absent:
                 raise InputError(
                     f"setting {setting} of codec command must be a program's command line with {' and '.join(needed)}; "
                     f"{command!r} has no {absent[0]}"
@@ -126,8 +129,9 @@ def _stored(folder: Path, size: tuple[int, int], command: str) -> Parts:
     files = sorted(folder.iterdir())
     if not files:
         raise CodecError(f"{command}: it wrote no file into {{files}}")
-    if odd := next((file for file in files if file.is_symlink() or not file.is_file()), None):
-        raise CodecError(f"{command}: {odd.name} in {{files}} is not a regular file")
+    for file in files:
+        if file.is_symlink() or not file.is_file():
+            raise CodecError(f"{command}: {file.name} in {{files}} is not a regular file")
     texture = {f"{i:04d}": torch.from_numpy(np.fromfile(file, np.uint8)) for i, file in enumerate(files)}
     names = json.dumps([file.name for file in files]).encode()
     other = {NAMES: torch.frombuffer(bytearray(names), dtype=torch.uint8), SIZE: torch.tensor(size)}
@@ -185,7 +189,8 @@ class ProgramMaterial(Material):
         with suppress(BrokenPipeError):
             self.asks.write(f"{queries}\t{answers}\n".encode())
             self.asks.flush()
-            if not select.select([self.answers], [], [], self.seconds)[0]:
+            ready, _, _ = select.select([self.answers], [], [], self.seconds)
+            if not ready:
                 raise CodecError(f"{self.command}: it gave no answer within seconds = {self.seconds:g}")
             line = self.answers.readline()
         if not line:

@@ -96,16 +96,25 @@ def to_bytes(codec: "Encoder", parts: "Parts", provenance: dict[str, Any] | None
     from bench.codec import ZSTD, SharedNetwork, settings_dict
 
     _check_parts(codec, parts)
-    by_part = {part: {k: v.detach().cpu().contiguous() for k, v in getattr(parts, part).items()} for part in PARTS}
-    if codec.zstd:
-        by_part = {part: {ZSTD: compressed(serialise(named))} for part, named in by_part.items() if named}
-    tensors = {f"{part}/{name}": tensor for part, named in by_part.items() for name, tensor in named.items()}
+    tensors: dict[str, Tensor] = {}
+    for part in PARTS:
+        named = {name: tensor.detach().cpu().contiguous() for name, tensor in getattr(parts, part).items()}
+        if codec.zstd and named:
+            named = {ZSTD: compressed(serialise(named))}
+        for name, tensor in named.items():
+            tensors[f"{part}/{name}"] = tensor
     settings = settings_dict(codec)
     version = codec.version_of(settings)
     metadata = {"format": FORMAT, "codec": codec.name, "version": version, "settings": settings}
-    kind, network = SHARED if isinstance(codec, SharedNetwork) else "", parts.network.sha256 if parts.network else ""
-    others = {"provenance": provenance, "kind": kind, "shared": network, "scene": parts.scene}
-    metadata |= {"sha256": ZEROS.decode()} | {name: value for name, value in others.items() if value}
+    metadata["sha256"] = ZEROS.decode()
+    if isinstance(codec, SharedNetwork):
+        metadata["kind"] = SHARED
+    if parts.network:
+        metadata["shared"] = parts.network.sha256
+    if parts.scene:
+        metadata["scene"] = parts.scene
+    if provenance:
+        metadata["provenance"] = provenance
     data = serialise(tensors, {KEY: json.dumps(metadata, sort_keys=True, separators=(",", ":"))})
     return data.replace(ZEROS, hashlib.sha256(data).hexdigest().encode(), 1)
 
@@ -120,7 +129,8 @@ def _check_parts(codec: "Encoder", parts: object) -> None:
     if not isinstance(parts, Parts):
         raise answered(encode, parts, "Parts of tensors, as Parts(texture={...})", EncodeError)
     stored: dict[str, Tensor] = {}
-    for part, named in ((part, getattr(parts, part)) for part in PARTS):
+    for part in PARTS:
+        named = getattr(parts, part)
         if not isinstance(named, dict):
             what = f"Parts whose {part} is of type {type(named).__name__}"
             raise answered(encode, what, "a dictionary of tensors by name", EncodeError)
@@ -132,7 +142,8 @@ def _check_parts(codec: "Encoder", parts: object) -> None:
             if not isinstance(value, Tensor):
                 due = "a tensor (torch.from_numpy makes one of an array)"
                 raise answered(encode, f"Parts whose {full} is of type {type(value).__name__}", due, EncodeError)
-            if fault := _fault(value):
+            fault = _fault(value)
+            if fault:
                 raise EncodeError(f"codec {codec.name}: {full} {fault}")
             for other, earlier in stored.items():
                 if _overlap(value, earlier):
@@ -186,7 +197,8 @@ def read_parts(path: Path) -> "tuple[Header, Parts]":
     from bench.codec import ZSTD, Parts
 
     data = _read(Path(path))
-    header, parts = _parse(Path(path), data), Parts()
+    header = _parse(Path(path), data)
+    parts = Parts()
     left = max(LEAST_EXPANDED, MOST_EXPANSION * len(data))
     try:
         stored = deserialise(data)
@@ -196,15 +208,19 @@ def read_parts(path: Path) -> "tuple[Header, Parts]":
         part, name = full.split("/", 1)
         tensors = expanded(tensor, Path(path), left) if header.settings.get(ZSTD) else {name: tensor}
         left -= sum(values.nbytes for values in tensors.values())
-        if name := _not_finite(tensors):  # no codec writes such numbers
-            raise ContainerError(f"{path}: tensor {part}/{name} holds numbers that are not finite")
+        bad = _not_finite(tensors)
+        if bad:  # no codec writes such numbers
+            raise ContainerError(f"{path}: tensor {part}/{bad} holds numbers that are not finite")
         getattr(parts, part).update(tensors)
     return header, parts
 
 
 def _not_finite(tensors: "dict[str, Tensor]") -> str:
     """The name of the first tensor with a number that is not finite; "" if there is none."""
-    return next((name for name, x in tensors.items() if x.is_floating_point() and not x.isfinite().all()), "")
+    for name, tensor in tensors.items():
+        if tensor.is_floating_point() and not tensor.isfinite().all():
+            return name
+    return ""
 
 
 def _read(path: Path) -> bytes:
@@ -237,10 +253,14 @@ def _json_header(path: Path, data: bytes) -> dict[str, Any]:
         raise ContainerError(f"{path}: truncated: {short}: copy it again")
     try:
         header = json.loads(data[8 : 8 + length])
-        offsets = [entry["data_offsets"] for name, entry in header.items() if name != "__metadata__"]
-        if not all(_whole(place) for pair in offsets for place in pair):
-            raise ValueError
-        end = max((pair[1] for pair in offsets), default=0)
+        end = 0
+        for name, entry in header.items():
+            if name == "__metadata__":
+                continue
+            offsets = entry["data_offsets"]
+            if not all(_whole(place) for place in offsets):
+                raise ValueError
+            end = max(end, offsets[1])
         missing = 8 + length + end - len(data)
     except (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as error:
         raise ContainerError(f"{path}: not a codec file (its safetensors header is not sound)") from error
@@ -257,11 +277,14 @@ def _metadata(path: Path, header: dict[str, Any]) -> dict[str, Any]:
         raise ContainerError(f"{path}: a safetensors file, but not one of this suite (no {KEY!r} metadata)") from error
     if newer:
         raise ContainerError(f"{path}: format {found['format']} is newer than this version reads ({FORMAT}): upgrade")
-    if wrong := next((name for name, sound in _FIELDS.items() if name in found and not sound(found[name])), ""):
-        raise ContainerError(f"{path}: its {KEY!r} metadata is not sound: {wrong} is {found[wrong]!r:.60}")
-    if fault := described.fault_of(FileScene, found["scene"]) if found.get("scene") else "":
+    for name, is_sound in _FIELDS.items():
+        if name in found and not is_sound(found[name]):
+            raise ContainerError(f"{path}: its {KEY!r} metadata is not sound: {name} is {found[name]!r:.60}")
+    fault = described.fault_of(FileScene, found["scene"]) if found.get("scene") else ""
+    if fault:
         raise ContainerError(f"{path}: the scene that it was fitted to is not sound: {fault}: encode it again")
-    if missing := {"format", "codec", "version", "settings", "sha256"} - found.keys():
+    missing = {"format", "codec", "version", "settings", "sha256"} - found.keys()
+    if missing:
         raise ContainerError(f"{path}: its {KEY!r} metadata is incomplete: no {', '.join(sorted(missing))}")
     return found
 
@@ -272,8 +295,14 @@ def _whole(value: object) -> bool:
 
 def _settings(value: Any) -> bool:
     """Plain values by name, every number finite."""
-    plain = isinstance(value, dict) and all(isinstance(setting, str | int | float) for setting in value.values())
-    return plain and all(math.isfinite(setting) for setting in value.values() if isinstance(setting, float))
+    if not isinstance(value, dict):
+        return False
+    for setting in value.values():
+        if not isinstance(setting, str | int | float):
+            return False
+        if isinstance(setting, float) and not math.isfinite(setting):
+            return False
+    return True
 
 
 _FIELDS: dict[str, Callable[[Any], bool]] = {

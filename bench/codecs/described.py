@@ -28,7 +28,9 @@ def described_codecs() -> dict[str, dict[str, Any]]:
             about += " It cannot be imported here."
         else:
             paper = codec.recipes.get("paper")
-            published = {} if paper is None else {"recipe": "paper"} | dict(paper)
+            published = {}
+            if paper is not None:
+                published = {"recipe": "paper"} | dict(paper)
             for each in described_settings(codec):
                 theirs = str(published.get(each.name, each.default)) if published else ""
                 settings.append((each.name, each.meaning, each.default, theirs))

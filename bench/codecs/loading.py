@@ -49,7 +49,8 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
     if not header.network:
         network = None
     elif network is None or network.sha256 != header.network:
-        network = shared.named_by(header, codec_class.network.shipped if codec_class.network else None)
+        shipped = codec_class.network.shipped if codec_class.network else None
+        network = shared.named_by(header, shipped)
     parts = dataclasses.replace(parts, network=network)
     numbers = _numbers(parts) + (_numbers(network.parts) if network else 0)
     try:
@@ -77,7 +78,10 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
 
 def _numbers(parts: Parts) -> int:
     """The count of numbers in the tensors."""
-    return sum(tensor.numel() for part in PARTS for tensor in getattr(parts, part).values())
+    count = 0
+    for part in PARTS:
+        count += sum(tensor.numel() for tensor in getattr(parts, part).values())
+    return count
 
 
 def _try(material: Material) -> None:
@@ -85,7 +89,8 @@ def _try(material: Material) -> None:
     if not all(isinstance(side, int) and side > 0 for side in material.size):
         raise ValueError(f"a picture of {material.size} texels")
     uv = torch.tensor([[0.0, 0.0], [0.0, 0.999], [0.999, 0.0], [0.999, 0.999]], device=material.device)
-    up, low = (torch.tensor(w, device=material.device).expand(4, 3) for w in ((0.0, 0.0, 1.0), (0.6, 0.0, 0.8)))
+    up = torch.tensor([0.0, 0.0, 1.0], device=material.device).expand(4, 3)
+    low = torch.tensor([0.6, 0.0, 0.8], device=material.device).expand(4, 3)
     if not material.query(uv, up, low).isfinite().all():
         raise ValueError("its answers are not finite")
 

@@ -26,7 +26,8 @@ def check(entry: EntryPoint, called: str, make: Make, settings: dict[str, Any] |
     if EXPENDABLE in os.environ or not plugins.is_outside(entry):
         return
     pairs = None if settings is None else tuple(sorted(settings.items()))
-    if (error := _tried(entry.name, called, make, pairs)) is not None:
+    error = _tried(entry.name, called, make, pairs)
+    if error is not None:
         raise error
 
 
@@ -40,7 +41,8 @@ def _tried(name: str, called: str, make: Make, settings: tuple[tuple[str, Any], 
     # A bare interpreter, because `multiprocessing` would run the calling script again.
     request = json.dumps([sys.path, name, None if settings is None else dict(settings)], default=str)
     there, here = os.pipe()
-    command = [sys.executable, "-c", CHILD.format(module=make.__module__, make=make.__name__), request, str(here)]
+    script = CHILD.format(module=make.__module__, make=make.__name__)
+    command = [sys.executable, "-c", script, request, str(here)]
     child = subprocess.Popen(command, pass_fds=(here,), stdin=subprocess.DEVNULL, env=os.environ | {EXPENDABLE: "1"})
     os.close(here)
     doing = "is imported" if settings is None else f"is made with {dict(settings) or 'its defaults'}"
@@ -56,7 +58,9 @@ def _tried(name: str, called: str, make: Make, settings: tuple[tuple[str, Any], 
     if not answer:
         return CodecError(f"{called} ends the process when it {doing}: {ending(child.returncode)}")
     kind, message = json.loads(answer)
-    return {"": None, CodecError.__name__: CodecError(message)}.get(kind, InputError(message))
+    if not kind:
+        return None
+    return CodecError(message) if kind == CodecError.__name__ else InputError(message)
 
 
 CHILD = """

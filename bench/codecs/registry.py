@@ -77,7 +77,8 @@ def _loaded(entry: EntryPoint, wanted_by: str = "") -> "type[Codec]":
         codec: type[Codec] = entry.load()
     except (Exception, SystemExit) as error:
         raise CodecError(f"{prefix}{called(entry)} cannot be imported: {_kind(error)}") from error
-    if (name := getattr(codec, "name", None)) != entry.name:
+    name = getattr(codec, "name", None)
+    if name != entry.name:
         says = "has no name" if name is None else f"calls itself {name!r}"
         raise InputError(f"{prefix}{called(entry)} {says}: write `name = {entry.name!r}` into its class")
     if not isinstance(getattr(codec, "version", None), int):
@@ -127,10 +128,13 @@ def reference(entry: EntryPoint) -> dict[str, str]:
     """
 
     def found(pattern: str, text: str) -> str:
-        return next(iter(re.findall(pattern, text, re.M | re.S)), "")
+        matches: list[str] = re.findall(pattern, text, re.M | re.S)
+        return matches[0] if matches else ""
 
     text = _docstring(*entry.value.split(":"))
-    if (another := codec_entries().get(found(r"^Cited as `([\w-]+)`\.$", text))) and another.name != entry.name:
+    cited_as = found(r"^Cited as `([\w-]+)`\.$", text)
+    another = codec_entries().get(cited_as)
+    if another and another.name != entry.name:
         return reference(another)
     bibtex = found(r"^@\w+\{.*?^\}$", text)
     doi = found(r"\bdoi = \{([^{}\s]+)\}", bibtex)
@@ -155,7 +159,9 @@ def current_versions(codec: str, recipe: str = "") -> dict[str, int]:
     module, _, class_name = entry.value.partition(":")
     versions = _assigned(module, class_name, "recipe_versions") or {}
     own = versions.get(recipe, _assigned(module, class_name, "version"))
-    return {"version": own, "store": _assigned(STORE, "", "VERSION") or 0} if isinstance(own, int) else {}
+    if not isinstance(own, int):
+        return {}
+    return {"version": own, "store": _assigned(STORE, "", "VERSION") or 0}
 
 
 def _assigned(module: str, class_name: str, wanted: str) -> Any:
@@ -186,7 +192,9 @@ def _docstring(module: str, class_name: str = "") -> str:
     node = _definition(module, class_name)
     if node is None and _definition(module, "") is None:
         return f"not importable: {module}"
-    return (ast.get_docstring(node) or "") if node else ""
+    if node is None:
+        return ""
+    return ast.get_docstring(node) or ""
 
 
 @cache
@@ -200,12 +208,21 @@ def _definition(module: str, class_name: str) -> "ast.Module | ast.ClassDef | No
         spec = importlib.util.find_spec(top)
     except (ImportError, ValueError):
         return None
-    places = [Path(place).joinpath(*inside) for place in spec.submodule_search_locations or ()] if spec else []
-    files = [file for place in places for file in (place.with_suffix(".py"), place / "__init__.py")]
-    files += [Path(spec.origin)] if spec and spec.origin and not places else []
-    source = next((file for file in files if file.is_file()), None)
-    if source is None:
+    if spec is None:
         return None
-    tree = ast.parse(source.read_text(encoding="utf-8"))
-    classes = (node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == class_name)
-    return next(classes, None) if class_name else tree
+    files: list[Path] = []
+    for folder in spec.submodule_search_locations or ():
+        place = Path(folder).joinpath(*inside)
+        files += [place.with_suffix(".py"), place / "__init__.py"]
+    if spec.origin and not files:
+        files.append(Path(spec.origin))
+    sources = [file for file in files if file.is_file()]
+    if not sources:
+        return None
+    tree = ast.parse(sources[0].read_text(encoding="utf-8"))
+    if not class_name:
+        return tree
+    for node in tree.body:
+        if isinstance(node, ast.ClassDef) and node.name == class_name:
+            return node
+    return None

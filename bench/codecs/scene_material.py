@@ -28,9 +28,11 @@ class SceneMaterial(Wrapped):
         if inner.size != tuple(side // window.factor for side in window.sides):
             raise ValueError(f"a window of {window.sides} texels over {window.factor} is not {inner.size}")
         super().__init__(inner)
-        self.size, self.window, self.name = (height // window.factor, width // window.factor), window, name
+        self.size = height // window.factor, width // window.factor
+        self.window, self.name = window, name
         self.finest = float(scene["finest"]) / FINER
-        self.views, self.lights = (torch.from_numpy(from_hex(scene[side])).flatten() for side in ("views", "lights"))
+        self.views = torch.from_numpy(from_hex(scene["views"])).flatten()
+        self.lights = torch.from_numpy(from_hex(scene["lights"])).flatten()
         self.queried = self.outside = 0
         self.reports = True
 
@@ -51,7 +53,8 @@ class SceneMaterial(Wrapped):
         if self.window.factor > 1:
             inside &= footprint >= self.finest
         count = len(uv) - int(inside.count_nonzero())
-        self.queried, self.outside = self.queried + len(uv), self.outside + count
+        self.queried += len(uv)
+        self.outside += count
         if count and self.reports:
             self.reports = False
             outside = f"{count} of {len(uv)} queries lie far outside the scene that it was fitted to"

@@ -69,7 +69,9 @@ def find_for(codec: Codec | type[Codec]) -> TrainedNetwork | None:
     if codec.network is None:
         return None
     shipped = codec.network.shipped
-    return find(codec.name, shipped if shipped and not place(codec.name).exists() else None)
+    if shipped and not place(codec.name).exists():
+        return find(codec.name, shipped)
+    return find(codec.name)
 
 
 def missing(codec: str, path: Path | None = None) -> MissingDataError:
@@ -83,15 +85,23 @@ def missing(codec: str, path: Path | None = None) -> MissingDataError:
 def named_by(header: container.Header, shipped: Path | None) -> TrainedNetwork:
     """Find the network that a material's file names by hash: beside the file or in `folder()`, under the hashed name or
     the codec's, else the one `shipped`. `ContainerError` says where to put it."""
-    names = (hashed_name(header.codec, header.network), f"{header.codec}{container.SUFFIX}")
-    places = [place / name for place in (header.path.parent, folder()) for name in names]
-    for path in (*places, *([shipped] if shipped else [])):
-        if path.is_file() and (contents := container.read_parts(path))[0].sha256 == header.network:
-            return _trained(*contents)
+    hashed = hashed_name(header.codec, header.network)
+    plain = f"{header.codec}{container.SUFFIX}"
+    beside, users = header.path.parent, folder()
+    paths = [beside / hashed, beside / plain, users / hashed, users / plain]
+    if shipped:
+        paths.append(shipped)
+    for path in paths:
+        if not path.is_file():
+            continue
+        found, parts = container.read_parts(path)
+        if found.sha256 == header.network:
+            return _trained(found, parts)
+    users_own = place(header.codec)
+    what = "another one" if users_own.exists() else f"missing (`neubtf-bench pretrain {header.codec}`)"
     raise ContainerError(
         f"{header.path}: it needs the shared network of codec {header.codec}, sha256 {header.network}: "
-        f"put its file beside it, or into {folder()}, as {names[0]}; {place(header.codec)} is "
-        + ("another one" if place(header.codec).exists() else f"missing (`neubtf-bench pretrain {header.codec}`)")
+        f"put its file beside it, or into {users}, as {hashed}; {users_own} is {what}"
     )
 
 

@@ -26,18 +26,24 @@ class SlicesMaterial(Material):
     def __init__(self, decoded: BTF, truth: BTF):
         super().__init__(decoded.shape, DecoderCost())
         self.decoded = decoded
-        have, wanted = (np.concatenate([btf.wo, btf.wi], 1) for btf in (decoded, truth))
+        have = np.concatenate([decoded.wo, decoded.wi], 1)
+        wanted = np.concatenate([truth.wo, truth.wi], 1)
         distance, nearest = cKDTree(have).query(wanted)
-        if absent := int((distance > SAME).sum()):
+        absent = int((distance > SAME).sum())
+        if absent:
             pair = int(distance.argmax())
-            angles = [f"{angle:.1f}" for w in (truth.wo[pair], truth.wi[pair]) for angle in to_degrees(w)]
+            angles = [*to_degrees(truth.wo[pair]), *to_degrees(truth.wi[pair])]
+            listed = ", ".join(f"{angle:.1f}" for angle in angles)
             raise InputError(
                 f"{decoded.name}: it has no slice for {absent:,} of the {len(truth):,} pairs of {truth.name}, such as "
-                f"theta_o, phi_o, theta_i, phi_i = {', '.join(angles)}: decode every pair of {truth.name}"
+                f"theta_o, phi_o, theta_i, phi_i = {listed}: decode every pair of {truth.name}"
             )
-        self.pair_of = dict(zip(map(tuple, wanted.tolist()), nearest.tolist(), strict=True))
+        self.pair_of: dict[tuple[float, ...], int] = {}
+        for directions, pair in zip(wanted.tolist(), nearest.tolist(), strict=True):
+            self.pair_of[tuple(directions)] = pair
 
     def boxes(
         self, wo: Sequence[float], wi: Sequence[float], factor: int, size: tuple[int, int] | None = None
     ) -> Tensor:
-        return torch.from_numpy(box_filter(self.decoded[self.pair_of[*wo, *wi]], factor)).clamp_min(0)
+        pair = self.pair_of[*wo, *wi]
+        return torch.from_numpy(box_filter(self.decoded[pair], factor)).clamp_min(0)

@@ -89,4 +89,5 @@ def to_hex(cells: Array) -> str:
 
 def from_hex(text: str) -> Array:
     """The map (CELLS, CELLS) that a file records. `ValueError` if it is invalid."""
-    return np.unpackbits(np.frombuffer(bytes.fromhex(text), np.uint8)).reshape(CELLS, CELLS).astype(bool)
+    packed = np.frombuffer(bytes.fromhex(text), np.uint8)
+    return np.unpackbits(packed).reshape(CELLS, CELLS).astype(bool)

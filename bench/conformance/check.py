@@ -65,8 +65,11 @@ def tiny_radiance(row: np.ndarray, col: np.ndarray, wo: np.ndarray, wi: np.ndarr
 def others(btf: BTF) -> list[BTF]:
     """Five materials beside a BTF: its colours in every other order."""
     values = np.stack(list(btf))
-    orders = list(itertools.permutations(range(3)))[1:]
-    return [BTF(f"colours {order}", btf.wo, btf.wi, ArraySource(values[..., order]), periodic=True) for order in orders]
+    found = []
+    for order in list(itertools.permutations(range(3)))[1:]:
+        source = ArraySource(values[..., order])
+        found.append(BTF(f"colours {order}", btf.wo, btf.wi, source, periodic=True))
+    return found
 
 
 @dataclass
@@ -90,12 +93,14 @@ class CodecUnderTest:
 
     def encode(self, name: str, btf: BTF | None = None) -> container.Header:
         """Encode a BTF, by default the small material, into a file of that name."""
-        fit, folder = Fit(seed=1, network=self.network, show=self.show), os.getcwd()
+        fit = Fit(seed=1, network=self.network, show=self.show)
+        folder = os.getcwd()
         # Generators go on, so that a codec that draws from the process's own gives another file the second time:
         # `fit_to_file` would set them back.
         with chdir(folder), torch.enable_grad():
             parts = fitted(self.codec, btf or self.btf, fit).parts
-            if (now := working_folder()) != folder:
+            now = working_folder()
+            if now != folder:
                 self.moved_to = now
         return container.save(self.folder / name, self.codec, parts)
 
@@ -105,7 +110,7 @@ class CodecUnderTest:
 
     @cached_property
     def material(self) -> Material:
-        return loading.load(self.header.path, network=self.network)[1]
+        return loading.load(self.header.path, network=self.network).material
 
     @cached_property
     def frame_answers(self) -> frame.FrameAnswers:
@@ -113,7 +118,8 @@ class CodecUnderTest:
         btf = frame.material()
         header = self.encode(f"frame{container.SUFFIX}", btf)
         with torch_threads(1):
-            return frame.FrameAnswers.at_texel_centres(loading.load(header.path, network=self.network)[1], btf)
+            decoded = loading.load(header.path, network=self.network).material
+            return frame.FrameAnswers.at_texel_centres(decoded, btf)
 
     @cached_property
     def queries(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -156,7 +162,8 @@ def fresh_process(tested: CodecUnderTest) -> None:
     command = [sys.executable, "-c", FRESH, str(tested.header.path), str(queries_file), str(answers_file)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
-        raise CheckError(f"the fresh process failed: {(done.stderr.splitlines() or ['no message'])[-1]}")
+        lines = done.stderr.splitlines() or ["no message"]
+        raise CheckError(f"the fresh process failed: {lines[-1]}")
     _same("fresh process", load_file(answers_file)["rgb"], tested.answers, 0.0)
 
 
@@ -168,15 +175,20 @@ def same_bytes(tested: CodecUnderTest) -> None:
 
 def batches(tested: CodecUnderTest) -> None:
     """one batch answers as many small ones do"""
-    pieces = [tested.material.query(*(q[i : i + 7] for q in tested.queries)) for i in range(0, 500, 7)]
+    uv, wo, wi, footprint = tested.queries
+    pieces = []
+    for start in range(0, 500, 7):
+        some = slice(start, start + 7)
+        pieces.append(tested.material.query(uv[some], wo[some], wi[some], footprint[some]))
     _same("batches of 7", torch.cat(pieces), tested.answers, ROUNDING)
-    if tested.material.query(*(q[:0] for q in tested.queries)).shape != (0, 3):
+    if tested.material.query(uv[:0], wo[:0], wi[:0], footprint[:0]).shape != (0, 3):
         raise CheckError("an empty batch must give (0, 3)")
 
 
 def order(tested: CodecUnderTest) -> None:
     """the order of queries does not matter"""
-    _same("reversed", tested.material.query(*(q.flip(0) for q in tested.queries)).flip(0), tested.answers, ROUNDING)
+    backward = [column.flip(0) for column in tested.queries]
+    _same("reversed", tested.material.query(*backward).flip(0), tested.answers, ROUNDING)
 
 
 def wraps(tested: CodecUnderTest) -> None:
@@ -203,7 +215,9 @@ def refuses(tested: CodecUnderTest) -> None:
 
 def counted(tested: CodecUnderTest) -> None:
     """declared parameters, channels and numbers in textures are those that are counted"""
-    if fault := counting.fault(tested.material, container.read_parts(tested.header.path)[1]):
+    _, parts = container.read_parts(tested.header.path)
+    fault = counting.fault(tested.material, parts)
+    if fault:
         raise CheckError(fault)
 
 
@@ -212,7 +226,8 @@ def leaves_the_process(tested: CodecUnderTest) -> None:
     tested.encode("c" + container.SUFFIX)
     if tested.moved_to:
         raise CheckError(f"encode changes the working directory to {tested.moved_to}: give paths instead")
-    if left := threads_left():
+    left = threads_left()
+    if left:
         raise CheckError(f"encode leaves {', '.join(left)} running: end each thread, or make it a daemon")
 
 
@@ -220,8 +235,10 @@ def follows_data(tested: CodecUnderTest) -> None:
     """it follows the data: nearer to the training slices than their one mean colour"""
     btf = tested.btf
     truth = torch.from_numpy(np.stack(list(btf)))
-    decoded = torch.stack([tested.material.slice(btf.wo[i].tolist(), btf.wi[i].tolist()) for i in range(len(btf))])
-    error, floor = ((decoded - truth) ** 2).mean().item(), truth.var(dim=(0, 1, 2), correction=0).mean().item()
+    pairs = zip(btf.wo.tolist(), btf.wi.tolist(), strict=True)
+    decoded = torch.stack([tested.material.slice(wo, wi) for wo, wi in pairs])
+    error = ((decoded - truth) ** 2).mean().item()
+    floor = truth.var(dim=(0, 1, 2), correction=0).mean().item()
     if not error < floor:
         fault = f"mean squared error {error:.3g} is no less than that of one constant colour, {floor:.3g}"
         raise CheckError(fault + more_steps(tested.codec))
@@ -266,21 +283,24 @@ def on_a_gpu(tested: CodecUnderTest) -> None:
     """it encodes, decodes and answers on a GPU (an emulated one), as on the CPU"""
     if tested.material.opaque:
         raise NotApplicable("another program answers")
-    settings, queries = settings_dict(tested.codec), [q[:64] for q in tested.queries]
-    # An emulated GPU takes long for a kernel, so a fit has four steps.
-    codec = type(tested.codec)(**settings | ({"steps": 4} if "steps" in settings else {}))
+    settings = settings_dict(tested.codec)
+    queries = [column[:64] for column in tested.queries]
+    if "steps" in settings:
+        settings["steps"] = 4  # an emulated GPU takes long for a kernel
+    codec = type(tested.codec)(**settings)
     try:
         with emulated.emulated() as device, torch_threads(1):
             fit = Fit(seed=1, network=tested.network, device=device)
             path = tested.folder / f"gpu{container.SUFFIX}"
             fit_to_file(codec, tested.btf, fit, path)
-            parts = container.read_parts(path)[1]
+            _, parts = container.read_parts(path)
             material = _decoded_on(device, codec, replace(parts, network=tested.network), queries)
             answers = material.query(*(q.to(device) for q in queries)).cpu()
             material.slice(tested.btf.wo[0].tolist(), tested.btf.wi[0].tolist())
     except emulated.NoEmulationError as error:
         raise NotApplicable(str(error)) from error
-    _same("on the GPU", answers, loading.load(path, network=tested.network)[1].query(*queries), ROUNDING)
+    on_the_cpu = loading.load(path, network=tested.network).material
+    _same("on the GPU", answers, on_the_cpu.query(*queries), ROUNDING)
 
 
 def _decoded_on(device: torch.device, codec: Codec, parts: Parts, queries: list[Tensor]) -> Material:
@@ -301,10 +321,13 @@ def _decoded_on(device: torch.device, codec: Codec, parts: Parts, queries: list[
 
 def framed(tested: CodecUnderTest) -> str | None:
     """frame, order of channels and directions, and units are those of the truth"""
-    if mistake := tested.frame_answers.mistake():
+    mistake = tested.frame_answers.mistake()
+    if mistake:
         raise CheckError(mistake)
     undecided = tested.frame_answers.undecided()
-    return f"its answers are the same {'; '.join(undecided)}" if undecided else None
+    if not undecided:
+        return None
+    return f"its answers are the same {'; '.join(undecided)}"
 
 
 Check = Callable[[CodecUnderTest], str | None]  # raises on failure; returns a note or None

@@ -60,8 +60,9 @@ def decoder_floats(decoder: dict[str, Tensor]) -> range:
     for name, values in own.items():
         if not any(values.dtype == other.dtype and torch.equal(values, other) for other in different.values()):
             different[name] = values
-    counts = [_with_packed(_plain_numbers(tensors), tensors) for tensors in (different, own)]
-    return range(counts[0].start, counts[1].stop)
+    fewest = _with_packed(_plain_numbers(different), different)
+    most = _with_packed(_plain_numbers(own), own)
+    return range(fewest.start, most.stop)
 
 
 def _plain_numbers(tensors: dict[str, Tensor]) -> int:
@@ -89,10 +90,13 @@ def _with_packed(counted: int, tensors: dict[str, Tensor]) -> range:
 
 def held_floats(material: Material) -> int:
     """Count the numbers of a decoder outside its network: textures, and the levels and copies made of them."""
-    held, network = list(vars(material).values()), material.modules()
-    values = [value for value in held if isinstance(value, Tensor)]
-    plain = (value for value in held if isinstance(value, nn.Module) and value not in network)
-    values += [buffer for module in plain for buffer in module.buffers()]
+    network = material.modules()
+    values: list[Tensor] = []
+    for held in vars(material).values():
+        if isinstance(held, Tensor):
+            values.append(held)
+        elif isinstance(held, nn.Module) and held not in network:
+            values += held.buffers()
     return sum(value.numel() for value in values if value.is_floating_point())
 
 

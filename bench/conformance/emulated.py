@@ -165,7 +165,9 @@ def _device(host: Tensor, storage: Any = None, out: Tensor | None = None) -> Ten
 
 
 def _cloned(storage: torch.UntypedStorage) -> torch.UntypedStorage:
-    return _storage(_clone(storage.memory)) if _here(storage) else _clone(storage)  # type: ignore[attr-defined]
+    if not _here(storage):
+        return _clone(storage)
+    return _storage(_clone(storage.memory))  # type: ignore[attr-defined]
 
 
 class _Operands:
@@ -173,7 +175,8 @@ class _Operands:
 
     def __init__(self, op: Any):
         self.op, self.name = op, op._schema.name
-        self.given, self.storages = dict[int, tuple[Tensor, Tensor]](), dict[int, Any]()
+        self.given: dict[int, tuple[Tensor, Tensor]] = {}  # by the id of the CPU's: it, and the device's
+        self.storages: dict[int, Any] = {}  # of the device, by the address of the CPU's
 
     def lowered(self, value: Any, position: int = -1) -> Any:
         if isinstance(value, torch.Generator) and not _here(value):
@@ -218,10 +221,12 @@ def _computed(op: Any, *args: Any, **kwargs: Any) -> Any:
     # PyTorch wraps a number as a tensor for some operations, and unwraps it again for a kernel in Python.
     arguments = zip(op._schema.arguments, args, strict=False)
     numbers = any(isinstance(x, int | float) and str(each.type) == "Tensor" for each, x in arguments)
-    found = (op._overloadpacket if numbers else op)(*flat, **named)
+    compute = op._overloadpacket if numbers else op
+    found = compute(*flat, **named)
     if not operands.only_views(found) and not name.startswith(_WITHOUT_KERNEL):
         for traffic in _traffic:
-            (traffic.waits if name in _WAITING else traffic.kernels)[name] += 1
+            counter = traffic.waits if name in _WAITING else traffic.kernels
+            counter[name] += 1
     return tree.tree_map(operands.raised, found)
 
 
@@ -233,12 +238,17 @@ def _copy_noted(what: str, tensor: Tensor, waits: bool = True) -> None:
 
 def _copied(source: Tensor, target: Tensor, non_blocking: bool = False) -> Tensor:
     """Copy between two tensors, at least one of them on the device."""
-    (_host(target) if _here(target) else target).copy_(_host(source) if _here(source) else source)
-    if _here(source) and _here(target):
+    from_device, to_device = _here(source), _here(target)
+    host_source = _host(source) if from_device else source
+    host_target = _host(target) if to_device else target
+    host_target.copy_(host_source)
+    if from_device and to_device:
         for traffic in _traffic:
             traffic.kernels["aten::copy_"] += 1
+    elif to_device:
+        _copy_noted("up", source, waits=not non_blocking)
     else:
-        _copy_noted("up" if _here(target) else "down", source, waits=_here(source) or not non_blocking)
+        _copy_noted("down", source)
     return target
 
 

@@ -48,7 +48,9 @@ def material() -> BTF:
     directions = np.stack([from_degrees(theta, phi) for theta, phi in rings])
     wo, wi = product(directions, directions)
     uv = texel_centres(*SHAPE)
-    pictures = [truth(uv, *(torch.from_numpy(w).expand(len(uv), 3) for w in pair)) for pair in zip(wo, wi, strict=True)]
+    pictures = []
+    for view, light in zip(torch.from_numpy(wo), torch.from_numpy(wi), strict=True):
+        pictures.append(truth(uv, view.expand(len(uv), 3), light.expand(len(uv), 3)))
     values = torch.stack(pictures).reshape(-1, *SHAPE, 3).numpy()
     return BTF("frame", wo, wi, ArraySource(values), periodic=True)
 
@@ -61,17 +63,29 @@ def _reshaped(uv: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
     """The radiance of the texels of (H, W), row by row, as a picture (W, H)."""
     texel, weight = texel_corners((SHAPE[1], SHAPE[0]), uv)
     centres = texel_centres(*SHAPE)[texel]
-    return sum((weight[:, k : k + 1] * truth(centres[:, k], wo, wi) for k in range(4)), torch.zeros(len(uv), 3))
+    radiance = torch.zeros(len(uv), 3)
+    for corner in range(4):
+        radiance = radiance + weight[:, corner : corner + 1] * truth(centres[:, corner], wo, wi)
+    return radiance
 
 
 def _channels(order: str) -> Radiance:
-    return lambda uv, wo, wi: truth(uv, wo, wi)[:, ["RGB".index(channel) for channel in order]]
+    places = ["RGB".index(channel) for channel in order]
+    return lambda uv, wo, wi: truth(uv, wo, wi)[:, places]
 
 
 def _directions(x: tuple[int, int], y: tuple[int, int], sides: str) -> Radiance:
     """The radiance with ω_o, ω_i, or both, turned: their x and y are these whole multiples of the old x and y."""
     turn = torch.tensor([[*x, 0], [*y, 0], [0, 0, 1]], dtype=torch.float32).T
-    return lambda uv, wo, wi: truth(uv, wo @ turn if "ω_o" in sides else wo, wi @ turn if "ω_i" in sides else wi)
+
+    def radiance(uv: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
+        if "ω_o" in sides:
+            wo = wo @ turn
+        if "ω_i" in sides:
+            wi = wi @ turn
+        return truth(uv, wo, wi)
+
+    return radiance
 
 
 def _as(curve: Callable[[np.ndarray], np.ndarray]) -> Radiance:
@@ -163,17 +177,22 @@ class FrameAnswers:
 
     def mistake(self) -> str:
         """Describe the mistake in words; empty if there is none."""
-        wrong = [description for description, share in self.shares().items() if share > WRONG]
-        likely = [(self.error(ARRANGEMENTS[each](*self.queries)), each) for each in wrong]
+        likely = []  # the error of each mistake, and its description
+        for description, share in self.shares().items():
+            if share > WRONG:
+                wrong = ARRANGEMENTS[description](*self.queries)
+                likely.append((self.error(wrong), description))
         right = truth(*self.queries)
-        if (error := self.error(_as(np.log1p)(*self.queries))) < FAR_BELOW * self.error(right):
+        logarithm = _as(np.log1p)(*self.queries)
+        error = self.error(logarithm)
+        if error < FAR_BELOW * self.error(right):
             likely.append((error, LOGARITHM))
         scale = self.scale
         if not 1 / SAME_SCALE <= scale <= SAME_SCALE:
             likely.append((self.error(right.double() * scale), f"as {scale:.3g} times the truth"))
         if not likely:
             return ""
-        nearest = min(likely)[1]
+        _, nearest = min(likely)
         return REMEDIES.get(nearest, f"your answers fit better {nearest}")
 
     def undecided(self) -> list[str]:

@@ -83,10 +83,15 @@ def _extremes(tested: CodecUnderTest) -> Iterator[Result]:
         verdict = stress.judge(case, subject)
         first = details.setdefault(verdict.detail, case.name)
         what = verdict.detail if first == case.name else f"the same as for {first!r}"
-        failure = what + met_by_others(case.name) if verdict.verdict == "fail" else ""
-        if failure and case.group == "data":
-            failure, hint = failure + hint, ""
-        yield Result(f"{case.name}: {case.holds}", failure, verdict.detail if verdict.verdict == "n/a" else "")
+        failure = reason = ""
+        if verdict.verdict == "fail":
+            failure = what + met_by_others(case.name)
+            if case.group == "data":
+                failure += hint
+                hint = ""
+        elif verdict.verdict == "n/a":
+            reason = verdict.detail
+        yield Result(f"{case.name}: {case.holds}", failure, reason)
 
 
 def stress_reference() -> Path:
@@ -96,15 +101,20 @@ def stress_reference() -> Path:
 
 @cache
 def _met() -> tuple[Stress, ...]:
-    return tuple(load_run(stress_reference()).stress) if stress_reference().is_file() else ()
+    path = stress_reference()
+    if not path.is_file():
+        return ()
+    return tuple(load_run(path).stress)
 
 
 def met_by_others(extreme: str) -> str:
     """Say how many built-in codecs pass an extreme, at the end of a message about a codec that fails it."""
     met = [record["verdict"] for record in _met() if record["extreme"] == extreme and record["verdict"] != "n/a"]
     passed = met.count("pass")
+    if not passed:
+        return ""
     count = f"all {passed}" if passed == len(met) else f"{passed} of {len(met)}"
-    return f"; {count} built-in codecs to which it applies pass" if passed else ""
+    return f"; {count} built-in codecs to which it applies pass"
 
 
 def count(name: str) -> Job:

@@ -23,7 +23,8 @@ def changed(btf: BTF, crop: tuple[int, int, int, int] | None = None, downsample:
         raise InputError(f"--thin must be at least 0 and --downsample at least 1, not {thin}, {downsample}")
     btf = thinned(btf, thin)
     if crop:
-        (H, W), (row, col, height, width) = btf.shape, crop
+        H, W = btf.shape
+        row, col, height, width = crop
         if min(row, col) < 0 or min(height, width) < 1 or row + height > H or col + width > W:
             raise InputError(f"--crop {row},{col},{height},{width}: it does not fit into {H} x {W} texels")
         if (height, width) != (H, W):
@@ -55,7 +56,10 @@ def write_btf(btf: BTF, out: Path, show: Progress = silent) -> None:
     check_place(out)
     btf = btf.over(_Watched(btf.source, show, len(btf)))
     with writable(out, "is there room, and may you write?"), atomic.replacing(out) as partial:
-        (write_npz if out.suffix == ".npz" else write_folder)(btf, partial)
+        if out.suffix == ".npz":
+            write_npz(btf, partial)
+        else:
+            write_folder(btf, partial)
         open_btf(partial)  # a result that readers would refuse must not look finished
 
 
@@ -77,5 +81,6 @@ def check_place(out: Path) -> None:
     is_file_name = out.suffix == ".npz"
     if is_file_name and out.is_dir():
         raise InputError(f"{out}: it is a folder: choose another name")
-    if not is_file_name and (out.is_file() or (out.is_dir() and any(out.iterdir()))):
+    is_taken = out.is_file() or (out.is_dir() and any(out.iterdir()))
+    if not is_file_name and is_taken:
         raise InputError(f"{out}: it exists and is not an empty folder: choose another name (a file ends in .npz)")

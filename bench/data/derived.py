@@ -31,8 +31,10 @@ def thinned(btf: BTF, pairs: int) -> BTF:
     else:
         train, heldout = np.flatnonzero(~btf.heldout), np.flatnonzero(btf.heldout)
         share = max(1, round(pairs * len(heldout) / len(btf)))
-        some = train[_even(Layout.of(btf.wo[train], btf.wi[train]), max(1, pairs - share))]
-        chosen = np.concatenate([some, heldout[_drawn(len(heldout), share)]])
+        layout = Layout.of(btf.wo[train], btf.wi[train])
+        some_train = train[_even(layout, max(1, pairs - share))]
+        some_heldout = heldout[_drawn(len(heldout), share)]
+        chosen = np.concatenate([some_train, some_heldout])
     return btf.subset(chosen)
 
 
@@ -50,8 +52,12 @@ class _Shrunk(Source):
 
     def slices(self, pairs: np.ndarray) -> list[np.ndarray]:
         copy = self._scratch  # sliced, because a place for each value takes NumPy three times as long
-        places = zip(*np.divmod(pairs, copy.shape[2]), strict=True)
-        return [np.asarray(copy[block, :, place], np.float32).reshape(*self.shape, 3) for block, place in places]
+        blocks, places = np.divmod(pairs, copy.shape[2])
+        slices = []
+        for block, place in zip(blocks, places, strict=True):
+            values = np.asarray(copy[block, :, place], np.float32)
+            slices.append(values.reshape(*self.shape, 3))
+        return slices
 
     def fingerprint(self) -> str:
         return hashlib.sha256(f"{self.boxes.digest} as halves".encode()).hexdigest()
@@ -71,9 +77,12 @@ def _even(layout: Layout, pairs: int) -> np.ndarray:
         return _drawn(len(layout.view), pairs)
     views, lights = len(layout.views), len(layout.lights)
     few = min(views, lights, math.isqrt(pairs))  # a side with few directions keeps all of them
-    count = (few, min(lights, pairs // few)) if views <= lights else (min(views, pairs // few), few)
-    chosen = (thin(side, n) for side, n in zip((layout.views, layout.lights), count, strict=True))
-    return layout.grid[np.ix_(*chosen)].reshape(-1)
+    if views <= lights:
+        some_views, some_lights = few, min(lights, pairs // few)
+    else:
+        some_views, some_lights = min(views, pairs // few), few
+    chosen = np.ix_(thin(layout.views, some_views), thin(layout.lights, some_lights))
+    return layout.grid[chosen].reshape(-1)
 
 
 def _drawn(count: int, wanted: int) -> np.ndarray:
@@ -88,7 +97,8 @@ class Repaired(Source):
         self.source, self.shape, self.count = source, source.shape, source.count
 
     def slice(self, pair: int) -> Array:
-        return self.mended(pair)[0]
+        picture, _ = self.mended(pair)
+        return picture
 
     def mended(self, pair: int) -> tuple[Array, int]:
         """The slice of a pair (H, W, 3), and the number of its masked values. Raises `InputError` if one of its
@@ -116,11 +126,14 @@ def repaired(btf: BTF, show: Progress = silent) -> BTF:
     masked = {}
     pairs = followed(show, btf.pairs.tolist(), "looking for values that are not finite", len(btf))
     for done, pair in enumerate(pairs):
-        if count := source.mended(pair)[1]:
+        _, count = source.mended(pair)
+        if count:
             masked[done] = count
     if not masked:
         return btf
-    listed = ", ".join(map(str, list(masked)[:10])) + (", …" if len(masked) > 10 else "")
+    listed = ", ".join(str(pair) for pair in list(masked)[:10])
+    if len(masked) > 10:
+        listed += ", …"
     note = f"{sum(masked.values())} values that were not finite, masked by the mean of their pair: pairs {listed}"
     log.warning("%s: %s", btf.name, note)
     return btf.over(source, repaired=note)

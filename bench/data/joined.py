@@ -38,18 +38,25 @@ class Joined(Source):
         """Group some pairs by part: for each part their positions, the part, and their indices in it."""
         first, second = self.parts
         late = pairs >= first.count
-        halves = [(np.flatnonzero(~late), first, 0), (np.flatnonzero(late), second, first.count)]
-        return [(chosen, part, pairs[chosen] - start) for chosen, part, start in halves if len(chosen)]
+        groups = []
+        for mask, part, start in ((~late, first, 0), (late, second, first.count)):
+            chosen = np.flatnonzero(mask)
+            if len(chosen):
+                groups.append((chosen, part, pairs[chosen] - start))
+        return groups
 
     def window(self, top: int, left: int, height: int, width: int) -> Source:
         return Joined(*(part.window(top, left, height, width) for part in self.parts))
 
     def only(self, pairs: Array) -> Source:
-        first = self.parts[0]
-        return first.only(pairs) if len(pairs) and int(pairs.max()) < first.count else self
+        first, _ = self.parts
+        if len(pairs) and int(pairs.max()) < first.count:
+            return first.only(pairs)
+        return self
 
     def fingerprint(self) -> str:
-        return hashlib.sha256(" and ".join(part.digest for part in self.parts).encode()).hexdigest()
+        described = " and ".join(part.digest for part in self.parts)
+        return hashlib.sha256(described.encode()).hexdigest()
 
 
 def followed(btf: BTF, drawn: BTF, kind: str, words: str) -> BTF:
@@ -58,7 +65,8 @@ def followed(btf: BTF, drawn: BTF, kind: str, words: str) -> BTF:
     if kind == "validation":
         marks["heldout"] = np.concatenate([btf.heldout, np.zeros(len(drawn), bool)])
     wo, wi = np.concatenate([btf.wo, drawn.wo]), np.concatenate([btf.wi, drawn.wi])
-    source, provenance = Joined(btf.source, drawn.source), btf.provenance | {kind: words}
+    source = Joined(btf.source, drawn.source)
+    provenance = btf.provenance | {kind: words}
     return BTF(btf.name, wo, wi, source, **marks, periodic=btf.periodic, provenance=provenance)
 
 

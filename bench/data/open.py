@@ -36,14 +36,21 @@ def open_material(
     """
     kind = kind_of(spec)
     btf = kind.open(spec, data, show, draw, path_tracer)
-    told: dict[str, object] = {"surface": kind.surface} if kind.surface else {}
-    told |= {} if kind.free is None else {"free": kind.free}
-    return replace(btf, provenance=btf.provenance | told) if told else btf
+    told: dict[str, object] = {}
+    if kind.surface:
+        told["surface"] = kind.surface
+    if kind.free is not None:
+        told["free"] = kind.free
+    if not told:
+        return btf
+    return replace(btf, provenance=btf.provenance | told)
 
 
 def draw_of(spec: MaterialSpec, data: Preparation, repetition: int) -> int:
     """The draw of test pairs for a repetition; 0 if all repetitions share one."""
-    return repetition if data.split == "test" and kind_of(spec).drawn else 0
+    if data.split == "test" and kind_of(spec).drawn:
+        return repetition
+    return 0
 
 
 def open_named(name: str, changes: Mapping[str, object], show: Progress = silent, words: bool = True) -> BTF:
@@ -59,7 +66,8 @@ def open_named(name: str, changes: Mapping[str, object], show: Progress = silent
     data = changed(Preparation(), of_data, words)
     kind = kind_of(spec)
     for key in changes:
-        if reason := kind.ignores(spec, key):
+        reason = kind.ignores(spec, key)
+        if reason:
             raise InputError(f"{key}: {reason}")
     return open_material(spec, data, show, draw_of(spec, data, repetition))
 
@@ -80,20 +88,24 @@ def from_arrays(
     picture repeats without a seam. `InputError` names the array and the row of a wrong value.
     """
     values = np.asarray(radiance)
-    if fault := radiance_fault(values.shape, values.dtype):
+    fault = radiance_fault(values.shape, values.dtype)
+    if fault:
         raise InputError(fault)
     count = len(values)
-    views, lights = (_directions(np.asarray(side), word, count) for side, word in ((wo, "wo"), (wi, "wi")))
+    views = _directions(np.asarray(wo), "wo", count)
+    lights = _directions(np.asarray(wi), "wi", count)
     no_duplicates(views, lights, lambda row: f"pair {row}")
     mask = None if heldout is None else np.asarray(heldout)
     if mask is not None and (mask.shape != (count,) or mask.dtype.kind != "b" or mask.all()):
         raise InputError(f"heldout must be a mask ({count},) of booleans that leaves pairs to train on")
     for row, picture in enumerate(values):  # one at a time, because the array may be a mapped file
-        if bad := int((~np.isfinite(picture)).sum()):
+        bad = int((~np.isfinite(picture)).sum())
+        if bad:
             fault = f"{bad:,} of {picture.size:,} values are not finite (NaN or infinite): mend them"
             remedy = "leave the pair out, or save radiance, wo and wi by numpy.savez and bench.open(path, repair=True)"
             raise InputError(f"radiance[{row}]: {fault}, {remedy}")
-    if text := negative(values):
+    text = negative(values)
+    if text:
         log.warning("%s: %s", name, text)
     warn_of_radians(views, lights, "wo and wi")
     provenance = {"format": "arrays", "colour": "taken as linear Rec. 709", "cosine": "taken as f_r cos(theta_i)"}

@@ -82,20 +82,26 @@ class Look:
     def clipped(self) -> float:
         """The share of values that lie exactly at the maximum; 0 if they are few, or belong to a flat tile."""
         top = self.values == self.values.max()
-        return top.mean() if 10 <= top.sum() < top.size and not self._alike(top.any(2)) else 0.0
+        if not 10 <= top.sum() < top.size or self._alike(top.any(2)):
+            return 0.0
+        return top.mean()
 
     def _alike(self, top: Array) -> bool:
         """Whether the texels at the maximum (slices, n) equal each other in most other slices too: a flat tile."""
         where = top[top.sum(1).argmax()]
         below = self.values[~top[:, where].any(1)][:, where]
         lit = below[below.any((1, 2))]
-        return bool(where.sum() > 1 and len(lit) and (lit == lit[:, :1]).all((1, 2)).mean() > 0.5)
+        if where.sum() <= 1 or not len(lit):
+            return False
+        alike = (lit == lit[:, :1]).all((1, 2))
+        return bool(alike.mean() > 0.5)
 
     @property
     def missing(self) -> int:
         """The number of missing pairs of a product of views and lights; 0 if most are missing, so it is no product."""
         product = len(self.layout.views) * len(self.layout.lights)
-        return product - len(self.layout.view) if len(self.layout.view) > product / 2 else 0
+        measured = len(self.layout.view)
+        return product - measured if measured > product / 2 else 0
 
     def _fall(self) -> str:
         """A sentence on brightness that falls with the wrong angle; "" if it falls with the light's."""
@@ -103,21 +109,29 @@ class Look:
             return ""
         falls = f"brightness falls as cos(theta_i) to the power of {self.power:.2f}"
         if self.power_o is None:
+            if self.power >= FLAT:
+                return ""
             both = "the light's cosine seems to be missing, or views and lights are swapped"
-            return f"{falls}: {both}: look which before you multiply" if self.power < FLAT else ""
+            return f"{falls}: {both}: look which before you multiply"
         falls += f", and as cos(theta_o) to the power of {self.power_o:.2f}"
         if self.power_o - self.power > SWAPPED:
             return f"{falls}: views and lights seem to be swapped: exchange omega_o and omega_i"
-        return f"{falls}: the light's cosine seems to be missing" if self.power < FLAT else ""
+        if self.power < FLAT:
+            return f"{falls}: the light's cosine seems to be missing"
+        return ""
 
     def warnings(self) -> list[str]:
         """One sentence for each likely fault, with its probable cause."""
-        warnings = [text] if (text := self._fall()) else []
+        warnings = []
+        fall = self._fall()
+        if fall:
+            warnings.append(fall)
         if self.clipped >= CLIPPED:
             most = f"exactly at the maximum, {self.values.max():.4g}"
             warnings.append(f"{self.clipped:.2%} of the values lie {most}: highlights are clipped")
-        if text := negative(self.values):
-            warnings.append(text)
+        below_0 = negative(self.values)
+        if below_0:
+            warnings.append(below_0)
         if self.missing:
             whole = f"{len(self.layout.views)} views × {len(self.layout.lights)} lights"
             warnings.append(f"{self.missing:,} pairs of the product of {whole} are missing")
@@ -151,9 +165,11 @@ def look(btf: BTF) -> Look:
             thumbs[pair] = box_filter(picture, max(1, max(picture.shape) // THUMB))
     power = _power(btf.wi[row, 2], np.array([medians[pair] for pair in row]))
     power_o = _power(btf.wo[column, 2], np.array([medians[pair] for pair in column]))
-    ratios = np.mean(seams, 0)
-    seen = [(float(r[0] / max(r[1], 1e-12)), float(r[0] / max(r[2], 1e-12))) for r in ratios]
-    return Look(btf, sheet, [thumbs[pair] for pair in sheet], np.stack(values), power, power_o, seen, mean_lobe(btf))
+    ratios = []
+    for across, mean, largest in np.mean(seams, 0):
+        ratios.append((float(across / max(mean, 1e-12)), float(across / max(largest, 1e-12))))
+    shown = [thumbs[pair] for pair in sheet]
+    return Look(btf, sheet, shown, np.stack(values), power, power_o, ratios, mean_lobe(btf))
 
 
 def _nearest(index: Array, side: Array, other: Array) -> list[int]:
@@ -175,11 +191,13 @@ def _sheet(btf: BTF) -> list[int]:
     """Pairs of the contact sheet: evenly spread views × lights, else pairs spread over the list."""
     pairs = np.arange(len(btf)) if btf.heldout is None else np.flatnonzero(~btf.heldout)
     layout = Layout.of(btf.wo[pairs], btf.wi[pairs])
+    count = SHEET[0] * SHEET[1]
     if layout.grid is None:
-        return [int(pairs[i]) for i in np.unique(np.linspace(0, len(pairs) - 1, SHEET[0] * SHEET[1]).astype(int))]
-    views = _spread(layout.views, max(SHEET[0], SHEET[0] * SHEET[1] // len(layout.lights)))
-    lights = _spread(layout.lights, SHEET[0] * SHEET[1] // len(views))
-    return [int(i) for i in pairs[layout.grid[np.ix_(views, lights)].reshape(-1)]]
+        spread = np.unique(np.linspace(0, len(pairs) - 1, count).astype(int))
+        return [int(pair) for pair in pairs[spread]]
+    views = _spread(layout.views, max(SHEET[0], count // len(layout.lights)))
+    lights = _spread(layout.lights, count // len(views))
+    return [int(pair) for pair in pairs[layout.grid[np.ix_(views, lights)].reshape(-1)]]
 
 
 def _spread(side: Array, count: int) -> Array:
@@ -197,19 +215,27 @@ def mean_lobe(btf: BTF) -> MeanLobe | None:
     """
     pairs = np.arange(len(btf)) if btf.heldout is None else np.flatnonzero(~btf.heldout)
     layout = Layout.of(btf.wo[pairs], btf.wi[pairs])
-    if layout.grid is None or not (ring := _ring(layout)):
+    if layout.grid is None:
+        return None
+    ring = _ring(layout)
+    if ring is None:
         return None
     theta, views, lights = ring
     chosen = pairs[layout.grid[np.ix_(views, lights)]]
-    means = np.array([[btf[pair].mean(dtype=np.float64) for pair in row] for row in chosen.tolist()])
+    means = np.empty(chosen.shape)
+    for place in np.ndindex(chosen.shape):
+        means[place] = btf[int(chosen[place])].mean(dtype=np.float64)
     if means.min() <= 0:
         return None
     means /= layout.lights[lights, 2]
     rest = means / means.mean(1, keepdims=True)
     rest = rest / rest.mean(0) - 1
-    if not (total := float((rest**2).sum())) > 1e-9 * rest.size:
+    total = float((rest**2).sum())
+    if not total > 1e-9 * rest.size:
         return None
-    phi_o, phi_i = (np.radians(to_degrees(side)[1]) for side in (layout.views[views], layout.lights[lights]))
+    _, phi_o_deg = to_degrees(layout.views[views])
+    _, phi_i_deg = to_degrees(layout.lights[lights])
+    phi_o, phi_i = np.radians(phi_o_deg), np.radians(phi_i_deg)
     share, coefficients = _explained(rest, phi_i - phi_o[:, None])
     mirrored_share, _ = _explained(rest, phi_i + phi_o[:, None])
     around = np.arange(360.0)
@@ -219,13 +245,20 @@ def mean_lobe(btf: BTF) -> MeanLobe | None:
 
 def _ring(layout: Layout) -> tuple[float, Array, Array] | None:
     """θ of the outermost ring of both sides in degrees, and the indices of views and lights spread around it."""
-    sides = [to_degrees(side) for side in (layout.views, layout.lights)]
+    theta_o, phi_o = to_degrees(layout.views)
+    theta_i, phi_i = to_degrees(layout.lights)
     for degrees in range(85, 4, -1):
-        rings = [np.flatnonzero(np.abs(theta - degrees) <= 0.5) for theta, _ in sides]
-        chosen = [ring[_around(phi[ring])] for ring, (_, phi) in zip(rings, sides, strict=True)]
-        if min(map(len, chosen)) >= LEAST:
-            return float(sides[0][0][chosen[0]].mean()), *chosen
+        views = _on_ring(theta_o, phi_o, degrees)
+        lights = _on_ring(theta_i, phi_i, degrees)
+        if min(len(views), len(lights)) >= LEAST:
+            return float(theta_o[views].mean()), views, lights
     return None
+
+
+def _on_ring(theta: Array, phi: Array, degrees: int) -> Array:
+    """Indices of directions (degrees) within half a degree of a θ, spread around it."""
+    ring = np.flatnonzero(np.abs(theta - degrees) <= 0.5)
+    return ring[_around(phi[ring])]
 
 
 def _around(phi: Array) -> Array:
@@ -239,7 +272,10 @@ def _around(phi: Array) -> Array:
 
 def _waves(angle: Array) -> Array:
     """The harmonics (..., 2 · HARMONICS) of angles (...)."""
-    return np.stack([wave(k * angle) for k in range(1, HARMONICS + 1) for wave in (np.cos, np.sin)], -1)
+    waves = []
+    for k in range(1, HARMONICS + 1):
+        waves += [np.cos(k * angle), np.sin(k * angle)]
+    return np.stack(waves, -1)
 
 
 def _explained(rest: Array, angle: Array) -> tuple[float, Array]:
@@ -296,6 +332,9 @@ def _draw_values(axes: Any, values: Array) -> None:
         for channel, colour in enumerate(("tab:red", "tab:green", "tab:blue")):
             axes.hist(values[..., channel].ravel(), bins, histtype="step", color=colour, log=True)
         axes.set_xscale("log")
+    title = "sampled values"
     dark = 1 - lit.size / values.size
-    axes.set_title("sampled values" + (f"; {dark:.1%} are 0 or less" if dark >= 5e-4 else ""), fontsize=9)
+    if dark >= 5e-4:
+        title += f"; {dark:.1%} are 0 or less"
+    axes.set_title(title, fontsize=9)
     axes.set_xlabel("linear radiance per unit irradiance")

@@ -108,8 +108,9 @@ class Preparation:
 
     def everything(self, material: str, seed: int) -> tuple[Array, Array]:
         """`wo` and `wi` of the training pairs, then of the held-out ones."""
-        wo, wi = (np.concatenate(both) for both in zip(self.product(), self.drawn(material, seed), strict=True))
-        return wo, wi
+        wo, wi = self.product()
+        drawn_wo, drawn_wi = self.drawn(material, seed)
+        return np.concatenate([wo, drawn_wo]), np.concatenate([wi, drawn_wi])
 
 
 @dataclass(frozen=True)
@@ -124,15 +125,18 @@ class MaterialSpec:
         shown = self.path.encode("utf-8", "backslashreplace").decode()
         if shown != self.path:
             raise InputError(f"{shown}: its name is not UTF-8, so no record can hold it: rename it")
-        if (length := len(self.name.encode())) > MOST_NAME:
+        length = len(self.name.encode())
+        if length > MOST_NAME:
             raise InputError(
                 f"{self.name}: a name of {length} bytes leaves no room for the names of results: rename it"
             )
 
     def existing(self) -> Path | None:
         """The path of measured data on this machine, or None."""
-        places = [Path(self.path), Path(os.environ.get("NEUBTF_DATA", "")) / self.path]
-        return next((place for place in places if os.path.exists(place)), None)  # False for a name too long
+        for place in (Path(self.path), Path(os.environ.get("NEUBTF_DATA", "")) / self.path):
+            if os.path.exists(place):  # False for a name too long, where Path.exists raises
+                return place
+        return None
 
     def there(self) -> Path:
         """The same path. `MissingDataError` says where to get data that are not there, `InputError` if nobody said."""
@@ -153,7 +157,8 @@ def named(material: str) -> MaterialSpec:
 
 def changed(data: Preparation, changes: Mapping[str, object], words: bool = True) -> Preparation:
     """Change some keys of a preparation, as `--set data.KEY=VALUE` does; values are `words`, or of the field's type."""
-    kinds, values = get_type_hints(Preparation, include_extras=True), {}
+    kinds = get_type_hints(Preparation, include_extras=True)
+    values = {}
     for key, value in changes.items():
         name = key.removeprefix("data.")
         if name not in kinds:

@@ -64,21 +64,24 @@ class Points:
     @property
     def footprint(self) -> Array:
         """The longer side (n,) of a pixel on the surface, in units of uv: the footprint for isotropic filtering."""
-        sides = [np.linalg.norm(self._uv_of(self._moved(ahead)), axis=1) for ahead in (self.ahead_x, self.ahead_y)]
-        return np.minimum(np.maximum(*sides), FARTHEST)
+        across = np.linalg.norm(self._uv_of(self._moved(self.ahead_x)), axis=1)
+        down = np.linalg.norm(self._uv_of(self._moved(self.ahead_y)), axis=1)
+        return np.minimum(np.maximum(across, down), FARTHEST)
 
     def _moved(self, ahead: Array) -> Array:
         """The step (n, 3) from each point to where the ray of a neighbouring pixel meets its tangent plane."""
         along = _dot(ahead, self.normal)
         with np.errstate(divide="ignore", invalid="ignore"):
             moved = self.eye + ahead * (_dot(self.position - self.eye, self.normal) / along) - self.position
-        beyond = ~(np.isfinite(moved).all(-1)) | (((moved + self.position - self.eye) * ahead).sum(-1) <= 0)
+        behind = ((moved + self.position - self.eye) * ahead).sum(-1) <= 0
+        beyond = ~np.isfinite(moved).all(-1) | behind
         return np.where(beyond[:, None], self.dp_du * FARTHEST, moved)
 
     def _uv_of(self, moved: Array) -> Array:
         """The change of uv (n, 2) of a step (n, 3) within the surface, by least squares."""
         a, b = self.dp_du, self.dp_dv
-        uu, uv, vv, u, v = (_dot(*pair)[:, 0] for pair in ((a, a), (a, b), (b, b), (moved, a), (moved, b)))
+        uu, uv, vv = _dot(a, a)[:, 0], _dot(a, b)[:, 0], _dot(b, b)[:, 0]
+        u, v = _dot(moved, a)[:, 0], _dot(moved, b)[:, 0]
         return np.stack([u * vv - v * uv, v * uu - u * uv], -1) / (uu * vv - uv * uv)[:, None]
 
 
@@ -104,8 +107,11 @@ def queries_of(points: Points, lights: list[Light]) -> dict[str, Array]:
         seen = (wo[:, 2] > 0) & (wi[:, 2] > 0) & (light.irradiance > 0).any(1)
         some = np.flatnonzero(seen)
         parts.append((points.uv[some], footprint[some], wo[some], wi[some], light.irradiance[some], points.pixel[some]))
-    columns = {name: np.concatenate(each) for name, each in zip(NAMES, zip(*parts, strict=True), strict=True)}
-    return {name: each.astype(np.int32 if name == "pixel" else np.float32) for name, each in columns.items()}
+    columns = {}
+    for name, of_lights in zip(NAMES, zip(*parts, strict=True), strict=True):
+        kind = np.int32 if name == "pixel" else np.float32
+        columns[name] = np.concatenate(of_lights).astype(kind)
+    return columns
 
 
 class Caster(Protocol):
@@ -140,7 +146,9 @@ def collect(scene: Caster, limit: int, seed: int = 0, show: Progress = silent) -
             parts.append(queries)
     if not parts:
         raise InputError(f"{scene.name}: too few rays hit the material: move the camera, or raise --queries")
-    columns: dict[str, Any] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    columns: dict[str, Any] = {}
+    for name in NAMES:
+        columns[name] = np.concatenate([part[name] for part in parts])
     if not len(columns["pixel"]):
         raise InputError(f"{scene.name}: no light reaches the side of the material that the camera sees: move a light")
     provenance = {"scene": scene.name, "picture": list(scene.picture), "limit": limit, "seed": seed}
@@ -154,7 +162,10 @@ def _size(scene: Caster, limit: int) -> tuple[int, int]:
     shrink = min(1.0, PREVIEW / max(height, width))
     preview = max(1, round(height * shrink)), max(1, round(width * shrink))
     rng = np.random.default_rng(0)
-    shown = [len(scene.cast(frame, *_places(scene.picture, preview, rng))) for frame in range(scene.frames)]
+    shown = []
+    for frame in range(scene.frames):
+        col, row = _places(scene.picture, preview, rng)
+        shown.append(len(scene.cast(frame, col, row)))
     if not any(shown):
         where = "it is behind the camera, out of the picture, or hidden: move the camera or the material"
         raise InputError(f"{scene.name}: no ray of the camera finds the material: {where}")
@@ -168,5 +179,6 @@ def _places(picture: tuple[int, int], size: tuple[int, int], rng: np.random.Gene
     """Column and row (H · W,) in pixels of a point in each of (H, W) cells: the middle of a pixel, else a random one. A
     regular grid would hit the same texels of a regular texture again and again."""
     within = 0.5 if size == picture else rng.random((2, *size))
-    row, col = (np.mgrid[: size[0], : size[1]] + within) * (np.array(picture) / np.array(size))[:, None, None]
+    pixels_a_cell = np.array(picture) / np.array(size)
+    row, col = (np.mgrid[: size[0], : size[1]] + within) * pixels_a_cell[:, None, None]
     return col.ravel(), row.ravel()

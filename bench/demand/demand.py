@@ -25,8 +25,12 @@ REACH = 1e12  # the largest distance from the texture's origin, in its sides
 BRIGHTEST = 1e30  # largest weight: sums of a million stay finite in float32
 SNORM = 32767  # directions are stored as signed 16-bit numbers; 1.5e-5 off at most
 COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
-    **{"pixel": (np.int32, ()), "place": (np.float32, (2,)), "footprint": (np.float32, ())},
-    **{"wo": (np.int16, (3,)), "wi": (np.int16, (3,)), "weight": (np.float32, (3,))},
+    "pixel": (np.int32, ()),
+    "place": (np.float32, (2,)),
+    "footprint": (np.float32, ()),
+    "wo": (np.int16, (3,)),
+    "wi": (np.int16, (3,)),
+    "weight": (np.float32, (3,)),
 }
 NAMES = ("place", "footprint", "wo", "wi", "weight", "pixel")  # the columns in the order of a file
 
@@ -88,7 +92,8 @@ class Demand:
         """Write an `.npz` file, completely or not at all."""
         text = json.dumps({"format": FORMAT, "frames": self.frames, "provenance": self.provenance}, sort_keys=True)
         stored = {name: getattr(self, name) for name in NAMES}
-        stored |= {name: np.round(stored[name] * SNORM).astype(np.int16) for name in ("wo", "wi")}
+        for name in ("wo", "wi"):
+            stored[name] = np.round(stored[name] * SNORM).astype(np.int16)
         with replacing(path) as partial, open(partial, "wb") as file:
             np.savez_compressed(file, about=np.frombuffer(text.encode(), np.uint8), **stored)
 
@@ -135,25 +140,33 @@ def _check(arrays: dict[str, np.ndarray], frames: tuple[int, int, int]) -> None:
     for name, (kind, width) in COLUMNS.items():
         if name not in arrays:
             raise InputError(f"no array {name!r}")
-        column, count = arrays[name], len(arrays["pixel"]) if arrays["pixel"].ndim else 0
+        column = arrays[name]
+        count = len(arrays["pixel"]) if arrays["pixel"].ndim else 0
         if column.dtype != kind or column.shape != (count, *width):
             raise InputError(f"{name} is {column.shape} {column.dtype}, not {(count, *width)} {np.dtype(kind)}")
-    if extra := arrays.keys() - COLUMNS.keys():
+    extra = arrays.keys() - COLUMNS.keys()
+    if extra:
         raise InputError(f"it has an array {min(extra)!r}, which no demand has")
     if not count or count > MOST:
         raise InputError(f"it has {count:,} queries, but must have 1 to {MOST:,}")
-    length = [np.linalg.norm(arrays[name].astype(np.float64), axis=1) / SNORM for name in ("wo", "wi")]
-    upward = all((arrays[name][:, 2] >= 0).all() for name in ("wo", "wi"))
+    place, footprint, weight, pixel = (arrays[name] for name in ("place", "footprint", "weight", "pixel"))
+    directions = np.concatenate([arrays["wo"], arrays["wi"]]).astype(np.float64)
+    length = np.linalg.norm(directions, axis=1) / SNORM
     good = {
-        "place": (np.abs(arrays["place"]) <= REACH).all(),
-        "footprint": ((arrays["footprint"] > 0) & (arrays["footprint"] <= FARTHEST)).all(),
-        "wo or wi": upward and (np.abs(np.concatenate(length) - 1) < 0.01).all(),
-        "weight": ((arrays["weight"] >= 0) & (arrays["weight"] <= BRIGHTEST)).all()
-        and ((arrays["weight"].astype(np.float64) @ LUMA) @ arrays["wi"][:, 2].astype(np.float64)) > 0,
-        "pixel": ((arrays["pixel"] >= 0) & (arrays["pixel"] < math.prod(frames))).all(),
+        "place": (np.abs(place) <= REACH).all(),
+        "footprint": ((footprint > 0) & (footprint <= FARTHEST)).all(),
+        "wo or wi": (directions[:, 2] >= 0).all() and (np.abs(length - 1) < 0.01).all(),
+        "weight": ((weight >= 0) & (weight <= BRIGHTEST)).all() and _is_lit(weight, arrays["wi"]),
+        "pixel": ((pixel >= 0) & (pixel < math.prod(frames))).all(),
     }
-    if wrong := next((name for name, fine in good.items() if not fine), ""):
-        raise InputError(f"{wrong} holds values out of range")
+    for name, is_good in good.items():
+        if not is_good:
+            raise InputError(f"{name} holds values out of range")
+
+
+def _is_lit(weight: np.ndarray, wi: np.ndarray) -> bool:
+    """Whether a white diffuser would send any light."""
+    return (weight.astype(np.float64) @ LUMA) @ wi[:, 2].astype(np.float64) > 0
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:

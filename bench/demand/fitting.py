@@ -63,7 +63,8 @@ def density_of(demand: Demand, layout: Layout, window: Window, uniform: float) -
     cos_i = torch.from_numpy(layout.lights[layout.light, 2]).clamp_min(1e-3)  # as in `PairInterpolator`
     wi = torch.from_numpy(demand.wi)
     uv = window.within(torch.from_numpy(demand.uv(window.size)).double()).float()
-    footprint, cumulative = torch.from_numpy(demand.footprint) * window.stretch, torch.from_numpy(importance).cumsum(0)
+    footprint = torch.from_numpy(demand.footprint) * window.stretch
+    cumulative = torch.from_numpy(importance).cumsum(0)
     weight = weights.weight * wi[:, 2:] / cos_i[weights.sample.long()]
     share = torch.from_numpy(shares_from_weights(weights, importance, len(layout.view)))
     wo = torch.from_numpy(demand.wo)
@@ -94,7 +95,8 @@ class Goal:
     def met(self, model: "Model") -> bool:
         """Whether a model reaches the goal; without error, PSNR is None."""
         enough = self.psnr is None or model.psnr is None or model.psnr >= self.psnr
-        return enough and (self.flip is None or model.flip is None or model.flip <= self.flip)
+        near = self.flip is None or model.flip is None or model.flip <= self.flip
+        return enough and near
 
 
 @dataclass(frozen=True)
@@ -161,7 +163,8 @@ class Search:
 
     def ladder(self, goal: Goal, scene: bool = True) -> Iterator[Model]:
         """Fit models of the scene or of the whole BTF, bisecting their size, because quality rises with size."""
-        low, high, name = 1, steps_of(self.codec), "scene" if scene else "whole"
+        low, high = 1, steps_of(self.codec)
+        name = "scene" if scene else "whole"
         largest = self.model(sized(self.codec, high, scene), f"{name}{high}")
         yield largest
         if not goal.met(largest):
@@ -170,7 +173,10 @@ class Search:
             middle = (low + high) // 2
             model = self.model(sized(self.codec, middle, scene), f"{name}{middle}")
             yield model
-            low, high = (low, middle) if goal.met(model) else (middle + 1, high)
+            if goal.met(model):
+                high = middle
+            else:
+                low = middle + 1
 
     def model(self, codec: Codec, name: str) -> Model:
         """Fit a codec, to the scene if its settings say so, else to the whole BTF; decode its file and score it."""
@@ -181,7 +187,7 @@ class Search:
 
         how = naming_faults(codec, to_scene if codec.scene else codec.encode)
         header, seconds = fit_to_file(codec, self.btf, fit, path, how)
-        material = unreported(loading.load(header.path, fit.device)[1])
+        material = unreported(loading.load(header.path, fit.device).material)
         score = self.scorer.score(material, (PSNR, FLIP))
         steps = int(fit.history[-1]["step"]) if fit.history else 0
         return Model(header, material, score.get(PSNR), score.get(FLIP), steps, seconds)
@@ -218,8 +224,10 @@ def outside(scorer: FrameScorer, material: Material) -> float | None:
     untouched = np.flatnonzero(scorer.shares == 0)
     if not len(untouched):
         return None
-    some = untouched[np.linspace(0, len(untouched) - 1, min(OUTSIDE_PAIRS, len(untouched))).astype(int)]
-    btf, scale, errors = scorer.btf, exposure(scorer.btf), []
+    spread = np.linspace(0, len(untouched) - 1, min(OUTSIDE_PAIRS, len(untouched)))
+    some = untouched[spread.astype(int)]
+    btf, scale = scorer.btf, exposure(scorer.btf)
+    errors = []
     for pair in some:
         decoded = material.slice(btf.wo[pair].tolist(), btf.wi[pair].tolist(), btf.shape).cpu().numpy()
         errors.append(display_error(btf[int(pair)], decoded, scale))
@@ -232,17 +240,21 @@ def held_out(btf: BTF, scorer: FrameScorer, material: Material) -> float | None:
     shares = shares_of_others(scorer.btf.layout, scorer.demand, btf.wo, btf.wi)
     if not shares.any():
         return None
-    used, scale, values = np.flatnonzero(shares), exposure(scorer.btf), []
+    used, scale = np.flatnonzero(shares), exposure(scorer.btf)
+    values = []
     for pair in used:
         decoded = material.slice(btf.wo[pair].tolist(), btf.wi[pair].tolist(), btf.shape).cpu().numpy()
-        values.append(min(MOST_DB, float(psnr(display_error(btf[int(pair)], decoded, scale), peak=1.0))))
+        error = display_error(btf[int(pair)], decoded, scale)
+        values.append(min(MOST_DB, float(psnr(error, peak=1.0))))
     return float(np.average(values, weights=shares[used]))
 
 
 def rows(result: SearchResult, scorer: FrameScorer, threads: int, held: BTF) -> list[SceneModel]:
     """The costs and scores of the full model and the scene model, each as named numbers. `held` are the held-out pairs.
     Times are of whole queries of the scene in random order, the models in turns."""
-    models = {"full": result.full} | ({"scene": result.scene} if result.scene else {})
+    models = {"full": result.full}
+    if result.scene:
+        models["scene"] = result.scene
     order = np.random.default_rng(0).permutation(len(scorer.demand))[: timing.BATCH]
     device, size = result.full.material.device, result.full.material.size
     queries = [torch.from_numpy(column[order]).to(device) for column in scorer.demand.queries(size)]

@@ -29,7 +29,9 @@ PSNR, FLIP = (registry.metric_of(NAMES, family) for family in (records.PSNR, rec
 def table_of(btf: BTF) -> BTF:
     """The reference table of a BTF: all of it if its pairs form a product, else its training pairs, which do. Held-out
     pairs scattered between the others would make the interpolated table uneven."""
-    return btf if btf.layout.grid is not None else btf.subset(btf.split().train)
+    if btf.layout.grid is not None:
+        return btf
+    return btf.subset(btf.split().train)
 
 
 def truth(btf: BTF, demand: Demand, show: Progress = silent) -> Array:
@@ -39,7 +41,8 @@ def truth(btf: BTF, demand: Demand, show: Progress = silent) -> Array:
     used = np.flatnonzero(weight > 0)
     used = used[np.argsort(pair[used], kind="stable")]
     places = np.searchsorted(pair[used], np.arange(len(btf) + 1))
-    uv, deepest = torch.from_numpy(demand.uv(btf.shape)), int(np.log2(min(btf.shape)))
+    uv = torch.from_numpy(demand.uv(btf.shape))
+    deepest = int(np.log2(min(btf.shape)))
     # The level of detail of each query: log2 of its footprint in texels, within the pyramid.
     texels = np.maximum(demand.footprint, 1e-9) * max(btf.shape)
     level = torch.from_numpy(np.clip(np.log2(texels), 0, deepest).astype(np.float32))
@@ -114,11 +117,12 @@ class FrameScorer:
         scores = {}
         for name in names:
             metric = registry.get(name).load()
-            if min(self.demand.frames[1:]) >= metric.smallest:
-                sides = self._sides(name, metric)
-                maps = np.stack([metric.error_map(side, frame) for side, frame in zip(sides, frames, strict=True)])
-                values = maps[_inner(self.seen, maps.shape[1:])]
-                scores[name] = as_number(float(metric.values(values.mean()))) if len(values) else None
+            if min(self.demand.frames[1:]) < metric.smallest:
+                continue
+            sides = self._sides(name, metric)
+            maps = np.stack([metric.error_map(side, frame) for side, frame in zip(sides, frames, strict=True)])
+            values = maps[_inner(self.seen, maps.shape[1:])]
+            scores[name] = as_number(float(metric.values(values.mean()))) if len(values) else None
         return scores
 
     def _sides(self, name: str, metric: SliceMetric) -> list[Prepared]:

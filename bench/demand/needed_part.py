@@ -45,7 +45,9 @@ class NeededPart:
 
     def cut(self, btf: BTF) -> BTF:
         """Cut the BTF to the needed part."""
-        return self.window.cut(btf if len(self.pairs) == len(btf) else btf.subset(self.pairs))
+        if len(self.pairs) < len(btf):
+            btf = btf.subset(self.pairs)
+        return self.window.cut(btf)
 
     def facts(self, demand: Demand) -> dict[str, Any]:
         """The facts that a codec file records."""
@@ -89,7 +91,8 @@ def _window(size: tuple[int, int], demand: Demand, factor: int) -> Window:
     """The smallest window, in whole boxes, that holds the visible part of the texture and a box around it."""
     height, width = size
     whole = Window.whole(size, factor)
-    uv, (across, up) = demand.uv(size), periods(size)
+    uv = demand.uv(size)
+    across, up = periods(size)
     top, tall = _span(1 - uv[:, 1], up * demand.footprint, height, factor, whole.height)
     left, wide = _span(uv[:, 0], across * demand.footprint, width, factor, whole.width)
     return Window(size, top, left, tall, wide, factor)
@@ -104,11 +107,14 @@ def _span(place: Array, footprint: Array, side: int, factor: int, whole: int) ->
     edges = np.zeros(3 * side + 1, int)
     np.add.at(edges, first + side, 1)
     np.add.at(edges, last + side, -1)
-    seen = np.flatnonzero((np.cumsum(edges)[:-1].reshape(3, side) > 0).any(0))
+    count = np.cumsum(edges)[:-1].reshape(3, side)  # of the stretches over each texel, in three periods
+    seen = np.flatnonzero((count > 0).any(0))
     steps = np.diff(seen, append=seen[0] + side)  # to the next seen texel; the longest jumps over the unseen rest
     jump = int(np.argmax(steps))
     length = -(-(side - int(steps[jump]) + 1) // factor) * factor
-    return (int(seen[jump] + steps[jump]) % side, length) if length < whole else (0, whole)
+    if length >= whole:
+        return 0, whole
+    return int(seen[jump] + steps[jump]) % side, length
 
 
 def _cells(directions: Array) -> Array:
@@ -126,7 +132,9 @@ def pair_weights(layout: Layout, demand: Demand, radiance: bool = False) -> Weig
     search = interpolator if radiance else interpolator.shares
     wo, wi = torch.from_numpy(demand.wo), torch.from_numpy(demand.wi)
     parts = [search(o, i) for o, i in zip(wo.split(CHUNK), wi.split(CHUNK), strict=True)]
-    return Weights(torch.cat([part.sample for part in parts]).int(), torch.cat([part.weight for part in parts]).float())
+    sample = torch.cat([part.sample for part in parts])
+    weight = torch.cat([part.weight for part in parts])
+    return Weights(sample.int(), weight.float())
 
 
 def pair_shares(layout: Layout, demand: Demand) -> Array:

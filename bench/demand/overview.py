@@ -55,8 +55,10 @@ class Summary:
 def summarise(demand: Demand) -> Summary:
     """The numbers of a demand."""
     share = demand.importance
-    theta = [to_degrees(w)[0] for w in (demand.wo, demand.wi)]
-    view, light, footprint = (_percentiles(values, share) for values in (*theta, demand.footprint))
+    theta_o, _ = to_degrees(demand.wo)
+    theta_i, _ = to_degrees(demand.wi)
+    view, light = _percentiles(theta_o, share), _percentiles(theta_i, share)
+    footprint = _percentiles(demand.footprint, share)
     seen = float((_coverage(demand) > 0).mean())
     return Summary(len(demand), demand.frames, view, light, footprint, float(demand.footprint.min()), seen)
 
@@ -64,7 +66,8 @@ def summarise(demand: Demand) -> Summary:
 def _percentiles(values: Array, share: Array) -> tuple[float, ...]:
     order = np.argsort(values)
     places = np.searchsorted(np.cumsum(share[order]), np.array(PERCENTILES) / 100)
-    return tuple(float(values[order][min(place, len(values) - 1)]) for place in places)
+    places = np.minimum(places, len(values) - 1)
+    return tuple(float(value) for value in values[order][places])
 
 
 def _coverage(demand: Demand) -> Array:

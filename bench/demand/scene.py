@@ -130,7 +130,8 @@ class LightSource:
                 raise InputError(f"a {self.kind} light needs {name}")
         if self.toward:
             _check_toward(self.toward)
-        lit = any(self.radiance or ()) or any(any(lamp.radiance) for lamp in self.lamps)
+        colours = [self.radiance or (0.0, 0.0, 0.0), *(lamp.radiance for lamp in self.lamps)]
+        lit = any(any(colour) for colour in colours)
         if self.kind == "environment" and not lit:
             raise InputError("an environment needs radiance, lamps, or both, and not all may be 0")
 
@@ -200,4 +201,8 @@ def _frames(camera: Any) -> list[Any]:
     path = camera["path"]
     if not isinstance(path, list) or not path:
         raise InputError("camera: path has no frame: it must be a list of tables")
-    return [shared | frame if isinstance(frame, dict) else frame for frame in path]
+    frames: list[Any] = []
+    for frame in path:
+        is_table = isinstance(frame, dict)
+        frames.append(shared | frame if is_table else frame)  # anything else is refused where the camera is made
+    return frames

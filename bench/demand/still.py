@@ -12,7 +12,7 @@ from bench.codec import Progress, silent
 from bench.demand.collect import queries_of
 from bench.demand.demand import Demand
 from bench.demand.frame_scorer import truth
-from bench.demand.scene import LightSource, Scene
+from bench.demand.scene import Colour, LightSource, Scene
 from bench.demand.text_scene import TextScene
 from bench.directions.hemisphere import from_degrees
 from bench.files.atomic import replacing
@@ -29,17 +29,24 @@ Answers = Callable[[Demand], Array]  # the queries of a demand → linear radian
 def lamps(kind: str) -> tuple[LightSource, ...]:
     """Lights instead of a scene's own: `sun`, one direction, or `environment`, a sun and six weaker ones around it."""
     directions = from_degrees([40] + [58] * 6, [120, *range(0, 360, 60)]).tolist()
-    colours = [(0.6, 0.58, 0.54), *[(0.28, 0.25, 0.2), (0.1, 0.12, 0.16)] * 3] if kind != "sun" else [(1, 1, 1)]
-    lights = zip(directions, colours, strict=False)
-    return tuple(LightSource("directional", toward=(x, y, z), irradiance=c) for (x, y, z), c in lights)
+    colours: list[Colour] = [(0.6, 0.58, 0.54), *[(0.28, 0.25, 0.2), (0.1, 0.12, 0.16)] * 3]
+    if kind == "sun":
+        directions, colours = directions[:1], [(1, 1, 1)]
+    lights = []
+    for (x, y, z), colour in zip(directions, colours, strict=True):
+        lights.append(LightSource("directional", toward=(x, y, z), irradiance=colour))
+    return tuple(lights)
 
 
 def changed(scene: Scene, lights: str | None, tiling: float, width: int | None) -> Scene:
     """A scene with other lights, its texture repeated `tiling` times as often, and pictures `width` pixels wide."""
     u, v = scene.surface.repeat
     surface = dataclasses.replace(scene.surface, repeat=(u * tiling, v * tiling))
-    sizes = [(width or c.width, max(1, round(c.height * (width or c.width) / c.width))) for c in scene.cameras]
-    cameras = [dataclasses.replace(c, width=w, height=h) for c, (w, h) in zip(scene.cameras, sizes, strict=True)]
+    cameras = []
+    for camera in scene.cameras:
+        wide = width or camera.width
+        high = max(1, round(camera.height * wide / camera.width))
+        cameras.append(dataclasses.replace(camera, width=wide, height=high))
     sources = lamps(lights) if lights else scene.lights
     return dataclasses.replace(scene, cameras=tuple(cameras), surface=surface, lights=sources)
 
@@ -62,7 +69,8 @@ def render(
     Each pixel is the mean of rays² rays through a regular grid in it; radiance beside the surface is 0. Surfaces cast
     no shadow on themselves. Raises `InputError` if no ray meets the surface.
     """
-    caster, (height, width) = TextScene(scene), (scene.cameras[frame].height, scene.cameras[frame].width)
+    caster = TextScene(scene)
+    height, width = scene.cameras[frame].height, scene.cameras[frame].width
     rng = np.random.default_rng(seed)
     pictures = np.zeros((len(sides), height * width, 4))
     band = max(1, RAYS // (width * rays * rays))
@@ -98,7 +106,10 @@ def write(path: Path, picture: Array, exposure: float) -> None:
     beside the surface are transparent. Raises `InputError` for any other ending, and if the file cannot be written."""
     check_ending(path)
     with writable(path), replacing(path) as partial:
-        (_write_exr if path.suffix == ".exr" else _write_png)(partial, picture, exposure)
+        if path.suffix == ".exr":
+            _write_exr(partial, picture)
+        else:
+            _write_png(partial, picture, exposure)
 
 
 def check_ending(path: Path) -> None:
@@ -106,7 +117,7 @@ def check_ending(path: Path) -> None:
         raise InputError(f"{path}: the name of a picture must end in {' or '.join(SUFFIXES)}")
 
 
-def _write_exr(path: Path, picture: Array, _: float) -> None:
+def _write_exr(path: Path, picture: Array) -> None:
     import OpenEXR
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}

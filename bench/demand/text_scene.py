@@ -19,7 +19,9 @@ class TextScene:
         self.scene = scene
         self.name, self.frames = scene.name, len(scene.cameras)
         self.picture = (scene.cameras[0].height, scene.cameras[0].width)
-        self.samples = sum(light.samples if light.kind == "environment" else 1 for light in scene.lights)
+        self.samples = 0
+        for light in scene.lights:
+            self.samples += light.samples if light.kind == "environment" else 1
 
     def cast(self, frame: int, col: Array, row: Array) -> Points:
         """The points of the surface that the camera sees in a frame, through points (n,) of the picture, in pixels."""
@@ -32,12 +34,16 @@ class TextScene:
         uv, normal, dp_du, dp_dv, inside = texture(self.scene.surface, position)
         hit = hit[inside]
         uv, position, normal, dp_du, dp_dv = (value[inside] for value in (uv, position, normal, dp_du, dp_dv))
-        neighbours = camera.ahead(col[hit] + 1, row[hit]), camera.ahead(col[hit], row[hit] + 1)
-        return Points(hit, uv, position, normal, dp_du, dp_dv, np.broadcast_to(eye, position.shape), *neighbours)
+        right, below = camera.ahead(col[hit] + 1, row[hit]), camera.ahead(col[hit], row[hit] + 1)
+        eyes = np.broadcast_to(eye, position.shape)
+        return Points(hit, uv, position, normal, dp_du, dp_dv, eyes, right, below)
 
     def lights(self, points: Points, rng: np.random.Generator) -> list[Light]:
         """Every light that may reach the points; for an environment, a few samples at each."""
-        return [light for source in self.scene.lights for light in _reaching(source, points, rng)]
+        lights: list[Light] = []
+        for source in self.scene.lights:
+            lights += _reaching(source, points, rng)
+        return lights
 
 
 def _reaching(source: LightSource, points: Points, rng: np.random.Generator) -> list[Light]:
@@ -75,7 +81,8 @@ def _in_cone(axis: Array, angle: float, count: int, rng: np.random.Generator) ->
     cos = 1 - rng.random(count) * (1 - np.cos(angle))
     phi = rng.random(count) * 2 * np.pi
     sin = np.sqrt(np.maximum(1 - cos**2, 0))
-    across = unit(np.cross(axis, [0.0, 0.0, 1.0] if abs(axis[2]) < 0.9 else [1.0, 0.0, 0.0]))
+    other_than_axis = [0.0, 0.0, 1.0] if abs(axis[2]) < 0.9 else [1.0, 0.0, 0.0]
+    across = unit(np.cross(axis, other_than_axis))
     other = np.cross(axis, across)
     return cos[:, None] * axis + (sin * np.cos(phi))[:, None] * across + (sin * np.sin(phi))[:, None] * other
 

@@ -57,16 +57,22 @@ def get(name: str) -> Metric:
     """
     metric, variable = _found(name)
     ppd, periodic = variable.get("ppd"), bool(variable.get("ending"))
-    options: dict[str, Any] = {"ppd": float(ppd)} if ppd and ppd != "67" else {}  # the class knows the exact default
-    options |= metric.options | ({"periodic": True} if periodic else {})
+    options: dict[str, Any] = {}
+    if ppd and ppd != "67":  # the class knows the exact default
+        options["ppd"] = float(ppd)
+    options |= metric.options
+    if periodic:
+        options["periodic"] = True
     return replace(metric, name=name, periodic=periodic, options=options, family=metric.family or metric.name)
 
 
 def _found(name: str) -> tuple[Metric, dict[str, str | None]]:
     """The metric that a name belongs to, and the variable parts of the name, `ppd` and `ending`."""
-    if built_in := _built_in(name):
+    built_in = _built_in(name)
+    if built_in:
         return built_in
-    plain, others = name.removesuffix(PERIODIC), outside.entries()
+    plain = name.removesuffix(PERIODIC)
+    others = outside.entries()
     if plain in others:
         metric = outside.described(others[plain], {each.family or each.name for each in REGISTERED})
         if metric.periodic or name == plain:
@@ -77,7 +83,10 @@ def _found(name: str) -> tuple[Metric, dict[str, str | None]]:
 def _built_in(name: str) -> tuple[Metric, dict[str, str | None]] | None:
     for metric in REGISTERED:
         pattern = re.escape(metric.name).replace(re.escape("{ppd}"), r"(?P<ppd>[1-9]\d{0,3}(?:\.\d*[1-9])?)")
-        if match := re.fullmatch(pattern + f"(?P<ending>{PERIODIC})?" * metric.periodic, name):
+        if metric.periodic:
+            pattern += f"(?P<ending>{PERIODIC})?"
+        match = re.fullmatch(pattern, name)
+        if match:
             return metric, match.groupdict()
     return None
 
@@ -114,8 +123,11 @@ def chosen_names(names: Sequence[str], periodic: bool) -> tuple[str, ...]:
     """The metrics of a suite for a material: the periodic variants if the material repeats. `psnr_display`, the main
     metric, comes first, named or not. `InputError` for an unknown name."""
     plain = [REGISTERED[0].name, *(name.removesuffix(PERIODIC) for name in names)]
-    ending = {name: PERIODIC if _found(name)[0].periodic and periodic else "" for name in plain}
-    return tuple(f"{name}{end}" for name, end in ending.items())
+    chosen = []
+    for name in dict.fromkeys(plain):
+        metric, _ = _found(name)
+        chosen.append(name + PERIODIC if metric.periodic and periodic else name)
+    return tuple(chosen)
 
 
 @lru_cache(maxsize=256)  # tables ask for every cell
@@ -129,11 +141,13 @@ def find(name: str) -> Metric | None:
 
 def label_of(name: str) -> str:
     """The name of a metric in tables; an unknown name, as in an older record, is returned unchanged."""
-    metric, words = find(name), name.replace("_", " ")
+    metric = find(name)
+    words = name.replace("_", " ")
     if metric is None:
         return words
+    label = metric.label or words
     ppd = None if metric.called else metric.options.get("ppd")
-    return (metric.label or words) + (f" {ppd:g}ppd" if ppd else "")
+    return f"{label} {ppd:g}ppd" if ppd else label
 
 
 def family_of(name: str) -> str:
@@ -156,7 +170,10 @@ def _member(names: tuple[str, ...], family: str) -> str:
     def place(name: str) -> tuple[bool, bool, str]:
         return name != family, name.removesuffix(PERIODIC) not in DEFAULTS, name
 
-    members = [name for name in names if family in (name, name.removesuffix(PERIODIC), family_of(name))]
+    def is_member(name: str) -> bool:
+        return family in (name, name.removesuffix(PERIODIC), family_of(name))
+
+    members = [name for name in names if is_member(name)]
     return min(members, key=place, default="")
 
 

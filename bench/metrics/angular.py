@@ -15,20 +15,25 @@ Pool = Callable[[Array], float]
 
 GRAZING_DEG = 60.0
 THETA_EDGES_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
+RINGS = len(THETA_EDGES_DEG) - 1
 SECTORS = 12
 
 
 def grazing(directions: Array) -> Array:
     """Mask (N,) of the directions more than 60° from the normal."""
-    return to_degrees(directions)[0] > GRAZING_DEG + 1e-4  # a float32 direction at 60° is not grazing
+    theta, _ = to_degrees(directions)
+    return theta > GRAZING_DEG + 1e-4  # a float32 direction at 60° is not grazing
 
 
 def bins(wo: Array, wi: Array, raw: Array, pool: Pool) -> list[list[float | None]]:
     """Pool one number for each θ_o × θ_i bin of 15°: rows are views, columns lights; None for an empty bin. `wo`, `wi`
     are (N, 3), `raw` is (N,), and `pool` combines the raw numbers of a bin. A bin includes its lower edge."""
-    row, column = _ring(wo), _ring(wi)
-    side = range(len(THETA_EDGES_DEG) - 1)
-    return [[_pooled(raw[(row == i) & (column == j)], pool) for j in side] for i in side]
+    view_ring, light_ring = _ring(wo), _ring(wi)
+    rows = []
+    for view in range(RINGS):
+        of_view = view_ring == view
+        rows.append([_pooled(raw[of_view & (light_ring == light)], pool) for light in range(RINGS)])
+    return rows
 
 
 def polar_map(directions: Array, raw: Array, pool: Pool) -> dict[str, Any]:
@@ -38,19 +43,28 @@ def polar_map(directions: Array, raw: Array, pool: Pool) -> dict[str, Any]:
     cell, the same number in each sector. Gives `theta_edges_deg`, `phi_centres_deg`, `value` (rings × sectors, None
     where empty) and `count`.
     """
-    ring, width = _ring(directions), 360 / SECTORS
-    sector = np.floor((to_degrees(directions)[1] + width / 2) / width).astype(int) % SECTORS
-    rings = range(len(THETA_EDGES_DEG) - 1)
-    cells = [[(ring == i) & ((sector == j) | (i == 0)) for j in range(SECTORS)] for i in rings]
-    value = [[_pooled(raw[cell], pool) for cell in row] for row in cells]
-    count = [[int(cell.sum()) for cell in row] for row in cells]
+    width = 360 / SECTORS
+    _, phi = to_degrees(directions)
+    ring_of = _ring(directions)
+    sector_of = np.floor((phi + width / 2) / width).astype(int) % SECTORS
+    values: list[list[float | None]] = []
+    counts: list[list[int]] = []
+    for ring in range(RINGS):
+        in_ring = ring_of == ring
+        cells = [in_ring & (sector_of == sector) for sector in range(SECTORS)]
+        if ring == 0:
+            cells = [in_ring] * SECTORS
+        values.append([_pooled(raw[cell], pool) for cell in cells])
+        counts.append([int(cell.sum()) for cell in cells])
     edges = {"theta_edges_deg": list(THETA_EDGES_DEG), "phi_centres_deg": [width * j for j in range(SECTORS)]}
-    return edges | {"value": value, "count": count}
+    return edges | {"value": values, "count": counts}
 
 
 def _ring(directions: Array) -> Array:
+    theta, _ = to_degrees(directions)
     # Float32 directions of a grid at 15°, 30°, … may fall a hair below their edge.
-    return np.clip(np.searchsorted(THETA_EDGES_DEG, to_degrees(directions)[0] + 1e-4, side="right") - 1, 0, 5)
+    after = np.searchsorted(THETA_EDGES_DEG, theta + 1e-4, side="right")
+    return np.clip(after - 1, 0, RINGS - 1)
 
 
 def _pooled(raw: Array, pool: Pool) -> float | None:

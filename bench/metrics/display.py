@@ -25,7 +25,8 @@ def sample(btf: BTF, seed: int = 0) -> Array:
         return np.concatenate([picture.reshape(-1, 3) for picture in btf])
     rng = np.random.default_rng(seed)
     count = -(-SAMPLE_VALUES // 3)
-    return btf.gather(*(rng.integers(0, limit, count) for limit in (len(btf), height, width)))
+    pair, row, col = (rng.integers(0, limit, count) for limit in (len(btf), height, width))
+    return btf.gather(pair, row, col)
 
 
 def exposure(btf: BTF, seed: int = 0) -> float:
@@ -52,7 +53,8 @@ def decode_srgb(encoded: Array) -> Array:
 
 def to_display(radiance: Array, exposure: float) -> Array:
     """The display transform: sRGB of exposure × radiance clipped to [0, 1]; any shape, float64."""
-    return encode_srgb(np.clip(np.multiply(radiance, exposure, dtype=np.float64), 0, 1))
+    exposed = np.multiply(radiance, exposure, dtype=np.float64)
+    return encode_srgb(np.clip(exposed, 0, 1))
 
 
 def display_error(radiance: Array, other: Array, exposure: float) -> float:
@@ -62,4 +64,5 @@ def display_error(radiance: Array, other: Array, exposure: float) -> float:
 
 def to_log1p(radiance: Array, exposure: float) -> Array:
     """log1p(8 · exposure · radiance), negative radiance counting as 0; any shape, float64."""
-    return np.log1p(np.maximum(np.multiply(radiance, LOG_SCALE * exposure, dtype=np.float64), 0))
+    scaled = np.multiply(radiance, LOG_SCALE * exposure, dtype=np.float64)
+    return np.log1p(np.maximum(scaled, 0))

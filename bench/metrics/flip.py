@@ -86,12 +86,14 @@ def perceive(planes: Array, ppd: float, periodic: bool) -> Perceived:
     mode = "wrap" if periodic else "nearest"
     opponents = _mix(_OPPONENT, planes)
     gaussian, first, second = _feature_filters(ppd)
-    luminance, smooth = opponents[0], correlate1d(opponents[0], gaussian, -2, mode=mode)
+    luminance = opponents[0]
+    smooth = correlate1d(luminance, gaussian, -2, mode=mode)
     edge = np.hypot(correlate1d(smooth, first, -1, mode=mode), _separable(luminance, first, gaussian, mode))
     point = np.hypot(correlate1d(smooth, second, -1, mode=mode), _separable(luminance, second, gaussian, mode))
     filters = _sensitivity_filters(ppd)
     filtered = [_weighted_sum(plane, terms, mode) for plane, terms in zip(opponents, filters, strict=True)]
-    return Perceived(_hunt_lab(np.clip(_mix(_RGB_OF_OPPONENT, filtered), 0, 1)), edge, point)
+    seen = np.clip(_mix(_RGB_OF_OPPONENT, filtered), 0, 1)
+    return Perceived(_hunt_lab(seen), edge, point)
 
 
 def difference(one: Perceived, other: Perceived) -> Array:
@@ -118,8 +120,9 @@ def _separable(plane: Array, down: Array, across: Array, mode: str) -> Array:
 
 
 def _weighted_sum(plane: Array, terms: tuple[tuple[float, Array], ...], mode: str) -> Array:
-    total = terms[0][0] * _separable(plane, terms[0][1], terms[0][1], mode)
-    for weight, kernel in terms[1:]:
+    (weight, kernel), *others = terms
+    total = weight * _separable(plane, kernel, kernel, mode)
+    for weight, kernel in others:
         total += weight * _separable(plane, kernel, kernel, mode)
     return total
 
@@ -133,7 +136,8 @@ def _sensitivity_filters(ppd: float) -> tuple[tuple[tuple[float, Array], ...], .
     for gaussians in _SENSITIVITY:
         kernels = [np.exp(-(math.pi**2) * degrees**2 / b) for _, b in gaussians]
         mass = [a * math.sqrt(math.pi / b) * k.sum() ** 2 for (a, b), k in zip(gaussians, kernels, strict=True)]
-        filters.append(tuple((m / sum(mass), k / k.sum()) for m, k in zip(mass, kernels, strict=True)))
+        terms = [(m / sum(mass), k / k.sum()) for m, k in zip(mass, kernels, strict=True)]
+        filters.append(tuple(terms))
     return tuple(filters)
 
 
@@ -153,7 +157,8 @@ def _balance(kernel: Array) -> Array:
 
 def _hunt_lab(planes: Array) -> Array:
     """Linear RGB → CIELab with a and b scaled by 0.01 · L (the Hunt effect), planar."""
-    delta, linear = 6 / 29, _mix(_XYZ_OVER_WHITE, planes)
+    delta = 6 / 29
+    linear = _mix(_XYZ_OVER_WHITE, planes)
     root, low = np.cbrt(linear), linear <= delta**3
     root[low] = linear[low] / (3 * delta**2) + 4 / 29
     x, y, z = root
@@ -238,7 +243,8 @@ class HDR(SliceMetric):
     def reference_side(self, reference: Picture) -> tuple[Array, tuple[Perceived, ...]]:
         if not self.range and len(reference.shape) > 2:
             raise InputError("reference is a stack, each with exposures of its own: give start and stop")
-        steps = (self.range or self.range_of(np.tensordot(LUMA, reference.linear, 1))).steps()
+        chosen = self.range or self.range_of(np.tensordot(LUMA, reference.linear, 1))
+        steps = chosen.steps()
         return steps, tuple(self._perceive(reference, step) for step in steps)
 
     def compare(self, side: tuple[Array, tuple[Perceived, ...]], test: Picture) -> Array:

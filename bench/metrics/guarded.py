@@ -83,7 +83,8 @@ class Guarded(SliceMetric):
 
     def _wrong(self, method: str, due: str, answer: Any) -> PluginError:
         what = f"an array of shape {answer.shape}" if isinstance(answer, np.ndarray) else f"a {type(answer).__name__}"
-        what += " with NaN" if isinstance(answer, np.ndarray | float) and not _are_numbers(answer) else ""
+        if isinstance(answer, np.ndarray | float) and not _are_numbers(answer):
+            what += " with NaN"
         return PluginError(f"{self.called}: {method} returned {what}, but must return {due}")
 
 

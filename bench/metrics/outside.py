@@ -40,7 +40,8 @@ def described(entry: EntryPoint, families: Collection[str]) -> Metric:
     if not isinstance(found, Metric):
         fault = f"{entry.value} is a {type(found).__name__}: it must be a bench.metrics.Metric"
         raise PluginError(f"{called}: {fault}")
-    if fault := _fault(found, entry, families):
+    fault = _fault(found, entry, families)
+    if fault:
         raise PluginError(f"{called}: {fault}")
     return replace(found, called=called)
 

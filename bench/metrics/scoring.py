@@ -57,7 +57,9 @@ class _Reference:
 
     @property
     def bytes(self) -> int:
-        return sum({id(a): a.nbytes for a in [self.log1p, *_arrays(tuple(self.sides.values()))]}.values())
+        arrays = [self.log1p, *_arrays(tuple(self.sides.values()))]
+        different = {id(array): array.nbytes for array in arrays}  # metrics may share one
+        return sum(different.values())
 
 
 class Scorer:
@@ -83,8 +85,9 @@ class Scorer:
         self.btf, self.threads, self.cache_bytes = btf, threads or cores(), cache_bytes
         self.names = registry.chosen_names(registry.DEFAULTS, btf.periodic) if names is None else tuple(names)
         described = {name: registry.get(name) for name in self.names}
-        if foreign := [name for name, metric in described.items() if metric.periodic and not btf.periodic]:
-            raise InputError(f"{foreign[0]} is only for materials that repeat, and {btf.name} does not")
+        for name, metric in described.items():
+            if metric.periodic and not btf.periodic:
+                raise InputError(f"{name} is only for materials that repeat, and {btf.name} does not")
         self.metrics = {name: metric.load() for name, metric in described.items()}
         self.exposure = exposure if exposure is not None else 1.0
         if exposure is None or any(metric.per_material for metric in self.metrics.values()):
@@ -196,19 +199,30 @@ def weighted(scores: Scores, share: Array) -> Group:
     radiance = as_number(np.average(scores.radiance, weights=share)) if share.any() else None
     result: Group = {"slices": int((share > 0).sum()), "radiance": radiance, "metrics": {}}
     for name, raw in scores.raw.items():
-        metric, some = registry.get(name).load(), ~np.isnan(raw) & (share > 0)
-        stats = _weighted(metric, raw[some], share[some])
-        if registry.get(name).relative:
-            stats["relative"] = stats["pooled"] / radiance if radiance and stats["pooled"] is not None else None
+        description = registry.get(name)
+        some = ~np.isnan(raw) & (share > 0)
+        stats = _weighted(description.load(), raw[some], share[some])
+        if description.relative:
+            stats["relative"] = _relative(stats["pooled"], radiance)
         result["metrics"][name] = stats
     return result
+
+
+def _relative(error: float | None, radiance: float | None) -> float | None:
+    """An error of radiance over the mean radiance; None without either."""
+    if error is None or not radiance:
+        return None
+    return error / radiance
 
 
 def _weighted(metric: SliceMetric, raw: Array, share: Array) -> Statistics:
     values = metric.values(raw)
     finite = np.isfinite(values)
-    mean = float(np.average(values[finite], weights=share[finite])) if finite.any() else None
-    spread = float(np.average((values[finite] - mean) ** 2, weights=share[finite])) ** 0.5 if finite.any() else None
+    mean = spread = None
+    if finite.any():
+        mean = float(np.average(values[finite], weights=share[finite]))
+        variance = float(np.average((values[finite] - mean) ** 2, weights=share[finite]))
+        spread = variance**0.5
     pooled = as_number(float(metric.values(np.average(raw, weights=share)))) if len(raw) else None
     return {"mean": mean, "std": spread, "pooled": pooled} | _counts(metric, raw)
 
@@ -216,7 +230,8 @@ def _weighted(metric: SliceMetric, raw: Array, share: Array) -> Statistics:
 def polar_maps(scores: Scores, wo: Array, wi: Array) -> dict[str, dict[str, Any]]:
     """For each metric, polar maps of its pooled number over the `view` and over the `light` hemisphere, for JSON. `wo`,
     `wi` are the BTF's directions (N, 3). See `bench.metrics.angular.polar_map`."""
-    sides, maps = {"view": wo[scores.pairs], "light": wi[scores.pairs]}, {}
+    sides = {"view": wo[scores.pairs], "light": wi[scores.pairs]}
+    maps = {}
     for name, raw in scores.raw.items():
         pool = registry.get(name).load().pool
         maps[name] = {side: polar_map(directions, raw, pool) for side, directions in sides.items()}
@@ -252,7 +267,8 @@ def summarise_footprints(errors: dict[int, Array]) -> dict[str, Statistics]:
     summary: dict[str, Statistics] = {}
     for factor, raw in errors.items():
         stats = _statistics(DisplayPSNR(), raw)
-        summary[str(factor)] = {"psnr_display": stats["pooled"]} | {k: stats[k] for k in ("mean", "exact", "slices")}
+        others = {name: stats[name] for name in ("mean", "exact", "slices")}
+        summary[str(factor)] = {"psnr_display": stats["pooled"]} | others
     return summary
 
 
@@ -264,7 +280,7 @@ def _group(scores: Scores, chosen: Array, wo: Array, wi: Array, loaded: dict[str
         raw = scores.raw[name][chosen]
         stats = _statistics(metric, raw[~np.isnan(raw)])
         if description.relative:
-            stats["relative"] = stats["pooled"] / radiance if radiance and stats["pooled"] is not None else None
+            stats["relative"] = _relative(stats["pooled"], radiance)
         if description.decibels:
             stats["worst"] = worst(metric.values(raw[~np.isnan(raw)]))
         result["metrics"][name] = stats
@@ -274,13 +290,17 @@ def _group(scores: Scores, chosen: Array, wo: Array, wi: Array, loaded: dict[str
 
 def worst(values: Array) -> float | None:
     """The mean of the least tenth of some values (n,), at least of one; None if there are none."""
-    return float(np.sort(values)[: -(-len(values) // 10)].mean()) if len(values) else None
+    if not len(values):
+        return None
+    tenth = -(-len(values) // 10)
+    return float(np.sort(values)[:tenth].mean())
 
 
 def _statistics(metric: SliceMetric, raw: Array) -> Statistics:
     values = metric.values(raw)
     finite = values[np.isfinite(values)]
-    mean, spread = (float(finite.mean()), float(finite.std())) if len(finite) else (None, None)
+    mean = float(finite.mean()) if len(finite) else None
+    spread = float(finite.std()) if len(finite) else None
     pooled = as_number(metric.pool(raw)) if len(raw) else None
     return {"mean": mean, "std": spread, "pooled": pooled} | _counts(metric, raw)
 

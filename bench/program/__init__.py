@@ -58,8 +58,13 @@ class Program:
         """Multiply-adds of its matrix products."""
         shapes = {step.name: step.shape for step in self.steps}
         shapes |= {name: each.shape for name, each in self.constants.items()}
-        matrices = [step for step in self.steps if step.operation in ("mm", "addmm", "bmm")]
-        return sum(math.prod(step.shape) * shapes[step.arguments[-1]["of"]][-2] for step in matrices)
+        count = 0
+        for step in self.steps:
+            if step.operation in ("mm", "addmm", "bmm"):
+                right = step.arguments[-1]["of"]
+                summands = shapes[right][-2]
+                count += math.prod(step.shape) * summands
+        return count
 
     def arrays(self) -> dict[str, np.ndarray]:
         """The content of its `.npz`: the steps as JSON, one array per constant. Nothing is pickled."""
@@ -70,7 +75,10 @@ class Program:
     def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> "Program":
         """The program from its `arrays`. Raises `KeyError`, `TypeError` or `ValueError` if they are invalid."""
         header = json.loads(arrays["program"].tobytes())
-        steps = tuple(Step(**step | {"shape": tuple(step["shape"])}) for step in header["steps"])
+        steps = []
+        for step in header["steps"]:
+            shape = tuple(step["shape"])  # JSON knows lists alone
+            steps.append(Step(**step | {"shape": shape}))
         constants = {name: array for name, array in arrays.items() if name != "program"}
         height, width = header["size"]
-        return cls(steps, constants, header["result"], (height, width))
+        return cls(tuple(steps), constants, header["result"], (height, width))

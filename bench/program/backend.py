@@ -78,15 +78,19 @@ class Backend(ABC):
 
     def check(self, program: Program) -> None:
         """Raise `InputError` if the program has an operation that this back end does not know."""
-        if absent := {step.operation for step in program.steps} - self.operations.keys():
+        absent = {step.operation for step in program.steps} - self.operations.keys()
+        if absent:
             raise self.cannot(f"do {min(absent)!r}")
 
     def run(self, program: Program, inputs: dict[str, list[Scalar]]) -> list[Scalar]:
         """The RGB of one query, or of what each scalar stands for, not yet clamped at 0."""
-        values = {name: Value(array, "float" if array.dtype.kind == "f" else "int")
-                  for name, array in program.constants.items()}  # fmt: skip
+        values: dict[str, Value] = {}
+        for name, array in program.constants.items():
+            kind = "float" if array.dtype.kind == "f" else "int"
+            values[name] = Value(array, kind)
         for name, scalars in inputs.items():
-            values[name] = Value(as_array(scalars if name == "footprint" else [scalars]), "float")
+            shaped = scalars if name == "footprint" else [scalars]
+            values[name] = Value(as_array(shaped), "float")
         for step in program.steps:
             arguments = [_resolved(each, values) for each in step.arguments]
             items = self.operations[step.operation](self, step, *arguments)
@@ -97,7 +101,9 @@ class Backend(ABC):
 def _resolved(argument: Any, values: dict[str, Value]) -> Any:
     if isinstance(argument, dict):
         return values[argument["of"]]
-    return [_resolved(each, values) for each in argument] if isinstance(argument, list) else argument
+    if isinstance(argument, list):
+        return [_resolved(each, values) for each in argument]
+    return argument
 
 
 def as_array(values: Any) -> Array:
@@ -109,7 +115,8 @@ def as_array(values: Any) -> Array:
         single[()] = values
         return single
     inner = [as_array(each) for each in values]
-    array = np.empty((len(inner), *(inner[0].shape if inner else ())), object)
+    shape = inner[0].shape if inner else ()
+    array = np.empty((len(inner), *shape), object)
     for number, each in enumerate(inner):
         array[number] = each[()] if each.ndim == 0 else each
     return array

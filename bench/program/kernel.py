@@ -25,13 +25,19 @@ BLOCK = 24
 
 def _power(base: Scalar, exponent: Scalar) -> Scalar:
     """Powers; whole exponents are products, so the base may be negative."""
-    return dr.power(base, int(exponent) if isinstance(exponent, float) and exponent.is_integer() else exponent)
+    if isinstance(exponent, float) and exponent.is_integer():
+        exponent = int(exponent)
+    return dr.power(base, exponent)
+
+
+def _not(x: Scalar) -> Scalar:
+    return not x if isinstance(x, bool) else ~x
 
 
 _NAMES: dict[str, Any] = {
     **{name: getattr(dr, name) for name in ("floor", "ceil", "exp", "log", "log2", "sin", "cos", "tanh", "sqrt")},
     **{"abs": abs, "min": dr.minimum, "max": dr.maximum, "inversesqrt": dr.rsqrt, "pow": _power},
-    "inverse": lambda x: not x if isinstance(x, bool) else ~x,
+    "inverse": _not,
 }
 
 
@@ -39,7 +45,8 @@ _NAMES: dict[str, Any] = {
 def _function(formula: str, count: int) -> Callable[..., Scalar]:
     """A formula of operations as a function of Dr.Jit arrays; only three signs differ from Python."""
     python = formula.replace("&&", "&").replace("||", "|").replace("!(", "inverse(")
-    return eval("lambda *x: " + python.format(*(f"x[{k}]" for k in range(count))), _NAMES)
+    arguments = [f"x[{k}]" for k in range(count)]
+    return eval("lambda *x: " + python.format(*arguments), _NAMES)
 
 
 class Kernel(Backend):
@@ -64,7 +71,7 @@ class Kernel(Backend):
         if "%" in formula:
             # A renderer fetches 0 for inactive rays, and an integer division by 0 ends the process.
             left, right = arguments
-            arguments = [left, [b if isinstance(b, int) else dr.select(b == 0, 1, b) for b in right]]
+            arguments = [left, [_not_zero(b) for b in right]]
         function = _function(formula, len(arguments))
         return [function(*each) for each in zip(*arguments, strict=True)]
 
@@ -88,15 +95,20 @@ class Kernel(Backend):
         return [dr.sqrt(_dot(row, row)) for row in rows(items)]
 
     def product(self, left: Array, right: Array, bias: list[Scalar] | None) -> list[Scalar]:
-        left, right = (each if each.ndim == 3 else each[None] for each in (left, right))
-        starts = iter(bias or [0.0] * (left.shape[0] * left.shape[1] * right.shape[2]))
+        left = left if left.ndim == 3 else left[None]
+        right = right if right.ndim == 3 else right[None]
+        width = right.shape[2]
+        bias = bias or [0.0] * (left.shape[0] * left.shape[1] * width)
         elements: list[Scalar] = []
-        for row, matrix in ((row, matrix) for rows, matrix in zip(left, right, strict=True) for row in rows):
-            if self.calls and matrix.dtype != object:
-                sums = called_product(self.kind, listed(row), matrix)
-                elements += [total + start for total, start in zip(sums, starts, strict=False)]
-            else:
-                elements += [_dot(listed(row), listed(column), next(starts)) for column in matrix.T]
+        for rows, matrix in zip(left, right, strict=True):
+            for row in rows:
+                starts = bias[len(elements) : len(elements) + width]
+                if self.calls and matrix.dtype != object:
+                    sums = called_product(self.kind, listed(row), matrix)
+                    elements += [total + start for total, start in zip(sums, starts, strict=True)]
+                else:
+                    columns = zip(matrix.T, starts, strict=True)
+                    elements += [_dot(listed(row), listed(column), start) for column, start in columns]
         return elements
 
     def look_up(self, table: Array, index: Scalar, kind: str) -> list[Scalar]:
@@ -104,13 +116,19 @@ class Kernel(Backend):
         if key not in self.tables:
             array = self.kind.Float if kind == "float" else self.kind.Int
             self.tables[key] = table, array(np.ascontiguousarray(table).reshape(-1))  # keeps memory and key alive
-        # An altered file must not read other memory.
-        stored, first = self.tables[key][1], dr.minimum(self.kind.UInt(index), len(table) - 1) * table.shape[1]
-        return [dr.gather(type(stored), stored, first + channel) for channel in range(table.shape[1])]
+        _, stored = self.tables[key]
+        rows, channels = table.shape
+        row = dr.minimum(self.kind.UInt(index), rows - 1)  # an altered file must not read other memory
+        first = row * channels
+        return [dr.gather(type(stored), stored, first + channel) for channel in range(channels)]
 
     def blend(self, table: Array, indices: list[Scalar], shares: list[Scalar]) -> list[Scalar]:
         rows = [looked_up(self, table, index, "float") for index in indices]
         return [_dot(shares, channel) for channel in zip(*rows, strict=True)]
+
+
+def _not_zero(divisor: Scalar) -> Scalar:
+    return divisor if isinstance(divisor, int) else dr.select(divisor == 0, 1, divisor)
 
 
 def _dot(left: Sequence[Scalar], right: Sequence[Scalar], start: Scalar = 0.0) -> Scalar:

@@ -52,7 +52,8 @@ def drjit() -> ModuleType:
     """Dr.Jit with an LLVM that compiles the suite's kernels. `InputError` says what to install."""
     with installed("fused on the CPU needs Dr.Jit: pip install neubtf-bench[mitsuba]"):
         import drjit as dr
-    if reason := unusable():
+    reason = unusable()
+    if reason:
         raise InputError(reason)
     return dr
 
@@ -79,7 +80,15 @@ def _tried(choice: str) -> tuple[str, tuple[str, ...], str]:
             )  # fmt: skip
     except subprocess.TimeoutExpired:
         return f"LLVM ({choice or 'as found'})", (), f"no answer within {LIMIT:.0f} s"
-    version, *passed = done.stdout.split("\n") if done.stdout else ("",)
-    errors = [line for line in done.stderr.splitlines() if "error" in line.lower()] or done.stderr.splitlines()[-1:]
-    end = " ".join(errors[0].split())[:200] if errors else f"exit code {done.returncode}"
-    return version, tuple(passed), end
+    version, *passed = done.stdout.split("\n")
+    return version, tuple(passed), _end(done)
+
+
+def _end(done: subprocess.CompletedProcess[str]) -> str:
+    """How a process ended: its first error or last line, or its exit code."""
+    lines = done.stderr.splitlines()
+    errors = [line for line in lines if "error" in line.lower()]
+    telling = errors[:1] or lines[-1:]
+    if not telling:
+        return f"exit code {done.returncode}"
+    return " ".join(telling[0].split())[:200]

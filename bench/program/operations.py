@@ -54,7 +54,8 @@ def _as_kind(m: Backend, argument: Any, kind: str) -> Array:
         return as_array(KINDS[kind](argument))
     if argument.kind == kind:
         return argument.items
-    return as_array([m.as_kind(x, argument.kind, kind) for x in listed(argument.items)]).reshape(argument.items.shape)
+    scalars = [m.as_kind(x, argument.kind, kind) for x in listed(argument.items)]
+    return as_array(scalars).reshape(argument.items.shape)
 
 
 def _flat(m: Backend, argument: Any, kind: str, shape: tuple[int, ...]) -> list[Scalar]:
@@ -63,8 +64,10 @@ def _flat(m: Backend, argument: Any, kind: str, shape: tuple[int, ...]) -> list[
 
 def _each(m: Backend, step: Step, formula: str, *arguments: Any, from_kind: str | None = None) -> Value:
     """A formula for each element of a result, with NumPy's broadcasting."""
-    rows = [_flat(m, argument, from_kind or step.kind, step.shape) for argument in arguments]
-    return Value(as_array(m.each(formula, rows, from_kind or step.kind, step.kind)).reshape(step.shape), step.kind)
+    from_kind = from_kind or step.kind
+    rows = [_flat(m, argument, from_kind, step.shape) for argument in arguments]
+    results = as_array(m.each(formula, rows, from_kind, step.kind))
+    return Value(results.reshape(step.shape), step.kind)
 
 
 def _computes(name: str) -> Operation:
@@ -77,10 +80,15 @@ def _computes(name: str) -> Operation:
     return compute
 
 
+def _kind_of(argument: Any) -> str:
+    return argument.kind if isinstance(argument, Value) else type(argument).__name__
+
+
 def _decides(formula: str) -> Operation:
     def decide(m: Backend, step: Step, *arguments: Any) -> Array:
-        kinds = {each.kind if isinstance(each, Value) else type(each).__name__ for each in arguments}
-        return _each(m, step, formula, *arguments, from_kind=max(kinds, key=list(KINDS).index)).items
+        kinds = {_kind_of(argument) for argument in arguments}
+        widest = max(kinds, key=list(KINDS).index)
+        return _each(m, step, formula, *arguments, from_kind=widest).items
 
     return decide
 
@@ -97,8 +105,10 @@ def _relu(m: Backend, step: Step, source: Value, slope: float = 0.01) -> Array:
 
 @operation("clamp", "clamp_min")
 def _clamp(m: Backend, step: Step, source: Value, low: Any = None, high: Any = None) -> Array:
-    for limit, name in ((low, "maximum"), (high, "minimum")):
-        source = source if limit is None else _each(m, step, FORMULAS[name], source, limit)
+    if low is not None:
+        source = _each(m, step, FORMULAS["maximum"], source, low)
+    if high is not None:
+        source = _each(m, step, FORMULAS["minimum"], source, high)
     return source.items
 
 
@@ -106,14 +116,16 @@ def _clamp(m: Backend, step: Step, source: Value, low: Any = None, high: Any = N
 def _pow(m: Backend, step: Step, base: Value, exponent: Any) -> Array:
     if isinstance(exponent, Value) or exponent not in (2, 0.5):
         return _each(m, step, "pow({0}, {1})", base, exponent).items
-    return _each(m, step, "{0} * {0}" if exponent == 2 else FORMULAS["sqrt"], base).items
+    formula = "{0} * {0}" if exponent == 2 else FORMULAS["sqrt"]
+    return _each(m, step, formula, base).items
 
 
 @operation("where")
 def _where(m: Backend, step: Step, condition: Value, yes: Any, no: Any) -> list[Scalar]:
-    kinds = ((condition, "bool"), (yes, step.kind), (no, step.kind))
-    flat = [_flat(m, argument, kind, step.shape) for argument, kind in kinds]
-    return [m.choose(holds, one, other, step.kind) for holds, one, other in zip(*flat, strict=True)]
+    conditions = _flat(m, condition, "bool", step.shape)
+    ones = _flat(m, yes, step.kind, step.shape)
+    others = _flat(m, no, step.kind, step.shape)
+    return [m.choose(holds, one, other, step.kind) for holds, one, other in zip(conditions, ones, others, strict=True)]
 
 
 @operation("to_copy")
@@ -158,18 +170,21 @@ def _pad(m: Backend, step: Step, source: Value, pads: list[int], value: float = 
 
 @operation("mm", "addmm", "bmm")
 def _product(m: Backend, step: Step, *arguments: Value) -> list[Scalar]:
-    *bias, left, right = arguments
-    return m.product(left.items, right.items, _flat(m, bias[0], "float", step.shape) if bias else None)
+    *given, left, right = arguments
+    bias = _flat(m, given[0], "float", step.shape) if given else None
+    return m.product(left.items, right.items, bias)
 
 
 def _rows(items: Array, axes: Any) -> Rows:
     """The scalars of a tensor as (results, summands), for a reduction over some axes; None: over all."""
     if axes is None or axes == []:
         return [listed(items)]
-    reduced = [axis % items.ndim for axis in (axes if isinstance(axes, list) else [axes])]
+    axes = axes if isinstance(axes, list) else [axes]
+    reduced = [axis % items.ndim for axis in axes]
     others = [axis for axis in range(items.ndim) if axis not in reduced]
     count = math.prod(items.shape[axis] for axis in reduced)
-    return [listed(row) for row in items.transpose(*others, *reduced).reshape(-1, count)]
+    rows = items.transpose(*others, *reduced).reshape(-1, count)
+    return [listed(row) for row in rows]
 
 
 def _folded(m: Backend, formula: str, row: list[Scalar], kind: str) -> Scalar:
@@ -210,14 +225,17 @@ def _extreme(m: Backend, step: Step, source: Value, axes: Any = None, *_: Any) -
 def _joined(m: Backend, step: Step, source: Value, axes: Any = None, *_: Any) -> list[Scalar]:
     if source.kind != "bool":
         raise m.cannot("ask whether any or all of some numbers are other than 0")
-    rows, sign = _rows(source.items, axes), " || " if step.operation == "any" else " && "
+    rows = _rows(source.items, axes)
+    sign = " || " if step.operation == "any" else " && "
     formula = sign.join(f"{{{k}}}" for k in range(len(rows[0])))
-    return [m.each(formula, [[x] for x in row], "bool", "bool")[0] for row in rows]
+    columns = [list(column) for column in zip(*rows, strict=True)]
+    return m.each(formula, columns, "bool", "bool")
 
 
 @operation("argmax", "argmin")
 def _place(m: Backend, step: Step, source: Value, axis: Any = None, *_: Any) -> list[Scalar]:
-    formula, results = TRUTHS["gt" if step.operation == "argmax" else "lt"], []
+    formula = TRUTHS["gt" if step.operation == "argmax" else "lt"]
+    results = []
     for row in _rows(source.items, axis):
         best, place = row[0], 0
         for number, other in enumerate(row[1:], 1):
@@ -262,8 +280,12 @@ def _index(m: Backend, step: Step, table: Value, indices: list[Value | None]) ->
         raise m.cannot("index some axes alone")
     lead = table.items.shape[: len(given)]
     rows = table.items.reshape(math.prod(lead), -1)
-    places = zip(*(listed(grid) for grid in np.broadcast_arrays(*given)), strict=True)
-    return as_array([looked_up(m, rows, _row_of(m, place, lead), step.kind) for place in places])
+    grids = [listed(grid) for grid in np.broadcast_arrays(*given)]
+    chosen = []
+    for place in zip(*grids, strict=True):
+        row = _row_of(m, place, lead)
+        chosen.append(looked_up(m, rows, row, step.kind))
+    return as_array(chosen)
 
 
 def _row_of(m: Backend, place: Sequence[Scalar], lead: Sequence[int]) -> Scalar:
@@ -284,7 +306,8 @@ def _bag(m: Backend, step: Step, table: Value, index: Value, bags: int, shares: 
     if bags != 1:
         raise m.cannot("add up several bags")
     indices = listed(index.items)
-    return m.blend(table.items, indices, [1.0] * len(indices) if shares is None else listed(shares.items))
+    weights = [1.0] * len(indices) if shares is None else listed(shares.items)
+    return m.blend(table.items, indices, weights)
 
 
 @operation("gather")

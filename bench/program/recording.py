@@ -58,8 +58,9 @@ def _exported(material: Material) -> torch.export.ExportedProgram:
     with torch.no_grad(), _quiet():
         exported = torch.export.export(_Evaluate(material), query, strict=False)
         # PyTorch knows a constant again and computes with its value: of one number looked up, with unset memory.
-        fresh = {name: x.detach() if isinstance(x, Tensor) else x for name, x in exported.constants.items()}
-        exported.constants.update(fresh)
+        for name, constant in exported.constants.items():
+            if isinstance(constant, Tensor):
+                exported.constants[name] = constant.detach()
         return exported.run_decompositions(plain)
 
 
@@ -71,15 +72,19 @@ def _distances(left: Tensor, right: Tensor, order: float, mode: int | None) -> T
 
 def _first(source: Tensor, count: int, axis: int = -1, largest: bool = True, ranked: bool = True) -> list[Tensor]:
     """`topk` as plain operations: one number after the other is found, then put last."""
-    if (rows := source.shape[axis]) > MOST_RANKED:
+    rows = source.shape[axis]
+    if rows > MOST_RANKED:
         raise InputError(f"it ranks {rows:,} numbers, but the limit is {MOST_RANKED}")
     last = torch.finfo(source.dtype).max / (-2 if largest else 2)
-    numbers = torch.arange(rows).unflatten(0, [rows] + [1] * (source.ndim - 1 - axis % source.ndim))
+    axes_after = source.ndim - 1 - axis % source.ndim
+    numbers = torch.arange(rows).unflatten(0, [rows] + [1] * axes_after)
     places, values = [], []
     for _ in range(count):
-        places.append((source.argmax if largest else source.argmin)(axis, keepdim=True))
-        values.append(source.gather(axis, places[-1]))
-        source = torch.where(numbers == places[-1], last, source)
+        find = source.argmax if largest else source.argmin
+        place = find(axis, keepdim=True)
+        places.append(place)
+        values.append(source.gather(axis, place))
+        source = torch.where(numbers == place, last, source)
     return [torch.cat(values, axis), torch.cat(places, axis)]
 
 
@@ -93,15 +98,18 @@ def program_of(material: Material) -> Program:
             exported = thread.submit(_exported, material).result()
         return _written(exported, material.size)
     except Exception as error:  # torch.export has no exception type of its own
-        what = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+        message = str(error).strip()
+        what = message.splitlines()[0] if message else type(error).__name__
         raise InputError(f"this material cannot be recorded as a program: {what}") from error
 
 
 def _written(exported: torch.export.ExportedProgram, size: tuple[int, int]) -> Program:
-    known, given = {**exported.state_dict, **exported.constants}, exported.graph_signature
+    known = {**exported.state_dict, **exported.constants}
+    given = exported.graph_signature
     named = {**given.inputs_to_parameters, **given.inputs_to_buffers, **given.inputs_to_lifted_tensor_constants}
     recorder = _Recorder({name: known[target].detach() for name, target in named.items()})
-    recorder.values |= zip(map(str, given.user_inputs), INPUTS, strict=True)
+    for placeholder, name in zip(given.user_inputs, INPUTS, strict=True):
+        recorder.values[str(placeholder)] = name
     for node in exported.graph.nodes:
         if node.op == "call_function":
             recorder.record(node)
@@ -127,12 +135,14 @@ class _Recorder:
             self.values[node.name] = value.contiguous() if isinstance(value, Tensor) else value
         elif operation == "getitem":
             source, number = arguments
-            self.values[node.name] = source[number] if isinstance(source, (list, tuple)) else f"{source}.{number}"
+            is_several = isinstance(source, (list, tuple))
+            self.values[node.name] = source[number] if is_several else f"{source}.{number}"
         elif operation == "full_like":  # depends only on the shape
             value = node.meta["val"]
             self.values[node.name] = torch.full(tuple(value.shape), arguments[1], dtype=value.dtype)
         elif not _names(arguments):
-            self.values[node.name] = target(*arguments, **{k: self._argument(v) for k, v in node.kwargs.items()})
+            options = {key: self._argument(value) for key, value in node.kwargs.items()}
+            self.values[node.name] = target(*arguments, **options)
         else:
             self._add(node, operation, arguments)
 
@@ -151,51 +161,71 @@ class _Recorder:
             self.values[node.name] = node.name
         if not isinstance(value, Tensor):
             raise InputError(f"{operation} gives several tensors")
-        if foreign := set(node.kwargs) - {"dtype", "layout", "device", "memory_format", "pin_memory"}:
+        foreign = set(node.kwargs) - {"dtype", "layout", "device", "memory_format", "pin_memory"}
+        if foreign:
             raise InputError(f"{operation} with {min(foreign)}")
         self._step(node.name, operation, arguments, value)
 
     def _step(self, name: str, operation: str, arguments: list[Any], result: Tensor) -> None:
-        kind = "float" if result.dtype.is_floating_point else "bool" if result.dtype == torch.bool else "int"
         plain = [_plain(argument, self._keep) for argument in arguments]
-        self.steps.append(Step(name, operation, plain, tuple(result.shape), kind))
+        self.steps.append(Step(name, operation, plain, tuple(result.shape), _kind_of(result)))
 
     def _split(self, node: torch.fx.Node, operation: str, arguments: list[Any]) -> None:
         """The parts of a tensor as slices, or selections, of it."""
         source, *rest = arguments
-        axis = int(rest[-1]) if operation == "unbind" and rest else int(rest[1]) if len(rest) > 1 else 0
-        parts, start, names = node.meta["val"], 0, []
-        for number, part in enumerate(parts):
-            names.append(f"{node.name}.{number}")
+        before_axis = 0 if operation == "unbind" else 1  # a split's sizes come before its axis
+        axis = int(rest[before_axis]) if len(rest) > before_axis else 0
+        start = 0
+        names = []
+        for number, part in enumerate(node.meta["val"]):
+            name = f"{node.name}.{number}"
+            names.append(name)
             if operation == "unbind":
-                self._step(names[-1], "select", [source, axis, number], part)
+                self._step(name, "select", [source, axis, number], part)
             else:
-                self._step(names[-1], "slice", [source, axis, start, start + part.shape[axis]], part)
-                start += part.shape[axis]
+                end = start + part.shape[axis]
+                self._step(name, "slice", [source, axis, start, end], part)
+                start = end
         self.values[node.name] = names
 
     def _argument(self, value: Any) -> Any:
         if isinstance(value, torch.fx.Node):
             return self.values[value.name]
-        return [self._argument(each) for each in value] if isinstance(value, (list, tuple)) else value
+        if isinstance(value, (list, tuple)):
+            return [self._argument(each) for each in value]
+        return value
 
     def _keep(self, tensor: Tensor) -> str:
         """Store a constant and return its name; equal objects share one."""
-        known = next((name for name, value in self.values.items() if value is tensor), f"constant{len(self.values)}")
-        self.values[known] = tensor
-        return known
+        for known, value in self.values.items():
+            if value is tensor:
+                return known
+        name = f"constant{len(self.values)}"
+        self.values[name] = tensor
+        return name
 
     def program(self, result: str, size: tuple[int, int]) -> Program:
         """The program, reduced to the steps and constants that the result needs."""
         last = self.values[result]
-        needed, steps = {last}, list[Step]()
+        needed = {last}
+        steps: list[Step] = []
         for step in reversed(self.steps):
             if step.name in needed:
                 steps.append(step)
                 needed |= step.names()
-        tensors = {k: v.detach().cpu() for k, v in self.values.items() if k in needed and isinstance(v, Tensor)}
-        constants = {k: (v.float() if v.is_floating_point() else v.int()).numpy() for k, v in tensors.items()}
+        constants = {}
+        for name, value in self.values.items():
+            if name in needed and isinstance(value, Tensor):
+                plain = value.detach().cpu()
+                plain = plain.float() if plain.is_floating_point() else plain.int()
+                constants[name] = plain.numpy()
         return Program(tuple(reversed(steps)), constants, last, size)
+
+
+def _kind_of(tensor: Tensor) -> str:
+    if tensor.dtype.is_floating_point:
+        return "float"
+    return "bool" if tensor.dtype == torch.bool else "int"
 
 
 def _names(arguments: Any) -> bool:
@@ -212,4 +242,6 @@ def _plain(argument: Any, keep: Callable[[Tensor], str]) -> Any:
         return float(argument) if argument.ndim == 0 else {"of": keep(argument)}
     if isinstance(argument, str):
         return {"of": argument}
-    return argument if argument is None or isinstance(argument, (int, float, bool)) else str(argument)
+    if argument is None or isinstance(argument, (int, float, bool)):
+        return argument
+    return str(argument)

@@ -153,7 +153,8 @@ def in_turns(
     floor = partial(_Floor(size).to(device).query, *Queries(batch).draw(size, device))
     rng, clock = np.random.default_rng(0), clock_of(threads)
     orders = [rng.permutation(len(calls)) for _ in range(turns)]
-    samples, floors = np.empty((turns, len(calls))), np.empty((turns, len(calls) + 1))
+    samples = np.empty((turns, len(calls)))
+    floors = np.empty((turns, len(calls) + 1))
     ratios = np.empty_like(samples)
     measured = {"samples": samples, "floors": floors, "ratios": ratios}
     done = kept.read(measured) if kept else 0
@@ -163,7 +164,8 @@ def in_turns(
         for turn in followed(show, range(done, turns), "timing decoders", turns - done):
             floors[turn, 0] = floored()
             for at, i in enumerate(orders[turn]):
-                samples[turn, i], floors[turn, at + 1] = timed[i](), floored()
+                samples[turn, i] = timed[i]()
+                floors[turn, at + 1] = floored()
                 ratios[turn, i] = samples[turn, i] / floors[turn, at : at + 2].mean()
             if kept:
                 kept.write(measured, turn + 1)
@@ -195,7 +197,7 @@ def elapsed(call: Callable[[], Any], repeat: int, device: torch.device, clock: C
     if is_gpu(device):
         module = torch.get_device_module(device)
         with module.device(device) if device.index else nullcontext():  # `cuda:1` has a queue of its own
-            start, end = (module.Event(enable_timing=True) for _ in range(2))
+            start, end = module.Event(enable_timing=True), module.Event(enable_timing=True)
             start.record()
             for _ in range(repeat):
                 call()

@@ -56,11 +56,12 @@ class Variant:
     def parse(text: str) -> "Variant":
         """The variant that a text names: an execution, or an execution and a precision."""
         execution, _, precision = text.partition(" ")
-        for word, known in ((execution, EXECUTIONS), (precision or "float32", tuple(DTYPES))):
+        precision = precision or "float32"
+        for word, known in ((execution, EXECUTIONS), (precision, tuple(DTYPES))):
             if word not in known:
-                raise InputError(f"variant {text!r}: no {word!r}{did_you_mean(word, known)}: write one of "
-                                 f"{', '.join(EXECUTIONS)}, and one of {', '.join(DTYPES)}")  # fmt: skip
-        return Variant(execution, precision or "float32")
+                remedy = f"write one of {', '.join(EXECUTIONS)}, and one of {', '.join(DTYPES)}"
+                raise InputError(f"variant {text!r}: no {word!r}{did_you_mean(word, known)}: {remedy}")
+        return Variant(execution, precision)
 
 
 def exists_on(variant: Variant, device: torch.device) -> bool:
@@ -91,19 +92,32 @@ def prepared(material: Material, variant: Variant) -> Material:
 
 def networks(material: Material) -> list[Decoder]:
     """Every decoder network of a material, however deep."""
-    roots = (value for value in vars(material).values() if isinstance(value, nn.Module))
-    return [module for root in roots for module in root.modules() if isinstance(module, Decoder)]
+    found: list[Decoder] = []
+    for root in _modules(material):
+        found += [module for module in root.modules() if isinstance(module, Decoder)]
+    return found
+
+
+def _modules(material: Material) -> list[nn.Module]:
+    """The modules that are attributes of a material."""
+    return [value for value in vars(material).values() if isinstance(value, nn.Module)]
 
 
 def _replaced(material: Material, make: Callable[[Decoder], nn.Module]) -> int:
     """Replace each decoder network by `make(network)`; returns the number of networks."""
-    roots = [value for value in vars(material).values() if isinstance(value, nn.Module)]
-    inner = [(module, *child) for root in roots for module in root.modules() for child in module.named_children()]
-    own: list[tuple[Any, str, Any]] = [(material, *each) for each in vars(material).items()]
-    found = [each for each in (*own, *inner) if isinstance(each[2], Decoder)]
-    for holder, name, network in found:
-        setattr(holder, name, make(network))
-    return len(found)
+    held: list[tuple[Any, str, Any]] = []  # what holds a value, under which name, and the value
+    for name, value in vars(material).items():
+        held.append((material, name, value))
+    for root in _modules(material):
+        for module in root.modules():
+            for name, child in module.named_children():
+                held.append((module, name, child))
+    count = 0
+    for holder, name, value in held:
+        if isinstance(value, Decoder):
+            setattr(holder, name, make(value))
+            count += 1
+    return count
 
 
 def _fused(material: Material, variant: Variant) -> Material:
@@ -138,7 +152,8 @@ def _fused_on_cpu(material: Material) -> Material:
 def _whole(material: Material) -> Material:
     from bench.timing.fused.whole import Placeholder, Whole
 
-    marked, decoders = copy.deepcopy(material), list[Decoder]()
+    marked = copy.deepcopy(material)
+    decoders: list[Decoder] = []
 
     def placeholder(decoder: Decoder) -> nn.Module:
         decoders.append(decoder)
@@ -198,5 +213,8 @@ class _Tf32(Wrapped):
 
 def needs_compiler(device: torch.device) -> None:
     """Raise `InputError` if torch.compile would find no compiler for a device."""
-    if not is_gpu(device) and not any(map(shutil.which, filter(None, (os.environ.get("CXX"), "g++", "clang++")))):
+    if is_gpu(device):
+        return
+    compilers = [os.environ.get("CXX"), "g++", "clang++"]
+    if not any(shutil.which(compiler) for compiler in compilers if compiler):
         raise InputError("compiled needs a C++ compiler: install g++ or clang++, or name one in CXX; or use eager")

@@ -57,10 +57,11 @@ def profile(
         there = {name: call for name, call in calls.items() if call}
         timed = in_turns(there, condition.batch, first.size, condition.threads, first.device)
         for name, timing in timed.items():
-            if name != FLOOR or condition.part == "query":
-                found = {"material": surface, "name": name} | asdict(condition) | dict(timing.summary())
-                found |= {"samples_ns": timing.samples.tolist()} | dict(hardware(first.device))
-                yield cast(Profile, found)
+            if name == FLOOR and condition.part != "query":
+                continue
+            found = {"material": surface, "name": name} | asdict(condition) | dict(timing.summary())
+            found |= {"samples_ns": timing.samples.tolist()} | dict(hardware(first.device))
+            yield cast(Profile, found)
 
 
 def _call(material: Material, condition: Condition) -> Callable[[], Any] | None:
@@ -91,9 +92,10 @@ def roofline(device: torch.device, threads: int, dtype: torch.dtype = torch.floa
     The best of several rounds, because a limit needs to be reached only once."""
     clock = clock_of(threads)
     with torch_threads(threads):
-        calls = [calibrated(call, device, clock) for call in ceiling_calls(device, dtype)]
-        best = [min(call() for _ in range(ROUNDS)) for call in calls]
-    flops, read = rates(best[0], best[1], device)
+        product, copy = (calibrated(call, device, clock) for call in ceiling_calls(device, dtype))
+        product_ns = min(product() for _ in range(ROUNDS))
+        copy_ns = min(copy() for _ in range(ROUNDS))
+    flops, read = rates(product_ns, copy_ns, device)
     return {
         "flops_per_ns": flops,
         "bytes_per_ns": read,

@@ -50,20 +50,26 @@ class Canvas:
     @classmethod
     def of(cls, sizes: Sequence[Size]) -> "Canvas":
         tall = is_tall(sizes)
-        stride, top = max(height if tall else width for height, width in sizes) + 3, 0
+        stride = 3 + max(width for _, width in _placed(sizes))
+        top = 0
         rows, columns, shadows = [], [], []
         for height, width in sizes:
             y, x = np.divmod(np.arange(height * width), width)
             if tall:
                 x, y, height, width = y, x, width, height
+            shadow = np.zeros_like(x)
+            shadow[x == width - 1] = 1
+            shadow[x == 0] = stride - 1
             rows.append(y + top)
             columns.append(x)
-            shadows.append(np.where(x == 0, stride - 1, np.where(x == width - 1, 1, 0)))
+            shadows.append(shadow)
             top += height
         y, x = np.concatenate(rows), np.concatenate(columns)
-        order = np.argsort(x + 2 * y, kind="stable")
-        starts = np.searchsorted((x + 2 * y)[order], np.arange(int((x + 2 * y).max()) + 2))
-        return cls(stride, (top + 3) * stride, (y + 2) * stride + x + 2, np.concatenate(shadows), order, starts)
+        level = x + 2 * y
+        order = np.argsort(level, kind="stable")
+        starts = np.searchsorted(level[order], np.arange(int(level.max()) + 2))
+        cells = (y + 2) * stride + x + 2
+        return cls(stride, (top + 3) * stride, cells, np.concatenate(shadows), order, starts)
 
     def steps(self, channels: int) -> Iterator[tuple[Ints, Ints]]:
         """The texels and channels (n,) of each step of decoding."""
@@ -73,8 +79,10 @@ class Canvas:
             some = channel[(level >= 0) & (level < count)]
             start, end = self.starts[step - LAG * some], self.starts[step - LAG * some + 1]
             sizes = end - start
-            if total := int(sizes.sum()):
-                place = np.arange(total) + np.repeat(start - np.cumsum(sizes) + sizes, sizes)
+            total = int(sizes.sum())
+            if total:
+                before = np.cumsum(sizes) - sizes  # texels of the channels before each
+                place = np.arange(total) + np.repeat(start - before, sizes)
                 yield self.order[place], np.repeat(some, sizes)
 
     def fill(self, planes: Ints, plane: int, values: Ints) -> None:
@@ -84,15 +92,22 @@ class Canvas:
 
     def around(self, planes: NDArray[np.integer], cell: Ints) -> Ints:
         """The mean (n,) of what is left of cells (n,) and above them."""
-        left, *above = (planes[cell - back].astype(np.int64) for back in (1, *(self.stride + i for i in (0, -1, 1))))
-        return 3 * (left + above[0]) + above[1] + above[2] >> 3
+
+        def back(places: int) -> Ints:
+            return planes[cell - places].astype(np.int64)
+
+        left, above = back(1), back(self.stride)
+        above_right, above_left = back(self.stride - 1), back(self.stride + 1)
+        return 3 * (left + above) + above_right + above_left >> 3
 
     def offset(self, term: int) -> int:
         """From a code to the one that a term reads, in an array of planes."""
         if term < len(OWN):
-            return OWN[term][0] * self.stride + OWN[term][1]
+            rows, columns = OWN[term]
+            return rows * self.stride + columns
         back, around = divmod(term - len(OWN), len(AROUND))
-        return AROUND[around][0] * self.stride + AROUND[around][1] - (back + 1) * self.plane
+        rows, columns = AROUND[around]
+        return rows * self.stride + columns - (back + 1) * self.plane
 
 
 def is_tall(sizes: Sequence[Size]) -> bool:
@@ -100,13 +115,21 @@ def is_tall(sizes: Sequence[Size]) -> bool:
     return sum(height for height, _ in sizes) > 2 * max(width for _, width in sizes)
 
 
+def _placed(sizes: Sequence[Size]) -> Sequence[Size]:
+    """The sizes of pictures as they lie on a canvas: turned, if they are tall."""
+    if is_tall(sizes):
+        return [(width, height) for height, width in sizes]
+    return sizes
+
+
 def feasible(sizes: Sequence[Size], channels: int) -> bool:
     """Whether pictures of these sizes have texels, and take a number of steps that suits the number of codes."""
     if min(min(size) for size in sizes) < 1:
         return False
-    sides = [size[::-1] for size in sizes] if is_tall(sizes) else sizes
+    sides = _placed(sizes)
     steps = max(width for _, width in sides) + 2 * sum(height for height, _ in sides) + LAG * channels
-    return steps <= FEW_STEPS + channels * sum(height * width for height, width in sizes) // LEAST_CODES
+    codes = channels * sum(height * width for height, width in sizes)
+    return steps <= FEW_STEPS + codes // LEAST_CODES
 
 
 @dataclass
@@ -123,8 +146,10 @@ class CodeModel:
         out = bytearray()
         for channel, terms in enumerate(self.terms):
             constant, around, before, shape = self.mixture[channel].tolist()
+            read = [term for term, _ in terms]
+            weights = [weight & 255 for _, weight in terms]
             out += bytes([self.middle[channel], self.spread[channel], constant << 4 | around, before << 4 | shape])
-            out += bytes([len(terms), *(term for term, _ in terms), *(weight & 255 for _, weight in terms)])
+            out += bytes([len(terms), *read, *weights])
         return bytes(out)
 
     @classmethod
@@ -136,11 +161,13 @@ class CodeModel:
             count = head[4] if len(head) == HEAD else MOST_TERMS + 1
             body = np.frombuffer(data[at + HEAD : at + HEAD + 2 * count], np.int8)
             read = body[:count].view(np.uint8).tolist()
+            weights = body[count:].tolist()
+            readable = len(OWN) + len(AROUND) * min(channel, BACK)
             sound = count <= MOST_TERMS and len(body) == 2 * count and head[1] < 128 and head[3] % 16 < len(SHAPES)
-            if not sound or max(read, default=0) >= len(OWN) + len(AROUND) * min(channel, BACK):
+            if not sound or max(read, default=0) >= readable:
                 raise InputError("a texture of this file does not say how its codes are predicted: encode it again")
             heads.append([head[0], head[1], head[2] >> 4, head[2] & 15, head[3] >> 4, head[3] & 15])
-            terms.append(list(zip(read, body[count:].tolist(), strict=True)))
+            terms.append(list(zip(read, weights, strict=True)))
             at += HEAD + 2 * count
         table = np.array(heads, np.int64)
         return cls(bits, table[:, 0], table[:, 1], table[:, 2:], terms), at
@@ -171,18 +198,23 @@ class CodeModel:
 
     def taps(self, canvas: Canvas) -> tuple[Ints, NDArray[np.int32]]:
         """The offsets and the weights, int32, (C, T) of the terms of each channel."""
-        offsets, weights = np.zeros((2, len(self.terms), max(1, *map(len, self.terms), 1)), np.int64)
+        most = max([1, *(len(terms) for terms in self.terms)])
+        offsets, weights = np.zeros((2, len(self.terms), most), np.int64)
         for channel, terms in enumerate(self.terms):
             for place, (term, weight) in enumerate(terms):
-                offsets[channel, place], weights[channel, place] = canvas.offset(term), weight
+                offsets[channel, place] = canvas.offset(term)
+                weights[channel, place] = weight
         return offsets, weights.astype(np.int32)
 
     def curve(self, channel: Ints | int, guess: Ints, steepness: Ints) -> "Curve":
         """The distributions (n,) of codes; `steepness` is 2^26 over the deviation."""
         bits = self.bits[channel]
         first = ONE // 2 * (-2 * self.middle[channel] - 1 << 8 - bits)
-        start, slope, codes = (first - guess) * steepness, (ONE << 8 - bits) * steepness, 1 << bits
-        return Curve(start, slope, self.mixture[channel, 3] * (2 * REACH) + REACH, codes, TOTAL - codes)
+        start = (first - guess) * steepness
+        slope = (ONE << 8 - bits) * steepness
+        middle = self.mixture[channel, 3] * (2 * REACH) + REACH
+        codes = 1 << bits
+        return Curve(start, slope, middle, codes, TOTAL - codes)
 
 
 class Curve(NamedTuple):
@@ -209,7 +241,8 @@ class Curve(NamedTuple):
 
     def below(self, code: Ints) -> Ints:
         """The frequencies (n,) of all codes below these, 0 and the number of codes among them."""
-        return np.where(code <= 0, 0, np.where(code >= self.codes, TOTAL, self.inside(code)))
+        found = np.where(code >= self.codes, TOTAL, self.inside(code))
+        return np.where(code <= 0, 0, found)
 
 
 @functools.cache
@@ -228,7 +261,8 @@ def cumulative() -> Ints:
         for i in range(1, freedom // 2):
             term = (term * cosine >> 24) * (2 * i - 1) // (2 * i)
             total = total + term
-        upper = np.maximum.accumulate(TOTAL // 2 + (_root((square << 34) // whole) * total >> 26))
+        sine = _root((square << 34) // whole)
+        upper = np.maximum.accumulate(TOTAL // 2 + (sine * total >> 26))
         tables.append(np.concatenate([TOTAL - upper[-1:], TOTAL - upper[:0:-1], upper]))
     return np.concatenate(tables)
 

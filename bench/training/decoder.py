@@ -99,9 +99,11 @@ class Decoder(Network):
         """Outputs (n, outputs) for inputs (n, inputs), in their dtype; intermediates have the dtype of the weights."""
         x = inputs.to(next(self.parameters()).dtype)
         for depth, layer in enumerate(self.layers[:-1]):
-            hidden = self._activate(saturated(layer(x)) if self.norms is None else self._normed(x, depth))
+            linear = saturated(layer(x)) if self.norms is None else self._normed(x, depth)
+            hidden = self._activate(linear)
             if self.architecture.residual and x.shape == hidden.shape:
-                hidden = saturated(x + hidden if hidden.requires_grad else hidden.add_(x))
+                hidden = x + hidden if hidden.requires_grad else hidden.add_(x)
+                hidden = saturated(hidden)
             x = hidden
         return saturated(self.layers[-1](x)).to(inputs.dtype)
 
@@ -121,7 +123,8 @@ class Decoder(Network):
         match self.architecture.activation:
             case "sine":
                 if self.architecture.omega != 1:
-                    x = saturated(x.mul_(self.architecture.omega) if free else x * self.architecture.omega)
+                    x = x.mul_(self.architecture.omega) if free else x * self.architecture.omega
+                    x = saturated(x)
                 return x.sin_() if free else x.sin()
             case "leaky-relu":
                 return functional.leaky_relu(x, LEAK, inplace=free)

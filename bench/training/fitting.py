@@ -109,8 +109,9 @@ class Objective(nn.Module):
 
     def restored(self) -> None:
         """Read again what steps keep on the host, once the tensors came from a state."""
-        for each in (module for module in self.modules() if isinstance(module, Rounding)):
-            each.chosen = bool(each.bits.any())
+        for module in self.modules():
+            if isinstance(module, Rounding):
+                module.chosen = bool(module.bits.any())
 
     @torch.no_grad()
     def round_textures(self, fit: Fit, progress: float) -> None:
@@ -124,9 +125,14 @@ class Objective(nn.Module):
 
 def display_psnr(level: Tensor, target: Tensor) -> float:
     """Display-space PSNR in dB of log radiance against its target."""
-    ours, truth = (to_display((x.double().expm1() / LOG_SCALE).cpu().numpy(), 1.0) for x in (level, target))
+
+    def shown(x: Tensor) -> np.ndarray:
+        linear = x.double().expm1() / LOG_SCALE
+        return to_display(linear.cpu().numpy(), 1.0)
+
+    error = np.square(shown(target) - shown(level)).mean()
     # A constant material is fitted exactly; the curve then shows 120 dB, because a record cannot hold infinity.
-    return float(decibels(max(np.square(truth - ours).mean(), 1e-12), peak=1.0))
+    return float(decibels(max(error, 1e-12), peak=1.0))
 
 
 def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> float:
@@ -161,10 +167,11 @@ class _Loop:
         self.generator = fit.generator()
         self.optimisers = Optimisers(objective.groups(), fit.device)
         self.highest, self.parameters = self.optimisers.highest, self.optimisers.parameters
-        self.step, self.halvings, self.curve = 0, 0, list[tuple[int, float, float]]()
+        self.step, self.halvings = 0, 0
+        self.curve: list[tuple[int, float, float]] = []
         samples = objective.samples
-        probe = samples.draw_unseen if samples.trained < samples.texels else samples.draw
-        self.probe = probe(PROBE, torch.Generator().manual_seed(fit.seed ^ 0x0B5E))
+        draw = samples.draw_unseen if samples.trained < samples.texels else samples.draw
+        self.probe = draw(PROBE, torch.Generator().manual_seed(fit.seed ^ 0x0B5E))
         self.saved = self.shown = time.perf_counter()
         self.started = processor_seconds()
         self.good = self._state()
@@ -178,11 +185,14 @@ class _Loop:
         progress = torch.tensor([self.step, self.halvings])
         curve = torch.tensor(self.curve, dtype=torch.float64).reshape(-1, 3)
         loop = {"loop.progress": progress, "loop.curve": curve, "loop.generator": self.generator.get_state()}
-        return {name: value.detach().clone() for name, value in self._tensors().items()} | loop
+        tensors = {name: value.detach().clone() for name, value in self._tensors().items()}
+        return tensors | loop
 
     def _restore(self, state: dict[str, Tensor]) -> None:
         ours = self._tensors()
-        if {k: v.shape for k, v in ours.items()} != {k: v.shape for k, v in state.items() if k[:5] != "loop."}:
+        shapes = {name: value.shape for name, value in ours.items()}
+        stored = {name: value.shape for name, value in state.items() if not name.startswith("loop.")}
+        if shapes != stored:
             raise InputError(f"{self.fit.checkpoint}: it is the state of another fit: remove it")
         with torch.no_grad():
             for name, value in ours.items():
@@ -204,13 +214,18 @@ class _Loop:
             log.info("going on from step %d of %d: %s", self.step, self.steps, path)
             for step, seconds, psnr in self.curve:
                 self.fit.log(step, seconds=seconds, psnr=psnr)
-            self.started -= self.curve[-1][1] if self.curve else 0.0
+            if self.curve:
+                _, seconds, _ = self.curve[-1]
+                self.started -= seconds
         self._show()
 
     @property
     def label(self) -> str:
         """The fit in a progress bar, with its latest PSNR."""
-        return "fitting" + (f"{REMARK}{self.curve[-1][2]:.1f} dB" if self.curve else "")
+        if not self.curve:
+            return "fitting"
+        _, _, psnr = self.curve[-1]
+        return f"fitting{REMARK}{psnr:.1f} dB"
 
     def _show(self) -> None:
         self.fit.show(self.label, self.step, self.steps)
@@ -219,7 +234,9 @@ class _Loop:
     def flat(self, patience: int) -> bool:
         """Whether the curve gained less than `GAIN` in the last `patience` steps."""
         before = [psnr for step, _, psnr in self.curve if step <= self.step - patience]
-        return bool(before) and max(psnr for _, _, psnr in self.curve) < max(before) + GAIN
+        if not before:
+            return False
+        return max(psnr for _, _, psnr in self.curve) < max(before) + GAIN
 
     def advance(self, end: int) -> None:
         """Step up to `end`, then save the state, or go back to the last good one."""
@@ -228,13 +245,14 @@ class _Loop:
             progress = self.step / self.steps
             if progress >= ROUNDED_FROM:
                 self.objective.round_textures(self.fit, progress)
-            shares = (self.objective.rate(self.step, self.steps, i) for i in range(len(self.highest)))
             with self.objective.as_stored(progress):
                 loss = self.objective.loss(self.generator, progress)
                 loss.backward()
-            self.optimisers.step(
-                [highest * share / 2**self.halvings for highest, share in zip(self.highest, shares, strict=True)]
-            )
+            rates = []
+            for group, highest in enumerate(self.highest):
+                share = self.objective.rate(self.step, self.steps, group)
+                rates.append(highest * share / 2**self.halvings)
+            self.optimisers.step(rates)
             total += loss.detach()
             self.step += 1
             if self.step < end and time.perf_counter() - self.shown >= SHOW_SECONDS:

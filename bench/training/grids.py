@@ -62,7 +62,8 @@ class Grids(nn.Module):
         super().__init__()
         self.values: Any = nn.ParameterDict()
         self.roundings: Any = nn.ModuleDict()
-        picture, start = first.T.unflatten(1, shape), 0
+        picture = first.T.unflatten(1, shape)
+        start = 0
         for name, count in channels(settings, offset).items():
             part = picture[:count] if name == "offset" else picture[start : start + count]
             start += len(part)

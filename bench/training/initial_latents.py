@@ -50,8 +50,10 @@ def components(samples: "Samples", count: int, generator: torch.Generator, slice
     shape = (3 * len(pairs), samples.texels)
 
     def read(label: str) -> Iterator[Tensor]:
+        read_slices = samples.slices if slices is None else slices
         for block in pairs.split(max(1, BLOCK_BYTES // (12 * samples.texels))):
-            yield (slices or samples.slices)(block).permute(1, 2, 0).flatten(0, 1).contiguous()
+            level = read_slices(block)
+            yield level.permute(1, 2, 0).flatten(0, 1).contiguous()
 
     scores = truncated_svd(read, shape, count, PASSES, generator, samples.device, weight).coefficients.T
     return scores / scores.square().mean(0).sqrt()

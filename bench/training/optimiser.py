@@ -45,7 +45,7 @@ class Muon(torch.optim.Optimizer):
 
     def __init__(self, groups: Iterable[dict[str, Any]]):
         super().__init__(groups, {"lr": 0.0})
-        for p in (p for group in self.param_groups for p in group["params"]):
+        for p in _parameters(self.param_groups):
             self.state[p] = {"momentum": torch.zeros_like(p)}
 
     @torch.no_grad()
@@ -56,7 +56,8 @@ class Muon(torch.optim.Optimizer):
                     continue
                 momentum = self.state[p]["momentum"].lerp_(p.grad, 1 - MOMENTUM)
                 update = orthogonal(p.grad.lerp(momentum, MOMENTUM))
-                p.sub_(update, alpha=group["lr"] * max(1.0, p.shape[0] / p.shape[1]) ** 0.5)
+                rows, columns = p.shape
+                p.sub_(update, alpha=group["lr"] * max(1.0, rows / columns) ** 0.5)
 
 
 def groups_of(
@@ -64,49 +65,74 @@ def groups_of(
 ) -> list[dict[str, Any]]:
     """Parameter groups of some networks: all at `rate`; with Muon, hidden matrices at `hidden_rate`."""
     networks = list(networks)
-    hidden = [p for network in networks for p in hidden_matrices(network)] if optimiser == "muon" else []
-    others = [p for network in networks for p in network.parameters() if all(p is not h for h in hidden)]
+    hidden: list[nn.Parameter] = []
+    if optimiser == "muon":
+        for network in networks:
+            hidden += hidden_matrices(network)
+    of_muon = {id(p) for p in hidden}
+    others: list[nn.Parameter] = []
+    for network in networks:
+        others += [p for p in network.parameters() if id(p) not in of_muon]
     groups: list[dict[str, Any]] = [{"params": others, "lr": rate}]
-    return [*groups, {"params": hidden, "lr": hidden_rate, "hidden": True}] if hidden else groups
+    if hidden:
+        groups.append({"params": hidden, "lr": hidden_rate, "hidden": True})
+    return groups
 
 
 def hidden_matrices(network: nn.Module) -> list[nn.Parameter]:
     """The matrices between hidden channels that the modules of a network name by a method `hidden_matrices`."""
-    named = [module.hidden_matrices for module in network.modules() if hasattr(module, "hidden_matrices")]
-    return [p for matrices in named for p in matrices()]  # type: ignore[operator]
+    found: list[nn.Parameter] = []
+    for module in network.modules():
+        if hasattr(module, "hidden_matrices"):
+            found += module.hidden_matrices()  # type: ignore[operator]
+    return found
+
+
+def _parameters(groups: Iterable[dict[str, Any]]) -> list[nn.Parameter]:
+    """The parameters of some groups, one after the other."""
+    found: list[nn.Parameter] = []
+    for group in groups:
+        found += group["params"]
+    return found
 
 
 class Optimisers:
     """Adam and Muon over the groups of an objective; Muon steps the groups with `hidden`."""
 
     def __init__(self, groups: list[dict[str, Any]], device: torch.device):
-        given = [{key: value for key, value in group.items() if key != "hidden"} for group in groups]
-        hidden = [bool(group.get("hidden")) for group in groups]
         self.highest = [group["lr"] for group in groups]
         self.each: dict[str, torch.optim.Optimizer] = {}
-        adams, muons = ([g for g, h in zip(given, hidden, strict=True) if h is which] for which in (False, True))
-        if adams:
-            adam = self.each["adam"] = torch.optim.Adam(adams, lr=0.0, fused=True)
-            for p in (p for group in adam.param_groups for p in group["params"]):
-                moments = {name: torch.zeros_like(p) for name in ("exp_avg", "exp_avg_sq")}
-                adam.state[p] = {"step": torch.zeros((), device=device), **moments}
-        if muons:
-            self.each["muon"] = Muon(muons)
-        turns = {name: iter(optimiser.param_groups) for name, optimiser in self.each.items()}
-        self.groups = [next(turns["muon" if h else "adam"]) for h in hidden]  # in the given order
+        names: list[str] = []  # of the optimiser that steps each group
+        given: dict[str, list[dict[str, Any]]] = {"adam": [], "muon": []}
+        for group in groups:
+            name = "muon" if group.get("hidden") else "adam"
+            names.append(name)
+            given[name].append({key: value for key, value in group.items() if key != "hidden"})
+        if given["adam"]:
+            adam = self.each["adam"] = torch.optim.Adam(given["adam"], lr=0.0, fused=True)
+            for p in _parameters(adam.param_groups):
+                adam.state[p] = {
+                    "step": torch.zeros((), device=device),
+                    "exp_avg": torch.zeros_like(p),
+                    "exp_avg_sq": torch.zeros_like(p),
+                }
+        if given["muon"]:
+            self.each["muon"] = Muon(given["muon"])
+        groups_in_turn = {name: iter(optimiser.param_groups) for name, optimiser in self.each.items()}
+        self.groups = [next(groups_in_turn[name]) for name in names]  # in the given order
 
     @property
     def parameters(self) -> list[nn.Parameter]:
-        return [p for group in self.groups for p in group["params"]]
+        return _parameters(self.groups)
 
     def tensors(self) -> dict[str, Tensor]:
         """Every tensor of their states by name; not copies."""
-        return {
-            f"{name}.{i}.{key}": value
-            for name, optimiser in self.each.items()
-            for i, p in enumerate(p for group in optimiser.param_groups for p in group["params"])
-            for key, value in optimiser.state[p].items()
-        }
+        tensors = {}
+        for name, optimiser in self.each.items():
+            for i, p in enumerate(_parameters(optimiser.param_groups)):
+                for key, value in optimiser.state[p].items():
+                    tensors[f"{name}.{i}.{key}"] = value
+        return tensors
 
     def step(self, rates: list[float]) -> None:
         """One step down the gradients, each group at its own rate; then clear the gradients."""

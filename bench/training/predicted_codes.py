@@ -45,12 +45,17 @@ def encode(codes: Codes, bits: Ints, sizes: Sequence[Size]) -> bytes:
     def known(texel: Ints, channel: Ints, curve: Curve) -> Ints:
         code = codes[texel, channel].astype(np.int64)
         below = curve.below(code)
-        taken.append((below.astype(np.int32), (curve.below(code + 1) - below).astype(np.int32)))
+        share = curve.below(code + 1) - below
+        taken.append((below.astype(np.int32), share.astype(np.int32)))
         return code
 
     _walk(model, canvas, known)
-    state, words = np.full(_lanes(codes.size), TOTAL), list[Ints]()
-    rounds = [(below[each], share[each]) for below, share in taken for each in _rounds(len(below), len(state))]
+    state = np.full(_lanes(codes.size), TOTAL)
+    words: list[Ints] = []
+    rounds = []
+    for below, share in taken:
+        for part in _rounds(len(below), len(state)):
+            rounds.append((below[part], share[part]))
     for below, share in reversed(rounds):
         used = state[: len(below)]
         share = share.astype(np.int64)
@@ -71,8 +76,10 @@ def decode(data: bytes, bits: Ints, sizes: Sequence[Size]) -> Codes:
     codes = np.zeros((len(canvas.cells), len(bits)), np.uint8)
 
     def read(texel: Ints, channel: Ints, curve: Curve) -> Ints:
-        parts = (Curve(*(x[each] for x in curve)) for each in _rounds(len(texel), len(reader.state)))
-        found = np.concatenate(list(map(reader.codes, parts)))
+        each = []
+        for part in _rounds(len(texel), len(reader.state)):
+            each.append(reader.codes(Curve(*(numbers[part] for numbers in curve))))
+        found = np.concatenate(each)
         codes[texel, channel] = found
         return found
 
@@ -108,7 +115,8 @@ def _walk(model: CodeModel, canvas: Canvas, code_step: Step) -> None:
         now = model.activity(channel, value, guess, before)
         shadow = canvas.shadows[texel]
         for there in (cell, cell + shadow):
-            values[there], activity[there + plane] = value, now
+            values[there] = value
+            activity[there + plane] = now
 
 
 class _Reader:
@@ -161,10 +169,12 @@ def fitted(codes: NDArray[np.uint8], bits: Ints, canvas: Canvas) -> CodeModel:
     for channel in range(channels):
         cell = canvas.cells + channel * canvas.plane
         model.terms.append(_terms(values, cell[some], channel, count, float(1 << 8 - bits[channel]), canvas))
-        guess = sum((values[cell + canvas.offset(term)] * weight for term, weight in model.terms[-1]), 0 * cell)
-        guess = model.guess(guess)
-        error = (ONE * values[cell] - guess)[some]
-        deviation = max(8, int(np.sqrt(np.square(error.astype(np.float64)).mean())))
+        weighted = np.zeros_like(cell)
+        for term, weight in model.terms[-1]:
+            weighted = weighted + values[cell + canvas.offset(term)] * weight
+        guess = model.guess(weighted)
+        error = (ONE * values[cell] - guess)[some].astype(np.float64)
+        deviation = max(8, int(np.sqrt(np.square(error).mean())))
         exponent = deviation.bit_length() - 4
         model.spread[channel] = exponent << 3 | (deviation >> exponent) & 7
         before = activity[cell].astype(np.int64)
@@ -179,20 +189,23 @@ def fitted(codes: NDArray[np.uint8], bits: Ints, canvas: Canvas) -> CodeModel:
 def _terms(values: Ints, cell: Ints, channel: int, count: int, step: float, canvas: Canvas) -> list[tuple[int, int]]:
     """What a channel of `count` codes reads, and its weights: each term saves more bits than it takes."""
     candidates = np.arange(len(OWN) + len(AROUND) * min(channel, BACK))
-    near = values[cell[:, None] + np.array([canvas.offset(int(term)) for term in candidates])].astype(np.float64)
+    offsets = np.array([canvas.offset(int(term)) for term in candidates])
+    near = values[cell[:, None] + offsets].astype(np.float64)
     wanted = values[cell].astype(np.float64)
     inner, outer, left = near.T @ near, near.T @ wanted, float(wanted @ wanted)
     inner += np.diag(NUDGE * (inner.diagonal() + len(cell)))
-    floor, chosen, weights = len(cell) * step**2 / 12, list[int](), np.zeros(0)
+    floor = len(cell) * step**2 / 12
+    chosen: list[int] = []
+    weights = np.zeros(0)
     while len(chosen) < MOST_TERMS:
         both = inner[chosen]
         solved = np.linalg.solve(both[:, chosen], both) if chosen else both
-        gain = np.square(outer - solved.T @ outer[chosen]) / np.maximum(
-            inner.diagonal() - (both * solved).sum(0), 1e-3 * len(cell)
-        )
+        unexplained = np.maximum(inner.diagonal() - (both * solved).sum(0), 1e-3 * len(cell))
+        gain = np.square(outer - solved.T @ outer[chosen]) / unexplained
         gain[chosen] = 0
         best = int(gain.argmax())
-        if count / 2 * np.log2((left + floor) / (max(left - gain[best], 0) + floor)) < COST:
+        saved = count / 2 * np.log2((left + floor) / (max(left - gain[best], 0) + floor))
+        if saved < COST:
             break
         chosen.append(best)
         weights = np.linalg.solve(inner[np.ix_(chosen, chosen)], outer[chosen])
@@ -208,7 +221,8 @@ def _mixture(model: CodeModel, channel: int, code: Ints, guess: Ints, around: In
         model.mixture[channel] = mixture
         steepness = (1 << 26) // model.deviation(channel, around, before)
         curve = model.curve(channel, guess, steepness)
-        return -float(np.log2((curve.below(code + 1) - curve.below(code)) / TOTAL).sum())
+        share = curve.below(code + 1) - curve.below(code)
+        return -float(np.log2(share / TOTAL).sum())
 
     best: tuple[int, ...] = FIRST
     least = length(best)
@@ -218,6 +232,7 @@ def _mixture(model: CodeModel, channel: int, code: Ints, guess: Ints, around: In
         for place, count in enumerate((16, 16, 16, len(SHAPES))):
             for number in range(count):
                 tried = (*best[:place], number, *best[place + 1 :])
-                if (found := length(tried)) < least:
+                found = length(tried)
+                if found < least:
                     best, least, improved = tried, found, True
     return np.array(best)

@@ -28,18 +28,24 @@ def pack(name: str, values: Tensor, precision: FloatPrecision) -> dict[str, Tens
     if precision == "float32":
         return {name: values.float()}
     scale = half_scale(float(values.abs().max())) if values.numel() else 1.0
-    return {name: (values / scale).half()} | ({f"{name}.scale": torch.tensor([scale])} if scale != 1 else {})
+    packed = {name: (values / scale).half()}
+    if scale != 1:
+        packed[f"{name}.scale"] = torch.tensor([scale])
+    return packed
 
 
 def unpack(name: str, tensors: dict[str, Tensor]) -> Tensor:
     """Restore the float32 values that `pack` stored."""
     values = tensors[name].float()
-    return values * tensors[f"{name}.scale"] if f"{name}.scale" in tensors else values
+    if f"{name}.scale" in tensors:
+        return values * tensors[f"{name}.scale"]
+    return values
 
 
 def pack_bits(codes: Tensor, bits: int) -> Tensor:
     """Whole numbers (n,) below 2^bits as bytes, uint8: their bits one after the other, each number's lowest first."""
-    return torch.from_numpy(np.packbits((codes.cpu().numpy()[:, None] >> np.arange(bits) & 1).astype(np.uint8)))
+    flags = codes.cpu().numpy()[:, None] >> np.arange(bits) & 1
+    return torch.from_numpy(np.packbits(flags.astype(np.uint8)))
 
 
 def unpack_bits(packed: Tensor, count: int, bits: int) -> Tensor:

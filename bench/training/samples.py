@@ -38,14 +38,21 @@ class Samples:
         self.shape, self.pairs = btf.shape, len(btf)
         self.texels = btf.shape[0] * btf.shape[1]
         self.trained = self.texels  # these come first; others belong to materials kept out of training, for the curve
-        self.wo, self.wi = (torch.from_numpy(w).to(fit.device) for w in (btf.wo, btf.wi))
-        self.density = fit.density and fit.density.to(fit.device)
-        if self.density:  # the scene's directions follow those of the pairs
+        self.wo = torch.from_numpy(btf.wo).to(fit.device)
+        self.wi = torch.from_numpy(btf.wi).to(fit.device)
+        if fit.density:  # the scene's directions follow those of the pairs
+            self.density = fit.density.to(fit.device)
             self.wo = torch.cat([self.wo, self.density.wo.to(fit.device)])
             self.wi = torch.cat([self.wi, self.density.wi.to(fit.device)])
         self.table: Tensor | None = None  # (texels, pairs, 3)
-        if 6 * self.texels * self.pairs <= memory_limit:
-            self.table = _filled({1: self}, fit.progress(btf, total=len(btf)))[0].to(fit.device)
+        if self.table_bytes <= memory_limit:
+            (table,) = _filled({1: self}, fit.progress(btf, total=len(btf)))
+            self.table = table.to(fit.device)
+
+    @property
+    def table_bytes(self) -> int:
+        """The size of its table: three halves for each texel and pair."""
+        return 6 * self.texels * self.pairs
 
     @classmethod
     def levels(cls, btf: BTF, count: int, gain: float, fit: Fit) -> "list[Samples]":
@@ -53,11 +60,14 @@ class Samples:
 
         If the finest does not fit into memory, the others hold `COARSE_PAIRS` random pairs: all would take minutes.
         """
-        levels = {1: cls(btf, gain, fit, memory_limit=0)}
-        if 6 * btf.shape[0] * btf.shape[1] * len(btf) > MEMORY_LIMIT and len(btf) > COARSE_PAIRS and not fit.density:
-            btf = btf.subset(torch.randperm(len(btf), generator=fit.generator())[:COARSE_PAIRS].sort().values.numpy())
-        levels |= {2**level: cls(btf.downsample(2**level), gain, fit, memory_limit=0) for level in range(1, count)}
-        small = {factor: each for factor, each in levels.items() if 6 * each.texels * each.pairs <= MEMORY_LIMIT}
+        finest = cls(btf, gain, fit, memory_limit=0)
+        if finest.table_bytes > MEMORY_LIMIT and len(btf) > COARSE_PAIRS and not fit.density:
+            shuffled = torch.randperm(len(btf), generator=fit.generator())
+            btf = btf.subset(shuffled[:COARSE_PAIRS].sort().values.numpy())
+        levels = {1: finest}
+        for level in range(1, count):
+            levels[2**level] = cls(btf.downsample(2**level), gain, fit, memory_limit=0)
+        small = {factor: each for factor, each in levels.items() if each.table_bytes <= MEMORY_LIMIT}
         if small:
             tables = _filled(small, fit.progress(btf, total=len(btf)))
             for each, table in zip(small.values(), tables, strict=True):
@@ -73,15 +83,18 @@ class Samples:
     def draw(self, count: int, generator: torch.Generator) -> Batch:
         """Draw `count` samples, uniform over texels and pairs; in a fit to a scene, by its density."""
         if self.density:
-            return self.seen(*map(self._up, self.density.draw(count, self.shape, generator)))
+            drawn = self.density.draw(count, self.shape, generator)
+            return self.seen(self._up(drawn.texel), self._up(drawn.direction))
         flat = self._up(torch.randint(self.trained * self.pairs, (count,), generator=generator))
         return self.at(flat // self.pairs, flat % self.pairs)
 
     def draw_at(self, texel: Tensor, generator: torch.Generator) -> Batch:
         """Draw a sample at each of some texels (n,), uniform over pairs; in a fit to a scene, by its density."""
         if self.density:
-            return self.seen(texel, self._up(self.density.draw(len(texel), self.shape, generator).direction))
-        return self.at(texel, self._up(torch.randint(self.pairs, (len(texel),), generator=generator)))
+            drawn = self.density.draw(len(texel), self.shape, generator)
+            return self.seen(texel, self._up(drawn.direction))
+        pair = torch.randint(self.pairs, (len(texel),), generator=generator)
+        return self.at(texel, self._up(pair))
 
     def draw_unseen(self, count: int, generator: torch.Generator) -> Batch:
         """Draw `count` samples of texels kept out of training."""
@@ -97,21 +110,25 @@ class Samples:
         if self.table is not None:
             return Batch(texel, pair, self.table.view(-1, 3)[texel * self.pairs + pair].float())
         row, col = np.divmod(texel.cpu().numpy(), self.shape[1])
-        return Batch(texel, pair, self._log(self.btf.gather(pair.cpu().numpy(), row, col)).to(self.device))
+        radiance = self.btf.gather(pair.cpu().numpy(), row, col)
+        return Batch(texel, pair, self._log(radiance).to(self.device))
 
     def seen(self, texel: Tensor, direction: Tensor) -> Batch:
         """The samples at some texels and directions (n,), each a pair, or in a fit to a scene one between pairs."""
         if not self.density:
             return self.at(texel, direction)
         pair, weight = self.density.around(direction)
-        corners = self.at(texel.repeat_interleave(pair.shape[1]), pair.flatten()).target.unflatten(0, pair.shape)
-        return Batch(texel, direction, (corners.expm1() * weight[..., None]).sum(1).log1p())
+        around = self.at(texel.repeat_interleave(pair.shape[1]), pair.flatten())
+        corners = around.target.unflatten(0, pair.shape)
+        mean = (corners.expm1() * weight[..., None]).sum(1)
+        return Batch(texel, direction, mean.log1p())
 
     def abrdfs(self, texel: Tensor) -> Tensor:
         """The log ABRDFs (n, pairs, 3) of some texels (n,)."""
         if self.table is not None:
             return self.table[texel].float()
-        return self._log(self.btf.texels(*np.divmod(texel.cpu().numpy(), self.shape[1]))).to(self.device)
+        row, col = np.divmod(texel.cpu().numpy(), self.shape[1])
+        return self._log(self.btf.texels(row, col)).to(self.device)
 
     def slices(self, pair: Tensor) -> Tensor:
         """The log radiance (texels, n, 3) of some pairs (n,)."""
@@ -132,7 +149,8 @@ def _filled(levels: dict[int, Samples], pictures: Iterable[np.ndarray]) -> list[
     tables = [torch.empty(each.texels, each.pairs, 3, dtype=torch.float16) for each in levels.values()]
     for pair, picture in enumerate(pictures):
         for (factor, each), table in zip(levels.items(), tables, strict=True):
-            table[:, pair] = each._log(picture if factor == 1 else box_filter(picture, factor)).reshape(-1, 3)
+            coarse = picture if factor == 1 else box_filter(picture, factor)
+            table[:, pair] = each._log(coarse).reshape(-1, 3)
     return tables
 
 

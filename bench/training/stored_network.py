@@ -22,12 +22,20 @@ MOST_STEPS = 127  # of the largest weight of a row, in eight bits
 
 def to_vector(*networks: nn.Module) -> Tensor:
     """Concatenate all parameters of some networks to one tensor, as a codec file stores them."""
-    return torch.cat([p.detach().reshape(-1) for network in networks for p in network.parameters()])
+    return torch.cat([p.detach().reshape(-1) for p in _all_parameters(networks)])
 
 
 def load_vector(vector: Tensor, *networks: nn.Module) -> None:
     """The inverse of `to_vector`, from any float dtype. Raises `ValueError` if the count differs."""
-    _fill([p for network in networks for p in network.parameters()], vector)
+    _fill(_all_parameters(networks), vector)
+
+
+def _all_parameters(networks: Iterable[nn.Module]) -> list[Tensor]:
+    """The parameters of some networks, one after the other."""
+    found: list[Tensor] = []
+    for network in networks:
+        found += network.parameters()
+    return found
 
 
 Stored = TypeVar("Stored", bound=nn.Module)
@@ -64,7 +72,7 @@ def load_network(network: Stored, tensors: dict[str, Tensor]) -> Stored:
 @contextmanager
 def rounded_weights(networks: Iterable[nn.Module]) -> Iterator[None]:
     """Within it, some networks have the weights that a file of eight bits holds; after it, their own again."""
-    rows = [matrix for network in networks for matrix in _rows_and_others(network)[0]]
+    rows = [p for p in _all_parameters(networks) if p.ndim == 2]
     own = [matrix.detach().clone() for matrix in rows]
     with torch.no_grad():
         for matrix in rows:
@@ -86,19 +94,22 @@ def _rows_and_others(network: nn.Module) -> tuple[list[Tensor], list[Tensor]]:
 
 def _steps(matrix: Tensor) -> Tensor:
     """The step (rows, 1) of each row of a matrix (rows, columns)."""
-    return (matrix.detach().abs().amax(1, keepdim=True) / MOST_STEPS).clamp_min(torch.finfo(torch.float32).tiny)
+    largest = matrix.detach().abs().amax(1, keepdim=True)
+    return (largest / MOST_STEPS).clamp_min(torch.finfo(torch.float32).tiny)
 
 
 def _joined(tensors: list[Tensor]) -> Tensor:
     """Some tensors as one vector; of none, an empty one."""
-    return torch.cat([torch.empty(0), *(tensor.detach().cpu().reshape(-1) for tensor in tensors)])
+    flat = [tensor.detach().cpu().reshape(-1) for tensor in tensors]
+    return torch.cat([torch.empty(0), *flat])
 
 
 def _fill(tensors: list[Tensor], vector: Tensor) -> None:
     """Copy a vector into some tensors, one after the other. Raises `ValueError` if the count differs."""
-    wanted = sum(each.numel() for each in tensors)
+    counts = [each.numel() for each in tensors]
+    wanted = sum(counts)
     if vector.shape != (wanted,):
         raise ValueError(f"the networks have {wanted} parameters, but the file has {tuple(vector.shape)}")
     with torch.no_grad():
-        for each, values in zip(tensors, vector.split([each.numel() for each in tensors]), strict=True):
+        for each, values in zip(tensors, vector.split(counts), strict=True):
             each.copy_(values.reshape(each.shape))

@@ -65,8 +65,9 @@ class Rounding(nn.Module):
     def set(self, values: Tensor, bits: Tensor) -> None:
         """Round to bits (C,) from now on, by steps for these values (…, C)."""
         low, step = steps_for(values, bits.to(self.bits))
-        for ours, chosen in ((self.low, low), (self.step, step), (self.bits, bits)):
-            ours.copy_(chosen)
+        self.low.copy_(low)
+        self.step.copy_(step)
+        self.bits.copy_(bits)
         self.chosen = True
 
 
@@ -86,11 +87,15 @@ def choose_bits(roundings: Sequence[Rounding], answers: Callable[[], Tensor], ta
     seen: dict[Rounding, Tensor] = {}
     for each in roundings:
         each.trial = partial(_noted, seen, each)
-    exact, noise, sizes = answers(), list[Tensor](), list[int]()
+    exact = answers()
     for each in roundings:
         each.trial = None
+    noise: list[Tensor] = []  # of each texture, the error (C, n) of each channel with each number of bits
+    sizes: list[int] = []  # numbers of each channel
+    channels: list[int] = []  # of each texture
     for each, values in seen.items():
-        change, felt = _change(values, probed), list[Tensor]()
+        change = _change(values, probed)
+        felt: list[Tensor] = []
         for channel in range(values.shape[-1]):
             alone = torch.zeros_like(values)
             alone[..., channel] = change[..., channel]
@@ -100,12 +105,18 @@ def choose_bits(roundings: Sequence[Rounding], answers: Callable[[], Tensor], ta
         flat = values.flatten(0, -2)
         some = flat[:: -(-len(flat) // MEASURED)]
         spread = torch.stack([_change(some, bits).square().mean(0) for bits in range(least, MOST_BITS + 1)], 1)
-        noise.append(spread * (torch.stack(felt) / spread[:, probed - least].clamp_min(1e-30))[:, None])
+        of_probed = spread[:, probed - least].clamp_min(1e-30)
+        noise.append(spread * (torch.stack(felt) / of_probed)[:, None])
         sizes += [len(flat)] * len(felt)
-    bearable = 0.0 if wanted else BEARABLE * float((exact - target).square().mean())
-    total = (wanted or MOST_BITS) * sum(sizes)
+        channels.append(len(felt))
+    if wanted:
+        bearable = 0.0
+        total = wanted * sum(sizes)
+    else:
+        bearable = BEARABLE * float((exact - target).square().mean())
+        total = MOST_BITS * sum(sizes)
     bits = shared_out(torch.cat(noise).cpu(), torch.tensor(sizes), total, bearable, least)
-    for (each, values), chosen in zip(seen.items(), bits.split([v.shape[-1] for v in seen.values()]), strict=True):
+    for (each, values), chosen in zip(seen.items(), bits.split(channels), strict=True):
         each.set(values, chosen)
 
 
@@ -136,16 +147,20 @@ def steps_for(values: Tensor, bits: Tensor) -> tuple[Tensor, Tensor]:
     """
     values = values.detach().flatten(0, -2)
     low, high = values.amin(0), values.amax(0)
-    middle, half, top = (low + high) / 2, (high - low) / 2, (2**bits - 1).clamp_min(1)
-    best = torch.full_like(middle, torch.inf)
-    chosen = low.clone(), (2 * half / top).clamp_min(1e-12)
+    middle, half = (low + high) / 2, (high - low) / 2
+    top = (2**bits - 1).clamp_min(1)
+    least_error = torch.full_like(middle, torch.inf)
+    best_low = low.clone()
+    best_step = (2 * half / top).clamp_min(1e-12)
     for share in torch.linspace(0.3, 1, RANGES).tolist():
-        tried = middle - share * half, (2 * share * half / top).clamp_min(1e-12)
-        error = (rounded(values, *tried, bits) - values).square().mean(0)
-        better = error < best
-        best = torch.where(better, error, best)
-        chosen = torch.where(better, tried[0], chosen[0]), torch.where(better, tried[1], chosen[1])
-    return torch.where(bits == 0, values.mean(0), chosen[0]), chosen[1]
+        tried_low = middle - share * half
+        tried_step = (2 * share * half / top).clamp_min(1e-12)
+        error = (rounded(values, tried_low, tried_step, bits) - values).square().mean(0)
+        better = error < least_error
+        least_error = torch.where(better, error, least_error)
+        best_low = torch.where(better, tried_low, best_low)
+        best_step = torch.where(better, tried_step, best_step)
+    return torch.where(bits == 0, values.mean(0), best_low), best_step
 
 
 def shared_out(noise: Tensor, sizes: Tensor, total: int, bearable: float, least: int = 1) -> Tensor:
@@ -158,7 +173,8 @@ def shared_out(noise: Tensor, sizes: Tensor, total: int, bearable: float, least:
         added = noise.gather(1, bits[:, None] - least)[:, 0]
         if added.sum() <= bearable:
             break
-        bits[torch.where(bits < MOST_BITS, added / sizes, -torch.inf).argmax()] += 1
+        worth = torch.where(bits < MOST_BITS, added / sizes, -torch.inf)
+        bits[worth.argmax()] += 1
     return bits
 
 
@@ -204,4 +220,5 @@ def load_texture(name: str, tensors: dict[str, Tensor], sizes: Sizes = None) -> 
     if step.ndim != 1 or low.shape != step.shape:  # other shapes would be broadcast over all codes
         shapes = f"{tuple(step.shape)} from {tuple(low.shape)}"
         raise InputError(f"a texture of this file has steps {shapes}: encode it again")
-    return expand(tensors[name], (*tensors[f"{name}.size"].tolist(), len(step)), sizes) * step + low
+    shape = (*tensors[f"{name}.size"].tolist(), len(step))
+    return expand(tensors[name], shape, sizes) * step + low

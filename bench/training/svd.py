@@ -94,7 +94,8 @@ def strongest(factors: Factors, rank: int) -> Factors:
     whole = factors.basis.double() @ (vectors * root)  # times orthonormal rows of coefficients
     energies, turn = torch.linalg.eigh(whole.T @ whole)
     turn = turn[:, _largest(energies, rank, 0.0)]
-    rows = (turn.T @ (vectors / root.clamp_min(EPSILON * root.max())).T).float() @ factors.coefficients
+    inverse = (vectors / root.clamp_min(EPSILON * root.max())).T
+    rows = (turn.T @ inverse).float() @ factors.coefficients
     return _balanced(factors.mean, (whole @ turn).float(), rows)
 
 
@@ -186,4 +187,6 @@ def blocks(btf: BTF, fit: Fit, label: str, gain: float | None, block_bytes: int 
         block[place] = picture.reshape(texels, 3).T
         if place == len(block) - 1:
             values = torch.from_numpy(block).flatten(0, 1).to(fit.device)
-            yield values if gain is None else values.clamp_min_(0).mul_(gain).log1p_()
+            if gain is not None:
+                values.clamp_min_(0).mul_(gain).log1p_()
+            yield values

@@ -32,7 +32,10 @@ def compress(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] | 
     bits, `expand` opens `MOST_CODES` in all.
     """
     told = [channel for channel, each in enumerate(bits) if each]
-    way, payload = _shortest(codes[..., told], [bits[channel] for channel in told], sizes) if told else (PACKED, b"")
+    if told:
+        way, payload = _shortest(codes[..., told], [bits[channel] for channel in told], sizes)
+    else:
+        way, payload = PACKED, b""
     return torch.frombuffer(bytearray([way, *bits]) + payload, dtype=torch.uint8)
 
 
@@ -46,9 +49,12 @@ def _shortest(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] |
         PLAIN: lzma.compress(planes.tobytes(), lzma.FORMAT_RAW, filters=_coder(PLAIN, planes.size)),
         IN_CONTEXT: lzma.compress(shifted.tobytes(), lzma.FORMAT_RAW, filters=_coder(IN_CONTEXT, planes.size)),
     }
-    if codes.numel() <= MOST_PREDICTED and (pictures := _pictures(codes.shape, sizes)):
-        ways[PREDICTED] = predicted_codes.encode(planes.T, np.array(bits), pictures)
-    way = min((each for each in ways if codes.numel() <= _most(each, ways[each])), key=lambda each: len(ways[each]))
+    if codes.numel() <= MOST_PREDICTED:
+        pictures = _pictures(codes.shape, sizes)
+        if pictures:
+            ways[PREDICTED] = predicted_codes.encode(planes.T, np.array(bits), pictures)
+    readable = [each for each, payload in ways.items() if codes.numel() <= _most(each, payload)]
+    way = min(readable, key=lambda each: len(ways[each]))
     return way, ways[way]
 
 
@@ -57,7 +63,9 @@ def _pictures(shape: Sequence[int], sizes: Sequence[tuple[int, int]] | None) -> 
     if sizes is None:
         sizes = [(math.prod(shape[:-2]), shape[-2])] if len(shape) > 2 else []
     fits = sum(height * width for height, width in sizes) == math.prod(shape[:-1])
-    return sizes if sizes and fits and feasible(sizes, shape[-1]) else []
+    if sizes and fits and feasible(sizes, shape[-1]):
+        return sizes
+    return []
 
 
 def _most(way: int, payload: bytes) -> int:
@@ -70,7 +78,9 @@ def expand(data: Tensor, shape: Sequence[int], sizes: Sequence[tuple[int, int]] 
     channels, count = shape[-1], math.prod(shape)
     if not len(data) or data[0] > PREDICTED:
         raise InputError("a texture of this file does not say how it is stored: encode it again")
-    way, bits, payload = int(data[0]), data[1 : 1 + channels].numpy(), data[1 + channels :].numpy().tobytes()
+    way = int(data[0])
+    bits = data[1 : 1 + channels].numpy()
+    payload = data[1 + channels :].numpy().tobytes()
     if len(bits) < channels or (bits > MOST_BITS).any():
         raise InputError("a texture of this file does not say its bits: encode it again")
     told = bits > 0
@@ -118,6 +128,7 @@ def _expanded(
 
 
 def _coder(way: int, count: int) -> list[dict[str, int]]:
-    context, size = 4 if way == IN_CONTEXT else 0, min(max(4096, count), 1 << 24)
+    context = 4 if way == IN_CONTEXT else 0
+    size = min(max(4096, count), 1 << 24)
     preset = 9 | lzma.PRESET_EXTREME
     return [{"id": lzma.FILTER_LZMA2, "preset": preset, "lc": context, "lp": 0, "pb": 0, "dict_size": size}]

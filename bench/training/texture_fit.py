@@ -108,4 +108,5 @@ class TextureMaterial(Material):
         self.network, self.texture, self.gain, self.directions = network, texture, gain, directions
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        return to_radiance(self.network.at(self.texture, uv, *direction_inputs(wo, wi, self.directions)), self.gain)
+        view, light = direction_inputs(wo, wi, self.directions)
+        return to_radiance(self.network.at(self.texture, uv, view, light), self.gain)

@@ -80,7 +80,8 @@ def of_each_material(draw: Callable[[Run, MaterialRows], Figure | None]) -> Call
     def figures(run: Run) -> Iterator[Figure]:
         for material in materials(run):
             with style():
-                if figure := draw(run, material):
+                figure = draw(run, material)
+                if figure:
                     yield figure
 
     return figures
@@ -123,7 +124,8 @@ class Sheet:
         self.drawing.patch.set_alpha(0)
         self.drawing.canvas.draw()
         drawn = np.asarray(self.drawing.canvas.buffer_rgba())  # type: ignore[attr-defined]
-        used, pixels = drawn[..., 3] > 0, self.pixels.copy()
+        used = drawn[..., 3] > 0
+        pixels = self.pixels.copy()
         alpha = drawn[used][:, 3:] / 255
         pixels[used] = np.round(drawn[used][:, :3] * alpha + pixels[used] * (1 - alpha)).astype(np.uint8)
         out = io.BytesIO()

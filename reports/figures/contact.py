@@ -23,13 +23,14 @@ _GAP, _LEFT, _TOP, _BOTTOM = 6, 150, 76, 22
 @of_each_material
 def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
     """A row a codec below the truth; a pair of columns (slice, FLIP map) for each marked slice, or for all."""
-    rows = [
-        (row, {name: array[each["sheet"]] for name, array in each.items()} if "sheet" in each else each)
-        for row, each in of_shown(run, material, "pictures")
-    ]
+    rows = []
+    for row, stored in of_shown(run, material, "pictures"):
+        if "sheet" in stored:
+            stored = {name: array[stored["sheet"]] for name, array in stored.items()}
+        rows.append((row, stored))
     if not rows:
         return None
-    first = rows[0][1]
+    _, first = rows[0]
     count, height, width = first["truth"].shape[:3]
     factor = max(1, -(-CELL // max(height, width)))
     cell = (width * factor, height * factor)
@@ -69,18 +70,35 @@ def strip(run: Run, budget: Budget) -> Figure | None:
     for material in chain.from_iterable(by_kind(result.surfaces).values()):
         picked = result.picks(budget, [material])
         jobs = [picked[line][material].of[0] for line in result.ranked(budget, [material])]
-        known = [(job, each) for job in jobs if (each := arrays(run.folder, job, "pictures"))]
-        known = [each for each in known if np.array_equal(each[1]["pairs"], known[0][1]["pairs"])][:3]
-        if len(known) == 3 and (scores := arrays(run.folder, known[0][0], "slices", ("pairs", PSNR))):
+        known = _of_same_pairs(run, jobs)[:3]
+        if len(known) < 3:
+            continue
+        best, _ = known[0]
+        scores = arrays(run.folder, best, "slices", ("pairs", PSNR))
+        if scores:
             with style():
                 return _strip(material, known, scores)
     return None
 
 
+def _of_same_pairs(run: Run, jobs: Sequence[Job]) -> list[tuple[Job, Arrays]]:
+    """The jobs with pictures of the same pairs as the first that has some, and these pictures."""
+    known: list[tuple[Job, Arrays]] = []
+    for job in jobs:
+        pictures = arrays(run.folder, job, "pictures")
+        if not pictures:
+            continue
+        if not known or np.array_equal(pictures["pairs"], known[0][1]["pairs"]):
+            known.append((job, pictures))
+    return known
+
+
 def _strip(material: str, known: Sequence[tuple[Job, Arrays]], scores: Arrays) -> Figure:
-    truth, pairs = (known[0][1][name] for name in ("truth", "pairs"))
+    _, first = known[0]
+    truth, pairs = first["truth"], first["pairs"]
     errors = dict(zip(scores["pairs"].tolist(), scores[PSNR].tolist(), strict=True))
-    shown = sorted(range(len(pairs)), key=lambda place: errors[pairs[place]])[len(pairs) // 2]
+    from_best = sorted(range(len(pairs)), key=lambda place: errors[pairs[place]])
+    shown = from_best[len(pairs) // 2]
     factor = -(-2 * CELL // max(truth.shape[1:3]))
     words = [f"{material}, truth"]
     for job, _ in known:
@@ -107,7 +125,9 @@ def _flip_means(run: Run, row: Row, pictures: Arrays) -> list[str]:
 def _label(sheet: Sheet, text: str, middle: float) -> None:
     """The name of a row, folded into the margin."""
     lines = textwrap.wrap(text, 18)
-    sheet.text(_LEFT - 8, middle, "\n".join([*lines[:4], *(["…"] if len(lines) > 4 else [])]), ha="right")
+    if len(lines) > 4:
+        lines = [*lines[:4], "…"]
+    sheet.text(_LEFT - 8, middle, "\n".join(lines), ha="right")
 
 
 def flip_scale(sheet: Sheet, left: int, middle: int, width: int) -> None:

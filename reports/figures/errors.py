@@ -39,13 +39,14 @@ def abrdf_maps(run: Run, material: MaterialRows) -> Figure | None:
         return None
     title = f"{material.name}: error of each texel's ABRDF"
     rows, columns = grid_of(len(maps), 5)
-    height, width = (max(error.shape[axis] for _, error in maps) for axis in (0, 1))
+    height = max(error.shape[0] for _, error in maps)
+    width = max(error.shape[1] for _, error in maps)
     factor = max(1, -(-_ABRDF_CELL // max(height, width)))
-    cell, scale = (width * factor + 14, height * factor + 26), LogNorm(1e-6, 1)
+    cell = (width * factor + 14, height * factor + 26)
+    scale = LogNorm(1e-6, 1)
     positive = np.concatenate([error[error > 0] for _, error in maps])
-    if len(
-        positive
-    ):  # from the smallest to the largest error of any codec, at most five decades; none is off the scale
+    if len(positive):
+        # From the smallest to the largest error of any codec, at most five decades; none is off the scale.
         top = float(positive.max())
         scale = LogNorm(max(float(positive.min()), top * 1e-5), top * 1.0001, clip=True)
     sheet = Sheet(2 * _EDGE + max(columns, 3) * cell[0] + _BAR, _ABRDF_TOP + rows * cell[1])
@@ -71,21 +72,26 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
     if not maps:
         return None
     title = f"{material.name}: FLIP over the hemispheres"
-    values = {(side, i): np.array(each[side]["value"], float) for side in _SIDES for i, (_, each) in enumerate(maps)}
-    top = max((np.nanmax(value) for value in values.values() if np.isfinite(value).any()), default=1.0)
+    values = {}
+    for side in _SIDES:
+        for i, (_, each) in enumerate(maps):
+            values[side, i] = np.array(each[side]["value"], float)
+    tops = [np.nanmax(value) for value in values.values() if np.isfinite(value).any()]
+    top = max(tops, default=1.0)
     scale = Normalize(0, top)
     blocks, per_line = grid_of(len(maps), 6)
     sheet = Sheet(2 * _EDGE + max(per_line, 4) * _CELL + _BAR, _TOP + blocks * _BLOCK)
     sheet.text(_EDGE, 14, f"{title} ({material.split})", fontsize=9)
     sheet.text(_EDGE, 32, "θ 0° in the centre, rings at 30°, 60°, 90°; φ counter-clockwise from the right")
     for (side, i), value in values.items():
+        label, stored = maps[i]
         left, line = _EDGE + i % per_line * _CELL, _TOP + i // per_line * _BLOCK
         if side == "view":
-            sheet.text(left, line - 20, short(maps[i][0], 24))
+            sheet.text(left, line - 20, short(label, 24))
         else:
             line += _BLOCK // 2 - 10
         sheet.text(left, line - 6, _SIDES[side], color="0.35")
-        sheet.picture(left, line + 4, _disc(maps[i][1][side], value, scale))
+        sheet.picture(left, line + 4, _disc(stored[side], value, scale))
     bar = sheet.scale(sheet.width - _BAR, _TOP, (14, 260), "cividis", norm=scale)
     bar.set_label("mean FLIP, all pairs\n(lower is better; blank: no pair)", fontsize=8)
     return Figure(material.name, "polar", title, sheet.png(), sheet)
@@ -103,7 +109,8 @@ def _disc(stored: dict[str, Any], value: np.ndarray, scale: Normalize) -> np.nda
     radius = np.hypot(x, y)
     ring = np.searchsorted(stored["theta_edges_deg"], radius, side="right") - 1
     inside = ring < len(value)
-    picture = coloured(np.where(inside, value[np.where(inside, ring, 0), sector], np.nan), "cividis", scale)
+    shown = value[np.where(inside, ring, 0), sector]
+    picture = coloured(np.where(inside, shown, np.nan), "cividis", scale)
     for edge in (30, 60, 90):
         picture[abs(radius - edge) < _AXIS_DEG[1] - _AXIS_DEG[0]] = (128, 128, 128, 255)
     return picture
@@ -121,10 +128,10 @@ def angle_curves(run: Run, material: MaterialRows) -> Figure | None:
     title = f"{material.name}: quality by angle"
     drawing, panels = plots(10, max(4.0, 1.6 + 0.2 * len(curves)), 2)
     for axes, side, name in zip(panels, ("wo_deg", "wi_deg"), ("view, θₒ", "light, θᵢ"), strict=True):
-        handles = [
-            axes.plot(*_rings(row, scores, side), **styles.of_codec(row.label), markersize=5, linewidth=1.2)[0]
-            for row, scores in curves
-        ]
+        handles = []
+        for row, scores in curves:
+            centres, decibels = _rings(row, scores, side)
+            handles += axes.plot(centres, decibels, **styles.of_codec(row.label), markersize=5, linewidth=1.2)
         axes.set(xlabel=f"{name} in degrees", xlim=(0, 90), xticks=EDGES_DEG)
     panels[0].set_ylabel(f"display PSNR, dB ({material.deciding}; higher is better)")
     panels[0].set_title(f"{title}\n{material.split}", loc="left")
@@ -138,6 +145,10 @@ def _rings(row: Row, scores: Arrays, side: str) -> tuple[np.ndarray, np.ndarray]
     chosen = scores["heldout"] if row.deciding_group == "heldout" else np.ones(len(scores["heldout"]), bool)
     error, theta = scores[PSNR][chosen], scores[side][chosen, 0]
     ring = np.clip(np.searchsorted(EDGES_DEG, theta + 1e-4, side="right") - 1, 0, len(EDGES_DEG) - 2)
-    means = {int(i): error[ring == i].mean() for i in np.unique(ring)}
-    centres = np.array([EDGES_DEG[i] + 7.5 for i, mean in means.items() if mean > 0])
-    return centres, psnr(np.array([mean for mean in means.values() if mean > 0]))
+    centres, means = [], []
+    for i in np.unique(ring):
+        mean = error[ring == i].mean()
+        if mean > 0:
+            centres.append(EDGES_DEG[i] + 7.5)
+            means.append(mean)
+    return np.array(centres), psnr(np.array(means))

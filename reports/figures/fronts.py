@@ -28,10 +28,9 @@ def fronts(run: Run) -> Iterator[Figure]:
     for kind, surfaces in by_kind(result.surfaces).items():
         if hulls(result, surfaces):
             with style():
+                title = f"Quality over bytes and time, {kind} surfaces"
                 drawing = _drawn(result, surfaces, kind, styles)
-                yield Figure(
-                    "", f"fronts-{kind}", f"Quality over bytes and time, {kind} surfaces", png(drawing), drawing
-                )
+                yield Figure("", f"fronts-{kind}", title, png(drawing), drawing)
 
 
 def _drawn(result: Budgets, surfaces: Sequence[str], kind: str, styles: Styles) -> Any:
@@ -48,7 +47,7 @@ def _drawn(result: Budgets, surfaces: Sequence[str], kind: str, styles: Styles) 
             continue
         look = styles.of_codec(line.partition(",")[0]) | {"linestyle": "-", "linewidth": 1.2}
         marked = [place for place, bits in enumerate(curve) if bits in BITS]
-        handles[line] = by_size.plot(curve.keys(), curve.values(), **look, markersize=5, markevery=marked)[0]
+        (handles[line],) = by_size.plot(curve.keys(), curve.values(), **look, markersize=5, markevery=marked)
     ranked = {budget.most: result.ranked(budget, surfaces) for budget in result.limits if budget.kind == EAGER}
     for line in handles:
         at = {most: lines[line] for most, lines in ranked.items() if line in lines}
@@ -93,7 +92,9 @@ def _fronts(material: str, rows: Sequence[TradeChoice], styles: Styles) -> Any:
     handles = []
     for name, group in groups.items():
         default = not _how(group[0])
-        look = styles.of_codec(name) | {"linestyle": "none"} | ({} if default else {"markerfacecolor": "white"})
+        look = styles.of_codec(name) | {"linestyle": "none"}
+        if not default:
+            look["markerfacecolor"] = "white"
         psnr = [row["psnr"] for row in group]
         handles += speed.plot([row["ns_per_sample"] for row in group], psnr, **look, markersize=6)
         if default:  # executions do not change bytes
@@ -127,7 +128,8 @@ def _front(axes: Any, best: Sequence[tuple[float, float | None]], label: str, un
 
 def plot_figures(run: Run, kind: str) -> Iterator[Figure]:
     """One kind of plot for each material; plots of fits show the goals as grey lines."""
-    styles, by_name = Styles(run), {material.name: material for material in materials(run)}
+    styles = Styles(run)
+    by_name = {material.name: material for material in materials(run)}
     for plot in plots_of(run):
         if plot["kind"] == kind and plot["material"]:
             with style():
@@ -135,7 +137,8 @@ def plot_figures(run: Run, kind: str) -> Iterator[Figure]:
 
 
 def _figure(plot: Plot, material: MaterialRows, styles: Styles) -> Figure:
-    fits, curves = plot["kind"] == "fits", dict[str, list[list[float]]]()
+    fits = plot["kind"] == "fits"
+    curves: dict[str, list[list[float]]] = {}
     for series in plot["series"]:  # of each codec, or of a whole ladder of rates
         curves.setdefault(series.get("curve", series["label"]), []).extend(series["points"])
     title = f"{material.name}: {'how soon a fit is good' if fits else plot['title'].lower()}"
@@ -152,7 +155,8 @@ def _figure(plot: Plot, material: MaterialRows, styles: Styles) -> Figure:
     for goal in GOALS_DB if fits else ():
         if low < goal < high:
             axes.axhline(goal, color="0.6", linewidth=0.8, zorder=0)
-    if marks := plot["x"].get("ticks"):
+    marks = plot["x"].get("ticks")
+    if marks:
         axes.set_xscale("log", base=2)
         axes.set_xticks(marks, list(map(str, marks)))
         axes.xaxis.set_minor_locator(NullLocator())
@@ -162,7 +166,8 @@ def _figure(plot: Plot, material: MaterialRows, styles: Styles) -> Figure:
     xlabel = plot["x"]["label"] + ("" if marks else " (less is better)")
     axes.set(xlabel=xlabel, ylabel=plot["y"]["label"].replace("pairs)", "pairs; higher is better)"))
     axes.set_title(title if fits else f"{title}\n{material.split}", loc="left")
-    if absent := [] if fits else [codec.label for codec in material.codecs if codec.exact and codec.measured]:
+    absent = [codec.label for codec in material.codecs if codec.exact and codec.measured]
+    if absent and not fits:
         drawing.supxlabel("not drawn, because they have no error: " + ", ".join(absent), fontsize=8)
     legend(axes, handles, list(curves))
     return Figure(material.name, plot["kind"], title, png(drawing), drawing)

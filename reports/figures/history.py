@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from statistics import fmean
+from typing import Any
 
 from bench.metrics import stats_of
 from bench.records import PSNR, Job, Records, Run, RunStart, Timing, shown_label
@@ -21,33 +22,50 @@ _QUANTITIES: dict[str, Callable[[Job, Timing], float | None]] = {  # of a job an
 
 def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
     """One figure a material, its starts in the order of their times; a point is a mean over seeds."""
-    jobs = Records({(number, job["job"]): job for number, run in enumerate(runs) for job in run.jobs})
-    styles = Styles(Run(Path(), jobs=jobs))
-    starts = {start["run"]: start for run in runs for start in run.starts}
+    jobs: dict[Any, Job] = {}
+    starts: dict[str, RunStart] = {}
+    for number, run in enumerate(runs):
+        for job in run.jobs:
+            jobs[number, job["job"]] = job
+        for start in run.starts:
+            starts[start["run"]] = start
+    styles = Styles(Run(Path(), jobs=Records(jobs)))
     for material, codecs in _materials(runs).items():
-        order = sorted({when for by_start in codecs.values() for when in by_start})
+        order = sorted(set().union(*codecs.values()))
+        several_kinds = len({pairs for _, pairs in codecs}) > 1
         with style():
             title = f"{material}: from revision to revision"
             drawing = new(8.2, 7.5)
             for axes, (name, quantity) in zip(drawing.subplots(3, 1, sharex=True), _QUANTITIES.items(), strict=True):
                 handles = []
                 for (label, pairs), by_start in codecs.items():
-                    known = [[quantity(*each) for each in by_start.get(when, ())] for when in order]
-                    numbers = [[value for value in seeds if value is not None] for seeds in known]
-                    values = [fmean(seeds) if seeds else math.nan for seeds in numbers]  # NaN is not drawn
-                    drawn = styles.of_codec(label) | ({"linestyle": ":"} if pairs == "validation" else {})
-                    handles += axes.plot(range(len(order)), values, **drawn, markersize=4, linewidth=1)
+                    values = [_mean(quantity, by_start.get(when, [])) for when in order]
+                    look = styles.of_codec(label)
+                    if pairs == "validation":
+                        look = look | {"linestyle": ":"}
+                    handles += axes.plot(range(len(order)), values, **look, markersize=4, linewidth=1)
                 axes.set_ylabel(name, fontsize=8)
                 if axes.get_subplotspec().is_first_row():
                     axes.set_title(title, loc="left")
-                    several = len({pairs for _, pairs in codecs}) > 1
-                    names = [f"{label}, {pairs} pairs" if several and pairs else label for label, pairs in codecs]
+                    names = []
+                    for label, pairs in codecs:
+                        names.append(f"{label}, {pairs} pairs" if several_kinds and pairs else label)
                     legend(axes, handles, names)
                 else:
                     axes.set_yscale("log")
                     log_ticks(axes.yaxis, "B" if name.startswith("bytes") else "")
             axes.set_xticks(range(len(order)), _ticks(order, starts), rotation=30, ha="right")
             yield Figure(material, "history", title, png(drawing), drawing)
+
+
+def _mean(quantity: Callable[[Job, Timing], float | None], seeds: Sequence[Measured]) -> float:
+    """The mean of a quantity over the seeds of a start; NaN, which is not drawn, if none has it."""
+    known = []
+    for job, timing in seeds:
+        value = quantity(job, timing)
+        if value is not None:
+            known.append(value)
+    return fmean(known) if known else math.nan
 
 
 def _materials(runs: Sequence[Run]) -> dict[str, Codecs]:
@@ -68,5 +86,7 @@ def _ticks(order: Sequence[str], starts: dict[str, RunStart]) -> list[str]:
     for when in order:  # 11-23 09:31 of a start named 20251123T093106
         n = "".join(filter(str.isdigit, when[:16]))
         times.append(f"{n[4:6]}-{n[6:8]} {n[8:10]}:{n[10:12]}" if len(n) >= 12 else when)
-    several = [names.count(name) > 1 for name in names]
-    return [f"{name}, {time}" if more else name for name, time, more in zip(names, times, several, strict=True)]
+    ticks = []
+    for name, time in zip(names, times, strict=True):
+        ticks.append(f"{name}, {time}" if names.count(name) > 1 else name)
+    return ticks

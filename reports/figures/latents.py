@@ -20,16 +20,14 @@ Textures = list[np.ndarray]
 @of_each_material
 def latent_channels(run: Run, material: MaterialRows) -> Figure | None:
     """Every channel of the textures that the first seed's decoders read, a block a codec."""
-    codecs = [(row.label, each) for row in material.shown if (each := _stored(run, row.job))]
-    if not codecs:
+    blocks = []
+    for row in material.shown:
+        stored = _stored(run, row.job)
+        if stored:
+            blocks.append((row.label, _counted(stored), _cells(np.concatenate(stored, -1))))
+    if not blocks:
         return None
     title = f"{material.name}: channels of each codec's texture"
-    blocks = []
-    for label, each in codecs:
-        counts = [texture.shape[-1] for texture in each]
-        more = f", {_MOST} shown" if sum(counts) > _MOST else ""
-        counted = f"{' + '.join(map(str, counts))} channel{'s' * (sum(counts) > 1)}{more}"
-        blocks.append((label, counted, _cells(np.concatenate(each, -1))))
     cell = max(max(cells.shape[1:]) for *_, cells in blocks) + _GAP
     lines = [-(-len(cells) // _LINE) for *_, cells in blocks]
     sheet = Sheet(_LEFT + _LINE * cell + _GAP, _TOP + sum(lines) * (cell + _GAP))
@@ -46,6 +44,14 @@ def latent_channels(run: Run, material: MaterialRows) -> Figure | None:
     return Figure(material.name, "latents", title, sheet.png("L"), sheet)
 
 
+def _counted(textures: Textures) -> str:
+    """The channels of some textures in words."""
+    counts = [texture.shape[-1] for texture in textures]
+    plural = "s" if sum(counts) > 1 else ""
+    more = f", {_MOST} shown" if sum(counts) > _MOST else ""
+    return f"{' + '.join(map(str, counts))} channel{plural}{more}"
+
+
 def _stored(run: Run, job: Job) -> Textures:
     """The textures of a job's drawing; none if it is missing or unreadable."""
     try:
@@ -58,15 +64,24 @@ def textures(program: Program) -> Textures:
     """The textures (H, W, D) of a program: the tables that it interpolates at `uv`, of a pyramid the finest level."""
     height, width = program.size
     levels = [max(1, height >> k) * max(1, width >> k) for k in range(max(height, width).bit_length())]
-    by_place, tables = {"uv"}, []  # a table of directions may have a row for each texel, too, but is read without uv
+    texels = list(accumulate(levels))  # of the finest level, of the two finest, and so on
+    by_place = {"uv"}  # a table of directions may have a row for each texel, too, but is read without uv
+    found: Textures = []
     for step in program.steps:
-        if not by_place.isdisjoint(names := step.names()):
-            by_place.add(step.name)
-            for name in names & program.constants.keys() if "embedding" in step.operation else ():
-                table = program.constants[name]
-                if table.ndim == 2 and len(table) in accumulate(levels):
-                    tables.append(table[: height * width].reshape(height, width, -1))
-    return [each for i, each in enumerate(tables) if not any(np.array_equal(each, other) for other in tables[:i])]
+        names = step.names()
+        if by_place.isdisjoint(names):
+            continue
+        by_place.add(step.name)
+        if "embedding" not in step.operation:
+            continue
+        for name in names & program.constants.keys():
+            table = program.constants[name]
+            if table.ndim != 2 or len(table) not in texels:
+                continue
+            texture = table[: height * width].reshape(height, width, -1)
+            if not any(np.array_equal(texture, other) for other in found):
+                found.append(texture)
+    return found
 
 
 def _standardised(texture: np.ndarray) -> np.ndarray:
@@ -82,7 +97,8 @@ def _cells(texture: np.ndarray) -> np.ndarray:
     """The channels (n, h, w) as pictures of about `_CELL` pixels: means over squares of texels, or enlarged."""
     shown = _standardised(texture[..., :_MOST])
     height, width, count = shown.shape
-    if (factor := max(height, width) // _CELL) > 1:
+    factor = max(height, width) // _CELL
+    if factor > 1:
         factor = min(factor, height, width)
         rows, columns = height // factor, width // factor
         whole = shown[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor, count)

@@ -66,12 +66,15 @@ def _places(stored: Arrays, pairs: Sequence[int]) -> list[int]:
 def _drawn(
     run: Run, material: MaterialRows, rows: list[tuple[Row, Arrays]], places: list[int], inset: Inset | None
 ) -> Sheet:
-    truth = rows[0][1]["truth"]
+    _, first = rows[0]
+    truth = first["truth"]
     height, width = truth.shape[1:3]
     factor = max(1, -(-CELL // max(height, width)))
     cell = (height * factor, width * factor)
     with_flip = all("flip" in stored for _, stored in rows)
-    block = LINE + cell[0] + (GAP // 2 + cell[0] if with_flip else 0) + GAP
+    block = LINE + cell[0] + GAP
+    if with_flip:
+        block += GAP // 2 + cell[0]
     columns = 1 + len(rows)
     sheet = Sheet(columns * (cell[1] + GAP) - GAP, TOP + len(places) * block)
     for column, label in enumerate(["truth", *(row.label for row, _ in rows)]):
@@ -79,7 +82,7 @@ def _drawn(
         sheet.text(middle, TOP / 2, short(label, cell[1] // LETTER), ha="center", fontsize=10)
     for number, place in enumerate(places):
         top = TOP + number * block
-        wo, wi = (rows[0][1][key][place] for key in ("wo_deg", "wi_deg"))
+        wo, wi = first["wo_deg"][place], first["wi_deg"][place]
         sheet.text(0, top + LINE / 2, f"view θ {wo[0]:.0f}°, φ {wo[1]:.0f}°; light θ {wi[0]:.0f}°, φ {wi[1]:.0f}°")
         zoomed = inset or _worst(rows, place, (height, width))
         _check(zoomed, (height, width))

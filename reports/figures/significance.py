@@ -52,23 +52,34 @@ def _figure(material: str, where: str, first: str, differences: Differences, sty
 
 def _caption(differences: Differences) -> str:
     """The numbers behind the intervals in words; the largest ones if codecs differ."""
-    materials, seeds, slices = (
-        max(getattr(each, name) for each in differences.values()) for name in ("materials", "seeds", "slices")
-    )
-    counts = [f"{materials} materials"] * (materials > 1) + [f"{seeds} seeds"] * (seeds > 1) + [f"{slices:,} slices"]
+    materials = max(each.materials for each in differences.values())
+    seeds = max(each.seeds for each in differences.values())
+    slices = max(each.slices for each in differences.values())
+    counts = []
     if materials > 1:
-        words, caveat = "by Student's t over material means", ""
+        counts.append(f"{materials} materials")
+    if seeds > 1:
+        counts.append(f"{seeds} seeds")
+    counts.append(f"{slices:,} slices")
+    caveat = ""
+    if materials > 1:
+        words = "by Student's t over material means"
+    elif seeds > 1:
+        words = "of a bootstrap over seeds and pairs, of this material only"
     else:
-        words = f"of a bootstrap over {'seeds and ' * (seeds > 1)}pairs, of this material only"
-        caveat = "" if seeds > 1 else " With one seed, it does not include the scatter of fits."
+        words = "of a bootstrap over pairs, of this material only"
+        caveat = " With one seed, it does not include the scatter of fits."
     return f"Bars: 95 % interval {words}: {', '.join(counts)}.{caveat}\nBoth codecs at the same pairs."
 
 
 def critical_differences(run: Run) -> Iterator[Figure]:
     """The diagram of Demšar (2006), if there are ranks: a row a codec, and a bar of the critical difference."""
-    if not (ranking := budgets(run).ranks()):
+    ranking = budgets(run).ranks()
+    if not ranking:
         return
-    title, styles, count = f"Mean ranks over surfaces at {in_words(ENOUGH)}", Styles(run), len(ranking.mean)
+    title = f"Mean ranks over surfaces at {in_words(ENOUGH)}"
+    styles = Styles(run)
+    count = len(ranking.mean)
     with style():
         drawing = new(9.6, 1.2 + 0.24 * count)
         axes = drawing.add_axes((0.24, 0.14, 0.72, 0.74))

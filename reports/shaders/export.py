@@ -67,21 +67,24 @@ def export(program: Program, name: str, language: str, folder: Path, source: str
         raise InputError(f"format {language!r}: use one of {', '.join(DIALECTS)}")
     code = shader(program, DIALECTS[language])
     folder.mkdir(parents=True, exist_ok=True)
-    files = [folder / f"{name}.{language}", folder / "exact.exr", folder / "half.exr", folder / "README.md"]
-    write(files[0], code.text.encode())
-    for path, array in ((files[1], code.exact), (files[2], code.half)):
+    function, exact, half = folder / f"{name}.{language}", folder / "exact.exr", folder / "half.exr"
+    readme = folder / "README.md"
+    write(function, code.text.encode())
+    for path, array in ((exact, code.exact), (half, code.half)):
         header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
         with replacing(path) as partial, OpenEXR.File(header, {"RGBA": np.ascontiguousarray(array)}) as file:
             file.write(str(partial))
-    write(files[3], _readme(program, code, name, language, source).encode())
+    write(readme, _readme(program, code, name, language, source).encode())
+    files = [function, exact, half, readme]
     if language == GLSL.name:
-        files.append(folder / f"{name}.frag")
-        write(files[-1], FRAGMENT.format(function=code.text).encode())
+        whole = folder / f"{name}.frag"
+        write(whole, FRAGMENT.format(function=code.text).encode())
+        files.append(whole)
     return files, code.gpu_bytes
 
 
 def _readme(program: Program, code: Shader, name: str, language: str, source: str) -> str:
-    sizes = {which: "{1} × {0}".format(*array.shape) for which, array in (("exact", code.exact), ("half", code.half))}
+    sizes = {"exact": "{1} × {0}".format(*code.exact.shape), "half": "{1} × {0}".format(*code.half.shape)}
     height, width = program.size
     across, up = program.periods
     stretch = "" if height == width else f": for a surface with square uv, pass ({across:g} u, {up:g} v)"

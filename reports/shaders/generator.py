@@ -43,10 +43,16 @@ def shader(program: Program, dialect: Dialect, weights: WeightStore | None = Non
     `InputError` for an operation that no shader can do, too long a text, or too many weights for a uniform buffer.
     """
     tables = Tables()
-    writer = Writer(dialect, tables, weights or ("literal" if _weights(program) <= LITERALS else "texture"))
+    if weights is None:
+        weights = "literal" if _weights(program) <= LITERALS else "texture"
+    writer = Writer(dialect, tables, weights)
     writer.check(program)
-    axes = {"uv": "xy", "wo": "xyz", "wi": "xyz"}
-    inputs = {name: [f"{name}.{c}" for c in each] for name, each in axes.items()} | {"footprint": ["footprint"]}
+    inputs = {
+        "uv": ["uv.x", "uv.y"],
+        "wo": ["wo.x", "wo.y", "wo.z"],
+        "wi": ["wi.x", "wi.y", "wi.z"],
+        "footprint": ["footprint"],
+    }
     if any("footprint" in step.names() for step in program.steps):
         inputs["footprint"] = [writer.name("float", f"max(footprint, {literal(LEAST)})")]
     rgb = [writer.scalar(x, "float") for x in writer.run(program, inputs)]
@@ -55,7 +61,8 @@ def shader(program: Program, dialect: Dialect, weights: WeightStore | None = Non
     if len(writer.uniforms) > UNIFORMS:
         raise InputError(f"its weights need more than {16 * UNIFORMS:,} bytes of a uniform buffer")
     buffer = dialect.uniforms.format(count=len(writer.uniforms)) if writer.uniforms else ""
-    text = dialect.prologue.format(width=WIDTH) + buffer + dialect.signature + " {\n  " + "\n  ".join(body) + "\n}\n"
+    statements = "\n  ".join(body)
+    text = f"{dialect.prologue.format(width=WIDTH)}{buffer}{dialect.signature} {{\n  {statements}\n}}\n"
     for ours, theirs in dialect.calls.items():
         text = text.replace(f"{ours}(", f"{theirs}(")
     uniforms = np.array(writer.uniforms, np.float32).reshape(-1, 4)
@@ -74,5 +81,8 @@ def fallback(program: Program, dialect: Dialect) -> Shader | None:
 
 def _weights(program: Program) -> int:
     """Floats of the matrices that a program multiplies by."""
-    names = [each for step in program.steps if step.operation in ("addmm", "mm") for each in step.names()]
-    return sum(program.constants[name].size for name in names if name in program.constants)
+    count = 0
+    for step in program.steps:
+        if step.operation in ("addmm", "mm"):
+            count += sum(program.constants[name].size for name in step.names() if name in program.constants)
+    return count

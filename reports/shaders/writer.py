@@ -44,11 +44,15 @@ class Tables:
         blocks = self.exact if small else self.half
         if key not in self._placed:
             start = sum(map(len, blocks))
-            padded = np.zeros((-(-rows // 4), 4) if single else (rows, 4 * stride), np.float32)
-            padded.reshape(-1, 1 if single else 4 * stride)[:rows, :channels] = table
+            if single:
+                padded = np.zeros((-(-rows // 4) * 4, 1), np.float32)
+                place = "exactOne", 4 * start
+            else:
+                padded = np.zeros((rows, 4 * stride), np.float32)
+                place = "exactRow" if small else "halfRow", start
+            padded[:rows, :channels] = table
             blocks.append(padded.reshape(-1, 4))
-            reader = "exactOne" if single else "exactRow" if small else "halfRow"
-            self._placed[key] = (reader, 4 * start if single else start)
+            self._placed[key] = place
         return (*self._placed[key], stride)
 
     def texture(self, half: bool) -> Array:
@@ -103,20 +107,31 @@ class Writer(Backend):
 
     def floats(self, flat: list[str]) -> list[str]:
         """Vector expressions, four floats each, as named scalars."""
-        names = [self.name("vec4", text) for text in flat]
-        return [f"{name}.{c}" for name in names for c in SWIZZLE]
+        scalars = []
+        for text in flat:
+            name = self.name("vec4", text)
+            scalars += [f"{name}.{c}" for c in SWIZZLE]
+        return scalars
 
     def each(self, formula: str, arguments: Rows, from_kind: str, kind: str) -> list[str]:
         """Compute floats four at once, if there are several."""
-        if from_kind == kind == "float" and len(arguments[0]) > 1:
-            starts = range(0, len(arguments[0]), 4)
-            packs = [formula.format(*(self.vector(each[i : i + 4]) for each in arguments)) for i in starts]
-            return self.floats(packs)[: len(arguments[0])]
-        flat = zip(*arguments, strict=True)
-        return [self.name(kind, formula.format(*(self.scalar(x, from_kind) for x in each))) for each in flat]
+        count = len(arguments[0])
+        if from_kind == kind == "float" and count > 1:
+            packs = []
+            for start in range(0, count, 4):
+                vectors = [self.vector(argument[start : start + 4]) for argument in arguments]
+                packs.append(formula.format(*vectors))
+            return self.floats(packs)[:count]
+        names = []
+        for element in zip(*arguments, strict=True):
+            scalars = [self.scalar(x, from_kind) for x in element]
+            names.append(self.name(kind, formula.format(*scalars)))
+        return names
 
     def as_kind(self, scalar: Scalar, from_kind: str, kind: str) -> Any:
-        return f"{self.dialect.type(kind)}({scalar})" if isinstance(scalar, str) else KINDS[kind](scalar)
+        if isinstance(scalar, str):
+            return f"{self.dialect.type(kind)}({scalar})"
+        return KINDS[kind](scalar)
 
     def convert(self, scalar: Scalar, from_kind: str, kind: str) -> str:
         return self.name(kind, f"{self.dialect.type(kind)}({self.scalar(scalar, from_kind)})")
@@ -129,10 +144,15 @@ class Writer(Backend):
     def total(self, row: list[Scalar], formula: str) -> str:
         """Dot products of four at a time, if they stand in vectors."""
         ones = f"{self.dialect.vec4}(1.0)" if self.dialect.name != "hlsl" else "float4(1.0, 1.0, 1.0, 1.0)"
-        terms, whole = [], len(row) - len(row) % 4
+        terms = []
+        whole = len(row) - len(row) % 4
         for i in range(0, whole, 4):
-            text = self.vector(row[i : i + 4])
-            terms += [f"dot({text}, {ones})"] if text.isidentifier() else [self._float(x) for x in row[i : i + 4]]
+            four = row[i : i + 4]
+            text = self.vector(four)
+            if text.isidentifier():
+                terms.append(f"dot({text}, {ones})")
+            else:
+                terms += [self._float(x) for x in four]
         terms += [self._float(x) for x in row[whole:]]
         return self.name("float", formula.format(" + ".join(terms or ["0.0"])))
 
@@ -147,10 +167,12 @@ class Writer(Backend):
             if right.dtype != object:
                 return self._weighted(right.T, listed(left), bias)
             left, right = left[None], right[None]
-        pairs = [(row, column) for a, b in zip(left, right, strict=True) for row in a for column in b.T]
-        dots = (zip(map(self._float, row), map(self._float, column), strict=True) for row, column in pairs)
-        sums = [" + ".join(f"{a} * {b}" for a, b in dot) or "0.0" for dot in dots]
-        totals = [self.name("float", each) for each in sums]
+        totals = []
+        for rows, matrix in zip(left, right, strict=True):
+            for row in rows:
+                for column in matrix.T:
+                    terms = [f"{self._float(a)} * {self._float(b)}" for a, b in zip(row, column, strict=True)]
+                    totals.append(self.name("float", " + ".join(terms) or "0.0"))
         if bias is None:
             return totals
         return [self.name("float", f"{a} + {self._float(b)}") for a, b in zip(totals, bias, strict=True)]
@@ -164,30 +186,44 @@ class Writer(Backend):
             return []
         reader, start, stride = self.tables.place(table)
         first = self.name("int", f"{index} * {stride} + {start}" if stride > 1 else f"{index} + {start}")
-        packs = [f"{reader}({first} + {k})" if k else f"{reader}({first})" for k in range(stride)]
-        scalars = [self.name("float", packs[0])] if channels == 1 else self.floats(packs)[:channels]
-        return scalars if kind == "float" else [self.convert(x, "float", kind) for x in scalars]
+        packs = [f"{reader}({first})", *(f"{reader}({first} + {k})" for k in range(1, stride))]
+        scalars = self._channels(packs, channels)
+        if kind == "float":
+            return scalars
+        return [self.convert(x, "float", kind) for x in scalars]
+
+    def _channels(self, packs: list[str], count: int) -> list[str]:
+        """The channels of a row, read four at a time, or alone if it has but one."""
+        if count == 1:
+            return [self.name("float", packs[0])]
+        return self.floats(packs)[:count]
 
     def blend(self, table: Array, indices: list[Scalar], shares: list[Scalar]) -> list[str]:
-        if table.shape[1] == 0:
+        channels = table.shape[1]
+        if channels == 0:
             return []
         reader, start, stride = self.tables.place(table)
         firsts = [self.name("int", f"{self.scalar(i, 'int')} * {stride} + {start}") for i in indices]
-        packs = [
-            " + ".join(f"{self._float(x)} * {reader}({first} + {k})" for x, first in zip(shares, firsts, strict=True))
-            for k in range(stride)
-        ]
-        return [self.name("float", packs[0])] if table.shape[1] == 1 else self.floats(packs)[: table.shape[1]]
+        packs = []
+        for k in range(stride):
+            rows = zip(shares, firsts, strict=True)
+            terms = [f"{self._float(share)} * {reader}({first} + {k})" for share, first in rows]
+            packs.append(" + ".join(terms))
+        return self._channels(packs, channels)
 
     def _weighted(self, weights: Array, inputs: list[Scalar], bias: list[Scalar] | None) -> list[str]:
         """weights (outputs, inputs) @ inputs + bias, as scalars; the weights are constants."""
         outputs, count = weights.shape
         padded = np.zeros((-(-outputs // 4) * 4, -(-count // 4) * 4), np.float32)
         padded[:outputs, :count] = weights
-        packs = [self.vector(inputs[i : i + 4]) for i in range(0, count, 4)]
-        # Name the vectors; otherwise each block of outputs would write them again.
-        packs = [text if text.isidentifier() else self.name("vec4", text) for text in packs]
-        added = ["0.0"] * len(padded) if bias is None else [*bias, *[0.0] * (len(padded) - outputs)]
+        packs = []
+        for i in range(0, count, 4):
+            text = self.vector(inputs[i : i + 4])
+            # Name the vectors; otherwise each block of outputs would write them again.
+            packs.append(text if text.isidentifier() else self.name("vec4", text))
+        added: list[Scalar] = ["0.0"] * len(padded)
+        if bias is not None:
+            added = [*bias, *[0.0] * (len(padded) - outputs)]
         starts = [self.vector(added[j : j + 4]) for j in range(0, len(padded), 4)]
         write = self._in_a_loop if self.weights == "texture" else self._line_by_line
         written = write(padded, packs, starts)
@@ -200,10 +236,11 @@ class Writer(Backend):
             terms = [start]
             for i, pack in enumerate(packs):
                 block = weights[4 * j : 4 * j + 4, 4 * i : 4 * i + 4].T  # four columns of the matrix
-                texts = [f"{self.dialect.vec4}({', '.join(map(literal, column))})" for column in block]
                 if self.weights == "uniform":
                     texts = [f"weights[{len(self.uniforms) + k}]" for k in range(4)]
                     self.uniforms += list(block)
+                else:
+                    texts = [f"{self.dialect.vec4}({', '.join(map(literal, column))})" for column in block]
                 terms.append(self.dialect.matrix.format(columns=", ".join(texts), vector=pack))
             results.append(" + ".join(terms))
         return results
@@ -215,7 +252,7 @@ class Writer(Backend):
         reader, first, _ = self.tables.place(np.ascontiguousarray(blocks), exact=True)
         self.count += 1
         name = f"t{self.count}"
-        columns = ", ".join(f"{reader}(row + {k})" if k else f"{reader}(row)" for k in range(4))
+        columns = ", ".join([f"{reader}(row)", *(f"{reader}(row + {k})" for k in range(1, 4))])
         product = self.dialect.matrix.format(columns=columns, vector=f"{name}in[i]")
         self.lines += self.dialect.loops(name, first, product, packs, starts)
         return [f"{name}out[{j}]" for j in range(len(starts))]
@@ -223,5 +260,6 @@ class Writer(Backend):
 
 def literal(value: float) -> str:
     """A float32 as the shortest text that is a float in every dialect."""
-    text = np.format_float_positional(np.float32(value), trim="0") if 1e-4 <= abs(value) < 1e7 or value == 0 else None
-    return text or np.format_float_scientific(np.float32(value), trim="0")
+    if value == 0 or 1e-4 <= abs(value) < 1e7:
+        return np.format_float_positional(np.float32(value), trim="0")
+    return np.format_float_scientific(np.float32(value), trim="0")

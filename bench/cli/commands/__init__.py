@@ -35,8 +35,10 @@ GROUPS = {  # the groups of the list of commands; commands of other packages fol
 
 def modules() -> dict[str, str]:
     """The module of each command by name; imports none. `InputError` if two packages use the same name."""
-    names = (info.name for info in pkgutil.iter_modules(__path__) if not info.name.startswith("_"))  # no helpers
-    by_name = {name.replace("_", "-"): f"{__name__}.{name}" for name in names}
+    by_name = {}
+    for info in pkgutil.iter_modules(__path__):
+        if not info.name.startswith("_"):  # no helpers
+            by_name[info.name.replace("_", "-")] = f"{__name__}.{info.name}"
     for entry in entry_points(group=GROUP):
         other = by_name.setdefault(entry.name, entry.value)
         if other != entry.value:
@@ -46,10 +48,13 @@ def modules() -> dict[str, str]:
 
 def grouped(known: dict[str, str]) -> str:
     """The commands of `modules` in groups; a line each says what it does."""
-    others = [name for name in known if not any(name in names for names in GROUPS.values())]
+    ours: set[str] = set().union(*GROUPS.values())
+    others = tuple(name for name in known if name not in ours)
+    groups = GROUPS | {"of methods": others} if others else GROUPS
     lines = []
-    for group, names in (GROUPS | ({"of methods": tuple(others)} if others else {})).items():
-        lines += [f"{group}:", *(f"  {name:<12}{first_line(known[name])}" for name in names if name in known)]
+    for group, names in groups.items():
+        lines.append(f"{group}:")
+        lines += [f"  {name:<12}{first_line(known[name])}" for name in names if name in known]
     return "\n".join(lines)
 
 
@@ -78,7 +83,8 @@ def read_as(options: argparse.Namespace) -> dict[str, str]:
     """The settings `data.KEY` of `reading_options`."""
     changes = {"data.repair": "true"} if options.repair else {}
     for unit in ("radians", "degrees"):
-        changes |= {"data.angles": unit} if getattr(options, unit) else {}
+        if getattr(options, unit):
+            changes["data.angles"] = unit
     return changes
 
 

@@ -22,5 +22,6 @@ def run(options: argparse.Namespace) -> int:
         say_line(f"removed {count} files, {size / 1e6:.1f} MB, from {cache_dir()}")
         return FINE
     files = [path for path in cache_dir().rglob("*") if path.is_file()]
-    say_line(f"{cache_dir()}: {len(files)} files, {sum(path.stat().st_size for path in files) / 1e6:.1f} MB")
+    size = sum(path.stat().st_size for path in files)
+    say_line(f"{cache_dir()}: {len(files)} files, {size / 1e6:.1f} MB")
     return FINE

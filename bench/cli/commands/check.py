@@ -23,10 +23,14 @@ def run(options: argparse.Namespace) -> int:
     with Console() as console:
         codec = codec_to_check(options.codec, assignments(options.set))
         for result in check(codec, show=console.show):
-            failed, tried = failed + bool(result.failure), tried + 1
-            word = "FAIL" if result.failure else "n/a " if result.reason else "pass"
-            remarks = (text for text in (result.failure, result.reason, result.note) if text)
-            console.say(f"{word}  {result.name}" + "".join(f": {text}" for text in remarks))
+            tried += 1
+            if result.failure:
+                failed += 1
+                word = "FAIL"
+            else:
+                word = "n/a " if result.reason else "pass"
+            remarks = [text for text in (result.failure, result.reason, result.note) if text]
+            console.say(": ".join([f"{word}  {result.name}", *remarks]))
         rest = planned() - tried
         untried = f", and the {rest} after them were not tried" if rest else ""
         verdict = f"{failed} of {tried} checks failed{untried}" if failed else "every check passed"

@@ -55,21 +55,24 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    size, on_gpu = (parse_bytes(options, word) for word in ("max_bytes", "max_gpu_bytes"))
+    size = parse_bytes(options, "max_bytes")
+    on_gpu = parse_bytes(options, "max_gpu_bytes")
     wishes = Limits(size, options.max_ns, options.min_psnr, on_gpu)
     if wishes == Limits():
         raise InputError("choose: no wish is given: give --min-psnr, --max-bytes, --max-gpu-bytes or --max-ns")
     if options.copy:
         container.refuse_other_file(options.copy)
     suite = _suite(options)
-    folder, material = options.out or Path("runs") / suite.name, suite.materials[0].name
+    folder = options.out or Path("runs") / suite.name
+    material = suite.materials[0].name
     if not suite.data.validation:
         why = f"suite {suite.name} has no validation pairs to choose by"
         raise InputError(f"choose: {why}: add `validation = true` to [data]")
     rungs, missing = _measured(folder, suite, options)
     if missing and not chosen(rungs, wishes):
         suite = canonical(suite)  # by the names of the records; it loads the codecs
-        if missing := _measured(folder, suite, options)[1]:
+        _, missing = _measured(folder, suite, options)
+        if missing:
             _measure(folder, suite, options, len(missing))
             rungs, _ = _measured(folder, suite, options)
     if not rungs:
@@ -87,7 +90,8 @@ def run(options: argparse.Namespace) -> int:
     longest = f"up to {longest_ns(best.of):,.0f} ns a sample by its 95 % interval"
     print(f"time: {timed_on(best.of)}, {longest}; on a GPU: {on_a_gpu}")
     _offer(folder, best.of, options.copy)
-    if command := _command(suite, best.of, options.device):
+    command = _command(suite, best.of, options.device)
+    if command:
         say_line(command)
     return FINE
 
@@ -140,9 +144,11 @@ def _command(suite: "Suite", row: "TradeChoice", device: str) -> str:
     words = ["encode", spec.path or spec.name, "--codec", row["codec"]]
     for key, value in row["settings"].items():
         words += ["--set", f"{key}={value}"]
+    defaults = asdict(type(data)())
     for key, value in asdict(data).items():  # as they differ from the defaults; validation pairs leave the training
-        if value != getattr(type(data)(), key) and not kind.ignores(spec, f"data.{key}"):
-            words += ["--set", f"data.{key}={str(value).lower() if value is True else value}"]
+        if value != defaults[key] and not kind.ignores(spec, f"data.{key}"):
+            word = "true" if value is True else value
+            words += ["--set", f"data.{key}={word}"]
     if suite.seeds[0]:
         words += ["--seed", str(suite.seeds[0])]
     if suite.threads != 1:
@@ -176,7 +182,8 @@ def _suite(options: argparse.Namespace) -> "Suite":
 
 def _measured(folder: Path, suite: "Suite", options: argparse.Namespace) -> tuple[list["Rung"], list[str]]:
     """The choices of a suite's material that were measured on a device, and the labels that were not tried."""
-    codecs, material = {codec.codec for codec in suite.codecs}, suite.materials[0].name
+    codecs = {codec.codec for codec in suite.codecs}
+    material = suite.materials[0].name
     trade = load_trade(folder)
     every = trade["choices"] if trade else []
     of_device = [row for row in every if (row["material"], row["device"]) == (material, options.device)]
@@ -184,7 +191,8 @@ def _measured(folder: Path, suite: "Suite", options: argparse.Namespace) -> tupl
     tried = {row["label"] for row in rows if "validation" in row or "error" in row}
     rungs = usable(rows, material)
     if options.max_gpu_bytes:
-        held = {name: _gpu_bytes(folder, name) for name in {rung.of.get("job", "") for rung in rungs}}
+        jobs = {rung.of.get("job", "") for rung in rungs}
+        held = {job: _gpu_bytes(folder, job) for job in jobs}
         rungs = [replace(rung, gpu=held[rung.of.get("job", "")]) for rung in rungs]
     return rungs, [codec.label for codec in suite.codecs if codec.label not in tried]
 
@@ -194,6 +202,7 @@ def _measure(folder: Path, suite: "Suite", options: argparse.Namespace, missing:
     with Console() as console:
         several = f"{missing} of {len(suite.codecs)} settings of {suite.name}"
         console.say(f"{suite.materials[0].name}: {several} are not in {folder}: fitted, scored and timed first")
-        device, seats = usable_device(options.device), workers(options.jobs, suite.threads, options.device)
+        device = usable_device(options.device)
+        seats = workers(options.jobs, suite.threads, options.device)
         run_options = Options(folder, device, show=console.show, say=console.say, workers=seats)
         run_and_measure(suite, run_options, console.ended, profiles=False)

@@ -44,7 +44,8 @@ def run(options: argparse.Namespace) -> int:
             raise InputError(f"{name}: it holds jobs and a stress test: compare each from a file of its own")
     if base.stress:
         of_jobs = ("material", "markdown", "junit", "tracker", "annotations")
-        if ignored := [f"--{name}" for name in of_jobs if getattr(options, name)]:
+        ignored = [f"--{name}" for name in of_jobs if getattr(options, name)]
+        if ignored:
             raise InputError(f"{', '.join(ignored)}: not for stress tests, which are compared as text: leave it out")
         text, code = compare_extremes(base, new, options.codec, options.allow)
         print(text)

@@ -12,6 +12,7 @@ examples:
 """
 
 import argparse
+import math
 import re
 import sys
 import warnings
@@ -74,21 +75,25 @@ def _table(frame: "pd.DataFrame") -> str:
     keys = ["material", "label", "folder", "started", "git", "own"]
     frame = frame.sort_values(["material", "label", "started", "folder"], kind="stable")
     metrics, decibels = _heldout(frame)
-    forms = {label: ".2f" if label in decibels else ".4f" for label in metrics}
     sizes = [name for name in ("parameters", "bytes/total") if name in frame]
     several = frame["own"].notna().any()  # a codec has a repository of its own
     frame = frame[[*keys, "status", *sizes]].assign(**metrics)
-    numbers = {"parameters": ",.0f", "bytes/total": ",.0f"} | forms
+    numbers = {"parameters": ",.0f", "bytes/total": ",.0f"}
+    for metric in metrics:
+        numbers[metric] = ".2f" if metric in decibels else ".4f"
     rows = []
     for values, jobs in frame.groupby(keys, sort=False, dropna=False):
         material, label, folder, started, git, codec = values
-        when = f"{started:%Y-%m-%d %H:%M}" if started == started else "—"
-        revisions = [each if isinstance(each, str) else "—" for each in ((git, codec) if several else (git,))]
-        cells = [*map(visible, (str(material), str(label), str(folder))), when, *revisions]
+        is_known = started == started  # pandas' NaT is not
+        when = f"{started:%Y-%m-%d %H:%M}" if is_known else "—"
+        cells = [visible(str(material)), visible(str(label)), visible(str(folder)), when]
+        cells.append(git if isinstance(git, str) else "—")
+        if several:
+            cells.append(codec if isinstance(codec, str) else "—")
         cells.append(f"{(jobs['status'] == 'ok').sum()} of {len(jobs)}")
         for column, form in numbers.items():
             mean = jobs[column].mean() if column in jobs else float("nan")
-            cells.append("—" if mean != mean else f"{mean:{form}}")
+            cells.append("—" if math.isnan(mean) else f"{mean:{form}}")
         rows.append(cells)
     revised = ["revision", "codec's revision"] if several else ["revision"]
     headers = ["material", "codec", "run", "started", *revised, "jobs", "parameters", "bytes", *metrics]
@@ -104,6 +109,9 @@ def _heldout(frame: "pd.DataFrame") -> "tuple[dict[str, pd.Series[float]], set[s
         match = re.fullmatch("scores/heldout/metrics/(.*)/(mean|pooled)", column)
         if match and not is_relative(match[1]) and (match[2] == "mean" or match[1] not in chosen):
             chosen[match[1]] = column
-    by_label = {label: [chosen[name] for name in names] for label, names in grouped(chosen, label_of).items()}
+    numbers = {}
+    for label, names in grouped(chosen, label_of).items():
+        variants = frame[[chosen[name] for name in names]]
+        numbers[label] = variants.bfill(axis=1).iloc[:, 0]  # the first variant that a job has
     decibels = {label_of(name) for name in chosen if in_decibels(name)}
-    return {label: frame[columns].bfill(axis=1).iloc[:, 0] for label, columns in by_label.items()}, decibels
+    return numbers, decibels

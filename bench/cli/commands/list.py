@@ -63,12 +63,14 @@ def _settings(what: str, name: str) -> int:
         rows = [head, *((each.name, each.default, each.kind, each.meaning) for each in settings)]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         for row in rows:
-            say_line("  " + "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
+            cells = [f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)]
+            say_line(f"  {'  '.join(cells)}".rstrip())
 
     if what != "codecs":
         raise InputError(f"list {what} {name}: only codecs have settings: list codecs NAME")
     codec, entry = load_codec(name), codec_entries()[name]
-    versions = [f"version {codec.version}", *(f"recipe={key} {each}" for key, each in codec.recipe_versions.items())]
+    versions = [f"version {codec.version}"]
+    versions += [f"recipe={recipe} {version}" for recipe, version in codec.recipe_versions.items()]
     say_line(f"{name}, {', '.join(versions)}, of {origin(entry)}: {describe(entry)}")
     table(described_settings(codec))
     if codec.network:

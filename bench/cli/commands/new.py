@@ -79,11 +79,14 @@ def run(options: argparse.Namespace) -> int:
     words["place"] = _PLACES.get(what, "").format(**words)
     folder = f"{name}-codec"  # where `new codec` puts the package
     words["package"] = f"./{folder}" if (options.out / folder / "pyproject.toml").is_file() else "."
-    places = {options.out / place.format(**words): template for place, template in _FILES[what].items()}
-    if options.neural:
-        places = {path: "neural" if template == "codec" else template for path, template in places.items()}
-    if there := next((path for path in places if path.exists()), None):
-        raise InputError(f"{there}: it exists already: remove it, or choose another --out")
+    places: dict[Path, str] = {}
+    for place, template in _FILES[what].items():
+        if options.neural and template == "codec":
+            template = "neural"
+        places[options.out / place.format(**words)] = template
+    for path in places:
+        if path.exists():
+            raise InputError(f"{path}: it exists already: remove it, or choose another --out")
     for path, template in places.items():
         text = (files("bench.cli") / "templates" / f"{template}.txt").read_text("utf-8")
         write_text(path, Template(text).substitute(words), "choose another --out")

@@ -54,12 +54,15 @@ def run(options: argparse.Namespace) -> int:
     print(terminal(compare(before or after, after)))
     say_line(f"wrote {path}: {len(after.jobs)} jobs, {len(text.encode()):,} bytes")
     drawn = pairs_by_seed(after)
-    if losses := smallest_losses(after, seeds_of(measured)):
+    losses = smallest_losses(after, seeds_of(measured))
+    if losses:
         print("losses below these cannot be told from chance on these materials:")
         width = max(map(len, losses))
         for name, each in losses.items():
-            say_line(f"  {name:<{width}}  " + ", ".join(f"{word} {value:.2f} dB" for word, value in each.items()))
-    if few := [name for name in few_seeds(after) if name not in drawn]:
+            listed = ", ".join(f"{word} {value:.2f} dB" for word, value in each.items())
+            say_line(f"  {name:<{width}}  {listed}")
+    few = [name for name in few_seeds(after) if name not in drawn]
+    if few:
         say_line(f"too few seeds to tell a spread; add some with `run --seed N --out {options.run}`: {', '.join(few)}")
     if drawn:
         say_line(

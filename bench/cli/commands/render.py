@@ -25,7 +25,10 @@ from bench.demand.scene import named_scene
 from bench.inputs.errors import FINE, InputError, installed
 
 LIMITS: dict[str, tuple[float, float]] = {
-    **{"tiling": (1e-3, 1e3), "exposure": (1e-12, 1e12), "width": (1, 16_384), "rays": (1, 16)},
+    "tiling": (1e-3, 1e3),
+    "exposure": (1e-12, 1e12),
+    "width": (1, 16_384),
+    "rays": (1, 16),
     "samples": (1, 1 << 20),
 }
 
@@ -75,7 +78,9 @@ def run(options: argparse.Namespace) -> int:
         pictures = still.render(scene, sides, options.frame, options.rays or 2, show=console.show)
         exposure = still.exposure_for(pictures[0]) if options.exposure is None else options.exposure
         still.write(options.out, np.concatenate(list(pictures), 1), exposure)
-        names = [*([options.truth] if options.truth else []), *(file.name for file in options.files)]
+        names = [file.name for file in options.files]
+        if options.truth:
+            names.insert(0, options.truth)
         console.say(f"wrote {options.out}: {', '.join(names)}; exposure {exposure:.6g}")
     return FINE
 
@@ -85,12 +90,16 @@ def _path_traced(options: argparse.Namespace) -> int:
     if not (options.files and options.bsdf):
         raise InputError("a Mitsuba scene needs codec files, and the BSDF that they replace: give --bsdf ID")
     own = {
-        **{"--truth": "it shows codec files only", "--set": "it has no --truth", "--lights": "it has its own lights"},
-        **{"--width": "its film gives it", "--frame": "its first camera is rendered", "--rays": "give --samples"},
+        "--truth": "it shows codec files only",
+        "--set": "it has no --truth",
+        "--lights": "it has its own lights",
+        "--width": "its film gives it",
+        "--frame": "its first camera is rendered",
+        "--rays": "give --samples",
         "--device": "Mitsuba's variant gives it",
     }
     for name, reason in own.items():
-        if getattr(options, name[2:]):
+        if getattr(options, name.removeprefix("--")):
             raise InputError(f"{name}: not with a Mitsuba scene: {reason}")
     with installed(f"--scene {options.scene}: needs Mitsuba 3: pip install 'neubtf-bench[mitsuba]'"):
         from bench.demand.mitsuba.picture import path_traced

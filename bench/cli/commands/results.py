@@ -23,7 +23,6 @@ examples:
 import argparse
 import re
 import shlex
-from functools import partial
 from pathlib import Path
 
 from bench.cli.commands import say_line, table
@@ -78,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
 def _add(run: Path, file: Path) -> int:
     if file.suffix != ".jsonl":
         raise InputError(f"{file}: the name of a file of records ends in .jsonl")
-    whole = load_together([*([file] if file.exists() else []), run])
+    whole = load_together([file, run] if file.exists() else [run])
     text = published(whole)
     with writable(file, "choose another FILE"):
         write(file, text.encode())
@@ -108,12 +107,18 @@ def _table(path: Path, words: str) -> str:
         options, unknown = parser.parse_known_args(rest)
     except argparse.ArgumentError as error:
         raise InputError(f"{path}: `neubtf-bench {words}`: {error}") from error
-    kinds, sources = ([word for word in options.what if (word in KINDS) == known] for known in (True, False))
-    kind, format, counts = next(iter(kinds), None), options.format, kinds == ["parameters"]
+    kinds = [word for word in options.what if word in KINDS]
+    sources = [word for word in options.what if word not in KINDS]
+    kind = kinds[0] if kinds else None
+    format = options.format
     if command != "table" or len(kinds) > 1 or not sources or unknown or format not in ("text", "markdown"):
         raise InputError(f"{path}: `neubtf-bench {words}`: write table [KIND] FILE… [--format markdown]")
-    make = table.parameters_table if counts else partial(table_text, kind=kind)
-    text = make(list(map(Path, sources)), format, choice=table.choice(options))
+    paths = [Path(source) for source in sources]
+    choice = table.choice(options)
+    if kind == "parameters":
+        text = table.parameters_table(paths, format, choice)
+    else:
+        text = table_text(paths, format, kind, choice)
     if kind and not text.strip():
         text = f"No such table yet: {WHY_EMPTY[kind]}"
     return f"{text}\n" if format == "markdown" else f"```\n{text}\n```\n"

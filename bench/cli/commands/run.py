@@ -53,7 +53,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    changes = assignments(options.set) | ({"data.pairs": "0"} if options.all_pairs else {})
+    changes = assignments(options.set)
+    if options.all_pairs:
+        changes["data.pairs"] = "0"
     changes |= read_as(options)
     suite = with_changes(load_suite(options.suite), options.material, options.codec, changes, options.seed)
     suite = with_metrics(suite, options.metric)
@@ -85,7 +87,9 @@ def run(options: argparse.Namespace) -> int:
     console.say(_summary(outcomes, timed))
     console.say(f"records, files, tables and pictures: {folder}")
     states = {outcome.record["status"] for outcome in outcomes}
-    return FAILED if "failed" in states else FINE if "ok" in states else NOTHING
+    if "failed" in states:
+        return FAILED
+    return FINE if "ok" in states else NOTHING
 
 
 def _workers(options: argparse.Namespace, threads: int) -> "Seats | None":
@@ -97,8 +101,11 @@ def _workers(options: argparse.Namespace, threads: int) -> "Seats | None":
     if options.scheduler:
         if options.jobs != 1:
             raise InputError("--jobs, --scheduler: give only one of them; the scheduler knows how many workers it has")
+        resources = {}
         try:
-            resources = {name: float(count) for name, count in (word.split("=") for word in options.resource)}
+            for word in options.resource:
+                name, count = word.split("=")
+                resources[name] = float(count)
         except ValueError:
             raise InputError(f"--resource {' '.join(options.resource)}: write NAME=COUNT, such as GPU=1") from None
         return partial(executors.dask, options.scheduler, resources)
@@ -114,5 +121,6 @@ def _summary(outcomes: list[Any], timed: bool) -> str:
     if any(cached):
         reused = f"{cached.count('record')} from the cache, {cached.count('file')} scored again from cached files"
         words.append(f"{reused} (--fresh runs them again)")
-        words += ["times were measured again"] if timed else []
+        if timed:
+            words.append("times were measured again")
     return "; ".join(words)

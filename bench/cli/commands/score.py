@@ -40,8 +40,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     changes = assignments(options.set)
-    if foreign := next((key for key in changes if not key.startswith("data.")), None):
-        raise InputError(f"--set {foreign}: the file has its codec's settings already; only data.KEY can be set here")
+    for key in changes:
+        if not key.startswith("data."):
+            raise InputError(f"--set {key}: the file has its codec's settings already; only data.KEY can be set here")
     changes |= read_as(options)
     if not options.file.is_dir():
         read_header(options.file)  # report a wrong file before anything is rendered

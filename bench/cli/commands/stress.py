@@ -83,12 +83,16 @@ def _again(options: argparse.Namespace) -> int:
     if data and (min(data[:4]) < 1 or max(data[2:4]) > 81):
         raise InputError(f"--data {options.data!r}: at least one texel and pair, at most 81 views and lights")
     failed = False
-    for name in chosen(options.codec, [])[0]:
+    codecs, _ = chosen(options.codec, [])
+    for name in codecs:
         with tempfile.TemporaryDirectory() as folder:
             subject = subject_of(load_codec(name), Path(folder))
             try:
-                answers: list[Any] = [query_holds(subject, queries)] if queries else []
-                answers += [data_hold(subject, data)] if data else []
+                answers: list[Any] = []
+                if queries:
+                    answers.append(query_holds(subject, queries))
+                if data:
+                    answers.append(data_hold(subject, data))
                 say_line(f"pass  {name}: {', '.join(map(str, answers))}")
             except InputError:
                 raise

@@ -55,8 +55,11 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(f"--against {options.against}: the table {kind} sets none against it: give table summary")
     if options.material and kind == "parameters":
         raise InputError("--material: not with the table of parameters, which no material changes: leave it out")
-    if kind == "parameters" or (kind == "paper" and options.format != "raw"):  # these need no run
-        print((parameters_table if kind == "parameters" else _paper)(folders, options.format, chosen))
+    if kind == "parameters":  # it needs no run
+        print(parameters_table(folders, options.format, chosen))
+        return FINE
+    if kind == "paper" and options.format != "raw":  # nor does this
+        print(_paper(folders, options.format, chosen))
         return FINE
     folders = folders or [_newest_run(kind)]
     text = table_text(folders, options.format, kind, chosen)
@@ -83,12 +86,15 @@ def parameters_table(folders: list[Path], format: str, choice: "Choice | None" =
     """The table of parameters: of every codec as published, and of the records of runs, whatever their data; with times
     of a sample, where a run has some."""
     jobs: list[TimedJob] = []
-    runs = [load_together([folder], wanted=lambda job: False) for folder in folders or _runs()[-1:]]  # none replaced
+    folders = folders or _runs()[-1:]
+    runs = [load_together([folder], wanted=lambda job: False) for folder in folders]  # none replaced
     on_gpu: dict[str, Timing] = {}
     for run in runs:
         on_gpu |= gpu_times(run)
     for run in runs:
-        for job in (job for job in run.jobs if job["status"] == "ok"):
+        for job in run.jobs:
+            if job["status"] != "ok":
+                continue
             require(job, "tables", run.folder)
             found: TimedJob = {**job, "ns": {}}
             if eager := run.timing(job):

@@ -44,11 +44,15 @@ def run(options: argparse.Namespace) -> int:
             raise InputError(_naming_archive(str(error), scratch, options.archive)) from error
         folder.mkdir(parents=True, exist_ok=True)
         verdicts = list(verify(submitted, folder, console.show, places))
-    rows = [(each.job, each.verdict, _naming_archive(each.why, scratch, options.archive)) for each in verdicts]
-    print(tabulate([[visible(str(cell)) for cell in row] for row in rows], ["job", "verdict", ""], "simple"))
+    rows = []
+    for each in verdicts:
+        why = _naming_archive(each.why, scratch, options.archive)
+        rows.append([visible(str(cell)) for cell in (each.job, each.verdict, why)])
+    print(tabulate(rows, ["job", "verdict", ""], "simple"))
     counts = Counter(each.verdict for each in verdicts)
+    counted = ", ".join(f"{count} {word}" for word, count in counts.items())
     print()
-    say_line(f"{', '.join(f'{count} {word}' for word, count in counts.items())}; measured here: {folder}")
+    say_line(f"{counted}; measured here: {folder}")
     if DIFFERS in counts:
         return NO
     return FINE if AGREES in counts else NOTHING

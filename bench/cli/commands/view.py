@@ -50,7 +50,8 @@ def run(options: argparse.Namespace) -> int:
             shown = shown or exposure  # one exposure for all, so that brightness can be compared
             label = f"{file.header.path.stem}: {file.header.codec}, {file.header.file_bytes:,} bytes"
             models.append(Shown(label, program, shown, note))
-        text = page(models[0].label.removesuffix(", truth") if options.truth else options.files[0].stem, models)
+        title = models[0].label.removesuffix(", truth") if options.truth else options.files[0].stem
+        text = page(title, models)
     out = options.out or Path(tempfile.mkdtemp(prefix="neubtf-view-")) / "view.html"
     atomic.write(out, text.encode())
     say_line(f"{out}: {len(text) / 1e6:.1f} MB")
@@ -62,10 +63,10 @@ def run(options: argparse.Namespace) -> int:
 def _drawn(file: "Loaded", show: "Progress") -> "tuple[tuple[Program, float], str]":
     """The material of a file, its exposure, and a note on it; its baked slices if no shader can evaluate it."""
     try:
-        drawing = drawable(file.material)
-        shader(drawing[0], GLSL)
+        program, exposure = drawable(file.material)
+        shader(program, GLSL)
     except InputError as error:
         name = file.header.path.stem
         note = f"{name} is baked to slices at {BAKED} × {BAKED} pairs, interpolated between directions, because {error}"
         return drawable_truth(baked(file.material, name, show), show), note
-    return drawing, ""
+    return (program, exposure), ""

@@ -109,9 +109,10 @@ class Subject:
         """Encode with the codec's fit, or with `stretch` times its steps, then write, read and decode."""
         if stretch > 1 and self.fits:
             changes = {"steps": stretch * self.tested.codec.settings.steps} | changes
-        codec, path = self.codec(**changes), self.tested.folder / f"stress{container.SUFFIX}"
+        codec = self.codec(**changes)
+        path = self.tested.folder / f"stress{container.SUFFIX}"
         fit_to_file(codec, btf, self.fit(), path)
-        material = loading.load(path, network=self.tested.network)[1]
+        material = loading.load(path, network=self.tested.network).material
         pairs = zip(btf.wo.tolist(), btf.wi.tolist(), strict=True)
         return Encoded(btf, torch.stack([material.slice(wo, wi) for wo, wi in pairs]).numpy())
 
@@ -130,7 +131,8 @@ class Subject:
         """The tensors of the ordinary material's file."""
         if self.stored is not None:
             return self.stored
-        return dataclasses.replace(container.read_parts(self.tested.header.path)[1], network=self.tested.network)
+        _, parts = container.read_parts(self.tested.header.path)
+        return dataclasses.replace(parts, network=self.tested.network)
 
     def decode(self, parts: Parts) -> Material:
         """The material of some tensors, which need not come from a file."""

@@ -42,7 +42,8 @@ def values() -> Array:
 
 def material(radiance: Array, wo: Array | None = None, wi: Array | None = None) -> BTF:
     """A BTF with radiance (N, H, W, 3), by default at the pairs of the ordinary material."""
-    wo, wi = ordinary().wo if wo is None else wo, ordinary().wi if wi is None else wi
+    wo = ordinary().wo if wo is None else wo
+    wi = ordinary().wi if wi is None else wi
     return BTF("extreme", wo, wi, ArraySource(np.asarray(radiance, np.float32)), periodic=True)
 
 
@@ -56,7 +57,8 @@ def painted(radiance: Array, place: Any, value: float = HALF_MAX) -> BTF:
 def long_strip() -> BTF:
     """3 × 1,001 texels at 3 × 3 pairs: no side is a power of two, none a multiple of the pattern."""
     like = tiny_btf(views=3, lights=3)
-    return material(np.stack(list(like))[:, :3][:, :, np.arange(1001) % 8], like.wo, like.wi)
+    rows = np.stack(list(like))[:, :3]
+    return material(rows[:, :, np.arange(1001) % 8], like.wo, like.wi)
 
 
 def beyond_half() -> BTF:
@@ -123,7 +125,7 @@ def quality(encoded: Encoded, ours: Array) -> dict[str, float]:
 
 def sound(encoded: Encoded) -> None:
     """The decoded slices have the size of the material, and are finite and not negative."""
-    ours, wanted = (" × ".join(map(str, slices.shape[1:3])) for slices in (encoded.decoded, encoded.truth))
+    ours, wanted = ("{} × {}".format(*slices.shape[1:3]) for slices in (encoded.decoded, encoded.truth))
     require(ours == wanted, ours, f"decoded slices are {ours} texels, those of the material {wanted}")
     bad = ~(np.isfinite(encoded.decoded) & (encoded.decoded >= 0))
     require(not bad.any(), f"{bad.sum()} bad", f"{bad.sum()} decoded values are negative or not finite")
@@ -139,9 +141,9 @@ def bound(encoded: Encoded) -> dict[str, float]:
 def within(encoded: Encoded, allowed: dict[str, float]) -> Measured:
     """Measure the error as a share of the allowed error in each space; raise `CheckError` if it is larger."""
     sound(encoded)
-    errors, used = mean_squares(encoded, encoded.decoded), 0.0
-    for space, (mse, peak) in errors.items():
-        ours, least = (float(psnr(x / peak, 1.0)) for x in (mse, allowed[space]))
+    used = 0.0
+    for space, (mse, peak) in mean_squares(encoded, encoded.decoded).items():
+        ours, least = float(psnr(mse / peak, 1.0)), float(psnr(allowed[space] / peak, 1.0))
         require(mse <= allowed[space], f"{ours:.1f} dB", f"{space} PSNR {ours:.2f} dB, required {least:.2f} dB")
         used = max(used, mse / allowed[space])
     return Measured(used=used)
@@ -182,7 +184,7 @@ def refused(subject: Subject) -> None:
         subject.encode(not_finite())
     except InputError as error:
         message = str(error)
-        count, place = (re.search(pattern, message) for pattern in (r"\d of [\d,]+ values", r"\(\d+, "))
+        count, place = re.search(r"\d of [\d,]+ values", message), re.search(r"\(\d+, ", message)
         require(count and place, "unclear", f"the error gives no count and place: {message}")
         return
     raise CheckError("values that are not finite were encoded", "encoded")
@@ -209,8 +211,12 @@ def one_pair_holds(subject: Subject) -> Measured:
     usual, encoded = subject.usual, subject.encode(of_pairs(np.array([40]), 5), stretch=3)
     # The codec's result on the ordinary material counts only if it is better than mean-colour there.
     limits, errors = bound(usual), mean_squares(usual, usual.decoded)
-    lossy = {space: min(errors[space][0] * 10 ** (SAME_DB / 10), limits[space]) for space in limits}
-    return within(encoded, {space: max(allowed, lossy[space]) for space, allowed in bound(encoded).items()})
+    allowed = bound(encoded)
+    for space, limit in limits.items():
+        error, _ = errors[space]
+        usual_error = min(error * 10 ** (SAME_DB / 10), limit)
+        allowed[space] = max(allowed[space], usual_error)
+    return within(encoded, allowed)
 
 
 MEAN = "no worse than mean-colour"

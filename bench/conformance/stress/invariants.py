@@ -61,8 +61,9 @@ def across_wrap() -> tuple[Queries, Queries]:
     """Places just left and right, or below and above, of the border of the picture."""
     queries = spread(MANY, 80.0, seed=8)
     border = (torch.arange(MANY) % 2 == 0)[:, None] ^ torch.tensor([False, True])
-    sides = ((queries.uv * ~border + border * x).float() for x in (-STEP / 2, STEP / 2))
-    return queries._replace(uv=next(sides)), queries._replace(uv=next(sides))
+    inside = queries.uv * ~border
+    here, there = (inside - border * (STEP / 2)).float(), (inside + border * (STEP / 2)).float()
+    return queries._replace(uv=here), queries._replace(uv=there)
 
 
 def across_zenith() -> tuple[Queries, Queries]:
@@ -70,17 +71,20 @@ def across_zenith() -> tuple[Queries, Queries]:
     queries = spread(MANY, 80.0, seed=9)
     azimuth = torch.linspace(0, 2 * torch.pi, MANY, dtype=torch.float64)
     offset = torch.stack([azimuth.cos(), azimuth.sin(), torch.zeros_like(azimuth)], 1) * STEP / 2
-    up, view = torch.tensor([0.0, 0.0, 1.0]), (torch.arange(MANY) % 2 == 0)[:, None]
-    sides = [(up + sign * offset).float() for sign in (1, -1)]
-    here, there = (queries._replace(wo=w.where(view, queries.wo), wi=queries.wi.where(view, w)) for w in sides)
-    return here, there
+    up = torch.tensor([0.0, 0.0, 1.0])
+    view = (torch.arange(MANY) % 2 == 0)[:, None]
+
+    def beside(direction: Tensor) -> Queries:
+        return queries._replace(wo=direction.where(view, queries.wo), wi=queries.wi.where(view, direction))
+
+    return beside((up + offset).float()), beside((up - offset).float())
 
 
 def at_samples() -> tuple[Queries, Queries]:
     """The pairs of the data, where the triangles of an interpolator meet, and pairs just beside them."""
     queries, btf = spread(MANY, 80.0, seed=10), ordinary()
     pair = torch.arange(MANY) % len(btf)
-    wo, wi = (torch.from_numpy(w)[pair] for w in (btf.wo, btf.wi))
+    wo, wi = torch.from_numpy(btf.wo)[pair], torch.from_numpy(btf.wi)[pair]
     return queries._replace(wo=wo, wi=wi), queries._replace(wo=tilted(wo, STEP, 3), wi=tilted(wi, STEP, 4))
 
 
@@ -100,15 +104,15 @@ def no_jump(subject: Subject) -> None:
     """Halve random lines again and again towards the part where the answer moves most: this finds a jump."""
     start, rng = spread(LINES, 80.0, seed=6), np.random.default_rng(7)
     end = spread(LINES, 80.0, seed=13)
-    uv = start.uv.double() + torch.from_numpy(rng.uniform(-0.5, 0.5, (LINES, 2)))
+    end_uv = start.uv.double() + torch.from_numpy(rng.uniform(-0.5, 0.5, (LINES, 2)))
 
     def at(share: Tensor) -> Queries:
         share = share[:, None]
+        uv = start.uv + share * (end_uv - start.uv)
         # At most half way to the other direction: about as far as uv moves.
-        wo, wi = (
-            functional.normalize(a + 0.5 * share * (b - a), dim=1) for a, b in ((start.wo, end.wo), (start.wi, end.wi))
-        )
-        return Queries((start.uv + share * (uv - start.uv)).float(), wo.float(), wi.float(), start.footprint)
+        wo = functional.normalize(start.wo + 0.5 * share * (end.wo - start.wo), dim=1)
+        wi = functional.normalize(start.wi + 0.5 * share * (end.wi - start.wi), dim=1)
+        return Queries(uv.float(), wo.float(), wi.float(), start.footprint)
 
     low, high = torch.zeros(LINES, dtype=torch.float64), torch.ones(LINES, dtype=torch.float64)
     below, above = subject.answers(at(low)), subject.answers(at(high))
@@ -124,10 +128,8 @@ def no_jump(subject: Subject) -> None:
 def near_double(name: str, subject: Subject) -> Measured:
     """Answers of short floats against float64's: |Δ| ≤ r · (|x| + mean), r = 16 roundings of that float."""
     queries = spread(MANY, 89.0, seed=11)
-    double, ours = (
-        subject.decode(subject.parts).to(dtype=dtype).query(*queries).double()
-        for dtype in (torch.float64, SHORT_FLOATS[name])
-    )
+    double = subject.decode(subject.parts).to(dtype=torch.float64).query(*queries).double()
+    ours = subject.decode(subject.parts).to(dtype=SHORT_FLOATS[name]).query(*queries).double()
     r = SHORT_STEPS * torch.finfo(SHORT_FLOATS[name]).eps
     excess = ((ours - double).abs() / (double.abs() + double.mean()) / r).amax(1)
     worst = int(excess.nan_to_num(torch.inf).argmax())
@@ -141,7 +143,8 @@ def diverges(subject: Subject) -> None:
     """A fit at an absurd learning rate says that it diverged, and leaves no file; so does that of a shared network."""
     path = subject.tested.folder / f"diverged{container.SUFFIX}"
     codec, network = subject.tested.codec, subject.tested.codec.network
-    wild, wild_of_network = wild_rates(type(codec)), wild_rates(network) if network else {}
+    wild = wild_rates(type(codec))
+    wild_of_network = wild_rates(network) if network else {}
     applicable(wild or wild_of_network, "no learning rate")
     try:
         if wild:
@@ -161,8 +164,13 @@ def diverges(subject: Subject) -> None:
 
 def wild_rates(kind: type[Configured]) -> dict[str, float]:
     """The learning rates among the settings, each far too high."""
+    wild = {}
     kinds = get_type_hints(kind.Settings)  # without the ranges that types of settings may give
-    return {name: HIGH_RATE for name in kinds if kinds[name] is float and (name == "rate" or name.endswith("_rate"))}
+    for name, kind_of_setting in kinds.items():
+        is_rate = name == "rate" or name.endswith("_rate")
+        if is_rate and kind_of_setting is float:
+            wild[name] = HIGH_RATE
+    return wild
 
 
 def mean_colour() -> Answer:
@@ -180,7 +188,8 @@ def reciprocity(subject: Subject) -> Measured:
     there = queries._replace(wo=queries.wi, wi=queries.wo)
 
     def asymmetry(answer: Answer) -> Tensor:
-        ours, theirs = (answer(q) / q.wi[:, 2:] for q in (queries, there))
+        ours = answer(queries) / queries.wi[:, 2:]
+        theirs = answer(there) / there.wi[:, 2:]
         return (ours - theirs).square().mean().sqrt() / ((ours + theirs) / 2).mean().clamp_min(1e-30)
 
     error = asymmetry(subject.answers)

@@ -75,10 +75,15 @@ def scored(metric: SliceMetric, case: PictureCase) -> None:
     require(perfect == case.equal, f"{raw:.3g}", f"the raw number is {raw!r}; a perfect one is {metric.perfect}")
 
 
+def _level(radiance: Array) -> Tensor:
+    """The log radiance that losses compare."""
+    return torch.from_numpy(np.maximum(radiance, 0)).mul(LOG_SCALE).log1p()
+
+
 def weighed(loss: Callable[[Tensor, Tensor], Tensor], case: PictureCase) -> None:
     """Compute a loss between log radiances, ours and the target, and its gradient. `CheckError` says what is wrong."""
-    target, ours = (torch.from_numpy(np.maximum(x, 0)).mul(LOG_SCALE).log1p() for x in case.make())
-    ours.requires_grad_()
+    reference, test = case.make()
+    target, ours = _level(reference), _level(test).requires_grad_()
     value = loss(ours, target)
     value.backward()
     assert ours.grad is not None
@@ -89,10 +94,12 @@ def weighed(loss: Callable[[Tensor, Tensor], Tensor], case: PictureCase) -> None
 
 def subjects() -> dict[str, Callable[[PictureCase], None]]:
     """Every metric and loss by name."""
-    tests: dict[str, Callable[[PictureCase], None]] = {
-        name: partial(scored, metrics.get(name).load()) for name in metrics.examples()
-    }
-    return tests | {f"loss {loss}": partial(weighed, partial(distance, loss=loss)) for loss in get_args(LogLoss)}
+    tests: dict[str, Callable[[PictureCase], None]] = {}
+    for name in metrics.examples():
+        tests[name] = partial(scored, metrics.get(name).load())
+    for loss in get_args(LogLoss):
+        tests[f"loss {loss}"] = partial(weighed, partial(distance, loss=loss))
+    return tests
 
 
 def judge(test: Callable[[PictureCase], None], case: PictureCase) -> CaseVerdict:

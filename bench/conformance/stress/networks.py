@@ -38,8 +38,9 @@ def largest_weights(subject: Subject) -> Material:
     """Every stored weight at half's maximum, its sign kept."""
     if subject.parts.network:
         material = subject.decode(subject.parts)
-        for p in (p for network in material.modules() for p in network.parameters()):
-            p.data = p.sign() * HALF_MAX
+        for network in material.modules():
+            for p in network.parameters():
+                p.data = p.sign() * HALF_MAX
         return material
     stored = subject.parts.decoder
     floats = {name: values.sign() * HALF_MAX for name, values in stored.items() if values.is_floating_point()}
@@ -49,7 +50,10 @@ def largest_weights(subject: Subject) -> Material:
 
 def of_kind(material: Material, kind: type) -> list[nn.Module]:
     """Every layer of a kind in the networks of a material."""
-    return [layer for network in material.modules() for layer in network.modules() if isinstance(layer, kind)]
+    found = []
+    for network in material.modules():
+        found += [layer for layer in network.modules() if isinstance(layer, kind)]
+    return found
 
 
 @torch.no_grad()
@@ -71,7 +75,8 @@ def large_arguments(subject: Subject) -> Material:
     sines = [d for d in of_kind(material, Decoder) if isinstance(d, Decoder) and d.architecture.activation == "sine"]
     applicable(sines, "has no sine")
     for network in sines:
-        for layer in network.layers[:-1] if network.norms is None else network.norms:
+        before_sines = network.layers[:-1] if network.norms is None else network.norms
+        for layer in before_sines:
             bias = layer.get_parameter("bias")
             bias.copy_(torch.linspace(-1, 1, len(bias)) * ARGUMENT / network.architecture.omega)
     return material
@@ -145,7 +150,8 @@ def short_sound(subject: Subject, dtype: torch.dtype) -> Measured:
     """Check all answers in a short float; the figure is what it costs the ordinary material."""
     all_sound(subject, dtype)
     queries = spread(SHOWN, 75.0)
-    double, ours = (subject.decode(subject.parts).to(dtype=each).query(*queries) for each in (torch.float64, dtype))
+    double = subject.decode(subject.parts).to(dtype=torch.float64).query(*queries)
+    ours = subject.decode(subject.parts).to(dtype=dtype).query(*queries)
     return Measured(decibels(ours, double))
 
 
@@ -158,12 +164,15 @@ def decibels(ours: Tensor, exact: Tensor) -> str:
 
 def all_sound(subject: Subject, dtype: torch.dtype | None = None) -> None:
     """Check the answers of the ordinary material and of all spoiled ones, in another float type if one is given."""
-    for name, make in {"ordinary": lambda s: s.decode(s.parts), **SPOILED}.items():
+    makes = {"ordinary": lambda subject: subject.decode(subject.parts), **SPOILED}
+    for name, make in makes.items():
         try:
             material = make(subject)
         except NotApplicable:
             continue
-        sound(material.to(dtype=dtype) if dtype else material, f"{name}: ")
+        if dtype:
+            material = material.to(dtype=dtype)
+        sound(material, f"{name}: ")
 
 
 def eight_bits(subject: Subject) -> None:
@@ -176,7 +185,9 @@ def eight_bits(subject: Subject) -> None:
 def gradients_at_zero(subject: Subject) -> None:
     """Gradients of the answers if every stored number and every weight is exactly 0 and the view is at the zenith."""
     material = subject.decode(subject.parts)
-    leaves: list[Tensor] = [p for network in material.modules() for p in network.parameters()]
+    leaves: list[Tensor] = []
+    for network in material.modules():
+        leaves += network.parameters()
     for name, value in vars(material).items():
         if isinstance(value, Tensor) and value.is_floating_point():
             setattr(material, name, torch.zeros_like(value.float()).requires_grad_())
@@ -199,15 +210,17 @@ def trained_with_firefly(subject: Subject) -> Measured:
     encoded, plain = subject.encode(firefly()), subject.usual
     truth = plain.truth[:, others]
     colours = np.broadcast_to(truth.mean(0), truth.shape)
-    compared = (colours, *(each.decoded[:, others] for each in (plain, encoded)))
-    floor, before, after = (display_error(texels, truth, exposure_of(truth)) for texels in compared)
-    db = float(psnr(after, 1.0)), float(psnr(floor, 1.0))
+    exposure = exposure_of(truth)
+    floor = display_error(colours, truth, exposure)
+    before = display_error(plain.decoded[:, others], truth, exposure)
+    after = display_error(encoded.decoded[:, others], truth, exposure)
+    floor_db, before_db, after_db = (float(psnr(error, 1.0)) for error in (floor, before, after))
     require(
         after <= floor * 10 ** (SAME_DB / 10),
-        f"{db[0]:.1f} dB",
-        f"the other texels have a PSNR of {db[0]:.2f} dB, {db[1]:.2f} dB as mean colours",
+        f"{after_db:.1f} dB",
+        f"the other texels have a PSNR of {after_db:.2f} dB, {floor_db:.2f} dB as mean colours",
     )
-    gained = round(db[0] - float(psnr(before, 1.0)), 1)
+    gained = round(after_db - before_db, 1)
     return Measured(f"{gained + 0.0:+.1f} dB")  # avoids −0.0
 
 

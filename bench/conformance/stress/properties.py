@@ -22,7 +22,7 @@ def query_holds(subject: Subject, numbers: Sequence[float]) -> list[float]:
     row = torch.tensor(numbers, dtype=torch.float32)
     query = Queries(row[None, :2], row[None, 2:5], row[None, 5:8], row[8:])
     material = subject.tested.material
-    answer = material.query(*query)[0]
+    (answer,) = material.query(*query)
     listed = str(answer.tolist())
     require(answer.isfinite().all() and (answer >= 0).all(), "bad", f"{listed} is negative or not finite")
     require((answer <= BOUND * subject.brightest).all(), f"{answer.max():.3g}", f"{listed}: a firefly")
@@ -49,7 +49,8 @@ def drawn(height: int, width: int, views: int, lights: int, exponent: int, seed:
 
 def data_hold(subject: Subject, numbers: Sequence[int]) -> float:
     """The largest decoded value of a material that `drawn` makes from six numbers; `CheckError` if a value is wrong."""
-    encoded = subject.encode(drawn(*numbers), **({"steps": 10} if subject.fits else {}))
+    changes = {"steps": 10} if subject.fits else {}
+    encoded = subject.encode(drawn(*numbers), **changes)
     decoded, brightest = encoded.decoded, encoded.truth.max()
     require(np.isfinite(decoded).all() and (decoded >= 0).all(), "bad", "a value is negative or not finite")
     require(decoded.max() <= BOUND * brightest, f"{decoded.max() / brightest:.2g} ×", f"{decoded.max():.3g}: a firefly")
@@ -82,13 +83,14 @@ def _numbers(
     u: float, v: float, view: tuple[float, float], light: tuple[float, float], footprint: float
 ) -> tuple[float, ...]:
     """A query of nine numbers from places, angles in degrees and a footprint."""
-    directions = (float(x) for angles in (view, light) for x in from_degrees(*angles))
-    return (u, v, *directions, footprint)
+    wo, wi = from_degrees(*view).tolist(), from_degrees(*light).tolist()
+    return (u, v, *wo, *wi, footprint)
 
 
 def _search(subject: Subject, word: str, strategy: Any, count: int, holds: Callable[[Subject, Any], object]) -> None:
     """Try drawn numbers; the error gives the smallest that fail, as a command that tries them again."""
-    hypothesis, failing = _hypothesis(), []
+    hypothesis = _hypothesis()
+    failing = []
 
     @hypothesis.settings(
         max_examples=count,

@@ -50,14 +50,22 @@ def barely_above() -> Tensor:
 
 def at(wo: Tensor | None = None, wi: Tensor | None = None) -> Callable[[], Queries]:
     """Random queries with another view, another light, or both."""
-    moved = {} if wo is None else {"wo": wo.expand(COUNT, 3).clone()}
-    moved |= {} if wi is None else {"wi": wi.expand(COUNT, 3).roll(7, 0)}
+    moved = {}
+    if wo is not None:
+        moved["wo"] = wo.expand(COUNT, 3).clone()
+    if wi is not None:
+        moved["wi"] = wi.expand(COUNT, 3).roll(7, 0)
     return lambda: spread()._replace(**moved)
 
 
 def light_of_view(*signs: float) -> Callable[[], Queries]:
     """Random queries whose light is the view with each coordinate multiplied by a sign."""
-    return lambda: (queries := spread())._replace(wi=queries.wo * torch.tensor(signs))
+
+    def make() -> Queries:
+        queries = spread()
+        return queries._replace(wi=queries.wo * torch.tensor(signs))
+
+    return make
 
 
 def bounded(subject: Subject, queries: Queries) -> None:
@@ -94,7 +102,7 @@ def refused(subject: Subject, queries: Queries) -> None:
 
 def agree(subject: Subject, ours: Queries, theirs: Queries) -> None:
     """Check that two sets of queries get the same answers, within rounding of the brightest sample."""
-    answers, wanted = (subject.answers(queries) for queries in (ours, theirs))
+    answers, wanted = subject.answers(ours), subject.answers(theirs)
     apart = (answers - wanted).abs().amax(1)
     worst, allowed = int(apart.argmax()), ROUNDING * subject.brightest
     require(
@@ -114,9 +122,11 @@ def far_uv(subject: Subject) -> None:
 
 
 def edge_uv(value: float, subject: Subject) -> None:
-    queries, first = spread(), (torch.arange(COUNT) < COUNT // 2)[:, None]
+    queries = spread()
+    first = (torch.arange(COUNT) < COUNT // 2)[:, None]
     edge = first == torch.tensor([True, False])  # u of the first half of the queries, v of the others
-    agree(subject, *(queries._replace(uv=queries.uv.masked_fill(edge, x)) for x in (value, 0.0)))
+    at_edge, at_zero = queries.uv.masked_fill(edge, value), queries.uv.masked_fill(edge, 0.0)
+    agree(subject, queries._replace(uv=at_edge), queries._replace(uv=at_zero))
 
 
 def footprint(size: float) -> Callable[[], Queries]:
@@ -127,9 +137,11 @@ def batch_of(count: int, subject: Subject) -> None:
     """One batch of so many queries: a few different ones in turns, which are asked again in a small batch."""
     few = spread(1021, seed=3)
     turns = torch.arange(count) % len(few.uv)
-    answers, wanted = subject.answers(Queries(*(column[turns] for column in few))), subject.answers(few)
+    many = Queries(*(column[turns] for column in few))
+    answers, wanted = subject.answers(many), subject.answers(few)
     require(answers.shape == (count, 3), str(tuple(answers.shape)), f"the answer is {tuple(answers.shape)}")
-    apart, allowed = (answers - wanted[turns]).abs().max().item() if count else 0.0, ROUNDING * subject.brightest
+    apart = (answers - wanted[turns]).abs().max().item() if count else 0.0
+    allowed = ROUNDING * subject.brightest
     require(apart <= allowed, f"{apart:.2g}", f"in another batch answers differ by {apart:.3g}, allowed {allowed:.3g}")
 
 

@@ -24,18 +24,21 @@ def chosen(codecs: Sequence[str], names: Sequence[str]) -> tuple[list[str], list
         if name not in known:
             raise InputError(f"--case {name}: no such case{did_you_mean(name, known)} (see stress --list)")
     kinds = [load_codec(name) for name in (codecs or sorted(codec_entries()))]
-    return [kind.name for kind in kinds], [known[name] for name in names] or list(CASES)
+    cases = [known[name] for name in names] if names else list(CASES)
+    return [kind.name for kind in kinds], cases
 
 
 def run(codecs: Sequence[str], cases: Sequence[Case], workers: Workers, show: Progress = silent) -> Iterator[Stress]:
     """A record for each codec and case, as workers finish: the material cases of a codec are one task, its other cases
     another."""
     names = {case.name for case in cases}
-    wanted = [
-        [case.name for case in CASES if case.name in names and (case.group == "data") == of_data]
-        for of_data in (True, False)  # the longer ones first
-    ]
-    tasks = [(codec, group) for group in wanted if group for codec in codecs]
+    wanted = [case for case in CASES if case.name in names]
+    of_data = [case.name for case in wanted if case.group == "data"]
+    others = [case.name for case in wanted if case.group != "data"]
+    tasks: list[tuple[str, list[str]]] = []
+    for group in (of_data, others):  # the longer ones first
+        if group:
+            tasks += [(codec, group) for codec in codecs]
     waiting: set[Future[list[Stress]]] = set()
     for number, task in enumerate(tasks):
         show("stress", number - len(waiting), len(tasks))

@@ -108,10 +108,12 @@ def _bake(
     path_tracer: PathTracer | None,
 ) -> None:
     """Render a surface at some pairs, which `sampled` describes, into a file or folder; see `bake`."""
-    (wo, wi), label = pairs, f"baking {surface.name}"
+    wo, wi = pairs
+    label = f"baking {surface.name}"
     described = {"source": BAKED, "maps": surface.notes, "bake_version": BAKE_VERSION}
     described |= {"renderer_version": RENDERER_VERSION, "sub_points": SUB_POINTS, "seed": seed} | DESCRIBED | sampled
-    described |= path_tracer.described() if path_tracer else {}
+    if path_tracer:
+        described |= path_tracer.described()
 
     def write(values: Array) -> None:
         source = ArraySource(values)
@@ -135,8 +137,9 @@ def _bake(
 def _digest(surface: Surface, wo: Array, wi: Array, described: dict[str, Any]) -> str:
     """A hash of everything that determines the values of a surface at the pairs `wo`, `wi`."""
     hashed = hashlib.sha256(json.dumps(described, sort_keys=True, default=str).encode())
-    maps = (getattr(surface.maps, f.name) for f in fields(surface.maps))
-    for array in (wo, wi, *(m for m in maps if m is not None)):
+    maps = [getattr(surface.maps, field.name) for field in fields(surface.maps)]
+    given = [each for each in maps if each is not None]
+    for array in (wo, wi, *given):
         hashed.update(str(array.shape).encode() + np.ascontiguousarray(array).tobytes())
     return hashed.hexdigest()
 
@@ -152,8 +155,10 @@ def open_svbrdf(
     name = folder.resolve().name
 
     def cached(wanted: Table) -> BTF:
-        maps, sampled = recognise(folder), {"heldout": wanted.words} if wanted.words else _sampled(data)
-        sampled |= path_tracer.described() if path_tracer else {}
+        maps = recognise(folder)
+        sampled: dict[str, Any] = {"heldout": wanted.words} if wanted.words else _sampled(data)
+        if path_tracer:
+            sampled |= path_tracer.described()
         # Everything that determines the values of a bake with default options.
         content = [FolderFiles(folder).digest(maps.files.values()), sorted(maps.files.items()), *_read_anew(maps)]
         described = json.dumps([BAKE_VERSION, RENDERER_VERSION, SUB_POINTS, data.size, sampled, content])

@@ -8,7 +8,6 @@ known a last letter decides, as in `T_Rock_N`.
 import os
 import re
 from dataclasses import dataclass
-from itertools import takewhile
 from pathlib import Path
 
 from bench.inputs.errors import InputError
@@ -31,7 +30,9 @@ _PHRASES = {
     "anisotropy": "anisotropy, anisotropy level, anisotropylevel, anisotropy strength",
     "anisotropy_angle": "anisotropy angle, anisotropyangle, anisotropy rotation, anisotropic rotation",
 }
-_ROLES = {phrase: role for role, phrases in _PHRASES.items() for phrase in phrases.split(", ")}
+_ROLES: dict[str, str] = {}
+for _role_of_phrases, _phrases in _PHRASES.items():
+    _ROLES |= dict.fromkeys(_phrases.split(", "), _role_of_phrases)
 # glTF's packed map is named by its channels in either order, at times with the occlusion in red.
 for _metal in ("metallic", "metalness", "metal"):
     for _pair in (f"roughness {_metal}", f"{_metal} roughness"):
@@ -96,8 +97,9 @@ def recognise(folder: Path, given: dict[str, str] | None = None) -> MapFiles:
         names = sorted(os.listdir(folder))
     except OSError as error:
         raise InputError(f"{folder}: cannot be read ({error.strerror}): give a folder of maps") from error
-    if found := [name for name in names if name.lower().endswith(_LISTS)]:
-        raise InputError(f"{folder}: it holds {found[0]}, so it is a BTF and needs no bake: give it to run --material")
+    lists = [name for name in names if name.lower().endswith(_LISTS)]
+    if lists:
+        raise InputError(f"{folder}: it holds {lists[0]}, so it is a BTF and needs no bake: give it to run --material")
     chosen = {role: _given(folder, role, file) for role, file in (given or {}).items()}
     by_role: dict[str, list[str]] = {}
     unused, doubtful = {}, []
@@ -148,14 +150,11 @@ def _given(folder: Path, role: str, file: str) -> str:
 
 def _roles(names: list[str]) -> dict[str, str]:
     """The role of each picture among files; empty if its name gives none."""
-    pictures = [name for name in names if has_pictures([name])]
-    # `Bricks102_1K_NormalGL` → bricks, 102, 1, k, normal, gl.
-    cut = {name: re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", Path(name).stem) for name in pictures}
-    words = {name: [word.lower() for word in found] for name, found in cut.items()}
+    words = {name: _words(name) for name in names if has_pictures([name])}
     # The asset's name is what the maps share; a preview or another stray picture does not hide it.
     maps = [found for found in words.values() if _role(found) or _letter(found)]
-    shared = [column[0] for column in takewhile(lambda column: len(set(column)) == 1, zip(*maps, strict=False))]
     if len(maps) > 1:
+        shared = _shared_start(maps)
         words = {name: _without(found, shared) for name, found in words.items()}
     # Pictures that end in any letter are numbered, not named.
     last = {_letter(found) for found in words.values() if not _role(found)}
@@ -163,9 +162,27 @@ def _roles(names: list[str]) -> dict[str, str]:
     return {name: _role(found) or letters.get(_letter(found), "") for name, found in words.items()}
 
 
+def _words(name: str) -> list[str]:
+    """The words of a file's name: `Bricks102_1K_NormalGL` → bricks, 102, 1, k, normal, gl."""
+    found = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", Path(name).stem)
+    return [word.lower() for word in found]
+
+
+def _shared_start(names: list[list[str]]) -> list[str]:
+    """The words with which all names begin."""
+    shared = []
+    for words in zip(*names, strict=False):
+        if len(set(words)) > 1:
+            break
+        shared.append(words[0])
+    return shared
+
+
 def _without(words: list[str], shared: list[str]) -> list[str]:
     """The words of a name without those at its start that all maps share."""
-    return words[len(shared) :] if words[: len(shared)] == shared else words
+    if words[: len(shared)] == shared:
+        return words[len(shared) :]
+    return words
 
 
 def _letter(words: list[str]) -> str:
@@ -173,13 +190,16 @@ def _letter(words: list[str]) -> str:
     end = len(words)
     while end and (words[end - 1].isdigit() or words[end - 1] == "k"):
         end -= 1
-    return words[end - 1] if end and len(words[end - 1]) == 1 else ""
+    if end and len(words[end - 1]) == 1:
+        return words[end - 1]
+    return ""
 
 
 def _role(words: list[str]) -> str:
     """The role of the phrase that ends last; if several do, of the longest."""
     for end in range(len(words), 0, -1):
         for start in range(max(0, end - _LONGEST), end):
-            if role := _ROLES.get(" ".join(words[start:end])):
-                return role
+            phrase = " ".join(words[start:end])
+            if phrase in _ROLES:
+                return _ROLES[phrase]
     return ""

@@ -60,7 +60,8 @@ def read_surface(map_files: MapFiles, size: int, depth: float | None = None) -> 
     _warn_of_doubts(map_files)
     reader = _Reader(map_files, size)
     notes = {role: name for role, name in map_files.files.items() if role not in _SHARED}
-    if converted := colour_note(reader.files, reader.roles["albedo"]):
+    converted = colour_note(reader.files, reader.roles["albedo"])
+    if converted:
         notes["albedo"] += f": {converted}"
     roughness = reader.channel("roughness", notes, DEFAULT_ROUGHNESS)
     metalness = reader.channel("metalness", notes, 0.0)
@@ -71,7 +72,8 @@ def read_surface(map_files: MapFiles, size: int, depth: float | None = None) -> 
         roughness = np.minimum((roughness**4 + (1 - length) / length) ** 0.25, 1)
         normal = _unit(normal)
     anisotropy, angle = _anisotropy(reader)
-    relief, albedo = 0.0 if height is None else height, reader.shrunk(reader.albedo)
+    relief = 0.0 if height is None else height
+    albedo = reader.shrunk(reader.albedo)
     maps = Maps(relief, albedo, roughness, metalness, anisotropy=anisotropy, angle=angle, normal=normal)
     notes |= {name: f"not used: {why}" for name, why in map_files.unused.items()}
     return Surface(map_files.folder.resolve().name, reader.shape, maps, notes)
@@ -136,19 +138,24 @@ class _Reader:
                 continue
             values = read_alpha(self.files, self.roles[role]) if channel == ALPHA else picture[..., channel]
             if role != name:
-                notes[name] = self.roles[role]
-                words = [("red", "green", "blue", "alpha")[channel]] if role != "smoothness" else []
-                words += ["inverted"] if is_inverted else []
-                notes[name] += f" ({', '.join(words)})"
-            return np.clip(self.shrunk(1 - values if is_inverted else values), 0, 1)
+                words = []
+                if role != "smoothness":
+                    words.append(("red", "green", "blue", "alpha")[channel])
+                if is_inverted:
+                    words.append("inverted")
+                notes[name] = f"{self.roles[role]} ({', '.join(words)})"
+            if is_inverted:
+                values = 1 - values
+            return np.clip(self.shrunk(values), 0, 1)
         notes[name] = f"{default:g} (no map)"
         return default
 
 
 def _fitted(shape: tuple[int, ...], longest: int) -> tuple[int, int]:
     """The (H, W) of the same proportion with longer side `longest`."""
-    height, width = (max(1, round(side * longest / max(shape))) for side in shape[:2])
-    return height, width
+    height, width = shape[:2]
+    largest = max(shape)
+    return max(1, round(height * longest / largest)), max(1, round(width * longest / largest))
 
 
 def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tuple[Array | None, Array | None]:
@@ -173,7 +180,8 @@ def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tupl
         fitted = depth is None and agreed.depth is not None
         height, depth = _scaled(reader, height_role, height, depth, agreed.depth)
         notes[height_role] += f": {'dark' if inverted else 'bright'} is high, depth {depth:.4f} of the width"
-        notes[height_role] += ", fitted to the normal map" if fitted else ""
+        if fitted:
+            notes[height_role] += ", fitted to the normal map"
         height = reader.shrunk(height) * np.float32(-depth if inverted else depth)
     return normal, height
 
@@ -223,7 +231,11 @@ def _is_signed(values: Array) -> bool:
     for a map that is flat; its values have length 1."""
     if values.min() < -0.01:  # lossy compression leaves noise below 0
         return True
-    as_they_are, decoded = (np.abs(np.linalg.norm(v, axis=-1) - 1).mean() for v in (values, 2 * values - 1))
+
+    def off_unit(vectors: Array) -> float:
+        return np.abs(np.linalg.norm(vectors, axis=-1) - 1).mean()
+
+    as_they_are, decoded = off_unit(values), off_unit(2 * values - 1)
     return bool(as_they_are < 0.02 and as_they_are < decoded)
 
 
@@ -234,8 +246,9 @@ def _drawn_flat(codes: Array) -> Array:
     holds most of the texels within half a code of flat. In a scan the four pairs of 127 and 128 are about as frequent,
     and mean what they say. JPEG cannot hold these colours exactly.
     """
-    eight_bits = np.rint(codes[..., :2] * 255)
-    if np.abs(eight_bits - codes[..., :2] * 255).max() > 1e-3:  # 16 bits have a code close enough to 1/2
+    scaled = codes[..., :2] * 255
+    eight_bits = np.rint(scaled)
+    if np.abs(eight_bits - scaled).max() > 1e-3:  # 16 bits have a code close enough to 1/2
         return np.zeros(codes.shape[:2], bool)
     around = np.isin(eight_bits, (127, 128)).all(-1)
     for code in (127, 128):

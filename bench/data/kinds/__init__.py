@@ -66,7 +66,10 @@ def kind_of(spec: MaterialSpec) -> Kind:
     """The kind of a material."""
     every = dict(_kinds(tuple(__path__)))
     otherwise = every.pop(OTHERWISE)
-    return next((kind for kind in every.values() if kind.knows(spec)), otherwise)
+    for kind in every.values():
+        if kind.knows(spec):
+            return kind
+    return otherwise
 
 
 @cache

@@ -23,7 +23,9 @@ class Measured(Kind):
             btf = btf.without_test()
         elif data.validation:
             btf = btf.with_validation()
-        return shrunk(repaired(btf, show) if data.repair else btf, data.texels)
+        if data.repair:
+            btf = repaired(btf, show)
+        return shrunk(btf, data.texels)
 
     def ignores(self, spec: MaterialSpec, key: str) -> str:
         if not spec.existing():

@@ -40,8 +40,10 @@ def recipe(name: str) -> "Recipe":
     """The recipe of a built-in material with its default parameters. Raises `InputError` for an unknown name."""
     if name not in _REGISTRY:
         raise InputError(f"unknown material {name!r}{did_you_mean(name, _REGISTRY)}")
-    module, _, attribute = _REGISTRY[name][0].partition(":")
-    return getattr(importlib.import_module(f"{__name__}.{module}"), attribute)()
+    place, _ = _REGISTRY[name]
+    module, _, attribute = place.partition(":")
+    made = getattr(importlib.import_module(f"{__name__}.{module}"), attribute)
+    return made()
 
 
 def load(

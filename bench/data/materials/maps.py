@@ -47,10 +47,9 @@ class Maps:
     normal: Map | None = None
 
     def __post_init__(self) -> None:
-        given = {f.name: np.shape(getattr(self, f.name)) for f in fields(self)}
-        shape = next((s[:2] for name, s in given.items() if len(s) == (2 if name in _SCALARS else 3)), (1, 1))
-        for name in (f.name for f in fields(self)):
-            value = getattr(self, name)
+        given = {field.name: getattr(self, field.name) for field in fields(self)}
+        shape = _common_shape(given)
+        for name, value in given.items():
             if value is not None:
                 object.__setattr__(self, name, _checked(name, value, shape))
 
@@ -63,12 +62,14 @@ class Maps:
         are averaged as directions modulo π. Heights stay in units of the picture's width."""
         if shape == self.shape:
             return self
-        maps = {n: resize(getattr(self, n), shape) for n in (*_SCALARS, "base_colour") if n != "angle"}
+        averaged = [name for name in (*_SCALARS, "base_colour") if name != "angle"]
+        maps = {name: resize(getattr(self, name), shape) for name in averaged}
         double = resize(np.stack([np.cos(2 * self.angle), np.sin(2 * self.angle)], -1), shape)
+        angle = 0.5 * np.arctan2(double[..., 1], double[..., 0])
         normal = None if self.normal is None else resize(self.normal, shape)
         if normal is not None:
             normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
-        return replace(self, **maps, angle=0.5 * np.arctan2(double[..., 1], double[..., 0]), normal=normal)
+        return replace(self, **maps, angle=angle, normal=normal)
 
 
 class Recipe(Protocol):
@@ -80,6 +81,16 @@ class Recipe(Protocol):
 
 
 _SCALARS = ("height", "roughness", "metalness", "specular", "anisotropy", "angle")
+
+
+def _common_shape(given: dict[str, Any]) -> tuple[int, ...]:
+    """The (H', W') of the first map that is a picture; (1, 1) if all are numbers."""
+    for name, value in given.items():
+        shape = np.shape(value)
+        axes = 2 if name in _SCALARS else 3
+        if len(shape) == axes:
+            return shape[:2]
+    return (1, 1)
 
 
 def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
@@ -104,7 +115,8 @@ def resize(picture: Array, shape: tuple[int, int]) -> Array:
             continue
         row, cells = np.arange(size), np.arange(old)
         if size > old:  # a triangle, else a box, that keeps the texel centres aligned
-            weights, place = np.zeros((size, old)), (row + 0.5) * old / size - 0.5
+            weights = np.zeros((size, old))
+            place = (row + 0.5) * old / size - 0.5
             low = np.floor(place).astype(int)
             np.add.at(weights, (row, low % old), 1 - (place - low))
             np.add.at(weights, (row, (low + 1) % old), place - low)
@@ -150,4 +162,5 @@ def _seam(picture: Array) -> tuple[float, float, float]:
     if picture.shape[1] < 4:
         return 0.0, 1.0, 1.0
     steps = np.abs(np.diff(picture, axis=1)).mean((0, 2))
-    return float(np.abs(picture[:, 0] - picture[:, -1]).mean()), float(steps.mean()), float(steps.max())
+    across = np.abs(picture[:, 0] - picture[:, -1]).mean()
+    return float(across), float(steps.mean()), float(steps.max())

@@ -31,7 +31,8 @@ class Brick:
 
     def maps(self, seed: int) -> Maps:
         rng = np.random.default_rng(seed)
-        grey = resize(make_periodic(_rectified(data.brick() / 255.0), (16, 24)), (self.resolution, self.resolution))
+        wall = make_periodic(_rectified(data.brick() / 255.0), (16, 24))
+        grey = resize(wall, (self.resolution, self.resolution))
         mortar = np.clip((grey - 0.45) / 0.12, 0, 1)
         mortar = mortar * mortar * (3 - 2 * mortar)
         grain = smooth(rng, self.resolution, 0.004, 0.004)

@@ -175,11 +175,14 @@ class Renderer:
     def view(self, wo: Array) -> View:
         """Trace the rays toward `wo` (3,) and look up the surface where they meet it."""
         z = self.field.trace(wo, self.stride)
-        starts = [np.arange(n, dtype=np.float32) * s + (s - 1) / 2 for n, s in zip(z.shape, self.stride, strict=True)]
+        first_rows, first_cols = (
+            np.arange(count, dtype=np.float32) * step + (step - 1) / 2
+            for count, step in zip(z.shape, self.stride, strict=True)
+        )
         rows, cols = self.field.offset(wo)
         # Fractional grid row and column where the ray of each sub-point ends.
-        row = self._by_sub_point(starts[0][:, None] + z * np.float32(rows))
-        col = self._by_sub_point(starts[1][None, :] + z * np.float32(cols))
+        row = self._by_sub_point(first_rows[:, None] + z * np.float32(rows))
+        col = self._by_sub_point(first_cols[None, :] + z * np.float32(cols))
         sampled = _bilinear(self._table, self.field.shape, row, col)
         normal, base = sampled[:3], sampled[3:6]
         normal = normal / np.sqrt((normal * normal).sum(0))
@@ -191,7 +194,9 @@ class Renderer:
         names = ("roughness", "metalness", "specular", "anisotropy")
         surface = dict(zip(names, sampled[6:10], strict=True), base=base)
         H, W = self.field.shape
-        cell = np.floor(row + 0.5).astype(np.intp) % H * W + np.floor(col + 0.5).astype(np.intp) % W
+        nearest_row = np.floor(row + 0.5).astype(np.intp) % H
+        nearest_col = np.floor(col + 0.5).astype(np.intp) % W
+        cell = nearest_row * W + nearest_col
         return View(wo, brdf.points(_project(frame, wo), surface), frame, cell)
 
     def _by_sub_point(self, picture: Array) -> Array:
@@ -221,7 +226,8 @@ def _project(frame: Array, direction: Array) -> tuple[Array, Array, Array]:
 
 def _bilinear(table: Array, shape: tuple[int, ...], row: Array, col: Array) -> Array:
     """Rows of a table (H · W, C) blended at fractional grid places (...), periodic; (C, ...) contiguous."""
-    (H, W), (r, c) = shape, (np.floor(row), np.floor(col))
+    H, W = shape
+    r, c = np.floor(row), np.floor(col)
     fr, fc = (row - r)[..., None], (col - c)[..., None]
     r, c = r.astype(np.intp) % H, c.astype(np.intp) % W
     below, right = (r + 1) % H * W, (c + 1) % W
@@ -268,7 +274,9 @@ def render(
         pairs = np.flatnonzero(view_of == index)
         for pair in pairs:
             cast = shared[light_of[pair]]
-            picture = renderer.slice(view, wi[pair], renderer.field.visibility(wi[pair]) if cast is None else cast)
+            if cast is None:
+                cast = renderer.field.visibility(wi[pair])
+            picture = renderer.slice(view, wi[pair], cast)
             with np.errstate(over="ignore"):
                 result[pair] = picture
         return len(pairs)

@@ -69,8 +69,10 @@ def load_or_render(
                     values = _read(path, shape)
         if values is None:
             raise InputError(f"{path}: it cannot be read back after writing: is the disk full?")
-        nothing, source = np.zeros(len(values), bool), StoredSource(values, key)
-        return BTF(name, *table.pairs, source, heldout=nothing, periodic=True, provenance=described)
+        wo, wi = table.pairs
+        nothing = np.zeros(len(values), bool)
+        source = StoredSource(values, key)
+        return BTF(name, wo, wi, source, heldout=nothing, periodic=True, provenance=described)
 
     return joined(data.tables(name, seed, draw), rendered)
 

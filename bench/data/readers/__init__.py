@@ -34,8 +34,10 @@ def open_btf(path: str | Path, angles: str = "") -> BTF:
     `angles`, "degrees" or "radians", says what the angles of a file are that should be degrees, if the file may be
     wrong; it is an `InputError` for a file that states no such angles.
     """
-    path, others = Path(path), outside.entries(READERS)
-    supported = ", ".join([*READERS.values(), *(f"data of reader {name}" for name in others)])
+    path = Path(path)
+    others = outside.entries(READERS)
+    of_others = [f"data of reader {name}" for name in others]
+    supported = ", ".join([*READERS.values(), *of_others])
     if not path.exists():
         raise InputError(f"{path}: there is no such file or folder: give {supported}")
     try:
@@ -57,9 +59,11 @@ def listed() -> dict[str, str]:
     """The format that each reader opens, those of other packages last; one that cannot be used with what is wrong."""
     lines = {name.rpartition(".")[2]: opens for name, opens in READERS.items()}
     try:
-        return lines | {name: outside.listed(entry) for name, entry in outside.entries(READERS).items()}
+        for name, entry in outside.entries(READERS).items():
+            lines[name] = outside.listed(entry)
     except InputError as error:
-        return lines | {"(other packages)": f"FAILS: {error}"}
+        lines["(other packages)"] = f"FAILS: {error}"
+    return lines
 
 
 def _opened(seen: Candidate) -> BTF | None:

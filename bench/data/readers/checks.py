@@ -14,9 +14,8 @@ from bench.inputs.errors import InputError
 HORIZON = 1e-6
 MANY_BELOW = 0.25  # a larger share of directions below the surface means other axes
 LOOKED_AT = 24  # slices that are looked at before a fit or a score …
-VALUES = (
-    50_021  # … and about as many values of each for a percentile; no multiple of 3, so that steps meet each channel
-)
+# … and about as many values of each for a percentile; no multiple of 3, so that steps meet each channel.
+VALUES = 50_021
 LARGEST, SMALLEST = 1e12, 1e-12  # of the radiance that can be used; measured and rendered materials are around 1
 NOISE = 1e-3  # negative values down to this share of the largest are noise
 PHOTOGRAPHED = "radiance as photographed: the cosine is the light's own fall on the surface"
@@ -33,7 +32,9 @@ def described(form: str, colour: str, cosine: str = PHOTOGRAPHED, clamp: str = "
 
 def told(angles: str) -> dict[str, str]:
     """What a provenance says of angles whose unit the user told; {} if nothing was told."""
-    return {"angles": f"taken as {angles}, as the user says"} if angles in ("degrees", "radians") else {}
+    if angles not in ("degrees", "radians"):
+        return {}
+    return {"angles": f"taken as {angles}, as the user says"}
 
 
 def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: float = 1e-3) -> Array:
@@ -109,7 +110,8 @@ def warn_of_radians(wo: Array, wi: Array, label: str) -> None:
 
 
 def _seem_radians(theta: Array, phi: Array) -> bool:
-    return bool(0 < theta.max() < 1.6 and np.abs((phi + 180) % 360 - 180).max() < 6.3)
+    around_0 = np.abs((phi + 180) % 360 - 180)
+    return bool(0 < theta.max() < 1.6 and around_0.max() < 6.3)
 
 
 def radiance_fault(shape: tuple[int, ...], dtype: np.dtype) -> str:
@@ -165,7 +167,8 @@ def no_duplicates(wo: Array, wi: Array, label: Callable[[int], str]) -> None:
     order = np.lexsort(key.T[::-1])
     same = np.flatnonzero((key[order[1:]] == key[order[:-1]]).all(1))
     if len(same):
-        first, second = sorted((int(order[same[0]]), int(order[same[0] + 1])))
+        place = same[0]
+        first, second = sorted((int(order[place]), int(order[place + 1])))
         raise InputError(f"{label(second)}: it has the same view and light as {label(first)}: leave one of the two out")
 
 
@@ -173,7 +176,8 @@ def view_major(wo: Array, wi: Array) -> Array:
     """The order (N,) that sorts pairs by view, then by light, each by θ and then φ."""
     angles = []
     for side in (wi, wo):
-        theta, phi = (np.round(degrees, 3) for degrees in to_degrees(side))  # the last bit must not decide the order
+        theta, phi = to_degrees(side)
+        theta, phi = np.round(theta, 3), np.round(phi, 3)  # the last bit must not decide the order
         angles += [np.where(theta == 0, 0.0, phi % 360.0), theta]
     return np.lexsort(angles)
 

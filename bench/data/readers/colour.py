@@ -65,7 +65,8 @@ def stated(data: bytes, kind: str | None, label: str) -> Colour | None:
         if b"cICP" in chunks:
             return _by_number(chunks[b"cICP"], label)
         if b"iCCP" in chunks:
-            packed = chunks[b"iCCP"].partition(b"\0")[2][1:]  # after the name, and the method of compression
+            _, _, after_name = chunks[b"iCCP"].partition(b"\0")
+            packed = after_name[1:]  # its first byte is the method of compression
             profile = zlib.decompressobj().decompress(packed, _MOST_PROFILE)
         elif b"sRGB" in chunks:
             return None
@@ -101,7 +102,8 @@ def _by_number(content: bytes, label: str) -> Colour | None:
         fault = f"its cICP chunk states colour space {', '.join(map(str, content[:4]))}, which is not converted"
         raise InputError(f"{label}: {fault}: save it as sRGB, or as linear EXR")
     found = Colour(f"cICP {primaries}, {curve}", b"", _EXPONENTS[curve], _PRIMARIES[primaries])
-    return None if found.exponent == 0 and found.chromaticities == REC709 else found
+    is_srgb = found.exponent == 0 and found.chromaticities == REC709
+    return None if is_srgb else found
 
 
 def _by_chunks(chunks: dict[bytes, bytes], label: str) -> Colour | None:
@@ -118,8 +120,12 @@ def _by_chunks(chunks: dict[bytes, bytes], label: str) -> Colour | None:
     others = not _alike(chromaticities, REC709)
     if not others and (exponent == 0 or abs(exponent - SRGB_EXPONENT) < 1e-4):
         return None
-    words = [f"gAMA {exponent:g}"] if exponent else []
-    return Colour(" and ".join([*words, *(["cHRM"] if others else [])]), b"", exponent, chromaticities)
+    chunks_used = []
+    if exponent:
+        chunks_used.append(f"gAMA {exponent:g}")
+    if others:
+        chunks_used.append("cHRM")
+    return Colour(" and ".join(chunks_used), b"", exponent, chromaticities)
 
 
 def _by_exif(data: bytes, kind: str) -> Colour | None:
@@ -135,7 +141,9 @@ def _by_exif(data: bytes, kind: str) -> Colour | None:
         except Exception:  # damaged notes raise many types; they state nothing then
             return None
     is_adobe = space == 2 or (index == "R03" and space != 1)
-    return Colour("Adobe RGB by EXIF", b"", ADOBE_EXPONENT, ADOBE_RGB) if is_adobe else None
+    if not is_adobe:
+        return None
+    return Colour("Adobe RGB by EXIF", b"", ADOBE_EXPONENT, ADOBE_RGB)
 
 
 def _profile_parts(data: bytes) -> Iterator[tuple[int, bytes]]:
@@ -171,7 +179,8 @@ def _name_unless_srgb(profile: bytes, mode: str) -> str:
     if np.abs(converted.astype(int) - unchanged).max() <= 1:
         return ""
     name = ImageCms.getProfileDescription(ImageCms.ImageCmsProfile(io.BytesIO(profile)))
-    return "".join(letter for letter in name if letter.isprintable()).strip()[:60] or "without a name"
+    printable = "".join(letter for letter in name if letter.isprintable())
+    return printable.strip()[:60] or "without a name"
 
 
 def _mode(profile: bytes, label: str) -> str:

@@ -60,7 +60,9 @@ def _attributes(data: bytes, label: str) -> tuple[dict[str, bytes] | None, int]:
 
 def _choice(attributes: dict[str, bytes], label: str) -> tuple[str, ...]:
     """The channels to read: R G B, else X Y Z, else Y alone (grey)."""
-    channels, data, at = {}, attributes["channels"], 0
+    channels = {}
+    data = attributes["channels"]
+    at = 0
     while at < len(data) and data[at]:
         end = data.index(b"\0", at)
         # Pixel type (0 uint, 1 half, 2 float) and samplings of a channel.
@@ -70,7 +72,8 @@ def _choice(attributes: dict[str, bytes], label: str) -> tuple[str, ...]:
         if set(choice) <= set(channels) and not (choice == ("Y",) and {"RY", "BY"} & set(channels)):
             break
     else:
-        missing, held = ", ".join(c for c in "RGB" if c not in channels), ", ".join(sorted(channels)) or "none"
+        missing = ", ".join(name for name in "RGB" if name not in channels)
+        held = ", ".join(sorted(channels)) or "none"
         raise InputError(f"{label}: no channel {missing} (it holds {held}): save it with channels R, G, B")
     for name in choice:
         if channels[name] not in ((1, 1, 1), (2, 1, 1)):
@@ -86,11 +89,15 @@ def _refuse_truncated(data: bytes, end: int, attributes: dict[str, bytes], label
     if compression >= len(_LINES):
         return  # newer than this table; the library checks it
     count = -(-(bottom - top + 1) // _LINES[compression])
-    places = np.frombuffer(data[end : end + 8 * count], "<u8", len(data[end : end + 8 * count]) // 8)
+    table = data[end : end + 8 * count]
+    places = np.frombuffer(table, "<u8", len(table) // 8)
     whole = len(places) == count
     for place in places.tolist():
         # Before the first chunk the table is not filled in; a chunk is its line, its size and that many bytes.
-        size = struct.unpack_from("<i", data, place + 4)[0] if end <= place <= len(data) - 8 else len(data)
+        if not end <= place <= len(data) - 8:
+            whole = False
+            break
+        (size,) = struct.unpack_from("<i", data, place + 4)
         whole = whole and place + 8 + size <= len(data)
     if not whole:
         raise InputError(f"{label}: its pixels end early ({len(data):,} bytes): the picture is truncated; get it again")

@@ -36,7 +36,8 @@ def opened(seen: Candidate) -> BTF | None:
     decoded as sRGB. Raises `InputError` that names `pairs.csv` and the row of any fault.
     """
     path = seen.path if seen.is_folder else seen.path.parent
-    if not (path / LIST).is_file() if seen.is_folder else ANGLES[0] not in seen.first_line:
+    is_known = (path / LIST).is_file() if seen.is_folder else ANGLES[0] in seen.first_line
+    if not is_known:
         return None
     rows = _read_rows(path / LIST)
     notes = _notes(path / NOTES)
@@ -65,20 +66,25 @@ def _read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
         if path.stat().st_size > MAX_LIST:
             raise InputError(f"{path}: it is larger than {MAX_LIST >> 20} MiB, too large for a list of pairs")
         reader = csv.reader(io.StringIO(path.read_text("utf-8-sig"), newline=""), skipinitialspace=True)
-        lines = [(reader.line_num, [cell.strip() for cell in cells]) for cells in reader if any(cells)]
+        lines = []
+        for cells in reader:
+            if any(cells):
+                lines.append((reader.line_num, [cell.strip() for cell in cells]))
     if not lines:
         raise InputError(f"{path}: it is empty: give a header {','.join(COLUMNS)} and one line a picture")
-    header = lines[0][1]
+    _, header = lines[0]
     missing = [name for name in COLUMNS if name not in header]
     if missing or len(set(header)) < len(header):
         fault = f"without column {', '.join(missing)}" if missing else "with a column twice"
         raise InputError(f"{path}: a header {fault} ({','.join(header)[:100]!r}): it needs {','.join(COLUMNS)}")
     if len(lines) == 1:
         raise InputError(f"{path}: it lists no picture: add one line a picture below the header")
+    rows = []
     for number, cells in lines[1:]:
         if len(cells) != len(header):
             raise InputError(f"{path}, line {number}: {len(cells)} cells under {len(header)} columns: mend the line")
-    return [(number, dict(zip(header, cells, strict=True))) for number, cells in lines[1:]]
+        rows.append((number, dict(zip(header, cells, strict=True))))
+    return rows
 
 
 def _angles(path: Path, number: int, row: dict[str, str]) -> list[float]:
@@ -137,10 +143,12 @@ def write_folder(btf: BTF, path: str | Path) -> None:
     angles = np.stack([*to_degrees(btf.wo), *to_degrees(btf.wi)], -1)
     with open(folder / LIST, "w", encoding="utf-8", newline="") as stream:
         out = csv.writer(stream, lineterminator="\n")
-        out.writerow([*COLUMNS, *(["split"] if btf.heldout is not None else [])])
+        out.writerow(COLUMNS if btf.heldout is None else [*COLUMNS, "split"])
         for index, name in enumerate(names):
-            split = [] if btf.heldout is None else ["heldout" if btf.heldout[index] else "train"]
-            out.writerow([name, *(f"{angle:.8g}" for angle in angles[index]), *split])
+            cells = [name, *(f"{angle:.8g}" for angle in angles[index])]
+            if btf.heldout is not None:
+                cells.append("heldout" if btf.heldout[index] else "train")
+            out.writerow(cells)
 
 
 def write_exr(path: Path, picture: Array) -> None:

@@ -52,21 +52,26 @@ def opened(seen: Candidate) -> BTF | None:
         sizes = f"its pictures are {width} x {height}, those of {path.name} {cols} x {rows}"
         raise InputError(f"{heldout}: {sizes}: move it away")
     whole = followed(btf, other, "heldout", f"the {len(other)} pairs of {heldout.name}")
-    labels = [f"{each}: pair {pair}" for each, part in ((path, btf), (heldout, other)) for pair in range(len(part))]
+    labels = [f"{path}: pair {pair}" for pair in range(len(btf))]
+    labels += [f"{heldout}: pair {pair}" for pair in range(len(other))]
     no_duplicates(whole.wo, whole.wi, labels.__getitem__)
     return whole
 
 
 def _open(path: Path) -> BTF:
     with _file(path) as file:
-        colour, view, light = (_stored(path, file, key) for key in (COLOUR, VIEW, LIGHT))
+        colour = _stored(path, file, COLOUR)
+        view = _stored(path, file, VIEW)
+        light = _stored(path, file, LIGHT)
         if colour.ndim != 4 or colour.shape[-1] != 3 or 0 in colour.shape:
             raise InputError(f"{path}: {COLOUR} is {colour.shape}: it must be (N, H, W, 3)")
         count, height, width = colour.shape[:3]
         if count > MAX_PAIRS or height * width > MAX_PIXELS:
             raise InputError(f"{path}: {COLOUR} of {colour.shape} is too large: the limit is {MAX_PAIRS} pairs")
-        wo, wi = (_directions(path, key, data, count) for key, data in ((VIEW, view), (LIGHT, light)))
-        source = HDF5Source(path, colour.shape[:3], (0, 0, height, width), (colour.chunks or (1,))[0])
+        wo = _directions(path, VIEW, view, count)
+        wi = _directions(path, LIGHT, light, count)
+        pictures_a_chunk = colour.chunks[0] if colour.chunks else 1
+        source = HDF5Source(path, colour.shape[:3], (0, 0, height, width), pictures_a_chunk)
     no_duplicates(wo, wi, lambda row: f"{path}: pair {row}")
     frame = "rows from the bottom up, directions away from the surface, as the code that reads these files"
     provenance = described("HDF5", "taken as linear Rec. 709", frame=frame)
@@ -89,9 +94,7 @@ def _stored(path: Path, file: Any, key: str) -> Any:
     links, name = file.id.links, key.encode()
     kind = links.get_info(name).type if links.exists(name) else None  # the link's own, which opens no other file
     if kind is not None and kind != h5py.h5l.TYPE_HARD:
-        target = links.get_val(name)
-        words = [part.decode("utf-8", "replace") for part in (target if isinstance(target, tuple) else (target,))]
-        where = f"a link to {words[-1]}" + (f" in the file {words[0]}" if len(words) > 1 else "")
+        where = _target(links.get_val(name))
         raise InputError(f"{path}: {key} is {where}: copy the data set itself to {key}, as h5repack or h5copy does")
     if kind is None or not isinstance(file[key], h5py.Dataset):
         held = ", ".join(sorted(file)[:5])[:200] or "nothing"
@@ -101,11 +104,20 @@ def _stored(path: Path, file: Any, key: str) -> Any:
         raise InputError(f"{path}: {key} lies in other files: copy it into this one")
     if data.dtype.kind != "f" or data.shape is None:
         raise InputError(f"{path}: {key} is {data.shape} {data.dtype}: it must hold floats")
-    claimed, chunk = (math.prod(shape) * data.dtype.itemsize for shape in (data.shape, data.chunks or ()))
+    claimed = math.prod(data.shape) * data.dtype.itemsize
+    chunk = math.prod(data.chunks or ()) * data.dtype.itemsize
     if claimed > max(LEAST, RATIO * data.id.get_storage_size()) or chunk > MAX_FILE:
         raise InputError(f"{path}: {key} of {data.shape} in chunks of {data.chunks} is more than its bytes can hold")
     _refuse_unwritten(path, key, data)
     return data
+
+
+def _target(value: bytes | tuple[bytes, bytes]) -> str:
+    """What a link leads to, in words; an external one has the file before the name."""
+    if isinstance(value, tuple):
+        file, name = (part.decode("utf-8", "replace") for part in value)
+        return f"a link to {name} in the file {file}"
+    return f"a link to {value.decode('utf-8', 'replace')}"
 
 
 def _refuse_unwritten(path: Path, key: str, data: Any) -> None:
@@ -117,7 +129,8 @@ def _refuse_unwritten(path: Path, key: str, data: Any) -> None:
     if data.chunks:
         sides = zip(data.shape, data.chunks, strict=True)
         due = math.prod(-(-length // chunk) for length, chunk in sides)
-        if missing := due - data.id.get_num_chunks():
+        missing = due - data.id.get_num_chunks()
+        if missing:
             fault = f"{missing:,} of the {due:,} chunks of {key} were never written"
             raise InputError(f"{path}: {fault}: write all pictures, or cut the data sets to those that were")
 
@@ -149,19 +162,23 @@ class HDF5Source(Source):
         top, left, height, width = self.at
         bottom = self.stored[1] - top - height
         first, last = int(pairs.min()), int(pairs.max()) + 1
-        close = last - first <= 2 * self.at_once
-        runs = [(first, last)] if close else [(int(pair), int(pair) + 1) for pair in pairs]
+        runs = [(first, last)]
+        if last - first > 2 * self.at_once:
+            runs = [(int(pair), int(pair) + 1) for pair in pairs]
         slices: dict[int, Array] = {}
         with _file(self.path) as file, np.errstate(over="ignore"):
             for start, end in runs:
                 values = file[COLOUR][start:end, bottom : bottom + height, left : left + width]
-                slices |= dict(enumerate(np.asarray(values, np.float32)[:, ::-1], start))
+                pictures = np.asarray(values, np.float32)[:, ::-1]
+                slices |= dict(enumerate(pictures, start))
         return [finite(slices[int(pair)], f"{self.path}: {COLOUR}[{pair}]") for pair in pairs]
 
     def window(self, top: int, left: int, height: int, width: int) -> Source:
         if min(top, left) < 0 or top + height > self.shape[0] or left + width > self.shape[1]:
             return super().window(top, left, height, width)
-        return HDF5Source(self.path, self.stored, (self.at[0] + top, self.at[1] + left, height, width), self.chunk)
+        ours_top, ours_left, _, _ = self.at
+        window = (ours_top + top, ours_left + left, height, width)
+        return HDF5Source(self.path, self.stored, window, self.chunk)
 
     def fingerprint(self) -> str:
         return hashlib.sha256(f"{file_digest(self.path)} {self.at}".encode()).hexdigest()

@@ -49,7 +49,11 @@ def _opened(
     seen: Candidate, names: list[str], pattern: re.Pattern[str], provenance: dict[str, Any], **options: Any
 ) -> BTF | None:
     """The BTF of the pictures whose names match, or None; `options` go to `pictures.read_picture`."""
-    matches = [match for name in names if (match := pattern.search(name))]
+    matches = []
+    for name in names:
+        match = pattern.search(name)
+        if match:
+            matches.append(match)
     if not matches:
         return None
     path = seen.path
@@ -59,5 +63,5 @@ def _opened(
     wi, wo = pairs_in_degrees(degrees, lambda index: files.label(names[index]), (" of the light", " of the view"))
     order = view_major(wo, wi)
     source = PictureSource(files, [names[i] for i in order], **options)
-    name = path.resolve().name if seen.is_folder else path.stem
-    return BTF(name, wo[order], wi[order], source, provenance=provenance | source.conversions())
+    title = path.resolve().name if seen.is_folder else path.stem
+    return BTF(title, wo[order], wi[order], source, provenance=provenance | source.conversions())

@@ -66,13 +66,16 @@ def opened(seen: Candidate) -> BTF | None:
         return _mean_abrdf(seen.path, seen.angles)
     path, files = seen.path, ZipFiles(seen.path)
     radiance = stored(files, "radiance")
-    if fault := radiance_fault(radiance.shape, radiance.dtype):
+    fault = radiance_fault(radiance.shape, radiance.dtype)
+    if fault:
         raise InputError(f"{path}: {fault}")
     count = radiance.shape[0]
-    wo, wi = (_directions(files, key, count) for key in ("wo", "wi"))
+    wo, wi = _directions(files, "wo", count), _directions(files, "wi", count)
     no_duplicates(wo, wi, lambda row: f"{path}: pair {row}")
     warn_of_radians(wo, wi, f"{path}: wo and wi")
-    source, heldout, periodic = NpzSource(radiance.values(), path), _heldout(files, count), _periodic(files)
+    source = NpzSource(radiance.values(), path)
+    heldout = _heldout(files, count)
+    periodic = _periodic(files)
     provenance = described("npz", "taken as linear Rec. 709", AS_STORED) | _provenance(files)
     return BTF(path.stem, wo, wi, source, heldout=heldout, periodic=periodic, provenance=provenance)
 
@@ -80,19 +83,23 @@ def opened(seen: Candidate) -> BTF | None:
 def _mean_abrdf(path: Path, unit: str) -> BTF:
     """The BTF (1 × 1 texel) of a mean ABRDF: view-major, linear Rec. 709, including the cosine of the light."""
     files = ZipFiles(path)
-    table, *sides = (stored(files, key) for key in (MEAN, "theta_deg", "phi_deg"))
+    table = stored(files, MEAN)
+    sides = [stored(files, "theta_deg"), stored(files, "phi_deg")]
     count = table.shape[0] if table.shape else 0
     if table.shape != (count, count, 3) or count == 0 or table.dtype.kind != "f":
         raise InputError(f"{path}: {MEAN} is {table.shape} {table.dtype}: it must be (V, V, 3) floats")
     if any(angles.shape != (count,) or angles.dtype.kind not in "fiu" for angles in sides):
         raise InputError(f"{path}: theta_deg and phi_deg must be ({count},) numbers")
     stated_theta, stated_phi = (np.asarray(angles.values(), np.float64) for angles in sides)
-    theta, phi = map(np.radians, in_degrees(stated_theta, stated_phi, f"{path}: theta_deg and phi_deg", unit))
-    directions = different_directions(theta, phi, lambda row: f"{path}: direction {row}", "_deg")
+    theta, phi = in_degrees(stated_theta, stated_phi, f"{path}: theta_deg and phi_deg", unit)
+    directions = different_directions(
+        np.radians(theta), np.radians(phi), lambda row: f"{path}: direction {row}", "_deg"
+    )
     source = NpzSource(finite(table.values(), f"{path}: {MEAN}").reshape(-1, 1, 1, 3), path)
     texels = "one: the geometric mean over the measured texels"
     provenance = described("mean ABRDF", "linear Rec. 709 as stored", IN_THE_DATA, texels=texels) | told(unit)
-    return BTF(path.stem, *product(directions, directions), source, provenance=provenance)
+    wo, wi = product(directions, directions)
+    return BTF(path.stem, wo, wi, source, provenance=provenance)
 
 
 def _directions(files: ZipFiles, key: str, count: int) -> Array:
@@ -106,7 +113,8 @@ def _heldout(files: ZipFiles, count: int) -> Array | None:
     if not files.has("heldout.npy"):
         return None
     array = stored(files, "heldout")
-    mask = array.values() if array.shape == (count,) and array.dtype.kind == "b" else np.ones(1, bool)
+    is_mask = array.shape == (count,) and array.dtype.kind == "b"
+    mask = array.values() if is_mask else np.ones(1, bool)
     if mask.all():
         raise InputError(f"{files.path}: heldout must be a mask ({count},) of booleans that leaves pairs to train on")
     return np.array(mask) if mask.any() else None

@@ -40,7 +40,10 @@ def srgb_table(levels: int) -> Array:
 
 def picture_format(head: bytes) -> str | None:
     """`jpeg`, `png`, `exr` or `hdr` from the first bytes of a file, None for anything else."""
-    return next((kind for start, kind in _STARTS.items() if head.startswith(start)), None)
+    for start, kind in _STARTS.items():
+        if head.startswith(start):
+            return kind
+    return None
 
 
 def picture_size(files: Files, name: str) -> tuple[int, int]:
@@ -124,7 +127,8 @@ def read_alpha(files: Files, name: str) -> Array:
 
         kind = picture_format(files.head(name, 8))
         picture = Image.open(io.BytesIO(files.read(name)), formats=["PNG"]) if kind == "png" else None
-        if picture is None or not ("A" in picture.getbands() or "transparency" in picture.info):
+        has_alpha = picture is not None and ("A" in picture.getbands() or "transparency" in picture.info)
+        if picture is None or not has_alpha:
             raise InputError(f"{label}: it has no alpha, which holds the smoothness: save it as PNG with alpha")
         alpha = np.asarray(picture.convert("RGBA"))[..., 3]
     return upright(np.asarray(alpha / 255, np.float32), header.turned)
@@ -149,9 +153,12 @@ class PictureSource(Source):
                 raise InputError(f"{label}: {fault}: give each pair its own picture")
             header = _header(files, name)
             size = header.size
-            self.turned |= {name: header.turned} if header.turned > 1 else {}
-            self.colours |= {name: header.colour.name} if header.colour else {}
-            self.shape = self.shape if index else size
+            if header.turned > 1:
+                self.turned[name] = header.turned
+            if header.colour:
+                self.colours[name] = header.colour.name
+            if index == 0:
+                self.shape = size
             if size != self.shape:
                 first = f"{self.names[0]} is {self.shape[1]} x {self.shape[0]}: give all pictures one size"
                 raise InputError(f"{label}: {name} is {size[1]} x {size[0]} pixels, but {first}")
@@ -166,13 +173,17 @@ class PictureSource(Source):
         digest = self.files.digest(self.names)
         # Values changed with the reading of notes and profiles; those of pictures without any did not.
         read_as = [str(each) for each in (self.turned, self.colours) if each]
-        return hashlib.sha256(" ".join([digest, *read_as]).encode()).hexdigest() if read_as else digest
+        if not read_as:
+            return digest
+        return hashlib.sha256(" ".join([digest, *read_as]).encode()).hexdigest()
 
     def conversions(self) -> dict[str, str]:
         """What a provenance says of colour spaces other than sRGB; {} if there are none."""
         found = Counter(self.colours.values()).items()
         listed = ", ".join(f"{name} ({count} of {self.count} pictures)" for name, count in sorted(found))
-        return {"colour_profiles": f"converted to linear Rec. 709 from {listed}"} if listed else {}
+        if not listed:
+            return {}
+        return {"colour_profiles": f"converted to linear Rec. 709 from {listed}"}
 
 
 def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
@@ -223,7 +234,8 @@ def _read_codes(data: bytes, kind: str | None, header: _Header, label: str) -> A
     colour = header.colour
     if kind == "png" and data[24] == 16:
         stored = upright_size(header.size, header.turned)
-        codes, curve = _png16(data, stored, label), srgb_table(1 << 16)
+        codes = _png16(data, stored, label)
+        curve = srgb_table(1 << 16)
         return colour.linear(codes, curve) if colour else curve[codes]
     from PIL import Image
 
@@ -233,7 +245,8 @@ def _read_codes(data: bytes, kind: str | None, header: _Header, label: str) -> A
         if colour and colour.profile:
             return srgb_table(256)[profiled(picture, colour, label)]
         codes = np.asarray(picture.convert("RGB"))
-    return colour.linear(codes, srgb_table(256)) if colour else srgb_table(256)[codes]
+    curve = srgb_table(256)
+    return colour.linear(codes, curve) if colour else curve[codes]
 
 
 def _png16(data: bytes, size: tuple[int, int], label: str) -> Array:
@@ -242,12 +255,18 @@ def _png16(data: bytes, size: tuple[int, int], label: str) -> Array:
 
     packed = b"".join(content for name, content in png_chunks(data) if name == b"IDAT")
     limit = 2 * size[0] * (size[1] * 8 + 1) + 4096  # of (H, W) of 16-bit RGBA
-    if len(zlib.decompressobj().decompress(packed, limit + 1)) > limit:
+    inflated = zlib.decompressobj().decompress(packed, limit + 1)
+    if len(inflated) > limit:
         raise InputError(f"{label}: its pixels inflate beyond {limit} bytes: the picture is damaged; get it again")
     width, height, rows, info = png.Reader(bytes=data).read()
     planes = info["planes"]
     codes = np.vstack([np.asarray(row, np.uint16) for row in rows]).reshape(height, width, planes)
-    return codes[..., :3] if planes >= 3 else np.repeat(codes[..., :1], 3, 2)
+    if planes >= 3:
+        return codes[..., :3]
+    return np.repeat(codes[..., :1], 3, 2)
+
+
+_HDR_AXES = ({"-Y", "+X"}, {"-Y", "-X"}, {"+Y", "+X"}, {"+Y", "-X"})
 
 
 def _hdr_header(data: bytes) -> tuple[int, tuple[str, str], tuple[int, int], float] | None:
@@ -265,10 +284,11 @@ def _hdr_header(data: bytes) -> tuple[int, tuple[str, str], tuple[int, int], flo
     exposure = float(np.prod([float(value) for key, value in fields if key.strip() == "EXPOSURE"]))
     if not (np.isfinite(exposure) and exposure > 0):
         raise ValueError(f"EXPOSURE is {exposure}")
-    words = data[end + 2 : line_end].decode("latin-1").split()
-    if len(words) != 4 or {words[0][1:], words[2][1:]} != {"X", "Y"} or {words[0][0], words[2][0]} - {"+", "-"}:
-        raise ValueError(f"the size is {' '.join(words)[:40]!r}, not like -Y 256 +X 256")
-    return line_end + 1, (words[0], words[2]), (int(words[1]), int(words[3])), exposure
+    size = data[end + 2 : line_end].decode("latin-1").split()
+    if len(size) != 4 or {size[0], size[2]} not in _HDR_AXES:
+        raise ValueError(f"the size is {' '.join(size)[:40]!r}, not like -Y 256 +X 256")
+    first, first_count, second, second_count = size
+    return line_end + 1, (first, second), (int(first_count), int(second_count)), exposure
 
 
 def _read_hdr(data: bytes) -> Array:
@@ -283,14 +303,16 @@ def _read_hdr(data: bytes) -> Array:
     with np.errstate(over="ignore"):
         picture = rgbe[..., :3] * scale[..., None]
     picture[rgbe[..., 3] == 0] = 0
-    picture = np.flip(picture, tuple(axis for axis, name in enumerate(axes) if name in ("-X", "+Y")))
+    backward = [axis for axis, name in enumerate(axes) if name in ("-X", "+Y")]
+    picture = np.flip(picture, tuple(backward))
     return np.ascontiguousarray(picture if axes[0][1] == "Y" else picture.swapaxes(0, 1))
 
 
 def _hdr_pixels(data: bytes, at: int, lines: int, length: int) -> Array:
     """RGBE codes (lines, length, 4) uint8: flat, or run-length coded line by line."""
     first = data[at : at + 4]
-    if not (8 <= length < 32768 and first[:2] == b"\2\2" and first[2] << 8 | first[3] == length):
+    is_coded = 8 <= length < 32768 and first[:2] == b"\2\2" and first[2] << 8 | first[3] == length
+    if not is_coded:
         flat = np.frombuffer(data, np.uint8, lines * length * 4, at).reshape(lines, length, 4)
         if (flat[..., :3] == 1).all(-1).any():
             raise ValueError("the old run-length coding is not read")

@@ -63,8 +63,10 @@ def _read_list(path: Path) -> tuple[list[str], list[str], np.ndarray]:
     if not lines:
         raise InputError(f"{path}: it is empty: give the count of images, and a line for each")
     count = None
-    if lines[0][1].isdecimal():
-        count = int(lines.pop(0)[1][:18])
+    _, first = lines[0]
+    if first.isdecimal():
+        count = int(first[:18])
+        del lines[0]
     labels = [f"{path}, line {number}" for number, _ in lines]
     entries = [_entry(label, line) for label, (_, line) in zip(labels, lines, strict=True)]
     if count is None:
@@ -100,14 +102,16 @@ def _pictures(files: FolderFiles, names: list[str], labels: list[str]) -> list[s
     for listed, label in zip(names, labels, strict=True):
         wanted = _possible(listed)
         with readable(label):
-            picture = next((name for name in wanted if files.has(name)), "")
+            there = [name for name in wanted if files.has(name)]
+        picture = there[0] if there else ""
         if not picture and near is None:
             near = {}
             for name in list_folder(files.root):
                 near.setdefault(_folded(name), []).append(name)
         if not picture:
             assert near is not None
-            alike = next((near[_folded(name)] for name in wanted if _folded(name) in near), [])
+            several = [near[_folded(name)] for name in wanted if _folded(name) in near]
+            alike = several[0] if several else []
             if len(alike) != 1:
                 bare = listed.replace("\\", "/").rsplit("/", 1)[-1][:100]
                 remedy = "add the picture, or leave the line out and correct the count"
@@ -124,7 +128,8 @@ def _possible(listed: str) -> list[str]:
     tidy = listed.replace("\\", "/")
     bare = tidy.rsplit("/", 1)[-1]
     direct = ".." not in tidy.split("/") and not tidy.startswith("/") and tidy[1:2] != ":"
-    return [name for name in ([tidy, bare] if direct else [bare]) if name not in ("", ".", "..")]
+    possible = [tidy, bare] if direct else [bare]
+    return [name for name in possible if name not in ("", ".", "..")]
 
 
 def _folded(name: str) -> str:

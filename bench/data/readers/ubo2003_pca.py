@@ -67,7 +67,8 @@ def opened(seen: Candidate) -> BTF | None:
 
 def _folder(seen: Candidate) -> Path | None:
     if not seen.is_folder:
-        return seen.path.parent if FIELD in seen.head and seen.path.name == NOTES else None
+        is_notes = FIELD in seen.head and seen.path.name == NOTES
+        return seen.path.parent if is_notes else None
     inner = sorted(each for each in seen.path.iterdir() if SPLIT.fullmatch(each.name) and (each / NOTES).is_file())
     for place in [seen.path, *inner[:1]]:
         files = FolderFiles(place)
@@ -166,15 +167,18 @@ class LocalPCA(Source):
         for each in np.unique(block):
             chosen = np.flatnonzero(block == each)
             weights = self.weights[each, column[chosen]].swapaxes(0, 1).reshape(COMPONENTS, -1)
-            out[:, chosen] = _linear(_signed(self.components[each, texel]) @ weights).reshape(len(texel), -1, 3)
+            codes = _signed(self.components[each, texel]) @ weights
+            out[:, chosen] = _linear(codes).reshape(len(texel), -1, 3)
         return out
 
     def gather(self, pair: Array, row: Array, col: Array, step: int = 1 << 16) -> Array:
         out = np.empty((len(pair), 3), np.float32)
-        for part in (slice(start, start + step) for start in range(0, len(pair), step)):
+        for start in range(0, len(pair), step):
+            part = slice(start, start + step)
             block, column = np.divmod(pair[part], TOGETHER * LIGHTS)
             texel = np.asarray(row)[part] * self.shape[1] + np.asarray(col)[part]
-            out[part] = np.einsum("nk,nkc->nc", _signed(self.components[block, texel]), self.weights[block, column])
+            components = _signed(self.components[block, texel])
+            out[part] = np.einsum("nk,nkc->nc", components, self.weights[block, column])
         return _linear(out)
 
     def fingerprint(self) -> str:
@@ -186,7 +190,8 @@ def _check_sums(data: bytes) -> None:
     at, name = PNG_START, b""
     while name != b"IEND":
         size, name = struct.unpack_from(">I4s", data, at)
-        if zlib.crc32(data[at + 4 : at + 8 + size]) != struct.unpack_from(">I", data, at + 8 + size)[0]:
+        (stated,) = struct.unpack_from(">I", data, at + 8 + size)
+        if zlib.crc32(data[at + 4 : at + 8 + size]) != stated:
             raise ValueError(f"the checksum at offset {at} is wrong")
         at += 12 + size
 

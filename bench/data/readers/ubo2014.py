@@ -66,7 +66,8 @@ class Cursor:
 
     def text(self, length: int, what: str) -> str:
         """A text of `length` bytes without its padding."""
-        return self.take(length, what).tobytes().split(b"\0", 1)[0].decode("utf-8", "replace").strip()
+        text, _, _ = self.take(length, what).tobytes().partition(b"\0")
+        return text.decode("utf-8", "replace").strip()
 
     def floats(self, shape: tuple[int, ...], scalar: int, what: str) -> Array:
         """An array of floats, as an (unaligned) view of the file."""
@@ -87,13 +88,18 @@ class Matrix:
 
     def rows(self, index: Array | slice) -> Array:
         """Some rows in float32."""
-        return self.dense[index] if self.expand else np.asarray(self.stored[index], np.float32)
+        if self.expand:
+            return self.dense[index]
+        return np.asarray(self.stored[index], np.float32)
 
     def times(self, factors: Array) -> Array:
         """The products (n, rows) with some vectors (n, K)."""
         if self.expand:
             return factors @ self.dense.T
-        parts = [factors @ self.rows(slice(i, i + 4096)).T for i in range(0, len(self.stored), 4096)]
+        parts = []
+        for start in range(0, len(self.stored), 4096):
+            rows = self.rows(slice(start, start + 4096))
+            parts.append(factors @ rows.T)
         return np.concatenate(parts, 1)
 
 
@@ -122,8 +128,10 @@ def opened(seen: Candidate) -> BTF | None:
     cursor = Cursor(path)
     signature = cursor.take(min(10, len(cursor.bytes)), "the signature").tobytes()
     if signature not in (DFMF, FMF):
-        known = next((k.decode() for k in UNSUPPORTED if signature.startswith(k)), None)
-        fault = f"the signature {known} is known but not read" if known else f"unknown signature {signature!r}"
+        fault = f"unknown signature {signature!r}"
+        for known in UNSUPPORTED:
+            if signature.startswith(known):
+                fault = f"the signature {known.decode()} is known but not read"
         raise InputError(f"{path}: {fault}: only {DFMF.decode()} and {FMF.decode()} are read")
     notes = _header(cursor)
     material = _directions(cursor)
@@ -132,17 +140,18 @@ def opened(seen: Candidate) -> BTF | None:
         raise cursor.fail(f"a size of {width} x {height} texels")
     material.shape = (height, width)
     cursor.floats((notes["rotations"], 3, 3), 4, f"{notes['rotations']} rotations")
-    notes |= (_dfmf if signature == DFMF else _fmf)(cursor, material)
+    notes |= _dfmf(cursor, material) if signature == DFMF else _fmf(cursor, material)
     left = DENSE_BYTES  # of the float32 copies of all factors; pairs go first, because they are small
-    for matrix in {id(m): m for m in [*material.pairs, *material.texels]}.values():
+    different = {id(matrix): matrix for matrix in [*material.pairs, *material.texels]}  # channels may share one
+    for matrix in different.values():
         left -= 4 * matrix.stored.size
         matrix.expand = left >= 0
     ranks = [matrix.stored.shape[1] for matrix in material.pairs]
     native = {"bytes": path.stat().st_size, "rank": max(ranks), "ranks": ranks}
     provenance = described("UBO2014", notes.pop("colour"), IN_THE_DATA, signature=signature.decode(), **notes)
     provenance |= {"native": native}
-    sides = product(from_angles(*material.views.T), from_angles(*material.lights.T))
-    return BTF(path.stem, *sides, FactorSource(path, material), provenance=provenance)
+    wo, wi = product(from_angles(*material.views.T), from_angles(*material.lights.T))
+    return BTF(path.stem, wo, wi, FactorSource(path, material), provenance=provenance)
 
 
 def _header(cursor: Cursor) -> dict[str, Any]:
@@ -163,7 +172,10 @@ def _header(cursor: Cursor) -> dict[str, Any]:
         channels = cursor.count("the number of channels")
         if channels != 3:
             raise cursor.fail(f"{channels} channels", "three are read")
-        notes["channels"] = [cursor.text(cursor.count("a channel's name"), "a channel's name") for _ in range(3)]
+        notes["channels"] = []
+        for _ in range(channels):
+            length = cursor.count("a channel's name")
+            notes["channels"].append(cursor.text(length, "a channel's name"))
     if cursor.at - start != size:
         raise cursor.fail(f"the header says it has {size} bytes, but it has {cursor.at - start}")
     return notes
@@ -177,8 +189,9 @@ def _directions(cursor: Cursor) -> Factorisation:
     if not views or not lights:
         raise cursor.fail(f"{views} views of {lights} lights")
     block = cursor.take(views * (12 + 8 * lights), f"{views} views of {lights} lights").reshape(views, -1)
-    if (block[:, 8:] != block[0, 8:]).any():
-        view = int(np.argmax((block[:, 8:] != block[0, 8:]).any(1)))
+    differs = (block[:, 8:] != block[0, 8:]).any(1)
+    if differs.any():
+        view = int(np.argmax(differs))
         raise cursor.fail(f"the lights of view {view} differ from those of view 0", "only a product grid is read")
     return Factorisation(_side(cursor.path, "view", block[:, :8]), _side(cursor.path, "light", block[0, 12:]))
 
@@ -199,8 +212,10 @@ def _dfmf(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
     material.model = model
     mean, matrix = cursor.numbers("3f", "the colour mean"), cursor.numbers("9f", "the colour matrix")
     rows = len(material.views) * len(material.lights)
-    factors = [_factors(cursor, material, rows, f"channel {channel}") for channel in range(3)]
-    material.pairs, material.texels = ([Matrix(side) for side in sides] for sides in zip(*factors, strict=True))
+    for channel in range(3):
+        pairs, texels = _factors(cursor, material, rows, f"channel {channel}")
+        material.pairs.append(Matrix(pairs))
+        material.texels.append(Matrix(texels))
     colour = {"colour": f"model {model}: {COLOUR_MODELS[model]}", "colour_model": model}
     return colour | {"colour_mean": list(mean), "colour_matrix": list(matrix)}
 
@@ -245,8 +260,10 @@ class FactorSource(Source):
 
     @np.errstate(over="ignore", invalid="ignore")
     def slices(self, pairs: Array) -> list[Array]:
-        factors = zip(self.material.texels, self.material.pairs, strict=True)
-        channels = [texels.times(each.rows(pairs)).reshape(-1, *self.shape) for texels, each in factors]
+        channels = []
+        for texels, of_pairs in zip(self.material.texels, self.material.pairs, strict=True):
+            products = texels.times(of_pairs.rows(pairs))
+            channels.append(products.reshape(-1, *self.shape))
         pictures = np.empty((len(pairs), *self.shape, 3), np.float32)
         for i, picture, planes in zip(pairs, pictures, zip(*channels, strict=True), strict=True):
             self._decode(planes, picture[::-1])  # the file counts from the bottom row
@@ -272,8 +289,9 @@ class FactorSource(Source):
         out = np.empty((len(index), 3), np.float32)
         for start in range(0, len(index), block):
             part = slice(start, start + block)
-            factors = zip(self.material.texels, self.material.pairs, strict=True)
-            channels = [np.einsum("nk,nk->n", t.rows(index[part]), p.rows(pair[part])) for t, p in factors]
+            channels = []
+            for texels, of_pairs in zip(self.material.texels, self.material.pairs, strict=True):
+                channels.append(np.einsum("nk,nk->n", texels.rows(index[part]), of_pairs.rows(pair[part])))
             out[part] = finite(self._decode(channels), f"{self.path}: samples from {start}")
         return out
 
@@ -300,9 +318,11 @@ class FactorSource(Source):
 def _yuv_to_rgb(channels: Sequence[Array] | Array, out: Array) -> None:
     """Colour model 11: log Y, U / Y and V / Y (...) to RGB in `out` (..., 3); the channels are overwritten."""
     y, u, v = channels
-    np.subtract(np.exp(y, out=y), EPSILON, out=y)
+    np.exp(y, out=y)
+    np.subtract(y, EPSILON, out=y)
     for chroma in (u, v):
-        np.add(np.multiply(chroma, y, out=chroma), EPSILON, out=chroma)
+        np.multiply(chroma, y, out=chroma)
+        np.add(chroma, EPSILON, out=chroma)
     (_, _, red_v), (_, green_u, green_v), (_, blue_u, _) = YUV_TO_RGB
     out[..., 0] = y + red_v * v
     out[..., 1] = y + green_u * u + green_v * v

@@ -43,7 +43,8 @@ def register() -> type:
     variant = mi.variant() or ""
     if variant not in VARIANTS:
         raise InputError(f"Mitsuba's variant {variant or 'none'} cannot run a codec: set {' or '.join(VARIANTS)}")
-    if variant.startswith("llvm") and (reason := unusable(plugins=True)):
+    reason = unusable(plugins=True) if variant.startswith("llvm") else ""
+    if reason:
         raise InputError(reason)
     mi.register_bsdf(NAME, _plugin(variant))
     return _plugin(variant)
@@ -55,7 +56,9 @@ class _Lobes:
     def __init__(self, stored: np.ndarray, repeat: tuple[float, float]):
         self.cells, self.repeat = len(stored), repeat
         lobe = Lobe.from_stored(torch.from_numpy(stored).reshape(-1, stored.shape[2]))
-        columns = [lobe.share, lobe.along, lobe.across, *(axis for axes in lobe.axes for axis in axes.T)]
+        columns = [lobe.share, lobe.along, lobe.across]
+        for axis in lobe.axes:
+            columns += axis.T.unbind()
         self.columns = [mi.Float(column.numpy()) for column in columns]
 
     def _at(self, si: Any) -> tuple[Any, Any, Any, list[Any]]:
@@ -63,7 +66,8 @@ class _Lobes:
         uv = _wrapped(si, self.repeat)
         column = dr.minimum(mi.UInt32(uv.x * self.cells), self.cells - 1)
         row = dr.minimum(mi.UInt32((1 - uv.y) * self.cells), self.cells - 1)
-        share, along, across, *rest = (dr.gather(mi.Float, each, row * self.cells + column) for each in self.columns)
+        cell = row * self.cells + column
+        share, along, across, *rest = (dr.gather(mi.Float, each, cell) for each in self.columns)
         return share, along, across, [mi.Vector3f(*rest[k : k + 3]) for k in (0, 3, 6)]
 
     def share(self, si: Any, view: Any) -> Any:
@@ -74,7 +78,7 @@ class _Lobes:
     def drawn(self, si: Any, view: Any, sample: Any) -> Any:
         """A direction toward the light; it may lie below the horizon."""
         _, along, across, axes = self._at(si)
-        inside = mi.Vector3f(*(dr.dot(view, axis) for axis in axes))
+        inside = _along(axes, view)
         normal, _ = _ggx(along, across).sample(inside, sample)
         light = 2 * dr.dot(inside, normal) * normal - inside
         return light.x * axes[0] + light.y * axes[1] + light.z * axes[2]
@@ -82,11 +86,16 @@ class _Lobes:
     def density(self, si: Any, view: Any, light: Any) -> Any:
         """The density of the drawn direction over solid angle."""
         _, along, across, axes = self._at(si)
-        inside, out = (mi.Vector3f(*(dr.dot(each, axis) for axis in axes)) for each in (view, light))
+        inside, out = _along(axes, view), _along(axes, light)
         half = dr.normalize(inside + out)
         met = dr.dot(inside, half)
         density = _ggx(along, across).pdf(inside, half) / (4 * met)
         return dr.select((inside.z > 1e-4) & (met > 1e-4) & (half.z > 0), density, 0)
+
+
+def _along(axes: list[Any], direction: Any) -> Any:
+    """A direction in the frame of three axes."""
+    return mi.Vector3f(*(dr.dot(direction, axis) for axis in axes))
 
 
 def _wrapped(si: Any, repeat: tuple[float, float]) -> Any:
@@ -127,7 +136,8 @@ class _Answers:
         self.periods = self.repeat * across, self.repeat * up
         arrays = import_module("drjit.cuda.ad" if str(mi.variant()).startswith("cuda") else "drjit.llvm.ad")
         self.answer = Kernel(program_of(file.material), arrays)
-        self.draw_from(checked(read_parts(self.file)[1].sampling))
+        _, parts = read_parts(self.file)
+        self.draw_from(checked(parts.sampling))
 
     def draw_from(self, lobes: Tensor | None) -> None:
         """Draw directions from lobes (cells, cells, 5) instead of the file's, or by the cosine for None."""

@@ -45,12 +45,18 @@ class Lobe:
         along, across = (LEAST_ROUGHNESS + (1 - LEAST_ROUGHNESS) * raw[:, 1:3].sigmoid()).unbind(1)
         x, y = raw[:, 3:].tanh().unbind(1)
         normal = _unit(torch.stack([x, y, torch.ones_like(x)], 1))
-        first = _unit(torch.stack([1 - normal[:, 0] ** 2, *(-normal[:, 0:1] * normal[:, 1:]).unbind(1)], 1))
+        # The x axis less its part along the normal.
+        across_normal = [1 - normal[:, 0] ** 2, -normal[:, 0] * normal[:, 1], -normal[:, 0] * normal[:, 2]]
+        first = _unit(torch.stack(across_normal, 1))
         return cls(share, along, across, (first, torch.linalg.cross(normal, first), normal))
+
+    def _along_axes(self, directions: Tensor) -> Tensor:
+        """Directions (n, 3) in the frame of the axes."""
+        return torch.stack([(directions * axis).sum(1) for axis in self.axes], 1)
 
     def density(self, wo: Tensor, wi: Tensor) -> Tensor:
         """The density (n,) of drawing wi (n, 3) for wo (n, 3), both above the horizon, over solid angle."""
-        view, light = (torch.stack([(w * axis).sum(1) for axis in self.axes], 1) for w in (wo, wi))
+        view, light = self._along_axes(wo), self._along_axes(wi)
         half = _unit(view + light)
         stretched = (half[:, 0] / self.along) ** 2 + (half[:, 1] / self.across) ** 2 + half[:, 2] ** 2
         normals = 1 / (math.pi * self.along * self.across * stretched**2)
@@ -85,7 +91,8 @@ def fitted(
         schedule.step()
         show("fitting lobes", step + 1, steps)
     lobes = raw.detach()
-    cosine, mixed = (each.view(len(lobes), -1).sum(1) for each in _variances(material, lobes, CHECKED, rng)[:2])
+    cosine, mixed, _ = _variances(material, lobes, CHECKED, rng)
+    cosine, mixed = cosine.view(len(lobes), -1).sum(1), mixed.view(len(lobes), -1).sum(1)
     lobes[mixed > cosine, 0] = OFF  # the fit minimises entropy, not variance: some cells are better with the cosine
     return lobes.reshape(cells, cells, -1).half()
 

@@ -94,8 +94,12 @@ def reached(
             colours, short = render(number, picture.samples, seed)
             pictures[number].append(colours)
             if seed % 4 == 1:  # subtract the fixed cost of a render
-                slopes[number].append((render(number, long, seed)[1] - short) / picture.timed)
-    return [_figures(np.stack(p), float(np.median(s)), picture.samples) for p, s in zip(pictures, slopes, strict=True)]
+                _, seconds = render(number, long, seed)
+                slopes[number].append((seconds - short) / picture.timed)
+    figures = []
+    for of_lobes, seconds_each in zip(pictures, slopes, strict=True):
+        figures.append(_figures(np.stack(of_lobes), float(np.median(seconds_each)), picture.samples))
+    return figures
 
 
 def _figures(pictures: np.ndarray, seconds: float, samples: int) -> Reached:

@@ -118,7 +118,8 @@ def shading(o: Values, base: Values, roughness: Values, metal: Values, specular:
     alpha = at_least(MIN_ALPHA, roughness * roughness)
     stretch = dr.sqrt(1 - 0.9 * anisotropy)
     dielectric = (1 - metal) * specular
-    diffuse = base * ((1 - metal) * (1 - fresnel(DIELECTRIC_F0 * specular, specular, o.z)) / dr.pi)
+    reflected = fresnel(DIELECTRIC_F0 * specular, specular, o.z)
+    diffuse = base * ((1 - metal) * (1 - reflected) / dr.pi)
     f0, f90 = DIELECTRIC_F0 * dielectric + metal * base, dielectric + metal
     shine = mi.luminance(fresnel(f0, mi.Color3f(f90), o.z))
     matt = mi.luminance(diffuse) * dr.pi
@@ -213,7 +214,9 @@ class PathTracer:
 
     @property
     def pairs_a_launch(self) -> int:
-        return max(1, WAVEFRONT // self._paths) if mi.variant() != "scalar_rgb" else 1
+        if mi.variant() == "scalar_rgb":
+            return 1
+        return max(1, WAVEFRONT // self._paths)
 
     @property
     def _paths(self) -> int:
@@ -229,7 +232,7 @@ class PathTracer:
         if (H + 2 * border[0]) * (W + 2 * border[1]) > MAX_CELLS:
             relief_reach = f"a relief of {relief:.2g} widths reaches {reach:.2g} widths: the mesh would be too large"
             raise InputError(f"at these grazing directions {relief_reach}: take a smaller --depth or --size")
-        rows, cols = (np.arange(-b, n + b) for b, n in zip(border, (H, W), strict=True))
+        rows, cols = np.arange(-border[0], H + border[0]), np.arange(-border[1], W + border[1])
         y, x = np.meshgrid((H - rows - 0.5) * cell[0], (cols + 0.5) * cell[1], indexing="ij")
         vertices = np.stack([x, y, self.field.height[np.ix_(rows % H, cols % W)]], -1)
         return _triangles(vertices.astype(np.float32))
@@ -237,14 +240,19 @@ class PathTracer:
     def slices(self, wo: Array, wi: Array, depth: int) -> Array:
         """Pictures (N, H, W, 3) float32 of the pairs `wo`, `wi` (N, 3), traced in one launch."""
         if mi.variant() == "scalar_rgb":
-            pairs = [(mi.Vector3f(o), mi.Vector3f(i)) for o, i in zip(wo.tolist(), wi.tolist(), strict=True)]
-            values = np.array([self._radiance(k, o, i, depth) for o, i in pairs for k in range(self._paths)])
+            radiance = []
+            for o, i in zip(wo.tolist(), wi.tolist(), strict=True):
+                view, light = mi.Vector3f(o), mi.Vector3f(i)
+                radiance += [self._radiance(point, view, light, depth) for point in range(self._paths)]
+            values = np.array(radiance)
         else:
             path = dr.arange(mi.UInt32, len(wo) * self._paths)
             pair = path // self._paths
-            o, i = (dr.gather(mi.Vector3f, mi.Float(np.ravel(side).astype(np.float32)), pair) for side in (wo, wi))
-            values = np.array(self._radiance(path - pair * self._paths, o, i, depth)).T
-        return values.reshape(len(wo), *self.size, -1, 3).mean(-2, dtype=np.float32).astype(np.float32)
+            view = dr.gather(mi.Vector3f, mi.Float(np.ravel(wo).astype(np.float32)), pair)
+            light = dr.gather(mi.Vector3f, mi.Float(np.ravel(wi).astype(np.float32)), pair)
+            values = np.array(self._radiance(path - pair * self._paths, view, light, depth)).T
+        points = values.reshape(len(wo), *self.size, -1, 3)
+        return points.mean(-2, dtype=np.float32).astype(np.float32)
 
     def _radiance(self, point: Values, wo: Values, wi: Values, depth: int) -> Values:
         """Radiance (mi.Color3f) toward `wo` of numbered sub-points, those of a texel side by side, lit from `wi`."""
@@ -257,8 +265,8 @@ class PathTracer:
         ray = mi.Ray3f(mi.Point3f(x, y, 0) + (self.field.top + 1e-3) / wo.z * wo, -wo)
         # Three random numbers for each bounce; for the first they spread evenly over a texel's sub-points.
         start = _three(_generator(self.seed ^ 0x9E3779B9, texel)) + mi.Vector3f(*STEPS) * mi.Float(number)
-        generator, first = _generator(self.seed, point), start - dr.floor(start)
-        return _follow(self, ray, wi, generator, first, mi.UInt32(depth))
+        first = start - dr.floor(start)
+        return _follow(self, ray, wi, _generator(self.seed, point), first, mi.UInt32(depth))
 
     def surface(self, p: Values, o: Values) -> tuple[Values, Shading]:
         """Tangent frame (mi.Frame3f) and reflectance of the points `p` seen from `o`, both in space."""

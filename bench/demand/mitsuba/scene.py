@@ -33,24 +33,33 @@ class MitsubaScene:
         self.bsdf = _chosen(self.scene, path, bsdf)
         width, height = self.sensors[0].film().crop_size()
         self.frames, self.picture = len(self.sensors), (int(height), int(width))
-        point = mi.EmitterFlags.Delta  # a point or a direction
-        self.emitters = [(each, 1 if mi.has_flag(each.flags(), point) else SAMPLES) for each in self.scene.emitters()]
+        self.emitters: list[tuple[Values, int]] = []  # and how many samples each takes at a point
+        for emitter in self.scene.emitters():
+            from_one_place = mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta)  # a point or a direction
+            self.emitters.append((emitter, 1 if from_one_place else SAMPLES))
         if not self.emitters:
             raise InputError(f"{path}: it has no emitter, so nothing lights the material: add one")
         self.samples = sum(count for _, count in self.emitters)
 
     def cast(self, frame: int, col: Array, row: Array) -> Points:
         """What a sensor sees of the BSDF's surfaces, through points (n,) of the picture, in pixels."""
-        sensor, middle, (height, width) = self.sensors[frame], mi.Point2f(0.5, 0.5), self.picture
-        places = ((mi.Float((col + x) / width), mi.Float((row + y) / height)) for x, y in ((0, 0), (1, 0), (0, 1)))
-        rays, right, below = (sensor.sample_ray(0.0, 0.5, mi.Point2f(*place), middle)[0] for place in places)
+        sensor = self.sensors[frame]
+        height, width = self.picture
+
+        def rays_through(col: Array, row: Array) -> Values:
+            place = mi.Point2f(mi.Float(col / width), mi.Float(row / height))
+            rays, _ = sensor.sample_ray(0.0, 0.5, place, mi.Point2f(0.5, 0.5))
+            return rays
+
+        rays, right, below = rays_through(col, row), rays_through(col + 1, row), rays_through(col, row + 1)
         hit = self.scene.ray_intersect(rays)
         wanted = hit.is_valid() & (hit.bsdf() == mi.BSDFPtr(self.bsdf))
         some = np.flatnonzero(np.asarray(wanted))
         position, normal = _rows(hit.p), _rows(hit.sh_frame.n)
         eye = np.broadcast_to(np.asarray(sensor.world_transform().translation()).ravel(), position.shape)
-        columns = (_rows(hit.uv), position, normal, _rows(hit.dp_du), _rows(hit.dp_dv), eye)
-        return Points(some, *(column[some] for column in (*columns, _rows(right.d), _rows(below.d))))
+        columns = [_rows(hit.uv), position, normal, _rows(hit.dp_du), _rows(hit.dp_dv), eye]
+        columns += [_rows(right.d), _rows(below.d)]
+        return Points(some, *(column[some] for column in columns))
 
     def lights(self, points: Points, rng: np.random.Generator) -> list[Light]:
         """Every emitter that reaches the points without a shadow; for extended emitters, a few samples."""
@@ -59,7 +68,7 @@ class MitsubaScene:
         samples = []
         for emitter, count in self.emitters:
             for _ in range(count):
-                chance = mi.Point2f(*(mi.Float(rng.random(len(points))) for _ in range(2)))
+                chance = mi.Point2f(mi.Float(rng.random(len(points))), mi.Float(rng.random(len(points))))
                 toward, arriving = emitter.sample_direction(here, chance)
                 free = ~self.scene.ray_test(here.spawn_ray_to(toward.p))
                 irradiance = _rows(arriving) * np.asarray(free)[:, None] / count
@@ -72,7 +81,8 @@ def loaded(path: Path, load: Callable[[], Values]) -> Values:
     try:
         scene = load()
     except Exception as error:  # Mitsuba raises RuntimeError for any fault in a file
-        raise InputError(f"{path}: Mitsuba cannot load it: {' '.join(str(error).split())[:300]}") from error
+        message = " ".join(str(error).split())[:300]
+        raise InputError(f"{path}: Mitsuba cannot load it: {message}") from error
     if not scene.sensors():
         raise InputError(f"{path}: it has no sensor: add a camera")
     return scene

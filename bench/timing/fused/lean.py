@@ -41,8 +41,9 @@ def compiled(call: Callable[..., Tensor], dynamic: bool) -> Callable[..., Tensor
     options: dict[str, Any] = {"cpp.enable_floating_point_contract_flag": contract}
     # PyTorch's cache of compiled code depends on options, not on the capability. Without this option, a process
     # restricted to AVX2 could load cached AVX-512 code.
-    if bits := _BITS.get(os.environ.get("ATEN_CPU_CAPABILITY", "").lower()):
-        options["cpp.simdlen"] = bits
+    capability = os.environ.get("ATEN_CPU_CAPABILITY", "").lower()
+    if capability in _BITS:
+        options["cpp.simdlen"] = _BITS[capability]
     return torch.compile(call, dynamic=dynamic, options=options)
 
 

@@ -53,7 +53,8 @@ class Whole(Wrapped):
         self.dr = drjit()
         self.networks = [DrJitNetwork(decoder) for decoder in decoders]
         program = program_of(marked)
-        if (count := program.products()) > MOST_PRODUCTS:
+        count = program.products()
+        if count > MOST_PRODUCTS:
             limit = f"up to {MOST_PRODUCTS:,} products outside networks"
             raise InputError(f"fused on the CPU holds {limit}, but this codec needs {count:,}: use compiled")
         self.traced = Kernel(program, self.dr.llvm, {"network": self._within_kernel})
@@ -69,14 +70,18 @@ class Whole(Wrapped):
 
     def _kernel(self, n: int, *flat: Any) -> list[Any]:
         self.row = self.dr.arange(self.dr.llvm.UInt32, n)
-        gather, kind = self.dr.gather, self.dr.llvm.Float
-        uv, wo, wi, (footprint,) = (
-            [gather(kind, each, self.row * width + k) for k in range(width)]
-            for each, width in zip(flat, WIDTHS, strict=True)
-        )
+        uv, wo, wi, (footprint,) = (self._columns(each, width) for each, width in zip(flat, WIDTHS, strict=True))
         return self.traced(uv, wo, wi, footprint)
+
+    def _columns(self, flat: Any, width: int) -> list[Any]:
+        """The columns (n,) of row-major inputs."""
+        return [self.dr.gather(self.dr.llvm.Float, flat, self.row * width + k) for k in range(width)]
 
     def _within_kernel(self, _: Any, step: Any, inputs: Value, number: int, outputs: int) -> Any:
         """The outputs of a network for the inputs (n, D) of one query: one row, or one for each texel."""
-        kind, network = self.dr.llvm.Float, self.networks[number]
-        return [list(network.within(self.row, [kind(value) for value in row])) for row in inputs.items]
+        network = self.networks[number]
+        answers = []
+        for row in inputs.items:
+            numbers = [self.dr.llvm.Float(value) for value in row]
+            answers.append(list(network.within(self.row, numbers)))
+        return answers

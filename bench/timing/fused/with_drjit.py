@@ -42,7 +42,8 @@ def batched(
     `whole` are inputs that are not queries, such as textures; `tables` are further Dr.Jit arrays that the kernel reads.
     Each size is recorded once.
     """
-    dr, n = drjit(), len(queries[0])
+    dr = drjit()
+    n = len(queries[0])
     if dr.thread_count() != torch.get_num_threads():
         dr.set_thread_count(torch.get_num_threads())
     size = 1 << max(n - 1, 15).bit_length()  # powers of two, so that there are few recordings for all batches
@@ -56,13 +57,21 @@ def batched(
 
     if size not in kernels:
         kernels[size] = dr.freeze(recorded, state_fn=lambda *_: list(tables))
-    if size > n:  # padded by the last row, because zeros are not directions; an empty batch by zeros
-        last = [x[-1:] if n else x.new_zeros(1, *x.shape[1:]) for x in queries]
-        queries = tuple(torch.cat([x, row.expand(size - n, -1)]) for x, row in zip(queries, last, strict=True))
-    out = kernels[size](*(dr.llvm.Float(x.float().contiguous().reshape(-1)) for x in (*queries, *whole)))
+    padded = [_padded(column, size) for column in queries]
+    flat = [dr.llvm.Float(x.float().contiguous().reshape(-1)) for x in (*padded, *whole)]
+    out = kernels[size](*flat)
     dr.eval(out)
     dr.sync_thread()
     return out.torch().reshape(size, -1)[:n].to(queries[0].dtype)
+
+
+def _padded(column: Tensor, size: int) -> Tensor:
+    """Rows (n, …) padded to (size, …) by the last row, because zeros are not directions; an empty batch by zeros."""
+    missing = size - len(column)
+    if not missing:
+        return column
+    last = column[-1:] if len(column) else column.new_zeros(1, *column.shape[1:])
+    return torch.cat([column, last.expand(missing, -1)])
 
 
 class DrJitNetwork(Network):
@@ -71,7 +80,8 @@ class DrJitNetwork(Network):
     def __init__(self, decoder: Decoder):
         super().__init__()
         self.dr = drjit()
-        if (count := decoder.architecture.parameters) > MOST_PARAMETERS:
+        count = decoder.architecture.parameters
+        if count > MOST_PARAMETERS:
             limit = f"a network of up to {MOST_PARAMETERS:,} parameters"
             raise InputError(f"fused on the CPU holds {limit}, but this one has {count:,}: use compiled")
         self.layers, self.inputs = layers_of(decoder), decoder.architecture.inputs
@@ -113,7 +123,8 @@ class DrJitNetwork(Network):
         sums = [self.dr.llvm.Float(0)] * channels
         for row, vertical in zip(rows, (1 - below, below), strict=True):
             for column, horizontal in zip(columns, (1 - right, right), strict=True):
-                texel, weight = self._rows(texture, row * width + column, channels), vertical * horizontal
+                texel = self._rows(texture, row * width + column, channels)
+                weight = vertical * horizontal
                 sums = [self.dr.fma(value, weight, total) for value, total in zip(texel, sums, strict=True)]
         return sums
 
@@ -140,8 +151,8 @@ class DrJitNetwork(Network):
             norm = layer.norm
             square = _sum([value * value for value in hidden])
             scale = dr.rsqrt(dr.fma(square, 1 / len(hidden), norm.eps))
-            affine = zip(norm.gain.tolist(), norm.offset.tolist(), strict=True)
-            hidden = [dr.fma(value * scale, *pair) for value, pair in zip(hidden, affine, strict=True)]
+            affine = zip(hidden, norm.gain.tolist(), norm.offset.tolist(), strict=True)
+            hidden = [dr.fma(value * scale, gain, offset) for value, gain, offset in affine]
         match layer.activation:
             case "sine":
                 hidden = [self._sine(value) for value in hidden]
@@ -152,7 +163,9 @@ class DrJitNetwork(Network):
                 hidden = [self._smelu(value) for value in hidden]
             case "silu":
                 hidden = [value / (1 + dr.exp(-value)) for value in hidden]
-        return [a + b for a, b in zip(x, hidden, strict=True)] if layer.residual else hidden
+        if layer.residual:
+            return [a + b for a, b in zip(x, hidden, strict=True)]
+        return hidden
 
     def _dense(self, layer: Layer, x: Sequence[Any]) -> list[Any]:
         """weight · x + bias: for a block of outputs one input after the other, so that sums stay in registers."""

@@ -4,6 +4,7 @@ A block of samples goes through all layers in registers; weights come from the i
 (in three parts, or rounded as tf32) or bfloat16 numbers and are summed in float32; everything else is float32 too.
 """
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -147,13 +148,16 @@ class TritonNetwork(Network):
                 f"{architecture.inputs}: use float32, tf32 or compiled"
             )
         layers = layers_of(decoder)
-        inputs, width, last = (_padded(k) for k in (architecture.inputs, architecture.widths[0], architecture.outputs))
+        inputs, width, last = _padded(architecture.inputs), _padded(width), _padded(architecture.outputs)
         sides = [inputs, *[width] * len(architecture.widths), last]
-        weights = torch.cat([_matrix(layer.weight.T, *sides[i : i + 2]) for i, layer in enumerate(layers)])
+        weights = []
+        for layer, (rows, columns) in zip(layers, pairwise(sides), strict=True):
+            weights.append(_matrix(layer.weight.T, rows, columns))
         *hidden, end = layers
-        scalars = torch.cat([*(_scalars(layer, width) for layer in hidden), _matrix(end.bias[None], 1, last)])
-        self.weights = torch.nn.Parameter(weights.to(parameter), requires_grad=False)
-        self.scalars = torch.nn.Parameter(scalars.to(parameter.device), requires_grad=False)
+        scalars = [_scalars(layer, width) for layer in hidden]
+        scalars.append(_matrix(end.bias[None], 1, last))
+        self.weights = torch.nn.Parameter(torch.cat(weights).to(parameter), requires_grad=False)
+        self.scalars = torch.nn.Parameter(torch.cat(scalars).to(parameter.device), requires_grad=False)
         self.outputs, self.shape = architecture.outputs, (inputs, width, last)
         norm = layers[0].norm
         used, activation = len(layers[0].bias), architecture.activation
@@ -173,10 +177,11 @@ class TritonNetwork(Network):
 
     def _run(self, texture: Tensor | None, uv: Tensor, first: Tensor, second: Tensor | None) -> Tensor:
         """Without a texture, `first` is all the inputs, and `uv` anything."""
-        n, (inputs, width, last) = len(first), self.shape
+        n = len(first)
+        inputs, width, last = self.shape
         height, across, channels = (1, 1, 0) if texture is None else texture.shape
-        first = first if first.stride(1) == 1 else first.contiguous()
-        other = first if second is None else second if second.stride(1) == 1 else second.contiguous()
+        first = _with_rows(first)
+        other = first if second is None else _with_rows(second)
         out = first.new_empty(n, self.outputs, dtype=torch.float32)
         if n:
             _network[(triton.cdiv(n, BLOCK),)](
@@ -186,6 +191,11 @@ class TritonNetwork(Network):
                 INPUTS=inputs, WIDTH=width, OUTPUTS=self.outputs, LAST=last, BLOCK=BLOCK, **self.options,
             )  # fmt: skip
         return out
+
+
+def _with_rows(inputs: Tensor) -> Tensor:
+    """Inputs (n, D) whose rows are contiguous, as the kernel reads them."""
+    return inputs if inputs.stride(1) == 1 else inputs.contiguous()
 
 
 def _exact(parameter: Tensor) -> str:
@@ -209,5 +219,7 @@ def _matrix(values: Array, rows: int, columns: int) -> Tensor:
 
 def _scalars(layer: Layer, width: int) -> Tensor:
     """Bias, gain and offset of one layer, one after the other."""
-    rows = [layer.bias, *([layer.norm.gain, layer.norm.offset] if layer.norm else [])]
+    rows = [layer.bias]
+    if layer.norm:
+        rows += [layer.norm.gain, layer.norm.offset]
     return _matrix(np.stack(rows), 3, width)
