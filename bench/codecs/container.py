@@ -11,7 +11,6 @@ import hashlib
 import json
 import math
 import struct
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
@@ -20,8 +19,7 @@ from typing import TYPE_CHECKING, Any
 from bench.files import atomic
 from bench.inputs.errors import ContainerError, EncodeError, InputError, answered, installed, refuse_pipe, shown
 from bench.records import fields as described
-from bench.records import kinds
-from bench.records.schema import FileScene
+from bench.records.schema import FileMetadata, FileScene
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -238,9 +236,19 @@ def _parse(path: Path, data: bytes) -> Header:
     if hashlib.sha256(data.replace(digits, ZEROS, 1)).hexdigest().encode() != digits:
         raise ContainerError(f"{path}: altered or damaged since it was written (its hash differs): copy it again")
     tensors = {name: _tensor(path, name, entry) for name, entry in header.items()}
-    names = ("codec", "version", "settings", "sha256", "kind", "scene", "provenance")
-    known = {name: metadata[name] for name in names if name in metadata}
-    return Header(path=path, tensors=tensors, file_bytes=len(data), network=metadata.get("shared", ""), **known)
+    return Header(
+        path=path,
+        codec=metadata["codec"],
+        version=metadata["version"],
+        settings=metadata["settings"],
+        sha256=metadata["sha256"],
+        tensors=tensors,
+        file_bytes=len(data),
+        kind=metadata.get("kind", MATERIAL),
+        scene=metadata.get("scene", {}),
+        network=metadata.get("shared", ""),
+        provenance=metadata.get("provenance", {}),
+    )
 
 
 def _json_header(path: Path, data: bytes) -> dict[str, Any]:
@@ -269,7 +277,7 @@ def _json_header(path: Path, data: bytes) -> dict[str, Any]:
     return header
 
 
-def _metadata(path: Path, header: dict[str, Any]) -> dict[str, Any]:
+def _metadata(path: Path, header: dict[str, Any]) -> FileMetadata:
     try:
         found = json.loads(header.pop("__metadata__")[KEY])
         newer = isinstance(found["format"], int) and found["format"] > FORMAT
@@ -277,45 +285,15 @@ def _metadata(path: Path, header: dict[str, Any]) -> dict[str, Any]:
         raise ContainerError(f"{path}: a safetensors file, but not one of this suite (no {KEY!r} metadata)") from error
     if newer:
         raise ContainerError(f"{path}: format {found['format']} is newer than this version reads ({FORMAT}): upgrade")
-    for name, is_sound in _FIELDS.items():
-        if name in found and not is_sound(found[name]):
-            raise ContainerError(f"{path}: its {KEY!r} metadata is not sound: {name} is {found[name]!r:.60}")
-    fault = described.fault_of(FileScene, found["scene"]) if found.get("scene") else ""
-    if fault:
+    if fault := described.fault_of(FileMetadata, found):
+        raise ContainerError(f"{path}: its {KEY!r} metadata is not sound: {fault}: encode it again")
+    if found.get("scene") and (fault := described.fault_of(FileScene, found["scene"])):
         raise ContainerError(f"{path}: the scene that it was fitted to is not sound: {fault}: encode it again")
-    missing = {"format", "codec", "version", "settings", "sha256"} - found.keys()
-    if missing:
-        raise ContainerError(f"{path}: its {KEY!r} metadata is incomplete: no {', '.join(sorted(missing))}")
     return found
 
 
 def _whole(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 48
-
-
-def _settings(value: Any) -> bool:
-    """Plain values by name, every number finite."""
-    if not isinstance(value, dict):
-        return False
-    for setting in value.values():
-        if not isinstance(setting, str | int | float):
-            return False
-        if isinstance(setting, float) and not math.isfinite(setting):
-            return False
-    return True
-
-
-_FIELDS: dict[str, Callable[[Any], bool]] = {
-    "format": _whole,
-    "codec": lambda value: isinstance(value, str),
-    "version": _whole,
-    "settings": _settings,
-    "sha256": kinds.DIGITS.test,
-    "kind": lambda value: value in (MATERIAL, SHARED),
-    "scene": lambda value: isinstance(value, dict),
-    "shared": lambda value: value == "" or kinds.DIGITS.test(value),
-    "provenance": lambda value: isinstance(value, dict),
-}
 
 
 def _tensor(path: Path, name: str, entry: dict[str, Any]) -> tuple[str, tuple[int, ...], int]:

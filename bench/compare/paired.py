@@ -17,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.btf import Array
 from bench.files.archive import MAX_FILE, read_arrays
 from bench.inputs.errors import InputError
 from bench.metrics.psnr import psnr
@@ -29,7 +28,7 @@ FALSE = 0.05  # the largest chance that a table of equal codecs tells any of the
 DRAWS = 2000
 SEED = 0
 
-Slices = Callable[[Job], Array | None]  # the PSNR (n,) of each slice of a job
+Slices = Callable[[Job], np.ndarray | None]  # the PSNR (n,) of each slice of a job
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class Cell:
     material: str
     seed: int
     pairs: str
-    differences: Array
+    differences: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -145,7 +144,7 @@ def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
     return Interval(float(means.mean()), float(low), float(high), len(means), seeds, slices, chance)
 
 
-def _student(means: Array) -> tuple[float, float]:
+def _student(means: np.ndarray) -> tuple[float, float]:
     """Half the 95 % interval of the mean of some means, and the chance of so large a mean if the true one is 0."""
     from scipy.special import stdtr, stdtrit  # slow to import, and needed only here
 
@@ -154,7 +153,7 @@ def _student(means: Array) -> tuple[float, float]:
     return float(stdtrit(freedom, 0.975) * error), float(chance)
 
 
-def _bootstrap_means(cells: Sequence[Cell], draws: int) -> Array:
+def _bootstrap_means(cells: Sequence[Cell], draws: int) -> np.ndarray:
     """Means (draws,) over the drawn seeds and pairs of one material."""
     # Seeds that draw the same pairs.
     alike = grouped(range(len(cells)), lambda number: (cells[number].pairs, len(cells[number].differences)))
@@ -162,12 +161,12 @@ def _bootstrap_means(cells: Sequence[Cell], draws: int) -> Array:
     means = np.empty((len(cells), draws))
     for each, numbers in zip(shares, alike.values(), strict=True):
         means[numbers] = np.stack([cells[number].differences for number in numbers]) @ each.T
-    drawn: Array = means[chosen, np.arange(draws)].mean(0)
+    drawn: np.ndarray = means[chosen, np.arange(draws)].mean(0)
     return drawn
 
 
 @lru_cache(maxsize=1)  # the intervals of a table mostly draw from as many slices and seeds
-def _drawn(counts: tuple[int, ...], seeds: int, draws: int) -> tuple[list[Array], Array]:
+def _drawn(counts: tuple[int, ...], seeds: int, draws: int) -> tuple[list[np.ndarray], np.ndarray]:
     """How often each slice of each group is drawn, as shares (draws, count), and which seeds, (seeds, draws)."""
     rng, shares = np.random.default_rng(SEED), []
     for count in counts:  # counting drawn numbers takes a seventh of the time of NumPy's `multinomial`
@@ -176,7 +175,7 @@ def _drawn(counts: tuple[int, ...], seeds: int, draws: int) -> tuple[list[Array]
     return shares, rng.integers(0, seeds, (seeds, draws))
 
 
-def decibels(folder: Path, job: Job) -> Array | None:
+def decibels(folder: Path, job: Job) -> np.ndarray | None:
     """The PSNR (n,) in dB of each slice of the pairs that decide, in the order of the BTF, at most `MOST_DB`.
 
     It is read from the file beside the record, or from a reference, which stores it packed; None if it is in neither.
@@ -203,11 +202,11 @@ def decibels(folder: Path, job: Job) -> Array | None:
     return np.minimum(psnr(raw[~np.isnan(raw)]), MOST_DB)
 
 
-def packed(values: Array) -> str:
+def packed(values: np.ndarray) -> str:
     """Encode dB as text for a reference, in hundredths, two bytes each."""
     return base64.b64encode(np.round(100 * values).clip(-32768, 32767).astype("<i2").tobytes()).decode()
 
 
-def unpacked(text: str) -> Array:
+def unpacked(text: str) -> np.ndarray:
     """Decode the text of `packed`."""
     return np.minimum(np.frombuffer(base64.b64decode(text), "<i2") / 100, MOST_DB)

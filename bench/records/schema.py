@@ -338,6 +338,20 @@ class FileScene(TypedDict):
     lights: Digits
 
 
+class FileMetadata(TypedDict, total=False):
+    """What the header of a codec file says of it, besides its tensors."""
+
+    format: Required[Count]
+    codec: Required[Text]
+    version: Required[Count]
+    settings: Required[dict[str, Setting]]
+    sha256: Required[Digits]
+    kind: Literal["material", "shared"]
+    scene: dict[str, Any]  # a `FileScene`
+    shared: Digits  # the hash of the network that decodes it, if it shares one
+    provenance: dict[str, Any]  # sources of the file other than a BTF
+
+
 class SceneModel(TypedDict):
     """A model of a search for the smallest file for a scene: "full", of the whole material, or "scene"."""
 

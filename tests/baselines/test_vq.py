@@ -34,9 +34,11 @@ def test_kinds_of_texels_are_found_exactly() -> None:
 
 def test_more_codes_and_more_stages_come_nearer() -> None:
     btf = tiny_btf()
-    errors = [
-        error(btf, decoded(VQ(bits=16, **s), btf)) for s in ({"codes": 4}, {"codes": 16}, {"codes": 16, "stages": 2})
-    ]
+    errors = []
+    for settings in ({"codes": 4}, {"codes": 16}, {"codes": 16, "stages": 2}):
+        material = decoded(VQ(bits=16, **settings), btf)
+        # Clusters are chosen by squares; the largest error may grow.
+        errors.append(float(np.square(slices(material, btf) - table(btf)).mean()))
     assert errors[0] > errors[1] > errors[2]
 
 
