@@ -347,7 +347,7 @@ class FileMetadata(TypedDict, total=False):
     settings: Required[dict[str, Setting]]
     sha256: Required[Digits]
     kind: Literal["material", "shared"]
-    scene: dict[str, Any]  # a `FileScene`
+    scene: FileScene
     shared: Digits  # the hash of the network that decodes it, if it shares one
     provenance: dict[str, Any]  # sources of the file other than a BTF
 

@@ -99,7 +99,8 @@ class Sheet:
 
     def __init__(self, width: int, height: int):
         self.width, self.height = width, height
-        self.drawing = new(width / DPI, height / DPI)
+        # Matplotlib 3.8 cuts a width of 953.9999 pixels, which a division may give, to 953.
+        self.drawing = new((width + 1e-6) / DPI, (height + 1e-6) / DPI)
         self.pixels = np.full((height, width, 3), 255, np.uint8)
 
     def picture(self, left: int, top: int, picture: np.ndarray) -> None:
