@@ -127,23 +127,28 @@ def _means(points: np.ndarray, label: np.ndarray) -> np.ndarray:
 
 
 def _codebooks(btf: BTF, gain: float, labels: list[np.ndarray], fit: Fit) -> list[Tensor]:
-    """The codebook (codes, N, 3) of each stage: the mean of its members, less the answers of earlier stages."""
+    """The codebook (codes, N, 3) of each stage: the mean of its members, less the answers of earlier stages.
+
+    `labels` holds the cluster (n,) of each texel, of each stage.
+    """
     counts = [torch.from_numpy(np.bincount(label)) for label in labels]
     rows = [torch.from_numpy(label).to(fit.device) for label in labels]
     sums = [torch.empty(len(count), 3 * len(btf)) for count in counts]
     start = 0
     for block in blocks(btf, fit, "codebook", gain, BLOCK_BYTES):
         for row, out in zip(rows, sums, strict=True):
-            part = torch.zeros(len(out), len(block), device=fit.device).index_add_(0, row, block.T)
+            part = torch.zeros(len(out), len(block), device=fit.device)
+            part.index_add_(0, row, block.T)  # a block has a row a channel of a pair, a column a texel
             out[:, start : start + len(block)] = part.cpu()
         start += len(block)
     books: list[Tensor] = []
     for stage, (out, count) in enumerate(zip(sums, counts, strict=True)):
         book = out / count[:, None]
         for earlier in range(stage):
-            # The distribution of the members of each cluster over the clusters of an earlier stage.
-            both = np.zeros((len(count), len(counts[earlier])), np.float32)
-            np.add.at(both, (labels[stage], labels[earlier]), 1)
-            book = book - torch.from_numpy(both) / count[:, None] @ books[earlier].flatten(1)
+            # How many members of each cluster are in each cluster of the earlier stage, then which share of them.
+            members = np.zeros((len(count), len(counts[earlier])), np.float32)
+            np.add.at(members, (labels[stage], labels[earlier]), 1)
+            shares = torch.from_numpy(members) / count[:, None]
+            book = book - shares @ books[earlier].flatten(1)
         books.append(book.reshape(len(count), -1, 3))
     return books

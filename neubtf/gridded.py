@@ -46,7 +46,8 @@ class GriddedObjective(DirectedObjective):
     """The grids and both networks, all free."""
 
     def __init__(self, samples: Samples, settings: Any, generator: torch.Generator):
-        super().__init__(samples, settings, generator, about=settings.recipe == "paper")
+        as_siren = settings.recipe == "paper"  # its last layer starts as SIREN's, not at the mean of the data
+        super().__init__(samples, settings, generator, about=as_siren)
         self.network: Any = GriddedNetwork(self.network, settings, generator)
         first = first_latents(samples, total(settings), settings.start, generator)
         self.grids = Grids(first, samples.shape, settings, offset=bool(settings.offset))

@@ -153,9 +153,12 @@ def _grid(layout: Layout) -> np.ndarray | None:
 
 
 def _read(btf: BTF, grid: np.ndarray, gain: float, fit: Fit) -> Tensor:
-    """Log radiance (V, L, H, W) of pairs (V, L), the mean of the channels."""
-    lights = max(2, MEMORY // (len(grid) * btf.shape[0] * btf.shape[1] * 4))
-    grid = grid[:, :lights]
+    """Log radiance (V, l, H, W), the mean of the channels, of a grid of pairs (V, L): of as many of its lights as fit in
+    `MEMORY`, at least two."""
+    height, width = btf.shape
+    bytes_of_a_light = len(grid) * height * width * 4  # one float32 a texel and view
+    most_lights = max(2, MEMORY // bytes_of_a_light)
+    grid = grid[:, :most_lights]
     slices = fit.progress(btf.subset(grid.reshape(-1)), "sweeping", grid.size)
     logs = [torch.from_numpy(np.maximum(each, 0)).mul_(gain).log1p_().mean(-1) for each in slices]
     return torch.stack(logs).reshape(*grid.shape, *btf.shape).to(fit.device)

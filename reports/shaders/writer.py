@@ -199,17 +199,18 @@ class Writer(Backend):
         return self.floats(packs)[:count]
 
     def blend(self, table: Array, indices: list[Scalar], shares: list[Scalar]) -> list[str]:
+        """The channels of the sum of share · table[index]; a row of the table is `stride` vectors of four."""
         channels = table.shape[1]
         if channels == 0:
             return []
         reader, start, stride = self.tables.place(table)
         firsts = [self.name("int", f"{self.scalar(i, 'int')} * {stride} + {start}") for i in indices]
-        packs = []
+        sums = []  # of each vector of the row
         for k in range(stride):
             rows = zip(shares, firsts, strict=True)
             terms = [f"{self._float(share)} * {reader}({first} + {k})" for share, first in rows]
-            packs.append(" + ".join(terms))
-        return self._channels(packs, channels)
+            sums.append(" + ".join(terms))
+        return self._channels(sums, channels)
 
     def _weighted(self, weights: Array, inputs: list[Scalar], bias: list[Scalar] | None) -> list[str]:
         """weights (outputs, inputs) @ inputs + bias, as scalars; the weights are constants."""
