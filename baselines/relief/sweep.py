@@ -153,8 +153,10 @@ def _grid(layout: Layout) -> np.ndarray | None:
 
 
 def _read(btf: BTF, grid: np.ndarray, gain: float, fit: Fit) -> Tensor:
-    """Log radiance (V, l, H, W), the mean of the channels, of a grid of pairs (V, L): of as many of its lights as fit in
-    `MEMORY`, at least two."""
+    """Log radiance (V, l, H, W), the mean of the channels, of a grid of pairs (V, L).
+
+    Of as many of its lights as fit in `MEMORY`, at least two.
+    """
     height, width = btf.shape
     bytes_of_a_light = len(grid) * height * width * 4  # one float32 a texel and view
     most_lights = max(2, MEMORY // bytes_of_a_light)
