@@ -228,7 +228,7 @@ def mean_lobe(btf: BTF) -> MeanLobe | None:
     if means.min() <= 0:
         return None
     means /= layout.lights[lights, 2]
-    rest = means / means.mean(1, keepdims=True)
+    rest = means / means.mean(1, keepdims=True)  # (views, lights)
     rest = rest / rest.mean(0) - 1
     total = float((rest**2).sum())
     if not total > 1e-9 * rest.size:
@@ -281,6 +281,7 @@ def _waves(angle: Array) -> Array:
 def _explained(rest: Array, angle: Array) -> tuple[float, Array]:
     """The part of the squares of `rest` (views, lights) that harmonics of the angles explain, and their amplitudes."""
     waves = _waves(angle)
+    # `rest` has no mean over a view or over a light, so the waves must have none either.
     waves = waves - waves.mean(0) - waves.mean(1, keepdims=True) + waves.mean((0, 1))
     flat = waves.reshape(rest.size, -1)
     coefficients = np.linalg.lstsq(flat, rest.reshape(-1), rcond=None)[0]
@@ -314,9 +315,11 @@ def draw(seen: Look, out: Path) -> None:
 
 
 def _draw_directions(axes: Any, seen: Look, title: str, directions: Array) -> None:
+    """Draw one side's directions (N, 3), each distinct one once, in polar axes; the held-out ones in another colour."""
     heldout = np.zeros(len(directions), bool) if seen.btf.heldout is None else seen.btf.heldout
     for mask, label in ((heldout, "held out"), (~heldout, "training")):
-        theta, phi = to_degrees(Layout.of(directions[mask], directions[mask]).views)
+        distinct = Layout.of(directions[mask], directions[mask]).views
+        theta, phi = to_degrees(distinct)
         if mask.any():
             axes.scatter(np.radians(phi), theta, s=8, label=label)
     axes.set_rlim(0, 90)
@@ -326,6 +329,7 @@ def _draw_directions(axes: Any, seen: Look, title: str, directions: Array) -> No
 
 
 def _draw_values(axes: Any, values: Array) -> None:
+    """Draw a histogram of the values (..., 3) above 0 for each channel; its title tells how many are not."""
     lit = values[values > 0]
     if lit.size:
         bins = np.geomspace(lit.min(), max(lit.max(), lit.min() * 1.01), 80)

@@ -24,13 +24,15 @@ def grid(size: int) -> tuple[Array, Array]:
 
 
 def smooth(rng: np.random.Generator, size: int, sigma_v: float, sigma_u: float) -> Array:
-    """Gaussian-filtered white noise, zero mean and unit deviation; sigmas in texture units, periodic."""
+    """Gaussian-filtered white noise, zero mean and unit deviation; sigmas in texture units, down the rows (v) and along
+    them (u), periodic."""
     field = gaussian_filter(rng.normal(size=(size, size)), (sigma_v * size, sigma_u * size), mode="wrap")
     return (field - field.mean()) / field.std()
 
 
 def to_scattered(rng: np.random.Generator, size: int, cells: int, jitter: float) -> tuple[Array, Array]:
-    """Distances to the nearest and the second nearest of cells² points, one scattered in each cell."""
+    """Distances to the nearest and the second nearest of cells² points, one scattered in each cell by up to `jitter` of
+    a cell around its middle; in texture units, periodic."""
     corner = np.stack(np.meshgrid(np.arange(cells), np.arange(cells)), -1).reshape(-1, 2)
     points = (corner + 0.5 + rng.uniform(-jitter, jitter, corner.shape)) / cells % 1.0
     nearest, _ = cKDTree(points, boxsize=1.0).query(np.stack(grid(size), -1), k=2)
@@ -71,6 +73,7 @@ class Satin:
         u, v = grid(self.resolution)
         across_u, across_v = u * self.threads, v * self.threads
         warp, weft = np.floor(across_u).astype(int), np.floor(across_v).astype(int)
+        # Where a warp thread dips, a weft thread rides over it: 3 is the inverse of 2 modulo 5.
         warp_top = self._ride(warp, across_v, 2) + _bulge(across_u)
         weft_top = -self._ride(weft, across_u, 3) + _bulge(across_v)
         is_warp = warp_top >= weft_top
@@ -88,7 +91,7 @@ class Satin:
             roughness=np.clip(self.roughness + 0.04 * fibre, 0.2, 0.8),
             metalness=0.35,
             anisotropy=self.anisotropy,
-            angle=along + np.pi / 2,
+            angle=along + np.pi / 2,  # highlights stretch across the fibres
         )
 
     def _ride(self, thread: Array, along: Array, step: int) -> Array:
@@ -171,7 +174,7 @@ class Wicker:
         rng = np.random.default_rng(seed)
         u, v = grid(self.resolution)
         rod, stake = np.floor(v * self.rods).astype(int), np.floor(u * self.stakes).astype(int)
-        sway = np.cos(np.pi * (u * self.stakes - 0.5)) * (-1.0) ** rod
+        sway = np.cos(np.pi * (u * self.stakes - 0.5)) * (-1.0) ** rod  # over and under; neighbours do the other
         rod_top = 0.45 * sway + 0.5 * _round(v * self.rods, 0.46)
         stake_top = 0.55 * _round(u * self.stakes, 0.22)
         is_rod = rod_top >= stake_top

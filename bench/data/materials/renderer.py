@@ -86,17 +86,19 @@ class HeightField:
     def offset(self, direction: Array) -> tuple[float, float]:
         """(rows, columns) of the grid that a ray along `direction` crosses while it rises by one unit of height."""
         x, y, z = (float(v) for v in direction)
-        return -y / z / self.cell[0], x / z / self.cell[1]
+        return -y / z / self.cell[0], x / z / self.cell[1]  # rows go down, y goes up
 
     def _along(self, per_height: tuple[float, float], z: float, stride: tuple[int, int]) -> Array:
         """Bilinear heights under the whole bundle of rays at height z of the march."""
         (H, W), (sr, sc) = self.shape, stride
+        # The first ray passes through the centre of its block of cells.
         row = ((sr - 1) / 2 + z * per_height[0]) % H
         col = ((sc - 1) / 2 + z * per_height[1]) % W
         r, c = int(row) % H, int(col) % W
         fr, fc = np.float32(row % 1), np.float32(col % 1)
         tiles = self._tiled
         low = tiles[r : r + H : sr, c : c + W : sc] * ((1 - fr) * (1 - fc))
+        # The other three corners; a weight of 0 is skipped to save time.
         for dr, dc, weight in ((0, 1, (1 - fr) * fc), (1, 0, fr * (1 - fc)), (1, 1, fr * fc)):
             if weight:
                 low += tiles[r + dr : r + dr + H : sr, c + dc : c + dc + W : sc] * weight
@@ -129,12 +131,13 @@ def shift(field: Array, rows: float, cols: float) -> Array:
     return _shift_axis(_shift_axis(field, rows, 0), cols, 1)
 
 
-def _shift_axis(field: Array, by: float, axis: int) -> Array:
-    whole = math.floor(by)
+def _shift_axis(field: Array, distance: float, axis: int) -> Array:
+    """The periodic field (H, W) read `distance` cells further along one axis, linear between cells."""
+    whole = math.floor(distance)
     low = np.roll(field, -whole, axis)
-    if by == whole:
+    if distance == whole:
         return low
-    low += (np.roll(field, -whole - 1, axis) - low) * np.float32(by - whole)
+    low += (np.roll(field, -whole - 1, axis) - low) * np.float32(distance - whole)
     return low
 
 
@@ -219,6 +222,7 @@ class Renderer:
 
 
 def _project(frame: Array, direction: Array) -> tuple[Array, Array, Array]:
+    """The components of a direction (3,) along t, b and n of each point's frame, see `View.frame`; each (s, H · W)."""
     x, y, z = (np.float32(v) for v in direction)
     t, b, n = frame[0] * x + frame[1] * y + frame[2] * z
     return t, b, n
@@ -267,9 +271,11 @@ def render(
     view_of, light_of = view_of.reshape(-1), light_of.reshape(-1)  # only numpy 2.0 gives (N, 1)
 
     def light(index: int) -> Array | None:
+        """The visibility of a light that several pairs share; None for one that is cast where it is needed."""
         return renderer.field.visibility(lights[index]) if uses[index] > 1 else None
 
     def paint(index: int) -> int:
+        """Fill in all slices of one view; returns their number."""
         view = renderer.view(views[index])
         pairs = np.flatnonzero(view_of == index)
         for pair in pairs:
@@ -277,7 +283,7 @@ def render(
             if cast is None:
                 cast = renderer.field.visibility(wi[pair])
             picture = renderer.slice(view, wi[pair], cast)
-            with np.errstate(over="ignore"):
+            with np.errstate(over="ignore"):  # `out` may hold halves
                 result[pair] = picture
         return len(pairs)
 

@@ -25,6 +25,7 @@ def size(data: bytes, label: str) -> tuple[int, int] | None:
     missing = [name for name in ("channels", "dataWindow", "displayWindow") if name not in attributes]
     if missing:
         raise InputError(f"{label}: this EXR lacks {', '.join(missing)}: save it again")
+    # First column and row, last column and row.
     window = struct.unpack("<4i", attributes["dataWindow"])
     if window != struct.unpack("<4i", attributes["displayWindow"]):
         raise InputError(f"{label}: its data window differs from its display window: save it uncropped")

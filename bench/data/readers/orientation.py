@@ -64,7 +64,7 @@ def upright(picture: Array, noted: int) -> Array:
 
 def upright_size(size: tuple[int, int], noted: int) -> tuple[int, int]:
     """(H, W) of the upright picture of a stored one."""
-    return size[::-1] if noted >= 5 else size
+    return size[::-1] if noted >= 5 else size  # 5 to 8 lie on their side
 
 
 def before_pixels(data: bytes) -> Iterator[tuple[bytes, bytes]]:
@@ -74,6 +74,7 @@ def before_pixels(data: bytes) -> Iterator[tuple[bytes, bytes]]:
         yield from takewhile(lambda chunk: chunk[0] != b"IDAT", png_chunks(data))
         return
     at = 2
+    # 0xC0 to 0xC2 begin a frame, 0xDA its pixels, and 0xD9 ends the picture.
     while at + 4 <= len(data) and data[at] == 0xFF and data[at + 1] not in (0xC0, 0xC1, 0xC2, 0xDA, 0xD9):
         size = struct.unpack_from(">H", data, at + 2)[0]
         yield data[at + 1 : at + 2], data[at + 4 : at + 2 + size]
