@@ -146,7 +146,7 @@ class _BoxFiltered(Source):
         self.shape = (source.shape[0] // factor, source.shape[1] // factor)
 
     def _box(self, rows: Array, cols: Array) -> tuple[Array, Array]:
-        """The rows and columns, each (n · factor²,), of the source's texels in n boxes: box after box, each row by row."""
+        """The rows and columns, each (n · factor²,), of the source's texels in n boxes, box after box, row by row."""
         fine_rows, fine_cols = (side[:, None] * self.factor + np.arange(self.factor) for side in (rows, cols))
         fine_rows, fine_cols = np.broadcast_arrays(fine_rows[:, :, None], fine_cols[:, None, :])
         return fine_rows.reshape(-1), fine_cols.reshape(-1)
@@ -264,7 +264,7 @@ class BTF:
     pairs: Array = None  # type: ignore[assignment]  # those of the source; by default all
 
     def __post_init__(self) -> None:
-        """Convert what was given to arrays of the stated types, take all pairs of the source by default, and check shapes."""
+        """Convert what was given to arrays of the stated types, and check their shapes; `pairs` default to all."""
         self.wo, self.wi = np.asarray(self.wo, np.float32), np.asarray(self.wi, np.float32)
         self.pairs = np.arange(self.source.count) if self.pairs is None else self.pairs
         self.heldout = None if self.heldout is None else np.asarray(self.heldout, bool)

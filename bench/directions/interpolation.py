@@ -120,7 +120,7 @@ class Hemisphere(nn.Module):
         return (torch.cdist(points, self.points.to(points.dtype)).argmin(1, keepdim=True),)
 
     def forward(self, queries: Tensor) -> Weights:
-        """Samples and weights (n, 3) of queries (n, 3), which add up to one; (n, 1) of samples that span no triangle."""
+        """Samples of queries (n, 3) and their weights, which add up to one: (n, 3), or (n, 1) without a triangle."""
         points = stereographic(queries)
         if self.flat:
             (index,) = _in_blocks(self._nearest, len(self.points), points)

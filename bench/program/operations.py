@@ -73,6 +73,7 @@ def _each(m: Backend, step: Step, formula: str, *arguments: Any, from_kind: str 
 
 def _computes(name: str) -> Operation:
     """The operation that applies the formula of a name to each element, for floats or for whole numbers."""
+
     def compute(m: Backend, step: Step, *arguments: Any) -> Array:
         formulas = FORMULAS if step.kind == "float" else WHOLE
         if name not in formulas:
@@ -89,6 +90,7 @@ def _kind_of(argument: Any) -> str:
 
 def _decides(formula: str) -> Operation:
     """The operation that applies a formula with a truth as its result; arguments are compared as the widest kind."""
+
     def decide(m: Backend, step: Step, *arguments: Any) -> Array:
         kinds = {_kind_of(argument) for argument in arguments}
         widest = max(kinds, key=list(KINDS).index)

@@ -84,6 +84,7 @@ def fitted(
         cell, wo, wi, values = drawn(material, cells, VIEWS, LIGHTS, rng)
         weights = values / values.mean(1, keepdim=True).clamp_min(1e-9)
         density = Lobe.from_stored(raw[cell]).density(wo, wi)
+        # The cross entropy to the answers, which are brought to one mean in every view.
         loss = -(weights.flatten() * density.clamp_min(1e-9).log()).mean()
         optimiser.zero_grad()
         loss.backward()
@@ -147,6 +148,7 @@ def _variances(material: Material, raw: Tensor, lights: int, rng: np.random.Gene
     albedo = values.mean(1) * whole
 
     def variance(density: Tensor) -> Tensor:
+        """The mean of (f / p)² over directions of density p, less the square of the mean, by uniform directions."""
         return (values.square() / density.view(-1, lights)).mean(1) * whole - albedo**2
 
     return variance(wi[:, 2] / math.pi), variance(Lobe.from_stored(raw[cell]).density(wo, wi)), albedo

@@ -162,11 +162,13 @@ def _cosine(place: Values) -> Values:
 
 
 def _disc(place: Values) -> tuple[Values, Values]:
+    """x and y drawn uniformly in the unit disc, from two numbers in [0, 1)."""
     radius, phi = dr.sqrt(place.x), 2 * dr.pi * place.y
     return radius * dr.cos(phi), radius * dr.sin(phi)
 
 
 def _smith(at: Shading, x: Values) -> Values:
+    """The length √(α_t² x_t² + α_b² x_b² + x_n²) of Smith's terms, as in `bench.data.materials.brdf`."""
     t, b = at.alpha_t * x.x, at.alpha_b * x.y
     return dr.sqrt(t * t + b * b + x.z * x.z)
 
@@ -214,12 +216,14 @@ class PathTracer:
 
     @property
     def pairs_a_launch(self) -> int:
+        """The number of pairs whose paths fill a launch, at least one; one of a scalar variant."""
         if mi.variant() == "scalar_rgb":
             return 1
         return max(1, WAVEFRONT // self._paths)
 
     @property
     def _paths(self) -> int:
+        """The paths of one pair: one for each sub-point."""
         return self.size[0] * self.size[1] * self.sub_points**2
 
     def _mesh(self, view_z: float, light_z: float) -> Any:
@@ -270,6 +274,7 @@ class PathTracer:
 
     def surface(self, p: Values, o: Values) -> tuple[Values, Shading]:
         """Tangent frame (mi.Frame3f) and reflectance of the points `p` seen from `o`, both in space."""
+        # Normal, base colour, roughness, metalness, specular, anisotropy, cos and sin of twice the angle.
         t = self.table.eval(mi.Point2f(p.x, 1 - p.y / self.aspect))
         n = dr.normalize(mi.Vector3f(t[0], t[1], t[2]))
         # Half of the angle whose cosine and sin lie in the table.
@@ -288,10 +293,12 @@ class PathTracer:
 
 
 def _generator(seed: int, stream: Values) -> Values:
+    """A generator of random numbers for each stream; the same seed and stream give the same numbers."""
     return mi.PCG32(1, *mi.sample_tea_32(stream, mi.UInt32(seed)))
 
 
 def _three(generator: Values) -> Values:
+    """Its next three numbers in [0, 1), as a mi.Vector3f."""
     return mi.Vector3f(generator.next_float32(), generator.next_float32(), generator.next_float32())
 
 
@@ -320,7 +327,7 @@ def _follow(tracer: PathTracer, ray: Values, wi: Values, generator: Values, firs
         blocked = tracer.scene.ray_test(mi.Ray3f(tracer.leave(hit.p, wi), wi), edges == 1, active=active)
         value += dr.select(active & (active ^ blocked), weight * reflect(here, frame.to_local(wi)), 0)
         edges += 1
-        random = dr.select(edges == 2, first, _three(generator))
+        random = dr.select(edges == 2, first, _three(generator))  # `first` at the first point of a path
         inward, factor = sample(here, random.x, mi.Point2f(random.y, random.z))
         onward = frame.to_world(inward)
         weight *= factor
