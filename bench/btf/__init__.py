@@ -155,6 +155,7 @@ class _BoxFiltered(Source):
         return [box_filter(picture, self.factor) for picture in self.source.slices(pairs)]
 
     def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
+        """As `Source.texels`: the means of all texels of the source in each box."""
         # A few texels here are many of the source, for which it would read whole slices: ask it part by part.
         most = max(1, MANY_TEXELS // self.factor**2)
         if most < len(rows) <= MANY_TEXELS:

@@ -83,6 +83,7 @@ def _directions(x: tuple[int, int], y: tuple[int, int], sides: str) -> Radiance:
     turn = torch.tensor([[*x, 0], [*y, 0], [0, 0, 1]], dtype=torch.float32).T
 
     def radiance(uv: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
+        """The radiance (n, 3) of the chosen side or sides turned."""
         if "ω_o" in sides:
             wo = wo @ turn
         if "ω_i" in sides:

@@ -51,6 +51,7 @@ class _Shrunk(Source):
         return self.boxes._scratch  # slices, texels and scattered values all come from this one file
 
     def slices(self, pairs: np.ndarray) -> list[np.ndarray]:
+        """The pictures (H, W, 3) of some pairs, out of the scratch file (blocks, H · W, pairs of a block, 3)."""
         copy = self._scratch  # sliced, because a place for each value takes NumPy three times as long
         blocks, places = np.divmod(pairs, copy.shape[2])
         slices = []

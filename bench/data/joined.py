@@ -23,12 +23,14 @@ class Joined(Source):
         return first.slice(pair) if pair < first.count else second.slice(pair - first.count)
 
     def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
+        """As `Source.texels`: each part fills in its own pairs."""
         out = np.empty((len(rows), len(pairs), 3), np.float32)
         for chosen, part, inner in self._parts(pairs):
             out[:, chosen] = part.texels(rows, cols, inner)
         return out
 
     def gather(self, pair: Array, row: Array, col: Array) -> Array:
+        """As `Source.gather`: each part fills in the values of its own pairs."""
         out = np.empty((len(pair), 3), np.float32)
         for chosen, part, inner in self._parts(pair):
             out[chosen] = part.gather(inner, row[chosen], col[chosen])
@@ -49,6 +51,7 @@ class Joined(Source):
         return Joined(*(part.window(top, left, height, width) for part in self.parts))
 
     def only(self, pairs: Array) -> Source:
+        """The first part alone where all pairs are its own: training then never opens the held-out data."""
         first, _ = self.parts
         if len(pairs) and int(pairs.max()) < first.count:
             return first.only(pairs)  # its pairs come first, so their indices stay

@@ -238,8 +238,8 @@ def mean_lobe(btf: BTF) -> MeanLobe | None:
     phi_o, phi_i = np.radians(phi_o_deg), np.radians(phi_i_deg)
     share, coefficients = _explained(rest, phi_i - phi_o[:, None])
     mirrored_share, _ = _explained(rest, phi_i + phi_o[:, None])
-    around = np.arange(360.0)
-    peak = around[np.argmax(_waves(np.radians(around)) @ coefficients)]
+    degrees = np.arange(360.0)
+    peak = degrees[np.argmax(_waves(np.radians(degrees)) @ coefficients)]
     return MeanLobe(theta, share / total, mirrored_share / total, float(peak))
 
 
@@ -258,10 +258,10 @@ def _ring(layout: Layout) -> tuple[float, Array, Array] | None:
 def _on_ring(theta: Array, phi: Array, degrees: int) -> Array:
     """Indices of directions (degrees) within half a degree of a θ, spread around it."""
     ring = np.flatnonzero(np.abs(theta - degrees) <= 0.5)
-    return ring[_around(phi[ring])]
+    return ring[_evenly_around(phi[ring])]
 
 
-def _around(phi: Array) -> Array:
+def _evenly_around(phi: Array) -> Array:
     """Indices of at most `AZIMUTHS` azimuths (degrees), each the nearest to one of as many evenly spaced ones."""
     if not len(phi):
         return np.zeros(0, int)

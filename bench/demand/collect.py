@@ -183,7 +183,7 @@ def _size(scene: Caster, limit: int) -> tuple[int, int]:
 def _places(picture: tuple[int, int], size: tuple[int, int], rng: np.random.Generator) -> tuple[Array, Array]:
     """Column and row (H · W,) in pixels of a point in each of (H, W) cells: the middle of a pixel, else a random one. A
     regular grid would hit the same texels of a regular texture again and again."""
-    within = 0.5 if size == picture else rng.random((2, *size))
+    place_in_cell = 0.5 if size == picture else rng.random((2, *size))
     pixels_a_cell = np.array(picture) / np.array(size)
-    row, col = (np.mgrid[: size[0], : size[1]] + within) * pixels_a_cell[:, None, None]
+    row, col = (np.mgrid[: size[0], : size[1]] + place_in_cell) * pixels_a_cell[:, None, None]
     return col.ravel(), row.ravel()

@@ -68,8 +68,8 @@ def _filtered(picture: Array, uv: torch.Tensor, level: torch.Tensor) -> torch.Te
             texture = torch.from_numpy(np.ascontiguousarray(box_filter(picture, 2**number), np.float32))
             # A level omits texels that do not fill a box; see `bench.btf` for the frame.
             height, width = (side / (side // 2**number * 2**number) for side in picture.shape[:2])
-            within = torch.stack([uv[some, 0] * width, 1 - (1 - uv[some, 1]) * height], 1)
-            out[some] += share[some, None] * sample_texture(texture, within)
+            uv_of_level = torch.stack([uv[some, 0] * width, 1 - (1 - uv[some, 1]) * height], 1)
+            out[some] += share[some, None] * sample_texture(texture, uv_of_level)
     return out
 
 

@@ -149,10 +149,10 @@ def shares_of_others(layout: Layout, demand: Demand, wo: Array, wi: Array) -> Ar
     """The demand around other pairs, directions (n, 3): the mean share of the layout's pairs that surround each one, 0
     where the scene uses less than half of these. Adds up to one, or to 0 if the scene comes near none."""
     shares = pair_shares(layout, demand)
-    around = PairInterpolator(layout).shares(torch.from_numpy(wo), torch.from_numpy(wi))
-    weight, there = around.weight.numpy(), shares[around.sample.numpy()]
-    near = (weight * (there > 0)).sum(1) >= 0.5
-    found = np.where(near, (weight * there).sum(1), 0.0)
+    surrounding = PairInterpolator(layout).shares(torch.from_numpy(wo), torch.from_numpy(wi))
+    weight, there = surrounding.weight.numpy(), shares[surrounding.sample.numpy()]
+    is_near = (weight * (there > 0)).sum(1) >= 0.5
+    found = np.where(is_near, (weight * there).sum(1), 0.0)
     return found / max(found.sum(), 1e-30)
 
 

@@ -237,21 +237,21 @@ class PairInterpolator(nn.Module):
         Weights fall to zero at the first pair left out, so the result is continuous where the nearest pairs change:
         Franke and Nielson, "Smooth interpolation of large sets of scattered data", IJNME 15 (1980).
         """
-        near, index = _in_blocks(self._neighbours, len(self.pairs), torch.cat([wo, wi], 1))
-        near = near.clamp_min(1e-6)  # a query at a sample would divide by 0
+        distance, index = _in_blocks(self._neighbours, len(self.pairs), torch.cat([wo, wi], 1))
+        distance = distance.clamp_min(1e-6)  # a query at a sample would divide by 0
         if len(self.pairs) <= SHEPARD_NEIGHBOURS:
-            weight = 1 / near.square()
+            weight = 1 / distance.square()
         else:
-            near, index, radius = near[:, :-1], index[:, :-1], near[:, -1:]
-            weight = (1 / near - 1 / radius).square()
+            distance, index, radius = distance[:, :-1], index[:, :-1], distance[:, -1:]
+            weight = (1 / distance - 1 / radius).square()
         return Weights(index, weight / weight.sum(1, keepdim=True))
 
     def _neighbours(self, queries: Tensor) -> tuple[Tensor, Tensor]:
         """Distances and indices (n, k) of the nearest pairs of queries (n, 6)."""
         # The fast product form cannot resolve distances below 3e-4, so it would not be exact at the samples.
         distance = torch.cdist(queries, self.pairs.to(queries.dtype), compute_mode="donot_use_mm_for_euclid_dist")
-        near, index = distance.topk(min(SHEPARD_NEIGHBOURS + 1, len(self.pairs)), largest=False)
-        return near, index
+        nearest, index = distance.topk(min(SHEPARD_NEIGHBOURS + 1, len(self.pairs)), largest=False)
+        return nearest, index
 
     def outside(self, wo: Tensor, wi: Tensor) -> Tensor:
         """Mask (n,) of queries whose view or light lies outside the hull of the samples; all False if scattered."""

@@ -69,6 +69,7 @@ class Kernel(Backend):
         return self.run(self.program, dict(zip(INPUTS, given, strict=True)))
 
     def each(self, formula: str, arguments: Rows, from_kind: str, kind: str) -> list[Scalar]:
+        """As `Backend.each`: one row of scalars for each argument, the results in their order."""
         if "%" in formula:
             # A renderer fetches 0 for inactive rays, and an integer division by 0 ends the process.
             left, right = arguments
@@ -77,6 +78,7 @@ class Kernel(Backend):
         return [function(*each) for each in zip(*arguments, strict=True)]
 
     def as_kind(self, scalar: Scalar, from_kind: str, kind: str) -> Scalar:
+        """As `Backend.as_kind`: a number of Python stays one; as a number, a mask is 1 or 0."""
         if isinstance(scalar, bool | int | float):
             return {"float": float, "int": int, "bool": bool}[kind](scalar)  # a number stays one
         if kind == "bool":
@@ -96,6 +98,7 @@ class Kernel(Backend):
         return [dr.sqrt(_dot(row, row)) for row in rows(items)]
 
     def product(self, left: Array, right: Array, bias: list[Scalar] | None) -> list[Scalar]:
+        """As `Backend.product`, row by row; very many weights go into functions that the kernel calls."""
         left = left if left.ndim == 3 else left[None]  # a batch of one
         right = right if right.ndim == 3 else right[None]
         width = right.shape[2]
@@ -113,6 +116,7 @@ class Kernel(Backend):
         return elements
 
     def look_up(self, table: Array, index: Scalar, kind: str) -> list[Scalar]:
+        """As `Backend.look_up`: the table lies in memory, and an index beyond its end gives the last row."""
         # A table that several steps read is one view of the same memory in each, so it is stored once.
         key = (table.__array_interface__["data"][0], table.size)
         if key not in self.tables:

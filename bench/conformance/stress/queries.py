@@ -167,8 +167,10 @@ def below() -> Queries:
     side = torch.arange(COUNT) % 2 == 0  # the view of even queries is moved, the light of odd ones
     flat = grazing(90.0)
     flat[:, 2] = torch.tensor([0.0, -0.0, -1e-30, 0.0]).repeat(COUNT // 4)
-    under = flat.where(torch.arange(COUNT)[:, None] % 4 < 3, queries.wo * torch.tensor([1.0, 1.0, -1.0]))
-    return queries._replace(wo=under.where(side[:, None], queries.wo), wi=under.where(~side[:, None], queries.wi))
+    not_above = flat.where(torch.arange(COUNT)[:, None] % 4 < 3, queries.wo * torch.tensor([1.0, 1.0, -1.0]))
+    return queries._replace(
+        wo=not_above.where(side[:, None], queries.wo), wi=not_above.where(~side[:, None], queries.wi)
+    )
 
 
 SAME_PLACE = "the answer at 0, within rounding"

@@ -252,10 +252,10 @@ def _drawn_flat(codes: Array) -> Array:
     eight_bits = np.rint(scaled)
     if np.abs(eight_bits - scaled).max() > 1e-3:  # 16 bits have a code close enough to 1/2
         return np.zeros(codes.shape[:2], bool)
-    around = np.isin(eight_bits, (127, 128)).all(-1)
+    nearly_flat = np.isin(eight_bits, (127, 128)).all(-1)
     for code in (127, 128):
         flat = (eight_bits == code).all(-1)
-        if 2 * flat.sum() > around.sum():
+        if 2 * flat.sum() > nearly_flat.sum():
             return flat
     return np.zeros(codes.shape[:2], bool)
 

@@ -69,6 +69,7 @@ class Satin:
     weft_srgb: Colour = (214, 170, 84)
 
     def maps(self, seed: int) -> Maps:
+        """At each texel the thread that rides higher shows, with its colour, fibres and twist."""
         rng = np.random.default_rng(seed)
         u, v = grid(self.resolution)
         across_u, across_v = u * self.threads, v * self.threads
@@ -121,6 +122,7 @@ class CableKnit:
     colour_srgb: Colour = (226, 208, 172)
 
     def maps(self, seed: int) -> Maps:
+        """The higher of the ground and the two strands shows; all have one colour, mottled and fuzzy."""
         rng = np.random.default_rng(seed)
         u, v = grid(self.resolution)
         ground = self._ground(u, v)
@@ -171,6 +173,7 @@ class Wicker:
     bark_srgb: Colour = (96, 58, 30)
 
     def maps(self, seed: int) -> Maps:
+        """At each texel the rod or the stake that is higher shows; each has its own share of bark."""
         rng = np.random.default_rng(seed)
         u, v = grid(self.resolution)
         rod, stake = np.floor(v * self.rods).astype(int), np.floor(u * self.stakes).astype(int)
@@ -211,6 +214,7 @@ class Leather:
     crease_srgb: Colour = (52, 24, 14)
 
     def maps(self, seed: int) -> Maps:
+        """Coarse pebbles with finer ones on them; creases are darker and rougher, worn places lighter and smoother."""
         rng = np.random.default_rng(seed)
         coarse = self._pebbles(rng, self.cells, self.crease)
         fine = self._pebbles(rng, 3 * self.cells, 0.9)
@@ -243,6 +247,7 @@ class BrushedMetal:
     metal_srgb: Colour = (222, 206, 184)
 
     def maps(self, seed: int) -> Maps:
+        """Metal whose fibres, the scratches, run along x, so highlights stretch along y."""
         rng = np.random.default_rng(seed)
         scratches = 0.7 * smooth(rng, self.resolution, 0.006, 0.12) + 0.5 * smooth(rng, self.resolution, 0.012, 0.4)
         shade = smooth(rng, self.resolution, 0.005, 0.2)
@@ -269,6 +274,7 @@ class HammeredCopper:
     patina_srgb: Colour = (70, 116, 100)
 
     def maps(self, seed: int) -> Maps:
+        """Copper that tarnishes toward the middle of each dent, where it is rougher and less of a metal."""
         rng = np.random.default_rng(seed)
         away = to_scattered(rng, self.resolution, self.dents, 0.35)[0] * self.dents
         tarnish = smooth(rng, self.resolution, 0.08, 0.08)

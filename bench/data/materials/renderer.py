@@ -65,14 +65,14 @@ class HeightField:
         per_height = self.offset(wo)
         steps = math.ceil((self.top - self.bottom) * max(map(abs, per_height)))
         if steps == 0:
-            return self._along((0.0, 0.0), 0.0, stride)
+            return self._heights_at((0.0, 0.0), 0.0, stride)
         step = (self.top - self.bottom) / steps
-        before = self._along(per_height, self.top, stride) - np.float32(self.top)
+        before = self._heights_at(per_height, self.top, stride) - np.float32(self.top)
         hit = np.full(before.shape, self.bottom, np.float32)
         alive = np.ones(before.shape, bool)
         for k in range(1, steps + 1):
             z = self.top - k * step
-            above = self._along(per_height, z, stride) - np.float32(z)
+            above = self._heights_at(per_height, z, stride) - np.float32(z)
             crossed = np.flatnonzero((above >= 0) & alive)
             if len(crossed):
                 a, b = above.flat[crossed], before.flat[crossed]
@@ -88,7 +88,7 @@ class HeightField:
         x, y, z = (float(v) for v in direction)
         return -y / z / self.cell[0], x / z / self.cell[1]  # rows go down, y goes up
 
-    def _along(self, per_height: tuple[float, float], z: float, stride: tuple[int, int]) -> Array:
+    def _heights_at(self, per_height: tuple[float, float], z: float, stride: tuple[int, int]) -> Array:
         """Bilinear heights under the whole bundle of rays at height z of the march."""
         (H, W), (sr, sc) = self.shape, stride
         # The first ray passes through the centre of its block of cells.
@@ -210,14 +210,14 @@ class Renderer:
     def slice(self, view: View, wi: Array, light: Array) -> Array:
         """The picture (H, W, 3) float32 of one pair, linear Rec. 709, f_r · cos θ_i · V; V is `light`, see
         `HeightField.visibility`."""
-        at = view.points
+        points = view.points
         cos_between = np.float32(view.wo @ wi)
-        through, specular = brdf.reflect(at, _project(view.frame, wi), cos_between)
+        through, specular = brdf.reflect(points, _project(view.frame, wi), cos_between)
         visible = light.take(view.cell) * np.float32(1 / 255 / self.sub_points**2)
         through *= visible
         specular *= visible
-        colour = at.diffuse * through
-        colour += brdf.specular_colour(at, cos_between) * specular
+        colour = points.diffuse * through
+        colour += brdf.specular_colour(points, cos_between) * specular
         return np.moveaxis(colour.sum(1), 0, -1).reshape(*self.size, 3)
 
 

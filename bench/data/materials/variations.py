@@ -47,6 +47,7 @@ class Patchwork:
     angle_deg: float
 
     def maps(self, seed: int) -> Maps:
+        """The relief, and a mask (H, W) of the second substance, by which colour, roughness and metalness mix."""
         rng = np.random.default_rng(seed)
         n, (u, v) = self.resolution, self.grain
         hills = smooth(rng, n, v, u) + self.detail * smooth(rng, n, v / 4, u / 4)

@@ -156,12 +156,13 @@ class HDF5Source(Source):
 
     def __init__(self, path: Path, stored: tuple[int, int, int], window: tuple[int, int, int, int], chunk: int):
         # `stored` is (N, H, W) of the whole file, `chunk` the number of pictures in each of its chunks.
-        self.path, self.stored, self.at, self.chunk = path, stored, window, chunk
+        self.path, self.stored, self.rectangle, self.chunk = path, stored, window, chunk
         self.count, self.shape = stored[0], (window[2], window[3])
         self.at_once = max(1, min(chunk, AT_ONCE // (12 * window[2] * window[3])))
 
     def slices(self, pairs: Array) -> list[Array]:
-        top, left, height, width = self.at
+        """As `Source.slices`: (H, W, 3) float32 each, row 0 on top; `InputError` where a value is not finite."""
+        top, left, height, width = self.rectangle
         bottom = self.stored[1] - top - height  # the file's row 0 is the bottom
         first, last = int(pairs.min()), int(pairs.max()) + 1
         stretches = [(first, last)]
@@ -178,11 +179,12 @@ class HDF5Source(Source):
         return [finite(slices[int(pair)], f"{self.path}: {COLOUR}[{pair}]") for pair in pairs]
 
     def window(self, top: int, left: int, height: int, width: int) -> Source:
+        """As `Source.window`; a window within the pictures is read alone, without the texels around it."""
         if min(top, left) < 0 or top + height > self.shape[0] or left + width > self.shape[1]:
             return super().window(top, left, height, width)  # it reaches around the border
-        ours_top, ours_left, _, _ = self.at
+        ours_top, ours_left, _, _ = self.rectangle
         window = (ours_top + top, ours_left + left, height, width)
         return HDF5Source(self.path, self.stored, window, self.chunk)
 
     def fingerprint(self) -> str:
-        return hashlib.sha256(f"{file_digest(self.path)} {self.at}".encode()).hexdigest()
+        return hashlib.sha256(f"{file_digest(self.path)} {self.rectangle}".encode()).hexdigest()

@@ -165,12 +165,14 @@ class PictureSource(Source):
                 raise InputError(f"{label}: {name} is {size[1]} x {size[0]} pixels, but {first}")
 
     def slice(self, pair: int) -> Array:
+        """The picture of a pair (H, W, 3), read and decoded anew; `InputError` if its size is no longer the same."""
         picture = read_picture(self.files, self.names[pair], **self.options)
         if picture.shape[:2] != self.shape:
             raise InputError(f"{self.files.label(self.names[pair])}: its size changed since it was opened")
         return picture
 
     def fingerprint(self) -> str:
+        """A digest of the files and, where they state any, of the orientations and colour spaces they are read with."""
         digest = self.files.digest(self.names)
         # Values changed with the reading of notes and profiles; those of pictures without any did not.
         read_as = [str(each) for each in (self.turned, self.colours) if each]
@@ -189,17 +191,19 @@ class PictureSource(Source):
 
 def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
     """(H, W) from the frame header of a JPEG (ITU T.81, B.2.2); None if the data end before it."""
-    at = 2
-    while at + 10 <= len(data):
-        if data[at] != 0xFF:
-            raise InputError(f"{label}: there is no JPEG marker at offset {at}: the picture is damaged; get it again")
-        marker = data[at + 1]
+    offset = 2
+    while offset + 10 <= len(data):
+        if data[offset] != 0xFF:
+            raise InputError(
+                f"{label}: there is no JPEG marker at offset {offset}: the picture is damaged; get it again"
+            )
+        marker = data[offset + 1]
         # 0xFF fills up; 0x01 and 0xD0 to 0xD8 stand alone; 0xC4, 0xC8 and 0xCC are no frames.
         if marker in (0xFF, 0x01) or 0xD0 <= marker <= 0xD8:
-            at += 1 if marker == 0xFF else 2
+            offset += 1 if marker == 0xFF else 2
         elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             # Two bytes of the marker and two of the length come first.
-            bits, height, width, channels = struct.unpack_from(">BHHB", data, at + 4)
+            bits, height, width, channels = struct.unpack_from(">BHHB", data, offset + 4)
             if marker not in _DECODED or bits != 8:
                 kind = f"it has {bits} bits a channel" if marker in _DECODED else "it is lossless or hierarchical"
                 raise InputError(
@@ -209,7 +213,7 @@ def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
                 raise InputError(f"{label}: this JPEG has {channels} channels (CMYK?): save it as RGB")
             return height, width
         else:
-            at += 2 + max(2, struct.unpack_from(">H", data, at + 2)[0])
+            offset += 2 + max(2, struct.unpack_from(">H", data, offset + 2)[0])
     return None
 
 
@@ -317,38 +321,38 @@ def _read_hdr(data: bytes) -> Array:
     return np.ascontiguousarray(picture if axes[0][1] == "Y" else picture.swapaxes(0, 1))
 
 
-def _hdr_pixels(data: bytes, at: int, lines: int, length: int) -> Array:
+def _hdr_pixels(data: bytes, offset: int, lines: int, length: int) -> Array:
     """RGBE codes (lines, length, 4) uint8: flat, or run-length coded line by line."""
     # A coded line begins with two bytes 2, and its length in two more.
-    first = data[at : at + 4]
+    first = data[offset : offset + 4]
     is_coded = 8 <= length < 32768 and first[:2] == b"\2\2" and first[2] << 8 | first[3] == length
     if not is_coded:
-        flat = np.frombuffer(data, np.uint8, lines * length * 4, at).reshape(lines, length, 4)
+        flat = np.frombuffer(data, np.uint8, lines * length * 4, offset).reshape(lines, length, 4)
         if (flat[..., :3] == 1).all(-1).any():
             raise ValueError("the old run-length coding is not read")
         return flat
     planes = []  # of each line, all its R, then all G, B and exponents
     for _ in range(lines):
-        if data[at : at + 4] != first:
-            raise ValueError(f"there is no scan line at offset {at}")
-        line, at = _hdr_line(data, at + 4, 4 * length)
+        if data[offset : offset + 4] != first:
+            raise ValueError(f"there is no scan line at offset {offset}")
+        line, offset = _hdr_line(data, offset + 4, 4 * length)
         planes.append(line)
     return np.frombuffer(b"".join(planes), np.uint8).reshape(lines, 4, length).swapaxes(1, 2)
 
 
-def _hdr_line(data: bytes, at: int, length: int) -> tuple[bytes, int]:
+def _hdr_line(data: bytes, offset: int, length: int) -> tuple[bytes, int]:
     """`length` bytes of one run-length coded scan line and the offset behind it."""
     line = bytearray()
     while len(line) < length:
-        count = data[at]
+        count = data[offset]
         if count > 128:  # a run of one byte; else that many different bytes
-            line += data[at + 1 : at + 2] * (count - 128)
-            at += 2
+            line += data[offset + 1 : offset + 2] * (count - 128)
+            offset += 2
         else:
-            line += data[at + 1 : at + 1 + count]
-            at += 1 + count
-        if count == 0 or at > len(data):
-            raise ValueError(f"a bad run at offset {at}")
+            line += data[offset + 1 : offset + 1 + count]
+            offset += 1 + count
+        if count == 0 or offset > len(data):
+            raise ValueError(f"a bad run at offset {offset}")
     if len(line) != length:
-        raise ValueError(f"the scan line before offset {at} is too long")
-    return bytes(line), at
+        raise ValueError(f"the scan line before offset {offset} is too long")
+    return bytes(line), offset

@@ -163,6 +163,7 @@ class LocalPCA(Source):
         return _linear(self.codes(pair))
 
     def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
+        """As `Source.texels`: one matrix product for all pairs of a block."""
         out = np.empty((len(rows), len(pairs), 3), np.float32)
         block, column = np.divmod(pairs, TOGETHER * LIGHTS)
         texel = np.asarray(rows) * self.shape[1] + np.asarray(cols)
@@ -191,13 +192,13 @@ class LocalPCA(Source):
 
 def _check_sums(data: bytes) -> None:
     """Raise if a chunk of a PNG does not match its checksum, or if the end is missing; Pillow accepts both."""
-    at, name = PNG_START, b""
+    offset, name = PNG_START, b""
     while name != b"IEND":
-        size, name = struct.unpack_from(">I4s", data, at)
-        (stated,) = struct.unpack_from(">I", data, at + 8 + size)
-        if zlib.crc32(data[at + 4 : at + 8 + size]) != stated:
-            raise ValueError(f"the checksum at offset {at} is wrong")
-        at += 12 + size
+        size, name = struct.unpack_from(">I4s", data, offset)
+        (stated,) = struct.unpack_from(">I", data, offset + 8 + size)
+        if zlib.crc32(data[offset + 4 : offset + 8 + size]) != stated:
+            raise ValueError(f"the checksum at offset {offset} is wrong")
+        offset += 12 + size
 
 
 def _signed(codes: Array) -> Array:

@@ -41,20 +41,20 @@ class Cursor:
     """Reads a file from front to back; errors say what was read when the file ended."""
 
     def __init__(self, path: Path):
-        self.path, self.at = path, 0
+        self.path, self.offset = path, 0
         self.bytes = np.memmap(path, np.uint8, "r")
 
     def fail(self, what: str, remedy: str = "the file is damaged; get it again") -> InputError:
         """The error to raise, with the file and the offset."""
-        return InputError(f"{self.path}, offset {self.at}: {what}: {remedy}")
+        return InputError(f"{self.path}, offset {self.offset}: {what}: {remedy}")
 
     def take(self, count: int, what: str) -> Array:
         """The next `count` bytes, as a view of the file."""
-        left = len(self.bytes) - self.at
+        left = len(self.bytes) - self.offset
         if count > left:
             raise self.fail(f"{what} needs {count} bytes, but {left} are left", "the file is truncated; get it again")
-        self.at += count
-        return self.bytes[self.at - count : self.at]
+        self.offset += count
+        return self.bytes[self.offset - count : self.offset]
 
     def numbers(self, layout: str, what: str) -> tuple[Any, ...]:
         """Numbers of a `struct` layout, little-endian."""
@@ -156,7 +156,7 @@ def opened(seen: Candidate) -> BTF | None:
 
 def _header(cursor: Cursor) -> dict[str, Any]:
     """Read the header about the measurement; its length must be the stated one."""
-    start = cursor.at
+    start = cursor.offset
     size, version = cursor.numbers("2I", "the header")
     if not 1 <= version <= 4:
         raise cursor.fail(f"header version {version}", "versions 1 to 4 are read")
@@ -176,8 +176,8 @@ def _header(cursor: Cursor) -> dict[str, Any]:
         for _ in range(channels):
             length = cursor.count("a channel's name")
             notes["channels"].append(cursor.text(length, "a channel's name"))
-    if cursor.at - start != size:
-        raise cursor.fail(f"the header says it has {size} bytes, but it has {cursor.at - start}")
+    if cursor.offset - start != size:
+        raise cursor.fail(f"the header says it has {size} bytes, but it has {cursor.offset - start}")
     return notes
 
 
@@ -185,7 +185,7 @@ def _directions(cursor: Cursor) -> Factorisation:
     """Views and lights; every view repeats the list of lights, which must be the same."""
     views = cursor.count("the number of views")
     _, lights = cursor.numbers("8sI", "the first view")
-    cursor.at -= 12  # only looked at: the first view is read again with the others
+    cursor.offset -= 12  # only looked at: the first view is read again with the others
     if not views or not lights:
         raise cursor.fail(f"{views} views of {lights} lights")
     # A view is its θ and φ (8 bytes), the number of its lights (4), and θ and φ of each light.
@@ -262,6 +262,7 @@ class FactorSource(Source):
 
     @np.errstate(over="ignore", invalid="ignore")
     def slices(self, pairs: Array) -> list[Array]:
+        """As `Source.slices`: one matrix product a channel for all of the pairs."""
         channels = []  # three arrays (n, H, W)
         for texels, of_pairs in zip(self.material.texels, self.material.pairs, strict=True):
             products = texels.times(of_pairs.rows(pairs))

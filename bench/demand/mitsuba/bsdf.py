@@ -78,22 +78,22 @@ class _Lobes:
     def drawn(self, si: Any, view: Any, sample: Any) -> Any:
         """A direction toward the light; it may lie below the horizon."""
         _, along, across, axes = self._lobe_at(si)
-        inside = _along(axes, view)
-        normal, _ = _ggx(along, across).sample(inside, sample)
-        light = 2 * dr.dot(inside, normal) * normal - inside
+        view_in_frame = _in_frame(axes, view)
+        normal, _ = _ggx(along, across).sample(view_in_frame, sample)
+        light = 2 * dr.dot(view_in_frame, normal) * normal - view_in_frame
         return light.x * axes[0] + light.y * axes[1] + light.z * axes[2]
 
     def density(self, si: Any, view: Any, light: Any) -> Any:
         """The density of the drawn direction over solid angle."""
         _, along, across, axes = self._lobe_at(si)
-        inside, out = _along(axes, view), _along(axes, light)
-        half = dr.normalize(inside + out)
-        met = dr.dot(inside, half)
-        density = _ggx(along, across).pdf(inside, half) / (4 * met)
-        return dr.select((inside.z > 1e-4) & (met > 1e-4) & (half.z > 0), density, 0)
+        view_in_frame, light_in_frame = _in_frame(axes, view), _in_frame(axes, light)
+        half = dr.normalize(view_in_frame + light_in_frame)
+        met = dr.dot(view_in_frame, half)
+        density = _ggx(along, across).pdf(view_in_frame, half) / (4 * met)
+        return dr.select((view_in_frame.z > 1e-4) & (met > 1e-4) & (half.z > 0), density, 0)
 
 
-def _along(axes: list[Any], direction: Any) -> Any:
+def _in_frame(axes: list[Any], direction: Any) -> Any:
     """A direction in the frame of three axes."""
     return mi.Vector3f(*(dr.dot(direction, axis) for axis in axes))
 

@@ -104,8 +104,8 @@ def drawn(
     """Queries over all cells: for each its cell, wo, wi, uniform over the hemisphere; and the answers' means over RGB
     (cells² · views, lights)."""
     cell = torch.arange(cells * cells).repeat_interleave(views)
-    inside = torch.from_numpy(rng.random((len(cell), 2), np.float32))
-    uv = torch.stack([(cell % cells + inside[:, 0]) / cells, 1 - (cell // cells + inside[:, 1]) / cells], 1)
+    place = torch.from_numpy(rng.random((len(cell), 2), np.float32))
+    uv = torch.stack([(cell % cells + place[:, 0]) / cells, 1 - (cell // cells + place[:, 1]) / cells], 1)
     wo = torch.from_numpy(uniform(rng, len(cell), LOWEST_VIEW)).float()
     wi = torch.from_numpy(uniform(rng, len(cell) * lights, LOWEST_LIGHT)).float()
     cell, uv, wo = (each.repeat_interleave(lights, 0) for each in (cell, uv, wo))
