@@ -102,7 +102,7 @@ class Hemisphere(nn.Module):
         return candidates.gather(1, best)[:, 0], weights
 
     def _onto_hull(self, points: Tensor) -> Tensor:
-        """The point of the hull (n, 2) that is nearest to each point (n, 2) outside it."""
+        """The point on the border of the hull (n, 2) that is nearest to each point (n, 2)."""
         return _in_blocks(self._projected, len(self.edges), points)[0]
 
     def _projected(self, points: Tensor) -> tuple[Tensor]:
