@@ -40,7 +40,7 @@ class DecoderCost:
     def of_texture(cls, texture: Tensor, parameters: int = 0, flops: int = 0) -> "DecoderCost":
         """The cost of fetching a texture (H, W, C) bilinearly and decoding it with a network."""
         channels = texture.shape[2]
-        read = 4 * channels
+        read = 4 * channels  # of the four texels around a query; each number is multiplied and added
         return cls(parameters, channels, texture.numel(), flops + 2 * read, read * texture.element_size())
 
 
@@ -97,7 +97,7 @@ class Material:
             elif isinstance(value, Tensor):
                 moved = value.to(device=device, dtype=dtype if value.is_floating_point() else None)
                 setattr(self, name, moved if moved.dtype == value.dtype else saturated(moved))
-        if device is not None:
+        if device is not None:  # the two factors cancel unless one of the devices is a GPU and the other is not
             self.chunk *= GPU_CHUNKS if is_gpu(device) else 1
             self.chunk //= GPU_CHUNKS if is_gpu(self.device) else 1
             self.device = torch.device(device)
@@ -183,10 +183,14 @@ def resident_bytes(material: Material) -> int:
     """Bytes of a decoder in memory: textures with their levels and copies, tables, networks."""
     held, storages = [*vars(material).values()], {}
     for value in held:
-        if isinstance(value, Material):
+        if isinstance(value, Material):  # a wrapped one: the list grows while it is walked
             held += vars(value).values()
-        modules = [*value.parameters(), *value.buffers()] if isinstance(value, nn.Module) else []
-        for tensor in [value] if isinstance(value, Tensor) else modules:
+        tensors: list[Tensor] = []
+        if isinstance(value, nn.Module):
+            tensors = [*value.parameters(), *value.buffers()]
+        elif isinstance(value, Tensor):
+            tensors = [value]
+        for tensor in tensors:  # those that share memory count once, by its address
             storages[tensor.untyped_storage().data_ptr()] = tensor.untyped_storage().nbytes()
     return sum(storages.values())
 
@@ -200,9 +204,11 @@ def layers(material: Material) -> list[tuple[str, str, int]]:
     """
     from torchinfo import summary
 
-    rows, place, counted = [], list[str](), set[int]()
+    rows, counted = [], set[int]()
+    place = list[str]()  # the names of a layer and of those around it, from the outermost
 
     def uncounted(held: Iterable[nn.Parameter]) -> int:
+        """The numbers in those of the parameters that were not counted before; they are counted now."""
         new = [parameter for parameter in held if id(parameter) not in counted]
         counted.update(id(parameter) for parameter in new)
         return sum(parameter.numel() for parameter in new)
@@ -238,6 +244,7 @@ def _tensor(values: ArrayLike | Tensor) -> Tensor:
 
 
 def _check_shapes(uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> None:
+    """Raise an `InputError` unless uv is (n, 2), wo and wi are (n, 3), and footprint is (), (1,) or (n,)."""
     n = len(uv) if uv.ndim else 0
     if uv.shape != (n, 2) or wo.shape != (n, 3) or wi.shape != (n, 3):
         shapes = f"{tuple(uv.shape)}, {tuple(wo.shape)}, {tuple(wi.shape)}"
@@ -290,7 +297,8 @@ def texel_centres(height: int, width: int) -> Tensor:
 
 
 def box_centres(size: tuple[int, int], factor: int) -> Tensor:
-    """uv of the centres of all whole boxes of factor × factor texels of a picture (H, W), row by row from the top."""
+    """uv (n, 2) of the centres of all whole boxes of factor × factor texels of a picture (H, W), row by row from the
+    top."""
     height, width = size
     row, col = (factor * (torch.arange(side // factor) + 0.5) for side in size)
     v, u = torch.meshgrid(1 - row / height, col / width, indexing="ij")
@@ -298,13 +306,14 @@ def box_centres(size: tuple[int, int], factor: int) -> Tensor:
 
 
 def texel_corners(size: tuple[int, int], uv: Tensor) -> tuple[Tensor, Tensor]:
-    """Flat texel indices (n, 4) and bilinear weights (n, 4) around uv (n, 2) in a periodic picture of `size`."""
+    """Flat texel indices (n, 4) and bilinear weights (n, 4) around uv (n, 2) in a periodic picture of `size`: upper
+    left, upper right, lower left, lower right."""
     index, weight = _corners(size, uv)
     return index.long(), weight
 
 
 def _corners(size: tuple[int, int], uv: Tensor) -> tuple[Tensor, Tensor]:
-    """The same with int32 indices, which take half the time to compute and read."""
+    """As `texel_corners`, with int32 indices, which take half the time to compute and read."""
     height, width = size
     # Half precision cannot resolve texels, so positions are float32 for any dtype of the codec.
     col, row = uv[:, 0].float() * width - 0.5, (1 - uv[:, 1].float()) * height - 0.5
@@ -313,7 +322,7 @@ def _corners(size: tuple[int, int], uv: Tensor) -> tuple[Tensor, Tensor]:
     west, north = first_col.int().remainder(width), first_row.int().remainder(height)
     # A comparison is far cheaper than a second remainder.
     east, south = (torch.where(x == side - 1, 0, x + 1) for x, side in ((west, width), (north, height)))
-    north, south = north * width, south * width
+    north, south = north * width, south * width  # now flat indices of the first texels of these rows
     index = torch.stack([north + west, north + east, south + west, south + east], 1)
     left, above = 1 - right, 1 - below
     return index, torch.stack([above * left, above * right, below * left, below * right], 1)

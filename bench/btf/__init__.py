@@ -64,9 +64,9 @@ class Source:
     a scratch file of halves (`bench.btf.scratch`), which is made once and cached under the fingerprint.
     """
 
-    shape: tuple[int, int]
-    count: int
-    at_once: int = 1
+    shape: tuple[int, int]  # (H, W)
+    count: int  # pairs
+    at_once: int = 1  # slices that are best read together
 
     def slice(self, pair: int) -> Array:
         """The picture of one pair, (H, W, 3) float32."""
@@ -84,7 +84,8 @@ class Source:
         """ABRDFs (n, len(pairs), 3) float32 of n texels at some pairs."""
         if len(rows) > MANY_TEXELS:
             return np.stack([self.slice(int(pair))[rows, cols] for pair in pairs], 1)
-        return scratch.scattered(self._scratch, pairs, (rows * self.shape[1] + cols)[:, None])
+        flat = rows * self.shape[1] + cols
+        return scratch.scattered(self._scratch, pairs, flat[:, None])  # texels down, pairs across
 
     def gather(self, pair: Array, row: Array, col: Array) -> Array:
         """Single values (n, 3) float32 at n places."""
@@ -105,6 +106,7 @@ class Source:
 
     @cached_property
     def _scratch(self) -> Array:
+        """The memory-mapped copy for scattered reads; it is made at the first use."""
         # Files named `…-blocks.npy` are older, and may hold dim values in too few bits.
         path = cache_dir() / "scratch" / f"{self.digest[:32]}-copy.npy"
         return scratch.opened(path, self.slice, self.count, self.shape)
@@ -129,6 +131,7 @@ class ArraySource(Source):
         return np.asarray(self.values[pair, row, col], np.float32)
 
     def fingerprint(self) -> str:
+        # An array has no file that tells its content, so all of it is read.
         digest = hashlib.sha256(f"{self.values.shape} {self.values.dtype}".encode())
         for block in self.values:
             digest.update(np.ascontiguousarray(block).tobytes())
@@ -143,6 +146,7 @@ class _BoxFiltered(Source):
         self.shape = (source.shape[0] // factor, source.shape[1] // factor)
 
     def _box(self, rows: Array, cols: Array) -> tuple[Array, Array]:
+        """The rows and columns, each (n · factor²,), of the source's texels in n boxes, box after box, row by row."""
         fine_rows, fine_cols = (side[:, None] * self.factor + np.arange(self.factor) for side in (rows, cols))
         fine_rows, fine_cols = np.broadcast_arrays(fine_rows[:, :, None], fine_cols[:, None, :])
         return fine_rows.reshape(-1), fine_cols.reshape(-1)
@@ -151,7 +155,8 @@ class _BoxFiltered(Source):
         return [box_filter(picture, self.factor) for picture in self.source.slices(pairs)]
 
     def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
-        # A few texels here are many there, for which whole slices would be read: they are read part by part.
+        """As `Source.texels`: the means of all texels of the source in each box."""
+        # A few texels here are many of the source, for which it would read whole slices: ask it part by part.
         most = max(1, MANY_TEXELS // self.factor**2)
         if most < len(rows) <= MANY_TEXELS:
             starts = range(0, len(rows), most)
@@ -260,6 +265,7 @@ class BTF:
     pairs: Array = None  # type: ignore[assignment]  # those of the source; by default all
 
     def __post_init__(self) -> None:
+        """Convert what was given to arrays of the stated types, and check their shapes; `pairs` default to all."""
         self.wo, self.wi = np.asarray(self.wo, np.float32), np.asarray(self.wi, np.float32)
         self.pairs = np.arange(self.source.count) if self.pairs is None else self.pairs
         self.heldout = None if self.heldout is None else np.asarray(self.heldout, bool)
@@ -301,6 +307,7 @@ class BTF:
         chosen = np.asarray(pairs)
         each_pair = {name: getattr(self, name) for name in ("wo", "wi", "heldout", "validation", "pairs")}
         kept: dict[str, Any] = {name: None if values is None else values[chosen] for name, values in each_pair.items()}
+        # The source keeps its numbering, so `pairs` stays valid.
         return replace(self, source=self.source.only(self.pairs[chosen]), **kept)
 
     def without_test(self) -> "BTF":
@@ -309,8 +316,10 @@ class BTF:
 
     def with_validation(self) -> "BTF":
         """The BTF with validation pairs besides its test pairs: whole views and lights of the rest."""
-        train, rest = self.split().train, self.without_test().split()
-        return replace(self, validation=np.isin(np.arange(len(self)), np.delete(train, rest.train)))
+        train = self.split().train
+        rest = self.without_test().split()  # its indices count the pairs of `train` alone
+        chosen_by = np.delete(train, rest.train)
+        return replace(self, validation=np.isin(np.arange(len(self)), chosen_by))
 
     def downsample(self, factor: int) -> "BTF":
         """The BTF box-filtered over factor × factor texels, in linear light. Rows and columns at the end that do not
@@ -344,6 +353,7 @@ class BTF:
         digest.update(self.pairs.astype(np.int64).tobytes())
         digest.update(self.wo.tobytes() + self.wi.tobytes())
         digest.update(json.dumps([self.heldout is not None and self.heldout.tolist(), self.periodic]).encode())
+        # A mask without a pair says the same as no mask, and so adds nothing.
         digest.update(self.validation.tobytes() if self.validation is not None and self.validation.any() else b"")
         return digest.hexdigest()
 
@@ -381,8 +391,8 @@ def _held(rng: np.random.Generator, count: int, fraction: float) -> Array:
 
 def _distinct(directions: Array) -> tuple[Array, Array]:
     """Distinct rows in the order of first appearance, and for each row the index of its distinct row."""
-    rounded = np.round(directions, 6) + 0.0
+    rounded = np.round(directions, 6) + 0.0  # the sum makes 0 of −0
     _, first, inverse = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    rank = np.argsort(order)
+    order = np.argsort(first)  # NumPy sorts the rows by value; this puts them in the order of their first places
+    rank = np.argsort(order)  # and this tells where each of NumPy's rows then stands
     return directions[first[order]], rank[inverse.reshape(-1)]

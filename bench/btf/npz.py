@@ -19,6 +19,8 @@ def write_npz(btf: BTF, path: str | Path) -> None:
                 stream.write(np.ascontiguousarray(picture, "<f4").tobytes())
         provenance = np.array(json.dumps(btf.provenance, default=str))
         small = {"wo": btf.wo, "wi": btf.wi, "periodic": np.array(btf.periodic), "provenance": provenance}
-        for key, value in (small | ({} if btf.heldout is None else {"heldout": btf.heldout})).items():
+        if btf.heldout is not None:
+            small["heldout"] = btf.heldout
+        for key, value in small.items():
             with archive.open(f"{key}.npy", "w") as stream:
                 np.lib.format.write_array(stream, value, allow_pickle=False)

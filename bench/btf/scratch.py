@@ -26,13 +26,16 @@ def opened(path: Path, read: Callable[[int], Array], count: int, shape: tuple[in
         with atomic.locked(path):  # else each of a dozen workers would write its own, of many gigabytes
             if not path.exists():
                 with atomic.replacing(path) as partial:
-                    any(_written(path, partial, read, count, shape, dtype) for dtype in (np.float16, np.float32))
+                    for dtype in (np.float16, np.float32):
+                        if _written(path, partial, read, count, shape, dtype):
+                            break
     copy: Array = np.load(path, mmap_mode="r", allow_pickle=False)
     return copy
 
 
 def scattered(copy: Array, pair: Array, texel: Array) -> Array:
-    """Values (..., 3) float32 at pairs and texels, row · W + column, of shapes that broadcast."""
+    """Values (..., 3) float32 at pairs and texels, row · W + column, of shapes that broadcast, out of a copy (blocks,
+    H · W, pairs of a block, 3)."""
     block, place = np.divmod(pair, copy.shape[2])
     return np.asarray(copy[block, texel, place], np.float32)
 

@@ -47,6 +47,7 @@ def ended_bars(show: Progress) -> Iterator[Progress]:
     unfinished: dict[str, int] = {}
 
     def shown(label: str, done: int, total: int) -> None:
+        """Pass progress on to `show`, and note whether its bar is unfinished."""
         bar = label.partition(REMARK)[0]
         unfinished[bar] = total
         if done >= total:
@@ -113,6 +114,7 @@ class Density:
 
     def levels(self, side: int) -> int:
         """The number of levels of detail, from the finest, that the demand uses of a texture of `side` texels."""
+        # A hundred thousand footprints tell the quantile well enough; PyTorch refuses to sort very many.
         coarsest = torch.quantile(self.footprint[:: max(1, len(self.footprint) // 100_000)], COVERED)
         return max(0, math.ceil(math.log2(max(1.0, float(coarsest) * side)))) + 1
 
@@ -123,6 +125,7 @@ class Density:
         larger, so that the four texels around it are drawn in the proportions of bilinear interpolation.
         """
         height, width = shape
+        # Of each sample: which query, where in its footprint along u and v, and whether it is one of the even share.
         chance = torch.rand(count, 4, generator=generator, dtype=torch.float64)
         query = torch.searchsorted(self.cumulative, chance[:, 0] * self.cumulative[-1]).clamp_max(len(self.uv) - 1)
         side = self.footprint[query, None].clamp_min(1 / max(shape)) * torch.tensor(periods(shape))
@@ -139,6 +142,7 @@ class Density:
         """The pairs that directions (n,), counted as in `Drawn`, are interpolated from, and their weights, both (n, k):
         radiance is the sum of weight × radiance of the pair."""
         pairs, corners = len(self.per_pair), self.pair.shape[1]
+        # A pair itself fills all k places with equal weights, so that both kinds have one shape.
         query, exact = (direction - pairs).clamp_min(0), (direction < pairs)[:, None]
         pair = torch.where(exact, direction[:, None], self.pair[query].long())
         return pair, torch.where(exact, 1 / corners, self.weight[query])

@@ -106,10 +106,12 @@ class CodecUnderTest:
 
     @cached_property
     def header(self) -> container.Header:
+        """The file of the small material."""
         return self.encode("a" + container.SUFFIX)
 
     @cached_property
     def material(self) -> Material:
+        """The small material, decoded from its file."""
         return loading.load(self.header.path, network=self.network).material
 
     @cached_property
@@ -131,11 +133,14 @@ class CodecUnderTest:
 
     @cached_property
     def answers(self) -> Tensor:
+        """The answers (500, 3) of the small material to `queries`."""
         with torch_threads(1):
             return self.material.query(*self.queries)
 
 
 def _same(what: str, ours: Tensor, theirs: Tensor, tolerance: float) -> None:
+    """Raise `CheckError` unless two answers, of equal shape, differ at most by `tolerance` times the larger of 1 and
+    the largest of `theirs`."""
     worst = (ours - theirs).abs().max().item() if len(ours) else 0.0
     allowed = tolerance * max(1.0, theirs.abs().max().item())
     if ours.shape != theirs.shape or not worst <= allowed:

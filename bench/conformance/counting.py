@@ -19,13 +19,14 @@ def fault(material: Material, parts: Parts) -> str:
 
 
 def _fault_of_decoder(material: Material, decoder: dict[str, Tensor]) -> str:
+    """What is wrong with the declared parameters and tables, given the file's decoder part; "" if they are right."""
     declared, held, stored = material.cost, parameters(material), decoder_floats(decoder)
     explained = max(held, declared.parameters) + declared.table_floats
     if declared.parameters < held:
         return f"declares {declared.parameters:,} parameters, holds {held:,}: {_remedy(held)}"
     if declared.parameters > held and declared.parameters + declared.table_floats not in stored:
         return f"declares {declared.parameters:,} parameters, holds {held:,} in modules: {_remedy(held)}"
-    if stored.start > explained:
+    if stored.start > explained:  # even the fewest numbers that the part may hold
         rest = stored.start - explained
         total = declared.table_floats + rest
         what = f"the file's decoder part stores {stored.start:,} numbers; {rest:,} of them are neither parameters nor"
@@ -35,10 +36,13 @@ def _fault_of_decoder(material: Material, decoder: dict[str, Tensor]) -> str:
 
 
 def _remedy(count: int) -> str:
+    """What to write in the codec for so many parameters."""
     return f"declare DecoderCost(parameters={count})"
 
 
 def _fault_of_textures(material: Material, texture: dict[str, Tensor]) -> str:
+    """What is wrong with the declared textures, given those of the file; "" if they are right. The numbers in them may
+    be those of the file or those in memory."""
     declared, held = material.cost, held_floats(material)
     floats, channels = texture_floats(texture), texture_channels(texture, material.size)
     if declared.texture_floats not in floats and declared.texture_floats != held:
@@ -66,6 +70,7 @@ def decoder_floats(decoder: dict[str, Tensor]) -> range:
 
 
 def _plain_numbers(tensors: dict[str, Tensor]) -> int:
+    """The numbers in all tensors but those that may be packed."""
     return sum(values.numel() for values in tensors.values() if not _packed(values))
 
 
@@ -79,13 +84,14 @@ def texture_floats(texture: dict[str, Tensor]) -> range:
 
 
 def _packed(values: Tensor) -> bool:
+    """Whether a tensor may hold indices packed into bytes: a vector of whole numbers."""
     return values.ndim < 2 and not values.is_floating_point()
 
 
 def _with_packed(counted: int, tensors: dict[str, Tensor]) -> range:
     """The range of `counted` numbers and those packed into vectors of bytes; a packed index has 1 to 32 bits."""
     packed = 8 * sum(values.nbytes for values in tensors.values() if _packed(values))
-    return range(counted + math.ceil(packed / 32), counted + packed + 1)
+    return range(counted + math.ceil(packed / 32), counted + packed + 1)  # `packed` is in bits
 
 
 def held_floats(material: Material) -> int:

@@ -136,7 +136,8 @@ def register() -> None:
     _libraries.extend([every, aten])
 
 
-def _here(value: Any) -> bool:
+def _on_device(value: Any) -> bool:
+    """Whether a tensor, a storage or a generator is on the emulated device."""
     return value.device.type == NAME
 
 
@@ -165,7 +166,8 @@ def _device(host: Tensor, storage: Any = None, out: Tensor | None = None) -> Ten
 
 
 def _cloned(storage: torch.UntypedStorage) -> torch.UntypedStorage:
-    if not _here(storage):
+    """A copy of a storage where it is: PyTorch's own method fails on the device."""
+    if not _on_device(storage):
         return _clone(storage)
     return _storage(_clone(storage.memory))  # type: ignore[attr-defined]
 
@@ -179,13 +181,15 @@ class _Operands:
         self.storages: dict[int, Any] = {}  # of the device, by the address of the CPU's
 
     def lowered(self, value: Any, position: int = -1) -> Any:
-        if isinstance(value, torch.Generator) and not _here(value):
+        """An argument as the CPU takes it; `position` is its place among those without a name, −1 for one with a name.
+        `RuntimeError` for a tensor or a generator of the CPU where CUDA takes none."""
+        if isinstance(value, torch.Generator) and not _on_device(value):
             raise RuntimeError(f"{self.name}: expected a generator on {NAME}, but it is on {value.device}")
         if isinstance(value, torch.device):
             return torch.device("cpu")
         if not isinstance(value, Tensor):
             return value
-        if not _here(value):
+        if not _on_device(value):
             number = value.ndim == 0 and (torch.Tag.pointwise in self.op.tags or self.name in _OF_NUMBERS)
             if not number and not (self.name in _INDEXING and position == 1):
                 raise RuntimeError(f"{self.name}: expected all tensors on {NAME}, but one is on {value.device}")
@@ -198,6 +202,7 @@ class _Operands:
         return host
 
     def raised(self, value: Any) -> Any:
+        """A result of the CPU as a tensor of the device: the one that was given, if it was written in place."""
         if not isinstance(value, Tensor):
             return value
         if id(value) not in self.given:
@@ -231,6 +236,7 @@ def _computed(op: Any, *args: Any, **kwargs: Any) -> Any:
 
 
 def _copy_noted(what: str, tensor: Tensor, waits: bool = True) -> None:
+    """Count a copy between host and device, and by default that the host waits for it."""
     for traffic in _traffic:
         traffic.copied += tensor.nbytes
         traffic.waits[what] += waits
@@ -238,7 +244,7 @@ def _copy_noted(what: str, tensor: Tensor, waits: bool = True) -> None:
 
 def _copied(source: Tensor, target: Tensor, non_blocking: bool = False) -> Tensor:
     """Copy between two tensors, at least one of them on the device."""
-    from_device, to_device = _here(source), _here(target)
+    from_device, to_device = _on_device(source), _on_device(target)
     host_source = _host(source) if from_device else source
     host_target = _host(target) if to_device else target
     host_target.copy_(host_source)
@@ -253,6 +259,8 @@ def _copied(source: Tensor, target: Tensor, non_blocking: bool = False) -> Tenso
 
 
 def _convolved_back(grad: Tensor, *args: Any) -> Any:
+    """The gradients of a convolution. PyTorch asks a device without the shape of the bias, the third argument of the
+    operation on the CPU: a bias has a number for each channel of the result."""
     return _computed(_aten.convolution_backward.default, grad, *args[:2], [grad.shape[1]], *args[2:])
 
 
@@ -261,6 +269,7 @@ def left_behind(owner: object) -> list[str]:
     names, seen = list[str](), set[int]()
 
     def search(value: Any, name: str) -> None:
+        """Add the names of the CPU's tensors in a value that is called `name`."""
         if isinstance(value, Tensor):
             if value.device.type == "cpu":
                 names.append(name)

@@ -33,11 +33,12 @@ def truth(uv: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
     """The radiance (n, 3) of the material, f_r · cos θ_i, at uv (n, 2), wo and wi (n, 3)."""
     across = torch.sin(2 * math.pi * (uv[:, :1] + torch.tensor(PHASES_U)))
     up = torch.sin(2 * math.pi * (uv[:, 1:] + torch.tensor(PHASES_V)))
-    lean = 1 + LIGHT_TILT * _along(wi, LIGHT_DEG) + VIEW_TILT * _along(wo, VIEW_DEG)
+    lean = 1 + LIGHT_TILT * _part_toward(wi, LIGHT_DEG) + VIEW_TILT * _part_toward(wo, VIEW_DEG)
     return (ALBEDO + WAVE * across + WAVE * up) * lean * wi[:, 2:]
 
 
-def _along(w: Tensor, phi_deg: float) -> Tensor:
+def _part_toward(w: Tensor, phi_deg: float) -> Tensor:
+    """The part (n, 1) of directions (n, 3) toward an azimuth in degrees, in the plane of the picture."""
     phi = math.radians(phi_deg)
     return w[:, :1] * math.cos(phi) + w[:, 1:2] * math.sin(phi)
 
@@ -55,7 +56,8 @@ def material() -> BTF:
     return BTF("frame", wo, wi, ArraySource(values), periodic=True)
 
 
-def _place(change: Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]) -> Radiance:
+def _moved(change: Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]) -> Radiance:
+    """The radiance at other places, given by a function of u and v, each (n,)."""
     return lambda uv, wo, wi: truth(torch.stack(change(uv[:, 0], uv[:, 1]), 1), wo, wi)
 
 
@@ -70,15 +72,18 @@ def _reshaped(uv: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
 
 
 def _channels(order: str) -> Radiance:
+    """The radiance with its channels in another order, like "BGR"."""
     places = ["RGB".index(channel) for channel in order]
     return lambda uv, wo, wi: truth(uv, wo, wi)[:, places]
 
 
 def _directions(x: tuple[int, int], y: tuple[int, int], sides: str) -> Radiance:
     """The radiance with ω_o, ω_i, or both, turned: their x and y are these whole multiples of the old x and y."""
+    # Transposed, because directions are rows, which it is multiplied to from the right.
     turn = torch.tensor([[*x, 0], [*y, 0], [0, 0, 1]], dtype=torch.float32).T
 
     def radiance(uv: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
+        """The radiance (n, 3) of the chosen side or sides turned."""
         if "ω_o" in sides:
             wo = wo @ turn
         if "ω_i" in sides:
@@ -88,7 +93,7 @@ def _directions(x: tuple[int, int], y: tuple[int, int], sides: str) -> Radiance:
     return radiance
 
 
-def _as(curve: Callable[[np.ndarray], np.ndarray]) -> Radiance:
+def _curved(curve: Callable[[np.ndarray], np.ndarray]) -> Radiance:
     """The radiance through a curve; values above 1 are not clamped."""
     return lambda uv, wo, wi: torch.from_numpy(curve(truth(uv, wo, wi).numpy()))
 
@@ -103,19 +108,19 @@ TURNS = (
     ("φ counted from +y clockwise", (0, 1), (1, 0)),
 )
 ARRANGEMENTS: dict[str, Radiance] = {  # each possible mistake, with the radiance that a codec with it would answer
-    "with the picture upside down (v grows upwards, row 0 is the top)": _place(lambda u, v: (u, 1 - v)),
-    "with the picture mirrored left to right": _place(lambda u, v: (1 - u, v)),
-    "with the picture turned by 180°": _place(lambda u, v: (1 - u, 1 - v)),
-    "with u and v exchanged": _place(lambda u, v: (v, u)),
+    "with the picture upside down (v grows upwards, row 0 is the top)": _moved(lambda u, v: (u, 1 - v)),
+    "with the picture mirrored left to right": _moved(lambda u, v: (1 - u, v)),
+    "with the picture turned by 180°": _moved(lambda u, v: (1 - u, 1 - v)),
+    "with u and v exchanged": _moved(lambda u, v: (v, u)),
     # Transposed rows and columns: u = col/W, v = 1 − row/H.
-    "with the picture transposed, rows for columns": _place(lambda u, v: (1 - v, 1 - u)),
+    "with the picture transposed, rows for columns": _moved(lambda u, v: (1 - v, 1 - u)),
     "with rows and columns counted for each other (reshape(W, H) for reshape(H, W))": _reshaped,
-    "with the picture turned by 90° to the left": _place(lambda u, v: (v, 1 - u)),
-    "with the picture turned by 90° to the right": _place(lambda u, v: (1 - v, u)),
-    "with the picture moved by half a texel to the left": _place(lambda u, v: (u + HALF_U, v)),
-    "with the picture moved by half a texel to the right": _place(lambda u, v: (u - HALF_U, v)),
-    "with the picture moved by half a texel down": _place(lambda u, v: (u, v + HALF_V)),
-    "with the picture moved by half a texel up": _place(lambda u, v: (u, v - HALF_V)),
+    "with the picture turned by 90° to the left": _moved(lambda u, v: (v, 1 - u)),
+    "with the picture turned by 90° to the right": _moved(lambda u, v: (1 - v, u)),
+    "with the picture moved by half a texel to the left": _moved(lambda u, v: (u + HALF_U, v)),
+    "with the picture moved by half a texel to the right": _moved(lambda u, v: (u - HALF_U, v)),
+    "with the picture moved by half a texel down": _moved(lambda u, v: (u, v + HALF_V)),
+    "with the picture moved by half a texel up": _moved(lambda u, v: (u, v - HALF_V)),
     **{f"with the channels in the order {order}": _channels(order) for order in ("BGR", "GRB", "RBG", "GBR", "BRG")},
     "with ω_o and ω_i exchanged": lambda uv, wo, wi: truth(uv, wi, wo),
     **{
@@ -123,8 +128,8 @@ ARRANGEMENTS: dict[str, Radiance] = {  # each possible mistake, with the radianc
         for sides in ("ω_o and ω_i", "ω_o alone", "ω_i alone")
         for words, x, y in TURNS
     },
-    "as sRGB for linear radiance": _as(encode_srgb),
-    "with sRGB undone twice": _as(decode_srgb),
+    "as sRGB for linear radiance": _curved(encode_srgb),
+    "with sRGB undone twice": _curved(decode_srgb),
     "without the cosine of ω_i": lambda uv, wo, wi: truth(uv, wo, wi) / wi[:, 2:],
     "with the cosine of ω_i twice": lambda uv, wo, wi: truth(uv, wo, wi) * wi[:, 2:],
 }
@@ -138,7 +143,7 @@ REMEDIES = {
     "with sRGB undone twice": "your answers had sRGB undone twice: decode it once only",
     LOGARITHM: "your answers are log1p(radiance): undo it by expm1",
 }
-FAR_BELOW = 0.25
+FAR_BELOW = 0.25  # the share of the truth's error that counts as far below it
 
 
 @dataclass(frozen=True)
@@ -183,7 +188,7 @@ class FrameAnswers:
                 wrong = ARRANGEMENTS[description](*self.queries)
                 likely.append((self.error(wrong), description))
         right = truth(*self.queries)
-        logarithm = _as(np.log1p)(*self.queries)
+        logarithm = _curved(np.log1p)(*self.queries)
         error = self.error(logarithm)
         if error < FAR_BELOW * self.error(right):
             likely.append((error, LOGARITHM))

@@ -65,16 +65,20 @@ def codec_to_check(name: str, settings: dict[str, Any]) -> Codec:
 
 
 def _stage(tested: CodecUnderTest, checks: tuple[Check, ...]) -> Iterator[Result]:
+    """Run the checks of one stage and yield each result, whose name is the docstring of the check."""
+
     def noted(one: Check) -> Measured:
         return Measured(detail=one(tested) or "")
 
     for one in checks:
         verdict = judged(partial(noted, one), NotApplicable, partial(raised, codec=tested.codec))
+        # The field of the result in which the verdict's detail stands.
         word = {"fail": "failure", "n/a": "reason", "pass": "note"}[verdict.verdict]
         yield Result(one.__doc__ or one.__name__, **{word: verdict.detail})
 
 
 def _extremes(tested: CodecUnderTest) -> Iterator[Result]:
+    """Try the cheap extremes of the stress test and yield each result; one detail is given in full only once."""
     subject = stress.Subject(tested)
     cases = [case for case in stress.CASES if case.cheap]
     details = dict[str, str]()
@@ -101,6 +105,7 @@ def stress_reference() -> Path:
 
 @cache
 def _met() -> tuple[Stress, ...]:
+    """The lines of the committed record of the stress test; () where the package comes without it."""
     path = stress_reference()
     if not path.is_file():
         return ()

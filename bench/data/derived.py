@@ -48,9 +48,10 @@ class _Shrunk(Source):
 
     @cached_property
     def _scratch(self) -> np.ndarray:
-        return self.boxes._scratch
+        return self.boxes._scratch  # slices, texels and scattered values all come from this one file
 
     def slices(self, pairs: np.ndarray) -> list[np.ndarray]:
+        """The pictures (H, W, 3) of some pairs, out of the scratch file (blocks, H · W, pairs of a block, 3)."""
         copy = self._scratch  # sliced, because a place for each value takes NumPy three times as long
         blocks, places = np.divmod(pairs, copy.shape[2])
         slices = []
@@ -73,6 +74,7 @@ def shrunk(btf: BTF, texels: int) -> BTF:
 
 
 def _even(layout: Layout, pairs: int) -> np.ndarray:
+    """Indices of about `pairs` pairs: a product of evenly spread views and lights, or drawn pairs if they form none."""
     if layout.grid is None:
         return _drawn(len(layout.view), pairs)
     views, lights = len(layout.views), len(layout.lights)
@@ -86,6 +88,7 @@ def _even(layout: Layout, pairs: int) -> np.ndarray:
 
 
 def _drawn(count: int, wanted: int) -> np.ndarray:
+    """`wanted` different indices below `count`, or all if there are fewer, drawn with a fixed seed and sorted."""
     return np.sort(np.random.default_rng(0).choice(count, min(count, wanted), replace=False))
 
 
@@ -125,13 +128,13 @@ def repaired(btf: BTF, show: Progress = silent) -> BTF:
     source = Repaired(btf.source)
     masked = {}
     pairs = followed(show, btf.pairs.tolist(), "looking for values that are not finite", len(btf))
-    for done, pair in enumerate(pairs):
+    for index, pair in enumerate(pairs):  # the index is the BTF's, the pair its source's
         _, count = source.mended(pair)
         if count:
-            masked[done] = count
+            masked[index] = count
     if not masked:
         return btf
-    listed = ", ".join(str(pair) for pair in list(masked)[:10])
+    listed = ", ".join(str(index) for index in list(masked)[:10])
     if len(masked) > 10:
         listed += ", …"
     note = f"{sum(masked.values())} values that were not finite, masked by the mean of their pair: pairs {listed}"

@@ -23,15 +23,17 @@ class Joined(Source):
         return first.slice(pair) if pair < first.count else second.slice(pair - first.count)
 
     def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
+        """As `Source.texels`: each part fills in its own pairs."""
         out = np.empty((len(rows), len(pairs), 3), np.float32)
-        for chosen, part, inside in self._parts(pairs):
-            out[:, chosen] = part.texels(rows, cols, inside)
+        for chosen, part, inner in self._parts(pairs):
+            out[:, chosen] = part.texels(rows, cols, inner)
         return out
 
     def gather(self, pair: Array, row: Array, col: Array) -> Array:
+        """As `Source.gather`: each part fills in the values of its own pairs."""
         out = np.empty((len(pair), 3), np.float32)
-        for chosen, part, inside in self._parts(pair):
-            out[chosen] = part.gather(inside, row[chosen], col[chosen])
+        for chosen, part, inner in self._parts(pair):
+            out[chosen] = part.gather(inner, row[chosen], col[chosen])
         return out
 
     def _parts(self, pairs: Array) -> list[tuple[Array, Source, Array]]:
@@ -49,9 +51,10 @@ class Joined(Source):
         return Joined(*(part.window(top, left, height, width) for part in self.parts))
 
     def only(self, pairs: Array) -> Source:
+        """The first part alone where all pairs are its own: training then never opens the held-out data."""
         first, _ = self.parts
         if len(pairs) and int(pairs.max()) < first.count:
-            return first.only(pairs)
+            return first.only(pairs)  # its pairs come first, so their indices stay
         return self
 
     def fingerprint(self) -> str:
@@ -60,7 +63,8 @@ class Joined(Source):
 
 
 def followed(btf: BTF, drawn: BTF, kind: str, words: str) -> BTF:
-    """A BTF, followed by another table of the surface, whose kind is `heldout` or `validation`: to choose settings."""
+    """A BTF, followed by another table of the surface, whose kind is `heldout` or `validation`: to choose settings.
+    `words` describe that table in the provenance. Held-out pairs follow a BTF that holds none out."""
     marks = {kind: np.arange(len(btf) + len(drawn)) >= len(btf)}
     if kind == "validation":
         marks["heldout"] = np.concatenate([btf.heldout, np.zeros(len(drawn), bool)])

@@ -113,6 +113,7 @@ def from_arrays(
 
 
 def _directions(vectors: np.ndarray, word: str, count: int) -> np.ndarray:
+    """Unit vectors (count, 3) float32 of the array `wo` or `wi`, which `word` names in errors."""
     if vectors.shape != (count, 3) or vectors.dtype.kind not in "fiu":
         raise InputError(f"{word} is {vectors.shape}: it must be ({count}, 3), a direction for each slice of radiance")
     return unit_directions(vectors, lambda row: f"{word}[{row}]")

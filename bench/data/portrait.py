@@ -228,7 +228,7 @@ def mean_lobe(btf: BTF) -> MeanLobe | None:
     if means.min() <= 0:
         return None
     means /= layout.lights[lights, 2]
-    rest = means / means.mean(1, keepdims=True)
+    rest = means / means.mean(1, keepdims=True)  # (views, lights)
     rest = rest / rest.mean(0) - 1
     total = float((rest**2).sum())
     if not total > 1e-9 * rest.size:
@@ -238,8 +238,8 @@ def mean_lobe(btf: BTF) -> MeanLobe | None:
     phi_o, phi_i = np.radians(phi_o_deg), np.radians(phi_i_deg)
     share, coefficients = _explained(rest, phi_i - phi_o[:, None])
     mirrored_share, _ = _explained(rest, phi_i + phi_o[:, None])
-    around = np.arange(360.0)
-    peak = around[np.argmax(_waves(np.radians(around)) @ coefficients)]
+    degrees = np.arange(360.0)
+    peak = degrees[np.argmax(_waves(np.radians(degrees)) @ coefficients)]
     return MeanLobe(theta, share / total, mirrored_share / total, float(peak))
 
 
@@ -258,10 +258,10 @@ def _ring(layout: Layout) -> tuple[float, Array, Array] | None:
 def _on_ring(theta: Array, phi: Array, degrees: int) -> Array:
     """Indices of directions (degrees) within half a degree of a θ, spread around it."""
     ring = np.flatnonzero(np.abs(theta - degrees) <= 0.5)
-    return ring[_around(phi[ring])]
+    return ring[_evenly_around(phi[ring])]
 
 
-def _around(phi: Array) -> Array:
+def _evenly_around(phi: Array) -> Array:
     """Indices of at most `AZIMUTHS` azimuths (degrees), each the nearest to one of as many evenly spaced ones."""
     if not len(phi):
         return np.zeros(0, int)
@@ -281,6 +281,7 @@ def _waves(angle: Array) -> Array:
 def _explained(rest: Array, angle: Array) -> tuple[float, Array]:
     """The part of the squares of `rest` (views, lights) that harmonics of the angles explain, and their amplitudes."""
     waves = _waves(angle)
+    # `rest` has no mean over a view or over a light, so the waves must have none either.
     waves = waves - waves.mean(0) - waves.mean(1, keepdims=True) + waves.mean((0, 1))
     flat = waves.reshape(rest.size, -1)
     coefficients = np.linalg.lstsq(flat, rest.reshape(-1), rcond=None)[0]
@@ -314,9 +315,11 @@ def draw(seen: Look, out: Path) -> None:
 
 
 def _draw_directions(axes: Any, seen: Look, title: str, directions: Array) -> None:
+    """Draw one side's directions (N, 3), each distinct one once, in polar axes; the held-out ones in another colour."""
     heldout = np.zeros(len(directions), bool) if seen.btf.heldout is None else seen.btf.heldout
     for mask, label in ((heldout, "held out"), (~heldout, "training")):
-        theta, phi = to_degrees(Layout.of(directions[mask], directions[mask]).views)
+        distinct = Layout.of(directions[mask], directions[mask]).views
+        theta, phi = to_degrees(distinct)
         if mask.any():
             axes.scatter(np.radians(phi), theta, s=8, label=label)
     axes.set_rlim(0, 90)
@@ -326,6 +329,7 @@ def _draw_directions(axes: Any, seen: Look, title: str, directions: Array) -> No
 
 
 def _draw_values(axes: Any, values: Array) -> None:
+    """Draw a histogram of the values (..., 3) above 0 for each channel; its title tells how many are not."""
     lit = values[values > 0]
     if lit.size:
         bins = np.geomspace(lit.min(), max(lit.max(), lit.min() * 1.01), 80)

@@ -57,6 +57,7 @@ class Preparation:
     repair: bool = False  # mask measured values that are not finite by the mean of their pair
 
     def __post_init__(self) -> None:
+        """Raise `InputError` for values that do not go together, or that would fill the machine."""
         needed = 12 * self.size**2 * max(self.views * self.lights, self.heldout)
         if needed > MOST:
             asked = f"{self.size} × {self.size} texels at {self.views} × {self.lights} + {self.heldout} pairs"
@@ -84,7 +85,7 @@ class Preparation:
 
     def drawn(self, material: str, seed: int, draw: int = 0) -> tuple[Array, Array]:
         """`wo` and `wi` (heldout, 3) float32, uniform in solid angle up to 75°; `draw` selects test pairs."""
-        stream = [seed, 0x5EED]
+        stream = [seed, 0x5EED]  # another for each split, so that test pairs tell nothing about validation pairs
         if self.split == "test":
             named = int.from_bytes(hashlib.sha256(material.encode()).digest()[:4], "big")
             stream = [seed, 0x7E57, draw, named]
@@ -122,6 +123,7 @@ class MaterialSpec:
     where: str = ""  # where to get the data
 
     def __post_init__(self) -> None:
+        """Raise `InputError` for a name or a path that no record or file name can hold."""
         shown = self.path.encode("utf-8", "backslashreplace").decode()
         if shown != self.path:
             raise InputError(f"{shown}: its name is not UTF-8, so no record can hold it: rename it")

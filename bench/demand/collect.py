@@ -71,21 +71,24 @@ class Points:
     def _moved(self, ahead: Array) -> Array:
         """The step (n, 3) from each point to where the ray of a neighbouring pixel meets its tangent plane."""
         along = _dot(ahead, self.normal)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):  # a ray along the plane meets it nowhere
             moved = self.eye + ahead * (_dot(self.position - self.eye, self.normal) / along) - self.position
         behind = ((moved + self.position - self.eye) * ahead).sum(-1) <= 0
         beyond = ~np.isfinite(moved).all(-1) | behind
-        return np.where(beyond[:, None], self.dp_du * FARTHEST, moved)
+        return np.where(beyond[:, None], self.dp_du * FARTHEST, moved)  # a step of the largest footprint
 
     def _uv_of(self, moved: Array) -> Array:
         """The change of uv (n, 2) of a step (n, 3) within the surface, by least squares."""
         a, b = self.dp_du, self.dp_dv
-        uu, uv, vv = _dot(a, a)[:, 0], _dot(a, b)[:, 0], _dot(b, b)[:, 0]
-        u, v = _dot(moved, a)[:, 0], _dot(moved, b)[:, 0]
-        return np.stack([u * vv - v * uv, v * uu - u * uv], -1) / (uu * vv - uv * uv)[:, None]
+        # The normal equations: products of the two derivatives with each other, and with the step.
+        dot_uu, dot_uv, dot_vv = _dot(a, a)[:, 0], _dot(a, b)[:, 0], _dot(b, b)[:, 0]
+        step_u, step_v = _dot(moved, a)[:, 0], _dot(moved, b)[:, 0]
+        change = np.stack([step_u * dot_vv - step_v * dot_uv, step_v * dot_uu - step_u * dot_uv], -1)
+        return change / (dot_uu * dot_vv - dot_uv * dot_uv)[:, None]
 
 
 def _dot(a: Array, b: Array) -> Array:
+    """The products (n, 1) of each two vectors (n, 3)."""
     return (a * b).sum(-1, keepdims=True)
 
 
@@ -106,6 +109,7 @@ def queries_of(points: Points, lights: list[Light]) -> dict[str, Array]:
         wi = points.local(light.toward)
         seen = (wo[:, 2] > 0) & (wi[:, 2] > 0) & (light.irradiance > 0).any(1)
         some = np.flatnonzero(seen)
+        # In the order of `NAMES`.
         parts.append((points.uv[some], footprint[some], wo[some], wi[some], light.irradiance[some], points.pixel[some]))
     columns = {}
     for name, of_lights in zip(NAMES, zip(*parts, strict=True), strict=True):
@@ -169,6 +173,7 @@ def _size(scene: Caster, limit: int) -> tuple[int, int]:
     if not any(shown):
         where = "it is behind the camera, out of the picture, or hidden: move the camera or the material"
         raise InputError(f"{scene.name}: no ray of the camera finds the material: {where}")
+    # The queries that all pixels would make, by the share of the preview that shows the material.
     wanted = sum(shown) / (preview[0] * preview[1]) * height * width * scene.samples
     most = min(FRAME, CELLS // scene.frames) / (height * width)
     scale = min(1.0, math.sqrt(SPARE * limit / wanted), math.sqrt(most))
@@ -178,7 +183,7 @@ def _size(scene: Caster, limit: int) -> tuple[int, int]:
 def _places(picture: tuple[int, int], size: tuple[int, int], rng: np.random.Generator) -> tuple[Array, Array]:
     """Column and row (H · W,) in pixels of a point in each of (H, W) cells: the middle of a pixel, else a random one. A
     regular grid would hit the same texels of a regular texture again and again."""
-    within = 0.5 if size == picture else rng.random((2, *size))
+    place_in_cell = 0.5 if size == picture else rng.random((2, *size))
     pixels_a_cell = np.array(picture) / np.array(size)
-    row, col = (np.mgrid[: size[0], : size[1]] + within) * pixels_a_cell[:, None, None]
+    row, col = (np.mgrid[: size[0], : size[1]] + place_in_cell) * pixels_a_cell[:, None, None]
     return col.ravel(), row.ravel()

@@ -65,6 +65,7 @@ def density_of(demand: Demand, layout: Layout, window: Window, uniform: float) -
     uv = window.within(torch.from_numpy(demand.uv(window.size)).double()).float()
     footprint = torch.from_numpy(demand.footprint) * window.stretch
     cumulative = torch.from_numpy(importance).cumsum(0)
+    # Radiance is interpolated over its cosine, which the query's replaces.
     weight = weights.weight * wi[:, 2:] / cos_i[weights.sample.long()]
     share = torch.from_numpy(shares_from_weights(weights, importance, len(layout.view)))
     wo = torch.from_numpy(demand.wo)
@@ -163,7 +164,7 @@ class Search:
 
     def ladder(self, goal: Goal, scene: bool = True) -> Iterator[Model]:
         """Fit models of the scene or of the whole BTF, bisecting their size, because quality rises with size."""
-        low, high = 1, steps_of(self.codec)
+        low, high = 1, steps_of(self.codec)  # the smallest size that meets the goal lies between, both included
         name = "scene" if scene else "whole"
         largest = self.model(sized(self.codec, high, scene), f"{name}{high}")
         yield largest

@@ -40,6 +40,7 @@ def truth(btf: BTF, demand: Demand, show: Progress = silent) -> Array:
     pair, weight = weights.sample.numpy().ravel(), weights.weight.numpy().ravel()
     used = np.flatnonzero(weight > 0)
     used = used[np.argsort(pair[used], kind="stable")]
+    # Where the rows of each pair begin, and where the last ones end.
     places = np.searchsorted(pair[used], np.arange(len(btf) + 1))
     uv = torch.from_numpy(demand.uv(btf.shape))
     deepest = int(np.log2(min(btf.shape)))
@@ -51,14 +52,14 @@ def truth(btf: BTF, demand: Demand, show: Progress = silent) -> Array:
         show(f"reference of {demand.name}", index + 1, len(btf))
         rows = used[places[index] : places[index + 1]]
         if len(rows):
-            query = rows // weights.sample.shape[1]
+            query = rows // weights.sample.shape[1]  # rows count the k pairs of each query
             values = _filtered(btf[index], uv[query], level[query])
             np.add.at(answers, query, values.numpy() * weight[rows, None])
     return np.maximum(answers, 0)
 
 
 def _filtered(picture: Array, uv: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
-    """A slice (H, W, 3) at uv (n, 2) and levels (n,): (n, 3)."""
+    """A slice (H, W, 3) at uv (n, 2) and levels (n,), log2 of the box's side in texels: (n, 3)."""
     out = torch.zeros(len(uv), 3)
     for number in range(int(level.max()) + 2):
         share = (1 - (level - number).abs()).clamp_min(0)
@@ -67,8 +68,8 @@ def _filtered(picture: Array, uv: torch.Tensor, level: torch.Tensor) -> torch.Te
             texture = torch.from_numpy(np.ascontiguousarray(box_filter(picture, 2**number), np.float32))
             # A level omits texels that do not fill a box; see `bench.btf` for the frame.
             height, width = (side / (side // 2**number * 2**number) for side in picture.shape[:2])
-            within = torch.stack([uv[some, 0] * width, 1 - (1 - uv[some, 1]) * height], 1)
-            out[some] += share[some, None] * sample_texture(texture, within)
+            uv_of_level = torch.stack([uv[some, 0] * width, 1 - (1 - uv[some, 1]) * height], 1)
+            out[some] += share[some, None] * sample_texture(texture, uv_of_level)
     return out
 
 
@@ -126,6 +127,7 @@ class FrameScorer:
         return scores
 
     def _sides(self, name: str, metric: SliceMetric) -> list[Prepared]:
+        """The reference's frames as a metric prepares them, once for all materials."""
         if name not in self.prepared:
             self.prepared[name] = [metric.prepare(picture, self.exposure) for picture in self.truth]
         return self.prepared[name]

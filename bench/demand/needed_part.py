@@ -35,6 +35,7 @@ class NeededPart:
     def for_demand(cls, btf: BTF, demand: Demand, every_pair: bool = False) -> "NeededPart":
         """The part of a BTF that a demand needs; `every_pair` keeps all pairs."""
         order = np.argsort(demand.footprint, kind="stable")
+        # The first query, from the finest on, up to which a share of `FINEST` of the demand has passed.
         place = int(np.searchsorted(np.cumsum(demand.importance[order]), FINEST))
         finest = float(demand.footprint[order[min(place, len(order) - 1)]])
         factor = max(1, min(int(finest * max(btf.shape)), *btf.shape))
@@ -73,6 +74,7 @@ def _side(directions: Array, share: Array) -> Array:
     """The fewest directions of one side that hold the demand, and those needed to interpolate between them. A triangle
     between kept directions is a triangle of the whole set, so answers inside it stay the same."""
     middle = share @ directions
+    # By share, the largest first, and of equal shares the nearest to the middle (the last key counts first).
     order = np.lexsort((-(directions @ middle), -share))
     count = len(_heaviest(share))
     while count < len(directions) and Hemisphere(directions[order[:count]]).flat:
@@ -93,6 +95,7 @@ def _window(size: tuple[int, int], demand: Demand, factor: int) -> Window:
     whole = Window.whole(size, factor)
     uv = demand.uv(size)
     across, up = periods(size)
+    # Rows count from the top, where v is 1.
     top, tall = _span(1 - uv[:, 1], up * demand.footprint, height, factor, whole.height)
     left, wide = _span(uv[:, 0], across * demand.footprint, width, factor, whole.width)
     return Window(size, top, left, tall, wide, factor)
@@ -100,18 +103,18 @@ def _window(size: tuple[int, int], demand: Demand, factor: int) -> Window:
 
 def _span(place: Array, footprint: Array, side: int, factor: int, whole: int) -> tuple[int, int]:
     """Start and length in texels of the shortest stretch with all places, which may wrap around; or (0, `whole`)."""
-    reach = footprint / 2 + factor / side
+    reach = footprint / 2 + factor / side  # in periods: half the footprint, and a box
     if float(reach.max()) >= 0.5:
         return 0, whole
     first, last = np.floor((place - reach) * side).astype(int), np.ceil((place + reach) * side).astype(int)
-    edges = np.zeros(3 * side + 1, int)
+    edges = np.zeros(3 * side + 1, int)  # over the period before, the period itself and the one after
     np.add.at(edges, first + side, 1)
     np.add.at(edges, last + side, -1)
     count = np.cumsum(edges)[:-1].reshape(3, side)  # of the stretches over each texel, in three periods
     seen = np.flatnonzero((count > 0).any(0))
     steps = np.diff(seen, append=seen[0] + side)  # to the next seen texel; the longest jumps over the unseen rest
     jump = int(np.argmax(steps))
-    length = -(-(side - int(steps[jump]) + 1) // factor) * factor
+    length = -(-(side - int(steps[jump]) + 1) // factor) * factor  # rounded up to whole boxes
     if length >= whole:
         return 0, whole
     return int(seen[jump] + steps[jump]) % side, length
@@ -146,10 +149,10 @@ def shares_of_others(layout: Layout, demand: Demand, wo: Array, wi: Array) -> Ar
     """The demand around other pairs, directions (n, 3): the mean share of the layout's pairs that surround each one, 0
     where the scene uses less than half of these. Adds up to one, or to 0 if the scene comes near none."""
     shares = pair_shares(layout, demand)
-    around = PairInterpolator(layout).shares(torch.from_numpy(wo), torch.from_numpy(wi))
-    weight, there = around.weight.numpy(), shares[around.sample.numpy()]
-    near = (weight * (there > 0)).sum(1) >= 0.5
-    found = np.where(near, (weight * there).sum(1), 0.0)
+    surrounding = PairInterpolator(layout).shares(torch.from_numpy(wo), torch.from_numpy(wi))
+    weight, there = surrounding.weight.numpy(), shares[surrounding.sample.numpy()]
+    is_near = (weight * (there > 0)).sum(1) >= 0.5
+    found = np.where(is_near, (weight * there).sum(1), 0.0)
     return found / max(found.sum(), 1e-30)
 
 

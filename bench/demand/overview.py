@@ -64,6 +64,7 @@ def summarise(demand: Demand) -> Summary:
 
 
 def _percentiles(values: Array, share: Array) -> tuple[float, ...]:
+    """The `PERCENTILES` of values (n,) that are weighted by shares (n,) with sum 1."""
     order = np.argsort(values)
     places = np.searchsorted(np.cumsum(share[order]), np.array(PERCENTILES) / 100)
     places = np.minimum(places, len(values) - 1)
@@ -72,7 +73,7 @@ def _percentiles(values: Array, share: Array) -> tuple[float, ...]:
 
 def _coverage(demand: Demand) -> Array:
     """The share of the demand in each cell of a square texture, row 0 on top; a query counts where its centre is."""
-    uv = demand.uv((1, 1))
+    uv = demand.uv((1, 1))  # of any square texture
     col, row = uv[:, 0], 1 - uv[:, 1]
     return np.histogram2d(row, col, COVERAGE, [[0, 1], [0, 1]], weights=demand.importance)[0]
 

@@ -69,6 +69,7 @@ class Camera:
         forward = unit(np.subtract(self.target, self.position))
         right = unit(np.cross(forward, self.up))
         down = np.cross(forward, right)
+        # The side of a pixel at distance 1.
         pixel = 2 * np.tan(np.radians(self.fov_deg) / 2) / self.width
         x, y = (column - self.width / 2) * pixel, (row - self.height / 2) * pixel
         return unit(forward + x[:, None] * right + y[:, None] * down)
@@ -122,6 +123,7 @@ class LightSource:
     samples: Annotated[int, Range(1, MOST)] = 8
 
     def __post_init__(self) -> None:
+        """Raise `InputError` for an unknown kind, a field that the kind lacks, or an environment that is black."""
         needs = {"directional": ("toward", "irradiance"), "point": ("position", "intensity"), "environment": ()}
         if self.kind not in needs:
             raise InputError(f"there is no kind {self.kind!r}{did_you_mean(self.kind, needs)}")
@@ -152,6 +154,7 @@ class Scene:
     description: str = ""
 
     def __post_init__(self) -> None:
+        """Raise `InputError` if the lights of all frames would take too many samples."""
         # Each lamp takes time at each sample of its environment.
         samples = sum(light.samples * (1 + len(light.lamps)) for light in self.lights)
         if samples * len(self.cameras) > MOST:

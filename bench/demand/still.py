@@ -82,7 +82,7 @@ def render(
         points = caster.cast(frame, (col + right).ravel(), (row + down).ravel())
         if not len(points):
             continue
-        pixel = (row * width + col).ravel()
+        pixel = (row * width + col).ravel()  # of each ray; `points.pixel` counts the rays of this band
         pictures[..., 3] += np.bincount(pixel[points.pixel], minlength=height * width) / rays**2
         queries: dict[str, Any] = queries_of(points, caster.lights(points, rng))
         queries["pixel"] = pixel[queries["pixel"]].astype(np.int32)
@@ -113,11 +113,13 @@ def write(path: Path, picture: Array, exposure: float) -> None:
 
 
 def check_ending(path: Path) -> None:
+    """Raise `InputError` unless the name of a picture ends in one of `SUFFIXES`."""
     if path.suffix not in SUFFIXES:
         raise InputError(f"{path}: the name of a picture must end in {' or '.join(SUFFIXES)}")
 
 
 def _write_exr(path: Path, picture: Array) -> None:
+    """Write a picture (H, W, 4) as float32; its colours are already weighted by alpha, as EXR has it."""
     import OpenEXR
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
@@ -126,6 +128,7 @@ def _write_exr(path: Path, picture: Array) -> None:
 
 
 def _write_png(path: Path, picture: Array, exposure: float) -> None:
+    """Write a picture (H, W, 4) in 8 bits after the display transform; PNG wants colours not weighted by alpha."""
     from PIL import Image
 
     alpha = picture[..., 3:]

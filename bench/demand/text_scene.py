@@ -47,6 +47,7 @@ class TextScene:
 
 
 def _reaching(source: LightSource, points: Points, rng: np.random.Generator) -> list[Light]:
+    """The light of one source at each point, shadows left aside: once, or in the samples of an environment."""
     ones = np.ones((len(points), 1))
     match source.kind:
         case "directional":
@@ -62,6 +63,7 @@ def _reaching(source: LightSource, points: Points, rng: np.random.Generator) -> 
 def _environment_sample(source: LightSource, points: Points, rng: np.random.Generator) -> Light:
     """One sample of an environment at each point: the sphere, or one of the lamps, in proportion to their power."""
     toward, irradiance = np.zeros((2, len(points), 3))
+    # The light from all around is a lamp of half angle 180°, toward whatever direction.
     lamps = [Lamp((0.0, 0.0, 1.0), 180.0, source.radiance or (0.0, 0.0, 0.0)), *source.lamps]
     angles = np.radians([lamp.cone_deg for lamp in lamps])
     solid = 2 * np.pi * (1 - np.cos(angles))
@@ -128,6 +130,8 @@ def _axes(surface: Surface) -> tuple[Array, Array, Array]:
 
 
 def _sphere_texture(surface: Surface, position: Array, local: Array) -> tuple[Array, Array, Array, Array, Array]:
+    """What `texture` gives, of points of a sphere in the scene and, `local`, in the frame of its axes; u goes east, v
+    north."""
     x, y, _ = _axes(surface)
     repeat = np.asarray(surface.repeat)
     east_angle, height = np.arctan2(local[:, 1], local[:, 0]), local[:, 2] / surface.radius
@@ -181,6 +185,7 @@ def _drape_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
     enter, leave, way = enter[some], leave[some], way[some]
 
     def above(along: Array) -> Array:
+        """Whether each ray is above the cloth at its distance."""
         place = start + way * along[:, None]
         return np.asarray(place[:, 2] > _height(place[:, :2]))
 

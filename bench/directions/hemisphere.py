@@ -78,5 +78,6 @@ def thinned_product(directions: Array, views: int, lights: int) -> tuple[Array, 
 
 def uniform(rng: np.random.Generator, count: int, theta_max_deg: float = 75.0) -> Array:
     """Directions (count, 3) float32 drawn uniformly in solid angle up to θ_max."""
+    # On a sphere, zones of equal height have equal areas, so the height is drawn uniformly.
     z = 1.0 - rng.random(count) * (1.0 - np.cos(np.radians(theta_max_deg)))
     return from_angles(np.arccos(z), rng.random(count) * 2 * np.pi)

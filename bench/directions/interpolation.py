@@ -47,17 +47,20 @@ class Hemisphere(nn.Module):
         super().__init__()
         points = stereographic(torch.as_tensor(directions, dtype=torch.float64))
         self.register_buffer("points", points.float())
+        # Fewer than three samples, or samples on one line of the plane, span no triangle: then the nearest answers.
         self.flat = len(directions) < 3 or np.linalg.matrix_rank(points.numpy() - points[0].numpy(), tol=1e-6) < 2
         if not self.flat:
             self._triangulate(points.numpy())
 
-    triangles: Tensor
-    edges: Tensor
-    candidates: Tensor
-    affine: Tensor
-    points: Tensor
+    # Only `points` is there where `flat`.
+    triangles: Tensor  # (t, 3) indices of the samples at the corners
+    edges: Tensor  # (e, 2, 2) the two ends of each edge of the hull, x and y
+    candidates: Tensor  # (cells, k) triangles to search; see `_candidates`
+    affine: Tensor  # (t, 2, 3) from a point to its weights of the second and the third corner
+    points: Tensor  # (m, 2) the samples in the plane
 
     def _triangulate(self, points: np.ndarray) -> None:
+        """Triangulate the samples (m, 2) of the plane, and keep what a search needs as buffers."""
         triangles = Delaunay(points).simplices
         corners = points[triangles]
         spans = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], -1)
@@ -73,7 +76,8 @@ class Hemisphere(nn.Module):
         self.register_buffer("candidates", torch.as_tensor(_candidates(corners), dtype=torch.long))
 
     def outside(self, queries: Tensor) -> Tensor:
-        """Mask (n,) of the queries (n, 3) that lie outside the hull of the samples by more than rounding."""
+        """Mask (n,) of the queries (n, 3) that lie outside the hull of the samples by more than rounding; all lie
+        outside of samples that span no triangle."""
         if self.flat:
             return torch.ones(len(queries), dtype=torch.bool, device=queries.device)
         return self._barycentric(stereographic(queries))[1].amin(1) < -ROUNDING
@@ -84,7 +88,9 @@ class Hemisphere(nn.Module):
         return triangle, weights
 
     def _searched(self, points: Tensor) -> tuple[Tensor, Tensor]:
-        cell = ((points + 1) * (CELLS / 2)).long().clamp(0, CELLS - 1)
+        """What `_barycentric` promises, for one block of points: the candidate whose least weight is largest. Inside a
+        triangle no weight is negative."""
+        cell = ((points + 1) * (CELLS / 2)).long().clamp(0, CELLS - 1)  # column and row; rows go up with y
         candidates = self.candidates[cell[:, 1] * CELLS + cell[:, 0]]
         # One number of the map at a time, because tensors (n, candidates, 2, 2) take twice as long.
         a, b, c, d, e, f = self.affine.flatten(1)[candidates].unbind(-1)
@@ -96,20 +102,25 @@ class Hemisphere(nn.Module):
         return candidates.gather(1, best)[:, 0], weights
 
     def _onto_hull(self, points: Tensor) -> Tensor:
+        """The point on the border of the hull (n, 2) that is nearest to each point (n, 2)."""
         return _in_blocks(self._projected, len(self.edges), points)[0]
 
     def _projected(self, points: Tensor) -> tuple[Tensor]:
+        """What `_onto_hull` promises, for one block of points; a tuple, as `_in_blocks` needs it."""
         start, end = self.edges[:, 0], self.edges[:, 1]
         along = end - start
+        # The place along each edge, 0 at its start and 1 at its end: (n, e).
         t = ((points[:, None] - start) * along).sum(-1) / (along * along).sum(-1)
         nearest = start + t.clamp(0, 1)[..., None] * along
         best = (points[:, None] - nearest).square().sum(-1).argmin(1)
         return (nearest[torch.arange(len(points), device=points.device), best],)
 
     def _nearest(self, points: Tensor) -> tuple[Tensor]:
+        """The index (n, 1) of the sample nearest to each point (n, 2) of a block; a tuple, as `_in_blocks` needs it."""
         return (torch.cdist(points, self.points.to(points.dtype)).argmin(1, keepdim=True),)
 
     def forward(self, queries: Tensor) -> Weights:
+        """Samples of queries (n, 3) and their weights, which add up to one: (n, 3), or (n, 1) without a triangle."""
         points = stereographic(queries)
         if self.flat:
             (index,) = _in_blocks(self._nearest, len(self.points), points)
@@ -133,9 +144,10 @@ def _candidates(corners: np.ndarray) -> np.ndarray:
     These are the triangles whose bounding boxes meet the cell; if there are none, the nearest one. Rows are padded by
     repeating their first entry, which changes no answer.
     """
-    low, high = corners.min(1), corners.max(1)
+    low, high = corners.min(1), corners.max(1)  # of `corners` (t, 3, 2)
     slack = 1e-6
     edges = np.linspace(-1, 1, CELLS + 1)
+    # Whether each triangle's box meets each column, and each row, of cells: (t, CELLS).
     x = (low[:, None, 0] <= edges[1:] + slack) & (high[:, None, 0] >= edges[:-1] - slack)
     y = (low[:, None, 1] <= edges[1:] + slack) & (high[:, None, 1] >= edges[:-1] - slack)
     met = y.T[:, None] & x.T  # (rows, columns, triangles)
@@ -148,6 +160,7 @@ def _candidates(corners: np.ndarray) -> np.ndarray:
         raise ValueError(f"{most:,} triangles of directions meet in one place, but the limit is {MOST_CANDIDATES:,}")
     starts = np.cumsum(counts) - counts
     out = np.repeat(triangle[starts, None], most, axis=1)
+    # `np.nonzero` goes cell by cell, so an entry's column is its distance from the first entry of its cell.
     out[cell, np.arange(len(cell)) - starts[cell]] = triangle
     return out
 
@@ -167,6 +180,7 @@ class PairInterpolator(nn.Module):
     def __init__(self, layout: Layout):
         super().__init__()
         self.product = layout.grid is not None
+        # Clamped, because radiance is divided by it.
         self.register_buffer("cos_i", torch.as_tensor(layout.lights[layout.light, 2]).clamp_min(1e-3))
         if layout.grid is not None:
             self.views, self.lights = Hemisphere(layout.views), Hemisphere(layout.lights)
@@ -175,9 +189,9 @@ class PairInterpolator(nn.Module):
             pairs = np.concatenate([layout.views[layout.view], layout.lights[layout.light]], 1)
             self.register_buffer("pairs", torch.as_tensor(pairs, dtype=torch.float32))
 
-    cos_i: Tensor
-    grid: Tensor
-    pairs: Tensor
+    cos_i: Tensor  # (N,) cosine of each pair's light
+    grid: Tensor  # (V, L) pair of each view and light; only of a product
+    pairs: Tensor  # (N, 6) ω_o and ω_i of each pair; only if scattered
 
     @property
     def reads(self) -> int:
@@ -211,6 +225,7 @@ class PairInterpolator(nn.Module):
         return torch.exp(arithmetic - level.neg().expm1() * (geometric - arithmetic))
 
     def _tensor_product(self, wo: Tensor, wi: Tensor) -> Weights:
+        """Pairs and weights (n, k) of each sample of the view with each of the light, the light fastest."""
         view, light = self.views(wo), self.lights(wi)
         index = self.grid[view.sample[:, :, None], light.sample[:, None, :]]
         weight = view.weight[:, :, None] * light.weight[:, None, :]
@@ -222,28 +237,31 @@ class PairInterpolator(nn.Module):
         Weights fall to zero at the first pair left out, so the result is continuous where the nearest pairs change:
         Franke and Nielson, "Smooth interpolation of large sets of scattered data", IJNME 15 (1980).
         """
-        near, index = _in_blocks(self._neighbours, len(self.pairs), torch.cat([wo, wi], 1))
-        near = near.clamp_min(1e-6)
+        distance, index = _in_blocks(self._neighbours, len(self.pairs), torch.cat([wo, wi], 1))
+        distance = distance.clamp_min(1e-6)  # a query at a sample would divide by 0
         if len(self.pairs) <= SHEPARD_NEIGHBOURS:
-            weight = 1 / near.square()
+            weight = 1 / distance.square()
         else:
-            near, index, radius = near[:, :-1], index[:, :-1], near[:, -1:]
-            weight = (1 / near - 1 / radius).square()
+            distance, index, radius = distance[:, :-1], index[:, :-1], distance[:, -1:]
+            weight = (1 / distance - 1 / radius).square()
         return Weights(index, weight / weight.sum(1, keepdim=True))
 
     def _neighbours(self, queries: Tensor) -> tuple[Tensor, Tensor]:
         """Distances and indices (n, k) of the nearest pairs of queries (n, 6)."""
         # The fast product form cannot resolve distances below 3e-4, so it would not be exact at the samples.
         distance = torch.cdist(queries, self.pairs.to(queries.dtype), compute_mode="donot_use_mm_for_euclid_dist")
-        near, index = distance.topk(min(SHEPARD_NEIGHBOURS + 1, len(self.pairs)), largest=False)
-        return near, index
+        nearest, index = distance.topk(min(SHEPARD_NEIGHBOURS + 1, len(self.pairs)), largest=False)
+        return nearest, index
 
     def outside(self, wo: Tensor, wi: Tensor) -> Tensor:
         """Mask (n,) of queries whose view or light lies outside the hull of the samples; all False if scattered."""
         if not self.product:
             return torch.zeros(len(wo), dtype=torch.bool, device=wo.device)
-        sides = [(side, q) for side, q in ((self.views, wo), (self.lights, wi)) if not side.flat]
-        return torch.stack([side.outside(q) for side, q in sides]).any(0) if sides else torch.zeros(len(wo)).bool()
+        sides = ((self.views, wo), (self.lights, wi))
+        masks = [side.outside(queries) for side, queries in sides if not side.flat]
+        if not masks:
+            return torch.zeros(len(wo)).bool()
+        return torch.stack(masks).any(0)
 
 
 def pack_layout(layout: Layout) -> dict[str, Tensor]:
@@ -256,8 +274,8 @@ def pack_layout(layout: Layout) -> dict[str, Tensor]:
 
 
 def unpack_layout(parts: dict[str, Tensor], rows: int | None = None) -> Layout:
-    """Unpack the layout that `pack_layout` packed; `rows` is the number of pairs of the table. Raises `KeyError` if a
-    tensor is missing, `ValueError` if one is invalid or does not fit the table."""
+    """Unpack the layout that `pack_layout` packed; `rows` is the number of pairs of the table, None if there is no
+    table to fit. Raises `KeyError` if a tensor is missing, `ValueError` if one is invalid or does not fit the table."""
     pairs = parts["pairs"].long().numpy()
     views, lights = (parts[side].float().numpy() for side in ("views", "lights"))
     for side, index in ((views, pairs[:, 0]), (lights, pairs[:, 1])):

@@ -26,6 +26,7 @@ _LOCAL = 30  # bytes before an entry's name
 def inside(name: str, label: str) -> str:
     """The name with forward slashes, or an `InputError` if it leaves its folder."""
     tidy = name.replace("\\", "/")
+    # A colon in the second place follows the letter of a drive.
     if not tidy or "\0" in tidy or tidy.startswith("/") or ".." in tidy.split("/") or tidy[1:2] == ":":
         raise InputError(f"{label}: the name {name!r} leads out of the folder: use a plain name inside it")
     return tidy
@@ -80,6 +81,7 @@ class ZipFiles:
             local = stream.read(_LOCAL)
             if len(local) < _LOCAL or local[:4] != b"PK\x03\x04":
                 raise InputError(f"{label}: there is no entry at offset {entry.header_offset}: the archive is damaged")
+            # The lengths of the name and of the extra field, which stand between this header and the bytes.
             extra = int.from_bytes(local[26:28], "little") + int.from_bytes(local[28:30], "little")
         start = entry.header_offset + _LOCAL + extra
         if start + entry.compress_size > self.length:
@@ -92,6 +94,7 @@ class ZipFiles:
         return start if entry.compress_type == zipfile.ZIP_STORED else None
 
     def _inflate(self, name: str, count: int, packed_count: int) -> bytes:
+        """At most `count` bytes of the entry, from at most `packed_count` of its bytes in the archive."""
         entry, start = self._stored(name)
         with open(self.path, "rb") as stream:
             stream.seek(start)
@@ -103,13 +106,14 @@ class ZipFiles:
 
     def head(self, name: str, count: int) -> bytes:
         """The first `count` bytes of the entry."""
-        return self._inflate(name, count, count + 1024)
+        return self._inflate(name, count, count + 1024)  # deflate makes what it cannot compress a little longer
 
     def read(self, name: str) -> bytes:
         """All bytes of the entry, checked against its declared size and checksum."""
         entry = self.entries[name]
         if entry.file_size > MAX_FILE:
             raise InputError(f"{self.label(name)}: {entry.file_size} bytes are too many to be read at once")
+        # One byte more than declared, to notice an entry that is longer.
         data = self._inflate(name, entry.file_size + 1, entry.compress_size)
         if len(data) != entry.file_size or zlib.crc32(data) != entry.CRC:
             raise InputError(f"{self.label(name)}: size or checksum is wrong: the archive is damaged; get it again")
@@ -123,7 +127,7 @@ class ZipFiles:
 
 def _expanded(packed: bytes, count: int) -> bytes:
     """At most `count` bytes of a deflated stream; needs memory only for the result, not twice as much."""
-    inflated, inflater = io.BytesIO(), zlib.decompressobj(-15)
+    inflated, inflater = io.BytesIO(), zlib.decompressobj(-15)  # negative: a bare stream, as in a zip
     for start in range(0, len(packed), STEP):
         piece = packed[start : start + STEP]
         while piece and inflated.tell() < count:

@@ -128,7 +128,7 @@ def cache_dir() -> Path:
 def clear_cache() -> tuple[int, int]:
     """Remove every cached file; return their number and their bytes."""
     count = total = 0
-    for path in sorted(cache_dir().rglob("*"), reverse=True):
+    for path in sorted(cache_dir().rglob("*"), reverse=True):  # reversed, what is in a folder comes before it
         if path.is_dir():
             path.rmdir()
         else:

@@ -120,8 +120,8 @@ def refuse_pipe(path: Path) -> None:
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """`; did you mean 'pca'?` if a known name is similar, else `; known: …`."""
     known = sorted(known)
-    near = difflib.get_close_matches(name, known, 1)
-    return f"; did you mean {near[0]!r}?" if near else f"; known: {', '.join(known) or 'none'}"
+    similar = difflib.get_close_matches(name, known, 1)
+    return f"; did you mean {similar[0]!r}?" if similar else f"; known: {', '.join(known) or 'none'}"
 
 
 def shown(value: object) -> str:

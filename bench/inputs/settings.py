@@ -38,6 +38,7 @@ class Range:
         return (self.low < value or (self.low == value and not self.above)) and value <= self.high
 
     def __str__(self) -> str:
+        """As messages and lists show it: `≥ 1`, `> 0`, `from 0 to 1` or `above 0 and up to 1`."""
         if self.high == math.inf:
             return f"{'>' if self.above else '≥'} {self.low:g}"
         first = f"above {self.low:g} and up" if self.above else f"from {self.low:g}"
@@ -153,6 +154,7 @@ def parse_toml(where: str, text: str) -> dict[str, Any]:
 
 @cache
 def _kinds(kind: type) -> dict[str, Any]:
+    """The type of each field of a dataclass, with its range, by name."""
     kinds = get_type_hints(kind, include_extras=True)
     return {field.name: kinds[field.name] for field in dataclasses.fields(kind)}
 
@@ -162,7 +164,7 @@ def _converted(what: str, kind: Any, value: Any, words: bool) -> Any:
     plain, limits = _parts(kind)
     choices = get_args(plain)
     if get_origin(plain) is Literal:
-        if words and value not in choices:
+        if words and value not in choices:  # a number among the choices, as a string
             value = int(value)
         _require(type(value) in (str, int) and value in choices)
         return value
@@ -186,6 +188,7 @@ def _converted(what: str, kind: Any, value: Any, words: bool) -> Any:
 
 
 def _require(condition: bool) -> None:
+    """Raise a `ValueError`, from which `converted` makes its message, unless the condition holds."""
     if not condition:
         raise ValueError
 
@@ -201,6 +204,7 @@ def _parts(kind: Any) -> tuple[Any, Range]:
 
 
 def _wanted(kind: Any) -> str:
+    """The values that a field of some type allows, in words for messages and lists."""
     plain, limits = _parts(kind)
     if get_origin(plain) is Literal:
         return " or ".join(map(repr, get_args(plain)))

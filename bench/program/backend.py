@@ -83,13 +83,14 @@ class Backend(ABC):
             raise self.cannot(f"do {min(absent)!r}")
 
     def run(self, program: Program, inputs: dict[str, list[Scalar]]) -> list[Scalar]:
-        """The RGB of one query, or of what each scalar stands for, not yet clamped at 0."""
+        """The RGB of one query, or of what each scalar stands for, not yet clamped at 0; `inputs` has the scalars of
+        each of `bench.program.INPUTS`."""
         values: dict[str, Value] = {}
         for name, array in program.constants.items():
             kind = "float" if array.dtype.kind == "f" else "int"
             values[name] = Value(array, kind)
         for name, scalars in inputs.items():
-            shaped = scalars if name == "footprint" else [scalars]
+            shaped = scalars if name == "footprint" else [scalars]  # (1,), else (1, 2) or (1, 3)
             values[name] = Value(as_array(shaped), "float")
         for step in program.steps:
             arguments = [_resolved(each, values) for each in step.arguments]
@@ -99,6 +100,7 @@ class Backend(ABC):
 
 
 def _resolved(argument: Any, values: dict[str, Value]) -> Any:
+    """An argument of a step, with what it names in place of each {"of": NAME}."""
     if isinstance(argument, dict):
         return values[argument["of"]]
     if isinstance(argument, list):
@@ -118,7 +120,7 @@ def as_array(values: Any) -> Array:
     shape = inner[0].shape if inner else ()
     array = np.empty((len(inner), *shape), object)
     for number, each in enumerate(inner):
-        array[number] = each[()] if each.ndim == 0 else each
+        array[number] = each[()] if each.ndim == 0 else each  # not as an array in an array
     return array
 
 

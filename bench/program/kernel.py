@@ -31,6 +31,7 @@ def _power(base: Scalar, exponent: Scalar) -> Scalar:
 
 
 def _not(x: Scalar) -> Scalar:
+    """The opposite of a truth: Python's own, or a Dr.Jit mask."""
     return not x if isinstance(x, bool) else ~x
 
 
@@ -68,6 +69,7 @@ class Kernel(Backend):
         return self.run(self.program, dict(zip(INPUTS, given, strict=True)))
 
     def each(self, formula: str, arguments: Rows, from_kind: str, kind: str) -> list[Scalar]:
+        """As `Backend.each`: one row of scalars for each argument, the results in their order."""
         if "%" in formula:
             # A renderer fetches 0 for inactive rays, and an integer division by 0 ends the process.
             left, right = arguments
@@ -76,8 +78,9 @@ class Kernel(Backend):
         return [function(*each) for each in zip(*arguments, strict=True)]
 
     def as_kind(self, scalar: Scalar, from_kind: str, kind: str) -> Scalar:
+        """As `Backend.as_kind`: a number of Python stays one; as a number, a mask is 1 or 0."""
         if isinstance(scalar, bool | int | float):
-            return {"float": float, "int": int, "bool": bool}[kind](scalar)
+            return {"float": float, "int": int, "bool": bool}[kind](scalar)  # a number stays one
         if kind == "bool":
             return scalar if dr.is_mask_v(scalar) else scalar != 0
         array = self.kind.Float if kind == "float" else self.kind.Int
@@ -95,7 +98,8 @@ class Kernel(Backend):
         return [dr.sqrt(_dot(row, row)) for row in rows(items)]
 
     def product(self, left: Array, right: Array, bias: list[Scalar] | None) -> list[Scalar]:
-        left = left if left.ndim == 3 else left[None]
+        """As `Backend.product`, row by row; very many weights go into functions that the kernel calls."""
+        left = left if left.ndim == 3 else left[None]  # a batch of one
         right = right if right.ndim == 3 else right[None]
         width = right.shape[2]
         bias = bias or [0.0] * (left.shape[0] * left.shape[1] * width)
@@ -112,11 +116,13 @@ class Kernel(Backend):
         return elements
 
     def look_up(self, table: Array, index: Scalar, kind: str) -> list[Scalar]:
+        """As `Backend.look_up`: the table lies in memory, and an index beyond its end gives the last row."""
+        # A table that several steps read is one view of the same memory in each, so it is stored once.
         key = (table.__array_interface__["data"][0], table.size)
         if key not in self.tables:
             array = self.kind.Float if kind == "float" else self.kind.Int
             self.tables[key] = table, array(np.ascontiguousarray(table).reshape(-1))  # keeps memory and key alive
-        _, stored = self.tables[key]
+        _, stored = self.tables[key]  # row by row
         rows, channels = table.shape
         row = dr.minimum(self.kind.UInt(index), rows - 1)  # an altered file must not read other memory
         first = row * channels
@@ -128,10 +134,12 @@ class Kernel(Backend):
 
 
 def _not_zero(divisor: Scalar) -> Scalar:
+    """A whole divisor with 1 in place of 0; a plain number is taken as it is."""
     return divisor if isinstance(divisor, int) else dr.select(divisor == 0, 1, divisor)
 
 
 def _dot(left: Sequence[Scalar], right: Sequence[Scalar], start: Scalar = 0.0) -> Scalar:
+    """`start` plus the sum of the products of two rows, added in their order."""
     total = start
     for a, b in zip(left, right, strict=True):
         total = dr.fma(a, b, total)
@@ -151,7 +159,9 @@ def called_product(kind: ModuleType, inputs: Sequence[Scalar], matrix: Array) ->
     for first in range(0, matrix.shape[1], BLOCK):
         weights = matrix[:, first : first + BLOCK].tolist()
 
+        # A default binds the weights of this block; the loop's variable would be those of the last.
         def block(*values: Scalar, weights: list[list[float]] = weights) -> tuple[Scalar, ...]:
+            """The sums of up to `BLOCK` outputs."""
             sums = [kind.Float(0)] * len(weights[0])
             for value, row in zip(values, weights, strict=True):
                 dr.detail.new_scope(backend)  # otherwise Dr.Jit orders output by output, and reads each input again

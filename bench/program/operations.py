@@ -59,6 +59,7 @@ def _as_kind(m: Backend, argument: Any, kind: str) -> Array:
 
 
 def _flat(m: Backend, argument: Any, kind: str, shape: tuple[int, ...]) -> list[Scalar]:
+    """The scalars of an argument as those of some kind, repeated to a shape, in the order of its elements."""
     return listed(np.broadcast_to(_as_kind(m, argument, kind), shape))
 
 
@@ -71,6 +72,8 @@ def _each(m: Backend, step: Step, formula: str, *arguments: Any, from_kind: str 
 
 
 def _computes(name: str) -> Operation:
+    """The operation that applies the formula of a name to each element, for floats or for whole numbers."""
+
     def compute(m: Backend, step: Step, *arguments: Any) -> Array:
         formulas = FORMULAS if step.kind == "float" else WHOLE
         if name not in formulas:
@@ -81,10 +84,13 @@ def _computes(name: str) -> Operation:
 
 
 def _kind_of(argument: Any) -> str:
+    """The kind of a tensor, or of a plain number: `float`, `int` or `bool`."""
     return argument.kind if isinstance(argument, Value) else type(argument).__name__
 
 
 def _decides(formula: str) -> Operation:
+    """The operation that applies a formula with a truth as its result; arguments are compared as the widest kind."""
+
     def decide(m: Backend, step: Step, *arguments: Any) -> Array:
         kinds = {_kind_of(argument) for argument in arguments}
         widest = max(kinds, key=list(KINDS).index)
@@ -99,12 +105,14 @@ OPERATIONS |= {name: _decides(formula) for name, formula in TRUTHS.items()}
 
 @operation("relu", "leaky_relu")
 def _relu(m: Backend, step: Step, source: Value, slope: float = 0.01) -> Array:
+    # The larger of x and slope · x, which is x itself where it is positive.
     lower = _each(m, step, FORMULAS["mul"], source, slope) if step.operation == "leaky_relu" else 0
     return _each(m, step, FORMULAS["maximum"], source, lower).items
 
 
 @operation("clamp", "clamp_min")
 def _clamp(m: Backend, step: Step, source: Value, low: Any = None, high: Any = None) -> Array:
+    """A tensor within limits, which are numbers or tensors; None is no limit."""
     if low is not None:
         source = _each(m, step, FORMULAS["maximum"], source, low)
     if high is not None:
@@ -114,6 +122,7 @@ def _clamp(m: Backend, step: Step, source: Value, low: Any = None, high: Any = N
 
 @operation("pow")
 def _pow(m: Backend, step: Step, base: Value, exponent: Any) -> Array:
+    """Powers; squares and roots without `pow`, which GLSL does not define for a negative base."""
     if isinstance(exponent, Value) or exponent not in (2, 0.5):
         return _each(m, step, "pow({0}, {1})", base, exponent).items
     formula = "{0} * {0}" if exponent == 2 else FORMULAS["sqrt"]
@@ -122,6 +131,7 @@ def _pow(m: Backend, step: Step, base: Value, exponent: Any) -> Array:
 
 @operation("where")
 def _where(m: Backend, step: Step, condition: Value, yes: Any, no: Any) -> list[Scalar]:
+    """`yes` where the condition holds, else `no`; each is a tensor or a number, and all are broadcast."""
     conditions = _flat(m, condition, "bool", step.shape)
     ones = _flat(m, yes, step.kind, step.shape)
     others = _flat(m, no, step.kind, step.shape)
@@ -129,7 +139,8 @@ def _where(m: Backend, step: Step, condition: Value, yes: Any, no: Any) -> list[
 
 
 @operation("to_copy")
-def _to(m: Backend, step: Step, source: Value) -> Any:
+def _converted(m: Backend, step: Step, source: Value) -> Any:
+    """A tensor as the kind of the step."""
     if source.kind == step.kind:
         return source.items
     return [m.convert(x, source.kind, step.kind) for x in listed(source.items)]
@@ -150,15 +161,23 @@ OPERATIONS |= {
 
 @operation("slice")
 def _slice(
-    m: Backend, step: Step, source: Value, axis: int = 0, start: int | None = None, end: int | None = None, by: int = 1
+    m: Backend,
+    step: Step,
+    source: Value,
+    axis: int = 0,
+    start: int | None = None,
+    end: int | None = None,
+    stride: int = 1,
 ) -> Array:
+    """Every `stride`-th element along one axis, from `start` to before `end`; the defaults are PyTorch's."""
     where = [slice(None)] * source.items.ndim
-    where[axis] = slice(start, None if end == INFINITE else end, by)
+    where[axis] = slice(start, None if end == INFINITE else end, stride)
     return source.items[tuple(where)]
 
 
 @operation("constant_pad_nd")
 def _pad(m: Backend, step: Step, source: Value, pads: list[int], value: float = 0.0) -> Array:
+    """A tensor with constants around it; `pads` has the counts before and after it, for the last axis first."""
     sides = [(0, 0)] * source.items.ndim
     for k in range(len(pads) // 2):
         sides[-1 - k] = (pads[2 * k], pads[2 * k + 1])
@@ -170,6 +189,7 @@ def _pad(m: Backend, step: Step, source: Value, pads: list[int], value: float = 
 
 @operation("mm", "addmm", "bmm")
 def _product(m: Backend, step: Step, *arguments: Value) -> list[Scalar]:
+    """Matrix products; of `addmm`, a bias comes before the two factors."""
     *given, left, right = arguments
     bias = _flat(m, given[0], "float", step.shape) if given else None
     return m.product(left.items, right.items, bias)
@@ -197,6 +217,7 @@ def _folded(m: Backend, formula: str, row: list[Scalar], kind: str) -> Scalar:
 
 @operation("sum")
 def _sum(m: Backend, step: Step, source: Value, axes: Any = None, *_: Any) -> list[Scalar]:
+    """Sums over some axes, or over all; a truth counts as 1."""
     rows = _rows(_as_kind(m, source, step.kind), axes)
     if step.kind == "float":
         return [m.total(row, "{0}") for row in rows]
@@ -222,18 +243,21 @@ def _extreme(m: Backend, step: Step, source: Value, axes: Any = None, *_: Any) -
 
 
 @operation("any", "all")
-def _joined(m: Backend, step: Step, source: Value, axes: Any = None, *_: Any) -> list[Scalar]:
+def _any_or_all(m: Backend, step: Step, source: Value, axes: Any = None, *_: Any) -> list[Scalar]:
+    """Whether any, or all, of the truths along some axes hold."""
     if source.kind != "bool":
         raise m.cannot("ask whether any or all of some numbers are other than 0")
     rows = _rows(source.items, axes)
     sign = " || " if step.operation == "any" else " && "
     formula = sign.join(f"{{{k}}}" for k in range(len(rows[0])))
+    # `each` takes all first arguments, then all second ones.
     columns = [list(column) for column in zip(*rows, strict=True)]
     return m.each(formula, columns, "bool", "bool")
 
 
 @operation("argmax", "argmin")
-def _place(m: Backend, step: Step, source: Value, axis: Any = None, *_: Any) -> list[Scalar]:
+def _index_of_extreme(m: Backend, step: Step, source: Value, axis: Any = None, *_: Any) -> list[Scalar]:
+    """The index of the largest, or smallest, number along an axis; the first of equal ones."""
     formula = TRUTHS["gt" if step.operation == "argmax" else "lt"]
     results = []
     for row in _rows(source.items, axis):
@@ -264,6 +288,7 @@ def looked_up(m: Backend, rows: Array, index: Scalar, kind: str) -> list[Scalar]
 
 @operation("index_select")
 def _index_select(m: Backend, step: Step, table: Value, axis: int, index: Value) -> Array:
+    """The parts of a tensor at some indices along one axis."""
     lead = np.moveaxis(table.items, axis, 0)
     rows = lead.reshape(len(lead), -1)
     chosen = as_array([looked_up(m, rows, i, step.kind) for i in listed(index.items)])
@@ -275,6 +300,7 @@ OPERATIONS["embedding"] = lambda m, step, table, index, *_: _index_select(m, ste
 
 @operation("index")
 def _index(m: Backend, step: Step, table: Value, indices: list[Value | None]) -> Array:
+    """The elements, or rows, of a tensor at indices for its first axes, which broadcast; none of them may be None."""
     given = [index.items for index in indices if index is not None]
     if len(given) != len(indices):
         raise m.cannot("index some axes alone")
@@ -292,7 +318,7 @@ def _row_of(m: Backend, place: Sequence[Scalar], lead: Sequence[int]) -> Scalar:
     """The number of a row, counted over several axes."""
     flat: Scalar = 0
     for number, length in zip(place, lead, strict=True):
-        if length == 1:
+        if length == 1:  # its only index is 0
             continue
         if is_number(flat) and (is_number(number) or flat == 0):
             flat = flat * length + number if flat else number
@@ -303,6 +329,7 @@ def _row_of(m: Backend, place: Sequence[Scalar], lead: Sequence[int]) -> Scalar:
 
 @operation("embedding_bag_forward_only")
 def _bag(m: Backend, step: Step, table: Value, index: Value, bags: int, shares: Value | None = None) -> list[Scalar]:
+    """The sum of some rows of a table, each times its share, or once without shares; only of one bag."""
     if bags != 1:
         raise m.cannot("add up several bags")
     indices = listed(index.items)
@@ -312,6 +339,7 @@ def _bag(m: Backend, step: Step, table: Value, index: Value, bags: int, shares: 
 
 @operation("gather")
 def _gather(m: Backend, step: Step, source: Value, axis: int, index: Value, *_: Any) -> list[Scalar]:
+    """For each place of `index`, the element of `source` there, but at that index along the axis."""
     results = []
     for place in np.ndindex(*index.items.shape):
         where: list[Any] = list(place)

@@ -41,6 +41,8 @@ def _quiet() -> Iterator[None]:
 
 
 class _Evaluate(nn.Module):
+    """A material's `evaluate` as a module, because torch.export takes nothing else."""
+
     def __init__(self, material: Material):
         super().__init__()
         self.material = material
@@ -50,9 +52,11 @@ class _Evaluate(nn.Module):
 
 
 def _exported(material: Material) -> torch.export.ExportedProgram:
+    """What PyTorch records of a material's `evaluate` for one query, in operations of the core set."""
+    # Only the shapes of this query matter: what depends on its values cannot be recorded.
     zenith = torch.tensor([[0.0, 0.0, 1.0]])
     query = torch.full((1, 2), 0.5), zenith, zenith.clone(), torch.full((1,), 0.01)
-    plain = torch.export.default_decompositions()
+    plain = torch.export.default_decompositions()  # how operations are taken apart; two more are added
     plain[torch.ops.aten._cdist_forward.default] = _distances
     plain[torch.ops.aten.topk.default] = _first
     with torch.no_grad(), _quiet():
@@ -65,6 +69,7 @@ def _exported(material: Material) -> torch.export.ExportedProgram:
 
 
 def _distances(left: Tensor, right: Tensor, order: float, mode: int | None) -> Tensor:
+    """`cdist` as plain operations: Euclidean distances (..., n, m) of points (..., n, k) and (..., m, k)."""
     if order != 2:
         raise InputError(f"distances of order {order:g}")
     return (left.unsqueeze(-2) - right.unsqueeze(-3)).square().sum(-1).sqrt()
@@ -75,7 +80,7 @@ def _first(source: Tensor, count: int, axis: int = -1, largest: bool = True, ran
     rows = source.shape[axis]
     if rows > MOST_RANKED:
         raise InputError(f"it ranks {rows:,} numbers, but the limit is {MOST_RANKED}")
-    last = torch.finfo(source.dtype).max / (-2 if largest else 2)
+    last = torch.finfo(source.dtype).max / (-2 if largest else 2)  # it comes after every number there may be
     axes_after = source.ndim - 1 - axis % source.ndim
     numbers = torch.arange(rows).unflatten(0, [rows] + [1] * axes_after)
     places, values = [], []
@@ -104,8 +109,10 @@ def program_of(material: Material) -> Program:
 
 
 def _written(exported: torch.export.ExportedProgram, size: tuple[int, int]) -> Program:
+    """The program of a recording, for a material of `size` (H, W)."""
     known = {**exported.state_dict, **exported.constants}
     given = exported.graph_signature
+    # Placeholders of the graph, and the weights and constants that they stand for.
     named = {**given.inputs_to_parameters, **given.inputs_to_buffers, **given.inputs_to_lifted_tensor_constants}
     recorder = _Recorder({name: known[target].detach() for name, target in named.items()})
     for placeholder, name in zip(given.user_inputs, INPUTS, strict=True):
@@ -121,10 +128,11 @@ class _Recorder:
     """Maps each node of the graph to a constant tensor, or to the name of an input or a step."""
 
     def __init__(self, constants: dict[str, Tensor]):
-        self.values: dict[str, Any] = dict(constants)
+        self.values: dict[str, Any] = dict(constants)  # by name of the node
         self.steps: list[Step] = []
 
     def record(self, node: torch.fx.Node) -> None:
+        """Compute a node whose arguments are all constants, or note it as a step."""
         target: Any = node.target
         operation = str(getattr(target, "overloadpacket", target).__name__).removeprefix("_")
         if operation == "assert_tensor_metadata":
@@ -147,13 +155,14 @@ class _Recorder:
             self._add(node, operation, arguments)
 
     def _add(self, node: torch.fx.Node, operation: str, arguments: list[Any]) -> None:
+        """Note a node as a step, or as several if it splits a tensor. `InputError` for what a program cannot hold."""
         value = node.meta["val"]
         if operation == "embedding_bag_forward_only":
             table, index, offsets, _, mode, _, *weights = arguments
             if mode != 0:
                 raise InputError("an embedding bag that is not a sum")
             arguments, value = [table, index, len(offsets), *weights[:1]], value[0]
-            self.values[node.name] = [node.name]
+            self.values[node.name] = [node.name]  # of its several results only the first, the sums, may be used
         elif operation in ("split_with_sizes", "split", "unbind"):
             self._split(node, operation, arguments)
             return
@@ -161,12 +170,14 @@ class _Recorder:
             self.values[node.name] = node.name
         if not isinstance(value, Tensor):
             raise InputError(f"{operation} gives several tensors")
+        # These say only how a tensor is stored; any other option would change its values.
         foreign = set(node.kwargs) - {"dtype", "layout", "device", "memory_format", "pin_memory"}
         if foreign:
             raise InputError(f"{operation} with {min(foreign)}")
         self._step(node.name, operation, arguments, value)
 
     def _step(self, name: str, operation: str, arguments: list[Any], result: Tensor) -> None:
+        """Add a step whose result has the shape and type of `result`; its constants are kept under names."""
         plain = [_plain(argument, self._keep) for argument in arguments]
         self.steps.append(Step(name, operation, plain, tuple(result.shape), _kind_of(result)))
 
@@ -189,6 +200,7 @@ class _Recorder:
         self.values[node.name] = names
 
     def _argument(self, value: Any) -> Any:
+        """An argument of a node, with the constants or names of the nodes that it refers to."""
         if isinstance(value, torch.fx.Node):
             return self.values[value.name]
         if isinstance(value, (list, tuple)):
@@ -236,6 +248,7 @@ def _names(arguments: Any) -> bool:
 
 
 def _plain(argument: Any, keep: Callable[[Tensor], str]) -> Any:
+    """An argument in the form of `bench.program.Step`; `keep` stores a constant tensor and returns its name."""
     if isinstance(argument, list):
         return [_plain(each, keep) for each in argument]
     if isinstance(argument, Tensor):

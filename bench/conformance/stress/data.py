@@ -83,6 +83,7 @@ def two_constants() -> BTF:
 
 
 def firefly() -> BTF:
+    """The ordinary material with one texel of one pair at the largest half."""
     return painted(values(), np.s_[40, 3, 5])
 
 
@@ -106,6 +107,7 @@ def grazing_lights() -> BTF:
 
 
 def not_finite() -> BTF:
+    """The ordinary material with one NaN and two infinite values, at two pairs."""
     radiance = values().copy()
     radiance[40, 3, 5, 0], radiance[40, 3, 6, 2], radiance[41, 0, 0, 1] = np.nan, np.inf, -np.inf
     return material(radiance)
@@ -135,6 +137,7 @@ def bound(encoded: Encoded) -> dict[str, float]:
     """The allowed mean squared error by space: that of mean-colour, or of half a step of 8 bits."""
     mean = np.broadcast_to(encoded.truth.mean(0, dtype=np.float64), encoded.truth.shape)
     floor = mean_squares(encoded, mean)
+    # `peak` is squared; half a step is the 510th part of it.
     return {space: max(mse * 10 ** (SAME_DB / 10), peak / 510**2) for space, (mse, peak) in floor.items()}
 
 
@@ -150,6 +153,7 @@ def within(encoded: Encoded, allowed: dict[str, float]) -> Measured:
 
 
 def no_worse(encoded: Encoded) -> Measured:
+    """Check that the decoded slices are no worse than mean-colour; `used` is their share of that error."""
     return within(encoded, bound(encoded))
 
 
@@ -162,6 +166,7 @@ def others_no_worse(encoded: Encoded) -> Measured:
 
 
 def constants_hold(encoded: Encoded) -> Measured:
+    """Check that every value of `two_constants` is off by at most the share `CONSTANT` of itself."""
     sound(encoded)
     worst = float((np.abs(encoded.decoded - encoded.truth) / encoded.truth).max())
     what = "of texels of 0.5 beside texels of 0.125, each the same at every pair, a value"
@@ -170,16 +175,18 @@ def constants_hold(encoded: Encoded) -> Measured:
 
 
 def same_quality(factor: float, subject: Subject) -> None:
+    """Check that the ordinary material times a factor is stored neither better nor worse than without it."""
     unscaled, scaled = subject.usual, subject.encode(material(values() * np.float32(factor)))
     sound(scaled)
     before, after = quality(unscaled, unscaled.decoded), quality(scaled, scaled.decoded)
     for space, now in after.items():
-        lost = min(before[space], EXACT_DB) - min(now, EXACT_DB)
+        gained = min(now, EXACT_DB) - min(before[space], EXACT_DB)
         told = f"{space} PSNR {now:.2f} dB, {before[space]:.2f} dB for the same data unscaled"
-        require(abs(lost) <= SAME_DB, f"{-lost:+.1f} dB", told)
+        require(abs(gained) <= SAME_DB, figure=f"{gained:+.1f} dB", detail=told)
 
 
 def refused(subject: Subject) -> None:
+    """Check that values that are not finite are refused by an error with their count and the first place."""
     try:
         subject.encode(not_finite())
     except InputError as error:
@@ -191,6 +198,7 @@ def refused(subject: Subject) -> None:
 
 
 def stored_or_refused(subject: Subject) -> Measured:
+    """Check that highlights of 1e6 are stored, with five times the steps, or refused by an error that names them."""
     try:
         encoded = subject.encode(beyond_half(), stretch=5)
     except InputError as error:
@@ -201,6 +209,7 @@ def stored_or_refused(subject: Subject) -> Measured:
 
 
 def mended(subject: Subject) -> Measured:
+    """Check that a repair of values that are not finite says so, and that the rest is stored."""
     btf = repaired(not_finite())
     require("3 values" in str(btf.provenance), "silent", f"it does not say what was masked: {btf.provenance}")
     return no_worse(subject.encode(btf))
@@ -208,7 +217,7 @@ def mended(subject: Subject) -> Measured:
 
 def one_pair_holds(subject: Subject) -> Measured:
     """Measure one picture of 5 × 5 texels, which a codebook of 32 entries can hold too."""
-    usual, encoded = subject.usual, subject.encode(of_pairs(np.array([40]), 5), stretch=3)
+    usual, encoded = subject.usual, subject.encode(of_pairs(np.array([40]), 5), stretch=3)  # 40: of 81, the middle
     # The codec's result on the ordinary material counts only if it is better than mean-colour there.
     limits, errors = bound(usual), mean_squares(usual, usual.decoded)
     allowed = bound(encoded)

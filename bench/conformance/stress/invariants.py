@@ -60,9 +60,10 @@ def tilted(directions: Tensor, angle: float, seed: int) -> Tensor:
 def across_wrap() -> tuple[Queries, Queries]:
     """Places just left and right, or below and above, of the border of the picture."""
     queries = spread(MANY, 80.0, seed=8)
+    # A mask (n, 2) of what lies on the border, at 0: u of even queries, v of odd ones. The other stays as it is.
     border = (torch.arange(MANY) % 2 == 0)[:, None] ^ torch.tensor([False, True])
-    inside = queries.uv * ~border
-    here, there = (inside - border * (STEP / 2)).float(), (inside + border * (STEP / 2)).float()
+    on_border = queries.uv * ~border
+    here, there = (on_border - border * (STEP / 2)).float(), (on_border + border * (STEP / 2)).float()
     return queries._replace(uv=here), queries._replace(uv=there)
 
 
@@ -75,6 +76,7 @@ def across_zenith() -> tuple[Queries, Queries]:
     view = (torch.arange(MANY) % 2 == 0)[:, None]
 
     def beside(direction: Tensor) -> Queries:
+        """The queries with these directions (n, 3) as the view of even ones, and as the light of odd ones."""
         return queries._replace(wo=direction.where(view, queries.wo), wi=queries.wi.where(view, direction))
 
     return beside((up + offset).float()), beside((up - offset).float())
@@ -89,6 +91,7 @@ def at_samples() -> tuple[Queries, Queries]:
 
 
 def continuous(make: Callable[[], tuple[Queries, Queries]], subject: Subject) -> None:
+    """Check that answers hardly differ between two sets of queries that are `STEP` apart, one by one."""
     here, there = make()
     apart = (subject.answers(here) - subject.answers(there)).abs().amax(1)
     worst, allowed = int(apart.argmax()), SLOPE * STEP * subject.brightest
@@ -106,7 +109,8 @@ def no_jump(subject: Subject) -> None:
     end = spread(LINES, 80.0, seed=13)
     end_uv = start.uv.double() + torch.from_numpy(rng.uniform(-0.5, 0.5, (LINES, 2)))
 
-    def at(share: Tensor) -> Queries:
+    def on_line(share: Tensor) -> Queries:
+        """The queries at a share (n,) of the way from start to end, 0 to 1."""
         share = share[:, None]
         uv = start.uv + share * (end_uv - start.uv)
         # At most half way to the other direction: about as far as uv moves.
@@ -115,14 +119,14 @@ def no_jump(subject: Subject) -> None:
         return Queries(uv.float(), wo.float(), wi.float(), start.footprint)
 
     low, high = torch.zeros(LINES, dtype=torch.float64), torch.ones(LINES, dtype=torch.float64)
-    below, above = subject.answers(at(low)), subject.answers(at(high))
+    below, above = subject.answers(on_line(low)), subject.answers(on_line(high))
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        between = subject.answers(at(middle))
+        between = subject.answers(on_line(middle))
         lower = (between - below).abs().amax(1) > (above - between).abs().amax(1)
         low, high = low.where(lower, middle), middle.where(lower, high)
         below, above = below.where(lower[:, None], between), between.where(lower[:, None], above)
-    continuous(lambda: (at(low), at(high)), subject)
+    continuous(lambda: (on_line(low), on_line(high)), subject)
 
 
 def near_double(name: str, subject: Subject) -> Measured:
@@ -188,6 +192,7 @@ def reciprocity(subject: Subject) -> Measured:
     there = queries._replace(wo=queries.wi, wi=queries.wo)
 
     def asymmetry(answer: Answer) -> Tensor:
+        """The root mean square of the change of f_r over its mean; answers are f_r · cos θ_i."""
         ours = answer(queries) / queries.wi[:, 2:]
         theirs = answer(there) / there.wi[:, 2:]
         return (ours - theirs).square().mean().sqrt() / ((ours + theirs) / 2).mean().clamp_min(1e-30)
@@ -211,9 +216,11 @@ def energy(subject: Subject) -> Measured:
     uv = torch.from_numpy(np.stack([place[:, 1] + 0.5, size - place[:, 0] - 0.5], 1) / size).float()
     wo, wi = uniform(rng, VIEWS, 89.9), uniform(rng, LIGHTS, 89.9)
     row, col = place.T[:, :, None] / size
+    # Rows count from the top and v from below, hence `size` less the row above.
     true = np.maximum(tiny_radiance(row, col, wo[:, None], wi[None]).mean(1) * 2 * np.pi, 1)
 
-    def excess(answer: Answer) -> Array:
+    def reflected(answer: Answer) -> Array:
+        """The albedo (views, 3) over the allowed one: the mean over the hemisphere times its solid angle, 2 π."""
         queries = Queries(
             uv.repeat_interleave(LIGHTS, 0),
             torch.from_numpy(wo).repeat_interleave(LIGHTS, 0),
@@ -222,8 +229,8 @@ def energy(subject: Subject) -> Measured:
         )
         return answer(queries).view(VIEWS, LIGHTS, 3).mean(1).numpy() * 2 * np.pi / true
 
-    ours = excess(subject.answers)
-    most = max(1.0, float(excess(mean_colour()).max())) * NO_WORSE
+    ours = reflected(subject.answers)
+    most = max(1.0, float(reflected(mean_colour()).max())) * NO_WORSE
     worst = int(ours.max(1).argmax())
     theta, share = math.degrees(math.acos(wo[worst, 2])), ours.max()
     detail = f"reflects {share:.1%} of what the truth does, or of all light, at θ = {theta:.0f}°; allowed {most:.1%}"

@@ -21,10 +21,12 @@ SIDE = 16
 
 
 def picture(seed: int = 0, side: int = SIDE) -> Array:
+    """A picture (side, side, 3) of noise in [0, 1)."""
     return np.random.default_rng(seed).random((side, side, 3)).astype(np.float32)
 
 
 def flat(value: float) -> Array:
+    """A picture (SIDE, SIDE, 3) of one value."""
     return np.full((SIDE, SIDE, 3), value, np.float32)
 
 

@@ -135,6 +135,7 @@ def sound(material: Material, what: str = "", queries: Queries | None = None) ->
 
 
 def spoiled(make: Callable[[Subject], Material], subject: Subject) -> None:
+    """Check the answers of a material that was spoiled in one way."""
     sound(make(subject))
 
 
@@ -205,7 +206,7 @@ def gradients_at_zero(subject: Subject) -> None:
 def trained_with_firefly(subject: Subject) -> Measured:
     """Measure how many dB the other texels lose to one firefly; they must stay no worse than mean-colour."""
     others = np.ones(ordinary().shape, bool)
-    others[3, 5] = False
+    others[3, 5] = False  # the texel of `firefly`
 
     encoded, plain = subject.encode(firefly()), subject.usual
     truth = plain.truth[:, others]
@@ -225,6 +226,7 @@ def trained_with_firefly(subject: Subject) -> Measured:
 
 
 def network(name: str, test: Test, holds: str = FINITE, cheap: bool = True) -> Case:
+    """A case of this group: its name, the test, and what must hold."""
     return Case("networks", name, holds, test, cheap)
 
 

@@ -34,6 +34,7 @@ def query_holds(subject: Subject, numbers: Sequence[float]) -> list[float]:
     there = place._replace(uv=place.uv + torch.tensor([3.0, -2.0]))
     apart = (material.query(*there) - material.query(*place)).abs().max().item()
     require(apart <= allowed, f"{apart:.2g}", f"three periods away the answer differs by {apart:.3g}")
+    # Behind other queries, so its answer is the last.
     among = Queries(*(torch.cat([column.flip(0), one]) for column, one in zip(spread(), query, strict=True)))
     apart = (material.query(*among)[-1] - answer).abs().max().item()
     require(apart <= allowed, f"{apart:.2g}", f"in a batch with others the answer differs by {apart:.3g}")
@@ -75,6 +76,7 @@ def drawn_data(subject: Subject) -> None:
 
 
 def _hypothesis() -> Any:
+    """The package Hypothesis; `NotApplicable` without it."""
     applicable(importlib.util.find_spec("hypothesis"), "needs hypothesis: pip install 'neubtf-bench[test]'")
     return importlib.import_module("hypothesis")
 
@@ -102,6 +104,7 @@ def _search(subject: Subject, word: str, strategy: Any, count: int, holds: Calla
     )
     @hypothesis.given(strategy)
     def attempt(numbers: tuple[float, ...]) -> None:
+        """Try one set of numbers, and note it if it fails: the last note is the smallest."""
         try:
             holds(subject, numbers)
         except Exception as error:

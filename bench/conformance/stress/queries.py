@@ -54,7 +54,7 @@ def at(wo: Tensor | None = None, wi: Tensor | None = None) -> Callable[[], Queri
     if wo is not None:
         moved["wo"] = wo.expand(COUNT, 3).clone()
     if wi is not None:
-        moved["wi"] = wi.expand(COUNT, 3).roll(7, 0)
+        moved["wi"] = wi.expand(COUNT, 3).roll(7, 0)  # else a view and its light would have one azimuth
     return lambda: spread()._replace(**moved)
 
 
@@ -122,14 +122,17 @@ def far_uv(subject: Subject) -> None:
 
 
 def edge_uv(value: float, subject: Subject) -> None:
+    """Check that u or v at the edge of a period, such as −0.0, gives the same answers as at 0."""
     queries = spread()
     first = (torch.arange(COUNT) < COUNT // 2)[:, None]
-    edge = first == torch.tensor([True, False])  # u of the first half of the queries, v of the others
+    # A mask (n, 2) of what is moved: u of the first half of the queries, v of the others.
+    edge = first == torch.tensor([True, False])
     at_edge, at_zero = queries.uv.masked_fill(edge, value), queries.uv.masked_fill(edge, 0.0)
     agree(subject, queries._replace(uv=at_edge), queries._replace(uv=at_zero))
 
 
 def footprint(size: float) -> Callable[[], Queries]:
+    """Random queries with one footprint, in longer sides of the picture."""
     return lambda: spread()._replace(footprint=torch.full((COUNT,), size))
 
 
@@ -161,11 +164,13 @@ def query(
 def below() -> Queries:
     """Views and lights in turns at z = 0, at −0 and below."""
     queries = spread()
-    side = torch.arange(COUNT) % 2 == 0
+    side = torch.arange(COUNT) % 2 == 0  # the view of even queries is moved, the light of odd ones
     flat = grazing(90.0)
     flat[:, 2] = torch.tensor([0.0, -0.0, -1e-30, 0.0]).repeat(COUNT // 4)
-    under = flat.where(torch.arange(COUNT)[:, None] % 4 < 3, queries.wo * torch.tensor([1.0, 1.0, -1.0]))
-    return queries._replace(wo=under.where(side[:, None], queries.wo), wi=under.where(~side[:, None], queries.wi))
+    not_above = flat.where(torch.arange(COUNT)[:, None] % 4 < 3, queries.wo * torch.tensor([1.0, 1.0, -1.0]))
+    return queries._replace(
+        wo=not_above.where(side[:, None], queries.wo), wi=not_above.where(~side[:, None], queries.wi)
+    )
 
 
 SAME_PLACE = "the answer at 0, within rounding"

@@ -155,6 +155,7 @@ def open_svbrdf(
     name = folder.resolve().name
 
     def cached(wanted: Table) -> BTF:
+        """The BTF of one table of pairs, baked into the cache if it is not there."""
         maps = recognise(folder)
         sampled: dict[str, Any] = {"heldout": wanted.words} if wanted.words else _sampled(data)
         if path_tracer:
@@ -195,4 +196,5 @@ def table(surface: Surface) -> str:
 
 
 def _sampled(data: Preparation) -> dict[str, Any]:
+    """The product of training pairs in words, for a BTF's provenance."""
     return {"directions": f"{data.directions}: {data.views} views, {data.lights} lights"}

@@ -67,7 +67,7 @@ def read_surface(map_files: MapFiles, size: int, depth: float | None = None) -> 
     metalness = reader.channel("metalness", notes, 0.0)
     normal, height = _relief(reader, notes, depth)
     if normal is not None:
-        # Shrinking lost the variance of the normals: α² grows by (1 − |n̄|) / |n̄| (Toksvig 2005).
+        # Shrinking lost the variance of the normals: α² grows by (1 − |n̄|) / |n̄| (Toksvig 2005); α = roughness².
         length = np.clip(np.linalg.norm(normal, axis=-1), 0.1, 1)
         roughness = np.minimum((roughness**4 + (1 - length) / length) ** 0.25, 1)
         normal = _unit(normal)
@@ -108,6 +108,7 @@ class _Reader:
         return _fitted(self.full, min(longest, max(self.full)))
 
     def shrunk(self, picture: Array) -> Array:
+        """A picture (H, W, ...) averaged to the working grid."""
         return resize(picture, self.grid)
 
     def codes(self, role: str) -> Array | None:
@@ -128,6 +129,7 @@ class _Reader:
         return self.kind(role) in ("exr", "hdr")
 
     def kind(self, role: str) -> str | None:
+        """The format of a map's file: `jpeg`, `png`, `exr`, `hdr`, or None."""
         return picture_format(self.files.head(self.roles[role], 8))
 
     def channel(self, name: str, notes: dict[str, str], default: float) -> Array | float:
@@ -250,10 +252,10 @@ def _drawn_flat(codes: Array) -> Array:
     eight_bits = np.rint(scaled)
     if np.abs(eight_bits - scaled).max() > 1e-3:  # 16 bits have a code close enough to 1/2
         return np.zeros(codes.shape[:2], bool)
-    around = np.isin(eight_bits, (127, 128)).all(-1)
+    nearly_flat = np.isin(eight_bits, (127, 128)).all(-1)
     for code in (127, 128):
         flat = (eight_bits == code).all(-1)
-        if 2 * flat.sum() > around.sum():
+        if 2 * flat.sum() > nearly_flat.sum():
             return flat
     return np.zeros(codes.shape[:2], bool)
 
@@ -277,7 +279,8 @@ def _anisotropy(reader: _Reader) -> tuple[Array | float, Array | float]:
 
 
 def _mean_angle(reader: _Reader, angle: Array) -> Array:
-    """Angles are the same modulo π, so they are averaged as directions of twice the angle."""
+    """Angles (H, W) in radians averaged to the working grid. They are the same modulo π, so they are averaged as
+    directions of twice the angle."""
     double = reader.shrunk(np.stack([np.cos(2 * angle), np.sin(2 * angle)], -1))
     return 0.5 * np.arctan2(double[..., 1], double[..., 0])
 
@@ -294,8 +297,8 @@ class Agreement:
     def verdict(self, named_depth: bool, normal_role: str) -> tuple[bool, bool]:
         """Whether the displacement is inverted (dark is high), and whether green points down; by names if unclear."""
         named_down = normal_role == "normal_dx"
-        y = -self.y if named_down else self.y
-        if abs(self.x) >= CLEAR:
+        y = -self.y if named_down else self.y  # with green turned up, if the name is right
+        if abs(self.x) >= CLEAR:  # x does not depend on the direction of green, y depends on both mistakes
             inverted = self.x < 0
             down = (self.y < 0) != inverted if abs(self.y) >= CLEAR else named_down
             return inverted, down
@@ -313,6 +316,7 @@ class Agreement:
 def agreement(normal: Array, height: Array) -> Agreement:
     """Compare unit normals (H, W, 3) with a displacement (H, W), periodic, of square texels, row 0 at the top."""
     cell = 1 / height.shape[1]
+    # Toward +x the column grows, toward +y the row falls.
     slope_x = (np.roll(height, -1, 1) - np.roll(height, 1, 1)) / (2 * cell)
     slope_y = (np.roll(height, 1, 0) - np.roll(height, -1, 0)) / (2 * cell)
     lean = -normal[..., :2] / np.maximum(normal[..., 2:], 0.1)
@@ -325,6 +329,7 @@ def agreement(normal: Array, height: Array) -> Agreement:
 
 
 def _correlation(a: Array, b: Array) -> float:
+    """Pearson's correlation of two pictures (H, W); 0 if one of them is flat."""
     a, b = a - a.mean(), b - b.mean()
     spread = np.sqrt((a * a).mean() * (b * b).mean())
     return float((a * b).mean() / spread) if spread > 1e-9 else 0.0

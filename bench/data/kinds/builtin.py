@@ -17,12 +17,14 @@ class BuiltIn(Kind):
     def open(
         self, spec: MaterialSpec, data: Preparation, show: Progress, draw: int, path_tracer: LoadTracer | None
     ) -> BTF:
+        """The rendering from the cache, or a new one; no path tracer is used."""
         from bench.data.materials import recipe
         from bench.data.materials.store import load_or_render
 
         return load_or_render(spec.name, recipe(spec.name), data, draw=draw, show=show)
 
     def outline(self, spec: MaterialSpec, data: Preparation, draw: int) -> BTF | None:
+        """The rendering with zeros for its values, because its recipe alone determines the fingerprint."""
         from bench.data.materials import recipe
         from bench.data.materials.store import load_or_render
 

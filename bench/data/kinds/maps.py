@@ -13,6 +13,7 @@ class PbrMaps(Kind):
     drawn = True
 
     def knows(self, spec: MaterialSpec) -> bool:
+        """Whether its path is there and its pictures are named as maps; False for what is not on this machine."""
         from bench.data.bake.naming import looks_like_maps
 
         path = spec.existing() if spec.path else None
@@ -21,6 +22,7 @@ class PbrMaps(Kind):
     def open(
         self, spec: MaterialSpec, data: Preparation, show: Progress, draw: int, path_tracer: LoadTracer | None
     ) -> BTF:
+        """The bake from the cache, or a new one; `InputError` where Mitsuba is wanted and no tracer is given."""
         from bench.data.bake import open_svbrdf
 
         path = spec.there()
@@ -36,6 +38,7 @@ class PbrMaps(Kind):
         return f"{spec.name} is rendered, which has no such setting: {instead}" if instead else ""
 
     def bytes_made(self, spec: MaterialSpec, data: Preparation) -> int:
+        # Three float32 a texel and pair.
         return 12 * data.size**2 * (data.views * data.lights + data.heldout)
 
     def needs_a_run(self, data: Preparation) -> bool:

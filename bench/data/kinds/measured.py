@@ -16,6 +16,7 @@ class Measured(Kind):
     def open(
         self, spec: MaterialSpec, data: Preparation, show: Progress, draw: int, path_tracer: LoadTracer | None
     ) -> BTF:
+        """What a reader opens, thinned first, so that only pairs that are used are repaired and shrunk."""
         from bench.data.readers import open_btf
 
         btf = thinned(open_btf(spec.there(), data.angles), data.pairs)

@@ -54,27 +54,27 @@ def points(o: tuple[Array, Array, Array], maps: dict[str, Array]) -> Points:
     return Points(seen, alphas, diffuse, f0, dielectric + metal, specular, _smith(alphas, seen))
 
 
-def reflect(at: Points, i: tuple[Array, Array, Array], cos_between: Values) -> tuple[Array, Array]:
+def reflect(here: Points, i: tuple[Array, Array, Array], cos_between: Values) -> tuple[Array, Array]:
     """The two scalar parts of f · cos θ_i, each over points: multiply by `diffuse` and by F (see `specular_colour`).
     `i` is the light in the tangent frame, `cos_between` is ω_o · ω_i. Below the tangent plane both are 0."""
     i_n = _at_least(0, i[2])
     inverse_half = 1 / _root(_at_least(1e-12, 2 + 2 * cos_between))
-    (o_t, o_b, o_n), (alpha_t, alpha_b) = at.o, at.alpha
+    (o_t, o_b, o_n), (alpha_t, alpha_b) = here.o, here.alpha
     h_t, h_b, h_n = o_t + i[0], o_b + i[1], o_n + i_n
     h_t /= alpha_t
     h_b /= alpha_b
     stretched = h_t * h_t + h_b * h_b + h_n * h_n
     stretched *= inverse_half * inverse_half
-    masking = i_n * at.smith_o + o_n * _smith(at.alpha, (i[0], i[1], i_n))
+    masking = i_n * here.smith_o + o_n * _smith(here.alpha, (i[0], i[1], i_n))
     density = stretched * stretched * masking * (alpha_t * alpha_b)
     specular = i_n * (0.5 / np.pi) / density
-    through = i_n * (1 - fresnel(DIELECTRIC_F0 * at.dielectric_f90, at.dielectric_f90, i_n))
+    through = i_n * (1 - fresnel(DIELECTRIC_F0 * here.dielectric_f90, here.dielectric_f90, i_n))
     return through, specular
 
 
-def specular_colour(at: Points, cos_between: Values) -> Values:
+def specular_colour(here: Points, cos_between: Values) -> Values:
     """F (3, ...) of each point for one pair: every point shares the angle between view and half vector."""
-    return fresnel(at.f0, at.f90, _root(_at_least(0, (1 + cos_between) / 2)))
+    return fresnel(here.f0, here.f90, _root(_at_least(0, (1 + cos_between) / 2)))
 
 
 def fresnel(f0: Values, f90: Values, cos: Values) -> Values:

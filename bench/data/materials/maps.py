@@ -47,6 +47,7 @@ class Maps:
     normal: Map | None = None
 
     def __post_init__(self) -> None:
+        """Bring every map to a checked float32 array of the common shape."""
         given = {field.name: getattr(self, field.name) for field in fields(self)}
         shape = _common_shape(given)
         for name, value in given.items():
@@ -62,6 +63,7 @@ class Maps:
         are averaged as directions modulo π. Heights stay in units of the picture's width."""
         if shape == self.shape:
             return self
+        # `angle` and `normal` are averaged as vectors below.
         averaged = [name for name in (*_SCALARS, "base_colour") if name != "angle"]
         maps = {name: resize(getattr(self, name), shape) for name in averaged}
         double = resize(np.stack([np.cos(2 * self.angle), np.sin(2 * self.angle)], -1), shape)
@@ -110,10 +112,10 @@ def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
 
 def resize(picture: Array, shape: tuple[int, int]) -> Array:
     """A periodic picture (H, W, ...) at another size: linear interpolation to enlarge, area averages to shrink."""
-    for axis, (size, old) in enumerate(zip(shape, picture.shape, strict=False)):
+    for axis, (size, old) in enumerate(zip(shape, picture.shape, strict=False)):  # not over the channels
         if size == old:
             continue
-        row, cells = np.arange(size), np.arange(old)
+        row, cells = np.arange(size), np.arange(old)  # of the matrix (size, old) that this axis is multiplied by
         if size > old:  # a triangle, else a box, that keeps the texel centres aligned
             weights = np.zeros((size, old))
             place = (row + 0.5) * old / size - 0.5
@@ -159,6 +161,7 @@ def seams(picture: Array) -> tuple[tuple[float, float, float], tuple[float, floa
 
 
 def _seam(picture: Array) -> tuple[float, float, float]:
+    """The three gradients of `seams` at the left–right border."""
     if picture.shape[1] < 4:
         return 0.0, 1.0, 1.0
     steps = np.abs(np.diff(picture, axis=1)).mean((0, 2))

@@ -30,6 +30,7 @@ class Brick:
     mortar_srgb: tuple[float, float, float] = (176, 168, 156)
 
     def maps(self, seed: int) -> Maps:
+        """Bright texels of the photograph are mortar, which lies lower; noise varies the colour of both."""
         rng = np.random.default_rng(seed)
         wall = make_periodic(_rectified(data.brick() / 255.0), (16, 24))
         grey = resize(wall, (self.resolution, self.resolution))
@@ -62,6 +63,7 @@ class Gravel:
     stone_srgb: tuple[float, float, float] = (168, 160, 150)
 
     def maps(self, seed: int) -> Maps:
+        """Bright stones lie high; the photograph also shades their colour."""
         rng = np.random.default_rng(seed)
         detail = _detail(data.gravel()[200:450, 200:450], 40, self.resolution, 2)
         warm = 0.06 * smooth(rng, self.resolution, 0.02, 0.02)
@@ -80,6 +82,7 @@ class Grass:
     soil_srgb: tuple[float, float, float] = (58, 50, 30)
 
     def maps(self, seed: int) -> Maps:
+        """Bright blades stand high, of a colour that turns to that of the soil below."""
         rng = np.random.default_rng(seed)
         height = normalised(_detail(data.grass()[20:276, 200:456], 48, self.resolution, 1.5))
         dry = 0.12 * smooth(rng, self.resolution, 0.05, 0.05)

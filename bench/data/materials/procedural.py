@@ -24,13 +24,15 @@ def grid(size: int) -> tuple[Array, Array]:
 
 
 def smooth(rng: np.random.Generator, size: int, sigma_v: float, sigma_u: float) -> Array:
-    """Gaussian-filtered white noise, zero mean and unit deviation; sigmas in texture units, periodic."""
+    """Gaussian-filtered white noise, zero mean and unit deviation; sigmas in texture units, down the rows (v) and along
+    them (u), periodic."""
     field = gaussian_filter(rng.normal(size=(size, size)), (sigma_v * size, sigma_u * size), mode="wrap")
     return (field - field.mean()) / field.std()
 
 
 def to_scattered(rng: np.random.Generator, size: int, cells: int, jitter: float) -> tuple[Array, Array]:
-    """Distances to the nearest and the second nearest of cells² points, one scattered in each cell."""
+    """Distances to the nearest and the second nearest of cells² points, one scattered in each cell by up to `jitter` of
+    a cell around its middle; in texture units, periodic."""
     corner = np.stack(np.meshgrid(np.arange(cells), np.arange(cells)), -1).reshape(-1, 2)
     points = (corner + 0.5 + rng.uniform(-jitter, jitter, corner.shape)) / cells % 1.0
     nearest, _ = cKDTree(points, boxsize=1.0).query(np.stack(grid(size), -1), k=2)
@@ -67,10 +69,12 @@ class Satin:
     weft_srgb: Colour = (214, 170, 84)
 
     def maps(self, seed: int) -> Maps:
+        """At each texel the thread that rides higher shows, with its colour, fibres and twist."""
         rng = np.random.default_rng(seed)
         u, v = grid(self.resolution)
         across_u, across_v = u * self.threads, v * self.threads
         warp, weft = np.floor(across_u).astype(int), np.floor(across_v).astype(int)
+        # Where a warp thread dips, a weft thread rides over it: 3 is the inverse of 2 modulo 5.
         warp_top = self._ride(warp, across_v, 2) + _bulge(across_u)
         weft_top = -self._ride(weft, across_u, 3) + _bulge(across_v)
         is_warp = warp_top >= weft_top
@@ -88,7 +92,7 @@ class Satin:
             roughness=np.clip(self.roughness + 0.04 * fibre, 0.2, 0.8),
             metalness=0.35,
             anisotropy=self.anisotropy,
-            angle=along + np.pi / 2,
+            angle=along + np.pi / 2,  # highlights stretch across the fibres
         )
 
     def _ride(self, thread: Array, along: Array, step: int) -> Array:
@@ -118,6 +122,7 @@ class CableKnit:
     colour_srgb: Colour = (226, 208, 172)
 
     def maps(self, seed: int) -> Maps:
+        """The higher of the ground and the two strands shows; all have one colour, mottled and fuzzy."""
         rng = np.random.default_rng(seed)
         u, v = grid(self.resolution)
         ground = self._ground(u, v)
@@ -168,10 +173,11 @@ class Wicker:
     bark_srgb: Colour = (96, 58, 30)
 
     def maps(self, seed: int) -> Maps:
+        """At each texel the rod or the stake that is higher shows; each has its own share of bark."""
         rng = np.random.default_rng(seed)
         u, v = grid(self.resolution)
         rod, stake = np.floor(v * self.rods).astype(int), np.floor(u * self.stakes).astype(int)
-        sway = np.cos(np.pi * (u * self.stakes - 0.5)) * (-1.0) ** rod
+        sway = np.cos(np.pi * (u * self.stakes - 0.5)) * (-1.0) ** rod  # over and under; neighbours do the other
         rod_top = 0.45 * sway + 0.5 * _round(v * self.rods, 0.46)
         stake_top = 0.55 * _round(u * self.stakes, 0.22)
         is_rod = rod_top >= stake_top
@@ -208,6 +214,7 @@ class Leather:
     crease_srgb: Colour = (52, 24, 14)
 
     def maps(self, seed: int) -> Maps:
+        """Coarse pebbles with finer ones on them; creases are darker and rougher, worn places lighter and smoother."""
         rng = np.random.default_rng(seed)
         coarse = self._pebbles(rng, self.cells, self.crease)
         fine = self._pebbles(rng, 3 * self.cells, 0.9)
@@ -240,6 +247,7 @@ class BrushedMetal:
     metal_srgb: Colour = (222, 206, 184)
 
     def maps(self, seed: int) -> Maps:
+        """Metal whose fibres, the scratches, run along x, so highlights stretch along y."""
         rng = np.random.default_rng(seed)
         scratches = 0.7 * smooth(rng, self.resolution, 0.006, 0.12) + 0.5 * smooth(rng, self.resolution, 0.012, 0.4)
         shade = smooth(rng, self.resolution, 0.005, 0.2)
@@ -266,6 +274,7 @@ class HammeredCopper:
     patina_srgb: Colour = (70, 116, 100)
 
     def maps(self, seed: int) -> Maps:
+        """Copper that tarnishes toward the middle of each dent, where it is rougher and less of a metal."""
         rng = np.random.default_rng(seed)
         away = to_scattered(rng, self.resolution, self.dents, 0.35)[0] * self.dents
         tarnish = smooth(rng, self.resolution, 0.08, 0.08)

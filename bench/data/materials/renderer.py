@@ -65,14 +65,14 @@ class HeightField:
         per_height = self.offset(wo)
         steps = math.ceil((self.top - self.bottom) * max(map(abs, per_height)))
         if steps == 0:
-            return self._along((0.0, 0.0), 0.0, stride)
+            return self._heights_at((0.0, 0.0), 0.0, stride)
         step = (self.top - self.bottom) / steps
-        before = self._along(per_height, self.top, stride) - np.float32(self.top)
+        before = self._heights_at(per_height, self.top, stride) - np.float32(self.top)
         hit = np.full(before.shape, self.bottom, np.float32)
         alive = np.ones(before.shape, bool)
         for k in range(1, steps + 1):
             z = self.top - k * step
-            above = self._along(per_height, z, stride) - np.float32(z)
+            above = self._heights_at(per_height, z, stride) - np.float32(z)
             crossed = np.flatnonzero((above >= 0) & alive)
             if len(crossed):
                 a, b = above.flat[crossed], before.flat[crossed]
@@ -86,17 +86,19 @@ class HeightField:
     def offset(self, direction: Array) -> tuple[float, float]:
         """(rows, columns) of the grid that a ray along `direction` crosses while it rises by one unit of height."""
         x, y, z = (float(v) for v in direction)
-        return -y / z / self.cell[0], x / z / self.cell[1]
+        return -y / z / self.cell[0], x / z / self.cell[1]  # rows go down, y goes up
 
-    def _along(self, per_height: tuple[float, float], z: float, stride: tuple[int, int]) -> Array:
+    def _heights_at(self, per_height: tuple[float, float], z: float, stride: tuple[int, int]) -> Array:
         """Bilinear heights under the whole bundle of rays at height z of the march."""
         (H, W), (sr, sc) = self.shape, stride
+        # The first ray passes through the centre of its block of cells.
         row = ((sr - 1) / 2 + z * per_height[0]) % H
         col = ((sc - 1) / 2 + z * per_height[1]) % W
         r, c = int(row) % H, int(col) % W
         fr, fc = np.float32(row % 1), np.float32(col % 1)
         tiles = self._tiled
         low = tiles[r : r + H : sr, c : c + W : sc] * ((1 - fr) * (1 - fc))
+        # The other three corners; a weight of 0 is skipped to save time.
         for dr, dc, weight in ((0, 1, (1 - fr) * fc), (1, 0, fr * (1 - fc)), (1, 1, fr * fc)):
             if weight:
                 low += tiles[r + dr : r + dr + H : sr, c + dc : c + dc + W : sc] * weight
@@ -129,12 +131,13 @@ def shift(field: Array, rows: float, cols: float) -> Array:
     return _shift_axis(_shift_axis(field, rows, 0), cols, 1)
 
 
-def _shift_axis(field: Array, by: float, axis: int) -> Array:
-    whole = math.floor(by)
+def _shift_axis(field: Array, distance: float, axis: int) -> Array:
+    """The periodic field (H, W) read `distance` cells further along one axis, linear between cells."""
+    whole = math.floor(distance)
     low = np.roll(field, -whole, axis)
-    if by == whole:
+    if distance == whole:
         return low
-    low += (np.roll(field, -whole - 1, axis) - low) * np.float32(by - whole)
+    low += (np.roll(field, -whole - 1, axis) - low) * np.float32(distance - whole)
     return low
 
 
@@ -207,18 +210,19 @@ class Renderer:
     def slice(self, view: View, wi: Array, light: Array) -> Array:
         """The picture (H, W, 3) float32 of one pair, linear Rec. 709, f_r · cos θ_i · V; V is `light`, see
         `HeightField.visibility`."""
-        at = view.points
+        points = view.points
         cos_between = np.float32(view.wo @ wi)
-        through, specular = brdf.reflect(at, _project(view.frame, wi), cos_between)
+        through, specular = brdf.reflect(points, _project(view.frame, wi), cos_between)
         visible = light.take(view.cell) * np.float32(1 / 255 / self.sub_points**2)
         through *= visible
         specular *= visible
-        colour = at.diffuse * through
-        colour += brdf.specular_colour(at, cos_between) * specular
+        colour = points.diffuse * through
+        colour += brdf.specular_colour(points, cos_between) * specular
         return np.moveaxis(colour.sum(1), 0, -1).reshape(*self.size, 3)
 
 
 def _project(frame: Array, direction: Array) -> tuple[Array, Array, Array]:
+    """The components of a direction (3,) along t, b and n of each point's frame, see `View.frame`; each (s, H · W)."""
     x, y, z = (np.float32(v) for v in direction)
     t, b, n = frame[0] * x + frame[1] * y + frame[2] * z
     return t, b, n
@@ -267,9 +271,11 @@ def render(
     view_of, light_of = view_of.reshape(-1), light_of.reshape(-1)  # only numpy 2.0 gives (N, 1)
 
     def light(index: int) -> Array | None:
+        """The visibility of a light that several pairs share; None for one that is cast where it is needed."""
         return renderer.field.visibility(lights[index]) if uses[index] > 1 else None
 
     def paint(index: int) -> int:
+        """Fill in all slices of one view; returns their number."""
         view = renderer.view(views[index])
         pairs = np.flatnonzero(view_of == index)
         for pair in pairs:
@@ -277,7 +283,7 @@ def render(
             if cast is None:
                 cast = renderer.field.visibility(wi[pair])
             picture = renderer.slice(view, wi[pair], cast)
-            with np.errstate(over="ignore"):
+            with np.errstate(over="ignore"):  # `out` may hold halves
                 result[pair] = picture
         return len(pairs)
 

@@ -52,6 +52,7 @@ def load_or_render(
     directions: dict[str, Any] = {"directions": data.directions, "views": data.views, "lights": data.lights}
 
     def rendered(table: Table) -> BTF:
+        """The BTF of one table of pairs, rendered into the cache if it is not there."""
         # Everything that determines the values. Its hash is the cache key, and `BTF.provenance` contains it.
         described: dict[str, Any] = {"source": RENDERED, "renderer_version": RENDERER_VERSION, "material": name}
         described |= {"recipe": type(recipe).__name__, "parameters": asdict(recipe)}  # type: ignore[call-overload]
@@ -70,7 +71,7 @@ def load_or_render(
         if values is None:
             raise InputError(f"{path}: it cannot be read back after writing: is the disk full?")
         wo, wi = table.pairs
-        nothing = np.zeros(len(values), bool)
+        nothing = np.zeros(len(values), bool)  # `joined` marks the held-out pairs
         source = StoredSource(values, key)
         return BTF(name, wo, wi, source, heldout=nothing, periodic=True, provenance=described)
 
@@ -89,6 +90,8 @@ def _read(path: Path, shape: tuple[int, ...]) -> Array | None:
 
 
 def _write(path: Path, maps: Maps, table: Table, described: dict[str, Any], show: "Progress | None") -> None:
+    """Render the slices of a table into `path` as float16, or again as float32 if one overflows; then write their
+    description beside it."""
     size = described["size"]
     with atomic.replacing(path) as place:
         for dtype in (np.float16, np.float32):

@@ -47,6 +47,7 @@ class Patchwork:
     angle_deg: float
 
     def maps(self, seed: int) -> Maps:
+        """The relief, and a mask (H, W) of the second substance, by which colour, roughness and metalness mix."""
         rng = np.random.default_rng(seed)
         n, (u, v) = self.resolution, self.grain
         hills = smooth(rng, n, v, u) + self.detail * smooth(rng, n, v / 4, u / 4)
@@ -67,6 +68,7 @@ class Patchwork:
 
 
 def _between(pair: Pair, mask: np.ndarray) -> np.ndarray:
+    """The first number where the mask (H, W) is 0, the second where it is 1, and a mix between."""
     return pair[0] + (pair[1] - pair[0]) * mask
 
 
@@ -90,6 +92,7 @@ def load_variation(number: int, size: int = 32, heldout: int = 375) -> BTF:
 
 
 def _patchwork(rng: np.random.Generator) -> Patchwork:
+    """A patchwork with every parameter drawn."""
     grain = _geometric(rng, 0.02, 0.12)
     return Patchwork(
         resolution=RESOLUTION,
@@ -151,6 +154,7 @@ _KINDS: dict[str, Callable[[np.random.Generator], Recipe]] = {
 
 
 def _geometric(rng: np.random.Generator, low: float, high: float) -> float:
+    """A number whose logarithm is drawn uniformly between those of `low` and `high`."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 

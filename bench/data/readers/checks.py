@@ -61,7 +61,8 @@ def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: floa
 
 
 def different_directions(theta: Array, phi: Array, label: Callable[[int], str], what: str = "") -> Array:
-    """Unit vectors (N, 3) of angles (radians), which must all be in range and different, or `InputError` names one."""
+    """Unit vectors (N, 3) of angles (radians), which must all be in range and different, or `InputError` names one.
+    `what` follows "theta" and "phi" there, like `_deg`."""
     angles_in_range(theta, phi, label, what)
     directions = from_angles(theta, phi)
     no_duplicates(directions, directions, label)
@@ -70,7 +71,7 @@ def different_directions(theta: Array, phi: Array, label: Callable[[int], str], 
 
 def pairs_in_degrees(angles: Array, label: Callable[[int], str], kinds: tuple[str, str]) -> tuple[Array, Array]:
     """The directions (N, 3) of angles θ, φ, θ, φ (N, 4) of two sides, in degrees and in range; no pair twice. `kinds`
-    are the sides' names in errors."""
+    follow "theta" and "phi" of each side in errors, like `_o_deg`."""
     for side, what in zip((0, 2), kinds, strict=True):
         angles_in_range(np.radians(angles[:, side]), np.radians(angles[:, side + 1]), label, what)
     one, other = from_degrees(angles[:, 0], angles[:, 1]), from_degrees(angles[:, 2], angles[:, 3])
@@ -79,7 +80,8 @@ def pairs_in_degrees(angles: Array, label: Callable[[int], str], kinds: tuple[st
 
 
 def angles_in_range(theta: Array, phi: Array, label: Callable[[int], str], what: str = "") -> None:
-    """Raise `InputError` unless every θ (radians) lies in [0°, 90°) and every φ in [−360°, 360°]."""
+    """Raise `InputError` unless every θ (radians) lies in [0°, 90°) and every φ in [−360°, 360°]. `what` follows
+    "theta" or "phi" in the error."""
     with np.errstate(over="ignore", invalid="ignore"):
         theta_deg, phi_deg = np.degrees(np.asarray(theta, np.float64)), np.degrees(np.asarray(phi, np.float64))
         steep = ~((theta_deg >= -1e-4) & (np.cos(np.radians(theta_deg)) > HORIZON) & (theta_deg < 90.0))
@@ -110,6 +112,7 @@ def warn_of_radians(wo: Array, wi: Array, label: str) -> None:
 
 
 def _seem_radians(theta: Array, phi: Array) -> bool:
+    """Whether angles said to be degrees all lie within π / 2 and 2 π, in numbers; not if every θ is 0."""
     around_0 = np.abs((phi + 180) % 360 - 180)
     return bool(0 < theta.max() < 1.6 and around_0.max() < 6.3)
 
@@ -144,6 +147,7 @@ def refuse_extremes(btf: BTF) -> None:
         largest = max(largest, float(picture.max()))
         step = -(-picture.size // VALUES)
         sampled.append(picture.reshape(-1)[::step])
+    # The largest value, where so little is lit that the percentile is 0.
     bright = float(np.percentile(np.maximum(np.concatenate(sampled), 0), 99)) or largest
     what = ""
     if largest > LARGEST:
@@ -163,8 +167,8 @@ def some_slices(btf: BTF) -> Iterator[Array]:
 
 def no_duplicates(wo: Array, wi: Array, label: Callable[[int], str]) -> None:
     """Raise `InputError` if two of the pairs (wo[i], wi[i]), each (N, 3), are equal; it names both."""
-    key = np.round(np.concatenate([wo, wi], 1).astype(np.float64), 6) + 0.0
-    order = np.lexsort(key.T[::-1])
+    key = np.round(np.concatenate([wo, wi], 1).astype(np.float64), 6) + 0.0  # the sum makes 0 of −0
+    order = np.lexsort(key.T[::-1])  # equal rows are neighbours in it; of these, the lower index comes first
     same = np.flatnonzero((key[order[1:]] == key[order[:-1]]).all(1))
     if len(same):
         place = same[0]
@@ -174,11 +178,11 @@ def no_duplicates(wo: Array, wi: Array, label: Callable[[int], str]) -> None:
 
 def view_major(wo: Array, wi: Array) -> Array:
     """The order (N,) that sorts pairs by view, then by light, each by θ and then φ."""
-    angles = []
+    angles = []  # `np.lexsort` sorts by its last key first: by θ_o, then φ_o, θ_i, φ_i
     for side in (wi, wo):
         theta, phi = to_degrees(side)
         theta, phi = np.round(theta, 3), np.round(phi, 3)  # the last bit must not decide the order
-        angles += [np.where(theta == 0, 0.0, phi % 360.0), theta]
+        angles += [np.where(theta == 0, 0.0, phi % 360.0), theta]  # at the pole φ means nothing
     return np.lexsort(angles)
 
 

@@ -98,6 +98,7 @@ def profiled(image: Any, colour: Colour, label: str) -> Array:
 def _by_number(content: bytes, label: str) -> Colour | None:
     """The space of a chunk cICP: the numbers of its primaries and its curve (ITU-T H.273)."""
     primaries, curve = content[:2]
+    # The next two bytes must mean RGB (0, no matrix) and codes of full range (1).
     if primaries not in _PRIMARIES or curve not in _EXPONENTS or content[2:4] != b"\0\1":
         fault = f"its cICP chunk states colour space {', '.join(map(str, content[:4]))}, which is not converted"
         raise InputError(f"{label}: {fault}: save it as sRGB, or as linear EXR")
@@ -115,6 +116,7 @@ def _by_chunks(chunks: dict[bytes, bytes], label: str) -> Colour | None:
     if b"cHRM" in chunks:
         white_first = np.array(struct.unpack(">8I", chunks[b"cHRM"])) / 1e5
         chromaticities = tuple(float(value) for value in np.roll(white_first, -2))
+        # No y may be 0, which is divided by, and the primaries must not lie on a line.
         if min(chromaticities[1::2]) < 1e-3 or abs(np.linalg.det(_to_xyz(chromaticities, scaled=False))) < 1e-3:
             raise InputError(f"{label}: the primaries of its cHRM chunk span no colours: save it without that chunk")
     others = not _alike(chromaticities, REC709)
@@ -151,7 +153,7 @@ def _profile_parts(data: bytes) -> Iterator[tuple[int, bytes]]:
     mark = b"ICC_PROFILE\0"
     for name, content in before_pixels(data):
         if name == b"\xe2" and content.startswith(mark) and len(content) > len(mark) + 2:
-            yield content[len(mark)], content[len(mark) + 2 :]
+            yield content[len(mark)], content[len(mark) + 2 :]  # the byte between is the number of parts
 
 
 def _foreign(profile: bytes, mode: str, label: str) -> str:
@@ -166,7 +168,8 @@ def _foreign(profile: bytes, mode: str, label: str) -> str:
 
 @lru_cache(16)
 def _name_unless_srgb(profile: bytes, mode: str) -> str:
-    """The versions of sRGB differ by a code at most, so a profile is judged by what it does to a grid of colours."""
+    """The name of a profile; "" if it is sRGB, whose versions differ by a code at most: so a profile is judged by what
+    it does to a grid of colours."""
     from PIL import Image, ImageCms
 
     if mode == "L":
@@ -193,6 +196,7 @@ def _mode(profile: bytes, label: str) -> str:
 
 @lru_cache(16)
 def _transform(profile: bytes, mode: str) -> Any:
+    """What Pillow needs to convert pictures of some mode (RGB, or L for grey) from a profile to 8-bit sRGB."""
     from PIL import ImageCms
 
     intent = ImageCms.Intent.RELATIVE_COLORIMETRIC  # the values that were meant; others fit them to a medium

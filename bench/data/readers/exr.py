@@ -25,6 +25,7 @@ def size(data: bytes, label: str) -> tuple[int, int] | None:
     missing = [name for name in ("channels", "dataWindow", "displayWindow") if name not in attributes]
     if missing:
         raise InputError(f"{label}: this EXR lacks {', '.join(missing)}: save it again")
+    # First column and row, last column and row.
     window = struct.unpack("<4i", attributes["dataWindow"])
     if window != struct.unpack("<4i", attributes["displayWindow"]):
         raise InputError(f"{label}: its data window differs from its display window: save it uncropped")
@@ -41,11 +42,11 @@ def _attributes(data: bytes, label: str) -> tuple[dict[str, bytes] | None, int]:
         fault = f"this EXR is deep or multi-part (version field {version:#x})"
         raise InputError(f"{label}: {fault}: save it as a single flat part")
     attributes: dict[str, bytes] = {}
-    at = 8
-    while at < len(data):
-        if data[at] == 0:
-            return attributes, at + 1
-        name_end = data.find(b"\0", at, at + 256)
+    offset = 8
+    while offset < len(data):
+        if data[offset] == 0:
+            return attributes, offset + 1
+        name_end = data.find(b"\0", offset, offset + 256)
         type_end = data.find(b"\0", name_end + 1, name_end + 257)
         if min(name_end, type_end) < 0 or type_end + 5 > len(data):
             return None, 0
@@ -53,8 +54,8 @@ def _attributes(data: bytes, label: str) -> tuple[dict[str, bytes] | None, int]:
         start = type_end + 5
         if size < 0 or start + size > len(data):
             return None, 0
-        attributes[data[at:name_end].decode("latin-1")] = data[start : start + size]
-        at = start + size
+        attributes[data[offset:name_end].decode("latin-1")] = data[start : start + size]
+        offset = start + size
     return None, 0
 
 
@@ -62,12 +63,12 @@ def _choice(attributes: dict[str, bytes], label: str) -> tuple[str, ...]:
     """The channels to read: R G B, else X Y Z, else Y alone (grey)."""
     channels = {}
     data = attributes["channels"]
-    at = 0
-    while at < len(data) and data[at]:
-        end = data.index(b"\0", at)
+    offset = 0
+    while offset < len(data) and data[offset]:
+        end = data.index(b"\0", offset)
         # Pixel type (0 uint, 1 half, 2 float) and samplings of a channel.
-        channels[data[at:end].decode("latin-1")] = struct.unpack_from("<i4xii", data, end + 1)
-        at = end + 17
+        channels[data[offset:end].decode("latin-1")] = struct.unpack_from("<i4xii", data, end + 1)
+        offset = end + 17
     for choice in (("R", "G", "B"), ("X", "Y", "Z"), ("Y",)):
         if set(choice) <= set(channels) and not (choice == ("Y",) and {"RY", "BY"} & set(channels)):
             break

@@ -10,9 +10,9 @@ from pathlib import Path
 from bench.files.archive import MAX_FILE, ZipFiles
 from bench.inputs.errors import InputError, readable, refuse_pipe
 
-WHOLE = 64 << 20
+WHOLE = 64 << 20  # bytes that a digest reads completely; of more it reads blocks
 BLOCK = 64 << 10
-HEAD = 4096
+HEAD = 4096  # bytes that show a format
 MAX_DEPTH = 3
 UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 
@@ -54,6 +54,7 @@ class FolderFiles:
         names = list(names)
         sizes = [self.size(name) for name in names]
         digest = hashlib.sha256()
+        # Together about `WHOLE` bytes, but 4 KiB of each file at least; None reads every byte.
         budget = None if sum(sizes) <= WHOLE else max(4096, WHOLE // len(names))
         for name, size in zip(names, sizes, strict=True):
             digest.update(f"{name}\0{size}\0".encode("utf-8", "surrogateescape"))
@@ -76,7 +77,7 @@ def _update(digest: "hashlib._Hash", path: Path, size: int, budget: int | None) 
             while block := stream.read(1 << 20):
                 digest.update(block)
             return
-        length = min(BLOCK, budget // 4)
+        length = min(BLOCK, budget // 4)  # at least four blocks
         count = budget // length
         for index in range(count):
             stream.seek((size - length) * index // (count - 1))

@@ -44,6 +44,7 @@ def opened(seen: Candidate) -> BTF | None:
     stated = np.array([_angles(path, number, row) for number, row in rows])
     # A folder that the suite wrote holds degrees, however small.
     unit = seen.angles or str(notes.get("angles", ""))
+    # The columns are θ_o, φ_o, θ_i, φ_i; the unit is judged by all θ and all φ together.
     thetas, phis = in_degrees(stated[:, ::2], stated[:, 1::2], str(path / LIST), unit)
     angles = np.stack([thetas, phis], -1).reshape(len(rows), 4)
     labels = [f"{path / LIST}, line {number}" for number, _ in rows]
@@ -88,7 +89,7 @@ def _read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
 
 
 def _angles(path: Path, number: int, row: dict[str, str]) -> list[float]:
-    """θ_o, φ_o, θ_i, φ_i in degrees of one line."""
+    """θ_o, φ_o, θ_i, φ_i of one line, as stated: in degrees, if the list is right."""
     values = []
     for name in ANGLES:
         try:

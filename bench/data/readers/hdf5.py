@@ -59,6 +59,7 @@ def opened(seen: Candidate) -> BTF | None:
 
 
 def _open(path: Path) -> BTF:
+    """The BTF of one HDF5 file, without the held-out file that may lie beside it."""
     with _file(path) as file:
         colour = _stored(path, file, COLOUR)
         view = _stored(path, file, VIEW)
@@ -154,31 +155,36 @@ class HDF5Source(Source):
     """A window (top, left, height, width) of the pictures of a file, cheap by slice."""
 
     def __init__(self, path: Path, stored: tuple[int, int, int], window: tuple[int, int, int, int], chunk: int):
-        self.path, self.stored, self.at, self.chunk = path, stored, window, chunk
+        # `stored` is (N, H, W) of the whole file, `chunk` the number of pictures in each of its chunks.
+        self.path, self.stored, self.rectangle, self.chunk = path, stored, window, chunk
         self.count, self.shape = stored[0], (window[2], window[3])
         self.at_once = max(1, min(chunk, AT_ONCE // (12 * window[2] * window[3])))
 
     def slices(self, pairs: Array) -> list[Array]:
-        top, left, height, width = self.at
-        bottom = self.stored[1] - top - height
+        """As `Source.slices`: (H, W, 3) float32 each, row 0 on top; `InputError` where a value is not finite."""
+        top, left, height, width = self.rectangle
+        bottom = self.stored[1] - top - height  # the file's row 0 is the bottom
         first, last = int(pairs.min()), int(pairs.max()) + 1
-        runs = [(first, last)]
+        stretches = [(first, last)]
+        # One stretch is fastest for neighbours, even with some pictures between them. Pairs that lie further apart are
+        # read one by one: a stretch over all of them would hold far more pictures than were asked for.
         if last - first > 2 * self.at_once:
-            runs = [(int(pair), int(pair) + 1) for pair in pairs]
+            stretches = [(int(pair), int(pair) + 1) for pair in pairs]
         slices: dict[int, Array] = {}
         with _file(self.path) as file, np.errstate(over="ignore"):
-            for start, end in runs:
+            for start, end in stretches:
                 values = file[COLOUR][start:end, bottom : bottom + height, left : left + width]
-                pictures = np.asarray(values, np.float32)[:, ::-1]
+                pictures = np.asarray(values, np.float32)[:, ::-1]  # now row 0 is the top
                 slices |= dict(enumerate(pictures, start))
         return [finite(slices[int(pair)], f"{self.path}: {COLOUR}[{pair}]") for pair in pairs]
 
     def window(self, top: int, left: int, height: int, width: int) -> Source:
+        """As `Source.window`; a window within the pictures is read alone, without the texels around it."""
         if min(top, left) < 0 or top + height > self.shape[0] or left + width > self.shape[1]:
-            return super().window(top, left, height, width)
-        ours_top, ours_left, _, _ = self.at
+            return super().window(top, left, height, width)  # it reaches around the border
+        ours_top, ours_left, _, _ = self.rectangle
         window = (ours_top + top, ours_left + left, height, width)
         return HDF5Source(self.path, self.stored, window, self.chunk)
 
     def fingerprint(self) -> str:
-        return hashlib.sha256(f"{file_digest(self.path)} {self.at}".encode()).hexdigest()
+        return hashlib.sha256(f"{file_digest(self.path)} {self.rectangle}".encode()).hexdigest()

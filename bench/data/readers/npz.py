@@ -103,6 +103,7 @@ def _mean_abrdf(path: Path, unit: str) -> BTF:
 
 
 def _directions(files: ZipFiles, key: str, count: int) -> Array:
+    """Unit vectors (count, 3) float32 of the array `wo` or `wi`; `InputError` names the first row that is none."""
     vectors = stored(files, key)
     if vectors.shape != (count, 3) or vectors.dtype.kind not in "fiu":
         raise InputError(f"{files.path}: {key} is {vectors.shape}: it must be ({count}, 3), a direction a pair")
@@ -110,17 +111,19 @@ def _directions(files: ZipFiles, key: str, count: int) -> Array:
 
 
 def _heldout(files: ZipFiles, count: int) -> Array | None:
+    """The mask (count,) of the held-out pairs; None without the array, or if it holds nothing out."""
     if not files.has("heldout.npy"):
         return None
     array = stored(files, "heldout")
     is_mask = array.shape == (count,) and array.dtype.kind == "b"
-    mask = array.values() if is_mask else np.ones(1, bool)
+    mask = array.values() if is_mask else np.ones(1, bool)  # all True, which is refused below
     if mask.all():
         raise InputError(f"{files.path}: heldout must be a mask ({count},) of booleans that leaves pairs to train on")
     return np.array(mask) if mask.any() else None
 
 
 def _periodic(files: ZipFiles) -> bool:
+    """Whether the file says that the picture repeats without a seam; False if it says nothing."""
     if not files.has("periodic.npy"):
         return False
     array = stored(files, "periodic")
@@ -130,6 +133,7 @@ def _periodic(files: ZipFiles) -> bool:
 
 
 def _provenance(files: ZipFiles) -> dict[str, Any]:
+    """What the file says of its origin; {} if it says nothing."""
     if not files.has("provenance.npy"):
         return {}
     label = files.label("provenance.npy")

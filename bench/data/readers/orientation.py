@@ -64,7 +64,7 @@ def upright(picture: Array, noted: int) -> Array:
 
 def upright_size(size: tuple[int, int], noted: int) -> tuple[int, int]:
     """(H, W) of the upright picture of a stored one."""
-    return size[::-1] if noted >= 5 else size
+    return size[::-1] if noted >= 5 else size  # 5 to 8 lie on their side
 
 
 def before_pixels(data: bytes) -> Iterator[tuple[bytes, bytes]]:
@@ -73,17 +73,18 @@ def before_pixels(data: bytes) -> Iterator[tuple[bytes, bytes]]:
     if not data.startswith(b"\xff\xd8"):
         yield from takewhile(lambda chunk: chunk[0] != b"IDAT", png_chunks(data))
         return
-    at = 2
-    while at + 4 <= len(data) and data[at] == 0xFF and data[at + 1] not in (0xC0, 0xC1, 0xC2, 0xDA, 0xD9):
-        size = struct.unpack_from(">H", data, at + 2)[0]
-        yield data[at + 1 : at + 2], data[at + 4 : at + 2 + size]
-        at += 2 + max(2, size)
+    offset = 2
+    # 0xC0 to 0xC2 begin a frame, 0xDA its pixels, and 0xD9 ends the picture.
+    while offset + 4 <= len(data) and data[offset] == 0xFF and data[offset + 1] not in (0xC0, 0xC1, 0xC2, 0xDA, 0xD9):
+        size = struct.unpack_from(">H", data, offset + 2)[0]
+        yield data[offset + 1 : offset + 2], data[offset + 4 : offset + 2 + size]
+        offset += 2 + max(2, size)
 
 
 def png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
     """Name and content of the chunks of a PNG, as far as the data contain them."""
-    at = PNG_START
-    while at + 8 <= len(data):
-        size, name = struct.unpack_from(">I4s", data, at)
-        yield name, data[at + 8 : at + 8 + size]
-        at += 12 + size
+    offset = PNG_START
+    while offset + 8 <= len(data):
+        size, name = struct.unpack_from(">I4s", data, offset)
+        yield name, data[offset + 8 : offset + 8 + size]
+        offset += 12 + size

@@ -68,6 +68,7 @@ def listed(entry: EntryPoint) -> str:
 
 
 def _module(entry: EntryPoint) -> Any:
+    """The module of a reader; `PluginError` if it cannot be imported or has no function `opened`."""
     module = plugins.imported(entry, KIND)
     if not callable(getattr(module, "opened", None)):
         raise PluginError(f"{called(entry, KIND)}: {entry.value} has no function `opened`: add it; {remedy(entry)}")
@@ -75,6 +76,8 @@ def _module(entry: EntryPoint) -> Any:
 
 
 def _asked(entry: EntryPoint, seen: Candidate, function: Any, *given: Any) -> Any:
+    """What a function of a reader answers; errors about the file or the machine pass, any other becomes a
+    `PluginError` that names the reader."""
     try:
         return function(*given)
     except (InputError, OSError, MemoryError):

@@ -86,7 +86,7 @@ def _header(files: Files, name: str, is_colour: bool = True) -> _Header:
     with readable(label, "the picture is damaged; get it again"):
         noted = orientation(data, kind)
         colour = stated(data, kind, label) if is_colour else None
-        deep = kind == "png" and data[24] == 16
+        deep = kind == "png" and data[24] == 16  # byte 24 of a PNG: bits a channel
     if colour and colour.profile and deep:
         raise InputError(
             f"{label}: {colour.name} in 16 bits is not converted: save it as 16-bit sRGB, or as linear EXR"
@@ -138,7 +138,8 @@ class PictureSource(Source):
     """One picture a pair, all of one size, in a folder or a zip. `texels` and `gather` go through the scratch file."""
 
     def __init__(self, files: Files, names: Sequence[str], labels: Sequence[str] | None = None, **options: Any):
-        """Check by headers that every picture exists and has the same size. `labels` name the entries in errors."""
+        """Check by headers that every picture exists and has the same size. `labels` name the entries in errors;
+        `options` go to `read_picture`."""
         self.files, self.names, self.options = files, list(names), options
         self.count = len(self.names)
         self.turned: dict[str, int] = {}
@@ -153,7 +154,7 @@ class PictureSource(Source):
                 raise InputError(f"{label}: {fault}: give each pair its own picture")
             header = _header(files, name)
             size = header.size
-            if header.turned > 1:
+            if header.turned > 1:  # 1 is upright
                 self.turned[name] = header.turned
             if header.colour:
                 self.colours[name] = header.colour.name
@@ -164,12 +165,14 @@ class PictureSource(Source):
                 raise InputError(f"{label}: {name} is {size[1]} x {size[0]} pixels, but {first}")
 
     def slice(self, pair: int) -> Array:
+        """The picture of a pair (H, W, 3), read and decoded anew; `InputError` if its size is no longer the same."""
         picture = read_picture(self.files, self.names[pair], **self.options)
         if picture.shape[:2] != self.shape:
             raise InputError(f"{self.files.label(self.names[pair])}: its size changed since it was opened")
         return picture
 
     def fingerprint(self) -> str:
+        """A digest of the files and, where they state any, of the orientations and colour spaces they are read with."""
         digest = self.files.digest(self.names)
         # Values changed with the reading of notes and profiles; those of pictures without any did not.
         read_as = [str(each) for each in (self.turned, self.colours) if each]
@@ -188,15 +191,19 @@ class PictureSource(Source):
 
 def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
     """(H, W) from the frame header of a JPEG (ITU T.81, B.2.2); None if the data end before it."""
-    at = 2
-    while at + 10 <= len(data):
-        if data[at] != 0xFF:
-            raise InputError(f"{label}: there is no JPEG marker at offset {at}: the picture is damaged; get it again")
-        marker = data[at + 1]
+    offset = 2
+    while offset + 10 <= len(data):
+        if data[offset] != 0xFF:
+            raise InputError(
+                f"{label}: there is no JPEG marker at offset {offset}: the picture is damaged; get it again"
+            )
+        marker = data[offset + 1]
+        # 0xFF fills up; 0x01 and 0xD0 to 0xD8 stand alone; 0xC4, 0xC8 and 0xCC are no frames.
         if marker in (0xFF, 0x01) or 0xD0 <= marker <= 0xD8:
-            at += 1 if marker == 0xFF else 2
+            offset += 1 if marker == 0xFF else 2
         elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            bits, height, width, channels = struct.unpack_from(">BHHB", data, at + 4)
+            # Two bytes of the marker and two of the length come first.
+            bits, height, width, channels = struct.unpack_from(">BHHB", data, offset + 4)
             if marker not in _DECODED or bits != 8:
                 kind = f"it has {bits} bits a channel" if marker in _DECODED else "it is lossless or hierarchical"
                 raise InputError(
@@ -206,19 +213,23 @@ def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
                 raise InputError(f"{label}: this JPEG has {channels} channels (CMYK?): save it as RGB")
             return height, width
         else:
-            at += 2 + max(2, struct.unpack_from(">H", data, at + 2)[0])
+            offset += 2 + max(2, struct.unpack_from(">H", data, offset + 2)[0])
     return None
 
 
 def _png_size(data: bytes, label: str) -> tuple[int, int] | None:
+    """(H, W) from the header of a PNG; None if the data end before the pixels, since the camera's notes and the colour
+    space stand before them."""
     if data[12:16] != b"IHDR":
         raise InputError(f"{label}: this PNG has no header: the picture is damaged; get it again")
     width, height = struct.unpack_from(">II", data, 16)
-    notes_are_seen = any(name == b"IDAT" for name, _ in png_chunks(data))
-    return (height, width) if notes_are_seen else None
+    pixels_reached = any(name == b"IDAT" for name, _ in png_chunks(data))
+    return (height, width) if pixels_reached else None
 
 
 def _hdr_size(data: bytes, label: str) -> tuple[int, int] | None:
+    """(H, W) from the header of a Radiance picture, whose columns may come first; None if the data end before it
+    does."""
     header = _hdr_header(data)
     if header is None:
         return None
@@ -232,7 +243,7 @@ _SIZES = {"jpeg": _jpeg_size, "png": _png_size, "exr": exr.size, "hdr": _hdr_siz
 def _read_codes(data: bytes, kind: str | None, header: _Header, label: str) -> Array:
     """A JPEG or PNG as it is stored, (H, W, 3) float32, its codes decoded."""
     colour = header.colour
-    if kind == "png" and data[24] == 16:
+    if kind == "png" and data[24] == 16:  # bits a channel
         stored = upright_size(header.size, header.turned)
         codes = _png16(data, stored, label)
         curve = srgb_table(1 << 16)
@@ -260,6 +271,7 @@ def _png16(data: bytes, size: tuple[int, int], label: str) -> Array:
         raise InputError(f"{label}: its pixels inflate beyond {limit} bytes: the picture is damaged; get it again")
     width, height, rows, info = png.Reader(bytes=data).read()
     planes = info["planes"]
+    # The pixels of a row lie in one list, their channels together.
     codes = np.vstack([np.asarray(row, np.uint16) for row in rows]).reshape(height, width, planes)
     if planes >= 3:
         return codes[..., :3]
@@ -303,42 +315,44 @@ def _read_hdr(data: bytes) -> Array:
     with np.errstate(over="ignore"):
         picture = rgbe[..., :3] * scale[..., None]
     picture[rgbe[..., 3] == 0] = 0
+    # Upright, rows go down (-Y) and columns to the right (+X).
     backward = [axis for axis, name in enumerate(axes) if name in ("-X", "+Y")]
     picture = np.flip(picture, tuple(backward))
     return np.ascontiguousarray(picture if axes[0][1] == "Y" else picture.swapaxes(0, 1))
 
 
-def _hdr_pixels(data: bytes, at: int, lines: int, length: int) -> Array:
+def _hdr_pixels(data: bytes, offset: int, lines: int, length: int) -> Array:
     """RGBE codes (lines, length, 4) uint8: flat, or run-length coded line by line."""
-    first = data[at : at + 4]
+    # A coded line begins with two bytes 2, and its length in two more.
+    first = data[offset : offset + 4]
     is_coded = 8 <= length < 32768 and first[:2] == b"\2\2" and first[2] << 8 | first[3] == length
     if not is_coded:
-        flat = np.frombuffer(data, np.uint8, lines * length * 4, at).reshape(lines, length, 4)
+        flat = np.frombuffer(data, np.uint8, lines * length * 4, offset).reshape(lines, length, 4)
         if (flat[..., :3] == 1).all(-1).any():
             raise ValueError("the old run-length coding is not read")
         return flat
-    planes = []
+    planes = []  # of each line, all its R, then all G, B and exponents
     for _ in range(lines):
-        if data[at : at + 4] != first:
-            raise ValueError(f"there is no scan line at offset {at}")
-        line, at = _hdr_line(data, at + 4, 4 * length)
+        if data[offset : offset + 4] != first:
+            raise ValueError(f"there is no scan line at offset {offset}")
+        line, offset = _hdr_line(data, offset + 4, 4 * length)
         planes.append(line)
     return np.frombuffer(b"".join(planes), np.uint8).reshape(lines, 4, length).swapaxes(1, 2)
 
 
-def _hdr_line(data: bytes, at: int, length: int) -> tuple[bytes, int]:
+def _hdr_line(data: bytes, offset: int, length: int) -> tuple[bytes, int]:
     """`length` bytes of one run-length coded scan line and the offset behind it."""
     line = bytearray()
     while len(line) < length:
-        count = data[at]
-        if count > 128:
-            line += data[at + 1 : at + 2] * (count - 128)
-            at += 2
+        count = data[offset]
+        if count > 128:  # a run of one byte; else that many different bytes
+            line += data[offset + 1 : offset + 2] * (count - 128)
+            offset += 2
         else:
-            line += data[at + 1 : at + 1 + count]
-            at += 1 + count
-        if count == 0 or at > len(data):
-            raise ValueError(f"a bad run at offset {at}")
+            line += data[offset + 1 : offset + 1 + count]
+            offset += 1 + count
+        if count == 0 or offset > len(data):
+            raise ValueError(f"a bad run at offset {offset}")
     if len(line) != length:
-        raise ValueError(f"the scan line before offset {at} is too long")
-    return bytes(line), at
+        raise ValueError(f"the scan line before offset {offset} is too long")
+    return bytes(line), offset

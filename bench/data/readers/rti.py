@@ -65,7 +65,7 @@ def _read_list(path: Path) -> tuple[list[str], list[str], np.ndarray]:
     count = None
     _, first = lines[0]
     if first.isdecimal():
-        count = int(first[:18])
+        count = int(first[:18])  # longer ones are wrong anyway, and would take long to convert
         del lines[0]
     labels = [f"{path}, line {number}" for number, _ in lines]
     entries = [_entry(label, line) for label, (_, line) in zip(labels, lines, strict=True)]
@@ -89,7 +89,8 @@ def _entry(label: str, line: str) -> tuple[str, list[float]]:
     """Image name (it may hold spaces) and vector of one line."""
     cells = line.rsplit(None, 3)
     try:
-        return cells[0], [float(cell) for cell in cells[1:4] + [""] * (4 - len(cells))]
+        missing = [""] * (4 - len(cells))  # a coordinate that is missing raises as one that is no number
+        return cells[0], [float(cell) for cell in cells[1:4] + missing]
     except ValueError as error:
         raise InputError(f"{label}: {line[:60]!r} is not `image-name x y z`: mend the line") from error
 
@@ -97,20 +98,21 @@ def _entry(label: str, line: str) -> tuple[str, list[float]]:
 def _pictures(files: FolderFiles, names: list[str], labels: list[str]) -> list[str]:
     """The pictures of the lines of a list. Where a name differs in case or in the form of its accents from the only
     file that it can mean, as after a copy from another system, that file is taken."""
-    near: dict[str, list[str]] | None = None
+    # The folder's files by folded name; they are listed only if a name is not there.
+    by_folded: dict[str, list[str]] | None = None
     found = []
     for listed, label in zip(names, labels, strict=True):
         wanted = _possible(listed)
         with readable(label):
             there = [name for name in wanted if files.has(name)]
         picture = there[0] if there else ""
-        if not picture and near is None:
-            near = {}
+        if not picture and by_folded is None:
+            by_folded = {}
             for name in list_folder(files.root):
-                near.setdefault(_folded(name), []).append(name)
+                by_folded.setdefault(_folded(name), []).append(name)
         if not picture:
-            assert near is not None
-            several = [near[_folded(name)] for name in wanted if _folded(name) in near]
+            assert by_folded is not None
+            several = [by_folded[_folded(name)] for name in wanted if _folded(name) in by_folded]
             alike = several[0] if several else []
             if len(alike) != 1:
                 bare = listed.replace("\\", "/").rsplit("/", 1)[-1][:100]

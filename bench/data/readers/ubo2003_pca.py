@@ -66,6 +66,7 @@ def opened(seen: Candidate) -> BTF | None:
 
 
 def _folder(seen: Candidate) -> Path | None:
+    """The folder of this format that a folder is or holds, or in which a `meta.json` lies; None for anything else."""
     if not seen.is_folder:
         is_notes = FIELD in seen.head and seen.path.name == NOTES
         return seen.path.parent if is_notes else None
@@ -96,6 +97,7 @@ def _image_size(files: FolderFiles) -> int:
 
 
 def _number(notes: dict[str, Any], key: str, label: str) -> int:
+    """A field of `meta.json` that is a whole number or the text of one; `InputError` for anything else."""
     text = str(notes.get(key))[:40]
     if not re.fullmatch(r"\d{1,9}", text, re.ASCII):
         raise InputError(f"{label}: {key} = {text}: it must be a whole number; get the file again")
@@ -132,7 +134,7 @@ class LocalPCA(Source):
     def weights(self) -> Array:
         """Weights times singular values (blocks, views in block · lights, components, 3) float32."""
         data = self._bytes(WEIGHTS)
-        end = BLOCKS * COLUMNS * COMPONENTS
+        end = BLOCKS * COLUMNS * COMPONENTS  # of the weights; the singular values follow, a coarse and a fine byte each
         columns = _signed(data[:end]).reshape(BLOCKS, TOGETHER * LIGHTS, 3, COMPONENTS)
         coarse, fine = data[end : 4 * PIXELS].reshape(BLOCKS, COMPONENTS, 2).astype(np.float32).transpose(2, 0, 1)
         singular = 10 * coarse + np.float32(0.1) * fine
@@ -161,17 +163,20 @@ class LocalPCA(Source):
         return _linear(self.codes(pair))
 
     def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
+        """As `Source.texels`: one matrix product for all pairs of a block."""
         out = np.empty((len(rows), len(pairs), 3), np.float32)
         block, column = np.divmod(pairs, TOGETHER * LIGHTS)
         texel = np.asarray(rows) * self.shape[1] + np.asarray(cols)
         for each in np.unique(block):
             chosen = np.flatnonzero(block == each)
+            # (components, pairs · 3), so that one product gives all pairs of the block.
             weights = self.weights[each, column[chosen]].swapaxes(0, 1).reshape(COMPONENTS, -1)
             codes = _signed(self.components[each, texel]) @ weights
             out[:, chosen] = _linear(codes).reshape(len(texel), -1, 3)
         return out
 
     def gather(self, pair: Array, row: Array, col: Array, step: int = 1 << 16) -> Array:
+        """As `Source.gather`; `step` values are computed at once, so that their weights need little memory."""
         out = np.empty((len(pair), 3), np.float32)
         for start in range(0, len(pair), step):
             part = slice(start, start + step)
@@ -187,13 +192,13 @@ class LocalPCA(Source):
 
 def _check_sums(data: bytes) -> None:
     """Raise if a chunk of a PNG does not match its checksum, or if the end is missing; Pillow accepts both."""
-    at, name = PNG_START, b""
+    offset, name = PNG_START, b""
     while name != b"IEND":
-        size, name = struct.unpack_from(">I4s", data, at)
-        (stated,) = struct.unpack_from(">I", data, at + 8 + size)
-        if zlib.crc32(data[at + 4 : at + 8 + size]) != stated:
-            raise ValueError(f"the checksum at offset {at} is wrong")
-        at += 12 + size
+        size, name = struct.unpack_from(">I4s", data, offset)
+        (stated,) = struct.unpack_from(">I", data, offset + 8 + size)
+        if zlib.crc32(data[offset + 4 : offset + 8 + size]) != stated:
+            raise ValueError(f"the checksum at offset {offset} is wrong")
+        offset += 12 + size
 
 
 def _signed(codes: Array) -> Array:

@@ -31,9 +31,9 @@ COLOUR_MODELS = {
     12: "log RGB, converted to RGB",
 }
 SCALARS = {2: "<f2", 4: "<f4", 8: "<f8"}
-EPSILON = np.float32(1e-5)
+EPSILON = np.float32(1e-5)  # was added before a logarithm was taken
 YUV_TO_RGB = np.array([[1, 0, 1.13983], [1, -0.39465, -0.58060], [1, 2.03211, 0]], np.float32)
-DENSE_BYTES = 1 << 30
+DENSE_BYTES = 1 << 30  # of factors that are kept in memory as float32
 MULTIPLIED = 64 << 20  # bytes at once: 17 slices of 400 × 400 texels, in half the time of one by one
 
 
@@ -41,20 +41,20 @@ class Cursor:
     """Reads a file from front to back; errors say what was read when the file ended."""
 
     def __init__(self, path: Path):
-        self.path, self.at = path, 0
+        self.path, self.offset = path, 0
         self.bytes = np.memmap(path, np.uint8, "r")
 
     def fail(self, what: str, remedy: str = "the file is damaged; get it again") -> InputError:
         """The error to raise, with the file and the offset."""
-        return InputError(f"{self.path}, offset {self.at}: {what}: {remedy}")
+        return InputError(f"{self.path}, offset {self.offset}: {what}: {remedy}")
 
     def take(self, count: int, what: str) -> Array:
         """The next `count` bytes, as a view of the file."""
-        left = len(self.bytes) - self.at
+        left = len(self.bytes) - self.offset
         if count > left:
             raise self.fail(f"{what} needs {count} bytes, but {left} are left", "the file is truncated; get it again")
-        self.at += count
-        return self.bytes[self.at - count : self.at]
+        self.offset += count
+        return self.bytes[self.offset - count : self.offset]
 
     def numbers(self, layout: str, what: str) -> tuple[Any, ...]:
         """Numbers of a `struct` layout, little-endian."""
@@ -156,7 +156,7 @@ def opened(seen: Candidate) -> BTF | None:
 
 def _header(cursor: Cursor) -> dict[str, Any]:
     """Read the header about the measurement; its length must be the stated one."""
-    start = cursor.at
+    start = cursor.offset
     size, version = cursor.numbers("2I", "the header")
     if not 1 <= version <= 4:
         raise cursor.fail(f"header version {version}", "versions 1 to 4 are read")
@@ -176,8 +176,8 @@ def _header(cursor: Cursor) -> dict[str, Any]:
         for _ in range(channels):
             length = cursor.count("a channel's name")
             notes["channels"].append(cursor.text(length, "a channel's name"))
-    if cursor.at - start != size:
-        raise cursor.fail(f"the header says it has {size} bytes, but it has {cursor.at - start}")
+    if cursor.offset - start != size:
+        raise cursor.fail(f"the header says it has {size} bytes, but it has {cursor.offset - start}")
     return notes
 
 
@@ -185,9 +185,10 @@ def _directions(cursor: Cursor) -> Factorisation:
     """Views and lights; every view repeats the list of lights, which must be the same."""
     views = cursor.count("the number of views")
     _, lights = cursor.numbers("8sI", "the first view")
-    cursor.at -= 12
+    cursor.offset -= 12  # only looked at: the first view is read again with the others
     if not views or not lights:
         raise cursor.fail(f"{views} views of {lights} lights")
+    # A view is its θ and φ (8 bytes), the number of its lights (4), and θ and φ of each light.
     block = cursor.take(views * (12 + 8 * lights), f"{views} views of {lights} lights").reshape(views, -1)
     differs = (block[:, 8:] != block[0, 8:]).any(1)
     if differs.any():
@@ -256,15 +257,18 @@ class FactorSource(Source):
     def __init__(self, path: Path, material: Factorisation):
         self.path, self.material = path, material
         self.shape, self.count = material.shape, len(material.views) * len(material.lights)
+        # 12 bytes of a texel are its products, and 12 its RGB.
         self.at_once = max(1, MULTIPLIED // (24 * self.shape[0] * self.shape[1]))
 
     @np.errstate(over="ignore", invalid="ignore")
     def slices(self, pairs: Array) -> list[Array]:
-        channels = []
+        """As `Source.slices`: one matrix product a channel for all of the pairs."""
+        channels = []  # three arrays (n, H, W)
         for texels, of_pairs in zip(self.material.texels, self.material.pairs, strict=True):
             products = texels.times(of_pairs.rows(pairs))
             channels.append(products.reshape(-1, *self.shape))
         pictures = np.empty((len(pairs), *self.shape, 3), np.float32)
+        # `planes` are the three channels of one picture.
         for i, picture, planes in zip(pairs, pictures, zip(*channels, strict=True), strict=True):
             self._decode(planes, picture[::-1])  # the file counts from the bottom row
             finite(picture, f"{self.path}: slice of pair {i}")
@@ -272,6 +276,7 @@ class FactorSource(Source):
 
     @np.errstate(over="ignore", invalid="ignore")
     def texels(self, rows: Array, cols: Array, pairs: Array, block: int = 64) -> Array:
+        """As `Source.texels`; `block` texels are multiplied at once, in buffers that are used again."""
         index = self._index(rows, cols)
         out = np.empty((len(index), len(pairs), 3), np.float32)
         factors = [np.ascontiguousarray(matrix.rows(pairs).T) for matrix in self.material.pairs]
@@ -285,6 +290,7 @@ class FactorSource(Source):
 
     @np.errstate(over="ignore", invalid="ignore")
     def gather(self, pair: Array, row: Array, col: Array, block: int = 4096) -> Array:
+        """As `Source.gather`; `block` values are computed at once, so that their factors need little memory."""
         index = self._index(row, col)
         out = np.empty((len(index), 3), np.float32)
         for start in range(0, len(index), block):
@@ -323,6 +329,7 @@ def _yuv_to_rgb(channels: Sequence[Array] | Array, out: Array) -> None:
     for chroma in (u, v):
         np.multiply(chroma, y, out=chroma)
         np.add(chroma, EPSILON, out=chroma)
+    # Every colour has Y once; red has no U, and blue no V.
     (_, _, red_v), (_, green_u, green_v), (_, blue_u, _) = YUV_TO_RGB
     out[..., 0] = y + red_v * v
     out[..., 1] = y + green_u * u + green_v * v

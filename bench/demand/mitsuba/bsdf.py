@@ -61,7 +61,7 @@ class _Lobes:
             columns += axis.T.unbind()
         self.columns = [mi.Float(column.numpy()) for column in columns]
 
-    def _at(self, si: Any) -> tuple[Any, Any, Any, list[Any]]:
+    def _lobe_at(self, si: Any) -> tuple[Any, Any, Any, list[Any]]:
         """Share, roughnesses and axes at the place where the texture is looked up."""
         uv = _wrapped(si, self.repeat)
         column = dr.minimum(mi.UInt32(uv.x * self.cells), self.cells - 1)
@@ -72,28 +72,28 @@ class _Lobes:
 
     def share(self, si: Any, view: Any) -> Any:
         """The probability of the lobe: 0 for a view from behind its normal."""
-        share, _, _, axes = self._at(si)
+        share, _, _, axes = self._lobe_at(si)
         return dr.select(dr.dot(view, axes[2]) > 1e-4, share, 0)
 
     def drawn(self, si: Any, view: Any, sample: Any) -> Any:
         """A direction toward the light; it may lie below the horizon."""
-        _, along, across, axes = self._at(si)
-        inside = _along(axes, view)
-        normal, _ = _ggx(along, across).sample(inside, sample)
-        light = 2 * dr.dot(inside, normal) * normal - inside
+        _, along, across, axes = self._lobe_at(si)
+        view_in_frame = _in_frame(axes, view)
+        normal, _ = _ggx(along, across).sample(view_in_frame, sample)
+        light = 2 * dr.dot(view_in_frame, normal) * normal - view_in_frame
         return light.x * axes[0] + light.y * axes[1] + light.z * axes[2]
 
     def density(self, si: Any, view: Any, light: Any) -> Any:
         """The density of the drawn direction over solid angle."""
-        _, along, across, axes = self._at(si)
-        inside, out = _along(axes, view), _along(axes, light)
-        half = dr.normalize(inside + out)
-        met = dr.dot(inside, half)
-        density = _ggx(along, across).pdf(inside, half) / (4 * met)
-        return dr.select((inside.z > 1e-4) & (met > 1e-4) & (half.z > 0), density, 0)
+        _, along, across, axes = self._lobe_at(si)
+        view_in_frame, light_in_frame = _in_frame(axes, view), _in_frame(axes, light)
+        half = dr.normalize(view_in_frame + light_in_frame)
+        met = dr.dot(view_in_frame, half)
+        density = _ggx(along, across).pdf(view_in_frame, half) / (4 * met)
+        return dr.select((view_in_frame.z > 1e-4) & (met > 1e-4) & (half.z > 0), density, 0)
 
 
-def _along(axes: list[Any], direction: Any) -> Any:
+def _in_frame(axes: list[Any], direction: Any) -> Any:
     """A direction in the frame of three axes."""
     return mi.Vector3f(*(dr.dot(direction, axis) for axis in axes))
 
@@ -107,12 +107,16 @@ def _wrapped(si: Any, repeat: tuple[float, float]) -> Any:
 def _uv_of(si: Any, step: Any) -> Any:
     """The change of uv for a step in the surface's frame, by least squares; 0 if the surface has no uv."""
     step = si.sh_frame.to_world(step)
-    uu, uv, vv = dr.squared_norm(si.dp_du), dr.dot(si.dp_du, si.dp_dv), dr.squared_norm(si.dp_dv)
-    u, v, area = dr.dot(step, si.dp_du), dr.dot(step, si.dp_dv), uu * vv - uv * uv
-    return dr.select(area > 0, mi.Point2f(u * vv - v * uv, v * uu - u * uv) / area, 0)
+    # The normal equations: products of the two derivatives with each other, and with the step.
+    dot_uu, dot_uv, dot_vv = dr.squared_norm(si.dp_du), dr.dot(si.dp_du, si.dp_dv), dr.squared_norm(si.dp_dv)
+    step_u, step_v = dr.dot(step, si.dp_du), dr.dot(step, si.dp_dv)
+    determinant = dot_uu * dot_vv - dot_uv * dot_uv
+    change = mi.Point2f(step_u * dot_vv - step_v * dot_uv, step_v * dot_uu - step_u * dot_uv)
+    return dr.select(determinant > 0, change / determinant, 0)
 
 
 def _ggx(along: Any, across: Any) -> Any:
+    """Mitsuba's GGX distribution of visible normals, with two roughnesses."""
     return mi.MicrofacetDistribution(mi.MicrofacetType.GGX, along, across, True)
 
 
@@ -144,6 +148,8 @@ class _Answers:
         self.lobes = None if lobes is None else _Lobes(lobes.float().numpy(), self.periods)
 
     def sample(self, context: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
+        """A direction toward the light, and f_r · cos θ_i over its density, as Mitsuba's interface asks: `sample1`
+        chooses between the cosine and the lobe, `sample2` draws from it."""
         view = self._turned(si, si.wi)
         toward = mi.warp.square_to_cosine_hemisphere(sample2)
         if self.lobes:
@@ -165,6 +171,7 @@ class _Answers:
         return turned
 
     def eval(self, context: Any, si: Any, wo: Any, active: Any = True) -> Any:
+        """f_r · cos θ_i toward the camera, of light from `wo`; 0 for directions below the surface."""
         # Mitsuba's wi is toward the camera and its wo toward the light.
         view, light = self._turned(si, si.wi), self._turned(si, wo)
         active = active & (view.z > 0) & (light.z > 0)
@@ -191,6 +198,7 @@ class _Answers:
         return side
 
     def pdf(self, context: Any, si: Any, wo: Any, active: Any = True) -> Any:
+        """The density over solid angle with which `sample` draws `wo`."""
         view, light = self._turned(si, si.wi), self._turned(si, wo)
         density = light.z / dr.pi
         if self.lobes:

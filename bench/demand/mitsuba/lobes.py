@@ -84,6 +84,7 @@ def fitted(
         cell, wo, wi, values = drawn(material, cells, VIEWS, LIGHTS, rng)
         weights = values / values.mean(1, keepdim=True).clamp_min(1e-9)
         density = Lobe.from_stored(raw[cell]).density(wo, wi)
+        # The cross entropy to the answers, which are brought to one mean in every view.
         loss = -(weights.flatten() * density.clamp_min(1e-9).log()).mean()
         optimiser.zero_grad()
         loss.backward()
@@ -103,8 +104,8 @@ def drawn(
     """Queries over all cells: for each its cell, wo, wi, uniform over the hemisphere; and the answers' means over RGB
     (cells² · views, lights)."""
     cell = torch.arange(cells * cells).repeat_interleave(views)
-    inside = torch.from_numpy(rng.random((len(cell), 2), np.float32))
-    uv = torch.stack([(cell % cells + inside[:, 0]) / cells, 1 - (cell // cells + inside[:, 1]) / cells], 1)
+    place = torch.from_numpy(rng.random((len(cell), 2), np.float32))
+    uv = torch.stack([(cell % cells + place[:, 0]) / cells, 1 - (cell // cells + place[:, 1]) / cells], 1)
     wo = torch.from_numpy(uniform(rng, len(cell), LOWEST_VIEW)).float()
     wi = torch.from_numpy(uniform(rng, len(cell) * lights, LOWEST_LIGHT)).float()
     cell, uv, wo = (each.repeat_interleave(lights, 0) for each in (cell, uv, wo))
@@ -147,6 +148,7 @@ def _variances(material: Material, raw: Tensor, lights: int, rng: np.random.Gene
     albedo = values.mean(1) * whole
 
     def variance(density: Tensor) -> Tensor:
+        """The mean of (f / p)² over directions of density p, less the square of the mean, by uniform directions."""
         return (values.square() / density.view(-1, lights)).mean(1) * whole - albedo**2
 
     return variance(wi[:, 2] / math.pi), variance(Lobe.from_stored(raw[cell]).density(wo, wi)), albedo

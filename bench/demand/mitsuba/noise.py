@@ -80,6 +80,7 @@ def reached(
     slopes: list[list[float]] = [[] for _ in drawn]
 
     def render(number: int, samples: int, seed: int) -> tuple[np.ndarray, float]:
+        """A picture (H, W, 3) drawn from one of the lobes, and the processor time that it took, in s."""
         bsdf.draw_from(drawn[number])
         start = time.process_time()
         colours = np.asarray(mi.render(loaded, spp=samples, seed=seed))[..., :3]
@@ -112,6 +113,7 @@ def _figures(pictures: np.ndarray, seconds: float, samples: int) -> Reached:
 
 
 def _loaded(bsdf: Any, scene: str, side: int) -> Any:
+    """One of the `SCENES` with a BSDF, as Mitsuba renders it; the picture has `side`² pixels."""
     shape, light, of_lights = SCENES[scene]
     place = mi.ScalarTransform4f().look_at([0, -2.4, 1.8], [0, 0, 0], [0, 0, 1])
     film = {"type": "hdrfilm", "width": side, "height": side, "rfilter": {"type": "box"}}

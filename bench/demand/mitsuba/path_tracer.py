@@ -127,27 +127,27 @@ def shading(o: Values, base: Values, roughness: Values, metal: Values, specular:
     return Shading(o, seen, alpha / stretch, at_least(MIN_ALPHA, alpha * stretch), diffuse, f0, f90, specular, glossy)
 
 
-def reflect(at: Shading, i: Values) -> Values:
+def reflect(here: Shading, i: Values) -> Values:
     """f_r · cos θ_i (mi.Color3f) toward the points' `o`; 0 from below the tangent plane."""
-    o, i_n = at.o, at_least(0, i.z)
-    between = at_least(1e-6, 0.5 + 0.5 * dr.dot(at.seen, i))  # (o·h)²
+    o, i_n = here.o, at_least(0, i.z)
+    between = at_least(1e-6, 0.5 + 0.5 * dr.dot(here.seen, i))  # (o·h)²
     h = (o + mi.Vector3f(i.x, i.y, i_n)) * (0.5 * dr.rsqrt(between))
-    masking = i_n * _smith(at, o) + o.z * _smith(at, mi.Vector3f(i.x, i.y, i_n))
-    highlight = i_n * 0.5 * _density(at, h) / at_least(1e-12, masking)
-    through = i_n * (1 - fresnel(DIELECTRIC_F0 * at.dielectric, at.dielectric, i_n))
-    return at.diffuse * through + fresnel(at.f0, mi.Color3f(at.f90), dr.sqrt(between)) * highlight
+    masking = i_n * _smith(here, o) + o.z * _smith(here, mi.Vector3f(i.x, i.y, i_n))
+    highlight = i_n * 0.5 * _density(here, h) / at_least(1e-12, masking)
+    through = i_n * (1 - fresnel(DIELECTRIC_F0 * here.dielectric, here.dielectric, i_n))
+    return here.diffuse * through + fresnel(here.f0, mi.Color3f(here.f90), dr.sqrt(between)) * highlight
 
 
-def sample(at: Shading, choice: Values, place: Values) -> tuple[Values, Values]:
+def sample(here: Shading, choice: Values, place: Values) -> tuple[Values, Values]:
     """Directions drawn by numbers in [0, 1): `choice` picks the lobe, `place` (mi.Point2f) the direction in it. Also
     f_r · cos θ_i over their density (mi.Color3f), 0 where a direction fell below the tangent plane."""
     matt = _cosine(place)
-    seen = dr.normalize(at.o)
-    h = _visible_normal(at, seen, place)
-    i = dr.select(choice < at.glossy, 2 * dr.dot(seen, h) * h - seen, matt)
-    density = at.glossy * _glossy_density(at, seen, i) + (1 - at.glossy) * at_least(0, i.z) / dr.pi
+    seen = dr.normalize(here.o)
+    h = _visible_normal(here, seen, place)
+    i = dr.select(choice < here.glossy, 2 * dr.dot(seen, h) * h - seen, matt)
+    density = here.glossy * _glossy_density(here, seen, i) + (1 - here.glossy) * at_least(0, i.z) / dr.pi
     usable = (i.z > 0) & (density > 0)
-    return i, dr.select(usable, reflect(at, i) / dr.select(usable, density, 1), 0)
+    return i, dr.select(usable, reflect(here, i) / dr.select(usable, density, 1), 0)
 
 
 def at_least(low: float, x: Values) -> Values:
@@ -162,25 +162,27 @@ def _cosine(place: Values) -> Values:
 
 
 def _disc(place: Values) -> tuple[Values, Values]:
+    """x and y drawn uniformly in the unit disc, from two numbers in [0, 1)."""
     radius, phi = dr.sqrt(place.x), 2 * dr.pi * place.y
     return radius * dr.cos(phi), radius * dr.sin(phi)
 
 
-def _smith(at: Shading, x: Values) -> Values:
-    t, b = at.alpha_t * x.x, at.alpha_b * x.y
+def _smith(here: Shading, x: Values) -> Values:
+    """The length √(α_t² x_t² + α_b² x_b² + x_n²) of Smith's terms, as in `bench.data.materials.brdf`."""
+    t, b = here.alpha_t * x.x, here.alpha_b * x.y
     return dr.sqrt(t * t + b * b + x.z * x.z)
 
 
-def _density(at: Shading, h: Values) -> Values:
+def _density(here: Shading, h: Values) -> Values:
     """The GGX distribution D at half vectors."""
-    t, b = h.x / at.alpha_t, h.y / at.alpha_b
+    t, b = h.x / here.alpha_t, h.y / here.alpha_b
     stretched = t * t + b * b + h.z * h.z
-    return 1 / (dr.pi * at.alpha_t * at.alpha_b * stretched * stretched)
+    return 1 / (dr.pi * here.alpha_t * here.alpha_b * stretched * stretched)
 
 
-def _visible_normal(at: Shading, o: Values, place: Values) -> Values:
+def _visible_normal(here: Shading, o: Values, place: Values) -> Values:
     """A half vector drawn in proportion to D(h) · (o·h)⁺ (Heitz 2018, appendix A)."""
-    v = dr.normalize(mi.Vector3f(at.alpha_t * o.x, at.alpha_b * o.y, o.z))
+    v = dr.normalize(mi.Vector3f(here.alpha_t * o.x, here.alpha_b * o.y, o.z))
     side = v.x * v.x + v.y * v.y
     scale = dr.rsqrt(at_least(1e-12, side))
     across = dr.select(side > 1e-12, mi.Vector3f(-v.y * scale, v.x * scale, 0), mi.Vector3f(1, 0, 0))
@@ -189,13 +191,13 @@ def _visible_normal(at: Shading, o: Values, place: Values) -> Values:
     y = (1 - blend) * dr.sqrt(at_least(0, 1 - x * x)) + blend * y
     up = dr.sqrt(at_least(0, 1 - x * x - y * y))
     h = x * across + y * dr.cross(v, across) + up * v
-    return dr.normalize(mi.Vector3f(at.alpha_t * h.x, at.alpha_b * h.y, at_least(1e-6, h.z)))
+    return dr.normalize(mi.Vector3f(here.alpha_t * h.x, here.alpha_b * h.y, at_least(1e-6, h.z)))
 
 
-def _glossy_density(at: Shading, o: Values, i: Values) -> Values:
+def _glossy_density(here: Shading, o: Values, i: Values) -> Values:
     """Density of the directions that reflect `o` at a visible normal: D · G₁ / (4 o_n), per solid angle."""
     h = dr.normalize(o + i)
-    return dr.select(dr.dot(o, h) > 0, _density(at, h) / (2 * (o.z + _smith(at, o))), 0)
+    return dr.select(dr.dot(o, h) > 0, _density(here, h) / (2 * (o.z + _smith(here, o))), 0)
 
 
 class PathTracer:
@@ -214,12 +216,14 @@ class PathTracer:
 
     @property
     def pairs_a_launch(self) -> int:
+        """The number of pairs whose paths fill a launch, at least one; one of a scalar variant."""
         if mi.variant() == "scalar_rgb":
             return 1
         return max(1, WAVEFRONT // self._paths)
 
     @property
     def _paths(self) -> int:
+        """The paths of one pair: one for each sub-point."""
         return self.size[0] * self.size[1] * self.sub_points**2
 
     def _mesh(self, view_z: float, light_z: float) -> Any:
@@ -270,6 +274,7 @@ class PathTracer:
 
     def surface(self, p: Values, o: Values) -> tuple[Values, Shading]:
         """Tangent frame (mi.Frame3f) and reflectance of the points `p` seen from `o`, both in space."""
+        # Normal, base colour, roughness, metalness, specular, anisotropy, cos and sin of twice the angle.
         t = self.table.eval(mi.Point2f(p.x, 1 - p.y / self.aspect))
         n = dr.normalize(mi.Vector3f(t[0], t[1], t[2]))
         # Half of the angle whose cosine and sin lie in the table.
@@ -288,10 +293,12 @@ class PathTracer:
 
 
 def _generator(seed: int, stream: Values) -> Values:
+    """A generator of random numbers for each stream; the same seed and stream give the same numbers."""
     return mi.PCG32(1, *mi.sample_tea_32(stream, mi.UInt32(seed)))
 
 
 def _three(generator: Values) -> Values:
+    """Its next three numbers in [0, 1), as a mi.Vector3f."""
     return mi.Vector3f(generator.next_float32(), generator.next_float32(), generator.next_float32())
 
 
@@ -320,7 +327,7 @@ def _follow(tracer: PathTracer, ray: Values, wi: Values, generator: Values, firs
         blocked = tracer.scene.ray_test(mi.Ray3f(tracer.leave(hit.p, wi), wi), edges == 1, active=active)
         value += dr.select(active & (active ^ blocked), weight * reflect(here, frame.to_local(wi)), 0)
         edges += 1
-        random = dr.select(edges == 2, first, _three(generator))
+        random = dr.select(edges == 2, first, _three(generator))  # `first` at the first point of a path
         inward, factor = sample(here, random.x, mi.Point2f(random.y, random.z))
         onward = frame.to_world(inward)
         weight *= factor

@@ -47,6 +47,7 @@ class MitsubaScene:
         height, width = self.picture
 
         def rays_through(col: Array, row: Array) -> Values:
+            """Rays through points of the picture, in pixels; Mitsuba takes them as shares of it."""
             place = mi.Point2f(mi.Float(col / width), mi.Float(row / height))
             rays, _ = sensor.sample_ray(0.0, 0.5, place, mi.Point2f(0.5, 0.5))
             return rays
@@ -119,4 +120,5 @@ def _rows(values: Values) -> Array:
 
 
 def _vector(kind: Values, rows: Array) -> Values:
+    """Rows (n, k) as Dr.Jit vectors of some kind."""
     return kind(*(mi.Float(column) for column in rows.T))
