@@ -77,11 +77,15 @@ def changed(node: ast.AST) -> str:
 def planted(path: Path, rng: random.Random) -> tuple[str, str] | None:
     """A module's text with one mistake, and what it is."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    inside = [each for scope in ast.walk(tree) if isinstance(scope, ast.FunctionDef) for each in ast.walk(scope)]
+    inside: list[ast.AST] = []
+    for scope in ast.walk(tree):
+        if isinstance(scope, ast.FunctionDef):
+            inside += ast.walk(scope)
     rng.shuffle(inside)
     for node in inside:
         old = copy.deepcopy(node)
-        if what := changed(node):
+        what = changed(node)
+        if what:
             return ast.unparse(tree), f"{path.relative_to(ROOT)}:{getattr(old, 'lineno', 0)}: {what}"
     return None
 

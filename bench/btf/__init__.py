@@ -299,8 +299,10 @@ class BTF:
     def subset(self, pairs: ArrayLike) -> "BTF":
         """The same BTF at some of its pairs, given by index."""
         chosen = np.asarray(pairs)
-        each_pair = {name: getattr(self, name) for name in ("wo", "wi", "heldout", "validation", "pairs")}
-        kept: dict[str, Any] = {name: None if values is None else values[chosen] for name, values in each_pair.items()}
+        kept: dict[str, Any] = {}
+        for name in ("wo", "wi", "heldout", "validation", "pairs"):
+            values = getattr(self, name)
+            kept[name] = None if values is None else values[chosen]
         return replace(self, source=self.source.only(self.pairs[chosen]), **kept)
 
     def without_test(self) -> "BTF":

@@ -250,9 +250,17 @@ def pack_layout(layout: Layout) -> dict[str, Tensor]:
     """Pack the distinct views and lights, and each pair's indices into them (N, 2), in the smallest integer type."""
     pairs = torch.from_numpy(np.stack([layout.view, layout.light], 1))
     most = max(len(layout.views), len(layout.lights))
-    dtype = torch.uint8 if most <= 256 else torch.int16 if most <= 32768 else torch.int32
-    views, lights = torch.from_numpy(layout.views), torch.from_numpy(layout.lights)
-    return {"views": views, "lights": lights, "pairs": pairs.to(dtype)}
+    if most <= 256:
+        dtype = torch.uint8
+    elif most <= 32768:
+        dtype = torch.int16
+    else:
+        dtype = torch.int32
+    return {
+        "views": torch.from_numpy(layout.views),
+        "lights": torch.from_numpy(layout.lights),
+        "pairs": pairs.to(dtype),
+    }
 
 
 def unpack_layout(parts: dict[str, Tensor], rows: int | None = None) -> Layout:

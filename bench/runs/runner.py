@@ -289,8 +289,14 @@ def measured(folder: Path, jobs: list[Job], device: str, threads: int, show: Pro
         material = unreported(recorded(folder, job, device))
         if not material.opaque:
             materials[job["job"]] = material
-    ones = {name + ONE_TEXEL: one for name, each in materials.items() if (one := each.at_one_texel())}
-    found = timing.time_materials(materials | ones, threads, show=show) if materials else {}
+    if not materials:
+        return []
+    ones = {}
+    for name, material in materials.items():
+        at_one_texel = material.at_one_texel()
+        if at_one_texel:
+            ones[name + ONE_TEXEL] = at_one_texel
+    found = timing.time_materials(materials | ones, threads, show=show)
     timed = []
     for name in materials:
         record: Timing = {"kind": "timing", "job": name}

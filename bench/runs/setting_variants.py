@@ -184,8 +184,12 @@ class _Measuring:
 
 def _possible(material: Material) -> list[Variant]:
     """The variants that this kind of device has; without a network those of whole materials alone."""
-    every = [Variant(execution, precision) for execution, each in PRECISIONS.items() for precision in each]
-    there = [v for v in every if exists_on(v, material.device) and _is_native(v.precision, material.device)]
+    there = []
+    for execution, precisions in PRECISIONS.items():
+        for precision in precisions:
+            variant = Variant(execution, precision)
+            if exists_on(variant, material.device) and _is_native(precision, material.device):
+                there.append(variant)
     if networks(material):
         return there
     return [variant for variant in there if variant.execution == "eager" or is_whole(variant, material.device)]
