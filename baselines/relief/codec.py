@@ -157,7 +157,7 @@ class ReliefMaterial(Material):
         heights = 0 if relief is None else relief.height.numel() + relief.padded.numel()
         reads = 0
         for name, table in tables.items():
-            texels = 4 if name == "offset" else 8  # the offset has one level; others are read between two
+            texels = 4 if name == "offset" else 8
             reads += texels * table.shape[1]
         cost = DecoderCost(
             parameters=sum(p.numel() for p in network.parameters()),

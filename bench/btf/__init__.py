@@ -143,7 +143,9 @@ class _BoxFiltered(Source):
         self.shape = (source.shape[0] // factor, source.shape[1] // factor)
 
     def _box(self, rows: Array, cols: Array) -> tuple[Array, Array]:
-        fine_rows, fine_cols = (side[:, None] * self.factor + np.arange(self.factor) for side in (rows, cols))
+        inside = np.arange(self.factor)
+        fine_rows = rows[:, None] * self.factor + inside
+        fine_cols = cols[:, None] * self.factor + inside
         fine_rows, fine_cols = np.broadcast_arrays(fine_rows[:, :, None], fine_cols[:, None, :])
         return fine_rows.reshape(-1), fine_cols.reshape(-1)
 

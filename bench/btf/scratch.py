@@ -26,7 +26,8 @@ def opened(path: Path, read: Callable[[int], Array], count: int, shape: tuple[in
         with atomic.locked(path):  # else each of a dozen workers would write its own, of many gigabytes
             if not path.exists():
                 with atomic.replacing(path) as partial:
-                    any(_written(path, partial, read, count, shape, dtype) for dtype in (np.float16, np.float32))
+                    if not _written(path, partial, read, count, shape, np.float16):
+                        _written(path, partial, read, count, shape, np.float32)
     copy: Array = np.load(path, mmap_mode="r", allow_pickle=False)
     return copy
 

@@ -267,7 +267,8 @@ def unpack_layout(parts: dict[str, Tensor], rows: int | None = None) -> Layout:
     """Unpack the layout that `pack_layout` packed; `rows` is the number of pairs of the table. Raises `KeyError` if a
     tensor is missing, `ValueError` if one is invalid or does not fit the table."""
     pairs = parts["pairs"].long().numpy()
-    views, lights = (parts[side].float().numpy() for side in ("views", "lights"))
+    views = parts["views"].float().numpy()
+    lights = parts["lights"].float().numpy()
     for side, index in ((views, pairs[:, 0]), (lights, pairs[:, 1])):
         sound = side.shape[1:] == (3,) and side.min() >= -1 - UNIT and side.max() <= 1 + UNIT
         if not sound or not (np.abs(np.linalg.norm(side, axis=1) - 1) < UNIT).all() or side[:, 2].min() < -UNIT:

@@ -148,9 +148,9 @@ def _imported(nodes: list[ast.AST], module: str, path: Path) -> Iterator[str]:
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
     typed = [node for node in nodes if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)]
     unseen: set[int] = set()
-    for node in typed:
-        if not node.orelse:
-            unseen.update(id(inner) for inner in ast.walk(node))
+    for guard in typed:
+        if not guard.orelse:
+            unseen.update(id(inner) for inner in ast.walk(guard))
     for node in nodes:
         if id(node) in unseen:
             continue

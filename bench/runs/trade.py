@@ -323,9 +323,9 @@ def _timed(
         calls[f"product {dtype}"], calls[f"copy {dtype}"] = ceiling_calls(first.device, getattr(torch, dtype))
     measured = timing.in_turns(calls, batch, first.size, ceilings[0]["threads"], first.device, show, kept)
     for ceiling in ceilings:
-        product, copied = (
-            batch * float(measured[f"{what} {ceiling['dtype']}"].samples.min()) for what in ("product", "copy")
-        )
+        dtype = ceiling["dtype"]
+        product = batch * float(measured[f"product {dtype}"].samples.min())
+        copied = batch * float(measured[f"copy {dtype}"].samples.min())
         flops, read = rates(product, copied, first.device)
         ceiling["flops_per_ns"] = max(ceiling["flops_per_ns"], flops)
         ceiling["bytes_per_ns"] = max(ceiling["bytes_per_ns"], read)
