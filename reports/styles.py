@@ -29,7 +29,9 @@ class Styles:
     def __init__(self, run: Run):
         labels = dict.fromkeys(map(shown_label, run.jobs))
         self.own = list(dict.fromkeys(_codec(label) for label in labels if is_own(label)))
-        self.variants = {c: [label for label in labels if _codec(label) == c] for c in (*KNOWN, *self.own)}
+        self.variants: dict[str, list[str]] = {}  # the labels of each codec
+        for label in labels:
+            self.variants.setdefault(_codec(label), []).append(label)
 
     def of_codec(self, label: str) -> dict[str, Any]:
         """How `plot` draws a label, or a ladder of rates; markers are hollow at every second setting."""

@@ -12,7 +12,6 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache, partial
-from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -78,7 +77,8 @@ def against(run: Run, first: str, others: Iterable[str]) -> Against:
             raise InputError(f"against {label!r}: the run has no such label: it has {'; '.join(known)}")
     jobs: dict[str, dict[tuple[str, int], Job]] = {first: {}, **{label: {} for label in others}}
     for job in run.jobs:
-        if job["status"] == "ok" and (label := shown_label(job)) in jobs:
+        label = shown_label(job)
+        if job["status"] == "ok" and label in jobs:
             jobs[label][job["material"], job["seed"]] = job
     return against_jobs(run.folder, first, jobs)
 
@@ -88,24 +88,32 @@ def against_jobs(folder: Path, first: str, jobs: Mapping[str, Mapping[tuple[str,
     ours = jobs[first]
     read = cache(lambda *key: decibels(folder, ours[key]))
     differences = Against(first, {}, {})
-    for label in (name for name in jobs if name != first):
-        both = [(job, jobs[label][key]) for key, job in ours.items() if key in jobs[label]]
+    for label, theirs in jobs.items():
+        if label == first:
+            continue
+        both = [(job, theirs[key]) for key, job in ours.items() if key in theirs]
         try:
             cells = _cells(both, lambda job: read(job["material"], job["seed"]), partial(decibels, folder))
         except InputError:
             continue
-        if whole := interval(cells):
+        whole = interval(cells)
+        if whole:
             differences.over[label] = whole
         for material, own in grouped(cells, lambda cell: cell.material).items():
-            if part := interval(own):
+            part = interval(own)
+            if part:
                 differences.on.setdefault(material, {})[label] = part
     return replace(differences, over=told_apart(differences.over))
 
 
 def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
     """The differences to a codec named beforehand, with whether each is told apart: by Holm's correction (1979)."""
-    order = enumerate(sorted(over, key=lambda label: over[label].chance))
-    told = {label for _, label in takewhile(lambda at: over[at[1]].chance <= FALSE / (len(over) - at[0]), order)}
+    told = set()
+    for place, label in enumerate(sorted(over, key=lambda label: over[label].chance)):
+        limit = FALSE / (len(over) - place)
+        if not over[label].chance <= limit:  # nor if it is no number
+            break  # none with a larger chance is told apart either
+        told.add(label)
     return {label: replace(each, apart=label in told) for label, each in over.items()}
 
 
@@ -132,15 +140,20 @@ def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
     by_material = grouped(cells, lambda cell: cell.material)
     if not by_material:
         return None
-    means = np.array([np.mean([cell.differences.mean() for cell in each]) for each in by_material.values()])
-    seeds, slices = max(map(len, by_material.values())), sum(len(cell.differences) for cell in cells)
+    of_materials = []
+    for of_seeds in by_material.values():
+        of_materials.append(np.mean([cell.differences.mean() for cell in of_seeds]))
+    means = np.array(of_materials)
     chance = 1.0
     if len(means) > 1:
         reach, of_equals = _student(means)
         low, high = means.mean() - reach, means.mean() + reach
-        chance = of_equals if len(means) >= FEWEST else 1.0
+        if len(means) >= FEWEST:
+            chance = of_equals
     else:
         low, high = np.percentile(_bootstrap_means(cells, draws), [2.5, 97.5])
+    seeds = max(len(of_seeds) for of_seeds in by_material.values())
+    slices = sum(len(cell.differences) for cell in cells)
     return Interval(float(means.mean()), float(low), float(high), len(means), seeds, slices, chance)
 
 
@@ -148,7 +161,9 @@ def _student(means: np.ndarray) -> tuple[float, float]:
     """Half the 95 % interval of the mean of some means, and the chance of so large a mean if the true one is 0."""
     from scipy.special import stdtr, stdtrit  # slow to import, and needed only here
 
-    mean, error, freedom = abs(means.mean()), means.std(ddof=1) / math.sqrt(len(means)), len(means) - 1
+    mean = abs(means.mean())
+    error = means.std(ddof=1) / math.sqrt(len(means))
+    freedom = len(means) - 1
     chance = 2 * stdtr(freedom, -mean / error) if error else float(not mean)
     return float(stdtrit(freedom, 0.975) * error), float(chance)
 

@@ -50,11 +50,14 @@ def visible(text: str) -> str:
     to stand at the start of a line is written `\\x3a:` or `\\x23#`.
     """
     if not text.isprintable():
-        text = "".join(_written_out(each) if unicodedata.category(each) in _CONTROL else each for each in text)
+        text = "".join(map(_written_out, text))
     return _COMMAND.sub(lambda found: f"\\x{ord(found[0][0]):02x}{found[0][1]}", text)
 
 
 def _written_out(character: str) -> str:
+    """A character, or what stands for it if it is a control character."""
+    if unicodedata.category(character) not in _CONTROL:
+        return character
     return character.encode("unicode_escape").decode()
 
 

@@ -207,8 +207,10 @@ class Attempt:
     def _file(self) -> tuple[container.Header, Job]:
         """The codec file and the facts of its fit: from an earlier run with the same key, else encoded now."""
         path = self.task.folder / self.file
-        if not self.task.fresh and path.exists() and (stored := self._stored(path)):
-            return stored
+        if not self.task.fresh and path.exists():
+            stored = self._stored(path)
+            if stored:
+                return stored
         header, facts = self._fit(path)
         self.keep(str(Path(self.file).with_suffix(FACTS)), dict(facts))  # a file without its facts is never reused
         self.checkpoint.unlink(missing_ok=True)
@@ -217,8 +219,10 @@ class Attempt:
     def _stored(self, path: Path) -> tuple[container.Header, Job] | None:
         """An existing codec file and the facts of its fit; None, with a warning, if it is not from this job."""
         try:
-            header, facts = container.read_header(path), json.loads(path.with_suffix(FACTS).read_text("utf-8"))
-            if fault := fields.fault_of(Facts, facts):
+            header = container.read_header(path)
+            facts = json.loads(path.with_suffix(FACTS).read_text("utf-8"))
+            fault = fields.fault_of(Facts, facts)
+            if fault:
                 raise ValueError(f"{path.with_suffix(FACTS)}: {fault}")
             same = facts["fit_key"] == json.loads(json.dumps(self.fit_key))
         except (ContainerError, OSError, ValueError, RecursionError) as error:

@@ -92,8 +92,9 @@ class Workbench:
         if len(self.split.heldout) > 1:
             groups |= {f"heldout, {name}": pairs for name, pairs in self.split.heldout.items()}
         if len(heldout):
-            directions = (torch.from_numpy(w[heldout]) for w in (self.btf.wo, self.btf.wi))
-            outside = PairInterpolator(self.training.layout).outside(*directions).numpy()
+            wo = torch.from_numpy(self.btf.wo[heldout])
+            wi = torch.from_numpy(self.btf.wi[heldout])
+            outside = PairInterpolator(self.training.layout).outside(wo, wi).numpy()
             groups |= {"heldout, inside hull": heldout[~outside], "heldout, outside hull": heldout[outside]}
         groups[VALIDATION] = self.split.validation
         if self.scene_shares is not None:
