@@ -1,7 +1,7 @@
 """Writes the report of a run: tables, figures, and one page that holds both."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from bench.files.atomic import replacing
@@ -21,23 +21,64 @@ VECTOR = ("svg", "pdf")
 
 def write(folder: Path, vector: bool = False) -> Report:
     """See `reports.write_report`."""
-    run = load_run(folder)
-    drawn: list[Figure] = []
-    pictures: list[Path] = []
-    formats = VECTOR if vector else _formats_there(folder / "figures")
-    for draw in figures.ALL.values():
-        for figure in draw(run):
-            pictures += _write_figure(figure, folder / "figures", formats)
-            drawn.append(replace(figure, drawing=None))  # the drawing takes memory
-    tables = all_tables(run)
-    narrow = [table for table in tables if table.kind != "main"]
-    narrow += all_tables(run, narrow=True, kind="main")
-    files = [*_write_tables(run, folder / "tables", tables, narrow), *pictures]
-    _remove_old(folder, files)
-    page = folder / "report.html"
-    with replacing(page) as partial, open(partial, "w", encoding="utf-8", newline="\n") as file:
-        file.writelines(Page(run, narrow, drawn).pieces())
-    return Report(terminal(run), [*files, page])
+    return _ReportFolder(folder, load_run(folder)).write(vector)
+
+
+@dataclass
+class _ReportFolder:
+    """The folder of a run, with the files that its report has so far."""
+
+    folder: Path
+    run: Run
+    files: list[Path] = field(default_factory=list)
+
+    def write(self, vector: bool) -> Report:
+        """Write everything, and remove what only an earlier report had."""
+        tables = all_tables(self.run)
+        narrow = [table for table in tables if table.kind != "main"]
+        narrow += all_tables(self.run, narrow=True, kind="main")
+        self.write_tables(tables, narrow)
+        drawn = self.write_figures(VECTOR if vector else _formats_there(self.folder / "figures"))
+        self.remove_old()
+        page = self.folder / "report.html"
+        with replacing(page) as partial, open(partial, "w", encoding="utf-8", newline="\n") as file:
+            file.writelines(Page(self.run, narrow, drawn).pieces())
+        return Report(terminal(self.run), [*self.files, page])
+
+    def write_figures(self, formats: Sequence[str]) -> list[Figure]:
+        """Write every figure as PNG and in vector formats; returns them without their drawings, which take memory."""
+        drawn = []
+        for draw in figures.ALL.values():
+            for figure in draw(self.run):
+                self.files += _write_figure(figure, self.folder / "figures", formats)
+                drawn.append(replace(figure, drawing=None))
+        return drawn
+
+    def write_tables(self, tables: Sequence[Table], narrow: Sequence[Table]) -> None:
+        """Write all numbers as CSV, and each kind of table as Markdown and, `narrow`, as LaTeX."""
+        folder = self.folder / "tables"
+        self.files.append(put(folder / "results.csv", results_csv(self.run).encode()))
+        choices = trade.choices_csv(self.folder)
+        if choices:
+            self.files.append(put(folder / "trade.csv", choices.encode()))
+        for kind in KINDS:
+            for suffix, text, candidates in ((".md", markdown, tables), (".tex", latex, narrow)):
+                chosen = [table for table in candidates if table.kind == kind]
+                if chosen:
+                    self.files.append(put(folder / f"{kind}{suffix}", text(chosen).encode()))
+
+    def remove_old(self) -> None:
+        """Remove tables and figures of an earlier report that this one does not have; files of other names stay."""
+        patterns = ["tables/trade.csv"]
+        for kind in KINDS:
+            patterns += [f"tables/{kind}.md", f"tables/{kind}.tex"]
+        for name in _figure_names():
+            patterns += [f"figures/{name}.{end}" for end in ("png", *VECTOR)]
+        there: set[Path] = set()
+        for pattern in patterns:
+            there.update(self.folder.glob(pattern))
+        for path in there - set(self.files):
+            path.unlink()
 
 
 def write_history(runs: Sequence[Run], folder: Path) -> list[Path]:
@@ -73,33 +114,6 @@ def _write_figure(figure: Figure, folder: Path, formats: Sequence[str]) -> list[
     for end in formats:
         files.append(put(path.with_suffix(f".{end}"), figure.vector(end)))
     return files
-
-
-def _write_tables(run: Run, folder: Path, tables: Sequence[Table], narrow: Sequence[Table]) -> list[Path]:
-    files = [put(folder / "results.csv", results_csv(run).encode())]
-    choices = trade.choices_csv(run.folder)
-    if choices:
-        files.append(put(folder / "trade.csv", choices.encode()))
-    for kind in KINDS:
-        for suffix, text, candidates in ((".md", markdown, tables), (".tex", latex, narrow)):
-            chosen = [table for table in candidates if table.kind == kind]
-            if chosen:
-                files.append(put(folder / f"{kind}{suffix}", text(chosen).encode()))
-    return files
-
-
-def _remove_old(folder: Path, files: Sequence[Path]) -> None:
-    """Remove the tables and figures of an earlier report that this one does not have; files of other names stay."""
-    patterns = ["tables/trade.csv"]
-    for kind in KINDS:
-        patterns += [f"tables/{kind}.md", f"tables/{kind}.tex"]
-    for name in _figure_names():
-        patterns += [f"figures/{name}.{end}" for end in ("png", *VECTOR)]
-    there: set[Path] = set()
-    for pattern in patterns:
-        there.update(folder.glob(pattern))
-    for path in there - set(files):
-        path.unlink()
 
 
 def put(path: Path, content: bytes) -> Path:
