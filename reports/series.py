@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from bench.compare.choosing.budgets import line_of
 from bench.compare.paired import decibels
 from bench.inputs.errors import InputError
-from bench.records import Run, view
+from bench.records import MOST_DB, Run, view
 from reports.fits import FitCurve, curves_by_material
 from reports.rows import CodecRows, MaterialRows, Row, materials
 from reports.styles import Styles, is_own
@@ -16,6 +17,8 @@ from reports.styles import Styles, is_own
 Plot = dict[str, Any]
 Series = list[dict[str, Any]]
 QUALITY = "display PSNR, dB"
+MOST_LINES = 24  # of a plot
+_CROWDED = ("fits", "footprints", "slices")  # plots with a line or a row for each setting
 _MEANS = ("rate", "speed", "cost")  # of which there is a plot over all materials
 _DASHES = {"--": "6 3", ":": "2 3", "-.": "6 3 2 3"}  # lines of Matplotlib as SVG has them
 
@@ -50,9 +53,15 @@ def plots_of(run: Run) -> list[Plot]:
 def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -> Iterator[Plot]:
     """The plots of a material, which show scores of the whole of it: models of a scene stand in none."""
     whole = [codec for codec in material.codecs if not codec.of_scene]
+    best = whole
+    words = ""
+    if len(whole) > MOST_LINES:
+        best = _at_their_best(whole)
+        words = ", each codec at its best setting"
 
     def plot(kind: str, title: str, x: dict[str, Any], y: str, series: Series) -> Plot:
         drawn = {each["label"] for each in series}
+        due = best if kind in _CROWDED else whole
         return {
             "material": material.name,
             "kind": kind,
@@ -60,7 +69,7 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -
             "x": x,
             "y": {"label": y},
             "series": sorted(series, key=lambda each: is_own(each["label"])),  # what is drawn last is above
-            "missing": [codec.label for codec in whole if codec.label not in drawn],
+            "missing": [codec.label for codec in due if codec.label not in drawn],
         }
 
     quality = f"{QUALITY} ({material.deciding})"
@@ -72,19 +81,34 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -
     x = {"label": "seconds of the fit", "log": True, "unit": "s", "less": True}
     yield plot("cost", "Fit and accuracy", x, quality, _points(whole, _fit_seconds))
 
+    shown = {codec.label for codec in best}
     fitted = {}
     for fit in curves:
-        fitted[fit.label] = [[second, psnr] for _, second, psnr in fit.points if second > 0]
-    yield plot("fits", "Quality over seconds", x, f"{QUALITY} (training samples)", _lines(fitted))
-    sides = {codec.label: _footprints(codec) for codec in whole}
+        if fit.label in shown:
+            fitted[fit.label] = [[second, psnr] for _, second, psnr in fit.points if second > 0]
+    yield plot("fits", f"Quality over seconds{words}", x, f"{QUALITY} (training samples)", _lines(fitted))
+    sides = {codec.label: _footprints(codec) for codec in best}
     marks = sorted({side for points in sides.values() for side, _ in points})
     x = {"label": "footprint in texels a side", "log": True, "unit": "texels", "ticks": marks}
     several = any(len(points) > 1 for points in sides.values())
-    yield plot("footprints", "Level of detail", x, quality, _lines(sides) if several else [])
-    spans = {codec.label: _quantiles(run, codec.measured[0]) for codec in whole if codec.measured}
+    yield plot("footprints", f"Level of detail{words}", x, quality, _lines(sides) if several else [])
+    spans = {codec.label: _quantiles(run, codec.measured[0]) for codec in best if codec.measured}
     x = {"label": f"{QUALITY} a slice: from the worst 5 % to the best 5 %, the middle half thick", "unit": "dB"}
     series = [{"label": label, "points": [span]} for label, span in spans.items() if span]
-    yield plot("slices", "Slices by their error", x, "", series)
+    yield plot("slices", f"Slices by their error{words}", x, "", series)
+
+
+def _at_their_best(codecs: Sequence[CodecRows]) -> list[CodecRows]:
+    """Each codec at the setting of its highest PSNR: more lines than `MOST_LINES` cannot be told apart."""
+    best: dict[str, tuple[float, CodecRows]] = {}
+    for codec in codecs:
+        if not codec.measured:
+            continue
+        quality = fmean(MOST_DB if row.psnr is None else row.psnr for row in codec.measured)
+        name = line_of(codec.measured[0].job)
+        if name not in best or quality > best[name][0]:
+            best[name] = quality, codec
+    return [codec for _, codec in best.values()]
 
 
 def _time(row: Row) -> list[float] | None:
