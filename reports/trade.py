@@ -58,6 +58,7 @@ _ABOVE = (
 
 
 def _choices(material: str, rows: Sequence[TradeChoice], answers: list[str]) -> Table:
+    """A row a choice: quality, bytes, time, and the noise of a path tracer where it was measured."""
     noisy = any("noise" in row or "noise_error" in row for row in rows)
     headers = list(_CHOICES)
     cells = [_choice(row) for row in rows]

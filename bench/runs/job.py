@@ -162,6 +162,7 @@ class Attempt:
             return self._failed(error)
 
     def _failed(self, error: BaseException) -> Outcome:
+        """The record of a job that an error ended."""
         more: Job = {"traceback": "".join(traceback.format_exception(error)), "machine": machine()}
         try:
             self.checkpoint.unlink(missing_ok=True)  # before the next try, the code that wrote it may be fixed
@@ -175,7 +176,8 @@ class Attempt:
         return failed(self.task, text, more)
 
     def _outcome(self, earlier: Job) -> Outcome:
-        if earlier.get("status") == "failed" and earlier.get("fit_key", self.fit_key) == self.fit_key:
+        """The record of an earlier run if it still holds; else a new one, of an earlier run's file or of a new fit."""
+        if earlier.get("status") == "failed" and self._would_fail_again(earlier):
             return Outcome(earlier, "record")
         header, fit = self._file()
         key = score_key(self.workbench, header)
@@ -187,7 +189,12 @@ class Attempt:
         record |= self._scored(header)
         return Outcome(record, "file" if fit["fit_cached"] else "")
 
+    def _would_fail_again(self, earlier: Job) -> bool:
+        """Whether nothing that a failed job depends on has changed. A codec that could not be made has no key."""
+        return "fit_key" not in earlier or earlier["fit_key"] == self.fit_key
+
     def _scored(self, header: container.Header) -> Job:
+        """What scoring the file adds to the record; of the first seed also what a page draws."""
         file = loading.load(header.path, self.task.device, self.network)
         scores = evaluate(self.workbench, file, self.task.threads, self.keep, self.show)
         if self.task.repetition:  # only the first seed has pictures
