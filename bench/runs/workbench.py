@@ -71,8 +71,10 @@ class Workbench:
 
     @cached_property
     def heldout_shares(self) -> np.ndarray | None:
-        """The demand (N,) around each held-out pair, 0 at other pairs; None without a demand, without held-out pairs, or
-        where the scene comes near none of them."""
+        """The demand (N,) around each held-out pair, 0 at other pairs.
+
+        None without a demand, without held-out pairs, or where the scene comes near none of them.
+        """
         pairs = self.groups.get("heldout")
         if self.demand is None or pairs is None:
             return None
