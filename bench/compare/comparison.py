@@ -128,6 +128,7 @@ def means(rows: Sequence[ComparedRow]) -> list[ComparedRow]:
 
 
 def _mean(label: str, rows: list[ComparedRow], every: bool) -> ComparedRow | None:
+    """The row of a codec over all materials; None where no quantity was judged on several."""
     changes: dict[str, list[Change]] = {}
     for row in rows:
         for change in row.deciding:

@@ -44,6 +44,7 @@ def _data(text: str) -> str:
 
 
 def _few(findings: list[tuple[str, str]]) -> list[tuple[str, str]]:
+    """At most `SHOWN` findings: the last one counts the rest, and names them."""
     if len(findings) <= SHOWN:
         return findings
     rest = findings[SHOWN - 1 :]
@@ -73,6 +74,7 @@ def junit(comparison: Comparison) -> str:
 
 
 def _cases(row: ComparedRow) -> Iterator[Element]:
+    """The test cases of a row: one a quantity that decides, or one for the whole row."""
     if row.why or not row.deciding:
         yield _case(row, "result", row.verdict, row.why)
     for change in row.deciding:
@@ -80,6 +82,7 @@ def _cases(row: ComparedRow) -> Iterator[Element]:
 
 
 def _case(row: ComparedRow, what: str, verdict: Verdict, text: str) -> Element:
+    """A test case: failed for a verdict that is forbidden, skipped where nothing was compared."""
     case = Element("testcase", classname=_legal(row.name), name=_legal(f"{row.name}/{what}"), time="0")
     if verdict in FORBIDDEN and not (row.allowed and verdict in (Verdict.UNLIKE, Verdict.GONE)):
         SubElement(case, "failure", type=verdict.lower(), message=_legal(text)).text = _legal(f"{row.name}: {text}")
@@ -112,6 +115,7 @@ def tracker(run: Run) -> dict[str, str]:
 
 
 def _entry(name: str, unit: str, values: list[float]) -> dict[str, Any]:
+    """One number of a tracker, a mean over seeds; of several with half of their range."""
     mean = math.fsum(values) / len(values)
     half = (max(values) - min(values)) / 2
     entry: dict[str, Any] = {"name": name, "unit": unit, "value": float(f"{mean:.7g}")}

@@ -119,6 +119,7 @@ def undeciding(job: Job) -> list[Quantity]:
 
 
 def _metric(job: Job, metric: str, group: str, name: str, digits: int, limit: Tolerance | None = None) -> Quantity:
+    """The pooled number of a metric over a group of pairs."""
     described, decibels = job["metrics"][metric], in_decibels(metric)
 
     def value(job: Job) -> float | None:
@@ -168,6 +169,8 @@ def _footprint(side: str, job: Job) -> float | None:
 
 
 def _part(part: str) -> Quantity:
+    """The bytes of a part of the file."""
+
     def value(job: Job) -> float | None:
         sizes = dict(job["bytes"])
         return cast(int | None, sizes.get(part))

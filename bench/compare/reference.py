@@ -107,6 +107,7 @@ def seeds_of(run: Run) -> int:
 
 
 def _timings(run: Run, jobs: list[Job]) -> Iterator[Timing]:
+    """The timings of jobs for a reference; starts are numbered, so that their times change nothing in it."""
     starts = {start["run"]: str(i) for i, start in enumerate(run.starts, 1)}
     for job in jobs:
         timing = run.timing(job)

@@ -238,6 +238,7 @@ def other_settings(base: Job, new: Job) -> str:
 
 
 def _obstacle(quantity: Quantity, base: Job, new: Job, before: Sequence[object], after: Sequence[object]) -> str:
+    """Why a quantity of two jobs cannot be compared; "" if it can. `before` and `after` are the values of all seeds."""
     mine = quantity.version(base)
     theirs = quantity.version(new)
     if theirs is None and mine is not None:
@@ -256,6 +257,7 @@ def verdict(loss: float, room: float) -> Verdict:
 
 
 def _spread(values: Values) -> float | None:
+    """The standard deviation over seeds; None for one seed, 0 where fewer than two are finite."""
     if len(values) < 2:
         return None
     finite = _finite(values)

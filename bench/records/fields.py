@@ -90,6 +90,7 @@ def kept(record: Kept, use: Use) -> Kept:
 
 
 def _shortened(kind: Kind, value: Any, use: Use) -> Any:
+    """A value without what the use does not keep; an object none of whose fields says a use stays whole."""
     if isinstance(kind, Each) and isinstance(value, dict):
         return {name: _shortened(kind.item, item, use) for name, item in value.items()}
     if not isinstance(kind, Fields) or not isinstance(value, dict):

@@ -131,6 +131,7 @@ def fault_of(kind: Kind, value: Any, place: str = "", depth: int = 0) -> str:
 
 
 def _shown(value: Any) -> str:
+    """A value for a message; of an object or a list its size alone."""
     if isinstance(value, dict):
         return f"an object of {len(value)}"
     if isinstance(value, list):

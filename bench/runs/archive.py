@@ -161,6 +161,7 @@ def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, st
 def _verified(
     job: Job, start: RunStart, folder: Path, out: Path, show: Progress, places: Mapping[str, str]
 ) -> Verified:
+    """The verdict on one job; what does not match its record, or is not here, is never opened or decoded."""
     name = job["job"]
     if job["status"] != "ok":
         return Verified(name, NOT_VERIFIED, f"no result was submitted: {job.get('error', '')}")
@@ -211,6 +212,7 @@ def _other_data(job: Job, spec: MaterialSpec, data: Preparation) -> str:
 
 
 def _judged(job: Job, workbench: Workbench, folder: Path, out: Path, show: Progress, split: str) -> Verified:
+    """Score the file of a job here, write the record, and compare it with what the job claims."""
     file = folder / "files" / Path(job["file"]).name
     loaded = loading.load(file)
     header = loaded.header
@@ -247,6 +249,7 @@ def differences(claimed: Job, here: Job) -> Iterator[str]:
 
 
 def _unlike(place: str, claimed: Any, measured: Any) -> Iterator[str]:
+    """Where a measured value differs from the claimed one by more than machines differ, in words."""
     if isinstance(claimed, dict) and isinstance(measured, dict):
         for name, value in claimed.items():
             if place in ("scores", "pairs") and name in ("scene", SCENE_HELDOUT, OUTSIDE):

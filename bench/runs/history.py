@@ -36,6 +36,7 @@ def load_runs(paths: str | PathLike[str] | Iterable[str | PathLike[str]]) -> pd.
 
 
 def _fields(path: str, run: Run, job: Job) -> Iterator[tuple[str, Any]]:
+    """The columns of a job: the run, the machine, its record and timing, its fit."""
     starts = [start for start in run.starts if start.get("run") == job.get("run")]
     start = starts[0] if starts else RunStart()
     packages = start.get("packages", {})

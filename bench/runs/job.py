@@ -287,6 +287,7 @@ def keep(folder: Path, name: str, content: dict[str, Any]) -> str:
 
 
 def _raise_where_no_job_can_help(error: BaseException) -> None:
+    """Raise `InputError` if a disk is full or may not be written: each further job would fail alike."""
     if not isinstance(error, OSError):
         return
     denied = error.errno in (errno.EACCES, errno.EPERM)

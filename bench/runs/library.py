@@ -216,6 +216,7 @@ def _material(decoded: str | Path | Material | BTF, btf: BTF) -> tuple[str, Mate
 
 
 def _same_size(name: str, size: tuple[int, int], btf: BTF) -> None:
+    """Raise `InputError` unless what was decoded has the texels of the BTF."""
     if size != btf.shape:
         decoded = " × ".join(map(str, size))
         wanted = " × ".join(map(str, btf.shape))

@@ -150,9 +150,10 @@ class _Session:
         self.done: dict[str, Job] = {}  # jobs that have a file, by name
 
     def _task(self, material: MaterialSpec, codec: CodecSpec, repetition: int) -> Task:
+        """The task of one cell of the suite, with absolute paths: a worker may have another working directory."""
         suite, options = self.suite, self.options
         place = Path(material.path)
-        if material.path and place.exists():  # a worker may have another working directory
+        if material.path and place.exists():
             material = dataclasses.replace(material, path=str(place.absolute()))
         task = Task(
             run=self.run_id,

@@ -64,6 +64,7 @@ class CodecSpec:
 
 
 def _label(codec: str, settings: dict[str, Any]) -> str:
+    """The name of a codec with settings: `pca bits=8 components=4`."""
     if codec == COMMAND:  # command lines are not a useful name
         codec = settings.get("called", codec)
         settings = {key: value for key, value in settings.items() if key not in ("called", "encode", "decode")}
@@ -292,6 +293,7 @@ def changed_settings(spec: CodecSpec) -> dict[str, Any]:
 
 
 def _change(suite: Suite, key: str, value: str) -> Suite:
+    """The suite with one setting changed, KEY, CODEC.KEY or data.KEY. `InputError` if it changes nothing."""
     scope, _, name = key.rpartition(".")
     if scope == "data":
         suite = dataclasses.replace(suite, data=changed(suite.data, {key: value}))
@@ -343,6 +345,7 @@ def described_changes(suite: Suite, changes: dict[str, str]) -> list[str]:
 
 
 def _has(codec: str, scope: str, setting: str) -> bool:
+    """Whether a codec of this scope, "" for all, has a setting."""
     from bench.codec import setting_names
 
     try:
@@ -352,6 +355,7 @@ def _has(codec: str, scope: str, setting: str) -> bool:
 
 
 def _set(spec: CodecSpec, setting: str, value: str) -> CodecSpec:
+    """The entry with a setting converted from a word."""
     from bench.codec import COMMON
 
     codec = make_codec(spec.codec, {setting: value})
@@ -360,6 +364,7 @@ def _set(spec: CodecSpec, setting: str, value: str) -> CodecSpec:
 
 
 def _material(where: str, entry: Any) -> MaterialSpec:
+    """A material of a suite: its name alone, or a table."""
     if isinstance(entry, str):
         return named(converted(where, str, entry))
     spec: MaterialSpec = table(where, MaterialSpec, entry)
