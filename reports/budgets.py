@@ -81,7 +81,8 @@ def _budgets(run: Run, result: Budgets, points: Points, materials: Sequence[str]
     told: dict[Budget, set[str]] = {}
     if len(materials) >= FEWEST:
         told = {budget: result.told_apart(run, budget, materials) for budget in times}
-    rows, scores = [], []
+    rows: list[list[str]] = []
+    scores: list[list[float | None]] = []
     for line in sorted(lines, key=lambda line: _by_size(columns, line)):
         cells: list[str] = [line]
         values: list[float | None] = [None]
@@ -117,7 +118,8 @@ def _read(reading: Reading | None) -> str:
     """A reading as a cell; with “≥” where only a best rung within the size is known."""
     if reading is None:
         return NONE
-    return "≥" * (not reading.off_curves) + _number(reading.value, digits=1)
+    number = _number(reading.value, digits=1)
+    return number if reading.off_curves else f"≥{number}"
 
 
 def _header(budget: Budget, shapes: set[tuple[int, int]]) -> tuple[str, str]:
@@ -286,8 +288,12 @@ def _lead_cells(line: str, lead: Summary | None, has_curves: bool) -> list[str]:
     """The cells of a lead: its median over surfaces, the interval of its mean, and on how many it is above 0."""
     if lead is None:
         return ["" if line == AGAINST else NONE, "", ""]
-    median = signed(lead.median, 1) + "°" * (not has_curves)
-    interval = f"{signed(lead.low, 1)} to {signed(lead.high, 1)}" + "*" * lead.apart
+    median = signed(lead.median, 1)
+    if not has_curves:
+        median += "°"
+    interval = f"{signed(lead.low, 1)} to {signed(lead.high, 1)}"
+    if lead.apart:
+        interval += "*"
     return [median, interval, f"{lead.won} of {lead.surfaces}"]
 
 

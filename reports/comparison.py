@@ -140,8 +140,9 @@ def _cells(quantity: Quantity, change: Change | None) -> list[str]:
 def _others(material: str, rows: Sequence[ComparedRow]) -> list[Table]:
     """The table of values that do not decide: changes, new − base, and times; None if there are none."""
     rows = [row for row in rows if row.shown]
-    changed = {change.quantity.name for row in rows for change in row.shown if _difference(change) != "="}
-    quantities = [quantity for quantity in _quantities(row.shown for row in rows) if quantity.name in changed]
+    every = list(chain.from_iterable(row.shown for row in rows))
+    changed = {change.quantity.name for change in every if _difference(change) != "="}
+    quantities = [quantity for quantity in _quantities([every]) if quantity.name in changed]
     if not quantities and not any(row.timing for row in rows):
         return []
     headers = [("change of", ""), *((q.name.replace("_", " "), q.scale) for q in quantities)]

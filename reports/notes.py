@@ -81,7 +81,9 @@ def run_notes(run: Run) -> list[str]:
     """Footnotes on the origin of the numbers, and on unreadable records."""
     notes = [_provenance(run.starts[-1]), *_older(run)] if run.starts else []
     if run.unreadable:
-        lines = ", ".join(map(str, run.unreadable[:10])) + (", …" if len(run.unreadable) > 10 else "")
+        lines = ", ".join(map(str, run.unreadable[:10]))
+        if len(run.unreadable) > 10:
+            lines += ", …"
         notes.append(f"{len(run.unreadable)} line(s) of records.jsonl could not be read: {lines}.")
     return notes
 

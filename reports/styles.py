@@ -1,5 +1,6 @@
 """The colour, marker and line of each codec, the same in every figure; codecs known here keep theirs in every run."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from bench.records import Run, shown_label
@@ -38,7 +39,8 @@ class Styles:
         codec = _codec(label)
         variants = self.variants.get(codec, [])
         variant = variants.index(label) if label in variants else 0
-        known, colours = (self.own, OWN) if is_own(label) else (KNOWN, COLOURS)
+        known: Sequence[str] = self.own if is_own(label) else KNOWN
+        colours = OWN if is_own(label) else COLOURS
         place = known.index(codec) if codec in known else len(known)
         colour = colours[place % len(colours)]
         return {

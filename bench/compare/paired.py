@@ -128,8 +128,11 @@ def _cells(pairs: Iterable[tuple[Job, Job]], ours_of: Slices, theirs_of: Slices)
     """The differences of the slices of each two jobs, if they were scored at the same pairs of the same data."""
     cells = []
     for job, other in pairs:
-        if all(job["score_key"].get(part) == other["score_key"].get(part) for part in ("btf", "deciding")):
-            ours, theirs = ours_of(job), theirs_of(other)
+        mine = job["score_key"]
+        its = other["score_key"]
+        if mine.get("btf") == its.get("btf") and mine.get("deciding") == its.get("deciding"):
+            ours = ours_of(job)
+            theirs = theirs_of(other)
             if ours is not None and theirs is not None and 0 < len(ours) == len(theirs):
                 cells.append(Cell(job["material"], job["seed"], job["score_key"]["btf"], theirs - ours))
     return cells
@@ -183,7 +186,8 @@ def _bootstrap_means(cells: Sequence[Cell], draws: int) -> np.ndarray:
 @lru_cache(maxsize=1)  # the intervals of a table mostly draw from as many slices and seeds
 def _drawn(counts: tuple[int, ...], seeds: int, draws: int) -> tuple[list[np.ndarray], np.ndarray]:
     """How often each slice of each group is drawn, as shares (draws, count), and which seeds, (seeds, draws)."""
-    rng, shares = np.random.default_rng(SEED), []
+    rng = np.random.default_rng(SEED)
+    shares = []
     for count in counts:  # counting drawn numbers takes a seventh of the time of NumPy's `multinomial`
         drawn = rng.integers(0, count, (draws, count)) + count * np.arange(draws)[:, None]
         shares.append(np.bincount(drawn.ravel(), minlength=draws * count).reshape(draws, count) / count)

@@ -129,8 +129,10 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 def shown(value: object) -> str:
     """An untrusted value for a message: on one line, cut to 60 characters."""
+    if isinstance(value, int) and abs(value) >= 1 << 63:
+        return "a number of absurd size"
     try:
-        text = repr(value) if not isinstance(value, int) or abs(value) < 1 << 63 else "a number of absurd size"
+        text = repr(value)
     except (ValueError, RecursionError):  # a list with a number of thousands of digits, a list in a list in a list …
         return f"a {type(value).__name__} of absurd size"
     return text if len(text) <= 60 else f"{text[:60]} …"

@@ -137,7 +137,11 @@ class _Session:
     """A run in progress: its jobs, with their records from before, and the finished jobs."""
 
     def __init__(self, suite: Suite, options: Options, run_id: str, networks: dict[str, str], workers: Workers):
-        self.suite, self.options, self.run_id, self.networks, self.workers = suite, options, run_id, networks, workers
+        self.suite = suite
+        self.options = options
+        self.run_id = run_id
+        self.networks = networks
+        self.workers = workers
         self.before = records.load_run(options.folder) if (options.folder / records.FILE).exists() else Run(Path())
         bad = self.before.unreadable
         if bad:

@@ -124,7 +124,8 @@ def budgets(run: Run) -> Budgets:
     times = _times(run, alike)
     limits = [Budget(BYTES, most) for most in BITS]
     for kind in times:
-        limits += [Budget(kind, most) for most in (SECONDS if kind == FIT else TIMES)]
+        steps = SECONDS if kind == FIT else TIMES
+        limits += [Budget(kind, most) for most in steps]
     rungs: dict[str, dict[str, dict[str, list[Job]]]] = {}
     for job in alike:
         # By label, which names what differs from the defaults: a setting that is added later splits no rung.
