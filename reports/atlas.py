@@ -69,6 +69,8 @@ class Atlases:
         }
 
     def _codec(self, row: Row, pictures: Arrays) -> dict[str, Any]:
+        """A codec for the slice viewer: its pictures as data URLs and, where the run stored its scores, by picture
+        `psnr` in dB (None without error) and `flips`, the mean FLIP."""
         data: dict[str, Any] = {"label": row.label, "decoded": self._encoded(pictures["decoded"])}
         if "flip" in pictures:
             data["flip"] = self._encoded(_levels(pictures["flip"]), FLIP_QUALITY)

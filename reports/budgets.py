@@ -68,6 +68,7 @@ def budgets_table(run: Run) -> Iterator[Table]:
 
 
 def _budgets(run: Run, result: Budgets, points: Points, materials: Sequence[str], kind: str) -> Iterator[Table]:
+    """The table of some materials, if a line has a value there; `kind` is their kind and a space, "" for all kinds."""
     columns: dict[Budget, dict[str, Reading]] = {}
     for budget in result.limits:
         if budget.kind == BYTES:
@@ -78,7 +79,7 @@ def _budgets(run: Run, result: Budgets, points: Points, materials: Sequence[str]
     if not lines:
         return
     times = [budget for budget in columns if budget.kind != BYTES]
-    told: dict[Budget, set[str]] = {}
+    told: dict[Budget, set[str]] = {}  # by budget of time: the lines that are told apart from `AGAINST`
     if len(materials) >= FEWEST:
         told = {budget: result.told_apart(run, budget, materials) for budget in times}
     rows: list[list[str]] = []
@@ -110,7 +111,7 @@ def _by_size(columns: Mapping[Budget, Mapping[str, Reading]], line: str) -> list
     key = []
     for budget in sizes:
         reading = columns[budget].get(line)
-        key.append(-reading.value if reading else 0.0)
+        key.append(-reading.value if reading else 0.0)  # a line that does not reach it comes last
     return key
 
 
@@ -135,13 +136,13 @@ def _header(budget: Budget, shapes: set[tuple[int, int]]) -> tuple[str, str]:
 def rung_tables(run: Run) -> Iterator[Table]:
     """The rungs that were chosen on each material, with their budgets and quality; first their means."""
     result = budgets(run)
-    at = ("at bits, times" if result.times else "at bits a texel", "")
+    at_budgets = ("at bits, times" if result.times else "at bits a texel", "")
     notes = [_CHOICE, *_common(run, result)]
     means = list(_mean_rows(result)) if len(result.surfaces) > 1 else []
     if means:
         title = f"Means over {len(result.surfaces)} materials of the rung of each budget"
-        yield Table("rungs", title, [("codec", ""), at, ("total", "bytes"), *_METRICS], means, notes, words=2)
-    headers = [("codec", ""), ("rung", ""), at, ("total", "bytes"), ("validation", "dB"), *_METRICS]
+        yield Table("rungs", title, [("codec", ""), at_budgets, ("total", "bytes"), *_METRICS], means, notes, words=2)
+    headers = [("codec", ""), ("rung", ""), at_budgets, ("total", "bytes"), ("validation", "dB"), *_METRICS]
     headers += [(kind, _unit(kind)) for kind in result.times]
     for material in result.surfaces:
         title = f"{material}: the rung of each budget"
@@ -151,7 +152,7 @@ def rung_tables(run: Run) -> Iterator[Table]:
 
 def _mean_rows(result: Budgets) -> Iterator[list[str]]:
     """Bytes, PSNR, SSIM and FLIP of each codec, means over the materials; budgets of equal numbers share a row."""
-    at: dict[str, dict[tuple[str, ...], list[Budget]]] = {}  # by line and its numbers
+    found: dict[str, dict[tuple[str, ...], list[Budget]]] = {}  # by line and its numbers
     for budget in result.limits:
         for line, by_surface in result.picks(budget, result.surfaces).items():
             rungs = list(by_surface.values())
@@ -159,22 +160,22 @@ def _mean_rows(result: Budgets) -> Iterator[list[str]]:
             for family in _DIGITS:
                 mean = average([shown(rung, family) for rung in rungs])
                 numbers.append(_number(mean, family))
-            at.setdefault(line, {}).setdefault(tuple(numbers), []).append(budget)
-    for line, by_numbers in at.items():
+            found.setdefault(line, {}).setdefault(tuple(numbers), []).append(budget)
+    for line, by_numbers in found.items():
         for equal, budgets_of in by_numbers.items():
             yield [line, _span(budgets_of), *equal]
 
 
 def _rung_rows(result: Budgets, material: str) -> Iterator[list[str]]:
     """A row for each rung that was chosen on a material; those of a line follow each other."""
-    at: dict[str, dict[str, tuple[Rung, list[Budget]]]] = {}  # by line and first job
+    found: dict[str, dict[str, tuple[Rung, list[Budget]]]] = {}  # by line and first job
     for budget in result.limits:
         for line, rungs in result.picks(budget, [material]).items():
             rung = rungs[material]
-            by_first = at.setdefault(line, {})
-            _, budgets_of = by_first.setdefault(rung.of[0]["job"], (rung, []))
+            by_job = found.setdefault(line, {})
+            _, budgets_of = by_job.setdefault(rung.of[0]["job"], (rung, []))
             budgets_of.append(budget)
-    for line, by_job in at.items():
+    for line, by_job in found.items():
         for name, (rung, budgets_of) in by_job.items():
             numbers = [integer(mean_bytes(rung.of)), _number(rung.score)]
             numbers += [_number(shown(rung, family), family) for family in _DIGITS]
@@ -182,14 +183,14 @@ def _rung_rows(result: Budgets, material: str) -> Iterator[list[str]]:
             yield [line, setting_of(rung.of[0]), _span(budgets_of), *numbers, *times]
 
 
-def _span(at: list[Budget]) -> str:
+def _span(limits: list[Budget]) -> str:
     """Budgets in words, budgets of bytes as a range: 32–128, 8 × eager."""
-    bits = [f"{budget.most:g}" for budget in at if budget.kind == BYTES]
+    bits = [f"{budget.most:g}" for budget in limits if budget.kind == BYTES]
     parts = []
     if bits:
         ends = dict.fromkeys([bits[0], bits[-1]])  # a single budget is both
         parts.append("–".join(ends))
-    for budget in at:
+    for budget in limits:
         if budget.kind != BYTES:
             unit = "s" if budget.kind == FIT else "×"
             parts.append(f"{budget.most:g} {unit} {budget.kind}")
@@ -238,11 +239,11 @@ def ranks_table(run: Run) -> Iterator[Table]:
         return
     rows = []
     for line, rank in ranking.mean.items():
-        near = []
+        not_apart = []
         for other, its_rank in ranking.mean.items():
             if other != line and abs(its_rank - rank) < ranking.critical:
-                near.append(other)
-        rows.append([line, fixed(rank, 2), ", ".join(near) or NONE])
+                not_apart.append(other)
+        rows.append([line, fixed(rank, 2), ", ".join(not_apart) or NONE])
     title = f"Mean ranks over {len(result.surfaces)} surfaces at {in_words(ENOUGH)}"
     note = f"Nemenyi's critical difference: {ranking.critical:.2f}. Only lines with a rung on each surface are ranked."
     yield Table("ranks", title, [("codec", ""), ("mean rank", "↓"), ("not told apart from", "")], rows, [note, _CHOICE])
@@ -298,6 +299,7 @@ def _lead_cells(line: str, lead: Summary | None, has_curves: bool) -> list[str]:
 
 
 def _lead_notes(leads: Mapping[str, Summary], points: Points) -> Iterator[str]:
+    """Notes on the marks beside leads: what ° and * mean, or why no lead is told apart."""
     if leads.keys() - points.keys():
         yield "°: of fewer than three rungs, each at its own bytes."
     if any(lead.apart for lead in leads.values()):
@@ -326,6 +328,7 @@ TABLES = {
 
 
 def _number(value: float | None, family: str = PSNR, digits: int | None = None) -> str:
+    """A value as a cell: “exact” from `MOST_DB` on, a dash for None; by default with the usual digits of its metric."""
     if value is not None and value >= MOST_DB:
         return EXACT
     return fixed(value, _DIGITS[family] if digits is None else digits)

@@ -55,6 +55,7 @@ class Choice:
         return replace(run, jobs=jobs, starts=starts)
 
     def _has(self, job: Job) -> bool:
+        """Whether a job is of a chosen material and codec; without a choice of either, each counts as chosen."""
         if self.materials and job["material"] not in self.materials:
             return False
         if not self.codecs:
@@ -112,6 +113,7 @@ class Choice:
         return self.names.get(name, name), unit
 
     def said(self, text: str, old: set[str] | None = None) -> str:
+        """A text with new names in place of the old ones (all, or those in `old`) where they stand as whole words."""
         words = sorted(self.names if old is None else old, key=len, reverse=True)
         if not words:
             return text

@@ -64,6 +64,8 @@ class Column:
         return "*" if any(self.starred(row) and self.value(row) is not None for row in seeds) else ""
 
     def _text(self, seeds: Sequence[Row]) -> str:
+        """The text of a cell without its star: the number, of tuples their `pool`, or mean ± std; a dash without
+        seeds."""
         values = [self.value(row) for row in seeds]
         texts = [self._one_text(value) for value in values]
         if len(set(texts)) < 2:
@@ -79,6 +81,7 @@ class Column:
         return f"{self.write(fmean(numbers))} ± {self.write(stdev(numbers))}"
 
     def _one_text(self, value: Value) -> str:
+        """One seed's value as text: a word as it is, and a dash for None."""
         if value is None:
             return NONE
         if isinstance(value, str):
@@ -126,11 +129,11 @@ def _scale(metric: MetricFacts) -> str:
     return f"{unit} {arrow}".strip()
 
 
-def _mean(name: str, scale: str, family: str, group: str = "", digits: int = 2, of: str = "mean") -> Column:
-    """The mean over the slices of a group, by default those that decide, or another number of them."""
+def _mean(name: str, scale: str, family: str, group: str = "", digits: int = 2, statistic: str = "mean") -> Column:
+    """The mean, or another statistic, over the slices of a group, by default of the one that decides."""
 
     def value(row: Row) -> Value:
-        return stated(row.stats(group or row.deciding_group, family), of)
+        return stated(row.stats(group or row.deciding_group, family), statistic)
 
     return Column(name, scale, value, partial(fixed, digits=digits))
 
@@ -154,6 +157,7 @@ def _timed(name: str, unit: str, field: str, write: Callable[..., str] = signifi
     """A number of the timing; starred if it was timed in another start than the other rows."""
 
     def value(row: Row) -> Value:
+        """The number or the interval in a timing; `n/c` if it must not be compared, None without a timing."""
         if row.timing is None:
             return None
         if row.timing_obstacle and not row.timed_apart:
@@ -185,16 +189,19 @@ PER_SLICE = _spread("PSNR", "dB ↑", PSNR)
 
 
 def _worst(row: Row) -> Value:
+    """The mean PSNR of the worst tenth of the slices that decide; None where a record lacks it."""
     stats = row.stats(row.deciding_group, PSNR)
     return stated(stats, "worst") if "worst" in stats else None
 
 
 def _relative_error(row: Row) -> Value:
+    """The RMSE of radiance over the pairs that decide, in per cent of its mean."""
     share = row.stats(row.deciding_group, RMSE).get("relative")
     return None if share is None else 100 * share
 
 
 def _fused(row: Row) -> Value:
+    """The time of a query as one fused kernel, × floor; None where it was not measured."""
     return row.fused["ratio_to_floor"] if row.fused else None
 
 
@@ -204,7 +211,7 @@ def _from_to(interval: tuple[float, float]) -> str:
 
 
 _WORST = Column("worst tenth", "dB ↑", _worst, partial(fixed, digits=2))
-_POOLED = _mean("PSNR pooled", "dB ↑", PSNR, of="pooled")
+_POOLED = _mean("PSNR pooled", "dB ↑", PSNR, statistic="pooled")
 RELATIVE_ERROR = Column("RMSE", "% mean ↓", _relative_error, partial(fixed, digits=1))
 _NS = _timed("time", "ns ↓", "ns_per_sample")
 _FLOOR = _timed("time", "× floor", "ratio_to_floor")
@@ -319,6 +326,7 @@ def radiance_bands(job: Job) -> list[Column]:
     """The error of linear radiance over each band, absolute and relative."""
 
     def value(group: str, row: Row) -> Value:
+        """The RMSE over a group and, if known, the same in per cent of the mean radiance; None if not measured."""
         stats = row.stats(group, RMSE)
         absolute = stats.get("pooled")
         relative = stats.get("relative")
@@ -373,6 +381,7 @@ def scene(job: Job) -> list[Column]:
         return []
 
     def value(name: str, row: Row) -> Value:
+        """A metric of the frames; “exact” where it has no number, None where it was not measured."""
         values = row.job.get("scene", {}).get("metrics", {})
         known = metric_of(values, name)
         if not known:

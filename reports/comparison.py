@@ -180,6 +180,7 @@ def _combined(rows: Sequence[ComparedRow], by_row: Sequence[list[Change]], name:
 
 
 def _cell(change: Change | None) -> str:
+    """A change in one cell: the new value, its difference if it is not 0, and the margin; a dash without a change."""
     if change is None:
         return NONE
     quantity = change.quantity
@@ -195,6 +196,7 @@ def _cell(change: Change | None) -> str:
 
 
 def _time(row: ComparedRow) -> str:
+    """The times of both runs, as multiples of `mean-colour`; a dash if they cannot be compared."""
     if row.timing is None:
         return NONE
     return f"{row.timing.base.mean:.2f} → {row.timing.new.mean:.2f}"

@@ -50,18 +50,18 @@ def _differences(points: Points, kinds: Mapping[str, Sequence[str]]) -> Table:
     """A row a codec: BD-PSNR by kind of surface and over all, with its interval, and BD-rate."""
     anchor = dict(points[AGAINST])
     summaries: dict[str, Summary] = {}
-    by_kind: dict[str, list[float | None]] = {}
+    kind_means: dict[str, list[float | None]] = {}  # by line, in the order of the kinds
     rates: dict[str, float | None] = {}
-    for line, of in points.items():
-        gaps = differences(dict(of), anchor)
+    for line, by_surface in points.items():
+        gaps = differences(dict(by_surface), anchor)
         if line == AGAINST or not gaps:
             continue
         summaries[line] = summarised(gaps)
-        rates[line] = _median_rate(of, anchor)
-        by_kind[line] = []
+        rates[line] = _median_rate(by_surface, anchor)
+        kind_means[line] = []
         for names in kinds.values():
             known = [gaps[name][0] for name in names if name in gaps]
-            by_kind[line].append(average(known))
+            kind_means[line].append(average(known))
     order = sorted(summaries, key=lambda line: -summaries[line].median)
     rows: list[list[str]] = []
     scores: list[list[float | None]] = []
@@ -71,9 +71,9 @@ def _differences(points: Points, kinds: Mapping[str, Sequence[str]]) -> Table:
         rate = rates[line]
         share = NONE if rate is None else f"{signed(100 * rate, 0)} %"
         numbers = [_signed(each.median), _signed(each.mean), interval, f"{each.won} of {each.surfaces}", share]
-        rows.append([line, *map(_signed, by_kind[line]), *numbers])
+        rows.append([line, *map(_signed, kind_means[line]), *numbers])
         rate_score = None if rate is None else -rate
-        scores.append([None, *by_kind[line], each.median, each.mean, None, each.won, rate_score])
+        scores.append([None, *kind_means[line], each.median, each.mean, None, each.won, rate_score])
     headers = [("codec", ""), *((f"{kind}, {len(names)}", "dB ↑") for kind, names in kinds.items())]
     headers += [("median", "dB ↑"), ("mean", "dB ↑"), ("95 % interval", "of the mean"), ("ahead", "on ↑")]
     headers += [("BD-rate", "median ↓")]
@@ -88,11 +88,11 @@ def _differences(points: Points, kinds: Mapping[str, Sequence[str]]) -> Table:
     return Table("curves", title, headers, rows, notes, marks=best_cells(rows, scores))
 
 
-def _median_rate(of: Mapping[str, Sequence[Point]], anchor: Mapping[str, Sequence[Point]]) -> float | None:
+def _median_rate(points: Mapping[str, Sequence[Point]], anchor: Mapping[str, Sequence[Point]]) -> float | None:
     """The median of BD-rate over the surfaces where both lines reach common values."""
     rates = []
-    for surface in of.keys() & anchor.keys():
-        ours, theirs = curve_of(of[surface]), curve_of(anchor[surface])
+    for surface in points.keys() & anchor.keys():
+        ours, theirs = curve_of(points[surface]), curve_of(anchor[surface])
         rate = bd_rate(ours, theirs) if ours and theirs else None
         if rate is not None:
             rates.append(rate)
@@ -103,8 +103,8 @@ def _metrics(points: Points, surfaces: Sequence[str]) -> Table:
     """A row a codec: three metrics at one size, with the place by each, so that it shows where they agree."""
     families = (PSNR, SSIM, FLIP)
     known: dict[str, list[float]] = {}
-    for line, of in points.items():
-        means = [mean_at(of, surfaces, AGREE_AT, family) for family in families]
+    for line, by_surface in points.items():
+        means = [mean_at(by_surface, surfaces, AGREE_AT, family) for family in families]
         values = [value for value in means if value is not None]
         if len(values) == len(families):
             known[line] = values
@@ -127,8 +127,8 @@ def _metrics(points: Points, surfaces: Sequence[str]) -> Table:
 def _footprints(points: Points, surfaces: Sequence[str]) -> Table:
     """A row a codec: PSNR at one size by footprint, the texels a side of a pixel that looks from further away."""
     known: dict[str, list[float]] = {}
-    for line, of in points.items():
-        means = [mean_at(of, surfaces, AGREE_AT, footprint=side) for side in FOOTPRINTS]
+    for line, by_surface in points.items():
+        means = [mean_at(by_surface, surfaces, AGREE_AT, footprint=side) for side in FOOTPRINTS]
         values = [value for value in means if value is not None]
         if len(values) == len(FOOTPRINTS):
             known[line] = values
@@ -150,6 +150,7 @@ def _signed(value: float | None) -> str:
 
 
 def _notes(result: Budgets) -> list[str]:
+    """The notes below the last table: what is read off, what a dash means, and how many jobs are left out."""
     reach = f"{NONE}: a curve does not reach that size on each surface, or has fewer than {LEAST_RUNGS} rungs there."
     cap = f"A surface counts at most {CAP_DB} dB, an error of one step of an 8-bit display."
     left = [f"Left out: {len(result.unlike)} jobs that are not comparable."] if result.unlike else []

@@ -50,6 +50,8 @@ def fit_tables(run: Run) -> Iterator[Table]:
 
 
 def _cells(fit: FitCurve) -> list[str]:
+    """PSNR, steps and seconds at the end of a fit, then steps and seconds to each goal, dashes if it was not
+    reached."""
     steps, seconds, psnr = fit.points[-1]
     cells = [fixed(psnr, 2), integer(steps), significant(seconds, 2)]
     for goal in GOALS_DB:

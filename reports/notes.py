@@ -101,6 +101,7 @@ def _metrics(material: MaterialRows) -> Iterator[str]:
 
 
 def _timing(material: MaterialRows) -> Iterator[str]:
+    """Footnotes on times: their conditions, one texel a query, fused queries, and rows that were timed otherwise."""
     timed = [row for row in material.measured if row.timing and not row.timing_obstacle]
     state = timed[0].timing if timed else None
     if state:
@@ -135,13 +136,12 @@ def height_notes(materials: Sequence[MaterialRows]) -> Iterator[str]:
         for row in material.measured:
             settings = row.job.get("settings", {})
             if settings.get("relief") and (row.timing or row.fused):
-                holds = (
-                    row.job["cost"]["texture_channels"] == int(settings["latents"]) + 1
-                )  # the height is one more channel
+                # The height is one more channel.
+                holds = row.job["cost"]["texture_channels"] == int(settings["latents"]) + 1
                 found.setdefault(row.label, {}).setdefault(holds, {})[material.name] = None
     words = {True: "a height on", False: "none on"}
-    for label, by in found.items():
-        held = "; ".join(f"{words[holds]} {', '.join(by[holds])}" for holds in (True, False) if holds in by)
+    for label, surfaces in found.items():
+        held = "; ".join(f"{words[holds]} {', '.join(surfaces[holds])}" for holds in (True, False) if holds in surfaces)
         yield f"{label}: its file stores {held}; rays are marched through a height, which takes time."
 
 
@@ -157,6 +157,7 @@ def _programs(material: MaterialRows) -> Iterator[str]:
 
 
 def _not_comparable(material: MaterialRows) -> Iterator[str]:
+    """A footnote on each row that is not comparable, with the reason."""
     for row in material.rows:
         if row.obstacle:
             yield f"n/c: {row.name} is not comparable with the other rows: {row.obstacle}."
@@ -178,6 +179,7 @@ def _older(run: Run) -> Iterator[str]:
 
 
 def _provenance(start: RunStart) -> str:
+    """Where the numbers of a start come from, in words; “?” for what it does not say."""
     machine, packages = start.get("machine", Machine()), start.get("packages", {})
     parts = [f"Suite {start.get('suite', '?')}", f"run {start.get('run', '?')}"]
     if start.get("git"):

@@ -75,7 +75,8 @@ def _rows(job: Job) -> Iterator[list[str]]:
         name += f", {height} × {width}"
     figures = PUBLISHED[NEAREST.get(material, material)] if job["label"].split()[0] == METHOD else {}
     measured = job["status"] == "ok"
-    for pairs, group in _PAIRS if measured else _PAIRS[:1]:
+    shown = _PAIRS if measured else _PAIRS[:1]  # a job without numbers has one row, which says why
+    for pairs, group in shown:
         cells = [name, shown_label(job), pairs]
         for family, _, _, digits in _METRICS:
             ours = _quality(job, family, group, digits) if measured else job["status"]

@@ -189,6 +189,7 @@ def materials(run: Run) -> list[MaterialRows]:
 
 
 def _rows(run: Run, jobs: list[Job], unlike: dict[str, str]) -> Iterator[Row]:
+    """The jobs of one material as rows; `unlike` has by job why its numbers cannot be compared."""
     timings = {job["job"]: run.timing(job) for job in jobs if job["status"] == "ok"}
     timed = [timing for timing in timings.values() if timing]
     counts = Counter(timing["run"] for timing in timed)

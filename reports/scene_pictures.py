@@ -54,6 +54,7 @@ def _psnr(row: Row) -> float:
 
 
 def _caption(row: Row) -> str:
+    """The words below a picture: the label, the PSNR of all frames, and the bytes of the file."""
     psnr = _psnr(row)
     shown = EXACT if psnr == float("inf") else f"{fixed(psnr, 2)} dB"
     return f"{row.label}: {shown}, {integer(row.job['bytes']['total'])} bytes"

@@ -60,6 +60,7 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -
         words = ", each codec at its best setting"
 
     def plot(kind: str, title: str, x: dict[str, Any], y: str, series: Series) -> Plot:
+        """A plot as JSON can hold it; `missing` are the codecs that it is for and that have no point."""
         drawn = {each["label"] for each in series}
         due = best if kind in _CROWDED else whole
         return {

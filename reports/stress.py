@@ -82,6 +82,7 @@ def _metrics_table(records: list[Stress]) -> Table:
 
 
 def _table(title: str, corner: str, columns: list[str], rows: list[list[str]], cells: "_Cells") -> Table:
+    """A table of cells; `corner` is the header of the column that names the rows."""
     headers = [(corner, ""), *((column, "") for column in columns)]
     return Table("stress", title, headers, rows, cells.notes(), fold=FOLD)
 
@@ -95,6 +96,7 @@ class _Cells:
         self.letters = {reason: chr(ord("a") + i) for i, reason in enumerate(reasons)}
 
     def text(self, subject: str, extreme: str) -> str:
+        """A cell: the verdict with its figure; `n/a` with the letter of the reason; a dash if it was not tried."""
         record = self.records.get((subject, extreme))
         if record is None:
             return NONE
@@ -106,6 +108,7 @@ class _Cells:
         return f"{word} {record['figure']}" if record["figure"] else word
 
     def notes(self) -> list[str]:
+        """The notes of a table: what failed, what came closest to failing each extreme, and the reasons by letter."""
         failed = [record for record in self.records.values() if record["verdict"] == "fail"]
         notes = [f"FAIL {record['subject']}, {record['extreme']}: {record['detail']}" for record in failed]
         if any(record["group"] != PICTURES for record in failed):

@@ -58,4 +58,5 @@ def is_own(label: str) -> bool:
 
 
 def _codec(label: str) -> str:
+    """The name of the codec in a label; a blank label as it is."""
     return label.split(maxsplit=1)[0] if label.split() else label

@@ -94,13 +94,13 @@ def _standing_cells(
 
 def _lacking(measured: Sequence[MaterialRows]) -> list[str]:
     """A note on the codecs without means, with the materials that each lacks; none if there are no such codecs."""
-    on: dict[str, list[str]] = {}
+    measured_on: dict[str, list[str]] = {}
     for material in measured:
         for codec in material.codecs:
             if codec.measured and not codec.of_scene:
-                on.setdefault(codec.label, []).append(material.name)
+                measured_on.setdefault(codec.label, []).append(material.name)
     labels_by_lack: dict[tuple[str, ...], list[str]] = {}
-    for label, names in on.items():
+    for label, names in measured_on.items():
         lacks = tuple(material.name for material in measured if material.name not in names)
         if lacks:
             labels_by_lack.setdefault(lacks, []).append(label)
@@ -120,7 +120,7 @@ def _differences(
     against = against_one(run, wanted)
     codec = against.first.partition(" ")[0]
     several = rows_of(codec, run) > 1
-    alone = 1 < len(materials) < MANY
+    alone = 1 < len(materials) < MANY  # each material has a column of its own
     headers = [("against", against.first if several else codec)]
     if alone:
         headers += [(f"on {name}", "dB") for name in materials]
@@ -146,6 +146,7 @@ def _differences(
 
 
 def _is_difference(name: str) -> bool:
+    """Whether a column is one of paired differences, by its name."""
     return name == "against" or name.startswith("on ")
 
 
@@ -162,8 +163,8 @@ def _paired(against: "Against", first_of_several: bool, alone: bool) -> str:
     if alone:
         text += f"; on each material with its 95 % interval, by {bootstrap}, which speaks of that material only."
     else:
-        by = bootstrap if materials == 1 else "Student's t"
-        text += f" and its 95 % interval, by {by}."
+        method = bootstrap if materials == 1 else "Student's t"
+        text += f" and its 95 % interval, by {method}."
     if materials < FEWEST:
         return f"{text} On fewer than {FEWEST} surfaces nothing is told apart."
     count = sum(each.apart for each in every) or "None"

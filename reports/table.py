@@ -31,6 +31,7 @@ class Note(str):
     around: tuple[str, str, str]  # before, between and after the parts
 
     def __new__(cls, *parts: Part, around: tuple[str, str, str] = ("", " ", "")) -> "Note":
+        """The note of these parts; empty, and so false, without any."""
         whole = ""
         if parts:
             before, between, after = around

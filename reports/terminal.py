@@ -34,7 +34,7 @@ def terminal(run: Run) -> str:
 
 
 def scored(run: Run) -> str:
-    """The same for files that were scored outside a run, without fit or times."""
+    """The tables, for a terminal, of files that were scored outside a run, without fit or times."""
     tables = []
     for material in materials(run):
         tables += [main_table(material, columns.scored(material)), _detail(material), scene_table(material)]

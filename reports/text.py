@@ -64,6 +64,7 @@ def _shown(table: Table) -> Table:
 
 
 def _plain(table: Table) -> str:
+    """One table for a terminal: title, headers, cells and notes; words are aligned left, and numbers right."""
     # Words first, on lines of their own if the name is long, the unit last.
     heads = [[*textwrap.wrap(name, 9, break_long_words=False), *textwrap.wrap(unit, 8)] for name, unit in table.headers]
     top = list(zip_longest(*heads, fillvalue=""))
@@ -90,6 +91,7 @@ def _width(text: str) -> int:
 
 def _folded(row: list[str], table: Table) -> Iterator[tuple[str, ...]]:
     """The lines of one row: long words are folded."""
+    # With the gaps between them, four columns of words fill a terminal.
     widths = (20, 24, 13, 57)[: table.words] if table.words > 1 else (table.fold,)
     words = [textwrap.wrap(cell, width) or [""] for cell, width in zip(row, widths, strict=False)]
     numbers = [[cell] for cell in row[table.words :]]
@@ -229,6 +231,7 @@ def latex_escaped(text: str) -> str:
 
 
 def _latex(table: Table, called: str) -> str:
+    """One table as a `table*`; `called` is its label. In a table of words alone the last column is folded."""
     align = "l" * table.words + "r" * (len(table.headers) - table.words)
     if table.words == len(table.headers):
         align = align[:-1] + r"p{0.5\textwidth}"

@@ -41,6 +41,8 @@ def _settings(run: Run, timed: list[Timing]) -> Iterator[Table]:
 
 
 def _row(timing: Timing) -> list[str]:
+    """The cells of a setting. “Rounds apart” is by how many per cent the slowest round takes longer than the
+    quickest."""
     low, high = timing["ratio_interval95"]
     rounds = timing["rounds"]
     apart = 100 * (max(rounds) / min(rounds) - 1)
@@ -86,6 +88,8 @@ def _variant(timing: Timing) -> str:
 
 
 def _share(timing: Timing) -> str:
+    """A cell: ns a sample, “!” if its answers are off, and the share that the machine's limit has of it, in per
+    cent."""
     share = 100 * timing["limit_ns"] / timing["ns_per_sample"]
     wrong = "!" if timing["of_tolerance"] > 1 else ""
     return f"{significant(timing['ns_per_sample'], 3)}{wrong}, {significant(share, 2)}"

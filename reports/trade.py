@@ -83,6 +83,7 @@ def _noise_cells(row: TradeChoice) -> list[str]:
 
 
 def _choice(row: TradeChoice) -> list[str]:
+    """The cells of a choice, in the order of `_CHOICES`; the floor has times alone, and a failed choice dashes."""
     if "error" in row:
         return [named(row), *[NONE] * (len(_CHOICES) - 1)]
     time = [significant(row["ns_per_sample"]), significant(row["ratio_to_floor"])]
@@ -105,6 +106,7 @@ def _choice(row: TradeChoice) -> list[str]:
 
 
 def _noise_notes(rows: Sequence[TradeChoice]) -> Iterator[str]:
+    """Notes on the noise of a path tracer: what its columns mean, and why a choice has none."""
     for scene in dict.fromkeys(row["noise"]["scene"] for row in rows if "noise" in row):
         yield (
             f"1 % noise: samples a pixel in a picture by Mitsuba ({scene}), light directions drawn by the cosine, and "
@@ -114,6 +116,7 @@ def _noise_notes(rows: Sequence[TradeChoice]) -> Iterator[str]:
 
 
 def _conditions(rows: Sequence[TradeChoice]) -> str:
+    """A note on quality and times; it takes their conditions from the first choice that was timed."""
     timed = next((row for row in rows if "batch" in row), None)
     if timed is None:
         return "Nothing could be timed."
@@ -166,6 +169,7 @@ def _profile(material: str, records: Sequence[Profile]) -> Table:
 
 
 def _ceilings(ceilings: Sequence[Ceiling], left_out: Sequence[str]) -> Table:
+    """A row a ceiling, with what was left out; a flop a ns is a Gflop/s, and a byte a ns a GB/s."""
     headers = [("device", ""), ("threads", ""), ("numbers", ""), ("multiply-add", "Gflop/s"), ("copy", "GB/s")]
     rows = [
         [c["device"], str(c["threads"]), c["dtype"], significant(c["flops_per_ns"]), significant(c["bytes_per_ns"])]

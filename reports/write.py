@@ -109,6 +109,7 @@ def _figure_names() -> list[str]:
 
 
 def _write_figure(figure: Figure, folder: Path, formats: Sequence[str]) -> list[Path]:
+    """Write a figure as PNG and in vector formats, “svg” or “pdf”; returns the files."""
     path = folder / figure.name
     files = [put(path, figure.png)]
     for end in formats:

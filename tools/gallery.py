@@ -41,6 +41,7 @@ FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox
 
 
 def done(words: list[str]) -> None:
+    """Run a command of `neubtf-bench`; ends the program if it fails."""
     code = cli.main(words)
     if code:
         raise SystemExit(code)
@@ -118,6 +119,7 @@ def live(work: Path) -> Image.Image | None:
 
 
 def write(path: Path, picture: Image.Image) -> None:
+    """Write a picture as WebP, and print its size."""
     stream = io.BytesIO()
     picture.save(stream, "webp", quality=QUALITY, method=6)
     atomic.write(path, stream.getvalue())

@@ -91,6 +91,7 @@ def planted(path: Path, rng: random.Random) -> tuple[str, str] | None:
 
 
 def noticed(folder: Path, tests: list[str]) -> bool:
+    """Whether a test of these paths under tests/ fails in a copy of the repository, or hangs for five minutes."""
     places = [f"tests/{each}" for each in tests]
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *places]
     environment = os.environ | {"PYTHONPATH": str(folder), "OMP_NUM_THREADS": "1"}

@@ -83,6 +83,7 @@ class Bench:
         return path
 
     def save(self, figure: Figure, name: str) -> None:
+        """Write a figure as `neubtf-NAME`, JPEG or PNG by its ending, and print its size."""
         path = self.out / f"neubtf-{name}"
         options = {"pil_kwargs": {"quality": 78, "optimize": True}} if path.suffix == ".jpg" else {}
         figure.savefig(path, dpi=100, **options)
@@ -130,6 +131,7 @@ def at(btf: BTF, pair: int) -> tuple[list[float], list[float]]:
 
 
 def direction(angles: tuple[float, float]) -> list[float]:
+    """The unit vector (3,) of θ and φ in degrees."""
     found: list[float] = from_degrees(*angles).tolist()
     return found
 
@@ -141,6 +143,7 @@ def shot(material: Material, pair: Any, shown: float) -> Array:
 
 
 def lit_from(pair: Any) -> str:
+    """View and light of a pair of angles in words; the view is left out if it is from above."""
     (view, _), (light, azimuth) = pair
     seen = f"seen from {view:g}°,\n" if view else ""
     return f"{seen}lit from {light:g}°" + (f", φ {azimuth:g}°" if light else "")
@@ -149,7 +152,7 @@ def lit_from(pair: Any) -> str:
 def grid(
     rows: Sequence[Sequence[Array]], titles: Sequence[str], names: Sequence[str], side: float = 1.9, text: float = 8
 ) -> Figure:
-    """Pictures in rows and columns, titles above and names beside, in so many points."""
+    """Pictures in rows and columns, each `side` inches wide; titles above and names beside have `text` points."""
     shape = rows[0][0].shape
     high, lines = side * shape[0] / shape[1], 1 + max(title.count("\n") for title in titles)
     figure = Figure(

@@ -121,6 +121,7 @@ def _refuse_overwriting(options: argparse.Namespace) -> None:
 
 
 def _same(given: str | os.PathLike[str], out: str | os.PathLike[str]) -> bool:
+    """Whether both are paths of one file that exists."""
     return os.path.exists(given) and os.path.samefile(given, out)
 
 

@@ -26,6 +26,8 @@ class _TimeLeft(ProgressColumn):
     """The time left at the mean pace so far; empty before the first step, and if the remark already says it."""
 
     def render(self, task: Task) -> Text:
+        """`MINUTES:SECONDS left`. `Console.show` gives the task its fields: `start_at`, the steps done at first, and
+        `moved_at`, when the latest ended."""
         steps = task.completed - task.fields["start_at"]
         if task.description.endswith(" left") or steps <= 0 or task.elapsed is None or task.total is None:
             return Text("")
@@ -199,6 +201,7 @@ def _pairs_line(btf: "BTF", pairs: np.ndarray) -> str:
         return "no pairs"
 
     def in_words(directions: np.ndarray, word: str) -> str:
+        """The number of some directions, and the largest angle from the normal."""
         theta, _ = to_degrees(directions)
         plural = "" if len(directions) == 1 else "s"
         return f"{len(directions):,} {word}{plural} up to {theta.max():.1f}°"

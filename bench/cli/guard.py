@@ -33,14 +33,14 @@ def _names(words: Sequence[str]) -> list[str]:
 
 def run(words: Sequence[str]) -> int:
     """Run a command in a process of its own; returns its exit code."""
-    there, here = os.pipe()
+    read_end, write_end = os.pipe()
     command = [sys.executable, "-m", "bench.cli", *words]
-    child = subprocess.Popen(command, pass_fds=(here,), env=os.environ | {REPORT: str(here)})
-    os.close(here)
+    child = subprocess.Popen(command, pass_fds=(write_end,), env=os.environ | {REPORT: str(write_end)})
+    os.close(write_end)  # else reading would not end where the other process ends without an answer
     # Ctrl-C reaches the other process, too, which says what became of its work; a scheduler's SIGTERM is passed on.
     with handling(signal.SIGINT, signal.SIG_IGN), handling(signal.SIGTERM, lambda *_: child.terminate()):
         code = child.wait()
-    with open(there, encoding="utf-8") as answers:
+    with open(read_end, encoding="utf-8") as answers:
         answer = answers.readline()
     if answer:
         return int(answer)

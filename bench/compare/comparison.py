@@ -207,6 +207,7 @@ def _renamed(before: list[Job], after: list[Job]) -> list[Job]:
 
 
 def _identity(job: Job) -> tuple[str, ...]:
+    """Material, codec and settings of a finished job, whatever its label."""
     return job["material"], _codec(job), json.dumps(job["fit_key"]["settings"], sort_keys=True)
 
 
@@ -254,6 +255,7 @@ def _notes(base: Run, new: Run, rows: list[ComparedRow]) -> Iterator[str]:
 
 
 def _conditions(start: RunStart) -> dict[str, object]:
+    """What numbers and times of a run depend on besides the suite, by name; None where its start does not say it."""
     every = {"torch": start.get("packages", {}).get("torch"), **start.get("machine", {}), **start}
     return {name: every.get(name) for name in ("torch", "processor", "capability", "device", "threads")}
 

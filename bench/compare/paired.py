@@ -84,7 +84,7 @@ def against(run: Run, first: str, others: Iterable[str]) -> Against:
 
 
 def against_jobs(folder: Path, first: str, jobs: Mapping[str, Mapping[tuple[str, int], Job]]) -> Against:
-    """The same for any jobs, which are given by name, then by material and seed."""
+    """As `against`, for jobs that are given by name, then by material and seed; slices are read in their folder."""
     ours = jobs[first]
     read = cache(lambda *key: decibels(folder, ours[key]))
     differences = Against(first, {}, {})

@@ -134,6 +134,7 @@ def _mean(name: str, metric: str, groups: list[str], tolerance: Tolerance) -> Qu
     """The mean PSNR of slices, averaged over groups; a few slices do not dominate it, so it scatters less."""
 
     def value(job: Job) -> float | None:
+        """The mean over the groups that have slices; None if it was not measured in one, or none has any."""
         numbers = []
         for group in groups:
             stats = metrics_of(job, group).get(metric)
@@ -164,6 +165,7 @@ def average(values: Sequence[float | None]) -> float | None:
 
 
 def _footprint(side: str, job: Job) -> float | None:
+    """The pooled PSNR at a footprint of that side; None if it was not measured."""
     stats = job.get("footprints", {}).get(side)
     return _number(stats, stats.get(PSNR)) if stats else None
 

@@ -145,6 +145,7 @@ def _scatter_values(
 
 
 def _difference(base: float | None, new: float | None) -> float | None:
+    """new − base; 0 if both are infinite, and None if one was not measured."""
     if base is None or new is None:
         return None
     return 0.0 if base == new else new - base

@@ -64,7 +64,7 @@ def fault(record: Mapping[str, Any]) -> str:
 
 
 def fault_of_trade(trade: Mapping[str, Any]) -> str:
-    """The same for the measurements of `neubtf-bench trade`."""
+    """The first wrong or missing field of the measurements of `neubtf-bench trade`, in words; "" if all are right."""
     wrong = fault_of(Trade, trade)
     if wrong:
         return wrong
@@ -79,7 +79,7 @@ def fault_of_trade(trade: Mapping[str, Any]) -> str:
 
 
 def fault_of(described: type, value: Any) -> str:
-    """The same for the facts of a fit, or for the scene that a codec file was fitted to."""
+    """The first fault of an object that a class describes, such as the facts of a fit, in words; "" if it has none."""
     return kinds.fault_of(field_kind(described), value)
 
 

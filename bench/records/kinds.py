@@ -53,6 +53,7 @@ Kind = Plain | Each | Several | Fields
 
 
 def _is_number(value: Any) -> bool:
+    """Whether a value is a finite number of at most `LARGEST`; true and false are none."""
     if value.__class__ is float:
         return -LARGEST <= value <= LARGEST
     return isinstance(value, int | float) and not isinstance(value, bool) and -LARGEST <= value <= LARGEST

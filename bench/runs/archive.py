@@ -123,6 +123,7 @@ def unpack(path: Path, folder: Path) -> Run:
 
 
 def _belongs(name: str) -> bool:
+    """Whether an archive may hold a file of this name: the records, or a file directly in `files/`."""
     return name == FILE or (name.startswith("files/") and "/" not in name[6:] and name[6:] not in ("", ".", ".."))
 
 

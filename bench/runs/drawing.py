@@ -58,5 +58,6 @@ def sparse_truth(btf: BTF) -> Program | None:
 
 
 def _interpolated(btf: BTF, show: Progress) -> Program:
+    """All pairs of a BTF as a program: the codec `table`, which stores them and interpolates between directions."""
     table = load_codec("table")()
     return program_of(table.decode(table.encode(btf, Fit(show=show)), torch.device("cpu")))

@@ -144,13 +144,14 @@ class Processes(Executor):
         self.show = show
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        """Call a function in the first worker that is free, which is started if it has no process."""
         seat = self.free.get()
         if seat not in self.pools:
             context = multiprocessing.get_context("spawn")  # a fork copies locks of threads, and cannot use CUDA
-            theirs, ours = context.Pipe(duplex=False)
-            heard, told = context.Pipe(duplex=False)
+            theirs, leash = context.Pipe(duplex=False)  # the worker ends when this process closes the leash
+            heard, told = context.Pipe(duplex=False)  # the worker tells its progress, and a thread here hears it
             given = (self.threads, self.gpus[seat] if self.gpus else {}, theirs, told)
-            self.pools[seat] = ProcessPoolExecutor(1, context, _prepare, given), ours, told
+            self.pools[seat] = ProcessPoolExecutor(1, context, _prepare, given), leash, told
             threading.Thread(target=_heard, args=(heard, self.show or _unshown), daemon=True).start()
         pool, _, told = self.pools[seat]
         # Worker processes ignore Ctrl-C: this one ends them and prints the message.

@@ -114,6 +114,7 @@ class Attempt:
 
     @cached_property
     def fit_key(self) -> FitKey:
+        """Everything that the file depends on, by name. `InputError` if the codec's network or demand is missing."""
         settings = settings_dict(self.codec)
         key: FitKey = {
             "codec": self.codec.name,
@@ -139,6 +140,7 @@ class Attempt:
 
     @property
     def file(self) -> str:
+        """The codec file's name in the run's folder: words of the job's name, and a digest of the fit key."""
         digest = hashlib.sha256(json.dumps(self.fit_key, sort_keys=True).encode()).hexdigest()
         words = re.sub("[^A-Za-z0-9.=_-]+", "-", self.task.name)[:MOST_WORDS]
         return f"files/{words}-{digest[:12]}{container.SUFFIX}"

@@ -41,6 +41,7 @@ def locked(folder: Path, run: str) -> Iterator[None]:
     done = threading.Event()
 
     def renew() -> None:
+        """Touch the file at times, so that other hosts do not take the lock for stale."""
         while not done.wait(RENEWED_EVERY):
             with suppress(OSError):  # a file system that is unavailable for a moment must not stop the run
                 if _is_ours(folder, run):
@@ -70,6 +71,7 @@ def unseen(folder: Path, worker: str) -> InputError:
 
 
 def _is_ours(folder: Path, run: str) -> bool:
+    """Whether the lock names this run and this process: another host may have taken it over."""
     holder = _holder(folder / FILE)
     return (holder.get("run"), holder.get("process"), holder.get("host")) == (run, os.getpid(), platform.node())
 
@@ -142,5 +144,6 @@ def _named(holder: dict[str, Any]) -> str:
 
 
 def _busy(folder: Path, holder: dict[str, Any]) -> str:
+    """The message that a run still uses the folder, and which process it is, if known."""
     who = _named(holder) if holder else "another process"
     return f"{folder}: another run uses this folder ({who}): wait for its end, stop it, or choose another --out"

@@ -186,7 +186,7 @@ class _Session:
         return None if gone else record
 
     def start(self) -> None:
-        """Job the start of the run: suite, machine, and the names of its jobs, which may end in another order."""
+        """Record the start of the run: suite, machine, and the names of its jobs, which may end in another order."""
         suite = self.suite
         record: RunStart = {"kind": "run", "run": self.run_id, "suite": suite.name, "text": suite.text}
         record |= {"device": self.options.device, "threads": suite.threads, "seeds": list(suite.seeds)}

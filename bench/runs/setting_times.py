@@ -122,7 +122,7 @@ def contestants(suite: Suite, folder: Path, device: str, show: Progress) -> Cont
 def decoded(
     suite: Suite, surfaces: Sequence[MaterialSpec], folder: Path, device: str, show: Progress
 ) -> Iterator[tuple[tuple[str, str], Material]]:
-    """The same one after the other, on some surfaces."""
+    """As `contestants`, one by one and on some surfaces; what cannot be fitted here is left out, with a warning."""
     for surface in surfaces:
         btf: BTF | None = None
         specs = [spec for spec in suite.codecs if not spec.materials or surface.name in spec.materials]
@@ -153,6 +153,7 @@ def _file_name(suite: Suite, surface: MaterialSpec, codec: Codec) -> str:
 
 
 def surfaces_of(suite: Suite) -> list[MaterialSpec]:
+    """The surfaces that settings are timed on: the first `SURFACES` of a suite, the built-in ones before others."""
     built_in = [material for material in suite.materials if not material.path]
     others = [material for material in suite.materials if material.path]
     return [*built_in, *others][:SURFACES]

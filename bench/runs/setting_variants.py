@@ -130,11 +130,11 @@ class _Measuring:
         calls = {name: partial(ready.query, *queries) for name, (_, ready, _) in timed.items()}
         measured = timing.in_turns(calls, batch, material.size, self.suite.threads, self.device, turns=TURNS)
         rows = []
-        for name, (variant, ready, off) in timed.items():
+        for name, (variant, ready, of_tolerance) in timed.items():
             row: Timing = {"kind": "timing", "job": name, "label": label, "flops": material.cost.flops_per_sample}
             row |= timing.conditions(self.suite.threads, str(self.device))
-            row |= {"batch": batch, "execution": variant.execution, "dtype": variant.precision, "of_tolerance": off}
-            row |= {"limit_ns": _limit(ready, variant, self.ceilings)}
+            row |= {"batch": batch, "execution": variant.execution, "dtype": variant.precision}
+            row |= {"of_tolerance": of_tolerance, "limit_ns": _limit(ready, variant, self.ceilings)}
             row |= measured[name].summary()
             rows.append(row)
         self.keep(rows)
@@ -243,6 +243,7 @@ def _limit(material: Material, variant: Variant, ceilings: list[Ceiling]) -> flo
 
 def _fits(suite: Suite, device: str, clock: Clock, done: set[str], show: Progress) -> Iterator[Timing]:
     """The seconds of a step of each codec that is fitted in steps, of its largest setting, while there is time."""
+    # A later setting takes the place of an earlier one of its codec: suites list the largest last.
     specs = {
         spec.codec: spec for spec in suite.codecs if "steps" in settings_dict(make_codec(spec.codec, spec.settings))
     }

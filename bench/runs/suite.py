@@ -191,6 +191,7 @@ def _twice(names: Iterable[str]) -> str:
 
 
 def _check_jobs(file: str, jobs: int) -> None:
+    """Raise `InputError`, which names the file, for more jobs than `MOST_JOBS`."""
     if jobs > MOST_JOBS:
         raise InputError(f"{file}: it has {jobs:,} jobs, but the limit is {MOST_JOBS:,}: split it")
 

@@ -113,12 +113,12 @@ def measure(
     without `profiles` the choices alone are timed, in a fraction of the time.
     """
     suite = canonical(suite)  # jobs are recorded under its names
-    on, cores = torch.device(device), torch.get_num_threads()
+    target, cores = torch.device(device), torch.get_num_threads()
     batches = (*BATCHES, 1 << 20, 1 << 22) if full else BATCHES
-    there = [text for text in suite.variants if exists_on(Variant.parse(text), on)]
-    left_out = [text for text in there if not emulated and native.emulated(Variant.parse(text).precision, on)]
+    there = [text for text in suite.variants if exists_on(Variant.parse(text), target)]
+    left_out = [text for text in there if not emulated and native.emulated(Variant.parse(text).precision, target)]
     suite = replace(suite, variants=tuple(text for text in there if text not in left_out))
-    ceilings = _ceilings(suite, on, cores)
+    ceilings = _ceilings(suite, target, cores)
     result: Trade = {
         "format": TRADE_FORMAT,
         "suite": suite.name,
@@ -132,6 +132,7 @@ def measure(
         result["choices"] += [_failed(job, device) for job in recorded_jobs if job and job["status"] != "ok"]
         jobs = [job for job in recorded_jobs if job and job["status"] == "ok"]
         if jobs:
+            # A task needs these; its workbench uses the seed alone, for the draw of test pairs.
             first = suite.codecs[0], suite.seeds[0], 1
             task = Task("trade", run.folder, spec, suite.data, *first, metrics=suite.metrics)
             with opened(task, show) as workbench:
@@ -164,20 +165,20 @@ def _announced(suite: Suite, run: Run, device: str) -> str:
 
 def _timing(suite: Suite, run: Run, device: str, names: Collection[str]) -> str:
     """About how long timing takes of the jobs that a run timed already, and of others, at the time of most codecs."""
-    on = torch.device(device)
+    target = torch.device(device)
     entries = _timed_jobs(suite)
-    batch = timing.batch_on(on, BATCH)
+    batch = timing.batch_on(target, BATCH)
     variants = [Variant.parse(text) for text in suite.variants]
-    usual = 0.0 if is_gpu(on) else USUAL_NS  # a turn on a GPU is the shortest possible
-    more = [each for each in variants if exists_on(each, on) and not native.emulated(each.precision, on)]
+    usual = 0.0 if is_gpu(target) else USUAL_NS  # a turn on a GPU is the shortest possible
+    more = [each for each in variants if exists_on(each, target) and not native.emulated(each.precision, target)]
     seconds = 0.0
     for name in names:
         job = run.job(name)
         known = run.timing(job) if job else None
         ns = known["ns_per_sample"] if known else usual
-        each = max(timing.SPAN_NS, batch * ns) + timing.SPAN_NS  # and the floor's turn
-        plain = 1 if entries[name].swept else 1 + len(more)
-        seconds += 1e-9 * timing.TURNS * each * plain
+        turn_ns = max(timing.SPAN_NS, batch * ns) + timing.SPAN_NS  # and the floor's turn
+        count = 1 if entries[name].swept else 1 + len(more)  # a sweep is timed in eager float32 alone
+        seconds += 1e-9 * timing.TURNS * turn_ns * count
     return f"about {duration(seconds)} of timing"
 
 
@@ -369,10 +370,10 @@ def _score(workbench: Workbench, material: Material, threads: int, show: Progres
 
 def _deviation(workbench: Workbench, ours: Material, plain: Material, show: Progress) -> TradeChoice:
     """PSNR, against the answers of eager float32, of the held-out slice that differs most; None if none differs."""
-    at = Slices(workbench, ours, show).slice
-    at_plain = Slices(workbench, plain, show).slice
+    our_slice = Slices(workbench, ours, show).slice
+    plain_slice = Slices(workbench, plain, show).slice
     exposure = workbench.scorer.exposure
-    worst = max(display_error(at(pair), at_plain(pair), exposure) for pair in workbench.deciding.tolist())
+    worst = max(display_error(our_slice(pair), plain_slice(pair), exposure) for pair in workbench.deciding.tolist())
     return {"from_float32": as_number(float(decibels(worst)))}
 
 

@@ -44,6 +44,7 @@ class Workbench:
     split: Split = field(init=False)
 
     def __post_init__(self) -> None:
+        """Split the pairs. `InputError` if none is left for training, or if their values are too extreme."""
         self.split = self.btf.split()
         if not len(self.split.train):
             raise InputError(f"{self.name}: no training pairs are left")

@@ -64,6 +64,8 @@ class Board:
         values: Mapping[str, object],
         more: Sequence[series.Plot] = (),
     ) -> Iterator[str]:
+        """A page in pieces: a template with these values, the plots of its sources and `more`, and the looks of their
+        codecs."""
         plots: list[series.Plot] = []
         parts = []
         for source in sources:
@@ -75,6 +77,7 @@ class Board:
         return document(template, title, looks, plots, {"kinds": _KINDS, "to_material": _to_material, **values})
 
     def _front(self, sources: Sequence[Publication]) -> Iterator[str]:
+        """The front: a section for each source, then all materials, all codecs, and how to hand in results."""
         links = [(page_name("s", source.name), source.name) for source in sources]
         links += [("materials", "Materials"), ("codecs-list", "Codecs"), ("hand-in", "Hand in results")]
         values = {
@@ -89,6 +92,7 @@ class Board:
         return self._document("front.html", "neubtf-bench: results", sources, values)
 
     def _materials(self) -> Table:
+        """A row a material: the kinds of its truth, and the sources that have it."""
         rows = []
         for name, sources in by_material(self.sources):
             titles = ", ".join(source.title for source in sources)
@@ -96,6 +100,7 @@ class Board:
         return Table("list", "Materials", [("material", ""), ("truth", ""), ("results", "")], rows, words=3)
 
     def _codecs(self) -> Table:
+        """A row a codec: its line about itself, and in how many of its comparisons no other is better."""
         rows = []
         for name, found in self.places.items():
             won = f"{sum(place.gap >= 0 for place in found)} of {len(found)}" if found else "no result"
@@ -112,6 +117,8 @@ class Board:
         return page_name("codec", name) if name in self.places else ""
 
     def _codec(self, name: str, sources: Sequence[Publication]) -> Iterator[str]:
+        """The page of a codec: its settings if it is installed, where it stands, all its rows, and curves of its
+        fits."""
         codec = self.known.get(name)
         links = [(codec.paper, "Paper"), (codec.code, "Code")] if codec else []
         values = {
@@ -175,6 +182,7 @@ class MaterialPage(Page):
         return []
 
     def _ranking(self, material: MaterialRows) -> list[str]:
+        """The labels of the codecs that a strip shows, the best on this material first."""
         return [row.label for row in sorted(material.shown, key=by_psnr, reverse=True)]
 
     def kept_back(self, material: MaterialRows) -> str:
@@ -199,6 +207,7 @@ def _place(source: Publication) -> tuple[bool, int]:
 
 
 def _to_material(_: str, name: str) -> str:
+    """The page of the material that the first cell of a row names; what the whole table is of does not matter."""
     return page_name("material", name)
 
 

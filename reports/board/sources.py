@@ -117,16 +117,18 @@ def with_files(records: Sequence[Publication], runs: Sequence[Publication]) -> l
 
 
 def _placed(run: Run, at_hand: dict[tuple[str, ...], tuple[Run, Job]]) -> Run:
+    """The run, each job with the absolute paths of files at hand that may be shown, and no other paths; `at_hand` is by
+    `_key`. Codec files are not shown."""
     names = set(field_names(ARTEFACT))
     jobs: Records[Job] = Records()
     for job in run.jobs:
-        here = {name: value for name, value in job.items() if name not in names or not isinstance(value, str)}
+        placed = {name: value for name, value in job.items() if name not in names or not isinstance(value, str)}
         owner, local = at_hand.get(_key(job), (None, job))
         if owner and may_be_shown(local, owner):
             for name, path in local.items():
                 if name in names - {"file"} and isinstance(path, str):
-                    here[name] = str(owner.folder.absolute() / path)
-        jobs.put(job["job"], cast(Job, here))
+                    placed[name] = str(owner.folder.absolute() / path)
+        jobs.put(job["job"], cast(Job, placed))
     return replace(run, jobs=jobs)
 
 

@@ -93,6 +93,8 @@ def places(name: str, sources: Sequence[Publication]) -> list[Place]:
 
 
 def _places(name: str, source: Publication) -> Iterator[Place]:
+    """Where a codec stands in one source: at each budget, or where it has none, of all settings whatever their
+    bytes."""
     if source.has_budgets:
         yield from _at_budgets(name, source)
         return
@@ -117,10 +119,12 @@ def _place(material: str, results: str, name: str, known: Sequence[tuple[str, En
 
 
 def _quality(entry: Entry) -> float:
+    """The test PSNR of an entry, by which the best is found."""
     return entry[2]
 
 
 def _at_budgets(name: str, source: Publication) -> Iterator[Place]:
+    """Where a codec stands on each surface at each budget, among the rungs that validation pairs choose."""
     result = budgets(source.run)
     for budget in result.limits:
         for material in result.surfaces:

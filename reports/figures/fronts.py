@@ -87,6 +87,7 @@ def trade_fronts(run: Run) -> Iterator[Figure]:
 
 
 def _fronts(material: str, rows: Sequence[TradeChoice], styles: Styles) -> Any:
+    """PSNR over time and over bytes of the choices of a material; hollow where execution or precision is another."""
     groups = grouped(rows, lambda row: row["codec"] + _how(row))
     drawing, (speed, rate) = plots(11.5, max(5.0, 1.4 + 0.2 * len(groups)), 2)
     handles = []
@@ -137,6 +138,7 @@ def plot_figures(run: Run, kind: str) -> Iterator[Figure]:
 
 
 def _figure(plot: Plot, material: MaterialRows, styles: Styles) -> Figure:
+    """One plot of `reports.series`: x is logarithmic, and a bar at a point is the interval of its x."""
     fits = plot["kind"] == "fits"
     curves: dict[str, list[list[float]]] = {}
     for series in plot["series"]:  # of each codec, or of a whole ladder of rates

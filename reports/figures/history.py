@@ -69,6 +69,7 @@ def _mean(quantity: Callable[[Job, Timing], float | None], seeds: Sequence[Measu
 
 
 def _materials(runs: Sequence[Run]) -> dict[str, Codecs]:
+    """The jobs of all runs that have a result, with their timings, by material."""
     by_material: dict[str, Codecs] = {}
     for run in runs:
         for job in run.jobs:

@@ -45,6 +45,7 @@ def model_data(model: Shown, encode: Callable[[bytes], object]) -> dict[str, obj
 
 
 def _encoded(source: Shader, encode: Callable[[bytes], object]) -> dict[str, object]:
+    """The text of a shader, and the bytes of its two textures and its uniforms, each encoded."""
     arrays = {"exact": source.exact, "half": source.half, "uniforms": source.uniforms}
     return {"shader": source.text, **{name: encode(each.tobytes()) for name, each in arrays.items()}}
 

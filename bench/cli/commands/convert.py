@@ -36,6 +36,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _window(text: str) -> tuple[int, int, int, int]:
+    """Row, column, height and width of `--crop`, in texels."""
     try:
         row, col, height, width = (int(number) for number in text.split(","))
     except ValueError:

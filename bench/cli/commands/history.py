@@ -61,6 +61,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _write(frame: "pd.DataFrame", path: Path) -> None:
+    """Write the frame as CSV if the path ends in .csv, else as Parquet."""
     needs = installed(f"{path}: Parquet needs pyarrow: pip install 'neubtf-bench[parquet]', or name a .csv")
     with needs, writable(path, "choose another --out"), replacing(path) as partial:
         if path.suffix == ".csv":

@@ -59,6 +59,7 @@ def _settings(what: str, name: str) -> int:
     from bench.inputs.settings import Setting, described
 
     def table(settings: list[Setting]) -> None:
+        """Print one line for each setting, in aligned columns."""
         head = ("setting", "default", "must be", "meaning")
         rows = [head, *((each.name, each.default, each.kind, each.meaning) for each in settings)]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]

@@ -24,7 +24,7 @@ from bench.demand.frame_scorer import table_of
 from bench.demand.scene import named_scene
 from bench.inputs.errors import FINE, InputError, installed
 
-LIMITS: dict[str, tuple[float, float]] = {
+LIMITS: dict[str, tuple[float, float]] = {  # by option: the least and the largest value
     "tiling": (1e-3, 1e3),
     "exposure": (1e-12, 1e12),
     "width": (1, 16_384),

@@ -75,6 +75,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _add(run: Path, file: Path) -> int:
+    """Add the records of a run to a file, where they replace those of the same jobs; returns the exit code."""
     if file.suffix != ".jsonl":
         raise InputError(f"{file}: the name of a file of records ends in .jsonl")
     whole = load_together([file, run] if file.exists() else [run])

@@ -113,6 +113,7 @@ def _workers(options: argparse.Namespace, threads: int) -> "Seats | None":
 
 
 def _summary(outcomes: list[Any], timed: bool) -> str:
+    """How many jobs ended how, and how many were reused, in one line; `timed`: whether times were measured."""
     cached = [outcome.cached for outcome in outcomes]
     status = [outcome.record["status"] for outcome in outcomes]
     others = {"failed": "failed (see the records; --retry-failed tries them again)", "unavailable": "not available"}

@@ -104,6 +104,7 @@ def _again(options: argparse.Namespace) -> int:
 
 
 def _numbers(option: str, text: str | None, kind: type, wanted: int) -> list[Any]:
+    """The numbers that an option gives, exactly as many as wanted; none if it is not given."""
     if text is None:
         return []
     try:

@@ -122,6 +122,7 @@ def _paper(folders: list[Path], format: str, choice: "Choice | None") -> str:
 
 
 def _newest_run(kind: str | None) -> Path:
+    """The newest folder of a run under runs/; for the kind `stress` that of the stress test, if it is there."""
     folders = _runs()
     if kind == STRESS and (Path("runs") / STRESS / FILE).is_file():
         return Path("runs") / STRESS

@@ -87,6 +87,7 @@ def nearest(rungs: Sequence[Rung], limits: Limits) -> Rung:
 
 
 def _time(rung: Rung) -> float:
+    """The time of a rung to sort by; infinite where it was not measured."""
     return math.inf if rung.time is None else rung.time
 
 

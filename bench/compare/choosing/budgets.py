@@ -149,6 +149,7 @@ def _times(run: Run, jobs: Sequence[Job]) -> dict[str, Times]:
     names = {job["job"] for job in jobs}
 
     def upper(records: Iterable[Timing | TradeChoice]) -> Times:
+        """The upper end of the 95 % interval of each job's time, × floor."""
         known = [record for record in records if record["job"] in names and "ratio_interval95" in record]
         return {record["job"]: float(record["ratio_interval95"][1]) for record in known}
 
