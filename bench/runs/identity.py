@@ -43,7 +43,7 @@ def identity(codec: Codec, *more: str) -> FitKey:
 
 @cache
 def _identity(roots: frozenset[str]) -> FitKey:
-    """`code` and `libraries` as in `identity`: of these modules, and of what they import of their packages and `bench`."""
+    """`code` and `libraries` as in `identity`: of these modules, and what they import of their packages and `bench`."""
     own = {root.partition(".")[0] for root in roots} | {"bench"}
     sources, libraries = _reached(roots, own)
     lines = "\n".join(f"{name} {digest}" for name, digest in sorted(sources.items()))
