@@ -122,7 +122,7 @@ class Scorer:
     def _blocks(self, pairs: Array, decode_slice: Decode) -> Iterator[tuple[dict[str, Array], Array, Array]]:
         """The results of consecutive stacks of pairs, in order, with few of them under way."""
         step = max(1, _BLOCK_TEXELS // (self.btf.shape[0] * self.btf.shape[1]))
-        waiting: deque[Future] = deque()
+        waiting: deque[Future[Any]] = deque()
         with ThreadPoolExecutor(self.threads) as pool:
             try:
                 for start in range(0, len(pairs), step):
@@ -152,7 +152,7 @@ class Scorer:
         abrdf = LogPSNR().compare(reference.log1p, picture).sum(0)
         return block, reference, (means, reference.radiance, abrdf)
 
-    def _finish(self, future: Future) -> tuple[dict[str, Array], Array, Array]:
+    def _finish(self, future: Future[Any]) -> tuple[dict[str, Array], Array, Array]:
         block, reference, result = future.result()
         if block not in self._cached and self._cached_bytes + reference.bytes <= self.cache_bytes:
             self._cached[block] = reference
