@@ -57,6 +57,7 @@ class HSH(Codec):
         bits: Bits = 0  # bits of a stored coefficient on average; 0: chosen by the data; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Solve for all texels at once: the coefficients of a texel are those of red, then of green and of blue."""
         gain, settings = gain_of(btf, fit), self.settings
         counts = len(btf.layout.lights), len(btf.layout.views)
         bands = [min(n, math.isqrt(count)) for n, count in zip((settings.lights, settings.views), counts, strict=True)]
@@ -95,7 +96,7 @@ class HSH(Codec):
         # An error of radiance is one of radiance / cosine times the cosine.
         weight = cosine.double().square() * (1 if fit.density is None else fit.density.weights.double()[:, None])
         of_bands = ([band * (band + 1.0) for band in range(n) for _ in range(2 * band + 1)] for n in bands)
-        light, view = map(torch.tensor, of_bands)
+        light, view = map(torch.tensor, of_bands)  # l (l + 1) of each harmonic, in the order of `harmonics`
         rough = (light[:, None] + view).flatten().double().square()
         normal = terms.T @ (weight * terms) + len(btf) * torch.diag(self.settings.smoothness * rough + RIDGE)
         return torch.linalg.solve(normal, (weight * terms).T).float()

@@ -222,6 +222,7 @@ class NTCMaterial(Material):
         return material
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """The network answers each of four texels, or one that is drawn by their weights; their radiances are mixed."""
         texel, weight = texel_corners(self.size, uv)
         if self.one_texel:
             drawn = (weight.cumsum(1)[:, :3] <= hashed(uv)).sum(1, keepdim=True)

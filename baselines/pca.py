@@ -75,6 +75,7 @@ class PCA(Codec):
         )
 
     def _of_all(self, btf: BTF, fit: Fit, gain: float | None, spare: int = 0) -> Factors:
+        """The components of all texels and pairs, `spare` ones beyond those requested."""
         return principal(btf, fit, gain, self.settings.components + spare, self.settings.passes)
 
     def _of_part(self, btf: BTF, fit: Fit, gain: float | None) -> Factors:

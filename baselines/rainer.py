@@ -74,7 +74,8 @@ def encoded(encoder: nn.Module, abrdfs: Tensor, stats: Tensor) -> Tensor:
 
 
 def coordinates(wo: Tensor, wi: Tensor, directions: Directions = "stereographic") -> Tensor:
-    """The decoder's inputs (n, k) of two unit directions: stereographic, or both directions and the half vector."""
+    """The decoder's inputs of two unit directions (n, 3): stereographic (n, 4), the light's first; or x, y, z (n, 9) of
+    view, light and half vector."""
     if directions == "stereographic":
         return torch.cat([stereographic(wi), stereographic(wo)], 1)
     return torch.cat(direction_inputs(wo, wi, directions), 1)
@@ -133,6 +134,7 @@ class Autoencoder(Fitted):
         self.encoder = encoder
 
     def groups(self) -> list[dict[str, Any]]:
+        """The encoder and the decoder at one rate; Muon, if set, steps the decoder's hidden matrices."""
         settings = self.settings
         return groups_of([self.encoder, self.network], settings.rate, settings.optimiser, settings.hidden_rate)
 
@@ -150,6 +152,7 @@ class Autoencoder(Fitted):
         return self.decode(self.encode(texel)[place], batch)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        """The loss at a few random texels, each encoded once and decoded at several random pairs."""
         settings = self.settings
         texel = torch.randint(self.samples.trained, (settings.texels,), generator=generator)
         texel = texel.to(self.samples.device, non_blocking=True)

@@ -96,6 +96,7 @@ class Autoencoder(nn.Module):
             self.head.weight.mul_(FAINT)
 
     def forward(self, guidance: Tensor) -> Tensor:
+        """The texture (B, D, H, W) of guidance (B, 3, H, W), normalised by `Encoder.prepared`."""
         height, width = guidance.shape[2:]
         if height % STRIDE == 0 and width % STRIDE == 0:
             # Repeat a period that is too short for the kernels; this does not change its texture.
@@ -130,6 +131,7 @@ def surrounded(picture: Tensor, corner: tuple[int, int], size: tuple[int, int]) 
 
 
 def _up(side: int) -> int:
+    """The least multiple of the stride that is no less than a side."""
     return -(-side // STRIDE) * STRIDE
 
 
@@ -185,6 +187,7 @@ class Attention(nn.Module):
         self.spatial = Circular(2, 1, 7)
 
     def forward(self, x: Tensor, pooled: Pooled) -> Tensor:
+        """The cells (B, C, h, w) plus themselves times both gains; `pooled` is of the whole picture."""
         gain = self.perceptron(pooled.total / pooled.cells) + self.perceptron(pooled.peak)
         y = x * gain.sigmoid()[..., None, None]
         where = torch.cat([y.mean(1, keepdim=True), y.amax(1, keepdim=True)], 1)

@@ -46,6 +46,7 @@ def read(path: Path) -> TrainedNetwork:
 
 
 def _trained(header: container.Header, parts: Parts) -> TrainedNetwork:
+    """The shared network that a file holds. `ContainerError` if the file is a material, or is not complete."""
     if header.kind != container.SHARED:
         raise ContainerError(f"{header.path}: it is a material of codec {header.codec}, not a shared network")
     if not {"fingerprints", "origins"} <= parts.other.keys():
