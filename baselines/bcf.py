@@ -152,7 +152,7 @@ class BCFObjective(DirectedObjective):
         self.share.clamp_(0, 1)
         first, second = self.ends
         latents = self.rounded(first[self.block], second[self.block], self.share)
-        # The steps again, as a block has one for all its texels' three channels: the nearest on the rounded line.
+        # The steps anew: a texel that a block repeats from beyond the border was fitted on the line of another block.
         ends = self.codes(self.ends)
         a, b = (self.low + self.span * (bc1.widened(end) / 255) for end in ends)
         along, wanted = (b - a)[:, None], latents[self.within] - a[:, None]

@@ -196,6 +196,7 @@ class BiplaneObjective(TextureObjective):
         return [self.network] if fitted else []  # the file of one material holds no network
 
     def groups(self) -> list[dict[str, Any]]:
+        """The planes and colours at `plane_rate`, then the decoder at `rate`, unless it is fixed."""
         planes = [{"params": [self.texture, self.free, self.colours], "lr": self.settings.plane_rate}]
         shared = [p for p in self.network.parameters() if p.requires_grad]
         return [*planes, {"params": shared, "lr": self.settings.rate}] if shared else planes

@@ -114,6 +114,7 @@ class HierarchicalNetworks(Networks):
     """The decoder, what it sees, and NeuMIP's offset network."""
 
     def first(self, settings: Any, generator: torch.Generator | None) -> Hierarchy:
+        """The decoder, as a fit starts with it; the octaves that it sees are noted for `seen` and `placed`."""
         self.octaves, self.places = settings.octaves, settings.places
         seen = COUNTS[settings.directions] * max(1, 2 * settings.octaves)
         return Hierarchy(seen + 4 * settings.places + settings.channels, generator)

@@ -41,6 +41,7 @@ class LocalPCA(Codec):
         bits: Bits = 0  # bits of a stored number on average; 0: chosen by the data; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Coefficients (H, W, k), each texel's cluster, and components (N, 3, clusters · (k + 1)), each mean first."""
         gain, settings = gain_of(btf, fit), self.settings
         mean, directions, points = reduced(btf, gain, max(SPANNED, settings.components), fit)
         found = local_components(points, settings.clusters, settings.components, fit.seed)

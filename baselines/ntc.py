@@ -183,6 +183,7 @@ class NTCObjective(DirectedObjective):
         return grids
 
     def predict(self, batch: Batch, progress: float, generator: torch.Generator | None = None) -> Tensor:
+        """Log radiance (n, 3); only with a generator have the grids noise, so that the curve has none."""
         return self.answers(self.reader(batch.texel, *self.grids(progress, generator)), batch.pair)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:

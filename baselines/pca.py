@@ -50,6 +50,7 @@ class PCA(Codec):
         passes: Annotated[int, Range(2, 1000)] = 4  # passes over the data; one if they are small
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Coefficients (H, W, k), components (N, 3, k + 1), the mean first; of radiance k, the mean apart as floats."""
         log = self.settings.domain == "log"
         gain = LOG_GAIN * exposure(btf, fit.seed) if log else 1.0
         large = 12 * len(btf) * btf.shape[0] * btf.shape[1] > LARGE and not fit.density

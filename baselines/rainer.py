@@ -56,6 +56,7 @@ class Encoder(nn.Module):
                 layer.bias.zero_()
 
     def forward(self, abrdfs: Tensor) -> Tensor:
+        """Latents (n, D) of normalised ABRDFs (n, pairs, 3), whose colours are the first layer's channels."""
         x = abrdfs.transpose(1, 2)
         for convolution in self.convolutions:
             x = functional.leaky_relu(convolution(x), LEAK)
@@ -148,6 +149,7 @@ class Autoencoder(Fitted):
         return torch.cat([self.latents(block) for block in texel.split(BLOCK)])
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
+        """Each texel of the batch is encoded once, without a gradient."""
         texel, place = batch.texel.unique(return_inverse=True)
         return self.decode(self.encode(texel)[place], batch)
 

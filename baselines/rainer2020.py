@@ -188,6 +188,7 @@ class Pool(Samples):
         self.material = torch.arange(len(drawn), device=device).repeat_interleave(counts)
 
     def abrdfs(self, texel: Tensor) -> Tensor:
+        """The log ABRDFs (n, C, 3) of some texels (n,) at the canonical pairs, not at those that `at` answers for."""
         return self.inputs[texel].float()
 
 
@@ -225,4 +226,5 @@ class Rainer2020Objective(rainer.Autoencoder):
         return [self.network, self.encoder]
 
     def where(self, batch: Batch) -> Tensor:
+        """The coordinates (n, 4) of the pairs of a batch, which differ from material to material."""
         return self.samples.where[self.samples.material[batch.texel], batch.pair]

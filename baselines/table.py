@@ -49,6 +49,7 @@ class TableMaterial(Material):
         self.values, self.interpolator, self.scale = values.reshape(-1, channels), interpolator, scale
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """The weighted sum of four texels at each of some pairs; weights of pairs include the ratio of cosines."""
         texel, texel_weight = texel_corners(self.size, uv)
         pair, pair_weight = self.interpolator(wo, wi)
         row = pair[:, :, None] * (self.size[0] * self.size[1]) + texel[:, None, :]

@@ -113,6 +113,7 @@ class TriplePlaneObjective(TextureObjective):
         return blurred(self.free, self.kernel)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
+        """The network sees the features of texel, half vector and difference vector, in this order."""
         texel, weight = self.texel[batch.pair], self.weight[batch.pair]
         texture = self.rounded_texture(self.texture)
         planes = self.rounded_planes(self.planes()).flatten(0, 2)

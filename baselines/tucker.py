@@ -58,6 +58,7 @@ class Tucker(Codec):
         bits: Bits = 0  # bits of a stored coefficient on average; 0: chosen by the data; 16, 32: floats; core: 8
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Coefficients (H, W, K), bases of views and lights, and the core (J, M, 3, K + 1), the mean's slice first."""
         settings, layout = self.settings, btf.layout
         gain = gain_of(btf, fit)
         level = gain if settings.domain == "log" else None

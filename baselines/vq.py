@@ -110,6 +110,7 @@ class VQMaterial(Material):
         self.interpolator, self.gain = interpolator, gain
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """The weighted sum of log radiance over four texels, all stages and some pairs, in one look-up."""
         texel, texel_weight = texel_corners(self.size, uv)
         pair, share = self.interpolator.shares(wo, wi)
         row = self.rows[texel][..., None] * self.pairs + pair[:, None, None]

@@ -78,6 +78,7 @@ class Crop:
 
     @property
     def keeps_scale(self) -> bool:
+        """Whether the window has a texel for each of the source."""
         return self.source == self.size
 
     def rescaled(self, pictures: Tensor) -> Tensor:

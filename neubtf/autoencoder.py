@@ -136,6 +136,7 @@ def _up(side: int) -> int:
 
 
 def _doubled(x: Tensor) -> Tensor:
+    """A picture (B, C, h, w) at twice its size, each texel repeated."""
     return functional.interpolate(x, scale_factor=2, mode="nearest")
 
 
@@ -172,6 +173,7 @@ class Block(nn.Module):
         return [self.wider.weight, self.back.weight]
 
     def forward(self, x: Tensor) -> Tensor:
+        """Channels (B, C, H, W) to as many; the pointwise layers need them last."""
         hidden = self.norm(self.spatial(x).movedim(1, -1))
         return SCALE * (x + self.back(functional.gelu(self.wider(hidden))).movedim(-1, 1))
 
@@ -182,8 +184,8 @@ class Attention(nn.Module):
     def __init__(self, channels: int, rectified: bool):
         super().__init__()
         few = channels // REDUCTION
-        between = nn.ReLU() if rectified else nn.GELU()
-        self.perceptron = nn.Sequential(nn.Linear(channels, few), between, nn.Linear(few, channels))
+        activation = nn.ReLU() if rectified else nn.GELU()
+        self.perceptron = nn.Sequential(nn.Linear(channels, few), activation, nn.Linear(few, channels))
         self.spatial = Circular(2, 1, 7)
 
     def forward(self, x: Tensor, pooled: Pooled) -> Tensor:

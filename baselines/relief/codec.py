@@ -237,6 +237,7 @@ class ReliefObjective(Objective):
         return self.pyramids.tables(self.grids.rounded())
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
+        """Log radiance (n, 3) at the finest level; at the end of a fit, on the height as the file will hold it."""
         if progress == 1 and self.offset is not None:
             self.renew()
         return answer(self.network, self.pyramids, self.relief, self.tables(), queries_of(self.levels, 0, batch))

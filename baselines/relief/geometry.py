@@ -90,20 +90,21 @@ class Surface(nn.Module):
         along = slope(wo, self.shape)
         step = (self.high - self.low) / VIEW_STEPS
         z = (self.high - step * torch.arange(VIEW_STEPS + 1, device=uv.device, dtype=uv.dtype))[:, None]
+        # How far the surface is above the ray, (steps, n): negative before the hit.
         over = self._nearest(*_along(uv, along, z)) - z  # queries last: reductions over steps are fast
         # The first step that is not above the surface has the highest rank of all such steps.
         rank = torch.arange(VIEW_STEPS, 0, -1, device=uv.device, dtype=torch.uint8)[:, None]
         # The last step is at the lowest height, where only rounding can keep a ray from the surface.
         first = (VIEW_STEPS - ((over[1:] >= 0) * rank).amax(0, keepdim=True).long()).clamp_max(VIEW_STEPS - 1)
         upper, lower = z[first[0]], z[first[0] + 1]
-        before, after = over.gather(0, first).T.clamp_max(0), over.gather(0, first + 1).T.clamp_min(0)
+        upper_gap, lower_gap = over.gather(0, first).T.clamp_max(0), over.gather(0, first + 1).T.clamp_min(0)
         for _ in range(SECANTS):
-            middle = lower + (upper - lower) * after / (after - before).clamp_min(1e-9)
+            middle = lower + (upper - lower) * lower_gap / (lower_gap - upper_gap).clamp_min(1e-9)
             gap = sample_texture(self.height, wrapped(uv + along * middle)).to(uv.dtype) - middle
             inside = gap >= 0
-            lower, after = torch.where(inside, middle, lower), torch.where(inside, gap, after)
-            upper, before = torch.where(inside, upper, middle), torch.where(inside, before, gap)
-        z = lower + (upper - lower) * after / (after - before).clamp_min(1e-9)
+            lower, lower_gap = torch.where(inside, middle, lower), torch.where(inside, gap, lower_gap)
+            upper, upper_gap = torch.where(inside, upper, middle), torch.where(inside, upper_gap, gap)
+        z = lower + (upper - lower) * lower_gap / (lower_gap - upper_gap).clamp_min(1e-9)
         return wrapped(uv + along * z), z
 
     def follow(self, height: Tensor, uv: Tensor, wo: Tensor) -> Tensor:

@@ -64,8 +64,8 @@ def _ring(directions: Array) -> Array:
     """The ring (N,), from 0, of 15° in θ into which each direction (N, 3) falls; below the horizon the last one."""
     theta, _ = to_degrees(directions)
     # Float32 directions of a grid at 15°, 30°, … may fall a hair below their edge.
-    after = np.searchsorted(THETA_EDGES_DEG, theta + 1e-4, side="right")
-    return np.clip(after - 1, 0, RINGS - 1)
+    edges_reached = np.searchsorted(THETA_EDGES_DEG, theta + 1e-4, side="right")
+    return np.clip(edges_reached - 1, 0, RINGS - 1)
 
 
 def _pooled(raw: Array, pool: Pool) -> float | None:

@@ -80,6 +80,7 @@ class Guarded(SliceMetric):
         return float(number)
 
     def _answer(self, method: str, *given: Any) -> Any:
+        """What a method of the metric answers; `PluginError` for whatever it raises."""
         return _asked(self.called, f"fails in {method}", getattr(self.metric, method), *given)
 
     def _wrong(self, method: str, due: str, answer: Any) -> PluginError:

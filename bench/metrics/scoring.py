@@ -57,6 +57,7 @@ class _Reference:
 
     @property
     def bytes(self) -> int:
+        """The memory that keeping it takes."""
         arrays = [self.log1p, *_arrays(tuple(self.sides.values()))]
         different = {id(array): array.nbytes for array in arrays}  # metrics may share one
         return sum(different.values())

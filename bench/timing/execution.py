@@ -158,6 +158,7 @@ def _whole(material: Material) -> Material:
     decoders: list[Decoder] = []
 
     def placeholder(decoder: Decoder) -> nn.Module:
+        """What stands for a network, which is noted in `decoders` under its number."""
         decoders.append(decoder)
         return Placeholder(len(decoders) - 1, decoder.architecture.outputs)
 
@@ -205,13 +206,13 @@ class _Tf32(Wrapped):
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """By the material itself, while PyTorch may round products as tf32."""
         kinds: list[Any] = [torch.backends.cuda.matmul, torch.backends.cudnn]
-        before = [kind.allow_tf32 for kind in kinds]
+        earlier = [kind.allow_tf32 for kind in kinds]
         for kind in kinds:
             kind.allow_tf32 = True
         try:
             return self.inner.evaluate(uv, wo, wi, footprint)
         finally:
-            for kind, allowed in zip(kinds, before, strict=True):
+            for kind, allowed in zip(kinds, earlier, strict=True):
                 kind.allow_tf32 = allowed
 
 

@@ -97,6 +97,7 @@ class Canvas:
         """The mean (n,) of what is left of cells (n,) and above them; what shares a side counts three times."""
 
         def back(places: int) -> Ints:
+            """What lies so many places before each cell, (n,)."""
             return planes[cell - places].astype(np.int64)
 
         left, above = back(1), back(self.stride)
@@ -162,11 +163,11 @@ class CodeModel:
     @classmethod
     def from_bytes(cls, data: bytes, bits: Ints) -> tuple["CodeModel", int]:
         """A model, and the number of bytes that it takes; `InputError` if `to_bytes` cannot have written them."""
-        at, heads, terms = 0, [], list[list[tuple[int, int]]]()
+        place, heads, terms = 0, [], list[list[tuple[int, int]]]()
         for channel in range(len(bits)):
-            head = data[at : at + HEAD]
+            head = data[place : place + HEAD]
             count = head[4] if len(head) == HEAD else MOST_TERMS + 1
-            body = np.frombuffer(data[at + HEAD : at + HEAD + 2 * count], np.int8)
+            body = np.frombuffer(data[place + HEAD : place + HEAD + 2 * count], np.int8)
             read = body[:count].view(np.uint8).tolist()
             weights = body[count:].tolist()
             readable = len(OWN) + len(AROUND) * min(channel, BACK)
@@ -175,9 +176,9 @@ class CodeModel:
                 raise InputError("a texture of this file does not say how its codes are predicted: encode it again")
             heads.append([head[0], head[1], head[2] >> 4, head[2] & 15, head[3] >> 4, head[3] & 15])
             terms.append(list(zip(read, weights, strict=True)))
-            at += HEAD + 2 * count
+            place += HEAD + 2 * count
         table = np.array(heads, np.int64)
-        return cls(bits, table[:, 0], table[:, 1], table[:, 2:], terms), at
+        return cls(bits, table[:, 0], table[:, 1], table[:, 2:], terms), place
 
     @property
     def scale(self) -> Ints:

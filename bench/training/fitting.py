@@ -232,15 +232,16 @@ class _Loop:
         return f"fitting{REMARK}{psnr:.1f} dB"
 
     def _show(self) -> None:
+        """Move the progress bar, and remember when."""
         self.fit.show(self.label, self.step, self.steps)
         self.shown = time.perf_counter()
 
     def flat(self, patience: int) -> bool:
         """Whether the curve gained less than `GAIN` in the last `patience` steps."""
-        before = [psnr for step, _, psnr in self.curve if step <= self.step - patience]
-        if not before:
+        earlier = [psnr for step, _, psnr in self.curve if step <= self.step - patience]
+        if not earlier:
             return False
-        return max(psnr for _, _, psnr in self.curve) < max(before) + GAIN
+        return max(psnr for _, _, psnr in self.curve) < max(earlier) + GAIN
 
     def advance(self, end: int) -> None:
         """Step up to `end`, then save the state, or go back to the last good one."""

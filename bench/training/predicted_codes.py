@@ -98,7 +98,7 @@ def _lanes(count: int) -> int:
 
 def _rounds(count: int, lanes: int) -> list[slice]:
     """The symbols of a step by round of the coders."""
-    return [slice(at, at + lanes) for at in range(0, count, lanes)]
+    return [slice(start, start + lanes) for start in range(0, count, lanes)]
 
 
 def _walk(model: CodeModel, canvas: Canvas, code_step: Step) -> None:
@@ -126,7 +126,7 @@ class _Reader:
     """The coders of some bytes: their states (lanes,), and the words that are still to be read."""
 
     def __init__(self, model: CodeModel, data: bytes, lanes: int):
-        self.model, self.at = model, 0
+        self.model, self.taken = model, 0  # words read so far
         if len(data) < 4 * lanes or len(data) % 2:
             raise InputError(f"a texture of this file has {len(data)} bytes for {lanes} coders: encode it again")
         self.state = np.frombuffer(data, "<u4", lanes).astype(np.int64)
@@ -147,16 +147,16 @@ class _Reader:
         below, above = curve.below(code), curve.below(code + 1)
         state = (above - below) * (state >> 16) + slot - below
         empty = state < TOTAL
-        end = self.at + int(empty.sum())
+        end = self.taken + int(empty.sum())
         if end > len(self.words):
             raise InputError("a texture of this file ends before its codes: encode it again")
-        state[empty] = state[empty] << 16 | self.words[self.at : end]
-        self.at, self.state[: len(state)] = end, state
+        state[empty] = state[empty] << 16 | self.words[self.taken : end]
+        self.taken, self.state[: len(state)] = end, state
         return code
 
     def close(self) -> None:
         """Raise `InputError` unless every word is read and every state is as an encoder begins."""
-        if self.at != len(self.words) or (self.state != TOTAL).any():
+        if self.taken != len(self.words) or (self.state != TOTAL).any():
             raise InputError("a texture of this file holds other codes than were stored: encode it again")
 
 

@@ -132,9 +132,9 @@ class DrJitNetwork(Network):
     def _around(self, place: Any, side: int) -> tuple[tuple[Any, Any], Any]:
         """The two texels around a place, periodic, and how far it is from the first."""
         dr = self.dr
-        before = dr.floor(place)
-        first = dr.llvm.UInt32(before - side * dr.floor(before / side))
-        return (first, dr.select(first == side - 1, 0, first + 1)), place - before
+        whole = dr.floor(place)
+        first = dr.llvm.UInt32(whole - side * dr.floor(whole / side))
+        return (first, dr.select(first == side - 1, 0, first + 1)), place - whole
 
     def _rows(self, flat: Any, row: Any, width: int) -> Any:
         """The `width` numbers of each row (n,) of a row-major table, as that many arrays (n,)."""
