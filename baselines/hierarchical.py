@@ -89,7 +89,10 @@ class Hierarchy(nn.Module):
 
     def hidden_matrices(self) -> list[Tensor]:
         """The kernels of both modules: see `bench.training.optimiser`."""
-        return [kernel.weight for module in self.layers[1:-1] for kernel in module.kernels]
+        matrices = []
+        for module in self.layers[1:-1]:
+            matrices += [kernel.weight for kernel in module.kernels]
+        return matrices
 
     @torch.no_grad()
     def start_at(self, outputs: Tensor) -> None:

@@ -95,8 +95,7 @@ class HSH(Codec):
         terms = basis(torch.from_numpy(btf.wo).double(), torch.from_numpy(btf.wi).double(), bands)
         # An error of radiance is one of radiance / cosine times the cosine.
         weight = cosine.double().square() * (1 if fit.density is None else fit.density.weights.double()[:, None])
-        of_bands = ([band * (band + 1.0) for band in range(n) for _ in range(2 * band + 1)] for n in bands)
-        light, view = map(torch.tensor, of_bands)  # l (l + 1) of each harmonic, in the order of `harmonics`
+        light, view = (torch.tensor(_roughness(count)) for count in bands)
         rough = (light[:, None] + view).flatten().double().square()
         normal = terms.T @ (weight * terms) + len(btf) * torch.diag(self.settings.smoothness * rough + RIDGE)
         return torch.linalg.solve(normal, (weight * terms).T).float()
@@ -107,6 +106,14 @@ class HSH(Codec):
             raise ValueError(f"{texture.shape[2]} coefficients a texel for {bands} bands")
         gain = float(parts.other["gain"]) if self.settings.domain == "log" else None
         return HSHMaterial(texture, bands, gain, self.settings.cosine).to(device)
+
+
+def _roughness(bands: int) -> list[float]:
+    """How much each harmonic varies, the eigenvalue of its Laplacian: l (l + 1), of the 2l + 1 of a band."""
+    found = []
+    for band in range(bands):
+        found += [band * (band + 1.0)] * (2 * band + 1)
+    return found
 
 
 def _cosine(wi: Tensor, used: bool) -> Tensor:
@@ -142,7 +149,10 @@ def harmonics(directions: Tensor, bands: int) -> Tensor:
             if m:
                 terms[band, -m] = scaled * imaginary
         real, imaginary = a * real - b * imaginary, a * imaginary + b * real
-    return torch.stack([terms[band, m] for band in range(bands) for m in range(-band, band + 1)], 1)
+    ordered = []
+    for band in range(bands):
+        ordered += [terms[band, m] for m in range(-band, band + 1)]
+    return torch.stack(ordered, 1)
 
 
 class HSHMaterial(Material):

@@ -273,11 +273,11 @@ class NeuMIP(Codec):
         objective = self.objective(levels, self.settings, fit.generator())
         progress = train(objective, fit, self.settings.steps, self.settings.patience)
         # As blurred in the last step, because the file holds what is looked up.
-        pyramid, offset = (None if t is None else t.detach() for t in objective.blurred(progress=progress))
-        assert pyramid is not None
-        texture = store_texture("pyramid", pyramid, objective.rounded_table, Pyramid(btf.shape, count).levels)
+        pyramid, offset = objective.blurred(progress=progress)
+        levels_of = Pyramid(btf.shape, count).levels
+        texture = store_texture("pyramid", pyramid.detach(), objective.rounded_table, levels_of)
         if offset is not None and objective.rounded_offset is not None:
-            texture |= store_texture("offset", offset, objective.rounded_offset, [btf.shape])
+            texture |= store_texture("offset", offset.detach(), objective.rounded_offset, [btf.shape])
         other = {"gain": torch.tensor([gain]), "size": torch.tensor(btf.shape, dtype=torch.int32)}
         if count < level_count(btf.shape):  # in a fit to a scene; otherwise a file need not say it
             other["levels"] = torch.tensor([count], dtype=torch.uint8)

@@ -180,13 +180,19 @@ def first_textures(samples: Samples, settings: NeuralBTF.Settings, generator: to
     """
     sizes, channels = names(settings, samples.shape), settings.channels
     if settings.start == "random":
-        spread = {name: 0.0 if name == "offset" else FIRST for name in sizes}
-        return {n: spread[n] * (2 * torch.rand(*size, channels, generator=generator) - 1) for n, size in sizes.items()}
+        textures = {}
+        for name, size in sizes.items():
+            spread = 0.0 if name == "offset" else FIRST
+            textures[name] = spread * (2 * torch.rand(*size, channels, generator=generator) - 1)
+        return textures
     latents = first_latents(samples, settings.levels * channels, settings.start, generator)
     picture = latents.T.unflatten(1, samples.shape)
     parts = [*picture.split(channels), picture[:channels]]
-    means = {n: functional.adaptive_avg_pool2d(part, sizes[n]) for n, part in zip(sizes, parts, strict=False)}
-    return {name: mean.permute(1, 2, 0).contiguous() for name, mean in means.items()}
+    textures = {}
+    for (name, size), part in zip(sizes.items(), parts, strict=False):
+        mean = functional.adaptive_avg_pool2d(part, size)
+        textures[name] = mean.permute(1, 2, 0).contiguous()
+    return textures
 
 
 class NeuralBTFMaterial(Material):

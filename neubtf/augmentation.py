@@ -123,8 +123,8 @@ def taps_of(windows: Sequence[Crop], shape: tuple[int, int], device: torch.devic
 
     The windows have one size, though not one source; a texel is row · W + column.
     """
-    rows, cols = (_axis_taps(windows, shape, axis) for axis in (0, 1))
-    (row, high), (col, wide) = ([x.to(device, non_blocking=True) for x in each] for each in (rows, cols))
+    row, high = (taps.to(device, non_blocking=True) for taps in _axis_taps(windows, shape, 0))
+    col, wide = (taps.to(device, non_blocking=True) for taps in _axis_taps(windows, shape, 1))
     texel = row[:, :, None, :, None] * shape[1] + col[:, None, :, None, :]
     weight = high[:, :, None, :, None] * wide[:, None, :, None, :]
     return texel.flatten(3).flatten(1, 2), weight.flatten(3).flatten(1, 2)

@@ -148,8 +148,9 @@ def seam_of(material: NeuBTFMaterial, pairs: Array) -> tuple[Seam, Seam]:
     """
     exposure = material.gain / LOG_SCALE
     slices = [to_display(material.slice(wo.tolist(), wi.tolist()).numpy(), exposure) for wo, wi in pairs]
-    left_right, top_bottom = (_seam(np.mean([_steps(each, axis) for each in slices], 0)) for axis in (1, 0))
-    return left_right, top_bottom
+    left_right = np.mean([_steps(each, 1) for each in slices], 0)
+    top_bottom = np.mean([_steps(each, 0) for each in slices], 0)
+    return _seam(left_right), _seam(top_bottom)
 
 
 def _steps(picture: Array, axis: int) -> Array:

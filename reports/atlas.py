@@ -26,15 +26,23 @@ class Atlases:
     """The slices of all materials of a run, of one quality for all pixels to fit into this `share` of the budget."""
 
     def __init__(self, run: Run, materials: Sequence[MaterialRows], share: float = 1):
-        self.run, budget = run, share * BUDGET
+        self.run = run
+        budget = share * BUDGET
         pixels = sum(self._pixels(material) for material in materials)
-        self.quality, per_pixel = next((q for q in QUALITIES if q[1] * pixels <= budget), QUALITIES[-1])
+        fitting = [(quality, size) for quality, size in QUALITIES if size * pixels <= budget]
+        self.quality, per_pixel = fitting[0] if fitting else QUALITIES[-1]
         self.step = max(1, -int(-per_pixel * pixels // budget))  # show every n-th pair
 
     def _pixels(self, material: MaterialRows) -> int:
-        each = (arrays(self.run.folder, row.job, "pictures", ("truth",)) for row in material.shown)
-        sizes = [found["truth"].shape[:3] for found in each if found]  # of rows of several runs, some may have none
-        return int(np.prod(sizes[0])) * (2 * len(sizes) + 1) if sizes else 0
+        """The pixels of a material's pictures: of the truth, and of the answers and FLIP maps of each codec."""
+        sizes = []
+        for row in material.shown:
+            found = arrays(self.run.folder, row.job, "pictures", ("truth",))
+            if found:  # of rows of several runs, some may have none
+                sizes.append(found["truth"].shape[:3])
+        if not sizes:
+            return 0
+        return int(np.prod(sizes[0])) * (2 * len(sizes) + 1)
 
     def slices_of(self, material: MaterialRows) -> dict[str, Any]:
         """The data of a material for the slice viewer; `codecs` is empty if nothing is stored.
@@ -65,12 +73,13 @@ class Atlases:
         if "flip" in pictures:
             data["flip"] = self._encoded(_levels(pictures["flip"]), FLIP_QUALITY)
         name = row.metric(FLIP)
-        if scores := arrays(self.run.folder, row.job, "slices", ("pairs", PSNR, name)):
+        scores = arrays(self.run.folder, row.job, "slices", ("pairs", PSNR, name))
+        if scores:
             place = {int(pair): i for i, pair in enumerate(scores["pairs"])}
             rows = [place[int(pair)] for pair in pictures["pairs"][:: self.step]]
-            decibels = psnr(scores[PSNR][rows])  # null in the page without error
-            data["psnr"] = [round(float(each), 2) if np.isfinite(each) else None for each in decibels]
-            data |= {"flips": np.round(scores[name][rows], 4).tolist()} if name in scores else {}
+            data["psnr"] = [_decibels(value) for value in psnr(scores[PSNR][rows])]
+            if name in scores:
+                data["flips"] = np.round(scores[name][rows], 4).tolist()
         return data
 
     def _encoded(self, pictures: np.ndarray, most: int = 100) -> str:
@@ -85,6 +94,11 @@ class Atlases:
         if self.quality is None:
             return webp(Image.fromarray(sheet), lossless=True, quality=0, method=0)
         return webp(Image.fromarray(sheet), lossless=False, quality=min(most, self.quality), method=4)
+
+
+def _decibels(value: float) -> float | None:
+    """PSNR as JSON can hold it: null without error."""
+    return round(float(value), 2) if np.isfinite(value) else None
 
 
 def webp(picture: Image.Image, **how: Any) -> str:

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 from math import log2
 from statistics import fmean
 
@@ -73,14 +74,15 @@ def _budgets(run: Run, result: Budgets, points: Points, materials: Sequence[str]
             columns[budget] = readings(result, points, budget, materials)
         else:
             columns[budget] = {line: Reading(value, True) for line, value in result.ranked(budget, materials).items()}
-    lines = list(dict.fromkeys(line for column in columns.values() for line in column))
+    lines = list(dict.fromkeys(chain.from_iterable(columns.values())))
     if not lines:
         return
     times = [budget for budget in columns if budget.kind != BYTES]
     told: dict[Budget, set[str]] = {}
     if len(materials) >= FEWEST:
         told = {budget: result.told_apart(run, budget, materials) for budget in times}
-    rows, scores = [], []
+    rows: list[list[str]] = []
+    scores: list[list[float | None]] = []
     for line in sorted(lines, key=lambda line: _by_size(columns, line)):
         cells: list[str] = [line]
         values: list[float | None] = [None]
@@ -105,15 +107,19 @@ def _by_size(columns: Mapping[Budget, Mapping[str, Reading]], line: str) -> list
     """The key by which rows are sorted: the value at 32 bits, which most codecs reach, then at sizes ever further."""
     sizes = [budget for budget in columns if budget.kind == BYTES]
     sizes.sort(key=lambda budget: abs(log2(budget.most / ENOUGH.most)))
-    read = (columns[budget].get(line) for budget in sizes)
-    return [-(reading.value if reading else 0.0) for reading in read]
+    key = []
+    for budget in sizes:
+        reading = columns[budget].get(line)
+        key.append(-reading.value if reading else 0.0)
+    return key
 
 
 def _read(reading: Reading | None) -> str:
     """A reading as a cell; with “≥” where only a best rung within the size is known."""
     if reading is None:
         return NONE
-    return "≥" * (not reading.off_curves) + _number(reading.value, digits=1)
+    number = _number(reading.value, digits=1)
+    return number if reading.off_curves else f"≥{number}"
 
 
 def _header(budget: Budget, shapes: set[tuple[int, int]]) -> tuple[str, str]:
@@ -131,9 +137,10 @@ def rung_tables(run: Run) -> Iterator[Table]:
     result = budgets(run)
     at = ("at bits, times" if result.times else "at bits a texel", "")
     notes = [_CHOICE, *_common(run, result)]
-    if len(result.surfaces) > 1 and (rows := list(_mean_rows(result))):
+    means = list(_mean_rows(result)) if len(result.surfaces) > 1 else []
+    if means:
         title = f"Means over {len(result.surfaces)} materials of the rung of each budget"
-        yield Table("rungs", title, [("codec", ""), at, ("total", "bytes"), *_METRICS], rows, notes, words=2)
+        yield Table("rungs", title, [("codec", ""), at, ("total", "bytes"), *_METRICS], means, notes, words=2)
     headers = [("codec", ""), ("rung", ""), at, ("total", "bytes"), ("validation", "dB"), *_METRICS]
     headers += [(kind, _unit(kind)) for kind in result.times]
     for material in result.surfaces:
@@ -144,13 +151,18 @@ def rung_tables(run: Run) -> Iterator[Table]:
 
 def _mean_rows(result: Budgets) -> Iterator[list[str]]:
     """Bytes, PSNR, SSIM and FLIP of each codec, means over the materials; budgets of equal numbers share a row."""
-    at: dict[str, dict[tuple[str, ...], list[Budget]]] = {}
+    at: dict[str, dict[tuple[str, ...], list[Budget]]] = {}  # by line and its numbers
     for budget in result.limits:
-        for line, rungs in result.picks(budget, result.surfaces).items():
-            size = integer(round(fmean(mean_bytes(rung.of) for rung in rungs.values())))
-            means = (_number(average([shown(rung, of) for rung in rungs.values()]), of) for of in _DIGITS)
-            at.setdefault(line, {}).setdefault((size, *means), []).append(budget)
-    yield from ([line, _span(of), *numbers] for line, by_numbers in at.items() for numbers, of in by_numbers.items())
+        for line, by_surface in result.picks(budget, result.surfaces).items():
+            rungs = list(by_surface.values())
+            numbers = [integer(round(fmean(mean_bytes(rung.of) for rung in rungs)))]
+            for family in _DIGITS:
+                mean = average([shown(rung, family) for rung in rungs])
+                numbers.append(_number(mean, family))
+            at.setdefault(line, {}).setdefault(tuple(numbers), []).append(budget)
+    for line, by_numbers in at.items():
+        for equal, budgets_of in by_numbers.items():
+            yield [line, _span(budgets_of), *equal]
 
 
 def _rung_rows(result: Budgets, material: str) -> Iterator[list[str]]:
@@ -159,7 +171,9 @@ def _rung_rows(result: Budgets, material: str) -> Iterator[list[str]]:
     for budget in result.limits:
         for line, rungs in result.picks(budget, [material]).items():
             rung = rungs[material]
-            at.setdefault(line, {}).setdefault(rung.of[0]["job"], (rung, []))[1].append(budget)
+            by_first = at.setdefault(line, {})
+            _, budgets_of = by_first.setdefault(rung.of[0]["job"], (rung, []))
+            budgets_of.append(budget)
     for line, by_job in at.items():
         for name, (rung, budgets_of) in by_job.items():
             numbers = [integer(mean_bytes(rung.of)), _number(rung.score)]
@@ -170,18 +184,31 @@ def _rung_rows(result: Budgets, material: str) -> Iterator[list[str]]:
 
 def _span(at: list[Budget]) -> str:
     """Budgets in words, budgets of bytes as a range: 32–128, 8 × eager."""
-    bits = [f"{each.most:g}" for each in at if each.kind == BYTES]
-    ends = "–".join(dict.fromkeys([*bits[:1], *bits[-1:]]))
-    times = [f"{each.most:g} {'s' if each.kind == FIT else '×'} {each.kind}" for each in at if each.kind != BYTES]
-    return ", ".join(filter(None, [ends, *times]))
+    bits = [f"{budget.most:g}" for budget in at if budget.kind == BYTES]
+    parts = []
+    if bits:
+        ends = dict.fromkeys([bits[0], bits[-1]])  # a single budget is both
+        parts.append("–".join(ends))
+    for budget in at:
+        if budget.kind != BYTES:
+            unit = "s" if budget.kind == FIT else "×"
+            parts.append(f"{budget.most:g} {unit} {budget.kind}")
+    return ", ".join(parts)
 
 
 def when_table(run: Run) -> Iterator[Table]:
     """Which codec when: a question a row, its answer with numbers, and the next best."""
     rows = []
     for question, ranked, family in _questions(budgets(run)):
-        numbers = [f"{_number(value, family)}{' dB' * (family == PSNR)}" for value in ranked.values()]
-        rows += [[question, *[*ranked, NONE][:2], *[*numbers, NONE][:2]]] if ranked else []
+        if not ranked:
+            continue
+        unit = " dB" if family == PSNR else ""
+        lines = list(ranked)
+        numbers = [_number(value, family) + unit for value in ranked.values()]
+        if len(ranked) == 1:
+            lines.append(NONE)
+            numbers.append(NONE)
+        rows.append([question, *lines[:2], *numbers[:2]])
     headers = [("question", ""), ("best", ""), ("then", ""), ("best", ""), ("then", "")]
     if rows:
         yield Table("when", "Which codec when", headers, rows, [_CHOICE], words=3)
@@ -192,8 +219,10 @@ def _questions(result: Budgets) -> Iterator[tuple[str, dict[str, float], str]]:
     enough = in_words(ENOUGH)
     for budget in result.limits:
         yield f"best quality in {in_words(budget)}", result.ranked(budget, result.surfaces), PSNR
-    if fewest := result.fewest_bytes():
-        yield f"fewest bytes within {NEAR_DB:g} dB of the best: {in_words(fewest[0])}", fewest[1], PSNR
+    fewest = result.fewest_bytes()
+    if fewest:
+        budget, ranked = fewest
+        yield f"fewest bytes within {NEAR_DB:g} dB of the best: {in_words(budget)}", ranked, PSNR
     if len(result.surfaces) > 1:
         for material in result.surfaces:
             yield f"best on {material} in {enough}", result.ranked(ENOUGH, [material]), PSNR
@@ -204,11 +233,15 @@ def _questions(result: Budgets) -> Iterator[tuple[str, dict[str, float], str]]:
 def ranks_table(run: Run) -> Iterator[Table]:
     """The mean rank of each line at a budget, and the lines that are not told apart from it."""
     result = budgets(run)
-    if not (ranking := result.ranks()):
+    ranking = result.ranks()
+    if not ranking:
         return
     rows = []
     for line, rank in ranking.mean.items():
-        near = [other for other, its in ranking.mean.items() if other != line and abs(its - rank) < ranking.critical]
+        near = []
+        for other, its_rank in ranking.mean.items():
+            if other != line and abs(its_rank - rank) < ranking.critical:
+                near.append(other)
         rows.append([line, fixed(rank, 2), ", ".join(near) or NONE])
     title = f"Mean ranks over {len(result.surfaces)} surfaces at {in_words(ENOUGH)}"
     note = f"Nemenyi's critical difference: {ranking.critical:.2f}. Only lines with a rung on each surface are ranked."
@@ -222,16 +255,18 @@ def front_table(run: Run) -> Iterator[Table]:
     kinds = by_kind(result.surfaces) | {"all": list(result.surfaces)}
     columns = [readings(result, points, ENOUGH, surfaces) for surfaces in kinds.values()]
     picks = result.picks(ENOUGH, result.surfaces)
-    lines = list(dict.fromkeys(line for column in reversed(columns) for line in column))
+    lines = list(dict.fromkeys(chain.from_iterable(reversed(columns))))
     if not lines:
         return
-    leads = {line: lead for line in lines if (lead := _lead(result, points, line))}
+    leads: dict[str, Summary] = {}
     rows: list[list[str]] = []
     scores: list[list[float | None]] = []
     for line in lines:
+        lead = _lead(result, points, line)
+        if lead:
+            leads[line] = lead
         read = [column.get(line) for column in columns]
         time = _mean_time(result, [rung.of for rung in picks.get(line, {}).values()])
-        lead = leads.get(line)
         rows.append([line, *map(_read, read), *_lead_cells(line, lead, line in points), significant(time)])
         means = [reading.value if reading else None for reading in read]
         quickest = None if time is None else -time
@@ -253,8 +288,12 @@ def _lead_cells(line: str, lead: Summary | None, has_curves: bool) -> list[str]:
     """The cells of a lead: its median over surfaces, the interval of its mean, and on how many it is above 0."""
     if lead is None:
         return ["" if line == AGAINST else NONE, "", ""]
-    median = signed(lead.median, 1) + "°" * (not has_curves)
-    interval = f"{signed(lead.low, 1)} to {signed(lead.high, 1)}" + "*" * lead.apart
+    median = signed(lead.median, 1)
+    if not has_curves:
+        median += "°"
+    interval = f"{signed(lead.low, 1)} to {signed(lead.high, 1)}"
+    if lead.apart:
+        interval += "*"
     return [median, interval, f"{lead.won} of {lead.surfaces}"]
 
 
@@ -270,9 +309,9 @@ def _lead_notes(leads: Mapping[str, Summary], points: Points) -> Iterator[str]:
 
 def _lead(result: Budgets, points: Points, line: str) -> Summary | None:
     """The lead of a line over `AGAINST` at equal bytes; None of that line itself, and where they share no bytes."""
-    anchor = points.get(AGAINST, {})
     if line == AGAINST:
         return None
+    anchor = points.get(AGAINST, {})
     gaps = differences(dict(points[line]), dict(anchor)) if line in points else gaps_of_rungs(result, line, anchor)
     return summarised(gaps) if gaps else None
 
@@ -287,13 +326,16 @@ TABLES = {
 
 
 def _number(value: float | None, family: str = PSNR, digits: int | None = None) -> str:
-    exact = value is not None and value >= MOST_DB
-    return EXACT if exact else fixed(value, _DIGITS[family] if digits is None else digits)
+    if value is not None and value >= MOST_DB:
+        return EXACT
+    return fixed(value, _DIGITS[family] if digits is None else digits)
 
 
 def in_words(budget: Budget) -> str:
     """A budget in words: 64 bits a texel; 8 × floor, eager; 10 s, fit."""
-    return f"{budget.most:g} " + ("bits a texel" if budget.kind == BYTES else f"{_unit(budget.kind)}, {budget.kind}")
+    if budget.kind == BYTES:
+        return f"{budget.most:g} bits a texel"
+    return f"{budget.most:g} {_unit(budget.kind)}, {budget.kind}"
 
 
 def _unit(kind: str) -> str:
@@ -303,25 +345,41 @@ def _unit(kind: str) -> str:
 def _common(run: Run, result: Budgets) -> Iterator[str]:
     """Notes on times, and on excluded records."""
     if result.times.keys() - {FIT}:
-        on: dict[str, None] = {}
-        of_settings = [time for time in run.timings if "rounds" in time]
-        for name in (time.get("run", "") for time in of_settings or run.timings):
-            starts = [start for start in run.starts if not name or start.get("run") == name]
-            machine = starts[-1].get("machine", Machine()) if starts else Machine()
-            parts = [machine.get("processor"), f"{machine['cores']} cores" if "cores" in machine else ""]
-            on[", ".join(str(part) for part in parts if part)] = None
-        yield f"Times: upper ends of 95 % intervals, × floor, one bilinear fetch; {'; '.join(filter(None, on))}."
-    unlike = f"not comparable with {beside(run)}"
-    reasons = {"without a score of validation pairs": result.without, unlike: result.unlike}
-    suites = {start.get("run"): str(start.get("suite") or "no suite") for start in run.starts}
+        machines = "; ".join(_machines(run))
+        yield f"Times: upper ends of 95 % intervals, × floor, one bilinear fetch; {machines}."
     left = []
-    for why, jobs in ((why, jobs) for why, jobs in reasons.items() if jobs):
-        counts = Counter(suites.get(job.get("run"), "no suite") for job in jobs)
-        counted = ", ".join(f"{count} of {suite}" for suite, count in counts.items())
-        named = ""
-        if why == unlike:
-            rows = list(dict.fromkeys(f"{job['material']}/{shown_label(job)}" for job in jobs))
-            named = f" ({', '.join(rows[:_NAMED])}{', …' * (len(rows) > _NAMED)})"
-        left.append(f"{counted}{named}, {why}")
+    if result.without:
+        left.append(f"{_by_suite(run, result.without)}, without a score of validation pairs")
+    if result.unlike:
+        rows = list(dict.fromkeys(f"{job['material']}/{shown_label(job)}" for job in result.unlike))
+        named = ", ".join(rows[:_NAMED])
+        if len(rows) > _NAMED:
+            named += ", …"
+        left.append(f"{_by_suite(run, result.unlike)} ({named}), not comparable with {beside(run)}")
     if left:
         yield f"Left out: {'; '.join(left)}."
+
+
+def _machines(run: Run) -> list[str]:
+    """The processors and cores on which times were measured, each once."""
+    found: dict[str, None] = {}
+    of_settings = [timing for timing in run.timings if "rounds" in timing]
+    for timing in of_settings or run.timings:
+        name = timing.get("run", "")
+        starts = [start for start in run.starts if not name or start.get("run") == name]
+        machine = starts[-1].get("machine", Machine()) if starts else Machine()
+        parts = []
+        if machine.get("processor"):
+            parts.append(str(machine["processor"]))
+        if "cores" in machine:
+            parts.append(f"{machine['cores']} cores")
+        if parts:
+            found[", ".join(parts)] = None
+    return list(found)
+
+
+def _by_suite(run: Run, jobs: Sequence[Job]) -> str:
+    """How many jobs are of which suite: 3 of budgets, 1 of no suite."""
+    suites = {start.get("run"): str(start.get("suite") or "no suite") for start in run.starts}
+    counts = Counter(suites.get(job.get("run"), "no suite") for job in jobs)
+    return ", ".join(f"{count} of {suite}" for suite, count in counts.items())

@@ -11,9 +11,12 @@ from reports.table import Table
 
 def new_names(words: Sequence[str]) -> dict[str, str]:
     """New names by old ones, of words `OLD=NEW`; the last `=` divides. `InputError` for a word without one."""
-    names = {word: name for word, _, name in (each.rpartition("=") for each in words)}
-    if "" in names:
-        raise InputError("--name: write WORD=NAME, such as 'neubtf-direct=NeuBTF, direct'")
+    names = {}
+    for word in words:
+        old, _, new = word.rpartition("=")
+        if not old:
+            raise InputError("--name: write WORD=NAME, such as 'neubtf-direct=NeuBTF, direct'")
+        names[old] = new
     return names
 
 
@@ -39,8 +42,9 @@ class Choice:
         for name in self.materials:
             if name not in there:
                 raise InputError(f"--material {name}: this run does not have it{did_you_mean(name, there)}")
-        jobs = Records({job["job"]: job for job in filter(self._has, run.jobs)})
-        known = {str(job.get("codec") or job["label"]) for job in run.jobs} | {shown_label(job) for job in run.jobs}
+        jobs = Records({job["job"]: job for job in run.jobs if self._has(job)})
+        known = {str(job.get("codec") or job["label"]) for job in run.jobs}
+        known |= {shown_label(job) for job in run.jobs}
         for wanted in self.codecs:
             if not any(wanted in _called(job) for job in jobs):
                 raise InputError(f"--codec {wanted}: this run does not have it{did_you_mean(wanted, known)}")
@@ -53,7 +57,9 @@ class Choice:
     def _has(self, job: Job) -> bool:
         if self.materials and job["material"] not in self.materials:
             return False
-        return not self.codecs or any(wanted in _called(job) for wanted in self.codecs)
+        if not self.codecs:
+            return True
+        return any(wanted in _called(job) for wanted in self.codecs)
 
     def of_tables(self, tables: Sequence[Table]) -> list[Table]:
         """The tables with these columns, in this order, and names; those without any of the columns, and those of
@@ -66,28 +72,44 @@ class Choice:
                 if not any(_matches(wanted, header) for header in every):
                     there = "; ".join(dict.fromkeys(map(_named, every)))
                     raise InputError(f"--column {wanted}: no such column: there are {there}")
-            tables = [cut for table in tables if (cut := self._cut(table))]
-        return [self._renamed(table) for table in tables] if self.names else list(tables)
+            cut = [self._cut(table) for table in tables]
+            tables = [table for table in cut if table]
+        if self.names:
+            return [self._renamed(table) for table in tables]
+        return list(tables)
 
     def _cut(self, table: Table) -> Table | None:
-        numbers = range(table.words, len(table.headers))
-        places = [i for wanted in self.columns for i in numbers if _matches(wanted, table.headers[i])]
-        return table.of_columns([*range(table.words), *dict.fromkeys(places)]) if places else None
+        """The table with its words and the wanted columns; None if it has none of them."""
+        places: dict[int, None] = {}
+        for wanted in self.columns:
+            for i in range(table.words, len(table.headers)):
+                if _matches(wanted, table.headers[i]):
+                    places[i] = None
+        if not places:
+            return None
+        return table.of_columns([*range(table.words), *places])
 
     def _renamed(self, table: Table) -> Table:
         """Words at the left, title and notes get the new names of codecs and materials, headers those of columns."""
-        inside = {old for old in self.names if any(old in cell for row in table.rows for cell in row[: table.words])}
-        inside |= {old for old in self.names if old == table.material}
-        rows = [[*map(self.said, row[: table.words]), *row[table.words :]] for row in table.rows]
-        headers = [
-            (self.names[_named(header)], "".join(header[1].partition("± ")[1:]))
-            if _named(header) in self.names
-            else (self.names.get(header[0], header[0]), header[1])
-            for header in table.headers
-        ]
+        words: list[str] = []
+        rows = []
+        for row in table.rows:
+            words += row[: table.words]
+            rows.append([*map(self.said, row[: table.words]), *row[table.words :]])
+        inside = {old for old in self.names if old == table.material or any(old in word for word in words)}
+        headers = [self._renamed_header(header) for header in table.headers]
         notes = [self.said(note, inside) for note in table.notes]
-        material, title = self.names.get(table.material, table.material), self.said(table.title)
-        return replace(table, headers=headers, rows=rows, title=title, notes=notes, material=material)
+        material = self.names.get(table.material, table.material)
+        return replace(table, headers=headers, rows=rows, title=self.said(table.title), notes=notes, material=material)
+
+    def _renamed_header(self, header: tuple[str, str]) -> tuple[str, str]:
+        """A header whose name alone, or whose whole line, has a new name; what a deviation is over stays."""
+        name, unit = header
+        line = _named(header)
+        if line in self.names:
+            _, sign, over = unit.partition("± ")
+            return self.names[line], sign + over
+        return self.names.get(name, name), unit
 
     def said(self, text: str, old: set[str] | None = None) -> str:
         words = sorted(self.names if old is None else old, key=len, reverse=True)

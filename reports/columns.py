@@ -65,10 +65,11 @@ class Column:
 
     def _text(self, seeds: Sequence[Row]) -> str:
         values = [self.value(row) for row in seeds]
-        texts = [NONE if value is None else value if isinstance(value, str) else self.write(value) for value in values]
+        texts = [self._one_text(value) for value in values]
         if len(set(texts)) < 2:
             return texts[0] if texts else NONE
-        if together := [value for value in values if isinstance(value, tuple)]:
+        together = [value for value in values if isinstance(value, tuple)]
+        if together:
             return self.write(self.pool(together))
         numbers = [value for value in values if isinstance(value, int | float)]
         if not numbers:
@@ -77,15 +78,31 @@ class Column:
             return self.write(fmean(numbers))
         return f"{self.write(fmean(numbers))} ± {self.write(stdev(numbers))}"
 
+    def _one_text(self, value: Value) -> str:
+        if value is None:
+            return NONE
+        if isinstance(value, str):
+            return value
+        return self.write(value)
+
     @property
     def sign(self) -> int:
         """1 if more is better, −1 if less is, 0 if neither."""
-        return 1 if "↑" in self.unit else -1 if "↓" in self.unit else 0
+        if "↑" in self.unit:
+            return 1
+        if "↓" in self.unit:
+            return -1
+        return 0
 
     def mean(self, seeds: Sequence[Row]) -> float | None:
         """The mean over seeds of the number, or of the first number of a tuple; None if there is none."""
-        firsts = [value[0] if isinstance(value := self.value(row), tuple) else value for row in seeds]
-        numbers = [value for value in firsts if isinstance(value, int | float)]
+        numbers = []
+        for row in seeds:
+            value = self.value(row)
+            if isinstance(value, tuple):
+                value = value[0]
+            if isinstance(value, int | float):
+                numbers.append(value)
         return fmean(numbers) if numbers else None
 
     def score(self, seeds: Sequence[Row]) -> float | None:
@@ -105,21 +122,26 @@ def _digits(metric: str) -> int:
 def _scale(metric: MetricFacts) -> str:
     """The unit of a metric with an arrow to the better end."""
     unit = "" if metric["unit"] == "1" else metric["unit"]
-    return f"{unit} {'↑' if metric['direction'] == 'higher' else '↓'}".strip()
+    arrow = "↑" if metric["direction"] == "higher" else "↓"
+    return f"{unit} {arrow}".strip()
 
 
 def _mean(name: str, scale: str, family: str, group: str = "", digits: int = 2, of: str = "mean") -> Column:
     """The mean over the slices of a group, by default those that decide, or another number of them."""
-    write = partial(fixed, digits=digits)
-    return Column(name, scale, lambda row: stated(row.stats(group or row.deciding_group, family), of), write)
+
+    def value(row: Row) -> Value:
+        return stated(row.stats(group or row.deciding_group, family), of)
+
+    return Column(name, scale, value, partial(fixed, digits=digits))
 
 
 def _spread(name: str, scale: str, family: str, digits: int = 2) -> Column:
     """Mean ± std over the slices that decide."""
-    write = partial(plus_minus, digits=digits)
-    return Column(
-        name, scale, lambda row: stated(row.stats(row.deciding_group, family), "mean", "std"), write, over="slices"
-    )
+
+    def value(row: Row) -> Value:
+        return stated(row.stats(row.deciding_group, family), "mean", "std")
+
+    return Column(name, scale, value, partial(plus_minus, digits=digits), over="slices")
 
 
 def bits(job: Job, size: int) -> float:
@@ -134,9 +156,10 @@ def _timed(name: str, unit: str, field: str, write: Callable[..., str] = signifi
     def value(row: Row) -> Value:
         if row.timing is None:
             return None
+        if row.timing_obstacle and not row.timed_apart:
+            return NOT_COMPARABLE
         measured = dict(row.timing)[field]
-        number = tuple(measured) if isinstance(measured, list) else cast(float, measured)
-        return number if row.timed_apart or not row.timing_obstacle else NOT_COMPARABLE
+        return tuple(measured) if isinstance(measured, list) else cast(float, measured)
 
     return Column(name, unit, value, write, pool=hull, starred=lambda row: row.timed_apart)
 
@@ -159,23 +182,34 @@ BITS = Column(
 _TRAIN = _mean("PSNR train", "dB ↑", PSNR, "train")
 HELDOUT = _mean("PSNR", "dB ↑", PSNR)
 PER_SLICE = _spread("PSNR", "dB ↑", PSNR)
-_WORST = replace(
-    _mean("worst tenth", "dB ↑", PSNR),
-    value=lambda row: stated(stats, "worst") if "worst" in (stats := row.stats(row.deciding_group, PSNR)) else None,
-)
+
+
+def _worst(row: Row) -> Value:
+    stats = row.stats(row.deciding_group, PSNR)
+    return stated(stats, "worst") if "worst" in stats else None
+
+
+def _relative_error(row: Row) -> Value:
+    share = row.stats(row.deciding_group, RMSE).get("relative")
+    return None if share is None else 100 * share
+
+
+def _fused(row: Row) -> Value:
+    return row.fused["ratio_to_floor"] if row.fused else None
+
+
+def _from_to(interval: tuple[float, float]) -> str:
+    low, high = interval
+    return f"{significant(low)} to {significant(high)}"
+
+
+_WORST = Column("worst tenth", "dB ↑", _worst, partial(fixed, digits=2))
 _POOLED = _mean("PSNR pooled", "dB ↑", PSNR, of="pooled")
-RELATIVE_ERROR = Column(
-    "RMSE",
-    "% mean ↓",
-    lambda row: None if (share := row.stats(row.deciding_group, RMSE).get("relative")) is None else 100 * share,
-    partial(fixed, digits=1),
-)
+RELATIVE_ERROR = Column("RMSE", "% mean ↓", _relative_error, partial(fixed, digits=1))
 _NS = _timed("time", "ns ↓", "ns_per_sample")
 _FLOOR = _timed("time", "× floor", "ratio_to_floor")
-_FUSED = Column(
-    "fused", "× floor", lambda row: row.fused["ratio_to_floor"] if row.fused else None, significant, sparse=True
-)
-_INTERVAL = _timed("95 % interval", "ns", "interval95_ns", lambda both: " to ".join(map(significant, both)))
+_FUSED = Column("fused", "× floor", _fused, significant, sparse=True)
+_INTERVAL = _timed("95 % interval", "ns", "interval95_ns", _from_to)
 
 _NAMED = {"decoder", "texture", "total", "shared"}  # parts of the bytes that have columns of their own
 
@@ -200,10 +234,11 @@ SIZE = (
 
 def _declared() -> list[Column]:
     """The columns that fields of a record declare; see `bench.records.shown_columns`."""
-    return [
-        Column(name, unit, partial(_field, field), partial(significant, digits=digits) if digits else _whole)
-        for field, (name, unit, digits) in shown_columns().items()
-    ]
+    declared = []
+    for field, (name, unit, digits) in shown_columns().items():
+        write = partial(significant, digits=digits) if digits else _whole
+        declared.append(Column(name, unit, partial(_field, field), write))
+    return declared
 
 
 def _field(name: str, row: Row) -> Value:
@@ -217,8 +252,11 @@ def time() -> list[Column]:
 
 def scored(material: MaterialRows) -> list[Column]:
     """Columns of a file that was scored alone, without a record of its fit."""
-    size = [_PARAMETERS, _CHANNELS, TOTAL, BITS] if all(row.job["bytes"] for row in material.measured) else []
-    return [*size, replace(_TRAIN, name="train"), HELDOUT, *_others(material, _mean)]
+    chosen = []
+    if all(row.job["bytes"] for row in material.measured):
+        chosen += [_PARAMETERS, _CHANNELS, TOTAL, BITS]
+    chosen += [replace(_TRAIN, name="train"), HELDOUT]
+    return [*chosen, *_others(material, _mean)]
 
 
 def short(material: MaterialRows) -> list[Column]:
@@ -233,9 +271,10 @@ def means(chosen: Sequence[Column], *whole: Column) -> list[Column]:
 
 def quality(material: MaterialRows) -> list[Column]:
     """PSNR of training and of held-out pairs, and every other metric."""
-    several = len(material.seeds) > 1  # a row has one kind of deviation: that over seeds, if there are several
-    deciding, make = (HELDOUT, _mean) if several else (PER_SLICE, _spread)
-    return [_TRAIN, deciding, _WORST, _POOLED, *_others(material, make)]
+    # A row has one kind of deviation: that over seeds, if there are several.
+    if len(material.seeds) > 1:
+        return [_TRAIN, HELDOUT, _WORST, _POOLED, *_others(material, _mean)]
+    return [_TRAIN, PER_SLICE, _WORST, _POOLED, *_others(material, _spread)]
 
 
 def main(material: MaterialRows) -> list[Column]:
@@ -250,13 +289,17 @@ def papers(material: MaterialRows) -> list[Column]:
 
 def summary(materials: Sequence[MaterialRows]) -> list[Column]:
     """Columns of a summary over materials besides PSNR: every other metric, size, time."""
-    metrics = {label_of(name): (name, each) for material in materials for name, each in material.metrics.items()}
-    quality = [
-        _mean(label, _scale(each), name.removesuffix(PERIODIC), digits=_digits(name))
-        for label, (name, each) in metrics.items()
-        if name != PSNR and not is_relative(name)
-    ]
-    times = [_FLOOR, _FUSED] if any(row.fused for each in materials for row in each.measured) else [_FLOOR]
+    metrics: dict[str, tuple[str, MetricFacts]] = {}  # by label, since a metric has variants of one label
+    for material in materials:
+        for name, facts in material.metrics.items():
+            metrics[label_of(name)] = name, facts
+    quality = []
+    for label, (name, facts) in metrics.items():
+        if name != PSNR and not is_relative(name):
+            quality.append(_mean(label, _scale(facts), name.removesuffix(PERIODIC), digits=_digits(name)))
+    times = [_FLOOR]
+    if any(row.fused for material in materials for row in material.measured):
+        times.append(_FUSED)
     return [*quality, TOTAL, *(replace(time, unit="× floor ↓") for time in times)]
 
 
@@ -277,14 +320,19 @@ def radiance_bands(job: Job) -> list[Column]:
 
     def value(group: str, row: Row) -> Value:
         stats = row.stats(group, RMSE)
-        absolute, relative = stats.get("pooled"), stats.get("relative")
-        return None if absolute is None else (absolute,) if relative is None else (absolute, 100 * relative)
+        absolute = stats.get("pooled")
+        relative = stats.get("relative")
+        if absolute is None:
+            return None
+        if relative is None:
+            return (absolute,)
+        return absolute, 100 * relative
 
     def write(numbers: tuple[float, ...]) -> str:
-        return f"{significant(numbers[0])} ({f'{numbers[1]:,.1f}' if len(numbers) > 1 else NONE} %)"
+        relative = fixed(numbers[1], 1) if len(numbers) > 1 else NONE
+        return f"{significant(numbers[0])} ({relative} %)"
 
-    units = ((name, f"radiance ↓ ({count:,})", group) for name, group, count in _bands(job))
-    return [Column(name, unit, partial(value, group), write) for name, unit, group in units]
+    return [Column(name, f"radiance ↓ ({count:,})", partial(value, group), write) for name, group, count in _bands(job)]
 
 
 def footprints(job: Job) -> list[Column]:
@@ -293,21 +341,30 @@ def footprints(job: Job) -> list[Column]:
     def value(side: str, row: Row) -> Value:
         return stated(row.job["footprints"].get(side, {}), "mean")
 
-    sides = ((side, f"{side} texel{'s' * (side != '1')}") for side in job["footprints"])
-    return [Column(name, "dB ↑", partial(value, side), partial(fixed, digits=2)) for side, name in sides]
+    found = []
+    for side in job["footprints"]:
+        name = f"{side} texel{'s' * (side != '1')}"
+        found.append(Column(name, "dB ↑", partial(value, side), partial(fixed, digits=2)))
+    return found
 
 
 def _bands(job: Job) -> list[tuple[str, str, int]]:
     """(name, group, slices) of the pairs that decide and their subsets, without subsets of subsets."""
     decides = deciding_group(job["scores"])
-    groups = [("held out" if decides == "heldout" else "all", decides)]
+    bands = []
     for group in job["scores"]:
         prefix, _, band = group.partition(", ")
         if prefix == decides and band and ", " not in band:
-            groups.append((_BAND_NAMES.get(band, band), group))
-    order = list(_BAND_NAMES.values())
-    groups[1:] = sorted(groups[1:], key=lambda item: order.index(item[0]) if item[0] in order else len(order))
+            bands.append((_BAND_NAMES.get(band, band), group))
+    bands.sort(key=lambda item: _band_place(item[0]))
+    groups = [("held out" if decides == "heldout" else "all", decides), *bands]
     return [(name, group, job["scores"][group].get("slices", 0)) for name, group in groups]
+
+
+def _band_place(name: str) -> int:
+    """Where the column of a band stands: unknown ones are last."""
+    order = list(_BAND_NAMES.values())
+    return order.index(name) if name in order else len(order)
 
 
 def scene(job: Job) -> list[Column]:
@@ -318,7 +375,9 @@ def scene(job: Job) -> list[Column]:
     def value(name: str, row: Row) -> Value:
         values = row.job.get("scene", {}).get("metrics", {})
         known = metric_of(values, name)
-        return None if not known else EXACT if values[known] is None else values[known]
+        if not known:
+            return None
+        return EXACT if values[known] is None else values[known]
 
     chosen = [TOTAL]
     if SCENE_HELDOUT in job["scores"]:
@@ -330,7 +389,8 @@ def scene(job: Job) -> list[Column]:
         label = f"weighted {label_of(name)}"
         chosen.append(_mean(label, _scale(metric), name, "scene", _digits(name), "pooled"))
     outside = _mean("outside PSNR", "dB ↑", PSNR, OUTSIDE)
-    return [*chosen, *(replace(column, whole_only=True) for column in (outside, HELDOUT))]
+    chosen += [replace(outside, whole_only=True), replace(HELDOUT, whole_only=True)]
+    return chosen
 
 
 def _not_of_radiance(job: Job, names: Iterable[str]) -> Iterator[tuple[str, MetricFacts]]:

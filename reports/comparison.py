@@ -35,50 +35,67 @@ _UNLIKE = (
 def terminal(comparison: Comparison) -> str:
     """The whole comparison: deciding rows, all others, remarks, and the summary; without a trailing line break."""
     absent = [row for row in comparison.rows if row.why == ABSENT]
-    present = [row for row in comparison.rows if len(absent) < _MANY or row not in absent]
+    if len(absent) >= _MANY:
+        present = [row for row in comparison.rows if row.why != ABSENT]
+        findings = [_partial(absent, present)]
+    else:
+        present = list(comparison.rows)
+        findings = []
     tables = []
     for material in dict.fromkeys(row.material for row in present):
         rows = [row for row in present if row.material == material]
         tables += [_deciding(material, rows), *_others(material, rows)]
-    tables += [_deciding(comparison.means[0].material, comparison.means)] if comparison.means else []
-    every = [*present, *comparison.means]
-    findings = [_wrapped(_partial(absent, present))] if len(absent) >= _MANY else []
-    findings += [
-        _wrapped(f"{_word(verdict):<7} {row.name}: {text}")
-        for row in every
-        for verdict, text in (*row.findings(), *((row.verdict, note) for note in row.notes))
-    ]
-    findings += [_wrapped(f"advice  {row.name}: {row.advice}") for row in comparison.rows if row.advice]
-    legend = [_LEGEND] if any(row.deciding for row in comparison.rows) else []
-    legend += [_MEANS] if comparison.means else []
-    legend += [_UNLIKE] if comparison.having(Verdict.UNLIKE) else []
-    legend += [note[:1].upper() + note[1:] + "." for note in comparison.notes]
-    blocks = [plain(tables), "\n".join(findings), "\n".join(map(_wrapped, legend)), comparison.summary]
-    return "\n\n".join(block for block in blocks if block)
+    if comparison.means:
+        tables.append(_deciding(comparison.means[0].material, comparison.means))
+    for row in (*present, *comparison.means):
+        findings += [f"{_word(verdict):<7} {row.name}: {text}" for verdict, text in row.findings()]
+        findings += [f"{_word(row.verdict):<7} {row.name}: {note}" for note in row.notes]
+    findings += [f"advice  {row.name}: {row.advice}" for row in comparison.rows if row.advice]
+    remarks = "\n".join(_wrapped(text) for text in findings)
+    legend = "\n".join(_wrapped(text) for text in _legend(comparison))
+    return "\n\n".join(block for block in (plain(tables), remarks, legend, comparison.summary) if block)
+
+
+def _legend(comparison: Comparison) -> list[str]:
+    """What words and numbers of the tables mean."""
+    legend = []
+    if any(row.deciding for row in comparison.rows):
+        legend.append(_LEGEND)
+    if comparison.means:
+        legend.append(_MEANS)
+    if comparison.having(Verdict.UNLIKE):
+        legend.append(_UNLIKE)
+    return [*legend, *(f"{note[:1].upper()}{note[1:]}." for note in comparison.notes)]
 
 
 def _partial(absent: Sequence[ComparedRow], present: Sequence[ComparedRow]) -> str:
     """One line on rows that the run never had, and the options that compare what it has."""
-    names = (("material", [row.material for row in present]), ("codec", [row.label.split()[0] for row in present]))
-    options = " ".join(f"--{word} {shlex.quote(name)}" for word, found in names for name in dict.fromkeys(found))
-    remedy = f"; to compare what is there: {options}" if options else ""
+    materials = dict.fromkeys(row.material for row in present)
+    codecs = dict.fromkeys(row.label.split()[0] for row in present)
+    options = [f"--material {shlex.quote(name)}" for name in materials]
+    options += [f"--codec {shlex.quote(name)}" for name in codecs]
+    remedy = f"; to compare what is there: {' '.join(options)}" if options else ""
     return f"{Verdict.GONE}    {len(absent)} rows: {ABSENT}{remedy}"
 
 
 def markdown(comparison: Comparison) -> str:
     """The summary, remarks, the table of verdicts, and everything else folded away."""
-    every, remarks = [*comparison.rows, *comparison.means], []
+    every = [*comparison.rows, *comparison.means]
+    remarks = []
     for row in every:
         findings = [(_MARKS[verdict], text) for verdict, text in row.findings()]
         findings += [("ℹ️ note", text) for text in row.notes]
-        findings += [("⏱️ advice", row.advice)] if row.advice else []
+        if row.advice:
+            findings.append(("⏱️ advice", row.advice))
         remarks += [f"- {mark}: **{escaped(row.name)}**: {escaped(text)}" for mark, text in findings]
     blocks = [f"### neubtf-bench: {comparison.summary}", "\n".join(remarks)]
     if comparison.rows:
         verdicts = [_MARKS[row.verdict] for row in every]
         blocks.append(grid(_combined(every, [row.deciding for row in every], "verdict", verdicts)))
-    if rows := [row for row in comparison.rows if row.shown]:
-        rest = grid(_combined(rows, [row.shown for row in rows], "time, × mean-colour", list(map(_time, rows))))
+    rows = [row for row in comparison.rows if row.shown]
+    if rows:
+        times = [_time(row) for row in rows]
+        rest = grid(_combined(rows, [row.shown for row in rows], "time, × mean-colour", times))
         blocks += [f"<details><summary>Everything else</summary>\n\n{rest}", "</details>"]
     blocks += [escaped(note) for note in comparison.notes]
     return "\n\n".join(block for block in blocks if block) + "\n"
@@ -93,73 +110,94 @@ def _deciding(material: str, rows: Sequence[ComparedRow]) -> Table:
     quantities = _quantities(row.deciding for row in rows)
     headers = [("codec", "")]
     for quantity in quantities:
-        headers += [(quantity.name, quantity.scale)] if quantity.name == "PSNR" else []
-        headers += [(quantity.name, "±") if quantity.metric else (quantity.name, quantity.scale)]
-    cells = [
-        [row.label, *(cell for q in quantities for cell in _cells(q, _find(row.deciding, q))), _word(row.verdict)]
-        for row in rows
-    ]
-    return Table("compare", material, [*headers, ("verdict", "")], cells)
+        if quantity.name == "PSNR":
+            headers.append((quantity.name, quantity.scale))
+        headers.append((quantity.name, "±" if quantity.metric else quantity.scale))
+    lines = []
+    for row in rows:
+        line = [row.label]
+        for quantity in quantities:
+            line += _cells(quantity, _find(row.deciding, quantity))
+        lines.append([*line, _word(row.verdict)])
+    return Table("compare", material, [*headers, ("verdict", "")], lines)
 
 
 def _cells(quantity: Quantity, change: Change | None) -> list[str]:
-    first = quantity.name == "PSNR"
+    """The cell of a change, after that of the value if it is PSNR."""
+    with_value = quantity.name == "PSNR"
     if change is None:
-        return [NONE] * (1 + first)
+        return [NONE, NONE] if with_value else [NONE]
     value = quantity.written(change.new)
     if change.verdict == Verdict.UNLIKE:
-        return [value, NOT_COMPARABLE] if first else [f"{value} ({NOT_COMPARABLE})"]
+        return [value, NOT_COMPARABLE] if with_value else [f"{value} ({NOT_COMPARABLE})"]
     text = quantity.difference(change.difference or 0.0)
     if not quantity.metric:
         return [value if text == "=" else f"{value} ({text})"]
-    return [value] * first + [f"{text} ± {quantity.written(change.margin)}"]
+    with_margin = f"{text} ± {quantity.written(change.margin)}"
+    return [value, with_margin] if with_value else [with_margin]
 
 
 def _others(material: str, rows: Sequence[ComparedRow]) -> list[Table]:
     """The table of values that do not decide: changes, new − base, and times; None if there are none."""
     rows = [row for row in rows if row.shown]
-
-    every = [change for row in rows for change in row.shown]
-    changed = {c.quantity.name for c in every if c.difference is None or c.quantity.difference(c.difference) != "="}
+    every = list(chain.from_iterable(row.shown for row in rows))
+    changed = {change.quantity.name for change in every if _difference(change) != "="}
     quantities = [quantity for quantity in _quantities([every]) if quantity.name in changed]
     if not quantities and not any(row.timing for row in rows):
         return []
     headers = [("change of", ""), *((q.name.replace("_", " "), q.scale) for q in quantities)]
     cells = []
     for row in rows:
-        changes = [_find(row.shown, quantity) for quantity in quantities]
-        line = [c.quantity.difference(c.difference) if c and c.difference is not None else NONE for c in changes]
+        line = [_difference(_find(row.shown, quantity)) for quantity in quantities]
         cells.append([row.label, *line, _time(row)])
     title = f"{material}: everything else"
     return [Table("compare", title, [*headers, ("time", "× mean-colour")], cells)]
 
 
+def _difference(change: Change | None) -> str:
+    """The difference of a change, “=” if it is none; a dash if it has no number."""
+    if change is None or change.difference is None:
+        return NONE
+    return change.quantity.difference(change.difference)
+
+
 def _combined(rows: Sequence[ComparedRow], by_row: Sequence[list[Change]], name: str, last: list[str]) -> Table:
     """Value, change and margin of each quantity in one cell, bold where it decides against or for the row."""
-    quantities, cells = _quantities(by_row), []
+    quantities = _quantities(by_row)
+    cells = []
     marks: dict[tuple[int, int], str] = {}
     for i, row in enumerate(rows):
         changes = [_find(by_row[i], quantity) for quantity in quantities]
         cells.append([row.material, row.label, *map(_cell, changes), last[i]])
-        decided = (Verdict.WORSE, Verdict.BETTER)
-        marks |= {(i, j): BOLD for j, change in enumerate(changes, 2) if change and change.verdict in decided}
-    headers = [(f"{q.name.replace('_', ' ')}{',' if q.unit else ''}", q.scale) for q in quantities]
-    return Table("compare", "", [("material", ""), ("codec", ""), *headers, (name, "")], cells, words=2, marks=marks)
+        for j, change in enumerate(changes, 2):
+            if change and change.verdict in (Verdict.WORSE, Verdict.BETTER):
+                marks[i, j] = BOLD
+    headers = [("material", ""), ("codec", "")]
+    for quantity in quantities:
+        words = quantity.name.replace("_", " ")
+        headers.append((f"{words}," if quantity.unit else words, quantity.scale))
+    return Table("compare", "", [*headers, (name, "")], cells, words=2, marks=marks)
 
 
 def _cell(change: Change | None) -> str:
     if change is None:
         return NONE
-    quantity, text = change.quantity, change.quantity.written(change.new)
+    quantity = change.quantity
+    text = quantity.written(change.new)
     if change.verdict == Verdict.UNLIKE:
         return f"{text} (not comparable)"
     difference = quantity.difference(change.difference or 0.0)
-    text += f" ({difference})" * (difference != "=")
-    return text + (f", ± {quantity.written(change.margin)}" if change.margin else "")
+    if difference != "=":
+        text += f" ({difference})"
+    if change.margin:
+        text += f", ± {quantity.written(change.margin)}"
+    return text
 
 
 def _time(row: ComparedRow) -> str:
-    return f"{row.timing.base.mean:.2f} → {row.timing.new.mean:.2f}" if row.timing else NONE
+    if row.timing is None:
+        return NONE
+    return f"{row.timing.base.mean:.2f} → {row.timing.new.mean:.2f}"
 
 
 def _quantities(by_row: Iterable[Sequence[Change]]) -> list[Quantity]:

@@ -57,10 +57,14 @@ def _differences(points: Points, kinds: Mapping[str, Sequence[str]]) -> Table:
         if line == AGAINST or not gaps:
             continue
         summaries[line] = summarised(gaps)
-        by_kind[line] = [average([gaps[name][0] for name in names if name in gaps]) for names in kinds.values()]
         rates[line] = _median_rate(of, anchor)
+        by_kind[line] = []
+        for names in kinds.values():
+            known = [gaps[name][0] for name in names if name in gaps]
+            by_kind[line].append(average(known))
     order = sorted(summaries, key=lambda line: -summaries[line].median)
-    rows, scores = [], []
+    rows: list[list[str]] = []
+    scores: list[list[float | None]] = []
     for line in order:
         each = summaries[line]
         interval = f"{_signed(each.low)} to {_signed(each.high)}" + "*" * each.apart
@@ -68,7 +72,8 @@ def _differences(points: Points, kinds: Mapping[str, Sequence[str]]) -> Table:
         share = NONE if rate is None else f"{signed(100 * rate, 0)} %"
         numbers = [_signed(each.median), _signed(each.mean), interval, f"{each.won} of {each.surfaces}", share]
         rows.append([line, *map(_signed, by_kind[line]), *numbers])
-        scores.append([None, *by_kind[line], each.median, each.mean, None, each.won, None if rate is None else -rate])
+        rate_score = None if rate is None else -rate
+        scores.append([None, *by_kind[line], each.median, each.mean, None, each.won, rate_score])
     headers = [("codec", ""), *((f"{kind}, {len(names)}", "dB ↑") for kind, names in kinds.items())]
     headers += [("median", "dB ↑"), ("mean", "dB ↑"), ("95 % interval", "of the mean"), ("ahead", "on ↑")]
     headers += [("BD-rate", "median ↓")]
@@ -127,14 +132,17 @@ def _footprints(points: Points, surfaces: Sequence[str]) -> Table:
         values = [value for value in means if value is not None]
         if len(values) == len(FOOTPRINTS):
             known[line] = values
-    order = sorted(known, key=lambda line: -known[line][-1])
-    rows = [[line, *(fixed(value, _DIGITS[PSNR]) for value in known[line])] for line in order]
+    rows: list[list[str]] = []
+    scores: list[list[float | None]] = []
+    for line in sorted(known, key=lambda line: -known[line][-1]):
+        rows.append([line, *(fixed(value, _DIGITS[PSNR]) for value in known[line])])
+        scores.append([None, *known[line]])
     headers = [("codec", ""), *((f"{side} texel{'s' * (side != '1')}", "dB ↑") for side in FOOTPRINTS)]
     title = f"Curves at {AGREE_AT} bits a texel on {len(surfaces)} surfaces: PSNR by footprint"
     note = (
         "Footprint: texels a side of a pixel. The truth is averaged over it; a codec without levels of detail aliases."
     )
-    return Table("curves", title, headers, rows, [note], marks=best_cells(rows, [[None, *known[of]] for of in order]))
+    return Table("curves", title, headers, rows, [note], marks=best_cells(rows, scores))
 
 
 def _signed(value: float | None) -> str:

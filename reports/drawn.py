@@ -78,18 +78,19 @@ def _scale(drawing: Drawing, width: float, texts: Sequence[Text]) -> None:
 
 def _narrow(drawing: Drawing, width: float) -> None:
     """Draw plots at a width in inches: texts keep their size in points, and the legend moves below the axes."""
-    legends = [(axes, box) for axes in drawing.axes if (box := axes.get_legend()) is not None]
+    boxes = [axes.get_legend() for axes in drawing.axes]
+    legends = [box for box in boxes if box is not None]
     drawing.set_figwidth(width)
     renderer = drawing.canvas.get_renderer()  # type: ignore[attr-defined]
-    below = max((box.get_window_extent(renderer).height / drawing.dpi for _, box in legends), default=0.0)
+    below = max((legend.get_window_extent(renderer).height / drawing.dpi for legend in legends), default=0.0)
     plot = PLOT * (width - LEFT)
     height = TITLE + plot + LABELS + below
     drawing.set_figheight(height)
     bottom = (LABELS + below) / height
     drawing.subplots_adjust(left=LEFT / width, right=1 - RIGHT / width, bottom=bottom, top=1 - TITLE / height)
-    for _, box in legends:
-        box.set_loc("upper left")
-        box.set_bbox_to_anchor((0, -LABELS / plot), transform=drawing.axes[0].transAxes)
+    for legend in legends:
+        legend.set_loc("upper left")
+        legend.set_bbox_to_anchor((0, -LABELS / plot), transform=drawing.axes[0].transAxes)
     for axes in drawing.axes:
         for text in axes.get_children():  # its titles, and words beside points, which are short
             if isinstance(text, Text):

@@ -27,17 +27,23 @@ def curves_by_material(run: Run) -> dict[str, list[FitCurve]]:
     by_material: dict[str, list[FitCurve]] = {}
     for material in materials(run):
         curves = []
-        for row in material.shown:  # a codec may leave out seconds and PSNR of a point
-            whole = [point for point in row.job.get("history", ()) if "seconds" in point and "psnr" in point]
-            curves += [FitCurve(row.label, [(p["step"], p["seconds"], p["psnr"]) for p in whole])] if whole else []
-        by_material |= {material.name: curves} if curves else {}
+        for row in material.shown:
+            points = []
+            for point in row.job.get("history", ()):
+                if "seconds" in point and "psnr" in point:  # a codec may leave them out
+                    points.append((point["step"], point["seconds"], point["psnr"]))
+            if points:
+                curves.append(FitCurve(row.label, points))
+        if curves:
+            by_material[material.name] = curves
     return by_material
 
 
 def fit_tables(run: Run) -> Iterator[Table]:
     """Steps and seconds to each goal, for each material with curves."""
     headers = [("codec", ""), ("end", "dB ↑"), ("steps", ""), ("time", "s ↓")]
-    headers += [(f"to {goal} dB", unit) for goal in GOALS_DB for unit in ("steps ↓", "s ↓")]
+    for goal in GOALS_DB:
+        headers += [(f"to {goal} dB", "steps ↓"), (f"to {goal} dB", "s ↓")]
     for name, curves in curves_by_material(run).items():
         rows = [[fit.label, *_cells(fit)] for fit in curves]
         yield Table("fits", f"{name}: how soon a fit is good", headers, rows, [NOTE], material=name)
@@ -47,6 +53,7 @@ def _cells(fit: FitCurve) -> list[str]:
     steps, seconds, psnr = fit.points[-1]
     cells = [fixed(psnr, 2), integer(steps), significant(seconds, 2)]
     for goal in GOALS_DB:
-        step, second = next((point[:2] for point in fit.points if point[2] >= goal), (None, None))
+        reached = [(step, second) for step, second, psnr in fit.points if psnr >= goal]
+        step, second = reached[0] if reached else (None, None)
         cells += [integer(step), significant(second, 2)]
     return cells

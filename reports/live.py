@@ -39,16 +39,20 @@ class Live:
 def live(run: Run, materials: Sequence[MaterialRows], share: float = 1) -> dict[str, Live]:
     """The models of each material, codecs at their best settings, the best first, until the page's share is spent."""
     by_material = {material.name: Live({}, {}) for material in materials}
-    left, done = int(share * BUDGET), dict[tuple[str, bool, str], str]()
+    left = int(share * BUDGET)
+    done: dict[tuple[str, bool, str], str] = {}  # the label that is live, by codec, whether of a scene, and material
     for material in materials:
-        if packed := _packed_truth(run, material):
+        packed = _packed_truth(run, material)
+        if packed:
             by_material[material.name].models["truth"] = packed
             left -= len(packed)
-    for turn in zip_longest(*(sorted(material.shown, key=by_psnr, reverse=True) for material in materials)):
+    ranked = [sorted(material.shown, key=by_psnr, reverse=True) for material in materials]
+    for turn in zip_longest(*ranked):  # the best of each material, then the second of each, …
         for material, row in zip(materials, turn, strict=True):
             if row is None:
                 continue
-            here, codec = by_material[material.name], str(row.job.get("codec"))
+            here = by_material[material.name]
+            codec = str(row.job.get("codec"))
             # A model of a scene answers for its scene alone: the PSNR of the whole material does not rank it.
             key = codec, fitted_to_scene(row.job), material.name
             if key in done:

@@ -31,7 +31,8 @@ def main_notes(material: MaterialRows) -> list[str]:
 
 def quality_notes(material: MaterialRows) -> list[str]:
     """Footnotes that define the quality columns."""
-    if (job := material.first) is None:
+    job = material.first
+    if job is None:
         return []
     held = f"the {job['split']} pairs" if "split" in job else "the held-out pairs"
     pairs = held if deciding_group(job["scores"]) == "heldout" else "all pairs, none being held out"
@@ -56,7 +57,9 @@ def common_notes(material: MaterialRows) -> list[str]:
     """Footnotes common to all tables of a material: on exact slices, a dominant slice, and rows left out."""
     notes: list[str] = []
     for row in material.measured:
-        if exact := (stats := row.stats(row.deciding_group, PSNR)).get("exact"):
+        stats = row.stats(row.deciding_group, PSNR)
+        exact = stats.get("exact")
+        if exact:
             counted = f"{exact:,} of {stats['slices']:,} slices"
             text = f"{row.name}: {counted} have no error in display space; they count as 100 dB."
             notes.append(Note(about_quality(text)))
@@ -78,7 +81,9 @@ def run_notes(run: Run) -> list[str]:
     """Footnotes on the origin of the numbers, and on unreadable records."""
     notes = [_provenance(run.starts[-1]), *_older(run)] if run.starts else []
     if run.unreadable:
-        lines = ", ".join(map(str, run.unreadable[:10])) + (", …" if len(run.unreadable) > 10 else "")
+        lines = ", ".join(map(str, run.unreadable[:10]))
+        if len(run.unreadable) > 10:
+            lines += ", …"
         notes.append(f"{len(run.unreadable)} line(s) of records.jsonl could not be read: {lines}.")
     return notes
 
@@ -97,7 +102,8 @@ def _metrics(material: MaterialRows) -> Iterator[str]:
 
 def _timing(material: MaterialRows) -> Iterator[str]:
     timed = [row for row in material.measured if row.timing and not row.timing_obstacle]
-    if timed and (state := timed[0].timing):
+    state = timed[0].timing if timed else None
+    if state:
         fetch = "texture fetch included" if state.get("texture_fetch") else "without the texture fetch"
         yield (
             f"Time a sample: median of a batch of {state.get('batch'):,}, {state.get('dtype')}, "
@@ -142,7 +148,8 @@ def height_notes(materials: Sequence[MaterialRows]) -> Iterator[str]:
 def _programs(material: MaterialRows) -> Iterator[str]:
     """Footnotes on the time of codecs that are programs, which includes exchanging files."""
     for codec in material.codecs:
-        if times := [row.job["program"]["ns_per_query"] for row in codec.measured if "program" in row.job]:
+        times = [row.job["program"]["ns_per_query"] for row in codec.measured if "program" in row.job]
+        if times:
             yield (
                 f"{codec.label}: its program took {fmean(times):,.0f} ns of wall time a query while it was scored, "
                 "including the exchange of files: do not compare it with a column of times."
@@ -159,18 +166,22 @@ def _older(run: Run) -> Iterator[str]:
     """Footnotes on rows that were fitted or scored by another revision than that of the latest start."""
     older: dict[tuple[str, str], list[str]] = {}
     for job in run.jobs:
-        fitted, scored = job.get("fitted", {}).get("git"), job.get("scored", {}).get("git")
+        fitted = job.get("fitted", {}).get("git")
+        scored = job.get("scored", {}).get("git")
         if job["status"] == "ok" and {fitted, scored} - {run.starts[-1].get("git"), None}:
             older.setdefault((str(fitted), str(scored)), []).append(job["job"])
     for (fitted, scored), jobs in older.items():
-        listed = ", ".join(jobs[:5]) + (f" and {len(jobs) - 5} more" if len(jobs) > 5 else "")
+        listed = ", ".join(jobs[:5])
+        if len(jobs) > 5:
+            listed += f" and {len(jobs) - 5} more"
         yield f"Fitted by revision {fitted}, scored by {scored}: {listed}."
 
 
 def _provenance(start: RunStart) -> str:
     machine, packages = start.get("machine", Machine()), start.get("packages", {})
     parts = [f"Suite {start.get('suite', '?')}", f"run {start.get('run', '?')}"]
-    parts += [f"revision {start['git']}"] if start.get("git") else []
+    if start.get("git"):
+        parts.append(f"revision {start['git']}")
     parts += [f"{name} {packages[name]}" for name in ("neubtf-bench", "torch", "numpy") if name in packages]
     parts += [f"{machine.get('processor', '?')}, {machine.get('cores', '?')} cores, device {start.get('device', '?')}"]
     return ", ".join(parts) + "."
@@ -180,23 +191,31 @@ def not_run(run: Run) -> Iterator[tuple[str, str, list[int]]]:
     """Material, codec and seeds of the planned jobs of a run without a record."""
     labels = {str(job.get("label")): shown_label(job) for job in run.jobs}
     cells: dict[tuple[str, str], list[int]] = {}  # the seeds of each material and codec
-    for name in dict.fromkeys(name for start in run.starts for name in start.get("jobs", [])):
+    planned: dict[str, None] = {}
+    for start in run.starts:
+        planned |= dict.fromkeys(start.get("jobs", []))
+    for name in planned:
         material, _, rest = name.partition("/")
         label, _, seed = rest.rpartition("/")
         if run.job(name) is None and seed.isdecimal():
             cells.setdefault((material, labels.get(label, label)), []).append(int(seed))
-    yield from ((*cell, seeds) for cell, seeds in cells.items())
+    for (material, label), seeds in cells.items():
+        yield material, label, seeds
 
 
 def missing_note(run: Run) -> str:
     """The codecs and materials without any result, and those that lack some seeds; "" if there are none."""
     done = {(job["material"], shown_label(job)) for job in run.jobs if job["status"] == "ok"}
     lacking = [(job["material"], shown_label(job)) for job in run.jobs if job["status"] != "ok"]
-    lacking += [cell[:2] for cell in not_run(run)]
+    lacking += [(material, label) for material, label, _ in not_run(run)]
     without = _grouped([cell for cell in lacking if cell not in done])
     fewer = _grouped([cell for cell in lacking if cell in done])
-    words = [f"No result: {without}." if without else "", f"Fewer seeds: {fewer}." if fewer else ""]
-    return " ".join(filter(None, words))
+    words = []
+    if without:
+        words.append(f"No result: {without}.")
+    if fewer:
+        words.append(f"Fewer seeds: {fewer}.")
+    return " ".join(words)
 
 
 def beside(run: Run) -> str:
@@ -206,16 +225,26 @@ def beside(run: Run) -> str:
 
 def left_out_notes(run: Run) -> Iterator[str]:
     """Notes on codecs and materials whose numbers, or times, cannot be compared with the newest, and why."""
-    starts = (f"Left out, as not comparable with {beside(run)}", "Times left out", "Times with a star")
-    found: dict[str, dict[str, list[tuple[str, str]]]] = {start: {} for start in starts}
+    left_out: dict[str, list[tuple[str, str]]] = {}  # by reason: material and label
+    times_left_out: dict[str, list[tuple[str, str]]] = {}
+    with_star: dict[str, list[tuple[str, str]]] = {}
     for material in materials(run):
         for row in material.rows:
-            if why := row.obstacle or row.timing_obstacle:
-                start = starts[0 if row.obstacle else 1 + row.timed_apart]
-                found[start].setdefault(why, []).append((material.name, row.label))
-    for start, reasons in found.items():
+            cell = material.name, row.label
+            if row.obstacle:
+                left_out.setdefault(row.obstacle, []).append(cell)
+            elif row.timed_apart:
+                with_star.setdefault(row.timing_obstacle, []).append(cell)
+            elif row.timing_obstacle:
+                times_left_out.setdefault(row.timing_obstacle, []).append(cell)
+    for start, reasons in (
+        (f"Left out, as not comparable with {beside(run)}", left_out),
+        ("Times left out", times_left_out),
+        ("Times with a star", with_star),
+    ):
         if reasons:
-            yield f"{start}: {'; '.join(f'{_grouped(cells)} ({why})' for why, cells in reasons.items())}."
+            words = "; ".join(f"{_grouped(cells)} ({why})" for why, cells in reasons.items())
+            yield f"{start}: {words}."
 
 
 def _grouped(cells: list[tuple[str, str]]) -> str:

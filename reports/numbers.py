@@ -23,10 +23,13 @@ def significant(value: float | None, digits: int = 3) -> str:
     """With about `digits` digits, and no exponent for usual numbers: 0.00123, 12.3, 1,230."""
     if value is None:
         return NONE
-    if value == 0 or not 1e-5 <= abs(value) < 1e7:
-        return f"{value:.{digits - 1}e}" if value else "0"
-    decimals = digits - 1 - int(f"{abs(value):e}".rpartition("e")[2])
-    return f"{value:,.{max(0, decimals)}f}"
+    if value == 0:
+        return "0"
+    if not 1e-5 <= abs(value) < 1e7:
+        return f"{value:.{digits - 1}e}"
+    exponent = int(f"{value:e}".rpartition("e")[2])
+    decimals = max(0, digits - 1 - exponent)
+    return f"{value:,.{decimals}f}"
 
 
 def stated(stats: "Statistics", *names: str) -> Any:
@@ -39,7 +42,9 @@ def stated(stats: "Statistics", *names: str) -> Any:
     if stats.get("exact") and stats["exact"] == stats.get("slices"):
         return EXACT
     known = tuple(stats[name] for name in names if stats.get(name) is not None)
-    return NOT_APPLICABLE if not known else known if len(names) > 1 else known[0]
+    if not known:
+        return NOT_APPLICABLE
+    return known if len(names) > 1 else known[0]
 
 
 def plus_minus(numbers: tuple[float, ...], digits: int) -> str:

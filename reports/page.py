@@ -6,7 +6,7 @@ is said in `reports/templates/`; here is what stands in it.
 """
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from itertools import chain
@@ -57,7 +57,8 @@ def document(
 
     Its template fills `main` from the `values`; `data` and the plots that it names follow.
     """
-    viewer, folder = fragment(), files("reports") / "web"
+    viewer = fragment()
+    folder = files("reports") / "web"
     styles = [(folder / "report.css").read_text("utf-8"), viewer.css]
     scripts = [viewer.script, *((folder / f"{name}.js").read_text("utf-8") for name in _SCRIPTS)]
     every = chain(data, _drawn(codecs, plots))
@@ -121,14 +122,21 @@ class Page:
 
     def links(self) -> list[tuple[str, str]]:
         """The contents of the page."""
-        links = [("#summary", "Summary"), *((f"#m{i}", each.name) for i, each in enumerate(self.materials))]
-        links += [("#more", "More")] if self.rest else []
+        links = [("#summary", "Summary")]
+        links += [(f"#m{i}", material.name) for i, material in enumerate(self.materials)]
+        if self.rest:
+            links.append(("#more", "More"))
         return [*links, ("#records", "Records and provenance")]
 
     def strips(self) -> list[tuple[int, list[Picture]]]:
         """The materials that open the page with pictures: the number of each, and its pictures."""
-        numbers = [self.materials.index(material) for material in self.measured[:STRIPS]]
-        return [(number, pictures) for number in numbers if (pictures := self._strip(number))]
+        strips = []
+        for material in self.measured[:STRIPS]:
+            number = self.materials.index(material)
+            pictures = self._strip(number)
+            if pictures:
+                strips.append((number, pictures))
+        return strips
 
     def _strip(self, number: int) -> list[Picture]:
         """The truth of a material, and what the run's three best codecs and the reader's own best make of it."""
@@ -136,13 +144,15 @@ class Page:
         shown = {row.label: row for row in material.shown}
         known = {codec["label"] for codec in self.slices[number]["codecs"]}
         best: dict[str, Row] = {}  # by codec: at the best of its settings
-        for label in (label for label in self._ranking(material) if label in known):
-            best.setdefault(str(shown[label].job.get("codec")), shown[label])
+        for label in self._ranking(material):
+            if label in known:
+                best.setdefault(str(shown[label].job.get("codec")), shown[label])
         if not best:
             return []
-        pictures = [("", f"{material.name}, truth")]
         rows = list(best.values())
-        for row in [*rows[:3], *[row for row in rows[3:] if is_own(row.label)][:1]]:
+        best_own = [row for row in rows[3:] if is_own(row.label)][:1]
+        pictures = [("", f"{material.name}, truth")]
+        for row in [*rows[:3], *best_own]:
             psnr = EXACT if row.psnr is None else f"{fixed(row.psnr, 1)} dB"
             pictures.append((row.label, f"{row.label}: {psnr}, {integer(row.job['bytes']['total'])} bytes"))
         return pictures
@@ -153,7 +163,9 @@ class Page:
 
     def summary(self) -> list[Table]:
         """The tables that open the page."""
-        return [self._narrowed(table) for kind in FIRST for table in self.tables if table.kind == kind]
+        first = [table for table in self.tables if table.kind in FIRST]
+        first.sort(key=lambda table: FIRST.index(table.kind))
+        return [self._narrowed(table) for table in first]
 
     def _narrowed(self, table: Table) -> Table:
         """The summary, its decibels first, where a narrow window shows them, without what the page says elsewhere."""
@@ -171,13 +183,18 @@ class Page:
         tables = [table for table in self.tables if table.material == material.name and table.kind == "scene"]
         if not tables:
             return None
-        gains, name = list(scene_gains(material)), material.measured[0].job["scene"]["name"]
-        tables = [replace(table, notes=[each for each in table.notes if each not in gains]) for table in tables]
-        return Scene(name, gains, list(scene_strips(self.run, material)), tables)
+        name = material.measured[0].job["scene"]["name"]
+        gains = list(scene_gains(material))
+        without_gains = []
+        for table in tables:
+            notes = [note for note in table.notes if note not in gains]
+            without_gains.append(replace(table, notes=notes))
+        return Scene(name, gains, list(scene_strips(self.run, material)), without_gains)
 
     def kinds(self, material: MaterialRows) -> str:
         """The kinds of plots in the section of a material."""
-        return ("" if material.name == self.opening else "rate speed ") + "cost fits footprints slices"
+        kinds = "cost fits footprints slices"
+        return kinds if material.name == self.opening else f"rate speed {kinds}"
 
     def gaps(self, material: MaterialRows) -> list[str]:
         """Why plots are missing in the section of a material."""
@@ -210,11 +227,15 @@ class Page:
 def _sentence(measured: Sequence[MaterialRows]) -> str:
     """What was measured on what."""
     shown = [row.job for material in measured for row in material.shown]
-    codecs, settings = ({str(job.get(name)) for job in shown} for name in ("codec", "label"))
+    codecs = {str(job.get("codec")) for job in shown}
+    settings = {str(job.get("label")) for job in shown}
     counted = f"{len(codecs)} codec{'s' * (len(codecs) > 1)}"
-    counted += f" at {len(settings)} settings" if len(settings) > len(codecs) else ""
+    if len(settings) > len(codecs):
+        counted += f" at {len(settings)} settings"
     names = [material.name for material in measured]
-    listed = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+    listed = ", ".join(names[:6])
+    if len(names) > 6:
+        listed += f" and {len(names) - 6} more"
     splits = {material.split for material in measured}
     size = f" ({splits.pop()})" if len(splits) == 1 else ""
     return f"{counted} on {listed}{size}: each was decoded from its file and compared with the {measured[0].deciding}."
@@ -235,9 +256,7 @@ class PageRecords:
         left = RECORDS_BUDGET
         for m, material in enumerate(materials):
             for c, codec in enumerate(material.codecs):
-                jobs = [{name: value for name, value in row.job.items() if name not in paths} for row in codec.rows]
-                times = [{"timing": kept(row.timing, RESULTS)} if row.timing else {} for row in codec.rows]
-                record = [{"job": job} | time for job, time in zip(jobs, times, strict=True)]
+                record = [_shown_record(row, without=paths) for row in codec.rows]
                 left -= len(json.dumps(record))
                 if left < 0:
                     self.left_out += 1
@@ -253,12 +272,24 @@ class PageRecords:
         return next((place for (_, other), place in self.places.items() if other == label), "")
 
 
+def _shown_record(row: Row, without: Set[str]) -> dict[str, Any]:
+    """A job without these fields, and the results of its timing, if it has one."""
+    record: dict[str, Any] = {"job": {name: value for name, value in row.job.items() if name not in without}}
+    if row.timing:
+        record["timing"] = kept(row.timing, RESULTS)
+    return record
+
+
 def _fit_in_words(codec: CodecRows) -> str:
     """Seeds, revision and file of a codec's fits, or the status of a failed one."""
     job = codec.rows[0].job
     if job["status"] != "ok":
         return str(job["status"])
-    fitted, digest = job.get("fitted") or {}, str(job["score_key"].get("sha256", ""))[:12]
-    seeds = f"{len(codec.rows)} seeds" if len(codec.rows) > 1 else ""
-    revision = f"fitted by {fitted['git']}" if fitted.get("git") else ""
-    return ", ".join(filter(None, [seeds, revision, f"file {digest}"]))
+    words = []
+    if len(codec.rows) > 1:
+        words.append(f"{len(codec.rows)} seeds")
+    fitted = job.get("fitted") or {}
+    if fitted.get("git"):
+        words.append(f"fitted by {fitted['git']}")
+    digest = str(job["score_key"].get("sha256", ""))[:12]
+    return ", ".join([*words, f"file {digest}"])

@@ -45,14 +45,21 @@ def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | No
     there = {job["material"] for job in jobs if job["status"] != "unavailable"}
     missing = {name: where for name, where in (absent or {}).items() if name not in there}
     missing |= {job["material"]: str(job.get("error", "")) for job in jobs if job["material"] not in there}
-    rows = [row for job in jobs if job["material"] in there for row in _rows(job)]
-    for material in (material for material in missing if material in PUBLISHED):
-        figures = [cell for family, *_ in _METRICS for cell in (NONE_YET, PUBLISHED[material][family])]
-        rows.append([material, f"{METHOD} recipe=paper", "all", *figures])
+    rows: list[list[str]] = []
+    for job in jobs:
+        if job["material"] in there:
+            rows += _rows(job)
+    for material in missing:
+        if material in PUBLISHED:
+            cells = [material, f"{METHOD} recipe=paper", "all"]
+            for family, *_ in _METRICS:
+                cells += [NONE_YET, PUBLISHED[material][family]]
+            rows.append(cells)
     if not rows:
         return None
     headers = [("material", ""), ("codec", ""), ("pairs", "")]
-    headers += [(name, f"{unit} {whose}") for _, name, unit, _ in _METRICS for whose in ("ours", "paper")]
+    for _, name, unit, _ in _METRICS:
+        headers += [(name, f"{unit} ours"), (name, f"{unit} paper")]
     notes = [_NOTE, *(f"{NONE_YET}: {material}: {where}." for material, where in missing.items())]
     if missing:
         notes.append("`neubtf-bench run paper` fits what is there; `run paper-nearest` what anyone can get.")
@@ -71,10 +78,18 @@ def _rows(job: Job) -> Iterator[list[str]]:
     for pairs, group in _PAIRS if measured else _PAIRS[:1]:
         cells = [name, shown_label(job), pairs]
         for family, _, _, digits in _METRICS:
+            ours = _quality(job, family, group, digits) if measured else job["status"]
             paper = figures.get(family, NONE) if group == "all" else ""
-            value = stated(stats_of(job, family, group), "mean", "std") if measured else job["status"]
-            cells += [plus_minus(value, digits) if isinstance(value, tuple) else value or NONE, paper]
+            cells += [ours, paper]
         yield cells
+
+
+def _quality(job: Job, family: str, group: str, digits: int) -> str:
+    """Mean ± deviation of a metric over the slices of a group; “exact”, or a dash without numbers."""
+    value = stated(stats_of(job, family, group), "mean", "std")
+    if isinstance(value, tuple):
+        return plus_minus(value, digits)
+    return value or NONE
 
 
 def ablation_table(run: Run) -> Table | None:
@@ -103,10 +118,12 @@ def ablation_table(run: Run) -> Table | None:
         cost = [integer(job["parameters"]), integer(job["cost"].get("flops_per_sample"))]
         cells = [job["codec"], changes or "as it is", *cost]
         for material in materials:
-            ours, theirs = (_mean(jobs, material, which, PSNR) for which in (label, whole))
-            both = ours is not None and theirs is not None and label != whole
-            cells += [fixed(ours, 2), signed(ours - theirs) if both else ""]  # type: ignore[operator]
-            cells.append(fixed(_mean(jobs, material, label, SSIM), 3))
+            ours = _mean(jobs, material, label, PSNR)
+            theirs = _mean(jobs, material, whole, PSNR)
+            gain = ""
+            if ours is not None and theirs is not None and label != whole:
+                gain = signed(ours - theirs)
+            cells += [fixed(ours, 2), gain, fixed(_mean(jobs, material, label, SSIM), 3)]
         rows.append(cells)
     if any(NONE in row for row in rows):
         notes.append(f"{NONE}: not measured.")
@@ -116,5 +133,10 @@ def ablation_table(run: Run) -> Table | None:
 
 def _mean(jobs: Iterable[Job], material: str, label: str, family: str) -> float | None:
     """The mean over seeds of a mean over slices; None where there is no number."""
-    means = (stats_of(job, family).get("mean") for job in jobs if (job["material"], job["label"]) == (material, label))
-    return fmean(numbers) if (numbers := [mean for mean in means if mean is not None]) else None
+    numbers = []
+    for job in jobs:
+        if job["material"] == material and job["label"] == label:
+            mean = stats_of(job, family).get("mean")
+            if mean is not None:
+                numbers.append(mean)
+    return fmean(numbers) if numbers else None

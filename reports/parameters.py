@@ -49,47 +49,69 @@ def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
 
     None where there is none. A job without a run was counted and not measured: see `bench.conformance.verdicts.count`.
     """
-    order = list(PUBLISHED)
-
-    def decoder(job: Job) -> tuple[int, bool, int, int]:
-        ours = job.get("settings", {}).get("recipe", "paper") != "paper"  # and the codec has one as published
-        return order.index(job["codec"]), ours, job["parameters"] or 0, job["cost"]["texture_channels"]
-
-    decoders = grouped((job for job in jobs if job["status"] == "ok" and job["codec"] in PUBLISHED), decoder)
+    finished = [job for job in jobs if job["status"] == "ok" and job["codec"] in PUBLISHED]
+    decoders = grouped(finished, _decoder)
     if not decoders:
         return None
     alike = [decoders[key] for key in sorted(decoders, key=lambda key: key[:2])]
     chosen = [min(group, key=lambda job: len(job["label"])) for group in alike]  # the fewest settings
+    counted = list(chain.from_iterable(alike))
     headers = [("method", ""), ("codec", "")]
-    headers += [(what, whose) for what in ("param.", "channels") for whose in ("ours", "paper", "diff.")]
+    for what in ("param.", "channels"):
+        headers += [(what, "ours"), (what, "paper"), (what, "diff.")]
     title = "Decoder parameters and texture channels, beside those published"
     notes = [
         "Ours: counted by torchinfo in what a codec file decodes to. Channels and inputs: docs/metrics.md, “Tables”."
     ]
-    if any("run" not in job for group in alike for job in group):
+    if any("run" not in job for job in counted):
         notes += ["recipe=paper is counted in a file of a single step, which changes no count; nothing else is of it."]
     measured = {job["codec"] for job in chosen}
-    if absent := dict.fromkeys(paper.method for codec, paper in PUBLISHED.items() if codec not in measured):
+    absent = dict.fromkeys(paper.method for codec, paper in PUBLISHED.items() if codec not in measured)
+    if absent:
         notes.append(f"{NONE} {', '.join(absent)}: no codec of this method was measured.")
     rows = []
-    for job, paper in zip(chosen, map(_published, chosen), strict=True):
-        ours = [(job["parameters"] or 0, paper.parameters), (job["cost"]["texture_channels"], paper.channels)]
-        numbers = ([integer(a), integer(b), f"{a - b:+,}" if a != b else "0"] for a, b in ours)
-        rows.append([paper.method, shown_label(job), *chain.from_iterable(numbers)])
-    times = [{how: ns for job in group for how, ns in job.get("ns", {}).items()} for group in alike]  # of any settings
+    for job in chosen:
+        paper = _published(job)
+        parameters = _beside(job["parameters"] or 0, paper.parameters)
+        channels = _beside(job["cost"]["texture_channels"], paper.channels)
+        rows.append([paper.method, shown_label(job), *parameters, *channels])
+    times = [_times(group) for group in alike]
     if any(times):
-        gpus = sorted({job["gpu"] for group in alike for job in group if "gpu" in job})
+        gpus = sorted({job["gpu"] for job in counted if "gpu" in job})
         headers += [("a sample", "ns eager"), ("a sample", "ns fused")]
-        headers += [("a sample", "ns GPU")] if gpus else []
+        if gpus:
+            headers.append(("a sample", "ns GPU"))
         headers.append(("a sample", "ns paper"))
         for row, job, ns in zip(rows, chosen, times, strict=True):
             row += [fixed(ns.get("eager"), 0), fixed(ns.get("fused"), 0)]
-            row += [fixed(ns.get("gpu"), 1)] if gpus else []
+            if gpus:
+                row.append(fixed(ns.get("gpu"), 1))
             row.append(_published(job).ns)
         notes.append("Times: ours of one CPU thread (docs/trade.md); the paper's of a GPU that it does not name.")
         if gpus:
             notes.append(f"GPU: {', '.join(gpus)}; the quickest execution in float32, of batches of 2^20.")
     return Table("parameters", title, headers, rows, notes, words=2)
+
+
+def _decoder(job: Job) -> tuple[int, bool, int, int]:
+    """What tells decoders apart, the order of their rows first: the codec, and whether the recipe is ours."""
+    ours = job.get("settings", {}).get("recipe", "paper") != "paper"  # and the codec has one as published
+    order = list(PUBLISHED).index(job["codec"])
+    return order, ours, job["parameters"] or 0, job["cost"]["texture_channels"]
+
+
+def _beside(ours: int, published: int) -> list[str]:
+    """Our number, the published one, and their difference."""
+    difference = f"{ours - published:+,}" if ours != published else "0"
+    return [integer(ours), integer(published), difference]
+
+
+def _times(group: Iterable[TimedJob]) -> dict[str, float]:
+    """The ns of a sample by execution, of any settings of a decoder."""
+    times: dict[str, float] = {}
+    for job in group:
+        times |= job.get("ns", {})
+    return times
 
 
 def _published(job: Job) -> Published:

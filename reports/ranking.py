@@ -16,10 +16,12 @@ def ranked(run: Run) -> list[Standing]:
     whole: dict[str, dict[str, list[Job]]] = {}
     of_scene: dict[str, dict[str, list[Job]]] = {}
     for material in materials(run):
-        for codec in (codec for codec in material.codecs if codec.measured):
-            jobs = of_scene if codec.of_scene else whole
-            jobs.setdefault(material.name, {})[codec.label] = [row.job for row in codec.measured]
-    return [*standings(whole), *(replace(each, rank=None, wins=None) for each in standings(of_scene))]
+        for codec in material.codecs:
+            if codec.measured:
+                jobs = of_scene if codec.of_scene else whole
+                jobs.setdefault(material.name, {})[codec.label] = [row.job for row in codec.measured]
+    last = [replace(each, rank=None, wins=None) for each in standings(of_scene)]
+    return [*standings(whole), *last]
 
 
 @view
@@ -34,9 +36,12 @@ def against_one(run: Run, wanted: str = "") -> Against:
     racing = [label for label in order if label in ranking]
     if wanted:
         first = _row_named(wanted, racing)
+    elif racing:
+        usual = [label for label in racing if label.split()[0] == AGAINST]
+        first = [*usual, *racing][0]
     else:
-        first = next((label for label in racing if label.split()[0] == AGAINST), racing[0] if racing else "")
-    return against(run, first, [label for label in ranking if label != first]) if first else Against("", {}, {})
+        return Against("", {}, {})
+    return against(run, first, [label for label in ranking if label != first])
 
 
 def rows_of(codec: str, run: Run) -> int:

@@ -114,8 +114,11 @@ class MaterialRows:
     @cached_property
     def codecs(self) -> list[CodecRows]:
         """The rows by codec, of those that have a result on some material."""
-        labels = dict.fromkeys(row.label for row in self.rows if row.label not in self.nowhere)
-        return [CodecRows(label, [row for row in self.rows if row.label == label]) for label in labels]
+        by_label: dict[str, list[Row]] = {}
+        for row in self.rows:
+            if row.label not in self.nowhere:
+                by_label.setdefault(row.label, []).append(row)
+        return [CodecRows(label, rows) for label, rows in by_label.items()]
 
     @property
     def seeds(self) -> list[int]:
@@ -135,7 +138,11 @@ class MaterialRows:
     @cached_property
     def metrics(self) -> dict[str, MetricFacts]:
         """Every metric that a comparable row was scored with, as the records describe it."""
-        return {name: facts_of(row.job, name) for row in self.measured for name in metrics_of(row.job)}
+        facts = {}
+        for row in self.measured:
+            for name in metrics_of(row.job):
+                facts[name] = facts_of(row.job, name)
+        return facts
 
     @property
     def deciding(self) -> str:
@@ -147,12 +154,13 @@ class MaterialRows:
         """Size and pairs in words: "64 × 64 texels, 625 training pairs, 150 held out"."""
         if self.first is None:
             return "nothing measured"
-        (height, width), pairs = self.first["shape"], self.first["pairs"]
+        height, width = self.first["shape"]
+        pairs = self.first["pairs"]
         heldout = f"{pairs['heldout']:,} held out" if "heldout" in pairs else "none held out, so scored at all pairs"
         words = f"{height} × {width} texels, {pairs['train']:,} training pairs, {heldout}"
-        return (
-            f"{words}; one view: answers from other views are not measured" if self.first.get("views") == 1 else words
-        )
+        if self.first.get("views") == 1:
+            words += "; one view: answers from other views are not measured"
+        return words
 
 
 def of_suite(run: Run, suite: str) -> list[Job]:
@@ -175,7 +183,8 @@ def materials(run: Run) -> list[MaterialRows]:
     for job in finished:
         require(job, "tables", run.folder)
     nowhere = frozenset(map(shown_label, run.jobs)) - set(map(shown_label, finished))
-    unlike, by_name = obstacles(run.jobs, run.published), grouped(run.jobs, lambda job: str(job["material"]))
+    unlike = obstacles(run.jobs, run.published)
+    by_name = grouped(run.jobs, lambda job: str(job["material"]))
     return [MaterialRows(name, list(_rows(run, jobs, unlike)), nowhere) for name, jobs in by_name.items()]
 
 
@@ -185,14 +194,19 @@ def _rows(run: Run, jobs: list[Job], unlike: dict[str, str]) -> Iterator[Row]:
     counts = Counter(timing["run"] for timing in timed)
     # Of the start that timed most rows, of several the last: one codec timed again leaves the others' times as they are
     common = max(timed, key=lambda timing: (counts[timing["run"]], timing["run"]), default=Timing())
-    seeds, fused = {job.get("seed") for job in jobs}, fused_times(run)
+    seeds = {job.get("seed") for job in jobs}
+    fused = fused_times(run)
     for job in jobs:
         label = shown_label(job)
         name = f"{label} seed={job['seed']}" if len(seeds) > 1 else label
         timing = timings.get(job["job"])
-        apart = ""
-        if timing and (differ := [name for name in CONDITIONS if timing.get(name) != common.get(name)]):
-            apart = "timed under other conditions: " + ", ".join(f"{each} {timing.get(each)}" for each in differ)
-        elif timing and timing["run"] != common["run"]:
-            apart = NEW_RUN
+        apart = _timed_apart(timing, common) if timing else ""
         yield Row(job, label, name, timing, fused.get(job["job"]), unlike.get(job["job"], ""), apart)
+
+
+def _timed_apart(timing: Timing, common: Timing) -> str:
+    """Why a time is not comparable with those of the start that timed most rows; "" if it is."""
+    differ = [name for name in CONDITIONS if timing.get(name) != common.get(name)]
+    if differ:
+        return "timed under other conditions: " + ", ".join(f"{name} {timing.get(name)}" for name in differ)
+    return NEW_RUN if timing["run"] != common["run"] else ""

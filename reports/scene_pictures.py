@@ -35,7 +35,10 @@ def _chosen(material: MaterialRows) -> list[str]:
     pairs = sorted(in_pairs(material), key=lambda pair: _psnr(pair[1]), reverse=True)
     labels = {scene.label: [whole.label, scene.label] for whole, scene in pairs}  # once, whatever its seeds
     if labels:
-        return [label for pair in list(labels.values())[:PAIRS] for label in pair]
+        shown: list[str] = []
+        for pair in list(labels.values())[:PAIRS]:
+            shown += pair
+        return shown
     return [row.label for row in sorted(material.shown, key=_psnr, reverse=True)[:WHOLE]]
 
 

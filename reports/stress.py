@@ -20,42 +20,68 @@ def stress_tables(run: Run) -> list[Table]:
     folder = run.folder.parent / STRESS
     if folder.resolve() == run.folder.resolve() or not (folder / FILE).is_file():
         return []
-    versions = {(job["codec"], (job.get("fit_key") or {}).get("version")) for job in run.jobs if job["status"] == "ok"}
-    return tables(r for r in load_run(folder).stress if (r["subject"], r.get("version")) in versions)
+    versions = set()
+    for job in run.jobs:
+        if job["status"] == "ok":
+            fit_key = job.get("fit_key") or {}
+            versions.add((job["codec"], fit_key.get("version")))
+    of_run = [record for record in load_run(folder).stress if (record["subject"], record.get("version")) in versions]
+    return tables(of_run)
 
 
 def tables(records: Iterable[Stress]) -> list[Table]:
     """Extremes × codecs, and metrics and losses × extreme pictures; each only if it has a record."""
     ordered = sorted(records, key=lambda record: record["order"])  # the order of the catalogue
-    halves = ([record for record in ordered if (record["group"] == PICTURES) == of] for of in (False, True))
-    return [_table(half) for half in halves if half]
+    of_codecs = [record for record in ordered if record["group"] != PICTURES]
+    of_metrics = [record for record in ordered if record["group"] == PICTURES]
+    found = []
+    if of_codecs:
+        found.append(_codecs_table(of_codecs))
+    if of_metrics:
+        found.append(_metrics_table(of_metrics))
+    return found
 
 
 def summary(run: Run) -> str:
     """One line that counts the cells that passed; "" if nothing was tried."""
-    shown = stress_tables(run)
-    cells = [cell for table in shown for row in table.rows for cell in row[1:] if cell and cell != NONE]
+    cells: list[str] = []
+    for table in stress_tables(run):
+        for row in table.rows:
+            cells += [cell for cell in row[1:] if cell and cell != NONE]
     if not cells:
         return ""
-    failed, without = (sum(cell.startswith(word) for cell in cells) for word in ("FAIL", "n/a"))
+    failed = sum(cell.startswith("FAIL") for cell in cells)
+    without = sum(cell.startswith("n/a") for cell in cells)
     passed = len(cells) - failed - without
     return f"Extremes (table stress): {passed} pass, {failed} fail, {without} not applicable."
 
 
-def _table(records: list[Stress]) -> Table:
-    """The extremes of codecs in rows, by group, or the metrics and losses in rows, if the records are of pictures."""
-    cells, groups = _Cells(records), dict[str, dict[str, None]]()
+def _codecs_table(records: list[Stress]) -> Table:
+    """A row an extreme, by group, a column a codec."""
+    cells = _Cells(records)
+    codecs = sorted({record["subject"] for record in records})
+    groups: dict[str, dict[str, None]] = {}
     for record in records:
         groups.setdefault(record["group"], {})[record["extreme"]] = None
-    subjects = dict.fromkeys(record["subject"] for record in records)
-    if PICTURES in groups:
-        title, corner, columns = "Extreme pictures for metrics and losses", "metric or loss", list(groups[PICTURES])
-        rows = [[subject, *(cells.text(subject, name) for name in columns)] for subject in subjects]
-    else:
-        title, corner, columns, rows = "Extremes that codecs must survive", "extreme", sorted(subjects), []
-        for group, names in groups.items():
-            rows.append([f"{group}:", *[""] * len(columns)])
-            rows += [[name, *(cells.text(subject, name) for subject in columns)] for name in names]
+    rows = []
+    for group, extremes in groups.items():
+        rows.append([f"{group}:", *[""] * len(codecs)])
+        for extreme in extremes:
+            rows.append([extreme, *(cells.text(codec, extreme) for codec in codecs)])
+    return _table("Extremes that codecs must survive", "extreme", codecs, rows, cells)
+
+
+def _metrics_table(records: list[Stress]) -> Table:
+    """A row a metric or loss, a column an extreme picture."""
+    cells = _Cells(records)
+    extremes = list(dict.fromkeys(record["extreme"] for record in records))
+    rows = []
+    for subject in dict.fromkeys(record["subject"] for record in records):
+        rows.append([subject, *(cells.text(subject, extreme) for extreme in extremes)])
+    return _table("Extreme pictures for metrics and losses", "metric or loss", extremes, rows, cells)
+
+
+def _table(title: str, corner: str, columns: list[str], rows: list[list[str]], cells: "_Cells") -> Table:
     headers = [(corner, ""), *((column, "") for column in columns)]
     return Table("stress", title, headers, rows, cells.notes(), fold=FOLD)
 
@@ -76,7 +102,8 @@ class _Cells:
             return f"n/a {self.letters[_reason(record)]}"
         if record["verdict"] == "pass" and extreme.endswith(REPORTED):
             return str(record["figure"])
-        return " ".join(filter(None, (WORDS[record["verdict"]], record["figure"])))
+        word = WORDS[record["verdict"]]
+        return f"{word} {record['figure']}" if record["figure"] else word
 
     def notes(self) -> list[str]:
         failed = [record for record in self.records.values() if record["verdict"] == "fail"]

@@ -1,5 +1,6 @@
 """The colour, marker and line of each codec, the same in every figure; codecs known here keep theirs in every run."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from bench.records import Run, shown_label
@@ -29,14 +30,17 @@ class Styles:
     def __init__(self, run: Run):
         labels = dict.fromkeys(map(shown_label, run.jobs))
         self.own = list(dict.fromkeys(_codec(label) for label in labels if is_own(label)))
-        self.variants = {c: [label for label in labels if _codec(label) == c] for c in (*KNOWN, *self.own)}
+        self.variants: dict[str, list[str]] = {}  # the labels of each codec
+        for label in labels:
+            self.variants.setdefault(_codec(label), []).append(label)
 
     def of_codec(self, label: str) -> dict[str, Any]:
         """How `plot` draws a label, or a ladder of rates; markers are hollow at every second setting."""
         codec = _codec(label)
         variants = self.variants.get(codec, [])
         variant = variants.index(label) if label in variants else 0
-        known, colours = (self.own, OWN) if is_own(label) else (KNOWN, COLOURS)
+        known: Sequence[str] = self.own if is_own(label) else KNOWN
+        colours = OWN if is_own(label) else COLOURS
         place = known.index(codec) if codec in known else len(known)
         colour = colours[place % len(colours)]
         return {

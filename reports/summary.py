@@ -4,16 +4,17 @@ from collections.abc import Sequence
 from statistics import fmean
 from typing import TYPE_CHECKING
 
-from bench.records import MOST_DB, Run, grouped
+from bench.records import MOST_DB, Run
 from reports import columns
 from reports.columns import Column
 from reports.notes import about_times, height_notes, left_out_notes, missing_note, one_texel_notes, scene_notes
 from reports.numbers import EXACT, NONE, fixed, integer, interval, signed
-from reports.rows import CodecRows, MaterialRows, materials
+from reports.rows import CodecRows, MaterialRows, Row, materials
 from reports.table import Note, Table, best_cells
 
 if TYPE_CHECKING:
     from bench.compare.paired import Against
+    from bench.compare.ranks import Standing
 
 MANY = 10  # materials from which the interval of their mean is shown; on fewer, Student's is too wide to say anything
 
@@ -36,19 +37,10 @@ def summary_table(run: Run, intervals: bool = True, against: str = "") -> Table 
     headers += [(column.name, column.unit) for column in chosen]
     rows: list[list[str]] = []
     scores: list[list[float | None]] = []
-    for each in ranking:
-        codecs = [codec for material in measured for codec in material.codecs if codec.label == each.label]
-        whole = each.rank is not None
-        means = [_mean(column, codecs) if whole else None for column in chosen]
-        stars = [column.star([row for codec in codecs for row in codec.measured]) for column in chosen]
-        psnr = NONE if not whole else EXACT if each.psnr >= MOST_DB else fixed(each.psnr, 2)
-        row = [each.label, f"{each.materials} of {len(measured)}", fixed(each.rank, 1), integer(each.wins), psnr]
-        score = [None, None, None if each.rank is None else -each.rank, each.wins, each.psnr]
-        for column, mean, star in zip(chosen, means, stars, strict=True):
-            row.append(NONE if mean is None else column.write(mean) + star)
-            score.append(None if mean is None or star else column.sign * mean)  # a star is not ranked
+    for standing in ranking:
+        row, score = _standing_cells(standing, measured, chosen)
         rows.append(row)
-        scores.append(score if whole else [None] * len(score))  # nor is a codec without a rank
+        scores.append(score)
     notes: list[str] = ["Means over seeds, then over materials: docs/metrics.md, “Tables”."]
     notes += [*scene_notes(measured), *_lacking(measured)]
     if intervals:
@@ -57,11 +49,47 @@ def summary_table(run: Run, intervals: bool = True, against: str = "") -> Table 
         rows = [[*row, *added] for row, added in zip(rows, cells, strict=True)]
         notes += note
     timed = [row for material in measured for row in material.measured if not row.timing_obstacle]
-    notes += map(about_times, [*one_texel_notes(timed), *height_notes(measured)])
-    notes += [*left_out_notes(run), *filter(None, [missing_note(run)])]
+    notes += [about_times(text) for text in (*one_texel_notes(timed), *height_notes(measured))]
+    notes += left_out_notes(run)
+    missing = missing_note(run)
+    if missing:
+        notes.append(missing)
     names = ", ".join(material.name for material in measured)
     title = f"Summary over {len(measured)} material{'s' * (len(measured) > 1)}: {names}"
     return Table("summary", title, headers, rows, notes, marks=best_cells(rows, scores))
+
+
+def _standing_cells(
+    standing: "Standing", measured: Sequence[MaterialRows], chosen: Sequence[Column]
+) -> tuple[list[str], list[float | None]]:
+    """The cells of a codec's row, and their scores; a codec without a rank has no means and no scores."""
+    ranked = standing.rank is not None
+    codecs: list[CodecRows] = []
+    seeds: list[Row] = []
+    for material in measured:
+        for codec in material.codecs:
+            if codec.label == standing.label:
+                codecs.append(codec)
+                seeds += codec.measured
+
+    if not ranked:
+        psnr = NONE
+    elif standing.psnr >= MOST_DB:
+        psnr = EXACT
+    else:
+        psnr = fixed(standing.psnr, 2)
+    materials_of = f"{standing.materials} of {len(measured)}"
+    row = [standing.label, materials_of, fixed(standing.rank, 1), integer(standing.wins), psnr]
+    rank_score = None if standing.rank is None else -standing.rank
+    score = [None, None, rank_score, standing.wins, standing.psnr]
+    for column in chosen:
+        mean = _mean(column, codecs) if ranked else None
+        star = column.star(seeds)
+        row.append(NONE if mean is None else column.write(mean) + star)
+        score.append(None if mean is None or star else column.sign * mean)  # a star is not ranked
+    if not ranked:
+        score = [None] * len(score)
+    return row, score
 
 
 def _lacking(measured: Sequence[MaterialRows]) -> list[str]:
@@ -71,10 +99,15 @@ def _lacking(measured: Sequence[MaterialRows]) -> list[str]:
         for codec in material.codecs:
             if codec.measured and not codec.of_scene:
                 on.setdefault(codec.label, []).append(material.name)
-    lacks = {label: tuple(each.name for each in measured if each.name not in names) for label, names in on.items()}
-    alike = grouped([label for label in lacks if lacks[label]], lacks.__getitem__)
-    words = "; ".join(f"{', '.join(labels)} (not on {', '.join(names)})" for names, labels in alike.items())
-    return [f"Without means, which would be over fewer materials: {words}. --material NAME chooses."] if words else []
+    labels_by_lack: dict[tuple[str, ...], list[str]] = {}
+    for label, names in on.items():
+        lacks = tuple(material.name for material in measured if material.name not in names)
+        if lacks:
+            labels_by_lack.setdefault(lacks, []).append(label)
+    if not labels_by_lack:
+        return []
+    words = "; ".join(f"{', '.join(labels)} (not on {', '.join(lacks)})" for lacks, labels in labels_by_lack.items())
+    return [f"Without means, which would be over fewer materials: {words}. --material NAME chooses."]
 
 
 def _differences(
@@ -89,17 +122,27 @@ def _differences(
     several = rows_of(codec, run) > 1
     alone = 1 < len(materials) < MANY
     headers = [("against", against.first if several else codec)]
-    headers += [(f"on {name}", "dB") for name in materials] if alone else []
-    cells = []
+    if alone:
+        headers += [(f"on {name}", "dB") for name in materials]
+    rows = []
     for label in labels:
         whole = against.over.get(label)
-        first = NONE
-        if whole:
-            first = signed(whole.mean) + " *" * whole.apart if alone else interval(whole)
-        parts = [against.on.get(name, {}).get(label) for name in materials] if alone else []
-        cells.append([first, *(interval(part) if part else NONE for part in parts)])
-    notes = [Note((_paired(against, several and not wanted, alone), _is_difference))] if against.over else []
-    return headers, cells, notes
+        if whole is None:
+            cells = [NONE]
+        elif alone:
+            cells = [signed(whole.mean) + " *" * whole.apart]
+        else:
+            cells = [interval(whole)]
+        if alone:
+            for name in materials:
+                part = against.on.get(name, {}).get(label)
+                cells.append(NONE if part is None else interval(part))
+        rows.append(cells)
+    notes = []
+    if against.over:
+        text = _paired(against, first_of_several=several and not wanted, alone=alone)
+        notes.append(Note((text, _is_difference)))
+    return headers, rows, notes
 
 
 def _is_difference(name: str) -> bool:
@@ -111,7 +154,8 @@ def _paired(against: "Against", first_of_several: bool, alone: bool) -> str:
     from bench.compare.paired import FEWEST
 
     every = against.over.values()
-    materials, seeds = (max(getattr(each, name) for each in every) for name in ("materials", "seeds"))
+    materials = max(each.materials for each in every)
+    seeds = max(each.seeds for each in every)
     bootstrap = f"a bootstrap over {'seeds and ' * (seeds > 1)}pairs"
     which = " (its first row; --against LABEL picks another)" if first_of_several else ""
     text = f"Against {against.first}{which}: the mean paired difference of PSNR a slice in dB"
@@ -130,4 +174,6 @@ def _mean(column: Column, codecs: Sequence[CodecRows]) -> float | None:
     """The mean over materials of a column's means over seeds; None if a material has no number."""
     means = [column.mean(codec.measured) for codec in codecs if codec.measured]
     numbers = [mean for mean in means if mean is not None]
-    return fmean(numbers) if numbers and len(numbers) == len(means) else None
+    if not numbers or len(numbers) < len(means):
+        return None
+    return fmean(numbers)

@@ -4,6 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 
 from reports.numbers import NONE
 
@@ -30,14 +31,22 @@ class Note(str):
     around: tuple[str, str, str]  # before, between and after the parts
 
     def __new__(cls, *parts: Part, around: tuple[str, str, str] = ("", " ", "")) -> "Note":
-        before, between, after = around
-        note = super().__new__(cls, before + between.join(text for text, _ in parts) + after if parts else "")
-        note.parts, note.around = parts, around
+        whole = ""
+        if parts:
+            before, between, after = around
+            whole = before + between.join(text for text, _ in parts) + after
+        note = super().__new__(cls, whole)
+        note.parts = parts
+        note.around = around
         return note
 
     def of(self, names: Sequence[str]) -> "Note":
         """The note without the parts that are about none of these columns."""
-        return Note(*(part for part in self.parts if any(map(part[1], names))), around=self.around)
+        kept = []
+        for text, is_about in self.parts:
+            if any(is_about(name) for name in names):
+                kept.append((text, is_about))
+        return Note(*kept, around=self.around)
 
 
 @dataclass(frozen=True)
@@ -62,18 +71,27 @@ class Table:
     @property
     def terms(self) -> list[tuple[str, str]]:
         """The terms of its headers that need a word, each with what it says."""
-        words = {word.rstrip(" ↑↓") for header in self.headers for word in header}
+        words = {word.rstrip(" ↑↓") for word in chain.from_iterable(self.headers)}
         return [(term, says) for term, says in TERMS.items() if term in words]
 
     def of_columns(self, kept: Sequence[int]) -> "Table":
         """The table with these columns alone, in this order, the notes about them and the rows that say something."""
-        told = [r for r, row in enumerate(self.rows) if {row[i] for i in kept if i >= self.words} - {NONE, ""}]
-        marks = {(told.index(r), kept.index(i)): mark for (r, i), mark in self.marks.items() if i in kept}
-        rows = [[self.rows[r][i] for i in kept] for r in told]
+        numbers = [i for i in kept if i >= self.words]
+        rows: list[list[str]] = []
+        places: dict[int, int] = {}  # of the kept rows: from the old to the new
+        for old, row in enumerate(self.rows):
+            if any(row[i] not in (NONE, "") for i in numbers):
+                places[old] = len(rows)
+                rows.append([row[i] for i in kept])
+        marks = {(places[row], kept.index(i)): mark for (row, i), mark in self.marks.items() if i in kept}
         headers = [self.headers[i] for i in kept]
         names = [name for name, _ in headers[self.words :]]
-        notes = [note.of(names) if isinstance(note, Note) else note for note in self.notes]
-        return replace(self, headers=headers, rows=rows, notes=list(filter(None, notes)), marks=marks)
+        notes = []
+        for note in self.notes:
+            left = note.of(names) if isinstance(note, Note) else note
+            if left:
+                notes.append(left)
+        return replace(self, headers=headers, rows=rows, notes=notes, marks=marks)
 
 
 def best_cells(rows: Sequence[Sequence[str]], scores: Sequence[Sequence[float | None]]) -> dict[tuple[int, int], str]:
@@ -84,11 +102,21 @@ def best_cells(rows: Sequence[Sequence[str]], scores: Sequence[Sequence[float | 
     """
     marks: dict[tuple[int, int], str] = {}
     for column in range(len(scores[0]) if scores else 0):
-        raced = [(row[column], re.split(r" [±(]", rows[i][column])[0], i) for i, row in enumerate(scores)]
-        order = sorted(((score, text, i) for score, text, i in raced if score is not None), key=lambda item: -item[0])
-        texts = list(dict.fromkeys(text for _, text, _ in order))
-        if len(texts) > 1:
-            look = {texts[0]: BOLD} | ({} if re.fullmatch("[0.]+", texts[1]) else {texts[1]: UNDERLINED})
-            shared = Counter(text for _, text, _ in order)
-            marks |= {(i, column): look[text] for _, text, i in order if text in look and shared[text] <= FEW}
+        raced: list[tuple[float, str, int]] = []  # score, number as shown, row
+        for i, row in enumerate(scores):
+            score = row[column]
+            if score is not None:
+                number = re.split(r" [±(]", rows[i][column])[0]
+                raced.append((score, number, i))
+        raced.sort(key=lambda item: -item[0])
+        shared = Counter(number for _, number, _ in raced)
+        numbers = list(shared)  # the best first
+        if len(numbers) < 2:
+            continue
+        look = {numbers[0]: BOLD}
+        if not re.fullmatch("[0.]+", numbers[1]):
+            look[numbers[1]] = UNDERLINED
+        for _, number, i in raced:
+            if number in look and shared[number] <= FEW:
+                marks[i, column] = look[number]
     return marks

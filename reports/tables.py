@@ -33,27 +33,47 @@ def all_tables(run: Run, narrow: bool = False, kind: str | None = None, against:
 
     The summary sets the others `against` a row; by default see `reports.ranking`."""
     rows = materials(run)
-    main: Maker = lambda run, rows: [*_QUALITY(run, rows), *_COST(run, rows)]  # noqa: E731
-    makers = _OF_KIND | {"summary": lambda run, _: [summary_table(run, against=against)]}
-    makers |= {"main": main} if narrow else {}
-    found = (table for name in KINDS if kind in (None, name) for table in makers[name](run, rows) if table)
+    makers = dict(_OF_KIND)
+    makers["summary"] = lambda run, _: [summary_table(run, against=against)]
+    if narrow:
+        makers["main"] = lambda run, rows: [*_QUALITY(run, rows), *_COST(run, rows)]
+    found: list[Table] = []
+    for name in KINDS:
+        if kind in (None, name):
+            found += [table for table in makers[name](run, rows) if table]
     return list(_marked(run, found))
 
 
 def _marked(run: Run, tables: Iterable[Table]) -> Iterator[Table]:
     """The tables, each row of a stale codec with a mark, and a note on it."""
-    finished = [job for job in run.jobs if job["status"] == "ok"]
-    reasons = {(job["material"], job["codec"]): why for job in finished if (why := stale(job))}
+    reasons: dict[tuple[str, str], str] = {}  # by material and codec
+    for job in run.jobs:
+        why = stale(job) if job["status"] == "ok" else ""
+        if why:
+            reasons[job["material"], job["codec"]] = why
     for table in tables:
         if table.kind == "times":  # a setting's time is not of its jobs
             yield table
-            continue
-        mine = {codec: why for (material, codec), why in reasons.items() if table.material in ("", material)}
-        old = {i: codec for i, row in enumerate(table.rows) if (codec := row[0].partition(" ")[0].rstrip(",")) in mine}
-        rows = [[row[0] + _STALE, *row[1:]] if i in old else row for i, row in enumerate(table.rows)]
-        words = "; ".join(f"{codec}: {mine[codec]}" for codec in dict.fromkeys(old.values()))
-        notes = [f"†: stale, its numbers cannot be made again by the installed version: {words}."] if old else []
-        yield replace(table, rows=rows, notes=[*table.notes, *notes])
+        else:
+            here = {codec: why for (material, codec), why in reasons.items() if table.material in ("", material)}
+            yield _with_stale(table, here)
+
+
+def _with_stale(table: Table, reasons: dict[str, str]) -> Table:
+    """The table, the rows of these codecs with a mark, and a note that gives the reasons."""
+    rows = []
+    marked: dict[str, str] = {}
+    for row in table.rows:
+        codec = row[0].partition(" ")[0].rstrip(",")
+        if codec in reasons:
+            row = [row[0] + _STALE, *row[1:]]
+            marked[codec] = reasons[codec]
+        rows.append(row)
+    notes = list(table.notes)
+    if marked:
+        words = "; ".join(f"{codec}: {why}" for codec, why in marked.items())
+        notes.append(f"†: stale, its numbers cannot be made again by the installed version: {words}.")
+    return replace(table, rows=rows, notes=notes)
 
 
 def main_table(material: MaterialRows, chosen: Sequence[Column] = ()) -> Table | None:
@@ -63,7 +83,8 @@ def main_table(material: MaterialRows, chosen: Sequence[Column] = ()) -> Table |
 
 def scene_table(material: MaterialRows) -> Table | None:
     """The quality of each codec in the frames of a scene, if the run was given one."""
-    if material.first is None or not (scene := material.first.get("scene")):
+    scene = material.first.get("scene") if material.first else None
+    if material.first is None or not scene:
         return None
     count, height, width = scene["frames"]
     pictures = f"picture{'s' * (count != 1)}"
@@ -84,47 +105,69 @@ def unfinished_table(run: Run) -> Table | None:
     """Jobs without numbers and the reasons, including planned jobs that were not run."""
     words = {"failed": "failed", "unavailable": "not available"}
     rows = []
-    for row in (row for each in materials(run) for row in each.rows if row.job["status"] != "ok"):
-        state, why = row.job["status"], " ".join(str(row.job.get("error", "")).split())
-        rows.append([row.job["material"], row.name, words.get(state, state), why])
+    for material_rows in materials(run):
+        for row in material_rows.rows:
+            state = row.job["status"]
+            if state != "ok":
+                why = " ".join(str(row.job.get("error", "")).split())
+                rows.append([row.job["material"], row.name, words.get(state, state), why])
     for material, label, seeds in not_run(run):
         rows.append([material, label, "not run", f"seed{'s' * (len(seeds) > 1)} {', '.join(map(str, seeds))}"])
+    if not rows:
+        return None
     headers = [("material", ""), ("codec", ""), ("state", ""), ("why", "")]
-    return Table("unfinished", "Jobs without a result", headers, rows, words=4) if rows else None
+    return Table("unfinished", "Jobs without a result", headers, rows, words=4)
 
 
 def _table(kind: str, material: MaterialRows, about: str, chosen: Sequence[Column], notes: list[str]) -> Table | None:
     """A row a codec, the mean over its seeds; the best of each column bold, the second underlined."""
     if not material.measured or not chosen:
         return None
-    title = f"{': '.join(filter(None, [material.name, about]))} ({material.split})"
+    name = f"{material.name}: {about}" if about else material.name
+    title = f"{name} ({material.split})"
     by_quality = scene_quality if kind == "scene" else _quality
     codecs = sorted(material.codecs, key=by_quality, reverse=True)
-    chosen = [c for c in chosen if not c.sparse or any(c.cell(codec.measured) != NONE for codec in codecs)]
-    rows = []
+    chosen = [column for column in chosen if not column.sparse or _has_number(column, codecs)]
+    rows: list[list[str]] = []
+    scores: list[list[float | None]] = []
     for codec in codecs:
-        cells = [column.cell(codec.measured) for column in chosen]
-        if not codec.measured:
-            if any(row.obstacle for row in codec.rows):
-                cells = [NOT_COMPARABLE] * len(chosen)
-            elif any(row.job["status"] == "failed" for row in codec.rows):
-                cells[0] = "failed"
-        rows.append([codec.label, *cells])
+        rows.append([codec.label, *_cells(codec, chosen)])
+        scores.append([None, *(_score(kind, column, codec) for column in chosen)])
     headers = [("codec", "")]
     for i, column in enumerate(chosen, 1):  # the unit says what the deviation is over, if a cell shows one
         over = f" ± {column.over}" if any(" ± " in row[i] for row in rows) else ""
         headers.append((column.name, (column.unit + over).strip()))
-    scores = [[None, *(_score(kind, column, codec) for column in chosen)] for codec in codecs]
-    job = material.measured[0].job
-    if (own := job.get("provenance", {}).get("native")) and any(column.native for column in chosen):
-        # The measured data's own file is a factorisation itself: its bytes and rank, for reference.
-        own = own | {"bits": columns.bits(job, own["bytes"])}
-        cells = [column.write(column.native(own)) if column.native else NONE for column in chosen]
-        rows.append([f"{own.get('name', 'dfmf')} (native)", *cells])
+    native = _native_row(material.measured[0].job, chosen)
+    if native:
+        rows.append(native)
     marks = best_cells(rows, scores)
     last = [] if kind == "scene" else scene_notes([material])
     notes = [*notes, *last, *_seeds(material)]
     return Table(kind, title, headers, rows, notes, material=material.name, marks=marks)
+
+
+def _has_number(column: Column, codecs: Iterable[CodecRows]) -> bool:
+    return any(column.cell(codec.measured) != NONE for codec in codecs)
+
+
+def _cells(codec: CodecRows, chosen: Sequence[Column]) -> list[str]:
+    """The cells of a codec's row after its label; why it has no numbers, if it has none."""
+    if not codec.measured and any(row.obstacle for row in codec.rows):
+        return [NOT_COMPARABLE] * len(chosen)
+    cells = [column.cell(codec.measured) for column in chosen]
+    if not codec.measured and any(row.job["status"] == "failed" for row in codec.rows):
+        cells[0] = "failed"
+    return cells
+
+
+def _native_row(job: Job, chosen: Sequence[Column]) -> list[str]:
+    """The row of the measured data's own file, if that is a factorisation itself: its bytes and rank, for reference."""
+    own = job.get("provenance", {}).get("native")
+    if not own or not any(column.native for column in chosen):
+        return []
+    facts = own | {"bits": columns.bits(job, own["bytes"])}
+    cells = [column.write(column.native(facts)) if column.native else NONE for column in chosen]
+    return [f"{own.get('name', 'dfmf')} (native)", *cells]
 
 
 def _quality(codec: CodecRows) -> tuple[bool, float]:
@@ -132,14 +175,19 @@ def _quality(codec: CodecRows) -> tuple[bool, float]:
     the least of all if nothing was measured."""
     if not codec.measured:
         return True, -inf
-    return not codec.of_scene, fmean(MOST_DB if row.psnr is None else row.psnr for row in codec.measured)
+    qualities = []
+    for row in codec.measured:
+        qualities.append(MOST_DB if row.psnr is None else row.psnr)
+    return not codec.of_scene, fmean(qualities)
 
 
 def _score(kind: str, column: Column, codec: CodecRows) -> float | None:
     """The number by which a cell is marked, more is better; None if it is not compared. Of a model of a scene only what
     the table of the scene says about that scene is."""
     whole_only = kind != "scene" or column.whole_only
-    return None if codec.of_scene and whole_only else column.score(codec.measured)
+    if codec.of_scene and whole_only:
+        return None
+    return column.score(codec.measured)
 
 
 def _seeds(material: MaterialRows) -> Iterator[str]:
@@ -158,9 +206,13 @@ def _each(
 ) -> "Maker":
     """Makes a table for each material that was measured; a `note` comes before other notes."""
     first = [note] if note else []
-    return lambda _, rows: [
-        _table(kind, each, about, chosen(each), [*first, *notes(each)]) for each in rows if each.measured
-    ]
+
+    def tables(_: Run, rows: list[MaterialRows]) -> Iterator[Table | None]:
+        for material in rows:
+            if material.measured:
+                yield _table(kind, material, about, chosen(material), [*first, *notes(material)])
+
+    return tables
 
 
 def _by_budget(kind: str) -> "Maker":
@@ -172,7 +224,9 @@ def _by_budget(kind: str) -> "Maker":
         from reports import budgets  # these load NumPy, which most tables do not need
         from reports.curves import curves_tables
 
-        return {**budgets.TABLES, "curves": curves_tables}[kind](run)
+        if kind == "curves":
+            return curves_tables(run)
+        return budgets.TABLES[kind](run)
 
     return tables
 

@@ -17,13 +17,20 @@ def terminal(run: Run) -> str:
     """The tables of a run for a terminal of 120 columns; see the module."""
     run_materials = materials(run)
     tables: list[Table | None] = [*all_tables(run, kind="budgets")]
-    tables += [summary_table(run, intervals=False)] if len(run_materials) > 1 else []
+    if len(run_materials) > 1:
+        tables.append(summary_table(run, intervals=False))
     for material in run_materials:
         tables += [main_table(material, columns.short(material)), _detail(material), scene_table(material)]
-    shown = [table for table in (*tables, unfinished_table(run)) if table]
-    nothing = [] if any(table.kind == "main" for table in shown) else ["Nothing was measured in this run."]
+    tables.append(unfinished_table(run))
+    shown = [table for table in tables if table]
+    blocks = []
+    if not any(table.kind == "main" for table in shown):
+        blocks.append("Nothing was measured in this run.")
+    if shown:
+        blocks.append(plain(shown))
     notes = [note for note in (summary(run), *run_notes(run)) if note]
-    return "\n\n".join([*nothing, *([plain(shown)] if shown else []), "\n".join(map(wrapped, notes))]).rstrip()
+    blocks.append("\n".join(map(wrapped, notes)))
+    return "\n\n".join(blocks).rstrip()
 
 
 def scored(run: Run) -> str:

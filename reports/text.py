@@ -10,7 +10,7 @@ import textwrap
 import unicodedata
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import count
+from itertools import chain, count, zip_longest
 from typing import Any
 
 from tabulate import tabulate
@@ -22,12 +22,12 @@ from reports.rows import materials
 from reports.table import BOLD, DOT, UNDERLINED, Table
 
 WIDTH = 120
-_MARKS = {BOLD: "**{}**", UNDERLINED: "<ins>{}</ins>", "": "{}"}
+_MARKS = {BOLD: "**{}**", UNDERLINED: "<ins>{}</ins>"}
 _NUMBER = re.compile(r"[−+-]?\d[\d,]*(\.\d+)?")
 _FORMULA = re.compile(r"\s*[=+@-]\S")
 _READ_NUMBER = re.compile(r"[+-]?\d[\d.]*([eE][+-]?\d+)?( .*)?")  # as CSV has it; a deviation or an interval may follow
 PACKAGES = r"% needs \usepackage{booktabs,graphicx}"
-_LATEX_MARKS = {BOLD: r"\textbf{%s}", UNDERLINED: r"\underline{%s}", "": "%s"}
+_LATEX_MARKS = {BOLD: r"\textbf{%s}", UNDERLINED: r"\underline{%s}"}
 _MATH = {"<": "<", ">": ">", "|": "|", "−": "-", "±": r"\pm", "×": r"\times", "θ": r"\theta", "φ": r"\varphi"}
 _MATH |= {"°": r"^\circ", "↑": r"\uparrow", "↓": r"\downarrow"}
 _SPECIAL = {
@@ -40,35 +40,44 @@ _SPECIAL = {
 
 def plain(tables: Sequence[Table]) -> str:
     """Tables for a terminal, as wide as their columns make them; a note of several stands below the last of them."""
-    tables = [_shown(table) for table in tables]
-    after = [{note for each in tables[i + 1 :] for note in each.notes} for i in range(len(tables))]
-    once = [[note for note in table.notes if note not in late] for table, late in zip(tables, after, strict=True)]
-    return "\n\n".join(_plain(replace(table, notes=notes)) for table, notes in zip(tables, once, strict=True))
+    blocks: list[str] = []
+    below: set[str] = set()  # the notes of the tables after this one
+    for table in reversed(tables):
+        shown = _shown(table)
+        notes = [note for note in shown.notes if note not in below]
+        below.update(shown.notes)
+        blocks.append(_plain(replace(shown, notes=notes)))
+    return "\n\n".join(reversed(blocks))
 
 
 def _shown(table: Table) -> Table:
     """The table as plain text shows it: no control characters, and a dot before the best of each column."""
-    rows = [
-        [(DOT if table.marks.get((i, j)) == BOLD else "") + visible(cell) for j, cell in enumerate(row)]
-        for i, row in enumerate(table.rows)
-    ]
+    rows = [[visible(cell) for cell in row] for row in table.rows]
+    for (i, j), mark in table.marks.items():
+        if mark == BOLD:
+            rows[i][j] = DOT + rows[i][j]
     headers = [(visible(name), visible(unit)) for name, unit in table.headers]
-    notes = [*table.notes, *([f"{DOT}: the best of a column."] if BOLD in table.marks.values() else [])]
-    return replace(table, title=visible(table.title), headers=headers, rows=rows, notes=list(map(visible, notes)))
+    notes = [visible(note) for note in table.notes]
+    if BOLD in table.marks.values():
+        notes.append(f"{DOT}: the best of a column.")
+    return replace(table, title=visible(table.title), headers=headers, rows=rows, notes=notes)
 
 
 def _plain(table: Table) -> str:
     # Words first, on lines of their own if the name is long, the unit last.
     heads = [[*textwrap.wrap(name, 9, break_long_words=False), *textwrap.wrap(unit, 8)] for name, unit in table.headers]
-    height = max(map(len, heads))
-    lines = list(zip(*(head + [""] * (height - len(head)) for head in heads), strict=True))
-    body = [line for row in table.rows for line in _folded(row, table)]
-    widths = [max(map(_width, column)) for column in zip(*lines, *body, strict=True)]
+    top = list(zip_longest(*heads, fillvalue=""))
+    body: list[tuple[str, ...]] = []
+    for row in table.rows:
+        body += _folded(row, table)
+    widths = [max(map(_width, column)) for column in zip(*top, *body, strict=True)]
     rule = ["-" * width for width in widths]
     text = []
-    for cells in (*lines, rule, *body):
-        gaps = [" " * (width - _width(cell)) for cell, width in zip(cells, widths, strict=True)]
-        padded = [a + b if i < table.words else b + a for i, (a, b) in enumerate(zip(cells, gaps, strict=True))]
+    for cells in (*top, rule, *body):
+        padded = []
+        for i, (cell, width) in enumerate(zip(cells, widths, strict=True)):
+            gap = " " * (width - _width(cell))
+            padded.append(cell + gap if i < table.words else gap + cell)
         text.append("  ".join(padded).rstrip())
     return "\n".join([table.title, "", *text, *map(wrapped, table.notes)])
 
@@ -82,10 +91,9 @@ def _width(text: str) -> int:
 def _folded(row: list[str], table: Table) -> Iterator[tuple[str, ...]]:
     """The lines of one row: long words are folded."""
     widths = (20, 24, 13, 57)[: table.words] if table.words > 1 else (table.fold,)
-    folded = [textwrap.wrap(cell, width) or [""] for cell, width in zip(row, widths, strict=False)]
-    cells = [*folded, *([cell] for cell in row[table.words :])]
-    for i in range(max(map(len, cells))):
-        yield tuple(lines[i] if i < len(lines) else "" for lines in cells)
+    words = [textwrap.wrap(cell, width) or [""] for cell, width in zip(row, widths, strict=False)]
+    numbers = [[cell] for cell in row[table.words :]]
+    yield from zip_longest(*words, *numbers, fillvalue="")
 
 
 def wrapped(note: str) -> str:
@@ -104,11 +112,10 @@ def markdown(tables: Sequence[Table]) -> str:
 def grid(table: Table) -> str:
     """The cells of a table as GitHub Markdown, without title and notes."""
     headers = [escaped(f"{name} {unit}") for name, unit in table.headers]
-    rows = [
-        [_MARKS[table.marks.get((i, j), "")].format(escaped(cell)) for j, cell in enumerate(row)]
-        for i, row in enumerate(table.rows)
-    ]
-    alignment = ["left" if i < table.words else "right" for i in range(len(table.headers))]
+    rows = [[escaped(cell) for cell in row] for row in table.rows]
+    for (i, j), mark in table.marks.items():
+        rows[i][j] = _MARKS[mark].format(rows[i][j])
+    alignment = ["left"] * table.words + ["right"] * (len(table.headers) - table.words)
     return tabulate(rows, headers, "pipe", colalign=alignment, disable_numparse=True)
 
 
@@ -124,16 +131,21 @@ def results_csv(run: Run) -> str:
     field has no finite value or was not measured: `…/exact` counts slices without error.
     """
     jobs = []
-    for row in (row for material in materials(run) for row in material.rows):
-        fields = dict(flattened(row.job, row.timing)) | {"not_comparable": row.obstacle or None}
-        jobs.append(fields | ({"timing/not_comparable": row.timing_obstacle or None} if row.timing else {}))
+    for material in materials(run):
+        for row in material.rows:
+            fields = dict(flattened(row.job, row.timing))
+            fields["not_comparable"] = row.obstacle or None
+            if row.timing:
+                fields["timing/not_comparable"] = row.timing_obstacle or None
+            jobs.append(fields)
     return fields_csv(jobs) if jobs else "job\n"
 
 
 def fields_csv(records: Sequence[Mapping[str, Any]]) -> str:
     """A row a record, a column for each name of a field, in the order of appearance."""
-    names = list(dict.fromkeys(name for fields in records for name in fields))
-    return _csv([names, *([fields.get(name) for name in names] for fields in records)])
+    names = list(dict.fromkeys(chain.from_iterable(records)))
+    lines = [[fields.get(name) for name in names] for fields in records]
+    return _csv([names, *lines])
 
 
 def table_csv(tables: Sequence[Table]) -> str:
@@ -141,10 +153,17 @@ def table_csv(tables: Sequence[Table]) -> str:
     lines: list[Sequence[str | None]] = []
     header: list[str] = []
     for table in tables:
-        first, material = (["material"], [table.material]) if table.material else ([], [])
-        if header != (header := [*first, *(" ".join(words).strip() for words in table.headers)]):
+        before = header
+        header = [" ".join(words).strip() for words in table.headers]
+        if table.material:
+            header.insert(0, "material")
+        if header != before:
             lines.append(header)
-        lines += [[*material, *map(_as_read, row)] for row in table.rows]
+        for row in table.rows:
+            line = [_as_read(cell) for cell in row]
+            if table.material:
+                line.insert(0, table.material)
+            lines.append(line)
     return _csv(lines)
 
 
@@ -158,7 +177,9 @@ def _as_read(cell: str) -> str | None:
 def _csv(rows: Iterable[Sequence[Any]]) -> str:
     """Rows of cells, the headers first, as CSV; None is an empty field."""
     out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerows([*map(_inert, row)] for row in rows)
+    writer = csv.writer(out, lineterminator="\n")
+    for row in rows:
+        writer.writerow([_inert(cell) for cell in row])
     return out.getvalue()
 
 
@@ -175,16 +196,28 @@ def _inert(cell: Any) -> Any:
 
 def latex(tables: Sequence[Table]) -> str:
     """Tables to be `\\input`, each a `table*` with its notes below it and a label: `tab:summary`, or see `label`."""
-    kinds, written = [table.kind for table in tables], []
+    if not tables:
+        return ""
+    kinds = [table.kind for table in tables]
+    written = []
     labels: set[str] = set()
     for table in tables:
         alone = kinds.count(table.kind) == 1 and not table.material
-        called = f"tab:{table.kind}" if alone else label(table)
-        if called in labels:  # such as those of materials `a_b` and `a-b`
-            called = next(name for number in count(2) if (name := f"{called}-{number}") not in labels)
+        called = _not_in(labels, f"tab:{table.kind}" if alone else label(table))
         labels.add(called)
         written.append(_latex(table, called))
-    return "\n".join([PACKAGES, *written]) if tables else ""
+    return "\n".join([PACKAGES, *written])
+
+
+def _not_in(labels: set[str], called: str) -> str:
+    """The label, with a number if it is taken, such as those of materials `a_b` and `a-b`."""
+    if called not in labels:
+        return called
+    numbers = count(2)
+    numbered = f"{called}-{next(numbers)}"
+    while numbered in labels:
+        numbered = f"{called}-{next(numbers)}"
+    return numbered
 
 
 def latex_escaped(text: str) -> str:
@@ -196,22 +229,29 @@ def latex_escaped(text: str) -> str:
 
 
 def _latex(table: Table, called: str) -> str:
-    align = "".join("l" if i < table.words else "r" for i in range(len(table.headers)))
+    align = "l" * table.words + "r" * (len(table.headers) - table.words)
     if table.words == len(table.headers):
         align = align[:-1] + r"p{0.5\textwidth}"
-    names_and_units = zip(*table.headers, strict=True)
-    heads = [" & ".join(map(latex_escaped, line)) + r" \\" for line in names_and_units if any(line)]
-    rows = []
-    for i, row in enumerate(table.rows):
-        cells = (_LATEX_MARKS[table.marks.get((i, j), "")] % latex_escaped(cell) for j, cell in enumerate(row))
-        rows.append(" & ".join(cells) + r" \\")
+    heads = []
+    for line in zip(*table.headers, strict=True):  # the names, then the units
+        if any(line):
+            heads.append(_latex_line([latex_escaped(word) for word in line]))
+    cells = [[latex_escaped(cell) for cell in row] for row in table.rows]
+    for (i, j), mark in table.marks.items():
+        cells[i][j] = _LATEX_MARKS[mark] % cells[i][j]
+    rows = [_latex_line(row) for row in cells]
     lines = [r"\begin{table*}", r"\centering", rf"\caption{{{latex_escaped(table.title)}}}", rf"\label{{{called}}}"]
     lines += [r"\footnotesize", r"\setlength{\tabcolsep}{3pt}", r"\sbox0{%", rf"\begin{{tabular}}{{@{{}}{align}@{{}}}}"]
     lines += [r"\toprule", *heads, r"\midrule", *rows]
     lines += [r"\bottomrule", r"\end{tabular}}%", _FITTED]
-    if notes := " ".join(map(latex_escaped, table.footnotes)):
+    notes = " ".join(latex_escaped(note) for note in table.footnotes)
+    if notes:
         lines += [r"\par\smallskip\begin{minipage}{\linewidth}\raggedright\scriptsize", notes, r"\end{minipage}"]
     return "\n".join([*lines, r"\end{table*}", ""])
+
+
+def _latex_line(cells: Sequence[str]) -> str:
+    return " & ".join(cells) + r" \\"
 
 
 # Scaled down to the width of the text, never up.

@@ -63,7 +63,10 @@ def _variants(run: Run, timed: list[Timing]) -> Iterator[Table]:
         by_label.setdefault(timing["label"], {})[_variant(timing)] = timing
     rows = []
     for label, known in by_label.items():
-        rows.append([_setting(label), *(_share(known[name]) if name in known else NONE for name in names)])
+        cells = [_setting(label)]
+        for name in names:
+            cells.append(_share(known[name]) if name in known else NONE)
+        rows.append(cells)
     headers = [("setting", ""), *((name, "ns, % of limit") for name in names)]
     place = _conditions(run, {**timed[0], "execution": "each", "dtype": "variant"})
     note = (
@@ -100,8 +103,10 @@ def _batches(run: Run, timed: list[Timing]) -> Iterator[Table]:
         return
     rows = []
     for (label, execution), known in swept.items():
-        times = [significant(known[batch]["ns_per_sample"], 3) if batch in known else NONE for batch in batches]
-        rows.append([_setting(label), execution, *times])
+        cells = [_setting(label), execution]
+        for batch in batches:
+            cells.append(significant(known[batch]["ns_per_sample"], 3) if batch in known else NONE)
+        rows.append(cells)
     headers = [("setting", ""), ("execution", ""), *((f"{batch:,}", "ns ↓") for batch in batches)]
     yield Table("times", "Batches: ns a sample in float32, by the samples of a query", headers, rows, [], words=2)
 

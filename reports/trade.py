@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterator, Sequence
 from operator import itemgetter
 from pathlib import Path
+from typing import Any
 
 from bench.compare.choosing import named
 from bench.records import MOST_DB, Ceiling, Profile, TradeChoice, grouped, load_trade
@@ -14,7 +15,8 @@ from reports.text import fields_csv
 
 def trade_tables(folder: Path) -> Iterator[Table]:
     """Choices and profiles of each material, the ceilings last; none if no trade was measured."""
-    if (trade := load_trade(folder)) is None:
+    trade = load_trade(folder)
+    if trade is None:
         return
     for material in dict.fromkeys(row["material"] for row in trade["choices"]):
         answers = [text for text in trade["answers"] if text.startswith(f"{material}: ")]
@@ -22,17 +24,24 @@ def trade_tables(folder: Path) -> Iterator[Table]:
         yield _choices(material, rows, answers)
         if any("from_float32" in row for row in rows):
             yield _stability(material, rows)
-        if profiles := [record for record in trade["profiles"] if record["material"] == material]:
+        profiles = [record for record in trade["profiles"] if record["material"] == material]
+        if profiles:
             yield _profile(material, profiles)
     yield _ceilings(trade["ceilings"], trade.get("left_out", []))
 
 
 def choices_csv(folder: Path) -> str:
     """One row a choice, every figure in full precision; "" if no trade was measured."""
-    if (trade := load_trade(folder)) is None:
+    trade = load_trade(folder)
+    if trade is None:
         return ""
-    rows = (row.items() for row in trade["choices"])
-    return fields_csv([{name: json.dumps(x) if isinstance(x, dict) else x for name, x in row} for row in rows])
+    rows = []
+    for choice in trade["choices"]:
+        fields: dict[str, Any] = {}
+        for name, value in choice.items():
+            fields[name] = json.dumps(value) if isinstance(value, dict) else value
+        rows.append(fields)
+    return fields_csv(rows)
 
 
 _CHOICES = [("choice", ""), ("PSNR", "dB ↑"), ("worst", "slice, dB ↑"), ("FLIP", "↓"), ("total", "bytes ↓")]
@@ -49,34 +58,50 @@ _ABOVE = (
 
 
 def _choices(material: str, rows: Sequence[TradeChoice], answers: list[str]) -> Table:
+    """A row a choice: quality, bytes, time, and the noise of a path tracer where it was measured."""
     noisy = any("noise" in row or "noise_error" in row for row in rows)
+    headers = list(_CHOICES)
     cells = [_choice(row) for row in rows]
-    for row, line in zip(rows, cells, strict=True) if noisy else ():  # each by the cosine, and from lobes
-        noise = row.get("noise")
-        line += map(significant, (*noise["samples"], *noise["seconds"])) if noise else [NONE] * len(_NOISE)
-    headers = _CHOICES + (_NOISE if noisy else [])
     notes = [*answers, _conditions(rows)]
     notes += [f"{named(row)}: {row['error']}." for row in rows if "error" in row]
     if any(row.get("of_limit", 0) > 1 for row in rows):
         notes.append(_ABOVE)
-    notes += _noise_notes(rows) if noisy else []
+    if noisy:
+        headers += _NOISE
+        for row, line in zip(rows, cells, strict=True):
+            line += _noise_cells(row)
+        notes += _noise_notes(rows)
     return Table("trade", f"{material}: gains and losses of each setting", headers, cells, notes, material=material)
+
+
+def _noise_cells(row: TradeChoice) -> list[str]:
+    """Samples and seconds to equal noise, each by the cosine, and from lobes."""
+    noise = row.get("noise")
+    if not noise:
+        return [NONE] * len(_NOISE)
+    return [significant(value) for value in (*noise["samples"], *noise["seconds"])]
 
 
 def _choice(row: TradeChoice) -> list[str]:
     if "error" in row:
         return [named(row), *[NONE] * (len(_CHOICES) - 1)]
-    quality, limit, fronts = [NONE] * 4, NONE, ""
-    if "bytes" in row:  # else it is the floor
-        psnr = row["psnr"]
-        quality = [EXACT if psnr is None or psnr >= MOST_DB else fixed(psnr, 2)]
-        quality += [EXACT if row["worst"] is None else fixed(row["worst"], 2), fixed(row["flip"], 3)]
-        quality += [integer(row["bytes"])]
-        limit = fixed(100 * row["of_limit"], 1) + (" *" if row["of_limit"] > 1 else "")
-        on = [word for word, best in (("speed", row["fastest"]), ("rate", row["smallest"])) if best]
-        fronts = ", ".join(on)
     time = [significant(row["ns_per_sample"]), significant(row["ratio_to_floor"])]
-    return [named(row), *quality, *time, " to ".join(map(significant, row["ratio_interval95"])), limit, fronts or NONE]
+    time.append(" to ".join(map(significant, row["ratio_interval95"])))
+    if "bytes" not in row:  # it is the floor
+        return [named(row), NONE, NONE, NONE, NONE, *time, NONE, NONE]
+    psnr = row["psnr"]
+    mean = EXACT if psnr is None or psnr >= MOST_DB else fixed(psnr, 2)
+    worst = EXACT if row["worst"] is None else fixed(row["worst"], 2)
+    quality = [mean, worst, fixed(row["flip"], 3), integer(row["bytes"])]
+    limit = fixed(100 * row["of_limit"], 1)
+    if row["of_limit"] > 1:
+        limit += " *"
+    fronts = []
+    if row["fastest"]:
+        fronts.append("speed")
+    if row["smallest"]:
+        fronts.append("rate")
+    return [named(row), *quality, *time, limit, ", ".join(fronts) or NONE]
 
 
 def _noise_notes(rows: Sequence[TradeChoice]) -> Iterator[str]:
@@ -105,9 +130,10 @@ def _stability(material: str, rows: Sequence[TradeChoice]) -> Table:
     cells = []
     for row in rows:
         if "from_float32" in row:
-            apart, gained = row["from_float32"], (row["psnr"] or 0.0) - (plain[row["label"]] or 0.0)
-            cells.append([named(row), significant(row["ratio_to_floor"]), EXACT if apart is None else fixed(apart, 1)])
-            cells[-1] += [signed(gained), fixed(row["flip"], 3)]
+            worst = EXACT if row["from_float32"] is None else fixed(row["from_float32"], 1)
+            gained = (row["psnr"] or 0.0) - (plain[row["label"]] or 0.0)
+            time = significant(row["ratio_to_floor"])
+            cells.append([named(row), time, worst, signed(gained), fixed(row["flip"], 3)])
     note = (
         "Worst slice: PSNR of the held-out slice that differs most from the answers of eager float32. Gained: of the "
         "mean PSNR against the truth."

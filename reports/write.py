@@ -1,8 +1,7 @@
 """Writes the report of a run: tables, figures, and one page that holds both."""
 
 from collections.abc import Sequence
-from dataclasses import replace
-from itertools import chain
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from bench.files.atomic import replacing
@@ -22,25 +21,70 @@ VECTOR = ("svg", "pdf")
 
 def write(folder: Path, vector: bool = False) -> Report:
     """See `reports.write_report`."""
-    run = load_run(folder)
-    drawn, pictures = [], []
-    formats = VECTOR if vector else _formats_there(folder / "figures")
-    for figure in (figure for draw in figures.ALL.values() for figure in draw(run)):
-        pictures += _write_figure(figure, folder / "figures", formats)
-        drawn.append(replace(figure, drawing=None))  # the drawing takes memory
-    tables = all_tables(run)
-    narrow = [*(table for table in tables if table.kind != "main"), *all_tables(run, narrow=True, kind="main")]
-    files = [*_write_tables(run, folder / "tables", tables, narrow), *pictures]
-    _remove_old(folder, files)
-    files.append(folder / "report.html")
-    with replacing(files[-1]) as partial, open(partial, "w", encoding="utf-8", newline="\n") as file:
-        file.writelines(Page(run, narrow, drawn).pieces())
-    return Report(terminal(run), files)
+    return _ReportFolder(folder, load_run(folder)).write(vector)
+
+
+@dataclass
+class _ReportFolder:
+    """The folder of a run, with the files that its report has so far."""
+
+    folder: Path
+    run: Run
+    files: list[Path] = field(default_factory=list)
+
+    def write(self, vector: bool) -> Report:
+        """Write everything, and remove what only an earlier report had."""
+        tables = all_tables(self.run)
+        narrow = [table for table in tables if table.kind != "main"]
+        narrow += all_tables(self.run, narrow=True, kind="main")
+        self.write_tables(tables, narrow)
+        drawn = self.write_figures(VECTOR if vector else _formats_there(self.folder / "figures"))
+        self.remove_old()
+        page = self.folder / "report.html"
+        with replacing(page) as partial, open(partial, "w", encoding="utf-8", newline="\n") as file:
+            file.writelines(Page(self.run, narrow, drawn).pieces())
+        return Report(terminal(self.run), [*self.files, page])
+
+    def write_figures(self, formats: Sequence[str]) -> list[Figure]:
+        """Write every figure as PNG and in vector formats; returns them without their drawings, which take memory."""
+        drawn = []
+        for draw in figures.ALL.values():
+            for figure in draw(self.run):
+                self.files += _write_figure(figure, self.folder / "figures", formats)
+                drawn.append(replace(figure, drawing=None))
+        return drawn
+
+    def write_tables(self, tables: Sequence[Table], narrow: Sequence[Table]) -> None:
+        """Write all numbers as CSV, and each kind of table as Markdown and, `narrow`, as LaTeX."""
+        folder = self.folder / "tables"
+        self.files.append(put(folder / "results.csv", results_csv(self.run).encode()))
+        choices = trade.choices_csv(self.folder)
+        if choices:
+            self.files.append(put(folder / "trade.csv", choices.encode()))
+        for kind in KINDS:
+            for suffix, text, candidates in ((".md", markdown, tables), (".tex", latex, narrow)):
+                chosen = [table for table in candidates if table.kind == kind]
+                if chosen:
+                    self.files.append(put(folder / f"{kind}{suffix}", text(chosen).encode()))
+
+    def remove_old(self) -> None:
+        """Remove tables and figures of an earlier report that this one does not have; files of other names stay."""
+        patterns = ["tables/trade.csv"]
+        for kind in KINDS:
+            patterns += [f"tables/{kind}.md", f"tables/{kind}.tex"]
+        for name in _figure_names():
+            patterns += [f"figures/{name}.{end}" for end in ("png", *VECTOR)]
+        there: set[Path] = set()
+        for pattern in patterns:
+            there.update(self.folder.glob(pattern))
+        for path in there - set(self.files):
+            path.unlink()
 
 
 def write_history(runs: Sequence[Run], folder: Path) -> list[Path]:
     """See `reports.write_history`."""
-    files, drawn = [], []
+    files: list[Path] = []
+    drawn = []
     for figure in history_figures(runs):
         files += _write_figure(figure, folder, VECTOR)
         inline = "<svg" + figure.vector("svg").decode().partition("<svg")[2]  # without its XML declaration
@@ -52,32 +96,24 @@ def write_history(runs: Sequence[Run], folder: Path) -> list[Path]:
 def _formats_there(folder: Path) -> list[str]:
     """The vector formats in which an earlier report drew figures: a report draws them again, since it removes what is
     of an earlier one."""
-    names = [f"{kind}{more}" for kind in figures.ALL for more in ("", "-*")]
-    return [end for end in VECTOR if any(any(folder.glob(f"{name}.{end}")) for name in names)]
+    there = {path.suffix for name in _figure_names() for path in folder.glob(f"{name}.*")}
+    return [end for end in VECTOR if f".{end}" in there]
+
+
+def _figure_names() -> list[str]:
+    """The patterns of the names of figures, without their ends: a kind, and a kind with a material."""
+    names = []
+    for kind in figures.ALL:
+        names += [kind, f"{kind}-*"]
+    return names
 
 
 def _write_figure(figure: Figure, folder: Path, formats: Sequence[str]) -> list[Path]:
     path = folder / figure.name
-    return [put(path, figure.png), *(put(path.with_suffix(f".{end}"), figure.vector(end)) for end in formats)]
-
-
-def _write_tables(run: Run, folder: Path, tables: Sequence[Table], narrow: Sequence[Table]) -> list[Path]:
-    files = [put(folder / "results.csv", results_csv(run).encode())]
-    if choices := trade.choices_csv(run.folder):
-        files.append(put(folder / "trade.csv", choices.encode()))
-    for kind in KINDS:
-        for suffix, text, candidates in ((".md", markdown, tables), (".tex", latex, narrow)):
-            if chosen := [table for table in candidates if table.kind == kind]:
-                files.append(put(folder / f"{kind}{suffix}", text(chosen).encode()))
+    files = [put(path, figure.png)]
+    for end in formats:
+        files.append(put(path.with_suffix(f".{end}"), figure.vector(end)))
     return files
-
-
-def _remove_old(folder: Path, files: Sequence[Path]) -> None:
-    """Remove the tables and figures of an earlier report that this one does not have; files of other names stay."""
-    names = ["tables/trade.csv", *(f"tables/{kind}.{suffix}" for kind in KINDS for suffix in ("md", "tex"))]
-    names += [f"figures/{kind}{more}.{end}" for kind in figures.ALL for more in ("", "-*") for end in ("png", *VECTOR)]
-    for path in set(chain.from_iterable(map(folder.glob, names))) - set(files):
-        path.unlink()
 
 
 def put(path: Path, content: bytes) -> Path:

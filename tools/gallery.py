@@ -50,7 +50,9 @@ def fitted(work: Path, material: str, codec: str) -> Path:
     """The file of a codec, fitted where it is not there."""
     path = work / f"{material}-{codec}.nbtf"
     if not path.exists():
-        settings = [word for key, value in CODECS[codec].items() for word in ("--set", f"{key}={value}")]
+        settings: list[str] = []
+        for key, value in CODECS[codec].items():
+            settings += ["--set", f"{key}={value}"]
         done(["encode", material, "--codec", codec, *settings, "-o", str(path)])
     return path
 

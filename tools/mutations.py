@@ -77,11 +77,15 @@ def changed(node: ast.AST) -> str:
 def planted(path: Path, rng: random.Random) -> tuple[str, str] | None:
     """A module's text with one mistake, and what it is."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    inside = [each for scope in ast.walk(tree) if isinstance(scope, ast.FunctionDef) for each in ast.walk(scope)]
+    inside: list[ast.AST] = []
+    for scope in ast.walk(tree):
+        if isinstance(scope, ast.FunctionDef):
+            inside += ast.walk(scope)
     rng.shuffle(inside)
     for node in inside:
         old = copy.deepcopy(node)
-        if what := changed(node):
+        what = changed(node)
+        if what:
             return ast.unparse(tree), f"{path.relative_to(ROOT)}:{getattr(old, 'lineno', 0)}: {what}"
     return None
 
@@ -102,7 +106,8 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=80)
     parser.add_argument("--seed", type=int, default=0)
     chosen = parser.parse_args()
-    rng, found = random.Random(chosen.seed), []
+    rng = random.Random(chosen.seed)
+    found: list[bool] = []
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "copy"
         for part in ("bench", "baselines", "neubtf", "reports", "docs", "tools", "tests"):
@@ -113,14 +118,16 @@ def main() -> None:
         while len(found) < chosen.count:
             pattern = rng.choice(list(GUARDED))
             path = rng.choice(sorted(ROOT.glob(pattern)))
-            if (mistake := planted(path, rng)) is None:
+            mistake = planted(path, rng)
+            if mistake is None:
                 continue
+            text, what = mistake
             place = folder / path.relative_to(ROOT)
             sound = place.read_text(encoding="utf-8")
-            place.write_text(mistake[0], encoding="utf-8")
+            place.write_text(text, encoding="utf-8")
             found.append(noticed(folder, GUARDED[pattern]))
             place.write_text(sound, encoding="utf-8")
-            print("noticed" if found[-1] else "MISSED ", mistake[1], flush=True)
+            print("noticed" if found[-1] else "MISSED ", what, flush=True)
     print(f"{sum(found)} of {len(found)} noticed")
 
 

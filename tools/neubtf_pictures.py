@@ -208,8 +208,8 @@ def draw_photograph(bench: Bench) -> None:
         picture = np.repeat(decode_srgb(photograph[..., None] / 255), 3, 2).astype(np.float32)
         material = guided(source, picture, Treatment(scale=SIZE / texels))
         small = resize(picture, material.size)
-        rows.append([encode_srgb(small), *(shot(material, pair, source.exposure) for pair in PAIRS[:3])])
-    rows = [[picture[:200, :200] for picture in row] for row in rows]
+        pictures = [encode_srgb(small), *(shot(material, pair, source.exposure) for pair in PAIRS[:3])]
+        rows.append([picture[:200, :200] for picture in pictures])
     titles = ["photograph,\na part", *(lit_from(pair) for pair in PAIRS[:3])]
     bench.save(grid(rows, titles, ["gravel", "grass,\nas gravel"], 2.1, LARGE), "photograph.jpg")
 
@@ -275,7 +275,10 @@ def draw_levels(bench: Bench) -> None:
         print(f"{kind}:\n| scale | R(A(G↓)) to truth↓ | R(A(G))↓ to truth↓ | R(A(G↓)) to R(A(G))↓ |\n|" + " --- |" * 4)
         found = levels(bench.quarter("brick", f"scaled-{kind}", settings), bench.btf("brick"))
         for scale, psnr in zip(SCALES, found, strict=True):
-            print(f"| {scale:g} | " + " | ".join(f"{x:.2f}" if x < 100 else "same" for x in psnr) + " |", flush=True)
+            cells = [f"{scale:g}"]
+            for value in psnr:
+                cells.append(f"{value:.2f}" if value < 100 else "same")
+            print(f"| {' | '.join(cells)} |", flush=True)
 
 
 def levels(source: FittedMaterial, btf: BTF) -> list[list[float]]:

@@ -156,7 +156,10 @@ class ReliefMaterial(Material):
         taps = 0 if relief is None else steps
         tables = pyramids.tables(grids)
         heights = 0 if relief is None else relief.height.numel() + relief.padded.numel()
-        reads = sum((4 if name == "offset" else 8) * table.shape[1] for name, table in tables.items())
+        reads = 0
+        for name, table in tables.items():
+            texels = 4 if name == "offset" else 8
+            reads += texels * table.shape[1]
         cost = DecoderCost(
             parameters=sum(p.numel() for p in network.parameters()),
             texture_channels=(grids["latents"].shape[2] if "latents" in grids else 0) + (relief is not None),

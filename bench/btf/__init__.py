@@ -147,7 +147,9 @@ class _BoxFiltered(Source):
 
     def _box(self, rows: Array, cols: Array) -> tuple[Array, Array]:
         """The rows and columns, each (n · factor²,), of the source's texels in n boxes, box after box, row by row."""
-        fine_rows, fine_cols = (side[:, None] * self.factor + np.arange(self.factor) for side in (rows, cols))
+        inside = np.arange(self.factor)
+        fine_rows = rows[:, None] * self.factor + inside
+        fine_cols = cols[:, None] * self.factor + inside
         fine_rows, fine_cols = np.broadcast_arrays(fine_rows[:, :, None], fine_cols[:, None, :])
         return fine_rows.reshape(-1), fine_cols.reshape(-1)
 
@@ -305,8 +307,10 @@ class BTF:
     def subset(self, pairs: ArrayLike) -> "BTF":
         """The same BTF at some of its pairs, given by index."""
         chosen = np.asarray(pairs)
-        each_pair = {name: getattr(self, name) for name in ("wo", "wi", "heldout", "validation", "pairs")}
-        kept: dict[str, Any] = {name: None if values is None else values[chosen] for name, values in each_pair.items()}
+        kept: dict[str, Any] = {}
+        for name in ("wo", "wi", "heldout", "validation", "pairs"):
+            values = getattr(self, name)
+            kept[name] = None if values is None else values[chosen]
         # The source keeps its numbering, so `pairs` stays valid.
         return replace(self, source=self.source.only(self.pairs[chosen]), **kept)
 

@@ -8,15 +8,16 @@ several rows can show a loss that no single row can tell from chance. Imports ne
 import json
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatch, fnmatchcase
+from itertools import chain
 from statistics import fmean
 
 from bench.compare.rows import ORDER, ComparedRow, advice, compared, multiples, worst
 from bench.compare.verdicts import DECIDED, Chance, Change, Verdict, verdict
 from bench.inputs.errors import FAILED, FINE, NO, NOTHING, InputError, did_you_mean, visible
-from bench.records import Job, Run, RunStart, by_row, grouped, require
+from bench.records import Job, Run, RunStart, Stress, by_row, grouped, require
 
 FORBIDDEN = (Verdict.WORSE, Verdict.GONE, Verdict.FAILED, Verdict.UNLIKE)
 
@@ -40,7 +41,8 @@ class Comparison:
         parts = [f"{len(self.rows)} rows: {_counted(self.rows) or 'no rows'}"]
         if any(row.verdict != Verdict.SAME for row in self.means):
             parts.append(f"means of rows: {_counted(self.means)}")
-        if allowed := sum(not row.forbids for row in self.having(Verdict.GONE, Verdict.UNLIKE)):
+        allowed = sum(not row.forbids for row in self.having(Verdict.GONE, Verdict.UNLIKE))
+        if allowed:
             parts.append(f"{allowed} of them allowed")
         if self.exit_code == NOTHING:
             parts.append("nothing can be compared")
@@ -51,7 +53,8 @@ class Comparison:
         """3: a job failed; 4: nothing to compare; 1: a row is worse, or gone or unlike and not allowed; 0: else."""
         if self.having(Verdict.FAILED):
             return FAILED
-        if not any(change.verdict in DECIDED for row in self.rows for change in row.deciding):
+        changes = chain.from_iterable(row.deciding for row in self.rows)
+        if not any(change.verdict in DECIDED for change in changes):
             return NOTHING
         return NO if any(row.forbids for row in (*self.rows, *self.means)) else FINE
 
@@ -71,63 +74,99 @@ def compare(
     Raises `InputError` for a name that neither has, for a damaged base, and for a job that lacks a needed field.
     """
 
-    def wanted(job: Job) -> bool:
-        return (not materials or job["material"] in materials) and (not codecs or _codec(job) in codecs)
-
     check_whole(base)
     every = [*base.jobs, *new.jobs]
     check_names("material", materials, {job["material"] for job in every})
     check_names("codec", codecs, {_codec(job) for job in every})
-    before, after = ([job for job in run.jobs if wanted(job)] for run in (base, new))
-    for jobs, run in ((before, base), (after, new)):
-        for job in jobs:
-            if job["status"] == "ok":
-                require(job, "comparison", run.folder)
+    before = _wanted(base, materials, codecs)
+    after = _wanted(new, materials, codecs)
     before = _renamed(before, after)
-    ours, theirs = (multiples(jobs, list(run.timings)) for jobs, run in ((before, base), (after, new)))
-    declared = {seed for start in new.starts for seed in start.get("seeds", ())} or {job["seed"] for job in after}
+    times_before = multiples(before, list(base.timings))
+    times_after = multiples(after, list(new.timings))
+    declared = set(chain.from_iterable(start.get("seeds", ()) for start in new.starts))
+    if not declared:
+        declared = {job["seed"] for job in after}
     order = list(dict.fromkeys(job["material"] for job in [*before, *after]))
     keys = dict.fromkeys((job["material"], job["label"]) for job in [*before, *after])
 
-    olds, news = (by_row(sorted(jobs, key=lambda job: job["seed"])) for jobs in (before, after))
+    rows_before = by_row(sorted(before, key=lambda job: job["seed"]))
+    rows_after = by_row(sorted(after, key=lambda job: job["seed"]))
     rows = []
     for key in sorted(keys, key=lambda key: order.index(key[0])):
-        timing = advice(ours.get(key), theirs.get(key))
-        row = compared((base, new), olds.get(key, []), news.get(key, []), declared, timing)
-        words = (row.name, row.label, row.label.split()[0], row.material)
-        rows.append(replace(row, allowed=any(fnmatchcase(word, pattern) for pattern in allow for word in words)))
+        timing = advice(times_before.get(key), times_after.get(key))
+        row = compared((base, new), rows_before.get(key, []), rows_after.get(key, []), declared, timing)
+        rows.append(replace(row, allowed=any(_names(pattern, row) for pattern in allow)))
     return Comparison(rows, list(_notes(base, new, rows)), means(rows))
+
+
+def _wanted(run: Run, materials: Sequence[str], codecs: Sequence[str]) -> list[Job]:
+    """The jobs of these materials and codecs, all where none are given. `InputError` if one lacks a needed field."""
+    jobs = []
+    for job in run.jobs:
+        if materials and job["material"] not in materials:
+            continue
+        if codecs and _codec(job) not in codecs:
+            continue
+        if job["status"] == "ok":
+            require(job, "comparison", run.folder)
+        jobs.append(job)
+    return jobs
+
+
+def _names(pattern: str, row: ComparedRow) -> bool:
+    """Whether a pattern of `allow` names a row."""
+    words = (row.name, row.label, row.label.split()[0], row.material)
+    return any(fnmatchcase(word, pattern) for word in words)
 
 
 def means(rows: Sequence[ComparedRow]) -> list[ComparedRow]:
     """A mean row for each codec with several rows, and one for all codecs; none for fewer than two rows."""
     codecs = grouped(rows, lambda row: row.label.split()[0])
-    by_codec = [_mean(name, several, False) for name, several in codecs.items()]
-    return [row for row in (*by_codec, _mean("all codecs", list(rows), True)) if row]
+    found = [_mean(name, several, every=False) for name, several in codecs.items()]
+    found.append(_mean("all codecs", list(rows), every=True))
+    return [row for row in found if row]
 
 
 def _mean(label: str, rows: list[ComparedRow], every: bool) -> ComparedRow | None:
+    """The row of a codec over all materials; None where no quantity was judged on several."""
     changes: dict[str, list[Change]] = {}
-    for change in (change for row in rows for change in row.deciding):
-        numbers = [value for value in (change.base, change.new) if value is not None and math.isfinite(value)]
-        if change.quantity.metric and change.verdict in DECIDED and len(numbers) == 2:
-            changes.setdefault(change.quantity.name, []).append(change)
+    for row in rows:
+        for change in row.deciding:
+            if change.quantity.metric and change.verdict in DECIDED and _is_finite(change):
+                changes.setdefault(change.quantity.name, []).append(change)
     merged = [_merged(each, every) for each in changes.values() if len(each) > 1]
-    return ComparedRow("all materials", label, worst(merged), deciding=merged) if merged else None
+    if not merged:
+        return None
+    return ComparedRow("all materials", label, worst(merged), deciding=merged)
+
+
+def _is_finite(change: Change) -> bool:
+    """Whether both its values are finite numbers."""
+    return all(value is not None and math.isfinite(value) for value in (change.base, change.new))
 
 
 def _merged(changes: list[Change], every: bool) -> Change:
     """The change of one quantity over some rows: plain means of base and new, and the mean change, weighted by the
     variances of the rows, which decides, with its margin."""
-    quantity, tolerance = changes[0].quantity, changes[0].quantity.tolerance
+    quantity = changes[0].quantity
+    tolerance = quantity.tolerance
     assert tolerance is not None, "a deciding quantity has a tolerance"
     # The inverse of each variance is best if all rows lose alike; `common` is a lower bound of the standard errors.
-    inverse = [1 / ((each.chance.error if each.chance else 0.0) ** 2 + tolerance.common**2) for each in changes]
+    inverse = []
+    for change in changes:
+        error = change.chance.error if change.chance else 0.0
+        inverse.append(1 / (error**2 + tolerance.common**2))
     weights = [each / math.fsum(inverse) for each in inverse]
     chance = _together(changes, weights)
-    least = tolerance.common if every else tolerance.drawn if chance else tolerance.certain
+    if every:
+        least = tolerance.common
+    elif chance:
+        least = tolerance.drawn
+    else:
+        least = tolerance.certain
     room = max(least, chance.margin(tolerance) if chance else 0.0)
-    base, new = (fmean(getattr(change, side) for change in changes) for side in ("base", "new"))
+    base = fmean(change.base for change in changes if change.base is not None)
+    new = fmean(change.new for change in changes if change.new is not None)
     differences = [change.difference or 0.0 for change in changes]
     weighted = math.fsum(weight * each for weight, each in zip(weights, differences, strict=True))
     whole = Change(quantity, base, new, Verdict.SHOWN, weighted=weighted)
@@ -138,13 +177,20 @@ def _together(changes: list[Change], weights: list[float]) -> Chance | None:
     """The scatter of a weighted mean of differences, by Welch and Satterthwaite; None if no difference scatters. A row
     that by chance scatters little in its seeds weighs more, so the plain sum of variances is too small: it is corrected
     after Meier, "Variance of a weighted mean", Biometrics 9(1), 1953."""
-    parts = [(w, c.chance.error, c.chance.freedom) for w, c in zip(weights, changes, strict=True) if c.chance]
-    squares = [(weight * error) ** 2 for weight, error, _ in parts]
-    total = math.fsum(squares)
+    variances = []
+    for_freedom = []  # the terms of Welch and Satterthwaite's sum
+    for_meier = []  # of Meier's
+    for weight, change in zip(weights, changes, strict=True):
+        if change.chance:
+            variance = (weight * change.chance.error) ** 2
+            variances.append(variance)
+            for_freedom.append(variance**2 / change.chance.freedom)
+            for_meier.append(weight * (1 - weight) / change.chance.freedom)
+    total = math.fsum(variances)
     if not total:
         return None
-    freedom = total**2 / math.fsum(square**2 / free for square, (*_, free) in zip(squares, parts, strict=True))
-    chosen = 1 + 4 * math.fsum(weight * (1 - weight) / free for weight, _, free in parts)
+    freedom = total**2 / math.fsum(for_freedom)
+    chosen = 1 + 4 * math.fsum(for_meier)
     return Chance(math.sqrt(total * chosen), freedom)
 
 
@@ -154,8 +200,9 @@ def _renamed(before: list[Job], after: list[Job]) -> list[Job]:
     same = {_identity(job): job["label"] for job in after if job["status"] == "ok"}
     renamed = []
     for job in before:
-        lacks = job["status"] == "ok" and (job["material"], job["label"]) not in known
-        renamed.append({**job, "label": same.get(_identity(job), job["label"])} if lacks else job)
+        if job["status"] == "ok" and (job["material"], job["label"]) not in known:
+            job = job | {"label": same.get(_identity(job), job["label"])}
+        renamed.append(job)
     return renamed
 
 
@@ -190,10 +237,16 @@ def _notes(base: Run, new: Run, rows: list[ComparedRow]) -> Iterator[str]:
     if new.unreadable:
         yield f"{len(new.unreadable)} line(s) of NEW could not be read: {', '.join(map(str, new.unreadable))}"
     if base.starts and new.starts:
-        mine, theirs = _conditions(base.starts[-1]), _conditions(new.starts[-1])
-        if changed := [f"{key} {mine[key]} → {theirs[key]}" for key in mine if mine[key] != theirs[key]]:
+        mine = _conditions(base.starts[-1])
+        theirs = _conditions(new.starts[-1])
+        changed = [f"{key} {mine[key]} → {theirs[key]}" for key in mine if mine[key] != theirs[key]]
+        if changed:
             yield "not measured under the same conditions: " + "; ".join(changed)
-    if guessed := [row.name for row in rows if any(c.margin and c.spread is None for c in row.deciding)]:
+    guessed = []
+    for row in rows:
+        if any(change.margin and change.spread is None for change in row.deciding):
+            guessed.append(row.name)
+    if guessed:
         yield (
             "BASE has one seed, or shares only one with NEW at the same pairs, so the spread is unknown and the margin "
             f"is a guess: {', '.join(guessed)}"
@@ -213,13 +266,11 @@ def compare_extremes(base: Run, new: Run, codecs: Sequence[str] = (), allow: Seq
     neither has, and for a damaged base.
     """
     check_whole(base)
-    subjects = [{record["subject"] for record in run.stress} for run in (base, new)]
-    check_names("codec", codecs, set.union(*subjects))
-    wanted = set(codecs) or subjects[0]
-    ours, theirs = (
-        {f"{each['subject']}: {each['extreme']}": each for each in run.stress if each["subject"] in wanted}
-        for run in (base, new)
-    )
+    known = {record["subject"] for record in base.stress}
+    check_names("codec", codecs, known | {record["subject"] for record in new.stress})
+    wanted = set(codecs) or known
+    ours = _cells(base, wanted)
+    theirs = _cells(new, wanted)
     if not ours.keys() & theirs.keys():
         return "the two stress tests have no cell in common", NOTHING
     held = sum(record["verdict"] == "pass" for record in theirs.values())
@@ -232,4 +283,15 @@ def compare_extremes(base: Run, new: Run, codecs: Sequence[str] = (), allow: Seq
             worse.append(f"{name} is gone")
         elif after["verdict"] != "pass":
             worse.append(f"{name} held, and is now {after['verdict']}: {after['detail'] or after['figure']}")
-    return "\n".join([*map(visible, worse), f"{held} cells hold, {len(worse)} got worse"]), NO if worse else FINE
+    lines = [visible(text) for text in worse]
+    lines.append(f"{held} cells hold, {len(worse)} got worse")
+    return "\n".join(lines), NO if worse else FINE
+
+
+def _cells(run: Run, subjects: Set[str]) -> dict[str, Stress]:
+    """The records of a stress test of these subjects, by the name of the cell: `CODEC: EXTREME`."""
+    cells = {}
+    for record in run.stress:
+        if record["subject"] in subjects:
+            cells[f"{record['subject']}: {record['extreme']}"] = record
+    return cells

@@ -4,6 +4,7 @@ import json
 import math
 import re
 from collections.abc import Iterator
+from itertools import chain
 from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
@@ -43,6 +44,7 @@ def _data(text: str) -> str:
 
 
 def _few(findings: list[tuple[str, str]]) -> list[tuple[str, str]]:
+    """At most `SHOWN` findings: the last one counts the rest, and names them."""
     if len(findings) <= SHOWN:
         return findings
     rest = findings[SHOWN - 1 :]
@@ -61,7 +63,8 @@ def junit(comparison: Comparison) -> str:
                 suite.extend(_cases(row))
     for element in (root, *root):
         cases = list(element.iter("testcase"))
-        failed, skipped = (sum(case.find(what) is not None for case in cases) for what in ("failure", "skipped"))
+        failed = sum(case.find("failure") is not None for case in cases)
+        skipped = sum(case.find("skipped") is not None for case in cases)
         element.attrib |= {"tests": str(len(cases)), "failures": str(failed), "errors": "0"}
         if element is not root:
             element.set("skipped", str(skipped))
@@ -71,6 +74,7 @@ def junit(comparison: Comparison) -> str:
 
 
 def _cases(row: ComparedRow) -> Iterator[Element]:
+    """The test cases of a row: one a quantity that decides, or one for the whole row."""
     if row.why or not row.deciding:
         yield _case(row, "result", row.verdict, row.why)
     for change in row.deciding:
@@ -78,6 +82,7 @@ def _cases(row: ComparedRow) -> Iterator[Element]:
 
 
 def _case(row: ComparedRow, what: str, verdict: Verdict, text: str) -> Element:
+    """A test case: failed for a verdict that is forbidden, skipped where nothing was compared."""
     case = Element("testcase", classname=_legal(row.name), name=_legal(f"{row.name}/{what}"), time="0")
     if verdict in FORBIDDEN and not (row.allowed and verdict in (Verdict.UNLIKE, Verdict.GONE)):
         SubElement(case, "failure", type=verdict.lower(), message=_legal(text)).text = _legal(f"{row.name}: {text}")
@@ -95,10 +100,11 @@ def tracker(run: Run) -> dict[str, str]:
     """The text of each file by its name: means over the seeds of every finished job, and the times of decoders."""
     entries: dict[str, list[dict[str, Any]]] = {name: [] for name in FILES.values()}
     rows = by_row(job for job in run.jobs if job["status"] == "ok")
-    timed = multiples([job for jobs in rows.values() for job in jobs], list(run.timings))
+    timed = multiples(list(chain.from_iterable(rows.values())), list(run.timings))
     for row, jobs in rows.items():
         for quantity in [*deciding(jobs[0]), *undeciding(jobs[0])]:
-            values = [value for job in jobs if (value := quantity.value(job)) is not None and math.isfinite(value)]
+            every = [quantity.value(job) for job in jobs]
+            values = [value for value in every if value is not None and math.isfinite(value)]
             if len(values) == len(jobs):
                 unit = quantity.unit or quantity.name
                 entries[FILES[quantity.better]].append(_entry("/".join((*row, quantity.name)), unit, values))
@@ -109,7 +115,10 @@ def tracker(run: Run) -> dict[str, str]:
 
 
 def _entry(name: str, unit: str, values: list[float]) -> dict[str, Any]:
+    """One number of a tracker, a mean over seeds; of several with half of their range."""
     mean = math.fsum(values) / len(values)
     half = (max(values) - min(values)) / 2
     entry: dict[str, Any] = {"name": name, "unit": unit, "value": float(f"{mean:.7g}")}
-    return entry | ({"range": f"± {half:.2g}", "extra": f"{len(values)} seeds"} if len(values) > 1 else {})
+    if len(values) > 1:
+        entry |= {"range": f"± {half:.2g}", "extra": f"{len(values)} seeds"}
+    return entry

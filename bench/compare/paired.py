@@ -12,7 +12,6 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache, partial
-from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -78,7 +77,8 @@ def against(run: Run, first: str, others: Iterable[str]) -> Against:
             raise InputError(f"against {label!r}: the run has no such label: it has {'; '.join(known)}")
     jobs: dict[str, dict[tuple[str, int], Job]] = {first: {}, **{label: {} for label in others}}
     for job in run.jobs:
-        if job["status"] == "ok" and (label := shown_label(job)) in jobs:
+        label = shown_label(job)
+        if job["status"] == "ok" and label in jobs:
             jobs[label][job["material"], job["seed"]] = job
     return against_jobs(run.folder, first, jobs)
 
@@ -88,24 +88,32 @@ def against_jobs(folder: Path, first: str, jobs: Mapping[str, Mapping[tuple[str,
     ours = jobs[first]
     read = cache(lambda *key: decibels(folder, ours[key]))
     differences = Against(first, {}, {})
-    for label in (name for name in jobs if name != first):
-        both = [(job, jobs[label][key]) for key, job in ours.items() if key in jobs[label]]
+    for label, theirs in jobs.items():
+        if label == first:
+            continue
+        both = [(job, theirs[key]) for key, job in ours.items() if key in theirs]
         try:
             cells = _cells(both, lambda job: read(job["material"], job["seed"]), partial(decibels, folder))
         except InputError:
             continue
-        if whole := interval(cells):
+        whole = interval(cells)
+        if whole:
             differences.over[label] = whole
         for material, own in grouped(cells, lambda cell: cell.material).items():
-            if part := interval(own):
+            part = interval(own)
+            if part:
                 differences.on.setdefault(material, {})[label] = part
     return replace(differences, over=told_apart(differences.over))
 
 
 def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
     """The differences to a codec named beforehand, with whether each is told apart: by Holm's correction (1979)."""
-    order = enumerate(sorted(over, key=lambda label: over[label].chance))
-    told = {label for _, label in takewhile(lambda at: over[at[1]].chance <= FALSE / (len(over) - at[0]), order)}
+    told = set()
+    for place, label in enumerate(sorted(over, key=lambda label: over[label].chance)):
+        limit = FALSE / (len(over) - place)
+        if not over[label].chance <= limit:  # nor if it is no number
+            break  # none with a larger chance is told apart either
+        told.add(label)
     return {label: replace(each, apart=label in told) for label, each in over.items()}
 
 
@@ -120,8 +128,11 @@ def _cells(pairs: Iterable[tuple[Job, Job]], ours_of: Slices, theirs_of: Slices)
     """The differences of the slices of each two jobs, if they were scored at the same pairs of the same data."""
     cells = []
     for job, other in pairs:
-        if all(job["score_key"].get(part) == other["score_key"].get(part) for part in ("btf", "deciding")):
-            ours, theirs = ours_of(job), theirs_of(other)
+        mine = job["score_key"]
+        its = other["score_key"]
+        if mine.get("btf") == its.get("btf") and mine.get("deciding") == its.get("deciding"):
+            ours = ours_of(job)
+            theirs = theirs_of(other)
             if ours is not None and theirs is not None and 0 < len(ours) == len(theirs):
                 cells.append(Cell(job["material"], job["seed"], job["score_key"]["btf"], theirs - ours))
     return cells
@@ -132,15 +143,20 @@ def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
     by_material = grouped(cells, lambda cell: cell.material)
     if not by_material:
         return None
-    means = np.array([np.mean([cell.differences.mean() for cell in each]) for each in by_material.values()])
-    seeds, slices = max(map(len, by_material.values())), sum(len(cell.differences) for cell in cells)
+    of_materials = []
+    for of_seeds in by_material.values():
+        of_materials.append(np.mean([cell.differences.mean() for cell in of_seeds]))
+    means = np.array(of_materials)
     chance = 1.0
     if len(means) > 1:
         reach, of_equals = _student(means)
         low, high = means.mean() - reach, means.mean() + reach
-        chance = of_equals if len(means) >= FEWEST else 1.0
+        if len(means) >= FEWEST:
+            chance = of_equals
     else:
         low, high = np.percentile(_bootstrap_means(cells, draws), [2.5, 97.5])
+    seeds = max(len(of_seeds) for of_seeds in by_material.values())
+    slices = sum(len(cell.differences) for cell in cells)
     return Interval(float(means.mean()), float(low), float(high), len(means), seeds, slices, chance)
 
 
@@ -148,7 +164,9 @@ def _student(means: np.ndarray) -> tuple[float, float]:
     """Half the 95 % interval of the mean of some means, and the chance of so large a mean if the true one is 0."""
     from scipy.special import stdtr, stdtrit  # slow to import, and needed only here
 
-    mean, error, freedom = abs(means.mean()), means.std(ddof=1) / math.sqrt(len(means)), len(means) - 1
+    mean = abs(means.mean())
+    error = means.std(ddof=1) / math.sqrt(len(means))
+    freedom = len(means) - 1
     chance = 2 * stdtr(freedom, -mean / error) if error else float(not mean)
     return float(stdtrit(freedom, 0.975) * error), float(chance)
 
@@ -168,7 +186,8 @@ def _bootstrap_means(cells: Sequence[Cell], draws: int) -> np.ndarray:
 @lru_cache(maxsize=1)  # the intervals of a table mostly draw from as many slices and seeds
 def _drawn(counts: tuple[int, ...], seeds: int, draws: int) -> tuple[list[np.ndarray], np.ndarray]:
     """How often each slice of each group is drawn, as shares (draws, count), and which seeds, (seeds, draws)."""
-    rng, shares = np.random.default_rng(SEED), []
+    rng = np.random.default_rng(SEED)
+    shares = []
     for count in counts:  # counting drawn numbers takes a seventh of the time of NumPy's `multinomial`
         drawn = rng.integers(0, count, (draws, count)) + count * np.arange(draws)[:, None]
         shares.append(np.bincount(drawn.ravel(), minlength=draws * count).reshape(draws, count) / count)

@@ -50,20 +50,25 @@ class Quantity:
     @property
     def scale(self) -> str:
         """The unit, with an arrow that says whether higher or lower is better."""
-        return f"{self.unit} {'↑' if self.better == 'higher' else '↓'}".strip()
+        arrow = "↑" if self.better == "higher" else "↓"
+        return f"{self.unit} {arrow}".strip()
 
     def written(self, value: float | None) -> str:
         """A value as tables show it."""
         if value is None:
             return "—"
-        exact = self.decibels and value >= MOST_DB
-        return "exact" if exact else f"{value:,.{self.digits}f}"
+        if self.decibels and value >= MOST_DB:
+            return "exact"
+        return f"{value:,.{self.digits}f}"
 
     def difference(self, change: float) -> str:
         """A change with its sign; "=" if it rounds to zero at these digits."""
         if not math.isfinite(change):
-            return "not exact" if (change < 0) == (self.better == "higher") else "exact now"
-        return f"{change:+,.{self.digits}f}".replace("-", "−") if round(change, self.digits) else "="
+            got_worse = (change < 0) == (self.better == "higher")
+            return "not exact" if got_worse else "exact now"
+        if not round(change, self.digits):
+            return "="
+        return f"{change:+,.{self.digits}f}".replace("-", "−")
 
 
 DECIBELS = Tolerance(certain=0.02, drawn=0.1, one_seed=0.25, common=0.05)
@@ -86,9 +91,11 @@ def deciding(job: Job) -> list[Quantity]:
     psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)
     if psnr:
         quantities.append(_mean(MAIN, psnr, [group], BY_SLICE))
-        quantities += [_mean("train", psnr, ["train"], DECIBELS)] if "train" in job["scores"] else []
+        if "train" in job["scores"]:
+            quantities.append(_mean("train", psnr, ["train"], DECIBELS))
         grazing = [name for name in (f"{group}, grazing view", f"{group}, grazing light") if name in job["scores"]]
-        quantities += [_mean("grazing", psnr, grazing, DECIBELS)] if grazing else []
+        if grazing:
+            quantities.append(_mean("grazing", psnr, grazing, DECIBELS))
     if any(side != "1" for side in job.get("footprints", {})):
         quantities.append(Quantity("footprints", "dB", "higher", 2, _footprints, DECIBELS, FOOTPRINTS, decibels=True))
     if flip:
@@ -104,12 +111,15 @@ def undeciding(job: Job) -> list[Quantity]:
     for name in names:
         if name not in (psnr, flip):
             quantities.append(_metric(job, name, group, name.removesuffix(PERIODIC), 2 if in_decibels(name) else 4))
-    for side in (side for side in job.get("footprints", {}) if side != "1"):
-        quantities.append(Quantity(f"{side} texels", "dB", "higher", 2, partial(_footprint, side), decibels=True))
-    return quantities + [_part(part) for part in ("decoder", "texture") if part in job["bytes"]]
+    for side in job.get("footprints", {}):
+        if side != "1":
+            quantities.append(Quantity(f"{side} texels", "dB", "higher", 2, partial(_footprint, side), decibels=True))
+    quantities += [_part(part) for part in ("decoder", "texture") if part in job["bytes"]]
+    return quantities
 
 
 def _metric(job: Job, metric: str, group: str, name: str, digits: int, limit: Tolerance | None = None) -> Quantity:
+    """The pooled number of a metric over a group of pairs."""
     described, decibels = job["metrics"][metric], in_decibels(metric)
 
     def value(job: Job) -> float | None:
@@ -124,16 +134,24 @@ def _mean(name: str, metric: str, groups: list[str], tolerance: Tolerance) -> Qu
     """The mean PSNR of slices, averaged over groups; a few slices do not dominate it, so it scatters less."""
 
     def value(job: Job) -> float | None:
-        stats = [each for group in groups if (each := metrics_of(job, group).get(metric)) and each.get("slices", 1)]
-        return average([_number(each, each.get("mean")) for each in stats])
+        numbers = []
+        for group in groups:
+            stats = metrics_of(job, group).get(metric)
+            if stats and stats.get("slices", 1):
+                numbers.append(_number(stats, stats.get("mean")))
+        return average(numbers)
 
     return Quantity(name, "dB", "higher", 2, value, tolerance, metric, decibels=True)
 
 
 def _footprints(job: Job) -> float | None:
     """The mean over footprints above one texel of the mean over slices, or of the pooled PSNR in older records."""
-    sides = {side: stats for side, stats in job.get("footprints", {}).items() if side != "1"}
-    return average([_number(stats, stats["mean" if "mean" in stats else PSNR]) for stats in sides.values()])
+    numbers = []
+    for side, stats in job.get("footprints", {}).items():
+        if side != "1":
+            number = stats["mean"] if "mean" in stats else stats[PSNR]
+            numbers.append(_number(stats, number))
+    return average(numbers)
 
 
 def average(values: Sequence[float | None]) -> float | None:
@@ -141,7 +159,8 @@ def average(values: Sequence[float | None]) -> float | None:
     known = [value for value in values if value is not None]
     if not known or len(known) < len(values):
         return None
-    return math.fsum(finite) / len(finite) if (finite := [v for v in known if math.isfinite(v)]) else math.inf
+    finite = [value for value in known if math.isfinite(value)]
+    return math.fsum(finite) / len(finite) if finite else math.inf
 
 
 def _footprint(side: str, job: Job) -> float | None:
@@ -150,6 +169,8 @@ def _footprint(side: str, job: Job) -> float | None:
 
 
 def _part(part: str) -> Quantity:
+    """The bytes of a part of the file."""
+
     def value(job: Job) -> float | None:
         sizes = dict(job["bytes"])
         return cast(int | None, sizes.get(part))
@@ -159,5 +180,6 @@ def _part(part: str) -> Quantity:
 
 def _number(stats: Statistics, pooled: float | None, decibels: bool = True) -> float | None:
     """The pooled number; infinite decibels if no slice has an error; None if nothing was measured."""
-    exact = pooled is None and decibels and stats.get("slices") and stats.get("exact") == stats.get("slices")
-    return math.inf if exact else pooled
+    if pooled is None and decibels and stats.get("slices") and stats.get("exact") == stats.get("slices"):
+        return math.inf
+    return pooled

@@ -7,7 +7,7 @@ the studentised range of k groups divided by sqrt(2).
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import fmean
 from typing import NamedTuple
 
@@ -56,24 +56,35 @@ class Standing:
 
 def standings(cells: Jobs) -> list[Standing]:
     """Every codec by rank, then PSNR; one that was not measured on all materials has no rank, and comes last."""
-    quality = {name: _qualities(codecs) for name, codecs in cells.items()}
-    labels = dict.fromkeys(label for by_label in quality.values() for label in by_label)
-    racing = [label for label in labels if all(label in by_label for by_label in quality.values())]
-    places_on = [_places({label: by_label[label] for label in racing}) for by_label in quality.values()]
+    on_each = [_qualities(codecs) for codecs in cells.values()]  # of each material, by label
+    values: dict[str, list[float]] = {}
+    for qualities in on_each:
+        for label, value in qualities.items():
+            values.setdefault(label, []).append(value)
+    racing = [label for label in values if len(values[label]) == len(on_each)]
+    places: dict[str, list[float]] = {label: [] for label in racing}
+    for qualities in on_each:
+        for label, place in _places({label: qualities[label] for label in racing}).items():
+            places[label].append(place)
     every = []
-    for label in labels:
-        values = [by_label[label] for by_label in quality.values() if label in by_label]
-        places = [place[label] for place in places_on if label in place]
-        raced = (fmean(places), sum(place < 2 for place in places)) if places else ()
-        every.append(Standing(label, len(values), fmean(values), *raced))
+    for label, of_label in values.items():
+        standing = Standing(label, len(of_label), fmean(of_label))
+        if label in places:
+            wins = sum(place < 2 for place in places[label])
+            standing = replace(standing, rank=fmean(places[label]), wins=wins)
+        every.append(standing)
     return sorted(every, key=lambda each: (each.rank is None, each.rank, -each.psnr))
 
 
 def _qualities(codecs: Mapping[str, Sequence[Job]]) -> dict[str, float]:
     """The mean over seeds of the mean PSNR of slices by label; absent where none was measured."""
-    means = {label: [stats_of(job, PSNR).get("mean") for job in jobs] for label, jobs in codecs.items()}
-    known = {label: [value for value in values if value is not None] for label, values in means.items()}
-    return {label: fmean(values) for label, values in known.items() if values}
+    qualities = {}
+    for label, jobs in codecs.items():
+        means = [stats_of(job, PSNR).get("mean") for job in jobs]
+        known = [mean for mean in means if mean is not None]
+        if known:
+            qualities[label] = fmean(known)
+    return qualities
 
 
 def _places(quality: dict[str, float]) -> dict[str, float]:

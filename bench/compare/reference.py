@@ -49,7 +49,8 @@ def reference(run: Run, before: Run | None = None) -> str:
     jobs = _in_order(run.jobs)
     if not jobs:
         raise InputError(f"{run.folder}: the run has no results: a reference needs a complete run")
-    if unfinished := [job for job in jobs if job["status"] != "ok"]:
+    unfinished = [job for job in jobs if job["status"] != "ok"]
+    if unfinished:
         job = unfinished[0]
         raise InputError(
             f"{run.folder}: {len(unfinished)} job(s) without a result, the first {job['job']} ({job['error']}): "
@@ -69,14 +70,22 @@ def reference(run: Run, before: Run | None = None) -> str:
 
 def few_seeds(run: Run) -> list[str]:
     """The names of rows whose seeds differ and are too few to estimate the scatter."""
-    rows = {row: [stats_of(job, PSNR).get("mean") for job in jobs] for row, jobs in by_row(run.jobs).items()}
-    return ["/".join(row) for row, values in rows.items() if len(values) < FEW_SEEDS and len(set(values)) != 1]
+    names = []
+    for row, jobs in by_row(run.jobs).items():
+        values = {stats_of(job, PSNR).get("mean") for job in jobs}
+        if len(jobs) < FEW_SEEDS and len(values) != 1:
+            names.append("/".join(row))
+    return names
 
 
 def pairs_by_seed(run: Run) -> list[str]:
     """The names of rows whose seeds are scored at different pairs, and differ because of them."""
-    btfs = {row: {job["score_key"]["btf"] for job in jobs} for row, jobs in by_row(run.jobs).items()}
-    return ["/".join(row) for row, names in btfs.items() if len(names) > 1]
+    names = []
+    for row, jobs in by_row(run.jobs).items():
+        btfs = {job["score_key"]["btf"] for job in jobs}
+        if len(btfs) > 1:
+            names.append("/".join(row))
+    return names
 
 
 def smallest_losses(run: Run, count: int) -> dict[str, dict[str, float]]:
@@ -98,9 +107,12 @@ def seeds_of(run: Run) -> int:
 
 
 def _timings(run: Run, jobs: list[Job]) -> Iterator[Timing]:
+    """The timings of jobs for a reference; starts are numbered, so that their times change nothing in it."""
     starts = {start["run"]: str(i) for i, start in enumerate(run.starts, 1)}
-    for timing in filter(None, map(run.timing, jobs)):
-        yield rounded(kept(timing, records.REFERENCE)) | {"run": starts.get(timing["run"], timing["run"])}
+    for job in jobs:
+        timing = run.timing(job)
+        if timing:
+            yield rounded(kept(timing, records.REFERENCE)) | {"run": starts.get(timing["run"], timing["run"])}
 
 
 def _seeds_to_keep(jobs: list[Job], before: list[Job]) -> Iterator[Job]:
@@ -115,7 +127,8 @@ def _seeds_to_keep(jobs: list[Job], before: list[Job]) -> Iterator[Job]:
 def _in_order(every: Iterable[Job]) -> list[Job]:
     """The jobs by material and label, both in the order of first appearance, then by seed."""
     jobs = list(every)
-    materials, labels = (list(dict.fromkeys(job[name] for job in jobs)) for name in ("material", "label"))
+    materials = list(dict.fromkeys(job["material"] for job in jobs))
+    labels = list(dict.fromkeys(job["label"] for job in jobs))
     return sorted(jobs, key=lambda job: (materials.index(job["material"]), labels.index(job["label"]), job["seed"]))
 
 
@@ -142,7 +155,8 @@ def _reduced(job: Job, folder: Path, whole: bool) -> Job:
     numbers = (PSNR, "mean") if whole else ("mean",)
     line["footprints"] = {side: _short(stats, *numbers) for side, stats in job["footprints"].items() if side != "1"}
     line["metrics"] = {name: line["metrics"][name] for name in line["scores"][decides]["metrics"]}
-    if whole and (slices := decibels(folder, job)) is not None:
+    slices = decibels(folder, job) if whole else None
+    if slices is not None:
         line["slices"] = {PSNR: packed(slices)}
     return rounded(line)
 
@@ -150,14 +164,20 @@ def _reduced(job: Job, folder: Path, whole: bool) -> Job:
 def _shorter(metrics: dict[str, Statistics], names: list[str], pooled: bool) -> Group:
     """The pooled numbers, and for PSNR also the mean over slices, or only that."""
     of_psnr = ("pooled", "mean") if pooled else ("mean",)
-    wanted = {name: of_psnr if name == PSNR else ("pooled",) for name in names if name in metrics}
-    return {"metrics": {name: _short(metrics[name], *numbers) for name, numbers in wanted.items()}}
+    shorter = {}
+    for name in names:
+        if name in metrics:
+            numbers = of_psnr if name == PSNR else ("pooled",)
+            shorter[name] = _short(metrics[name], *numbers)
+    return {"metrics": shorter}
 
 
 def _short(stats: Statistics, *numbers: str) -> Statistics:
     """The numbers; if one is missing, also the fields that tell whether it is exact or was never measured."""
     known = {name: stats[name] for name in numbers if name in stats}
-    return known if None not in known.values() else known | {key: stats[key] for key in ("exact", "slices")}
+    if None in known.values():
+        known |= {key: stats[key] for key in ("exact", "slices")}
+    return known
 
 
 def rounded(value: Any) -> Any:
@@ -166,7 +186,9 @@ def rounded(value: Any) -> Any:
         return float(f"{value:.7g}")
     if isinstance(value, dict):
         return {key: rounded(item) for key, item in value.items()}
-    return [rounded(item) for item in value] if isinstance(value, list) else value
+    if isinstance(value, list):
+        return [rounded(item) for item in value]
+    return value
 
 
 def published(run: Run) -> str:
@@ -199,6 +221,7 @@ def published_job(job: Job, folder: Path) -> Job:
         for name, group in job["scores"].items()
         if name in (decides, "all", "train", VALIDATION, "scene") or name.startswith(f"{decides}, ")
     }
-    if (slices := decibels(folder, job)) is not None:
+    slices = decibels(folder, job)
+    if slices is not None:
         line["slices"] = {PSNR: packed(slices)}
     return line

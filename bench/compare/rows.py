@@ -45,7 +45,9 @@ class Advice:
 
 def advice(base: Multiple | None, new: Multiple | None) -> Advice | None:
     """The times of one row in two runs; None if one lacks them or was timed under other conditions."""
-    return Advice(base, new) if base and new and base.conditions == new.conditions else None
+    if not base or not new or base.conditions != new.conditions:
+        return None
+    return Advice(base, new)
 
 
 def multiples(jobs: Sequence[Job], timings: Sequence[Timing]) -> dict[tuple[str, str], Multiple]:
@@ -54,20 +56,33 @@ def multiples(jobs: Sequence[Job], timings: Sequence[Timing]) -> dict[tuple[str,
     """
     by_job = {timing["job"]: timing for timing in timings}
     timed = by_row(job for job in jobs if job["job"] in by_job)
-    rows = {row: [by_job[job["job"]] for job in ours] for row, ours in timed.items()}
-    multiples = {row: _multiple(ours, rows.get((row[0], UNIT), [])) for row, ours in rows.items()}
-    return {row: multiple for row, multiple in multiples.items() if multiple}
+    rows: dict[tuple[str, str], list[Timing]] = {}
+    for row, of_row in timed.items():
+        rows[row] = [by_job[job["job"]] for job in of_row]
+    found = {}
+    for (material, label), ours in rows.items():
+        multiple = _multiple(ours, rows.get((material, UNIT), []))
+        if multiple:
+            found[material, label] = multiple
+    return found
 
 
 def _multiple(ours: list[Timing], floors: list[Timing]) -> Multiple | None:
-    by_start = grouped(floors, lambda timing: timing["run"])
-    floor = {start: sum(each["ns_per_sample"] for each in many) / len(many) for start, many in by_start.items()}
+    """The times of a row over those of `mean-colour` in the same start; None if it was timed in no start of these."""
+    floor: dict[str, float] = {}  # the mean of each start
+    for start, of_start in grouped(floors, lambda timing: timing["run"]).items():
+        floor[start] = sum(timing["ns_per_sample"] for timing in of_start) / len(of_start)
     ours = [timing for timing in ours if timing["run"] in floor]
     if not ours:
         return None
-    bounds = [bound / floor[timing["run"]] for timing in ours for bound in timing["interval95_ns"]]
-    mean = sum(timing["ns_per_sample"] / floor[timing["run"]] for timing in ours) / len(ours)
-    return Multiple(mean, (min(bounds), max(bounds)), [ours[0].get(name) for name in CONDITIONS])
+    means = []
+    bounds = []
+    for timing in ours:
+        unit = floor[timing["run"]]
+        means.append(timing["ns_per_sample"] / unit)
+        bounds += [bound / unit for bound in timing["interval95_ns"]]
+    conditions = [ours[0].get(name) for name in CONDITIONS]
+    return Multiple(sum(means) / len(ours), (min(bounds), max(bounds)), conditions)
 
 
 @dataclass(frozen=True)
@@ -89,7 +104,9 @@ class ComparedRow:
     def forbids(self) -> bool:
         """Whether this row stops the change under test."""
         found = {self.verdict, *(change.verdict for change in self.deciding)}
-        stops = {Verdict.FAILED, Verdict.WORSE} | (set() if self.allowed else {Verdict.GONE, Verdict.UNLIKE})
+        stops = {Verdict.FAILED, Verdict.WORSE}
+        if not self.allowed:
+            stops |= {Verdict.GONE, Verdict.UNLIKE}
         return bool(found & stops)
 
     @property
@@ -106,9 +123,11 @@ class ComparedRow:
 
     def findings(self) -> list[tuple[Verdict, str]]:
         """A sentence for each difference of this row, and the verdict on it."""
-        own = [(self.verdict, self.why)] if self.why else []
-        changed = [change for change in self.deciding if change.verdict not in (Verdict.SAME, Verdict.SHOWN)]
-        return own + [(change.verdict, sentence(change)) for change in changed]
+        findings = [(self.verdict, self.why)] if self.why else []
+        for change in self.deciding:
+            if change.verdict not in (Verdict.SAME, Verdict.SHOWN):
+                findings.append((change.verdict, sentence(change)))
+        return findings
 
     def reasons(self) -> list[str]:
         """The sentences that speak against this row, so without gains."""
@@ -121,11 +140,16 @@ def sentence(change: Change) -> str:
     if change.verdict == Verdict.UNLIKE:
         return f"{quantity.name}: {change.why}"
     text = f"{quantity.name} {quantity.written(change.base)} → {quantity.written(change.new)}"
-    text += f" {quantity.unit}" * bool(quantity.unit) + f" ({quantity.difference(change.difference or 0.0)}"
-    text += " as a weighted mean" * (change.weighted is not None)
+    if quantity.unit:
+        text += f" {quantity.unit}"
+    details = quantity.difference(change.difference or 0.0)
+    if change.weighted is not None:
+        details += " as a weighted mean"
     if change.interval:
-        text += f", 95 % {quantity.difference(change.interval.low)} to {quantity.difference(change.interval.high)}"
-    return text + (f"; up to {change.margin:,.{quantity.digits}f} counts as the same)" if change.margin else ")")
+        details += f", 95 % {quantity.difference(change.interval.low)} to {quantity.difference(change.interval.high)}"
+    if change.margin:
+        details += f"; up to {change.margin:,.{quantity.digits}f} counts as the same"
+    return f"{text} ({details})"
 
 
 def compared(
@@ -134,14 +158,16 @@ def compared(
     """The row of the jobs of base and new, of which one may be empty; `declared` are the seeds that new should have."""
     first = (before or after)[0]
     name = first["material"], first["label"]
-    base, new = ([job for job in jobs if job["status"] == "ok"] for jobs in (before, after))
+    base = [job for job in before if job["status"] == "ok"]
+    new = [job for job in after if job["status"] == "ok"]
     verdict, why = _unfinished(base, after, declared)
     if not base or not new:
         return ComparedRow(*name, verdict or Verdict.NEW, why)
     base = [job for job in base if not fitted_unlike(base[0], job)]
     ours, theirs = _paired(base, new)
     partner = {job["seed"]: job for job in ours}
-    obstacle = next((reason for job in theirs if (reason := unlike(partner.get(job["seed"], base[0]), job))), "")
+    reasons = [unlike(partner.get(job["seed"], base[0]), job) for job in theirs]
+    obstacle = next(filter(None, reasons), "")
     changes = [] if obstacle else _changes(runs, ours, theirs, base)
     if not changes:
         return ComparedRow(*name, verdict or Verdict.UNLIKE, why or obstacle or "neither record has a score")
@@ -154,7 +180,8 @@ def compared(
 
 def worst(changes: list[Change]) -> Verdict:
     """The verdict on a row: the gravest of those on its numbers."""
-    return next(verdict for verdict in ORDER if any(change.verdict == verdict for change in changes))
+    found = {change.verdict for change in changes}
+    return next(verdict for verdict in ORDER if verdict in found)
 
 
 def _changes(runs: tuple[Run, Run], ours: list[Job], theirs: list[Job], base: list[Job]) -> list[Change]:
@@ -166,7 +193,10 @@ def _changes(runs: tuple[Run, Run], ours: list[Job], theirs: list[Job], base: li
     if all(change.base is None and change.new is None for change in changes if change.quantity.metric):
         return []
     apart = between(runs[0], ours, runs[1], theirs)
-    return [replace(each, interval=apart) if each.quantity.name == MAIN else each for each in changes]
+    with_interval = []
+    for change in changes:
+        with_interval.append(replace(change, interval=apart) if change.quantity.name == MAIN else change)
+    return with_interval
 
 
 def _paired(base: list[Job], new: list[Job]) -> tuple[list[Job], list[Job]]:
@@ -174,25 +204,32 @@ def _paired(base: list[Job], new: list[Job]) -> tuple[list[Job], list[Job]]:
     shared = {job["seed"] for job in base} & {job["seed"] for job in new}
     if not shared:
         return base, new
-    ours, theirs = ([job for job in jobs if job["seed"] in shared] for jobs in (base, new))
+    ours = [job for job in base if job["seed"] in shared]
+    theirs = [job for job in new if job["seed"] in shared]
     return ours, theirs
 
 
 def _unfinished(base: list[Job], after: list[Job], declared: set[int]) -> tuple[Verdict | None, str]:
     """The verdict on a row whose jobs failed or vanished, and why."""
-    if failed := [job for job in after if job["status"] == "failed"]:
+    failed = [job for job in after if job["status"] == "failed"]
+    if failed:
         which = "the job" if len(failed) == 1 else f"{len(failed)} jobs"
         return Verdict.FAILED, f"{which} failed: {_on_one_line(failed[0]['error'])}"
     if not base:
         return None, ""
-    if missing := [job for job in after if job["status"] == "unavailable"]:
+    missing = [job for job in after if job["status"] == "unavailable"]
+    if missing:
         return Verdict.GONE, f"not available: {_on_one_line(missing[0]['error'])}"
     if not after:
         return Verdict.GONE, ABSENT
-    gone = sorted({job["seed"] for job in base} & declared - {job["seed"] for job in after})
-    return (Verdict.GONE, f"seed {', '.join(map(str, gone))} has no result") if gone else (None, "")
+    expected = {job["seed"] for job in base} & declared
+    gone = sorted(expected - {job["seed"] for job in after})
+    if not gone:
+        return None, ""
+    return Verdict.GONE, f"seed {', '.join(map(str, gone))} has no result"
 
 
 def _on_one_line(error: str) -> str:
     """An error on one line, without the colours and other control codes that some programs print."""
-    return " ".join("".join(c if c.isprintable() else " " for c in error).split())
+    printable = [character if character.isprintable() else " " for character in error]
+    return " ".join("".join(printable).split())

@@ -96,7 +96,8 @@ def judge(
 ) -> Change:
     """The verdict on one quantity of two comparable sets of jobs; `reference` holds all seeds of the base, and `draws`
     marks a random codec, even if the seeds of this quantity agree: see `agree`."""
-    before, after = ([quantity.value(job) for job in jobs] for jobs in (base, new))
+    before = [quantity.value(job) for job in base]
+    after = [quantity.value(job) for job in new]
     values = _scatter_values(quantity, base, new, reference)
     paired = not _same_pairs(reference)
     if quantity.tolerance is not None and not paired and not _unchanged(before, after):
@@ -109,7 +110,8 @@ def judge(
     if quantity.tolerance is None:
         return change
     chance = None
-    if draws if quantity.metric else not agree(quantity, base, new, reference):
+    scatters = draws if quantity.metric else not agree(quantity, base, new, reference)
+    if scatters:
         chance = _paired_scatter(values) if quantity.metric and paired else scatter(values, after, len(base))
     room = quantity.tolerance.certain if certain else margin(quantity.tolerance, values, chance)
     return Change(quantity, change.base, change.new, verdict(change.loss, room), room, spread, chance=chance)
@@ -160,7 +162,9 @@ def agree(quantity: Quantity, base: Sequence[Job], new: Sequence[Job], reference
 def _paired_scatter(differences: Values) -> Chance | None:
     """The scatter of the mean of differences at equal seeds; None if unknown."""
     finite = _finite(differences)
-    return Chance(stdev(finite) / math.sqrt(len(finite)), len(finite) - 1) if len(finite) > 1 else None
+    if len(finite) < 2:
+        return None
+    return Chance(stdev(finite) / math.sqrt(len(finite)), len(finite) - 1)
 
 
 def scatter(known: Values, new: Values, n: int) -> Chance | None:
@@ -184,14 +188,17 @@ def margin(tolerance: Tolerance, known: Values, chance: Chance | None) -> float:
     unit = abs(fmean(finite)) if tolerance.relative and finite else 1.0
     if len(known) < 2:
         return unit * tolerance.one_seed
-    return unit * tolerance.certain if chance is None else max(unit * tolerance.drawn, chance.margin(tolerance, unit))
+    if chance is None:
+        return unit * tolerance.certain
+    return max(unit * tolerance.drawn, chance.margin(tolerance, unit))
 
 
 def smallest_loss(quantity: Quantity, jobs: Sequence[Job], count: int, draws: bool) -> float:
     """The margin of `count` new seeds that scatter as these jobs do; see `judge` for `draws`."""
     assert quantity.tolerance is not None, "a deciding quantity has a tolerance"
     values = [quantity.value(job) for job in jobs]
-    return margin(quantity.tolerance, values, scatter(values, values[:count], len(values)) if draws else None)
+    chance = scatter(values, values[:count], len(values)) if draws else None
+    return margin(quantity.tolerance, values, chance)
 
 
 def quantile(freedom: float, probability: float) -> float:
@@ -216,7 +223,8 @@ def fitted_unlike(base: Job, new: Job) -> str:
 
 def unlike(base: Job, new: Job) -> str:
     """Why no numbers of two jobs may be compared (unlike fits, other pairs or another exposure); "" if they may."""
-    reasons = [fitted] if (fitted := fitted_unlike(base, new)) else []
+    fitted = fitted_unlike(base, new)
+    reasons = [fitted] if fitted else []
     if base["fit_key"]["training"] == new["fit_key"]["training"]:  # else one reason says it all
         reasons += scored_unlike(base["score_key"], new["score_key"])
     return ", ".join(reasons)
@@ -230,11 +238,13 @@ def other_settings(base: Job, new: Job) -> str:
 
 
 def _obstacle(quantity: Quantity, base: Job, new: Job, before: Sequence[object], after: Sequence[object]) -> str:
-    versions = [quantity.version(job) for job in (base, new)]
-    if versions[1] is None and versions[0] is not None:
+    """Why a quantity of two jobs cannot be compared; "" if it can. `before` and `after` are the values of all seeds."""
+    mine = quantity.version(base)
+    theirs = quantity.version(new)
+    if theirs is None and mine is not None:
         return f"{quantity.metric} is not measured any more"
-    if versions[0] != versions[1]:
-        return f"{quantity.metric} version {versions[1]} instead of {versions[0]}"
+    if mine != theirs:
+        return f"{quantity.metric} version {theirs} instead of {mine}"
     missing = None in before or None in after
     return "no finite number" if missing and before != after else ""
 
@@ -247,6 +257,8 @@ def verdict(loss: float, room: float) -> Verdict:
 
 
 def _spread(values: Values) -> float | None:
+    """The standard deviation over seeds; None for one seed, 0 where fewer than two are finite."""
     if len(values) < 2:
         return None
-    return stdev(finite) if len(finite := _finite(values)) > 1 else 0.0
+    finite = _finite(values)
+    return stdev(finite) if len(finite) > 1 else 0.0

@@ -268,16 +268,25 @@ def pack_layout(layout: Layout) -> dict[str, Tensor]:
     """Pack the distinct views and lights, and each pair's indices into them (N, 2), in the smallest integer type."""
     pairs = torch.from_numpy(np.stack([layout.view, layout.light], 1))
     most = max(len(layout.views), len(layout.lights))
-    dtype = torch.uint8 if most <= 256 else torch.int16 if most <= 32768 else torch.int32
-    views, lights = torch.from_numpy(layout.views), torch.from_numpy(layout.lights)
-    return {"views": views, "lights": lights, "pairs": pairs.to(dtype)}
+    if most <= 256:
+        dtype = torch.uint8
+    elif most <= 32768:
+        dtype = torch.int16
+    else:
+        dtype = torch.int32
+    return {
+        "views": torch.from_numpy(layout.views),
+        "lights": torch.from_numpy(layout.lights),
+        "pairs": pairs.to(dtype),
+    }
 
 
 def unpack_layout(parts: dict[str, Tensor], rows: int | None = None) -> Layout:
     """Unpack the layout that `pack_layout` packed; `rows` is the number of pairs of the table, None if there is no
     table to fit. Raises `KeyError` if a tensor is missing, `ValueError` if one is invalid or does not fit the table."""
     pairs = parts["pairs"].long().numpy()
-    views, lights = (parts[side].float().numpy() for side in ("views", "lights"))
+    views = parts["views"].float().numpy()
+    lights = parts["lights"].float().numpy()
     for side, index in ((views, pairs[:, 0]), (lights, pairs[:, 1])):
         sound = side.shape[1:] == (3,) and side.min() >= -1 - UNIT and side.max() <= 1 + UNIT
         if not sound or not (np.abs(np.linalg.norm(side, axis=1) - 1) < UNIT).all() or side[:, 2].min() < -UNIT:

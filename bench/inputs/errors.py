@@ -50,11 +50,14 @@ def visible(text: str) -> str:
     to stand at the start of a line is written `\\x3a:` or `\\x23#`.
     """
     if not text.isprintable():
-        text = "".join(_written_out(each) if unicodedata.category(each) in _CONTROL else each for each in text)
+        text = "".join(map(_written_out, text))
     return _COMMAND.sub(lambda found: f"\\x{ord(found[0][0]):02x}{found[0][1]}", text)
 
 
 def _written_out(character: str) -> str:
+    """A character, or what stands for it if it is a control character."""
+    if unicodedata.category(character) not in _CONTROL:
+        return character
     return character.encode("unicode_escape").decode()
 
 
@@ -126,8 +129,10 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 def shown(value: object) -> str:
     """An untrusted value for a message: on one line, cut to 60 characters."""
+    if isinstance(value, int) and abs(value) >= 1 << 63:
+        return "a number of absurd size"
     try:
-        text = repr(value) if not isinstance(value, int) or abs(value) < 1 << 63 else "a number of absurd size"
+        text = repr(value)
     except (ValueError, RecursionError):  # a list with a number of thousands of digits, a list in a list in a list …
         return f"a {type(value).__name__} of absurd size"
     return text if len(text) <= 60 else f"{text[:60]} …"

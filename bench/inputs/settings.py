@@ -218,10 +218,13 @@ def _wanted(kind: Any) -> str:
 
 def described(settings: type) -> list[Setting]:
     """Describe every setting of a `Settings` class, in order. Meanings are the comments in its source, if available."""
-    kinds, comments = get_type_hints(settings, include_extras=True), _comments(settings)
+    kinds = get_type_hints(settings, include_extras=True)
+    comments = _comments(settings)
     result = []
     for field in dataclasses.fields(settings):
-        default = str(field.default).lower() if isinstance(field.default, bool) else str(field.default)  # for `--set`
+        default = str(field.default)
+        if isinstance(field.default, bool):
+            default = default.lower()  # as `--set` takes it
         result.append(Setting(field.name, default, _wanted(kinds[field.name]), comments.get(field.name, "")))
     return result
 

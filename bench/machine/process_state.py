@@ -21,11 +21,17 @@ def working_folder() -> str:
 def restored_process_state() -> Iterator[None]:
     """Restore the working directory, settings and global generators of PyTorch and NumPy when the block ends: a codec
     may change them, and the next job and the scores must not depend on that."""
-    folder, dtype, device = os.getcwd(), torch.get_default_dtype(), torch.get_default_device()
-    threads, gradients = torch.get_num_threads(), torch.is_grad_enabled()
-    exact, precision = torch.get_deterministic_debug_mode(), torch.get_float32_matmul_precision()
+    folder = os.getcwd()
+    dtype = torch.get_default_dtype()
+    device = torch.get_default_device()
+    threads = torch.get_num_threads()
+    gradients = torch.is_grad_enabled()
+    exact = torch.get_deterministic_debug_mode()
+    precision = torch.get_float32_matmul_precision()
     complaints = np.geterr()
-    drawn = torch.get_rng_state(), np.random.get_state(), random.getstate()
+    drawn_by_torch = torch.get_rng_state()
+    drawn_by_numpy = np.random.get_state()
+    drawn_by_python = random.getstate()
     try:
         yield
     finally:
@@ -39,6 +45,6 @@ def restored_process_state() -> Iterator[None]:
         torch.set_deterministic_debug_mode(exact)  # the other setter imports the compiler
         torch.set_float32_matmul_precision(precision)
         np.seterr(**complaints)
-        torch.set_rng_state(drawn[0])
-        np.random.set_state(drawn[1])
-        random.setstate(drawn[2])
+        torch.set_rng_state(drawn_by_torch)
+        np.random.set_state(drawn_by_numpy)
+        random.setstate(drawn_by_python)

@@ -127,7 +127,7 @@ class Scorer:
         pairs of the ABRDFs' error.
         """
         step = max(1, _BLOCK_TEXELS // (self.btf.shape[0] * self.btf.shape[1]))
-        waiting: deque[Future] = deque()
+        waiting: deque[Future[Any]] = deque()
         with ThreadPoolExecutor(self.threads) as pool:
             try:
                 for start in range(0, len(pairs), step):
@@ -157,7 +157,7 @@ class Scorer:
         abrdf = LogPSNR().compare(reference.log1p, picture).sum(0)
         return block, reference, (means, reference.radiance, abrdf)
 
-    def _finish(self, future: Future) -> tuple[dict[str, Array], Array, Array]:
+    def _finish(self, future: Future[Any]) -> tuple[dict[str, Array], Array, Array]:
         """The result of a stack, whose reference is kept for later codecs if there is room for it."""
         block, reference, result = future.result()
         if block not in self._cached and self._cached_bytes + reference.bytes <= self.cache_bytes:

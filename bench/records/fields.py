@@ -32,8 +32,9 @@ _CHOSEN = ("codec", "settings", "psnr", "worst", "flip", "of_limit", "fastest", 
 def field_kind(hint: Any) -> Kind:
     """The kind of values that a type describes."""
     marks = getattr(hint, "__metadata__", ())
-    if known := next((mark for mark in marks if isinstance(mark, Kind)), None):
-        return known
+    for mark in marks:
+        if isinstance(mark, Kind):
+            return mark
     if marks or get_origin(hint) in (Required, NotRequired):
         return field_kind(get_args(hint)[0])
     if is_typeddict(hint):
@@ -64,11 +65,15 @@ def fault(record: Mapping[str, Any]) -> str:
 
 def fault_of_trade(trade: Mapping[str, Any]) -> str:
     """The same for the measurements of `neubtf-bench trade`."""
-    if wrong := fault_of(Trade, trade):
+    wrong = fault_of(Trade, trade)
+    if wrong:
         return wrong
     for row in trade["choices"]:
-        needed = () if "error" in row else (*_TIMED, *(_CHOSEN if "bytes" in row else ()))
-        if wrong := kinds.missing(row, needed, f"choices/{row['label']:.60}"):
+        if "error" in row:
+            continue
+        needed = (*_TIMED, *_CHOSEN) if "bytes" in row else _TIMED
+        wrong = kinds.missing(row, needed, f"choices/{row['label']:.60}")
+        if wrong:
             return wrong
     return ""
 
@@ -85,9 +90,13 @@ def kept(record: Kept, use: Use) -> Kept:
 
 
 def _shortened(kind: Kind, value: Any, use: Use) -> Any:
+    """A value without what the use does not keep; an object none of whose fields says a use stays whole."""
     if isinstance(kind, Each) and isinstance(value, dict):
         return {name: _shortened(kind.item, item, use) for name, item in value.items()}
-    if not isinstance(kind, Fields) or not isinstance(value, dict) or not (names := field_names(use, kind.described)):
+    if not isinstance(kind, Fields) or not isinstance(value, dict):
+        return value
+    names = field_names(use, kind.described)
+    if not names:
         return value
     return {name: _shortened(kind.known[name], value[name], use) for name in names if name in value}
 
@@ -95,13 +104,17 @@ def _shortened(kind: Kind, value: Any, use: Use) -> Any:
 @cache
 def field_names(use: Use, described: Any = Job) -> tuple[str, ...]:
     """The names of the fields of a use, by default those of a job."""
-    return tuple(name for name, marks in _marks(described) if any(isinstance(m, Use) and use & m for m in marks))
+    names: dict[str, None] = {}
+    for name, mark in _marks(described):
+        if isinstance(mark, Use) and use & mark:
+            names[name] = None
+    return tuple(names)
 
 
 @cache
 def shown_columns() -> dict[str, Shown]:
     """The columns of the fields of a job, by the path of the field."""
-    return {path: mark for path, marks in _marks(Job) for mark in marks if isinstance(mark, Shown)}
+    return {path: mark for path, mark in _marks(Job) if isinstance(mark, Shown)}
 
 
 def require(job: Job, by: Literal["comparison", "tables", "verification"], folder: Path) -> None:
@@ -116,16 +129,21 @@ def require(job: Job, by: Literal["comparison", "tables", "verification"], folde
 
 @cache
 def _needed(by: str) -> list[str]:
-    needs = [(name, mark) for name, marks in _marks(Job) for mark in marks if isinstance(mark, Needed)]
-    return [path for name, mark in needs if mark.by == by for path in (name, *(f"{name}/{key}" for key in mark.keys))]
+    """The paths of the fields that a use of jobs needs."""
+    paths = []
+    for name, mark in _marks(Job):
+        if isinstance(mark, Needed) and mark.by == by:
+            paths += [name, *(f"{name}/{key}" for key in mark.keys)]
+    return paths
 
 
-def _marks(described: Any) -> Iterator[tuple[str, tuple[Any, ...]]]:
-    """The description of each field of a class, and of nested fields."""
+def _marks(described: Any) -> Iterator[tuple[str, Any]]:
+    """The fields of a class, each with each mark that describes it."""
     for name, hint in get_type_hints(described, include_extras=True).items():
         while get_origin(hint) in (Required, NotRequired):
             hint = get_args(hint)[0]
-        yield name, getattr(hint, "__metadata__", ())
+        for mark in getattr(hint, "__metadata__", ()):
+            yield name, mark
 
 
 FIELDS = {

@@ -89,7 +89,10 @@ ANYTHING = Plain("", lambda value: True)
 
 def missing(value: Mapping[str, Any], needed: tuple[str, ...], place: str = "") -> str:
     """The first needed field that is missing, in words; "" if none is."""
-    return next((f"{place}/{name} is missing".lstrip("/") for name in needed if name not in value), "")
+    for name in needed:
+        if name not in value:
+            return f"{place}/{name} is missing".lstrip("/")
+    return ""
 
 
 def fault_of(kind: Kind, value: Any, place: str = "", depth: int = 0) -> str:
@@ -102,26 +105,35 @@ def fault_of(kind: Kind, value: Any, place: str = "", depth: int = 0) -> str:
     elif depth > DEEPEST:
         wrong = "is nested too deeply"
     elif isinstance(kind, Several) and (not isinstance(value, list) or kind.length not in (None, len(value))):
-        wrong = f"must be a list{f' of {kind.length}' if kind.length else ''}, not {_shown(value)}"
+        length = f" of {kind.length}" if kind.length else ""
+        wrong = f"must be a list{length}, not {_shown(value)}"
     elif isinstance(kind, Each | Fields) and not isinstance(value, dict):
         wrong = f"must be an object, not {_shown(value)}"
     elif isinstance(value, dict):
-        if isinstance(kind, Fields) and (absent := missing(value, kind.needed, place)):
+        absent = missing(value, kind.needed, place) if isinstance(kind, Fields) else ""
+        if absent:
             return absent
         for name, item in value.items():
             each = known.get(name, others)
             if each.__class__ is Plain and each is not ANYTHING and each.test(item):
                 continue  # the common case, tested thousands of times a run
-            if fault := fault_of(each, item, f"{place}/{name:.60}", depth + 1):
+            fault = fault_of(each, item, f"{place}/{name:.60}", depth + 1)
+            if fault:
                 return fault
     elif isinstance(value, list):
-        return next((fault for item in value if (fault := fault_of(others, item, place, depth + 1))), "")
+        for item in value:
+            fault = fault_of(others, item, place, depth + 1)
+            if fault:
+                return fault
     elif value is not None:
         return fault_of(SETTING, value, place, depth)
     return f"{place} {wrong}".lstrip("/ ") if wrong else ""
 
 
 def _shown(value: Any) -> str:
-    if isinstance(value, dict | list):
-        return f"{'an object' if isinstance(value, dict) else 'a list'} of {len(value)}"
+    """A value for a message; of an object or a list its size alone."""
+    if isinstance(value, dict):
+        return f"an object of {len(value)}"
+    if isinstance(value, list):
+        return f"a list of {len(value)}"
     return shown(value)

@@ -174,7 +174,10 @@ def load_run(folder: str | Path) -> Run:
                     run.unreadable.append(number)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    run.jobs.arrange(name for start in run.starts for name in start.get("jobs", []))
+    planned: list[str] = []
+    for start in run.starts:
+        planned += start.get("jobs", [])
+    run.jobs.arrange(planned)
     return run
 
 
@@ -187,7 +190,9 @@ def load_together(
     result that are not `wanted` replace no other job. With `beside`, files of records come first, and a job of a folder
     that used other data than theirs stands beside theirs under another name, without its timing.
     """
-    paths = [path for source in sources for path in _files_of(Path(source))]
+    paths: list[Path] = []
+    for source in sources:
+        paths += _files_of(Path(source))
     if beside:
         paths.sort(key=lambda path: path.suffix != ".jsonl")
     runs = list(map(load_run, paths))
@@ -202,7 +207,8 @@ def load_together(
                 together.jobs.put((number, job["job"]), job)
                 continue
             known = together.job(job["job"]) or {}
-            mine, theirs = (each.get("score_key", {}).get("btf") for each in (job, known))
+            mine = job.get("score_key", {}).get("btf")
+            theirs = known.get("score_key", {}).get("btf")
             if mine and theirs and mine != theirs:
                 if beside and job["job"] in together.published and paths[number].suffix != ".jsonl":
                     aside.add(job["job"])
@@ -214,8 +220,9 @@ def load_together(
             together.jobs.put(job["job"], _with_whole_paths(job, run.folder.absolute()))
             if paths[number].suffix == ".jsonl":
                 together.published.add(job["job"])
-        for timing in (each for each in run.timings if each["job"] not in aside):
-            together.timings.put(timing["job"], timing)
+        for timing in run.timings:
+            if timing["job"] not in aside:
+                together.timings.put(timing["job"], timing)
         together.unreadable.extend(run.unreadable)
     return together
 
@@ -232,8 +239,9 @@ def _with_whole_paths(job: Job, folder: Path) -> Job:
 
 def _files_of(source: Path) -> list[Path]:
     """The runs of a folder: its own, or the files of records in it."""
-    one = source.suffix == ".jsonl" or (source / FILE).is_file()
-    return [source] if one else sorted(source.glob("*.jsonl")) or [source]
+    if source.suffix == ".jsonl" or (source / FILE).is_file():
+        return [source]
+    return sorted(source.glob("*.jsonl")) or [source]
 
 
 def load_trade(folder: Path) -> Trade | None:
@@ -249,11 +257,17 @@ def load_trade(folder: Path) -> Trade | None:
         raise InputError(f"{folder / TRADE}: cannot be read ({error}): remove it, and run trade again") from error
     if not isinstance(trade, dict) or trade.get("format") != TRADE_FORMAT:
         raise InputError(f"{folder / TRADE}: it does not have format {TRADE_FORMAT}: remove it, and run trade again")
-    if fault := fields.fault_of_trade(trade):
+    fault = fields.fault_of_trade(trade)
+    if fault:
         raise InputError(f"{folder / TRADE}: {fault}: remove it, and run trade again")
     run = load_run(folder)
-    keys = [(row, (run.job(row.get("job", "")) or {}).get("score_key", {})) for row in trade["choices"]]
-    return trade | {"choices": [row for row, key in keys if row.get("sha256", key.get("sha256")) == key.get("sha256")]}
+    choices = []
+    for row in trade["choices"]:
+        job = run.job(row.get("job", "")) or {}
+        recorded = job.get("score_key", {}).get("sha256")
+        if row.get("sha256", recorded) == recorded:
+            choices.append(row)
+    return trade | {"choices": choices}
 
 
 def _add_line(run: Run, line: Line) -> bool:
@@ -262,9 +276,14 @@ def _add_line(run: Run, line: Line) -> bool:
     sealed = _SEALED.match(text)
     if sealed and int(sealed[1], 16) != zlib.crc32(text[sealed.end() :].rstrip(b"\n")):
         return False
-    if sealed and (named := _NAMED.match(text)):
+    named = _NAMED.match(text) if sealed else None
+    if named:
         with suppress(ValueError):  # not a name
-            (run.jobs if named[1] == b"job" else run.timings).put(str(json.loads(named[2])), line)
+            name = str(json.loads(named[2]))
+            if named[1] == b"job":
+                run.jobs.put(name, line)
+            else:
+                run.timings.put(name, line)
             return True
     record = _record_of(line)
     match record.get("kind"):
@@ -291,8 +310,10 @@ def _record_of(line: Line) -> Record:
     if not isinstance(record, dict) or not isinstance(record.get("kind"), str):
         return _NO_RECORD
     record.pop("crc32", None)
-    if (kind := record.get("kind")) not in fields.FIELDS or (kind in ("job", "timing") and "job" not in record):
+    kind = record["kind"]
+    if kind not in fields.FIELDS or (kind in ("job", "timing") and "job" not in record):
         return _NO_RECORD
-    if fault := fields.fault(record):
+    fault = fields.fault(record)
+    if fault:
         raise InputError(f"{line.path}, line {line.number}: {fault}: mend the line or remove it")
     return cast(Record, record)

@@ -28,17 +28,23 @@ _LONGEST = 8  # a longer list does not become fields
 
 def scored_unlike(key: ScoreKey, other: ScoreKey) -> list[str]:
     """Why no numbers of two jobs may be compared, by their score keys; empty if they may."""
-    reasons = ["other data (their fingerprint differs)"] if key.get("btf") != other.get("btf") else []
-    reasons += ["other held-out pairs"] if key.get("deciding") != other.get("deciding") else []
-    exposures = (each.get("exposure", 0.0) for each in (key, other))
-    return reasons + ([] if math.isclose(*exposures, rel_tol=SAME_EXPOSURE) else ["another exposure"])
+    reasons = []
+    if key.get("btf") != other.get("btf"):
+        reasons.append("other data (their fingerprint differs)")
+    if key.get("deciding") != other.get("deciding"):
+        reasons.append("other held-out pairs")
+    if not math.isclose(key.get("exposure", 0.0), other.get("exposure", 0.0), rel_tol=SAME_EXPOSURE):
+        reasons.append("another exposure")
+    return reasons
 
 
 def shown_label(job: Job) -> str:
     """The label of a job in tables: a codec with recipes gets "(our recipe)" for its default."""
     label = str(job.get("label", job["job"]))
-    ours = job.get("settings", {}).get("recipe") == "ours" and "recipe=" not in label
-    return " ".join([*label.split()[:1], "(our recipe)", *label.split()[1:]]) if ours else label
+    if job.get("settings", {}).get("recipe") != "ours" or "recipe=" in label:
+        return label
+    words = label.split()
+    return " ".join([*words[:1], "(our recipe)", *words[1:]])
 
 
 KINDS = ("measured", "path-traced", "rendered")  # of surfaces, in the order of what a claim on them is worth
@@ -107,12 +113,15 @@ def flattened(job: Job, timing: Timing | None) -> Iterator[tuple[str, Any]]:
     Nothing is rounded. The fields that name the job (material, label, codec, seed, job, status) come first, settings as
     JSON. Short lists of numbers become fields `…/0`, `…/1`; longer lists are left out.
     """
-    yield from ((name, job.get(name)) for name in _HEAD)
+    for name in _HEAD:
+        yield name, job.get(name)
     settings = job.get("settings", job.get("fit_key", {}).get("settings"))  # a reference stores them only in its key
     yield "settings", None if settings is None else json.dumps(settings, sort_keys=True)
     score = job.get("score_key", {})
-    yield from ((name, score.get(name)) for name in ("btf", "exposure", "sha256"))
-    versions = {name: metric["version"] for name, metric in job.get("metrics", {}).items()} | score.get("metrics", {})
+    for name in ("btf", "exposure", "sha256"):
+        yield name, score.get(name)
+    versions = {name: metric["version"] for name, metric in job.get("metrics", {}).items()}
+    versions |= score.get("metrics", {})
     yield from _flat("metric_version/", versions, [])
     yield from zip(("height", "width"), job.get("shape", ()), strict=False)
     yield from _flat("", {name: value for name, value in job.items() if name not in field_names(APART)}, [])

@@ -67,7 +67,8 @@ def chosen(run: Run, codecs: list[str]) -> Run:
             if timing := run.timing(job):
                 part.timings.put(job["job"], timing)
     if not part.jobs:
-        raise InputError(f"{run.folder}: no job{' of ' + ' or '.join(codecs) if codecs else ''} has a result")
+        of_codecs = f" of {' or '.join(codecs)}" if codecs else ""
+        raise InputError(f"{run.folder}: no job{of_codecs} has a result")
     if not any("materials" in start for start in run.starts):
         raise InputError(f"{run.folder}: its records do not say how materials were prepared: run the suite again")
     return part
@@ -104,7 +105,8 @@ def unpack(path: Path, folder: Path) -> Run:
     """Unpack an archive into an empty folder. `InputError` says what is wrong with it."""
     try:
         files = ZipFiles(path)
-        if foreign := next((name for name in files.entries if not _belongs(name)), ""):
+        foreign = next((name for name in files.entries if not _belongs(name)), "")
+        if foreign:
             raise InputError(f"{path}: {foreign!r} does not belong in an archive of results")
         most = min(MOST_BYTES, max(LEAST_BYTES, RATIO * files.length))
         if sum(map(files.size, files.entries)) > most:
@@ -159,6 +161,7 @@ def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, st
 def _verified(
     job: Job, start: RunStart, folder: Path, out: Path, show: Progress, places: Mapping[str, str]
 ) -> Verified:
+    """The verdict on one job; what does not match its record, or is not here, is never opened or decoded."""
     name = job["job"]
     if job["status"] != "ok":
         return Verified(name, NOT_VERIFIED, f"no result was submitted: {job.get('error', '')}")
@@ -200,8 +203,8 @@ def _material(job: Job, start: RunStart, places: Mapping[str, str]) -> MaterialS
 
 def _other_data(job: Job, spec: MaterialSpec, data: Preparation) -> str:
     """Why the data of a job are not prepared: they differ, or are too large to be baked for an unverified archive."""
-    kind, draw = kind_of(spec), draw_of(spec, data, int(job["seed"]))
-    known = kind.outline(spec, data, draw)
+    kind = kind_of(spec)
+    known = kind.outline(spec, data, draw_of(spec, data, int(job["seed"])))
     if known is not None:
         return "" if known.fingerprint == job["score_key"]["btf"] else _OTHER.format(spec.name)
     needed = kind.bytes_made(spec, data)
@@ -209,6 +212,7 @@ def _other_data(job: Job, spec: MaterialSpec, data: Preparation) -> str:
 
 
 def _judged(job: Job, workbench: Workbench, folder: Path, out: Path, show: Progress, split: str) -> Verified:
+    """Score the file of a job here, write the record, and compare it with what the job claims."""
     file = folder / "files" / Path(job["file"]).name
     loaded = loading.load(file)
     header = loaded.header
@@ -231,8 +235,10 @@ def _judged(job: Job, workbench: Workbench, folder: Path, out: Path, show: Progr
     atomic.write(out / record["file"], file.read_bytes())
     reasons = list(differences(job, record))
     records.append(out, record)
-    more = f" and {len(reasons) - SHOWN} more" if len(reasons) > SHOWN else ""
-    return Verified(job["job"], DIFFERS if reasons else AGREES, "; ".join(reasons[:SHOWN]) + more, record)
+    why = "; ".join(reasons[:SHOWN])
+    if len(reasons) > SHOWN:
+        why += f" and {len(reasons) - SHOWN} more"
+    return Verified(job["job"], DIFFERS if reasons else AGREES, why, record)
 
 
 def differences(claimed: Job, here: Job) -> Iterator[str]:
@@ -243,6 +249,7 @@ def differences(claimed: Job, here: Job) -> Iterator[str]:
 
 
 def _unlike(place: str, claimed: Any, measured: Any) -> Iterator[str]:
+    """Where a measured value differs from the claimed one by more than machines differ, in words."""
     if isinstance(claimed, dict) and isinstance(measured, dict):
         for name, value in claimed.items():
             if place in ("scores", "pairs") and name in ("scene", SCENE_HELDOUT, OUTSIDE):
@@ -275,5 +282,6 @@ def misnamed(claimed: Job, header: Header) -> Iterator[str]:
         yield f"label is {label!r}, but the file's codec and settings have another label"
     if not curve.startswith(called) or not {*curve.removeprefix(called).split()} <= {*words}:
         yield f"curve is {curve!r}, which does not belong to the label"
-    if (name := f"{claimed['material']}/{label}/{claimed['seed']}") != claimed["job"]:
+    name = f"{claimed['material']}/{label}/{claimed['seed']}"
+    if name != claimed["job"]:
         yield f"job is {claimed['job']!r}, not {name!r}"

@@ -51,7 +51,8 @@ def sparse_truth(btf: BTF) -> Program | None:
     layout = train.layout
     if layout.grid is None:
         return _interpolated(thinned(train, count * count), silent)
-    views, lights = (thin(each, min(count, len(each))) for each in (layout.views, layout.lights))
+    views = thin(layout.views, min(count, len(layout.views)))
+    lights = thin(layout.lights, min(count, len(layout.lights)))
     chosen = np.flatnonzero(np.isin(layout.view, views) & np.isin(layout.light, lights))
     return _interpolated(train.subset(chosen), silent)
 

@@ -37,14 +37,19 @@ class Estimate:
 
     def __init__(self, efforts: Mapping[str, Effort], holds: Iterable[str], at_once: int = 1, then: str = ""):
         self.then = then
-        self.efforts, self.waiting, self.holds = efforts, set(efforts), set(holds)
-        self.total, self.at_once, self.last = len(self.waiting), max(1, at_once), time.monotonic()
+        self.efforts = efforts
+        self.waiting = set(efforts)
+        self.holds = set(holds)
+        self.total = len(self.waiting)
+        self.at_once = max(1, at_once)
+        self.last = time.monotonic()  # when the latest job ended
         self.seconds: defaultdict[str, float] = defaultdict(float)  # by codec, of the jobs that were fitted
         self.steps: defaultdict[str, int] = defaultdict(int)  # of the same jobs
 
     def ended(self, record: Job, cached: str) -> None:
         """Count a job that ended, given its record and what was reused for it."""
-        name, now = record["job"], time.monotonic()
+        name = record["job"]
+        now = time.monotonic()
         self.waiting.discard(name)
         if record["status"] == "ok" and not cached:
             effort = self.efforts[name]
@@ -57,7 +62,8 @@ class Estimate:
     @property
     def first(self) -> str:
         """The message before the run starts."""
-        jobs, left = f"{self.total} job" + "s" * (self.total != 1), len(self.waiting - self.holds)
+        jobs = f"{self.total} job" + "s" * (self.total != 1)
+        left = len(self.waiting - self.holds)
         recorded = f", {len(self.holds)} of them recorded" if self.holds else ""
         if not left:
             return f"{jobs}, all recorded; what changed since is done again"
@@ -78,8 +84,10 @@ class Estimate:
     @property
     def progress(self) -> str:
         """How many jobs have ended, and the time left."""
-        parts = [f"{self.total - len(self.waiting)} of {self.total} job" + "s" * (self.total != 1), self.left]
-        ended = ", ".join(filter(None, parts))
+        ended = f"{self.total - len(self.waiting)} of {self.total} job" + "s" * (self.total != 1)
+        left = self.left
+        if left:
+            ended += f", {left}"
         return self._and_then(ended) if self.waiting else ended
 
     def _and_then(self, text: str) -> str:
@@ -91,4 +99,6 @@ def duration(seconds: float) -> str:
     if seconds <= 30:
         return "half a minute"
     hours, rest = divmod(max(1, round(seconds / 60)), 60)
-    return f"{hours} h {rest} min" if hours and rest else f"{hours} h" if hours else f"{rest} min"
+    if not hours:
+        return f"{rest} min"
+    return f"{hours} h {rest} min" if rest else f"{hours} h"

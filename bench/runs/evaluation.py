@@ -194,7 +194,8 @@ def _slices(workbench: Workbench, scores: scoring.Scores, coarse: dict[int, np.n
     where none was measured."""
     heldout = np.isin(scores.pairs, workbench.groups.get("heldout", []))
     arrays = {"pairs": scores.pairs, "heldout": heldout, "abrdf": scores.abrdf} | scores.raw
-    arrays |= {f"{w}_deg": np.stack(to_degrees(getattr(workbench.btf, w)[scores.pairs]), 1) for w in ("wo", "wi")}
+    arrays["wo_deg"] = np.stack(to_degrees(workbench.btf.wo[scores.pairs]), 1)
+    arrays["wi_deg"] = np.stack(to_degrees(workbench.btf.wi[scores.pairs]), 1)
     decides = np.isin(workbench.scored, workbench.deciding)
     for factor, raw in coarse.items():
         arrays[f"footprint_{factor}"] = np.full(len(decides), np.nan)
@@ -207,10 +208,14 @@ def _pictures(workbench: Workbench, decoder: Slices) -> dict[str, np.ndarray]:
     of them a contact sheet holds."""
     truth = np.stack([workbench.btf[i] for i in workbench.shown])
     decoded = np.stack([decoder.slice(i) for i in workbench.shown])
-    eight = [np.round(to_display(x, workbench.exposure) * 255).astype(np.uint8) for x in (truth, decoded)]
-    angles = [np.stack(to_degrees(w[workbench.shown]), 1) for w in (workbench.btf.wo, workbench.btf.wi)]
-    pictures = {"truth": eight[0], "decoded": eight[1], "wo_deg": angles[0], "wi_deg": angles[1]}
-    pictures |= {"pairs": workbench.shown, "sheet": np.isin(workbench.shown, workbench.sheet)}
+    pictures = {
+        "truth": np.round(to_display(truth, workbench.exposure) * 255).astype(np.uint8),
+        "decoded": np.round(to_display(decoded, workbench.exposure) * 255).astype(np.uint8),
+        "wo_deg": np.stack(to_degrees(workbench.btf.wo[workbench.shown]), 1),
+        "wi_deg": np.stack(to_degrees(workbench.btf.wi[workbench.shown]), 1),
+        "pairs": workbench.shown,
+        "sheet": np.isin(workbench.shown, workbench.sheet),
+    }
     flip = workbench.scorer.metrics.get(metric_of(workbench.scorer.names, FLIP))
     if flip and min(workbench.btf.shape) >= flip.smallest:
         error = flip.error_map(flip.prepare(truth, workbench.exposure), np.maximum(decoded, 0))

@@ -192,6 +192,7 @@ class Processes(Executor):
         return next(iter(workers.values()), None)
 
     def _end(self, seat: int, wait: bool) -> None:
+        """End the worker of a seat; its process ends when its pipe, the leash, is closed."""
         if entry := self.pools.pop(seat, None):
             pool, leash, told = entry
             leash.close()

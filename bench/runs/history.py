@@ -26,22 +26,30 @@ def load_runs(paths: str | PathLike[str] | Iterable[str | PathLike[str]]) -> pd.
         if run.unreadable:
             lines = ", ".join(map(str, run.unreadable))
             warnings.warn(f"{path}: {len(run.unreadable)} line(s) could not be read: {lines}", stacklevel=2)
-    frame = pd.DataFrame([dict(_fields(path, run, job)) for path, run in runs.items() for job in run.jobs])
+    rows = []
+    for path, run in runs.items():
+        rows += [dict(_fields(path, run, job)) for job in run.jobs]
+    frame = pd.DataFrame(rows)
     if "started" in frame:
         frame["started"] = pd.to_datetime(frame["started"], format=_STARTED, utc=True, errors="coerce")
     return frame
 
 
 def _fields(path: str, run: Run, job: Job) -> Iterator[tuple[str, Any]]:
+    """The columns of a job: the run, the machine, its record and timing, its fit."""
     starts = [start for start in run.starts if start.get("run") == job.get("run")]
     start = starts[0] if starts else RunStart()
     packages = start.get("packages", {})
     fit = job.get("fit_key", FitKey())
     yield "folder", path
     yield "started", job.get("run")
-    yield from ((name, start.get(name)) for name in ("suite", "git"))
+    yield "suite", start.get("suite")
+    yield "git", start.get("git")
     yield "processor", start.get("machine", {}).get("processor")
-    yield from ((f"package/{name}", version) for name, version in packages.items())
+    for name, version in packages.items():
+        yield f"package/{name}", version
     yield from flattened(job, run.timing(job))
     yield "codec_version", fit.get("version")
-    yield from ((name, fit.get(name)) for name in ("training", "device", "threads"))
+    yield "training", fit.get("training")
+    yield "device", fit.get("device")
+    yield "threads", fit.get("threads")

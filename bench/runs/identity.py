@@ -31,17 +31,27 @@ _distributions = cache(packages_distributions)
 def identity(codec: Codec, *more: str) -> FitKey:
     """`code`, a hash of the source that a fit of this codec runs and of `more` modules, and `libraries`, the versions
     of what it imports."""
-    kinds = (type(codec), *([codec.network] if codec.network else []))
-    roots = {kind.__module__ for each in kinds for kind in each.__mro__ if kind is not object}
-    return _identity(frozenset(roots | set(ALWAYS) | set(more) | set(OF_SCENES if codec.scene else ())))
+    classes = list(type(codec).__mro__)
+    if codec.network:
+        classes += codec.network.__mro__
+    roots = {each.__module__ for each in classes if each is not object}
+    roots |= {*ALWAYS, *more}
+    if codec.scene:
+        roots.update(OF_SCENES)
+    return _identity(frozenset(roots))
 
 
 @cache
 def _identity(roots: frozenset[str]) -> FitKey:
+    """The same for the modules that roots import, of the packages of the roots and of the suite."""
     own = {root.partition(".")[0] for root in roots} | {"bench"}
     sources, libraries = _reached(roots, own)
     lines = "\n".join(f"{name} {digest}" for name, digest in sorted(sources.items()))
-    versions: dict[str, str | None] = {name: number for name in sorted(libraries) if (number := _version(name))}
+    versions: dict[str, str | None] = {}
+    for name in sorted(libraries):
+        number = _version(name)
+        if number:
+            versions[name] = number
     return {"code": hashlib.sha256(lines.encode()).hexdigest(), "libraries": versions}
 
 
@@ -55,15 +65,29 @@ def _reached(roots: Iterable[str], own: set[str]) -> tuple[dict[str, str], set[s
         top = name.partition(".")[0]
         if name in sources or top in sys.stdlib_module_names:
             continue
-        if top not in own and ((file := _top_file(top)) is None or INSTALLED & set(file.parts)):
+        if top not in own and _is_library(top):
             libraries.add(top)
-        elif path := _file(name):
-            sources[name], imported, by_name = _source(path, name)
-            waiting += imported
-            waiting += [name.rpartition(".")[0]] if "." in name else []  # a package runs before its modules
-            waiting += _everything_in(top) if by_name and top != "bench" else []
-    # Code typed into a shell has no source. It gets a new digest in each process, so its files are never reused.
-    return sources | {root: str(uuid.uuid4()) for root in roots if root not in sources}, libraries
+            continue
+        path = _file(name)
+        if path is None:
+            continue
+        sources[name], imported, by_name = _source(path, name)
+        waiting += imported
+        if "." in name:
+            waiting.append(name.rpartition(".")[0])  # a package runs before its modules
+        if by_name and top != "bench":
+            waiting += _everything_in(top)
+    for root in roots:
+        if root not in sources:
+            # Code typed into a shell has no source. A new digest in each process: its files are never reused.
+            sources[root] = str(uuid.uuid4())
+    return sources, libraries
+
+
+def _is_library(top: str) -> bool:
+    """Whether a top-level package is an installed distribution, or has no file."""
+    file = _top_file(top)
+    return file is None or bool(INSTALLED & set(file.parts))
 
 
 @cache
@@ -75,13 +99,19 @@ def _source(path: Path, module: str) -> tuple[str, tuple[str, ...], bool]:
     except (SyntaxError, ValueError):  # compiled
         return hashlib.sha256(content).hexdigest(), (), False
     nodes = list(ast.walk(tree))  # once: walking is what takes the time
-    calls = (node.func for node in nodes if isinstance(node, ast.Call))
-    by_name = {f.attr if isinstance(f, ast.Attribute) else getattr(f, "id", "") for f in calls} & BY_NAME
+    by_name = any(isinstance(node, ast.Call) and _called(node) in BY_NAME for node in nodes)
     imported = tuple(_imported(nodes, module, path))
     for node in nodes:
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             node.body = node.body[ast.get_docstring(node, clean=False) is not None :]
-    return hashlib.sha256(ast.dump(tree).encode()).hexdigest(), imported, bool(by_name)
+    return hashlib.sha256(ast.dump(tree).encode()).hexdigest(), imported, by_name
+
+
+def _called(call: ast.Call) -> str:
+    """The name of the called function or method; "" if it has none."""
+    if isinstance(call.func, ast.Attribute):
+        return call.func.attr
+    return call.func.id if isinstance(call.func, ast.Name) else ""
 
 
 @cache
@@ -91,7 +121,8 @@ def _file(module: str) -> Path | None:
     if loaded:
         return Path(loaded)
     top, *parts = module.split(".")
-    if (top_file := _top_file(top)) is None:
+    top_file = _top_file(top)
+    if top_file is None:
         return None
     inside = top_file.parent.joinpath(*parts)
     endings = (".py", "/__init__.py", *EXTENSION_SUFFIXES)
@@ -117,17 +148,27 @@ def _imported(nodes: list[ast.AST], module: str, path: Path) -> Iterator[str]:
     """The modules that a module may import anywhere in its source, except those that only a type checker sees."""
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
     typed = [node for node in nodes if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)]
-    unseen = {id(inner) for node in typed if not node.orelse for inner in ast.walk(node)}
+    unseen: set[int] = set()
+    for guard in typed:
+        if not guard.orelse:
+            unseen.update(id(inner) for inner in ast.walk(guard))
     for node in nodes:
         if id(node) in unseen:
             continue
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            for alias in node.names:
+                yield alias.name
         elif isinstance(node, ast.ImportFrom):
-            parents = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
-            base = ".".join([*parents, *([node.module] if node.module else [])])
+            parts: list[str] = []
+            if node.level:  # one dot is the package itself
+                names = package.split(".")
+                parts += names[: len(names) - node.level + 1]
+            if node.module:
+                parts.append(node.module)
+            base = ".".join(parts)
             yield base
-            yield from (f"{base}.{alias.name}" for alias in node.names)
+            for alias in node.names:
+                yield f"{base}.{alias.name}"
 
 
 def _everything_in(top: str) -> Iterator[str]:

@@ -162,6 +162,7 @@ class Attempt:
             return self._failed(error)
 
     def _failed(self, error: BaseException) -> Outcome:
+        """The record of a job that an error ended."""
         more: Job = {"traceback": "".join(traceback.format_exception(error)), "machine": machine()}
         try:
             self.checkpoint.unlink(missing_ok=True)  # before the next try, the code that wrote it may be fixed
@@ -175,7 +176,8 @@ class Attempt:
         return failed(self.task, text, more)
 
     def _outcome(self, earlier: Job) -> Outcome:
-        if earlier.get("status") == "failed" and earlier.get("fit_key", self.fit_key) == self.fit_key:
+        """The record of an earlier run if it still holds; else a new one, of an earlier run's file or of a new fit."""
+        if earlier.get("status") == "failed" and self._would_fail_again(earlier):
             return Outcome(earlier, "record")
         header, fit = self._file()
         key = score_key(self.workbench, header)
@@ -187,7 +189,12 @@ class Attempt:
         record |= self._scored(header)
         return Outcome(record, "file" if fit["fit_cached"] else "")
 
+    def _would_fail_again(self, earlier: Job) -> bool:
+        """Whether nothing that a failed job depends on has changed. A codec that could not be made has no key."""
+        return "fit_key" not in earlier or earlier["fit_key"] == self.fit_key
+
     def _scored(self, header: container.Header) -> Job:
+        """What scoring the file adds to the record; of the first seed also what a page draws."""
         file = loading.load(header.path, self.task.device, self.network)
         scores = evaluate(self.workbench, file, self.task.threads, self.keep, self.show)
         if self.task.repetition:  # only the first seed has pictures
@@ -207,8 +214,10 @@ class Attempt:
     def _file(self) -> tuple[container.Header, Job]:
         """The codec file and the facts of its fit: from an earlier run with the same key, else encoded now."""
         path = self.task.folder / self.file
-        if not self.task.fresh and path.exists() and (stored := self._stored(path)):
-            return stored
+        if not self.task.fresh and path.exists():
+            stored = self._stored(path)
+            if stored:
+                return stored
         header, facts = self._fit(path)
         self.keep(str(Path(self.file).with_suffix(FACTS)), dict(facts))  # a file without its facts is never reused
         self.checkpoint.unlink(missing_ok=True)
@@ -217,8 +226,10 @@ class Attempt:
     def _stored(self, path: Path) -> tuple[container.Header, Job] | None:
         """An existing codec file and the facts of its fit; None, with a warning, if it is not from this job."""
         try:
-            header, facts = container.read_header(path), json.loads(path.with_suffix(FACTS).read_text("utf-8"))
-            if fault := fields.fault_of(Facts, facts):
+            header = container.read_header(path)
+            facts = json.loads(path.with_suffix(FACTS).read_text("utf-8"))
+            fault = fields.fault_of(Facts, facts)
+            if fault:
                 raise ValueError(f"{path.with_suffix(FACTS)}: {fault}")
             same = facts["fit_key"] == json.loads(json.dumps(self.fit_key))
         except (ContainerError, OSError, ValueError, RecursionError) as error:
@@ -276,6 +287,7 @@ def keep(folder: Path, name: str, content: dict[str, Any]) -> str:
 
 
 def _raise_where_no_job_can_help(error: BaseException) -> None:
+    """Raise `InputError` if a disk is full or may not be written: each further job would fail alike."""
     if not isinstance(error, OSError):
         return
     denied = error.errno in (errno.EACCES, errno.EPERM)

@@ -85,7 +85,8 @@ def encode(
     network = shared.find_for(instance)
     train = btf.subset(btf.split().train)
     refuse_extremes(train)
-    if text := negative(np.stack(list(some_slices(train)))):
+    text = negative(np.stack(list(some_slices(train))))
+    if text:
         log.warning("%s: %s", btf.name, text)
     container.refuse_other_file(Path(out))
     fit = new_fit(instance, train, seed, network, device=device, threads=threads, show=show)
@@ -206,8 +207,8 @@ def _shown(value: object) -> str:
 def _material(decoded: str | Path | Material | BTF, btf: BTF) -> tuple[str, Material]:
     """The name and the material of data decoded elsewhere."""
     if isinstance(decoded, Material):
-        name, size = type(decoded).__name__, decoded.size
-        _same_size(name, size, btf)
+        name = type(decoded).__name__
+        _same_size(name, decoded.size, btf)
         return name, decoded
     slices = decoded if isinstance(decoded, BTF) else open_btf(decoded)
     _same_size(slices.name, slices.shape, btf)
@@ -215,8 +216,10 @@ def _material(decoded: str | Path | Material | BTF, btf: BTF) -> tuple[str, Mate
 
 
 def _same_size(name: str, size: tuple[int, int], btf: BTF) -> None:
+    """Raise `InputError` unless what was decoded has the texels of the BTF."""
     if size != btf.shape:
-        decoded, wanted = (" × ".join(map(str, sides)) for sides in (size, btf.shape))
+        decoded = " × ".join(map(str, size))
+        wanted = " × ".join(map(str, btf.shape))
         raise InputError(
             f"{name}: it decodes to {decoded} texels, but {btf.name} has {wanted}: open the BTF as it was encoded"
         )

@@ -129,6 +129,7 @@ def _holder(path: Path) -> dict[str, Any]:
 
 
 def _runs(process: int) -> bool:
+    """Whether a process of this machine still runs, perhaps one of another user."""
     try:
         os.kill(process, 0)
     except OSError as error:

@@ -43,7 +43,8 @@ def codec_revision(name: str) -> str | None:
     if path is None:
         return None
     folder = path if path.is_dir() else path.parent
-    repository, suite = (_git(place, "rev-parse", "--show-toplevel") for place in (folder, Path(__file__).parent))
+    repository = _git(folder, "rev-parse", "--show-toplevel")
+    suite = _git(Path(__file__).parent, "rev-parse", "--show-toplevel")
     tracked = _git(folder, "ls-files", "--", str(path))
     return _revision_of(folder) if tracked and repository != suite else None
 

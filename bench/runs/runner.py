@@ -72,7 +72,8 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
             with _workers(suite, options)() as workers:
                 if workers.everywhere:
                     seen = workers.everywhere(lock.reaches, options.folder.absolute(), run_id)
-                    if blind := [worker for worker, reaches in seen.items() if not reaches]:
+                    blind = [worker for worker, reaches in seen.items() if not reaches]
+                    if blind:
                         raise lock.unseen(options.folder.absolute(), ", ".join(blind[:5]))
                 session = _Session(suite, options, run_id, networks, workers)
                 session.start()
@@ -84,7 +85,8 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
 
 def _make_codecs(suite: Suite) -> tuple[list[Codec], dict[str, str]]:
     """The codecs of a suite, and by label the errors of those that could not be made, whose jobs fail."""
-    codecs, faults = [], {}
+    codecs = []
+    faults = {}
     for spec in suite.codecs:
         try:
             codec = make_codec(spec.codec, spec.settings)
@@ -99,8 +101,10 @@ def _make_codecs(suite: Suite) -> tuple[list[Codec], dict[str, str]]:
 
 def _workers(suite: Suite, options: Options) -> Seats:
     """By default this process, or a worker process if a codec of another distribution might crash."""
+    if options.workers:
+        return options.workers
     outside = any(from_outside(spec.codec) for spec in suite.codecs)
-    return options.workers or (partial(processes, 1, suite.threads) if outside else in_process)
+    return partial(processes, 1, suite.threads) if outside else in_process
 
 
 def _networks(codecs: list[Codec], folder: Path) -> dict[str, str]:
@@ -133,18 +137,27 @@ class _Session:
     """A run in progress: its jobs, with their records from before, and the finished jobs."""
 
     def __init__(self, suite: Suite, options: Options, run_id: str, networks: dict[str, str], workers: Workers):
-        self.suite, self.options, self.run_id, self.networks, self.workers = suite, options, run_id, networks, workers
+        self.suite = suite
+        self.options = options
+        self.run_id = run_id
+        self.networks = networks
+        self.workers = workers
         self.before = records.load_run(options.folder) if (options.folder / records.FILE).exists() else Run(Path())
-        if bad := self.before.unreadable:
-            lines = ", ".join(map(str, bad[:10])) + (", …" if len(bad) > 10 else "")
+        bad = self.before.unreadable
+        if bad:
+            lines = ", ".join(map(str, bad[:10]))
+            if len(bad) > 10:
+                lines += ", …"
             path = options.folder / records.FILE
             log.warning("%s: skipped %d line(s) that are not records: %s", path, len(bad), lines)
         self.tasks = [self._task(*cell) for cell in suite.cells]  # in the order of the suite
         self.done: dict[str, Job] = {}  # jobs that have a file, by name
 
     def _task(self, material: MaterialSpec, codec: CodecSpec, repetition: int) -> Task:
+        """The task of one cell of the suite, with absolute paths: a worker may have another working directory."""
         suite, options = self.suite, self.options
-        if (place := Path(material.path)).exists() and material.path:  # a worker may have another working directory
+        place = Path(material.path)
+        if material.path and place.exists():
             material = dataclasses.replace(material, path=str(place.absolute()))
         task = Task(
             run=self.run_id,
@@ -289,8 +302,14 @@ def measured(folder: Path, jobs: list[Job], device: str, threads: int, show: Pro
         material = unreported(recorded(folder, job, device))
         if not material.opaque:
             materials[job["job"]] = material
-    ones = {name + ONE_TEXEL: one for name, each in materials.items() if (one := each.at_one_texel())}
-    found = timing.time_materials(materials | ones, threads, show=show) if materials else {}
+    if not materials:
+        return []
+    ones = {}
+    for name, material in materials.items():
+        at_one_texel = material.at_one_texel()
+        if at_one_texel:
+            ones[name + ONE_TEXEL] = at_one_texel
+    found = timing.time_materials(materials | ones, threads, show=show)
     timed = []
     for name in materials:
         record: Timing = {"kind": "timing", "job": name}

@@ -107,18 +107,22 @@ class _Measuring:
         by_label = {spec.label: spec for spec in specs}
         surface = surfaces_of(self.suite)[:1]
         files = decoded(replace(self.suite, codecs=specs), surface, self.folder, str(self.device), self.show)
-        while not self.clock.over and (each := next(files, None)):
+        while not self.clock.over:
+            each = next(files, None)
+            if each is None:
+                return
             (_, label), material = each
             yield by_label[label], material
 
     def time(self, label: str, material: Material, batch: int) -> None:
         """Time a setting in each variant that is not done, each in turns with the others, and keep the records."""
         self.show(f"{label}: executions and precisions", len(self.found), len(self.suite.codecs))
-        names = {
-            f"{setting_name(label, material.cost.flops_per_sample)}/{variant}/{batch}": variant
-            for variant in _possible(material)
-        }
-        missing = {name: variant for name, variant in names.items() if name not in self.done}
+        setting = setting_name(label, material.cost.flops_per_sample)
+        missing = {}
+        for variant in _possible(material):
+            name = f"{setting}/{variant}/{batch}"
+            if name not in self.done:
+                missing[name] = variant
         queries = Queries(batch).draw(material.size, self.device)
         timed = self.compared(label, material, missing, queries)
         if not timed:
@@ -184,8 +188,12 @@ class _Measuring:
 
 def _possible(material: Material) -> list[Variant]:
     """The variants that this kind of device has; without a network those of whole materials alone."""
-    every = [Variant(execution, precision) for execution, each in PRECISIONS.items() for precision in each]
-    there = [v for v in every if exists_on(v, material.device) and _is_native(v.precision, material.device)]
+    there = []
+    for execution, precisions in PRECISIONS.items():
+        for precision in precisions:
+            variant = Variant(execution, precision)
+            if exists_on(variant, material.device) and _is_native(precision, material.device):
+                there.append(variant)
     if networks(material):
         return there
     return [variant for variant in there if variant.execution == "eager" or is_whole(variant, material.device)]
@@ -249,11 +257,12 @@ def _fits(suite: Suite, device: str, clock: Clock, done: set[str], show: Progres
             continue
         show(f"{spec.label}: steps of its fit", 0, 1)
         try:
-            seconds = [_fitted(spec, steps, train, device, suite.threads) for steps in (1, 1 + FIT_STEPS)]
+            short = _fitted(spec, 1, train, device, suite.threads)
+            long = _fitted(spec, 1 + FIT_STEPS, train, device, suite.threads)
         except InputError as error:
             log.warning("%s: its fit is not timed: %s", spec.label, error)
             continue
-        step = max(1.0, 1e9 * (seconds[1] - seconds[0]) / FIT_STEPS)  # ns
+        step = max(1.0, 1e9 * (long - short) / FIT_STEPS)  # ns
         row: Timing = {
             "kind": "timing",
             "job": name,

@@ -59,15 +59,21 @@ class CodecSpec:
     @property
     def curve(self) -> str:
         """The name of the rate–distortion curve of this job: its label without the swept settings."""
-        return _label(self.codec, {k: v for k, v in self.settings.items() if k not in self.swept or k == "scene"})
+        fixed = {key: value for key, value in self.settings.items() if key not in self.swept or key == "scene"}
+        return _label(self.codec, fixed)
 
 
 def _label(codec: str, settings: dict[str, Any]) -> str:
+    """The name of a codec with settings: `pca bits=8 components=4`."""
     if codec == COMMAND:  # command lines are not a useful name
         codec = settings.get("called", codec)
         settings = {key: value for key, value in settings.items() if key not in ("called", "encode", "decode")}
-    plain = {k: str(v).lower() if isinstance(v, bool) else str(v) for k, v in settings.items()}
-    return " ".join([codec, *(f"{k}={v}" for k, v in sorted(plain.items()))])
+    words = [codec]
+    for key in sorted(settings):
+        value = settings[key]
+        written = str(value).lower() if isinstance(value, bool) else str(value)
+        words.append(f"{key}={written}")
+    return " ".join(words)
 
 
 @dataclass(frozen=True)
@@ -155,7 +161,8 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
     """Parse a suite from TOML text; errors name it `file`. All is checked before anything is opened."""
     file = file or f"suite {name}"
     entries = parse_toml(file, text)
-    materials, codecs = (entries.pop(key, []) for key in ("materials", "codecs"))
+    materials = entries.pop("materials", [])
+    codecs = entries.pop("codecs", [])
     for key, value in (("materials", materials), ("codecs", codecs)):
         if not isinstance(value, list):
             raise InputError(f"{file}: {key} must be a list, not {shown(value)}")
@@ -166,13 +173,21 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
         codecs=tuple(_swept(f"{file}: codecs", codecs)),
         **fields(file, Suite, entries, without=("name", "text")),
     )
-    labels, names = [spec.label for spec in suite.codecs], [spec.name for spec in suite.materials]
-    if twice := next((name for each in (labels, names) for name, count in Counter(each).items() if count > 1), ""):
+    labels = [spec.label for spec in suite.codecs]
+    names = [spec.name for spec in suite.materials]
+    twice = _twice(labels) or _twice(names)
+    if twice:
         raise InputError(f"{file}: {twice!r} appears twice: give one of them another name, as {{name = …, path = …}}")
-    if foreign := {name for spec in suite.codecs for name in spec.materials} - {*names}:
+    foreign = set(itertools.chain.from_iterable(spec.materials for spec in suite.codecs)) - {*names}
+    if foreign:
         raise InputError(f"{file}: codecs.materials names {min(foreign)!r}, which is not a material of this suite")
     _check_jobs(file, len(names) * len(labels) * len(suite.seeds))
     return dataclasses.replace(suite, metrics=_metrics(f"{file}: metrics", suite.metrics))
+
+
+def _twice(names: Iterable[str]) -> str:
+    """The first name that is given more than once; "" if none is."""
+    return next((name for name, count in Counter(names).items() if count > 1), "")
 
 
 def _check_jobs(file: str, jobs: int) -> None:
@@ -206,8 +221,11 @@ def with_changes(
         chosen_materials = [known.get(name, named(name)) for name in materials]
         suite = dataclasses.replace(suite, materials=told_apart(chosen_materials), codecs=everywhere)
     if codecs:
-        chosen = [[spec for spec in suite.codecs if spec.codec == c] or [CodecSpec(c)] for c in codecs]
-        suite = dataclasses.replace(suite, codecs=tuple(itertools.chain(*chosen)))
+        chosen: list[CodecSpec] = []
+        for codec in codecs:
+            of_suite = [spec for spec in suite.codecs if spec.codec == codec]
+            chosen += of_suite or [CodecSpec(codec)]
+        suite = dataclasses.replace(suite, codecs=tuple(chosen))
     for key, value in changes.items():
         suite = _change(suite, key, value)
     return suite if seed is None else dataclasses.replace(suite, seeds=(seed,))
@@ -218,8 +236,9 @@ def told_apart(materials: list[MaterialSpec]) -> tuple[MaterialSpec, ...]:
 
     Jobs, records and tables know a material by its name alone. `InputError` if one material is given twice.
     """
-    paths = [os.path.abspath(spec.existing() or spec.path) if spec.path else spec.name for spec in materials]
-    if twice := next((path for path, count in Counter(paths).items() if count > 1), ""):
+    paths = [_absolute_path(spec) for spec in materials]
+    twice = _twice(paths)
+    if twice:
         raise InputError(f"--material {twice}: it is given twice")
     names = [spec.name for spec in materials]
     for folders in range(1, max(len(Path(path).parts) for path in paths)):
@@ -227,9 +246,17 @@ def told_apart(materials: list[MaterialSpec]) -> tuple[MaterialSpec, ...]:
         for place, path in enumerate(paths):
             if names[place] in ambiguous:
                 names[place] = "-".join(Path(path).parts[-1 - folders :])
-    if twice := next((name for name, count in Counter(names).items() if count > 1), ""):
+    twice = _twice(names)
+    if twice:
         raise InputError(f"--material: two materials are named {twice}: rename a folder")
     return tuple(dataclasses.replace(spec, name=name) for spec, name in zip(materials, names, strict=True))
+
+
+def _absolute_path(spec: MaterialSpec) -> str:
+    """The absolute path of a material's file or folder; the name of a built-in one."""
+    if not spec.path:
+        return spec.name
+    return os.path.abspath(spec.existing() or spec.path)
 
 
 def canonical(suite: Suite) -> Suite:
@@ -242,7 +269,9 @@ def canonical(suite: Suite) -> Suite:
         raise InputError(f"suite {suite.name}: {error}") from error
     for spec in specs:
         known = unique.setdefault(spec.label, spec)
-        both = tuple(dict.fromkeys(known.materials + spec.materials)) if known.materials and spec.materials else ()
+        both: tuple[str, ...] = ()  # all materials, if one of the two is for all
+        if known.materials and spec.materials:
+            both = tuple(dict.fromkeys(known.materials + spec.materials))
         unique[spec.label] = dataclasses.replace(known, materials=both)
     return dataclasses.replace(suite, codecs=tuple(unique.values()))
 
@@ -264,14 +293,22 @@ def changed_settings(spec: CodecSpec) -> dict[str, Any]:
 
 
 def _change(suite: Suite, key: str, value: str) -> Suite:
+    """The suite with one setting changed, KEY, CODEC.KEY or data.KEY. `InputError` if it changes nothing."""
     scope, _, name = key.rpartition(".")
     if scope == "data":
         suite = dataclasses.replace(suite, data=changed(suite.data, {key: value}))
-        if all(reasons := [kind_of(spec).ignores(spec, key) for spec in suite.materials]):
+        reasons = [kind_of(spec).ignores(spec, key) for spec in suite.materials]
+        if all(reasons):
             raise InputError(f"--set {key}: {reasons[0]}")
         return suite
-    codecs = [_set(spec, name, value) if _has(spec.codec, scope, name) else spec for spec in suite.codecs]
-    if codecs == list(suite.codecs) and not any(_has(spec.codec, scope, name) for spec in codecs):
+    codecs = []
+    reached = False
+    for spec in suite.codecs:
+        if _has(spec.codec, scope, name):
+            spec = _set(spec, name, value)
+            reached = True
+        codecs.append(spec)
+    if not reached:
         raise InputError(f"--set {key}: no codec of this run has a setting {name!r}{_nearest(suite, scope, name)}")
     unique = {spec.label: spec for spec in codecs}  # a sweep over the changed setting has become one job
     return dataclasses.replace(suite, codecs=tuple(unique.values()))
@@ -294,7 +331,8 @@ def _nearest(suite: Suite, scope: str, name: str) -> str:
 
 def described_changes(suite: Suite, changes: dict[str, str]) -> list[str]:
     """One line for each change of a setting that names the codecs it changes, or the materials that ignore it."""
-    codecs, lines = dict.fromkeys(spec.codec for spec in suite.codecs), []
+    codecs = dict.fromkeys(spec.codec for spec in suite.codecs)
+    lines = []
     for key, value in changes.items():
         scope, _, name = key.rpartition(".")
         if scope == "data":
@@ -307,6 +345,7 @@ def described_changes(suite: Suite, changes: dict[str, str]) -> list[str]:
 
 
 def _has(codec: str, scope: str, setting: str) -> bool:
+    """Whether a codec of this scope, "" for all, has a setting."""
     from bench.codec import setting_names
 
     try:
@@ -316,6 +355,7 @@ def _has(codec: str, scope: str, setting: str) -> bool:
 
 
 def _set(spec: CodecSpec, setting: str, value: str) -> CodecSpec:
+    """The entry with a setting converted from a word."""
     from bench.codec import COMMON
 
     codec = make_codec(spec.codec, {setting: value})
@@ -324,8 +364,10 @@ def _set(spec: CodecSpec, setting: str, value: str) -> CodecSpec:
 
 
 def _material(where: str, entry: Any) -> MaterialSpec:
-    text = isinstance(entry, str)
-    spec: MaterialSpec = named(converted(where, str, entry)) if text else table(where, MaterialSpec, entry)
+    """A material of a suite: its name alone, or a table."""
+    if isinstance(entry, str):
+        return named(converted(where, str, entry))
+    spec: MaterialSpec = table(where, MaterialSpec, entry)
     return spec
 
 
@@ -343,6 +385,7 @@ def _swept(where: str, entries: list[Any]) -> Iterator[CodecSpec]:
         for key, values in zip(settings, lists, strict=True):
             for each in values:  # the codec checks more
                 converted(f"{where}.{key}", type(each) if isinstance(each, str | bool) else float, each)
-        _check_jobs(where, jobs := jobs + math.prod(map(len, lists)))
+        jobs += math.prod(map(len, lists))
+        _check_jobs(where, jobs)
         for chosen in itertools.product(*lists):
             yield CodecSpec(codec, dict(zip(settings, chosen, strict=True)), tuple(swept), materials)

@@ -79,17 +79,19 @@ def run_and_measure(
         _path_tracer()  # and a missing Mitsuba
     load_trade(options.folder)  # an unreadable file stops here
     states: list[str] = []
-    folder, suite = options.folder, canonical(suite)
+    folder = options.folder
+    suite = canonical(suite)
     before = load_run(folder) if (folder / FILE).exists() else Run(folder)
     options = replace(options, then=_timing(suite, before, options.device, _timed_jobs(suite)))
     for outcome in runner.run(suite, options):
         states.append(outcome.record["status"])
         tell(outcome)
     if "ok" in states:
-        measured, given = load_run(options.folder), (options.device, full, options.show, emulated, noise, profiles)
+        measured = load_run(options.folder)
         options.say(_announced(suite, measured, options.device))
         for spec in suite.materials:  # written after each material
-            result = measure(replace(suite, materials=(spec,)), measured, *given)
+            one = replace(suite, materials=(spec,))
+            result = measure(one, measured, options.device, full, options.show, emulated, noise, profiles)
             write(options.folder, merged(load_trade(options.folder), result))
     return states
 
@@ -128,7 +130,8 @@ def measure(
     for spec in suite.materials:
         recorded_jobs = [run.job(f"{spec.name}/{codec.label}/{suite.seeds[0]}") for codec in suite.codecs]
         result["choices"] += [_failed(job, device) for job in recorded_jobs if job and job["status"] != "ok"]
-        if jobs := [job for job in recorded_jobs if job and job["status"] == "ok"]:
+        jobs = [job for job in recorded_jobs if job and job["status"] == "ok"]
+        if jobs:
             first = suite.codecs[0], suite.seeds[0], 1
             task = Task("trade", run.folder, spec, suite.data, *first, metrics=suite.metrics)
             with opened(task, show) as workbench:
@@ -142,20 +145,29 @@ def measure(
             plain = {job["label"]: recorded(run.folder, job, device) for job in jobs if _plain(suite, job)}
             profiled = plain or {jobs[0]["label"]: recorded(run.folder, jobs[0], device)}
             result["profiles"] += profile(spec.name, profiled, cores, batches)
-    result["answers"] = [text for spec in suite.materials for text in answers(spec.name, result["choices"])]
+    told: list[str] = []
+    for spec in suite.materials:
+        told += answers(spec.name, result["choices"])
+    result["answers"] = told
     return result
 
 
 def _announced(suite: Suite, run: Run, device: str) -> str:
     """How many files are timed now, and about how long."""
-    done = [name for name in _timed_jobs(suite) if (job := run.job(name)) and job["status"] == "ok"]
+    done = []
+    for name in _timed_jobs(suite):
+        job = run.job(name)
+        if job and job["status"] == "ok":
+            done.append(name)
     return f"{len(done)} file{'s' * (len(done) != 1)} to score and time, {_timing(suite, run, device, done)}"
 
 
 def _timing(suite: Suite, run: Run, device: str, names: Collection[str]) -> str:
     """About how long timing takes of the jobs that a run timed already, and of others, at the time of most codecs."""
-    on, entries = torch.device(device), _timed_jobs(suite)
-    batch, variants = timing.batch_on(on, BATCH), [Variant.parse(text) for text in suite.variants]
+    on = torch.device(device)
+    entries = _timed_jobs(suite)
+    batch = timing.batch_on(on, BATCH)
+    variants = [Variant.parse(text) for text in suite.variants]
     usual = 0.0 if is_gpu(on) else USUAL_NS  # a turn on a GPU is the shortest possible
     more = [each for each in variants if exists_on(each, on) and not native.emulated(each.precision, on)]
     seconds = 0.0
@@ -192,9 +204,10 @@ def merged(earlier: Trade | None, result: Trade) -> Trade:
 
 def _ceilings(suite: Suite, device: torch.device, cores: int) -> list[Ceiling]:
     """Rooflines of the device: on the suite's threads (also in bfloat16 if a variant uses it), and on all cores."""
-    half = any(Variant.parse(text).precision == "bfloat16" for text in suite.variants)
-    short = [roofline(device, suite.threads, torch.bfloat16)] if half else []
-    return [*(roofline(device, count) for count in dict.fromkeys((suite.threads, cores))), *short]
+    ceilings = [roofline(device, threads) for threads in dict.fromkeys((suite.threads, cores))]
+    if any(Variant.parse(text).precision == "bfloat16" for text in suite.variants):
+        ceilings.append(roofline(device, suite.threads, torch.bfloat16))
+    return ceilings
 
 
 def write(folder: Path, result: Trade) -> None:
@@ -310,9 +323,9 @@ def _timed(
         calls[f"product {dtype}"], calls[f"copy {dtype}"] = ceiling_calls(first.device, getattr(torch, dtype))
     measured = timing.in_turns(calls, batch, first.size, ceilings[0]["threads"], first.device, show, kept)
     for ceiling in ceilings:
-        product, copied = (
-            batch * float(measured[f"{what} {ceiling['dtype']}"].samples.min()) for what in ("product", "copy")
-        )
+        dtype = ceiling["dtype"]
+        product = batch * float(measured[f"product {dtype}"].samples.min())
+        copied = batch * float(measured[f"copy {dtype}"].samples.min())
         flops, read = rates(product, copied, first.device)
         ceiling["flops_per_ns"] = max(ceiling["flops_per_ns"], flops)
         ceiling["bytes_per_ns"] = max(ceiling["bytes_per_ns"], read)
@@ -356,7 +369,8 @@ def _score(workbench: Workbench, material: Material, threads: int, show: Progres
 
 def _deviation(workbench: Workbench, ours: Material, plain: Material, show: Progress) -> TradeChoice:
     """PSNR, against the answers of eager float32, of the held-out slice that differs most; None if none differs."""
-    at, at_plain = (Slices(workbench, material, show).slice for material in (ours, plain))
+    at = Slices(workbench, ours, show).slice
+    at_plain = Slices(workbench, plain, show).slice
     exposure = workbench.scorer.exposure
     worst = max(display_error(at(pair), at_plain(pair), exposure) for pair in workbench.deciding.tolist())
     return {"from_float32": as_number(float(decibels(worst)))}
@@ -420,4 +434,9 @@ def _mark(rows: list[TradeChoice]) -> None:
 def _on_front(quality: Sequence[float], costs: Sequence[float]) -> list[bool]:
     """Whether each place of quality and cost is on the Pareto front."""
     places = list(zip(quality, costs, strict=True))
-    return [not any(q >= good and c <= cost and (q, c) != (good, cost) for q, c in places) for good, cost in places]
+    return [not any(_beats(other, place) for other in places) for place in places]
+
+
+def _beats(other: tuple[float, float], place: tuple[float, float]) -> bool:
+    """Whether another place of quality and cost is at least as good and as cheap, and better in one."""
+    return other[0] >= place[0] and other[1] <= place[1] and other != place

@@ -71,7 +71,10 @@ class Workbench:
 
     @cached_property
     def heldout_shares(self) -> np.ndarray | None:
-        """The share (N,) of each held-out pair that lies in the scene, 0 of the others; None if there is none."""
+        """The demand (N,) around each held-out pair, 0 at other pairs.
+
+        None without a demand, without held-out pairs, or where the scene comes near none of them.
+        """
         pairs = self.groups.get("heldout")
         if self.demand is None or pairs is None:
             return None
@@ -92,8 +95,9 @@ class Workbench:
         if len(self.split.heldout) > 1:
             groups |= {f"heldout, {name}": pairs for name, pairs in self.split.heldout.items()}
         if len(heldout):
-            directions = (torch.from_numpy(w[heldout]) for w in (self.btf.wo, self.btf.wi))
-            outside = PairInterpolator(self.training.layout).outside(*directions).numpy()
+            wo = torch.from_numpy(self.btf.wo[heldout])
+            wi = torch.from_numpy(self.btf.wi[heldout])
+            outside = PairInterpolator(self.training.layout).outside(wo, wi).numpy()
             groups |= {"heldout, inside hull": heldout[~outside], "heldout, outside hull": heldout[outside]}
         groups[VALIDATION] = self.split.validation
         if self.scene_shares is not None:

@@ -36,13 +36,14 @@ class Board:
     """All pages of some sources; what installed codecs say of themselves stands on theirs."""
 
     def __init__(self, sources: Sequence[Publication], codecs: Mapping[str, Codec]):
-        filled = (source for source in sources if source.materials)
-        self.sources = sorted(filled, key=lambda s: (not s.has_budgets, kind_order(_kind(s).partition(",")[0])))
+        self.sources = sorted((source for source in sources if source.materials), key=_place)
         self.known = codecs
-        jobs = (job for source in self.sources for job in source.run.jobs)
-        self.pictured = {job["material"] for job in jobs if "pictures" in job or "drawing" in job}
-        rows = [row for source in self.sources for material in source.materials for row in material.rows]
-        self.codecs = sorted({*codecs, *map(tables.codec_of, rows)})
+        self.pictured: set[str] = set()  # the materials with pictures
+        names = set(codecs)
+        for source in self.sources:
+            names |= _codecs(source)
+            self.pictured |= {job["material"] for job in source.run.jobs if "pictures" in job or "drawing" in job}
+        self.codecs = sorted(names)
         self.places = {name: tables.places(name, self.sources) for name in self.codecs}
         self.plots = {source.name: list(_plots(source)) for source in self.sources}
 
@@ -52,7 +53,7 @@ class Board:
         for name, sources in by_material(self.sources):
             yield page_name("material", name), MaterialPage(name, sources, self).pieces()
         for name in self.codecs:
-            mine = [s for s in self.sources if any(tables.codec_of(r) == name for m in s.materials for r in m.rows)]
+            mine = [source for source in self.sources if name in _codecs(source)]
             yield page_name("codec", name), self._codec(name, mine)
 
     def _document(
@@ -63,11 +64,14 @@ class Board:
         values: Mapping[str, object],
         more: Sequence[series.Plot] = (),
     ) -> Iterator[str]:
-        plots = [*(plot for source in sources for plot in self.plots[source.name]), *more]
+        plots: list[series.Plot] = []
+        parts = []
+        for source in sources:
+            plots += self.plots[source.name]
+            parts += [(f"{source.name}/{material.name}", source, material.name) for material in source.materials]
+        plots += more
         labels = {each["label"] for plot in plots for each in plot["series"]}
-        names = [(source, material.name) for source in sources for material in source.materials]
-        every = series.codecs(joined([(f"{source.name}/{name}", source, name) for source, name in names]))
-        looks = [look for look in every if look["label"] in labels]
+        looks = [look for look in series.codecs(joined(parts)) if look["label"] in labels]
         return document(template, title, looks, plots, {"kinds": _KINDS, "to_material": _to_material, **values})
 
     def _front(self, sources: Sequence[Publication]) -> Iterator[str]:
@@ -85,21 +89,26 @@ class Board:
         return self._document("front.html", "neubtf-bench: results", sources, values)
 
     def _materials(self) -> Table:
-        known = by_material(self.sources)
-        rows = [[name, _kind(its[0], name), ", ".join(source.title for source in its)] for name, its in known]
+        rows = []
+        for name, sources in by_material(self.sources):
+            titles = ", ".join(source.title for source in sources)
+            rows.append([name, _kind(sources[0], name), titles])
         return Table("list", "Materials", [("material", ""), ("truth", ""), ("results", "")], rows, words=3)
 
     def _codecs(self) -> Table:
         rows = []
         for name, found in self.places.items():
             won = f"{sum(place.gap >= 0 for place in found)} of {len(found)}" if found else "no result"
-            rows.append([name, self.known[name].about if name in self.known else "not installed here", won])
-        headers, notes = [("codec", ""), ("about", ""), ("best of", "")], ["Best of: the comparisons on its page."]
-        return Table("list", "Codecs", headers, rows, notes, words=2)
+            about = self.known[name].about if name in self.known else "not installed here"
+            rows.append([name, about, won])
+        headers = [("codec", ""), ("about", ""), ("best of", "")]
+        return Table("list", "Codecs", headers, rows, ["Best of: the comparisons on its page."], words=2)
 
     def to_codec(self, _: str, label: str) -> str:
         """The page of a row's codec, if it has one."""
-        name = label.replace(",", " ").split(maxsplit=1)[0] if label.strip() else ""
+        if not label.strip():
+            return ""
+        name = label.replace(",", " ").split(maxsplit=1)[0]
         return page_name("codec", name) if name in self.places else ""
 
     def _codec(self, name: str, sources: Sequence[Publication]) -> Iterator[str]:
@@ -115,7 +124,9 @@ class Board:
             "sources": sources,
             "rows": tables.all_rows(name, sources),
         }
-        fits = [plot for source in sources for plot in _fits(name, source)]
+        fits: list[series.Plot] = []
+        for source in sources:
+            fits += _fits(name, source)
         return self._document("codec.html", name, sources, values, fits)
 
 
@@ -123,15 +134,21 @@ class MaterialPage(Page):
     """The rows of one material, a section for each source, as the page of a run has one for each material."""
 
     def __init__(self, name: str, sources: Sequence[Publication], board: Board):
-        self.name, self.sources = name, {source.title: source for source in sources}
-        self.to_codec, self.truth = board.to_codec, _kind(sources[0], name)
+        self.name = name
+        self.sources = {source.title: source for source in sources}
+        self.to_codec = board.to_codec
+        self.truth = _kind(sources[0], name)
+        self.origins = []
+        for source in self.sources.values():
+            for material in source.materials:
+                if material.name == name:
+                    self.origins.append(tables.origins(source, material, source.title))
         run = joined([(source.title, source, name) for source in sources])
-        rows = ((source, each) for source in self.sources.values() for each in source.materials if each.name == name)
-        self.origins = [tables.origins(source, material, source.title) for source, material in rows]
         shown = [table for table in all_tables(run, narrow=True) if table.material]
         super().__init__(run, shown, [], min(1, PAGES / max(1, len(board.pictured))))
-        self.live = {name: Live(each.models, {}) for name, each in self.live.items()}
-        self.plots, self.opening = [plot for plot in self.plots if plot["material"]], ""
+        self.live = {title: Live(each.models, {}) for title, each in self.live.items()}
+        self.plots = [plot for plot in self.plots if plot["material"]]
+        self.opening = ""
 
     def pieces(self) -> Iterator[str]:
         """The page in pieces."""
@@ -144,13 +161,18 @@ class MaterialPage(Page):
 
     def codecs(self) -> list[tuple[str, str]]:
         """Links to the codecs that have a row here."""
-        names = {tables.codec_of(row) for material in self.materials for row in material.rows}
+        names: set[str] = set()
+        for material in self.materials:
+            names.update(map(tables.codec_of, material.rows))
         return [(page_name("codec", name), name) for name in sorted(names)]
 
     def strips(self) -> list[tuple[int, list[Picture]]]:
         """The first source with pictures: its number, and its pictures."""
-        found = ((number, self._strip(number)) for number in range(len(self.materials)))
-        return [(number, pictures) for number, pictures in found if pictures][:1]
+        for number in range(len(self.materials)):
+            pictures = self._strip(number)
+            if pictures:
+                return [(number, pictures)]
+        return []
 
     def _ranking(self, material: MaterialRows) -> list[str]:
         return [row.label for row in sorted(material.shown, key=by_psnr, reverse=True)]
@@ -162,16 +184,32 @@ class MaterialPage(Page):
         return _NO_PICTURES if material.first is None or pictures_are_free(material.first) else _NOT_FREE
 
 
+def _codecs(source: Publication) -> set[str]:
+    """The names of the codecs that have a row in a source."""
+    names: set[str] = set()
+    for material in source.materials:
+        names.update(map(tables.codec_of, material.rows))
+    return names
+
+
+def _place(source: Publication) -> tuple[bool, int]:
+    """Where a source stands on the front: those with budgets first, then by the first kind of their truth."""
+    first_kind = _kind(source).partition(",")[0]
+    return not source.has_budgets, kind_order(first_kind)
+
+
 def _to_material(_: str, name: str) -> str:
     return page_name("material", name)
 
 
 def _recipes(codec: Codec) -> Table:
     """The settings of an installed codec."""
-    published = any(setting[3] for setting in codec.settings)
-    headers = [("setting", ""), ("meaning", ""), ("ours", ""), *([("as published", "")] if published else [])]
+    headers = [("setting", ""), ("meaning", ""), ("ours", "")]
+    title = "The default of every setting"
+    if any(published for _, _, _, published in codec.settings):
+        headers.append(("as published", ""))
+        title = "Both recipes: the defaults of every setting"
     rows = [list(setting[: len(headers)]) for setting in codec.settings]
-    title = "Both recipes: the defaults of every setting" if published else "The default of every setting"
     return Table("recipes", title, headers, rows, words=2)
 
 
@@ -179,7 +217,9 @@ def _plots(source: Publication) -> Iterator[series.Plot]:
     """The plots over all materials of a source, or those of its only one, under the name of the source."""
     every = series.plots_of(source.run)
     over = [plot for plot in every if not plot["material"]] or every
-    yield from (plot | {"material": source.name} for plot in over if plot["kind"] in _KINDS.split())
+    for plot in over:
+        if plot["kind"] in _KINDS.split():
+            yield plot | {"material": source.name}
 
 
 def _fits(name: str, source: Publication) -> Iterator[series.Plot]:
@@ -189,7 +229,9 @@ def _fits(name: str, source: Publication) -> Iterator[series.Plot]:
         if not any("recipe=paper" in fit.label for fit in mine):
             continue
         for place, unit in enumerate(("steps", "seconds")):
-            points = {fit.label: [[at[place], at[2]] for at in fit.points if at[place] > 0] for fit in mine}
+            points = {}
+            for fit in mine:
+                points[fit.label] = [[point[place], point[2]] for point in fit.points if point[place] > 0]
             yield {
                 "material": _FITS,
                 "kind": "fits",
@@ -203,8 +245,13 @@ def _fits(name: str, source: Publication) -> Iterator[series.Plot]:
 
 def _section(source: Publication) -> dict[str, Any]:
     """What the front shows of a source; budgets come first, where validation pairs chose settings."""
-    run, kind, ranked = source.run, _kind(source), source.has_budgets
-    first = ("front", "budgets", "curves") if ranked else ()
+    run = source.run
+    kind = _kind(source)
+    ranked = source.has_budgets
+    open_tables: list[Table] = []
+    if ranked:
+        for name in ("front", "budgets", "curves"):
+            open_tables += all_tables(run, kind=name)
     return {
         "id": page_name("s", source.name),
         "name": source.name,
@@ -213,7 +260,7 @@ def _section(source: Publication) -> dict[str, Any]:
         "strip": strip(run, ENOUGH) if ranked else None,
         "leads": _leads(run) if ranked else [],
         "fronts": fronts(run) if ranked else [],
-        "tables": [table for kind in first for table in all_tables(run, kind=kind)],
+        "tables": open_tables,
         "ranks": critical_differences(run) if ranked else [],
         "folded": all_tables(run, kind="when" if ranked else "summary"),
     }
@@ -221,8 +268,9 @@ def _section(source: Publication) -> dict[str, Any]:
 
 def _leads(run: Run) -> list[str]:
     """Who leads on each kind of surface."""
-    result, told = budgets(run), list[str]()
+    result = budgets(run)
     points = hulls(result, result.surfaces)
+    told: list[str] = []
     for kind, surfaces in by_kind(result.surfaces).items():
         means = readings(result, points, ENOUGH, surfaces)
         if len(means) > 1:

@@ -2,6 +2,7 @@
 
 import hashlib
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -63,7 +64,9 @@ class Publication:
         """Whose word a number is; of a job without one, its status."""
         if job["status"] != "ok":
             return str(job["status"])
-        return CLAIMED if self.claimed else VERIFIED if job.get("verified") else OWN
+        if self.claimed:
+            return CLAIMED
+        return VERIFIED if job.get("verified") else OWN
 
 
 def may_be_shown(job: Job, run: Run) -> bool:
@@ -72,8 +75,12 @@ def may_be_shown(job: Job, run: Run) -> bool:
 
     What an archive says of a licence is nobody's word, so of verified jobs built-in materials alone are shown.
     """
-    stated = [each for start in run.starts for each in start.get("materials") or () if isinstance(each, dict)]
-    where = " ".join(str(each.get("where")) for each in stated if each.get("name") == job["material"])
+    stated: list[str] = []  # by the suites, where the material is from
+    for start in run.starts:
+        for material in start.get("materials") or ():
+            if isinstance(material, dict) and material.get("name") == job["material"]:
+                stated.append(str(material.get("where")))
+    where = " ".join(stated)
     provenance = job.get("provenance", {})
     source = provenance.get("source")
     stated_free = bool(provenance.get("free")) or (source == BAKED and "CC0" in where)
@@ -85,16 +92,25 @@ def with_files(records: Sequence[Publication], runs: Sequence[Publication]) -> l
 
     A run follows as a source of its own unless all its jobs are in the records.
     """
-    at_hand = {_key(job): (source.run, job) for source in runs for job in source.run.jobs if job["status"] == "ok"}
-    known = {_key(job) for source in records if not source.claimed for job in source.run.jobs}
+    at_hand: dict[tuple[str, ...], tuple[Run, Job]] = {}
+    for source in runs:
+        for job in source.run.jobs:
+            if job["status"] == "ok":
+                at_hand[_key(job)] = source.run, job
+    known: set[tuple[str, ...]] = set()
+    for source in records:
+        if not source.claimed:
+            known.update(_key(job) for job in source.run.jobs)
     more = []
-    for source in (each for each in runs if any(_key(job) not in known for job in each.run.jobs)):
-        jobs = Records({job["job"]: published_job(job, source.run.folder) for job in source.run.jobs})
-        more.append(replace(source, run=replace(source.run, jobs=jobs)))
-    taken: dict[str, int] = {}
+    for source in runs:
+        if any(_key(job) not in known for job in source.run.jobs):
+            jobs = Records({job["job"]: published_job(job, source.run.folder) for job in source.run.jobs})
+            more.append(replace(source, run=replace(source.run, jobs=jobs)))
+    taken = Counter[str]()
     named = []
     for source in (*records, *more):
-        count = taken[source.name] = taken.get(source.name, 0) + 1
+        taken[source.name] += 1
+        count = taken[source.name]
         name = source.name if count == 1 else f"{source.name} ({count})"
         named.append(replace(source, name=name, run=_placed(source.run, at_hand)))
     return named
@@ -128,7 +144,8 @@ def joined(parts: Sequence[tuple[str, Publication, str]]) -> Run:
             if job["material"] == material:
                 called = f"{name}/{job['job']}"
                 run.jobs.put(called, job | {"job": called, "material": name})
-                if timing := source.run.timing(job):
+                timing = source.run.timing(job)
+                if timing:
                     run.timings.put(called, timing | {"job": called})
     return run
 
@@ -142,5 +159,8 @@ def page_name(kind: str, name: str) -> str:
 
 def by_material(sources: Sequence[Publication]) -> Iterator[tuple[str, list[Publication]]]:
     """Every material that has a row, with its sources."""
-    names = dict.fromkeys(material.name for source in sources for material in source.materials)
-    yield from ((name, [s for s in sources if any(m.name == name for m in s.materials)]) for name in names)
+    by_name: dict[str, list[Publication]] = {}
+    for source in sources:
+        for material in source.materials:
+            by_name.setdefault(material.name, []).append(source)
+    yield from by_name.items()

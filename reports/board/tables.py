@@ -40,25 +40,42 @@ def origins(source: Publication, material: MaterialRows, name: str) -> Table:
 
 
 def _from(source: Publication, row: Row) -> list[str]:
+    """The cells of `_FROM`."""
     job = row.job
+    fitted = job.get("fitted") or {}
     scored = job.get("scored") or {}
-    texts = [source.state(job), job["seed"], str(job.get("score_key", {}).get("sha256", ""))[:12]]
-    texts += [(job.get("fitted") or {}).get("git"), scored.get("git"), (job.get("machine") or {}).get("processor")]
-    return [str(NONE if text in (None, "") else text) for text in (*texts, str(scored.get("at") or "")[:10])]
+    machine = job.get("machine") or {}
+    digest = str(job.get("score_key", {}).get("sha256", ""))[:12]
+    day = str(scored.get("at") or "")[:10]
+    facts = (
+        source.state(job),
+        job["seed"],
+        digest,
+        fitted.get("git"),
+        scored.get("git"),
+        machine.get("processor"),
+        day,
+    )
+    return [NONE if fact in (None, "") else str(fact) for fact in facts]
 
 
 def all_rows(name: str, sources: Sequence[Publication]) -> Table | None:
     """Every row of a codec, of every source and material, with its numbers and where they are from."""
-    wanted = [columns.TOTAL, columns.BITS, columns.HELDOUT, *(each for each in columns.time() if not each.sparse)]
+    times = [column for column in columns.time() if not column.sparse]
+    wanted = [columns.TOTAL, columns.BITS, columns.HELDOUT, *times]
     rows = []
     for source in sources:
         for material in source.materials:
-            for row in (row for row in material.rows if codec_of(row) == name):
-                numbers = [column.cell([row] if row.measured else []) for column in wanted]
-                rows.append([material.name, source.title, row.label, *numbers, *_from(source, row)])
+            for row in material.rows:
+                if codec_of(row) == name:
+                    measured = [row] if row.measured else []
+                    numbers = [column.cell(measured) for column in wanted]
+                    rows.append([material.name, source.title, row.label, *numbers, *_from(source, row)])
+    if not rows:
+        return None
     headers = [("material", ""), ("results", ""), ("row", ""), *((each.name, each.unit) for each in wanted)]
     headers += [(header, "") for header in _FROM]
-    return Table("rows", f"{name}: every row", headers, rows, [STATES], words=3) if rows else None
+    return Table("rows", f"{name}: every row", headers, rows, [STATES], words=3)
 
 
 def codec_of(row: Row) -> str:
@@ -68,7 +85,10 @@ def codec_of(row: Row) -> str:
 
 def places(name: str, sources: Sequence[Publication]) -> list[Place]:
     """Where a codec stands against the best of the others, its best place first; claimed results do not count."""
-    found = [place for source in sources if not source.claimed for place in _places(name, source)]
+    found: list[Place] = []
+    for source in sources:
+        if not source.claimed:
+            found += _places(name, source)
     return sorted(found, key=lambda place: -place.gap)
 
 
@@ -78,7 +98,9 @@ def _places(name: str, source: Publication) -> Iterator[Place]:
         return
     for material in source.materials:
         known = []
-        for codec in (codec for codec in material.codecs if codec.measured):
+        for codec in material.codecs:
+            if not codec.measured:
+                continue
             quality = math.inf if codec.exact else columns.HELDOUT.mean(codec.measured)
             if quality is not None:
                 size = mean_bytes([row.job for row in codec.measured])
@@ -88,20 +110,27 @@ def _places(name: str, source: Publication) -> Iterator[Place]:
 
 def _place(material: str, results: str, name: str, known: Sequence[tuple[str, Entry]]) -> Iterator[Place]:
     """The best of a codec and the best of the others, given by codec; none if either is missing."""
-    mine, others = ([each for codec, each in known if (codec == name) == own] for own in (True, False))
+    mine = [entry for codec, entry in known if codec == name]
+    others = [entry for codec, entry in known if codec != name]
     if mine and others:
-        yield Place(material, results, *(max(each, key=lambda item: item[2]) for each in (mine, others)))
+        yield Place(material, results, max(mine, key=_quality), max(others, key=_quality))
+
+
+def _quality(entry: Entry) -> float:
+    return entry[2]
 
 
 def _at_budgets(name: str, source: Publication) -> Iterator[Place]:
     result = budgets(source.run)
     for budget in result.limits:
         for material in result.surfaces:
-            known = [
-                (line.partition(",")[0], (line, mean_bytes(rungs[material].of), quality))
-                for line, rungs in result.picks(budget, [material]).items()
-                if (quality := shown(rungs[material], PSNR)) is not None
-            ]
+            known = []
+            for line, rungs in result.picks(budget, [material]).items():
+                rung = rungs[material]
+                quality = shown(rung, PSNR)
+                if quality is not None:
+                    codec = line.partition(",")[0]
+                    known.append((codec, (line, mean_bytes(rung.of), quality)))
             yield from _place(material, f"{source.name}, {in_words(budget)}", name, known)
 
 
@@ -110,9 +139,11 @@ def standing(name: str, found: Sequence[Place]) -> Table | None:
     rows = []
     for place in found:
         (mine, size, quality), (best, its_size, its_quality) = place.mine, place.best
-        decibels = [EXACT if psnr == math.inf else fixed(psnr, 2) for psnr in (quality, its_quality)]
-        gap = signed(place.gap) if math.isfinite(place.gap) else EXACT if place.gap > 0 else NONE
+        decibels = [_decibels(quality), _decibels(its_quality)]
+        gap = _gap_in_words(place.gap)
         rows.append([place.material, place.results, mine, best, integer(size), integer(its_size), *decibels, gap])
+    if not rows:
+        return None
     headers = [("material", ""), ("results", ""), (name, ""), ("best of the others", "")]
     headers += [("total", "bytes"), ("its total", "bytes"), ("PSNR", "dB ↑"), ("its PSNR", "dB ↑")]
     note = (
@@ -120,4 +151,15 @@ def standing(name: str, found: Sequence[Place]) -> Table | None:
         "each codec with the highest test PSNR, whatever their bytes."
     )
     title = "Where it wins and loses, against the best of the others"
-    return Table("standing", title, [*headers, ("difference", "dB ↑")], rows, [note], words=4) if rows else None
+    return Table("standing", title, [*headers, ("difference", "dB ↑")], rows, [note], words=4)
+
+
+def _decibels(psnr: float) -> str:
+    return EXACT if psnr == math.inf else fixed(psnr, 2)
+
+
+def _gap_in_words(gap: float) -> str:
+    """A gap in dB; “exact” where only the codec is, and a dash where only the best of the others is."""
+    if math.isfinite(gap):
+        return signed(gap)
+    return EXACT if gap > 0 else NONE

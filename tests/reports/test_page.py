@@ -87,6 +87,15 @@ def test_a_model_of_a_scene_stands_in_no_plot_of_whole_material_scores(made):
         assert "pca scene" not in [each["label"] for each in plot["series"]] + plot["missing"]
 
 
+def test_where_settings_are_many_lines_show_each_codec_at_its_best(made, monkeypatch):
+    monkeypatch.setattr("reports.series.MOST_LINES", 2)
+    made.job("pca components=8", psnr=30.0).job("pca components=4", psnr=28.0).job("vq codes=4", codec="vq", psnr=20.0)
+    plots = {plot["kind"]: plot for plot in plots_of(load_run(made.folder)) if plot["material"]}
+    assert {each["label"] for each in plots["rate"]["series"]} == {"pca components=8", "pca components=4", "vq codes=4"}
+    assert {each["label"] for each in plots["slices"]["series"]} == {"pca components=8", "vq codes=4"}
+    assert plots["slices"]["title"].endswith("each codec at its best setting")
+
+
 def test_a_run_for_a_scene_leads_with_the_gain_and_pictures_of_the_scene(made):
     group = {"slices": 4, "radiance": 0.1, "metrics": {"psnr_display": {"mean": 25.0, "exact": 0, "slices": 4}}}
 

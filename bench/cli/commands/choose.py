@@ -137,7 +137,8 @@ def _offer(folder: Path, row: "TradeChoice", copy: Path | None) -> None:
 
 def _command(suite: "Suite", row: "TradeChoice", device: str) -> str:
     """The command that makes the chosen file again, byte for byte; "" where only a run can make it."""
-    spec, data = suite.materials[0], suite.data
+    spec = suite.materials[0]
+    data = suite.data
     kind = kind_of(spec)
     if suite.demand or kind.needs_a_run(data):
         return ""

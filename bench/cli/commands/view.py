@@ -39,7 +39,8 @@ def run(options: argparse.Namespace) -> int:
         raise InputError("--set: it says how --truth is prepared: give --truth, too")
     changes = assignments(options.set)
     with Console() as console:
-        models, shown = [], 0.0
+        models = []
+        shown = 0.0
         if options.truth:
             btf = open_named(options.truth, changes, console.show)
             program, shown = drawable_truth(btf, console.show)

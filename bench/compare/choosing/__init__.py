@@ -53,11 +53,16 @@ class Limits:
 
     def misses(self, rung: Rung) -> list[float]:
         """By how much a rung misses each limit, as a share of the limit (for a score: dB / 10); ≤ 0 if it meets it."""
-        misses = [] if self.size is None else [rung.size / self.size - 1]
-        misses += [] if self.time is None else [_time(rung) / self.time - 1]
+        misses = []
+        if self.size is not None:
+            misses.append(rung.size / self.size - 1)
+        if self.time is not None:
+            misses.append(_time(rung) / self.time - 1)
         if self.gpu is not None:
             misses.append(math.inf if rung.gpu is None else rung.gpu / self.gpu - 1)
-        return misses + ([] if self.score is None else [(self.score - rung.score) / 10])
+        if self.score is not None:
+            misses.append((self.score - rung.score) / 10)
+        return misses
 
 
 def chosen(rungs: Sequence[Rung], limits: Limits, tie: float = 0.0) -> Rung | None:
@@ -164,8 +169,11 @@ def answers(material: str, choices: list[TradeChoice]) -> Iterator[str]:
 
 def named(row: TradeChoice) -> str:
     """The name of a choice: the codec's label, and its execution and precision if they are not the default."""
-    how = f"{row['execution']} {row['precision']}" + (", emulated" if row.get("emulated") else "")
-    return str(row["label"]) + ("" if how == "eager float32" else f" [{how}]")
+    label = str(row["label"])
+    how = f"{row['execution']} {row['precision']}"
+    if row.get("emulated"):
+        how += ", emulated"
+    return label if how == "eager float32" else f"{label} [{how}]"
 
 
 def described(row: TradeChoice) -> str:

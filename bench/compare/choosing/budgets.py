@@ -6,6 +6,7 @@ measured on each of them. One is chosen for each budget and material. Test pairs
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from statistics import fmean
 from typing import NamedTuple
 
@@ -53,12 +54,18 @@ class Budgets:
 
     def picks(self, budget: Budget, materials: Iterable[str]) -> dict[str, dict[str, Rung]]:
         """By line: the best rung on each material that fits, of those measured on all; lines that have one on each."""
-        times, picked = self.times.get(budget.kind, {}), dict[str, dict[str, Rung]]()
+        materials = list(materials)
+        times = self.times.get(budget.kind, {})
+        picked: dict[str, dict[str, Rung]] = {}
         for line, by_label in self.rungs.items():
             common = [jobs for jobs in by_label.values() if jobs.keys() >= set(materials)]
-            rungs = {name: [rung_of(jobs[name], times) for jobs in common] for name in materials}
-            best = {name: rung for name, each in rungs.items() if (rung := chosen(each, budget.limits))}
-            picked |= {line: best} if len(best) == len(rungs) else {}
+            best: dict[str, Rung] = {}
+            for name in materials:
+                rung = chosen([rung_of(jobs[name], times) for jobs in common], budget.limits)
+                if rung:
+                    best[name] = rung
+            if best.keys() == set(materials):
+                picked[line] = best
         return picked
 
     def ranked(self, budget: Budget, materials: Collection[str], family: str = PSNR) -> dict[str, float]:
@@ -78,25 +85,33 @@ class Budgets:
     def fewest_bytes(self) -> tuple[Budget, dict[str, float]] | None:
         """The smallest budget of bytes within `NEAR_DB` of the best of all, and its lines that are as near."""
         ranked = {budget: self.ranked(budget, self.surfaces) for budget in self.limits if budget.kind == BYTES}
-        best = max((value for lines in ranked.values() for value in lines.values()), default=0.0)
+        every = chain.from_iterable(lines.values() for lines in ranked.values())
+        best = max(every, default=0.0)
         for budget, lines in ranked.items():
-            if near := {line: value for line, value in lines.items() if value >= best - NEAR_DB}:
+            near = {line: value for line, value in lines.items() if value >= best - NEAR_DB}
+            if near:
                 return budget, near
         return None
 
     def told_apart(self, run: Run, budget: Budget, materials: Collection[str]) -> set[str]:
         """The lines with a rung on each material whose paired differences tell them apart from `AGAINST`."""
-        jobs = {
-            line: {(job["material"], job["seed"]): job for rung in rungs.values() for job in rung.of}
-            for line, rungs in self.picks(budget, materials).items()
-        }
-        over = against_jobs(run.folder, AGAINST, jobs).over if AGAINST in jobs else {}
-        return {line for line, each in over.items() if each.apart}
+        jobs: dict[str, dict[tuple[str, int], Job]] = {}
+        for line, rungs in self.picks(budget, materials).items():
+            jobs[line] = {}
+            for rung in rungs.values():
+                for job in rung.of:
+                    jobs[line][job["material"], job["seed"]] = job
+        if AGAINST not in jobs:
+            return set()
+        over = against_jobs(run.folder, AGAINST, jobs).over
+        return {line for line, difference in over.items() if difference.apart}
 
     def ranks(self) -> Ranks | None:
         """The mean ranks at `ENOUGH` of the lines with a rung on every material."""
-        lines = self.picks(ENOUGH, self.surfaces)
-        return ranks({line: [shown(rung, PSNR) or 0.0 for rung in rungs.values()] for line, rungs in lines.items()})
+        scores = {}
+        for line, rungs in self.picks(ENOUGH, self.surfaces).items():
+            scores[line] = [shown(rung, PSNR) or 0.0 for rung in rungs.values()]
+        return ranks(scores)
 
 
 @view
@@ -107,7 +122,10 @@ def budgets(run: Run) -> Budgets:
     obstacle = obstacles(judged, run.published)
     alike = [job for job in judged if job["job"] not in obstacle]
     times = _times(run, alike)
-    kinds = {BYTES: BITS} | dict.fromkeys(times, TIMES) | ({FIT: SECONDS} if FIT in times else {})
+    limits = [Budget(BYTES, most) for most in BITS]
+    for kind in times:
+        steps = SECONDS if kind == FIT else TIMES
+        limits += [Budget(kind, most) for most in steps]
     rungs: dict[str, dict[str, dict[str, list[Job]]]] = {}
     for job in alike:
         # By label, which names what differs from the defaults: a setting that is added later splits no rung.
@@ -115,10 +133,12 @@ def budgets(run: Run) -> Budgets:
         of_line.setdefault(job["material"], []).append(job)
     without = [job for job in done if not has_validation(job)]
     unlike = [job for job in judged if job["job"] in obstacle]
-    found = Budgets({}, [Budget(kind, most) for kind in kinds for most in kinds[kind]], rungs, times, without, unlike)
-    surfaces = {job["material"]: job for job in alike}
-    there = {name: job for name, job in surfaces.items() if any(found.picks(each, [name]) for each in found.limits)}
-    return replace(found, surfaces=there)
+    found = Budgets({}, limits, rungs, times, without, unlike)
+    surfaces = {}
+    for name, job in {job["material"]: job for job in alike}.items():
+        if any(found.picks(budget, [name]) for budget in limits):
+            surfaces[name] = job
+    return replace(found, surfaces=surfaces)
 
 
 def _times(run: Run, jobs: Sequence[Job]) -> dict[str, Times]:
@@ -129,8 +149,8 @@ def _times(run: Run, jobs: Sequence[Job]) -> dict[str, Times]:
     names = {job["job"] for job in jobs}
 
     def upper(records: Iterable[Timing | TradeChoice]) -> Times:
-        known = (each for each in records if each["job"] in names and "ratio_interval95" in each)
-        return {each["job"]: float(each["ratio_interval95"][1]) for each in known}
+        known = [record for record in records if record["job"] in names and "ratio_interval95" in record]
+        return {record["job"]: float(record["ratio_interval95"][1]) for record in known}
 
     settings: Times = {}
     for job in jobs:
@@ -159,7 +179,8 @@ def mean_bytes(seeds: Sequence[Job]) -> int:
 def line_of(job: Job) -> str:
     """The line of a job: its codec's name; a codec as published has its own line."""
     published = job.get("settings", {}).get("recipe") == "paper"
-    return str(job["label"]).split()[0] + (", as published" if published else "")
+    codec = str(job["label"]).split()[0]
+    return f"{codec}, as published" if published else codec
 
 
 def setting_of(job: Job) -> str:

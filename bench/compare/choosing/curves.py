@@ -79,7 +79,10 @@ def hulls(result: Budgets, surfaces: Iterable[str]) -> dict[str, dict[str, Seque
     for line, by_label in result.rungs.items():
         for surface in surfaces:
             rungs = [rung_of(jobs[surface], {}) for jobs in by_label.values() if surface in jobs]
-            if len(rungs) >= LEAST_RUNGS and len(points := _hull(rungs)) > 1:
+            if len(rungs) < LEAST_RUNGS:
+                continue
+            points = _hull(rungs)
+            if len(points) > 1:
                 found.setdefault(line, {})[surface] = points
     return found
 
@@ -134,14 +137,19 @@ def curve_of(
             continue
         if draw is not None and len(jobs) > 1:
             jobs = [jobs[seed] for seed in draw.integers(0, len(jobs), len(jobs))]
-        each = [job.get("footprints", {}).get(footprint, {}) if footprint else stats_of(job, family) for job in jobs]
-        means = [statistics.get("mean") for statistics in each]
+        means = [_mean_of(job, family, footprint) for job in jobs]
         known = [float(mean) for mean in means if mean is not None]
         if len(known) < len(jobs):
             return None
         value = fmean(known)
         values.append(min(value, CAP_DB) if family == PSNR else value)
     return Curve([point.size for point in points], values)
+
+
+def _mean_of(job: Job, family: str, footprint: str) -> float | None:
+    """The mean of a metric over test slices or, with a footprint, of PSNR over boxes of that side."""
+    stats = job.get("footprints", {}).get(footprint, {}) if footprint else stats_of(job, family)
+    return stats.get("mean")
 
 
 class _Line(NamedTuple):
