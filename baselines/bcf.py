@@ -120,6 +120,7 @@ class BCFObjective(DirectedObjective):
         self.ranged = bool(self.span.any())
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
+        """The network sees latents on the lines of their blocks; later rounded ones, whose gradients ignore this."""
         with torch.no_grad():
             self.share.clamp_(0, 1)
         first, second = self.ends[:, self.block[batch.texel]]
@@ -151,6 +152,7 @@ class BCFObjective(DirectedObjective):
         self.share.clamp_(0, 1)
         first, second = self.ends
         latents = self.rounded(first[self.block], second[self.block], self.share)
+        # The steps anew: a texel that a block repeats from beyond the border was fitted on the line of another block.
         ends = self.codes(self.ends)
         a, b = (self.low + self.span * (bc1.widened(end) / 255) for end in ends)
         along, wanted = (b - a)[:, None], latents[self.within] - a[:, None]
@@ -164,6 +166,7 @@ def lines(latents: Tensor) -> tuple[Tensor, Tensor]:
     """The ends (2, B, T, 3) of the principal axis of each block's latents (B, 16, T, 3), and the shares (B, 16, T)."""
     middle = latents.mean(1, keepdim=True)
     apart = latents - middle
+    # The last eigenvector has the largest eigenvalue.
     axis = torch.linalg.eigh(torch.einsum("bptc,bptd->btcd", apart, apart))[1][..., -1]
     along = torch.einsum("bptc,btc->bpt", apart, axis)
     low, high = along.amin(1).clamp(max=-LEAST), along.amax(1).clamp_min(LEAST)

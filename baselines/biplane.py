@@ -88,6 +88,7 @@ class Biplane(Codec):
         bits: Bits = 0  # bits of a stored number of all planes on average; 0: chosen by the fit; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Fit planes and colours under the shared decoder. The file's part `decoder` is the plane over half vectors."""
         network, gain = fit.shared(self.name), gain_of(btf, fit)
         decoder = load_network(BiplaneDecoder(), network.parts.decoder).requires_grad_(False)
         fitting = BiplaneObjective(Samples(btf, gain, fit), decoder, self.settings, fit.generator())
@@ -125,9 +126,10 @@ class BiplaneDecoder(nn.Module):
     @property
     def flops(self) -> int:
         """Operations of one sample, a fused multiply-add counted as two."""
-        return sum(2 * a * b for a, b in pairwise(WIDTHS)) + sum(WIDTHS[1:]) + 2 * 256
+        return sum(2 * a * b for a, b in pairwise(WIDTHS)) + sum(WIDTHS[1:]) + 2 * 256  # and the sums of two residuals
 
     def forward(self, inputs: Tensor) -> Tensor:
+        """Answers (n, 3) from 0 to 1 to numbers (n, 14): x, y of the difference vector, then both planes' features."""
         first, *inner, last = self.layers
         x = _leaky(first(inputs.to(next(self.parameters()).dtype)))
         for narrow, wide in zip(inner[::2], inner[1::2], strict=True):
@@ -176,6 +178,7 @@ class BiplaneObjective(TextureObjective):
         count = int(material.max()) + 1
         self.texture = nn.Parameter(RANDOM_SPREAD * torch.randn(samples.texels, FEATURES, generator=generator))
         self.free = nn.Parameter(RANDOM_SPREAD * torch.randn(count, SIDE, SIDE, FEATURES, generator=generator))
+        # The mean of each texel, if the decoder answers 1/2 three times: a matrix of thirds makes 1/2 of it.
         colours = torch.full((samples.texels, COLOURS), 1 / 3)
         blocks = torch.arange(samples.texels, device=samples.device).split(BLOCK)
         colours[:, MATRIX:] = torch.cat([samples.abrdfs(block).mean(1) for block in blocks]).cpu() - 0.5
@@ -193,6 +196,7 @@ class BiplaneObjective(TextureObjective):
         return [self.network] if fitted else []  # the file of one material holds no network
 
     def groups(self) -> list[dict[str, Any]]:
+        """The planes and colours at `plane_rate`, then the decoder at `rate`, unless it is fixed."""
         planes = [{"params": [self.texture, self.free, self.colours], "lr": self.settings.plane_rate}]
         shared = [p for p in self.network.parameters() if p.requires_grad]
         return [*planes, {"params": shared, "lr": self.settings.rate}] if shared else planes
@@ -243,6 +247,7 @@ class BiplaneObjective(TextureObjective):
             batch = Batch(texel.repeat_interleave(len(checked)), checked.repeat(len(texel)), truth.flatten(0, 1))
             answer, held = self.answers(batch)
             own = torch.cat([self.texture[texel], self.colours[texel]], 1)
+            # A matrix of 0, and the mean as offset.
             mean = torch.cat([self.texture[texel], functional.pad(abrdfs.mean(1), (MATRIX, 0))], 1)
             held_mean, exact_mean = (
                 each[:, FEATURES:].repeat_interleave(len(checked), 0) for each in (self.rounded_texels(mean), mean)

@@ -31,7 +31,7 @@ def clustered(points: Array, codes: int, seed: int) -> Array:
 
     if codes == 1 or points.shape[1] == 0:
         return np.zeros(len(points), np.int64)
-    step = 2.0**-12 * np.abs(points).max(initial=0) or 1.0
+    step = 2.0**-12 * np.abs(points).max(initial=0) or 1.0  # 1 if all points are 0
     distinct, label = np.unique(np.round(points / step), axis=0, return_inverse=True)
     if len(distinct) <= codes:
         return label.reshape(-1)
@@ -46,6 +46,7 @@ def pack_index(label: Array, codes: int) -> Tensor:
 
 
 def _bits(codes: int) -> list[int]:
+    """The bits of a label below `codes`: of its low byte, and of its high byte if it needs one."""
     bits = max(1, (codes - 1).bit_length())
     return [bits] if bits <= 8 else [8, bits - 8]
 

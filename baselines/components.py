@@ -54,6 +54,7 @@ class ComponentsMaterial(Material):
         raise NotImplementedError
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """The mean's coefficient, 1, comes first. Logarithms are interpolated, then brought to the query's cosine."""
         coefficients = functional.pad(sample_texture(self.texture, uv), (1, 0), value=1.0)
         if self.gain is None:
             pair, weight = self.interpolator(wo, wi)

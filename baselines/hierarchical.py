@@ -42,10 +42,12 @@ class Inception(nn.Module):
     def __init__(self, generator: torch.Generator | None):
         super().__init__()
         point, three, five, pooled = BRANCHES
+        # Inputs and outputs: 1 × 1; 1 × 1 and after it 3 × 3; 1 × 1 and after it 5 × 5; 1 × 1 after the maximum.
         shapes = (CHANNELS, point), (CHANNELS, three), (9 * three, three), (CHANNELS, five), (25 * five, five)
         self.kernels: Any = nn.ModuleList(linear(*shape, generator) for shape in (*shapes, (CHANNELS, pooled)))
 
     def forward(self, x: Tensor) -> Tensor:
+        """The branches' answers, one after the other in the channels, for the inner S − 4 texels a side."""
         point, to_three, three, to_five, five, pooled = self.kernels
         inner, outer = x[..., 1:-1, 1:-1], x[..., 2:-2, 2:-2]
         small, large = convolved(convolved(inner, to_three), three), convolved(convolved(x, to_five), five)
@@ -86,6 +88,7 @@ class Hierarchy(nn.Module):
         )
 
     def hidden_matrices(self) -> list[Tensor]:
+        """The kernels of both modules: see `bench.training.optimiser`."""
         matrices = []
         for module in self.layers[1:-1]:
             matrices += [kernel.weight for kernel in module.kernels]
@@ -93,6 +96,7 @@ class Hierarchy(nn.Module):
 
     @torch.no_grad()
     def start_at(self, outputs: Tensor) -> None:
+        """Set the last layer to answer `outputs` (3,) for any inputs."""
         self.layers[-1].weight.zero_()
         self.layers[-1].bias.copy_(outputs)
 
@@ -113,6 +117,7 @@ class HierarchicalNetworks(Networks):
     """The decoder, what it sees, and NeuMIP's offset network."""
 
     def first(self, settings: Any, generator: torch.Generator | None) -> Hierarchy:
+        """The decoder, as a fit starts with it; the octaves that it sees are noted for `seen` and `placed`."""
         self.octaves, self.places = settings.octaves, settings.places
         seen = COUNTS[settings.directions] * max(1, 2 * settings.octaves)
         return Hierarchy(seen + 4 * settings.places + settings.channels, generator)
@@ -130,8 +135,9 @@ class HierarchicalNetworks(Networks):
         Queries: uv (n, 2) of their middles, wo and wi (n, 3), and level (n,), whole in a fit.
         """
         (middle, wo, wi, level), (table, offset), side = queries, textures, side + 2 * HALO
-        at = torch.arange(side, device=middle.device) - (side - 1) / 2
-        grid = torch.stack([at.expand(side, side), -at[:, None].expand(side, side)], 2)
+        # Texels from the middle along u and v, row by row from the top, where v is largest.
+        apart = torch.arange(side, device=middle.device) - (side - 1) / 2
+        grid = torch.stack([apart.expand(side, side), -apart[:, None].expand(side, side)], 2)
         step = 2.0 ** level[:, None] / pyramid.sizes[0].flip(0)
         uv = (middle[:, None, None] + grid * step[:, None, None]).flatten(0, 2)
         texels, each = side * side, level.repeat_interleave(side * side)
@@ -166,12 +172,14 @@ class HierarchicalObjective(NeuMIPObjective):
     networks: HierarchicalNetworks
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
+        """Each sample is answered by itself, as the material does, at the finest level."""
         textures, queries = self.textures(progress), queries_of(self.levels, 0, batch)
         parts = zip(*(each.split(ANSWERED) for each in queries), strict=True)
         answers = [self.networks.pictures(self.pyramid, textures, part) for part in parts]
         return _log(torch.cat(answers)[:, 0, 0])
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        """The loss of patches: of log radiance, or of fourth roots of radiance × exposure; later of gradients, too."""
         settings, patch = self.settings, self.settings.patch
         count = max(1, settings.batch // patch**2)
         coarse = count // COARSE_SHARE if len(self.levels) > 1 else 0

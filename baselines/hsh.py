@@ -57,6 +57,7 @@ class HSH(Codec):
         bits: Bits = 0  # bits of a stored coefficient on average; 0: chosen by the data; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Solve for all texels at once: the coefficients of a texel are those of red, then of green and of blue."""
         gain, settings = gain_of(btf, fit), self.settings
         counts = len(btf.layout.lights), len(btf.layout.views)
         bands = [min(n, math.isqrt(count)) for n, count in zip((settings.lights, settings.views), counts, strict=True)]

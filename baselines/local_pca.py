@@ -41,6 +41,7 @@ class LocalPCA(Codec):
         bits: Bits = 0  # bits of a stored number on average; 0: chosen by the data; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Coefficients (H, W, k), each texel's cluster, and components (N, 3, clusters · (k + 1)), each mean first."""
         gain, settings = gain_of(btf, fit), self.settings
         mean, directions, points = reduced(btf, gain, max(SPANNED, settings.components), fit)
         found = local_components(points, settings.clusters, settings.components, fit.seed)
@@ -58,6 +59,7 @@ class LocalPCA(Codec):
         mine, seen, target = label[some], texture.flatten(0, 1)[some], values[:, some].cpu()
 
         def answers(table: Tensor, coefficients: Tensor) -> Tensor:
+            """Log radiance (3 · P, n) of a table (P, 3, clusters · (k + 1)) and the coefficients (n, k) of `some`."""
             rows = table.flatten(0, 1).unflatten(1, (count, -1))[:, mine]
             return (rows * functional.pad(coefficients, (1, 0), value=1.0)).sum(2)
 
@@ -132,7 +134,7 @@ class LocalPCAMaterial(Material):
 
     def __init__(self, label: Tensor, texture: Tensor, table: Tensor, interpolator: PairInterpolator, gain: float):
         pairs, components = len(table), texture.shape[2]
-        row = 3 * (components + 1)
+        row = 3 * (components + 1)  # numbers that a cluster has of a pair
         cost = DecoderCost(
             texture_channels=components + 1,
             texture_floats=texture.numel() + label.numel(),
@@ -142,10 +144,12 @@ class LocalPCAMaterial(Material):
         )
         super().__init__((texture.shape[0], texture.shape[1]), cost)
         self.label, self.coefficients, self.pairs = label, texture.flatten(0, 1), pairs
+        # (clusters · N, 3 · (k + 1)): a row for each pair of a cluster, one cluster after the other.
         self.table = table.unflatten(2, (-1, components + 1)).permute(2, 0, 1, 3).flatten(0, 1).flatten(1).contiguous()
         self.interpolator, self.gain = interpolator, gain
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """Each of the four texels is decoded by its own cluster; their log radiances are mixed."""
         texel, texel_weight = texel_corners(self.size, uv)
         pair, share = self.interpolator.shares(wo, wi)
         row = self.label[texel][..., None] * self.pairs + pair[:, None]  # (n, 4, P)

@@ -33,6 +33,8 @@ class MeanColour(Codec):
 
 
 class MeanColourMaterial(Material):
+    """A texture (H, W, 3) of linear radiance, which is the answer for all directions and footprints."""
+
     def __init__(self, texture: Tensor):
         super().__init__((texture.shape[0], texture.shape[1]), DecoderCost.of_texture(texture))
         self.texture = texture

@@ -151,6 +151,7 @@ class NeuMIPObjective(Objective):
         return [self.networks]
 
     def groups(self) -> list[dict[str, Any]]:
+        """The networks' groups, then both textures, all at the setting `rate`."""
         settings = self.settings
         networks = groups_of([self.networks], settings.rate, settings.optimiser, settings.hidden_rate)
         textures = [self.table] if self.offset is None else [self.table, self.offset]
@@ -178,6 +179,7 @@ class NeuMIPObjective(Objective):
         return _log(answer(self.networks, self.pyramid, *self.textures(progress), queries))
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        """Three errors by the weights of `LOSSES`, the last of radiance × exposure; or the loss `display`."""
         queries, target, pair = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)
         ours = answer(self.networks, self.pyramid, *self.textures(progress), queries)
         if self.settings.loss == "display":
@@ -270,13 +272,14 @@ class NeuMIP(Codec):
         levels = Samples.levels(btf, count, gain, fit)
         objective = self.objective(levels, self.settings, fit.generator())
         progress = train(objective, fit, self.settings.steps, self.settings.patience)
+        # As blurred in the last step, because the file holds what is looked up.
         pyramid, offset = objective.blurred(progress=progress)
         levels_of = Pyramid(btf.shape, count).levels
         texture = store_texture("pyramid", pyramid.detach(), objective.rounded_table, levels_of)
         if offset is not None and objective.rounded_offset is not None:
             texture |= store_texture("offset", offset.detach(), objective.rounded_offset, [btf.shape])
         other = {"gain": torch.tensor([gain]), "size": torch.tensor(btf.shape, dtype=torch.int32)}
-        if count < level_count(btf.shape):
+        if count < level_count(btf.shape):  # in a fit to a scene; otherwise a file need not say it
             other["levels"] = torch.tensor([count], dtype=torch.uint8)
         return Parts(store_network(objective.networks, self.settings.weights), texture, other=other)
 

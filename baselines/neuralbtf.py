@@ -109,7 +109,7 @@ def harmonics(w: Tensor) -> Tensor:
 
 
 def seen(wo: Tensor, wi: Tensor, kind: Inputs) -> Tensor:
-    """The network's inputs for two directions (n, 3): (n, 18) or (n, 9)."""
+    """The network's inputs for two directions (n, 3): (n, 18), the light's first, or (n, 9), the view's first."""
     if kind == "harmonics":  # of 2 ω − 1: the authors' encoder expects directions from 0 to 1, and is given ω itself
         return torch.cat([harmonics(2 * wi - 1), harmonics(2 * wo - 1)], 1)
     return torch.cat(direction_inputs(wo, wi, kind), 1)
@@ -165,6 +165,7 @@ class NeuralBTFObjective(TextureObjective):
         return self.network.level(self.answer(batch))
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        """As published: squared error of radiance × exposure over the square of the answer, which is held constant."""
         if not self.settings.relative:
             return super().loss(generator, progress)
         batch = self.samples.draw(self.settings.batch, generator)
@@ -210,7 +211,7 @@ class NeuralBTFMaterial(Material):
         )
         super().__init__(size, cost)
         self.networks, self.gain = networks, gain
-        for place, texture in enumerate(textures):
+        for place, texture in enumerate(textures):  # as attributes, which `Material.to` finds
             setattr(self, f"texture{place}", texture)
         self.count = len(textures)
 

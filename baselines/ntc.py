@@ -183,6 +183,7 @@ class NTCObjective(DirectedObjective):
         return grids
 
     def predict(self, batch: Batch, progress: float, generator: torch.Generator | None = None) -> Tensor:
+        """Log radiance (n, 3); only with a generator have the grids noise, so that the curve has none."""
         return self.answers(self.reader(batch.texel, *self.grids(progress, generator)), batch.pair)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
@@ -222,6 +223,7 @@ class NTCMaterial(Material):
         return material
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """The network answers each of four texels, or one that is drawn by their weights; their radiances are mixed."""
         texel, weight = texel_corners(self.size, uv)
         if self.one_texel:
             drawn = (weight.cumsum(1)[:, :3] <= hashed(uv)).sum(1, keepdim=True)

@@ -50,6 +50,7 @@ class PCA(Codec):
         passes: Annotated[int, Range(2, 1000)] = 4  # passes over the data; one if they are small
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Coefficients (H, W, k), components (N, 3, k + 1), the mean first; of radiance k, the mean apart as floats."""
         log = self.settings.domain == "log"
         gain = LOG_GAIN * exposure(btf, fit.seed) if log else 1.0
         large = 12 * len(btf) * btf.shape[0] * btf.shape[1] > LARGE and not fit.density
@@ -75,6 +76,7 @@ class PCA(Codec):
         )
 
     def _of_all(self, btf: BTF, fit: Fit, gain: float | None, spare: int = 0) -> Factors:
+        """The components of all texels and pairs, `spare` ones beyond those requested."""
         return principal(btf, fit, gain, self.settings.components + spare, self.settings.passes)
 
     def _of_part(self, btf: BTF, fit: Fit, gain: float | None) -> Factors:

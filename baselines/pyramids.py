@@ -76,14 +76,14 @@ class Levels(nn.Module):
         # Half precision cannot address texels, so places are computed in float32 for any dtype.
         place = torch.stack([1 - uv[:, 1].float(), uv[:, 0].float()], 1) * size - 0.5
         first = place.detach().floor()
-        after = place - first
+        shares = place - first
         first = first.long()
         (top, left), (bottom, right) = first.remainder(size).unbind(1), (first + 1).remainder(size).unbind(1)
-        (down, across), start, width = after.unbind(1), self.starts[level], size[:, 1]
+        (down, across), start, width = shares.unbind(1), self.starts[level], size[:, 1]
         upper, lower = start + top * width, start + bottom * width
         index = torch.stack([upper + left, upper + right, lower + left, lower + right], 1)
-        above, before = 1 - down, 1 - across
-        return index, torch.stack([above * before, above * across, down * before, down * across], 1)
+        upper_share, left_share = 1 - down, 1 - across
+        return index, torch.stack([upper_share * left_share, upper_share * across, down * left_share, down * across], 1)
 
     def around(self, uv: Tensor, level: Tensor) -> tuple[Tensor, Tensor]:
         """Rows of the table and weights, (n, 4) at whole numbers as levels (n,), (n, 8) between two at real ones."""

@@ -56,6 +56,7 @@ class Encoder(nn.Module):
                 layer.bias.zero_()
 
     def forward(self, abrdfs: Tensor) -> Tensor:
+        """Latents (n, D) of normalised ABRDFs (n, pairs, 3), whose colours are the first layer's channels."""
         x = abrdfs.transpose(1, 2)
         for convolution in self.convolutions:
             x = functional.leaky_relu(convolution(x), LEAK)
@@ -74,7 +75,8 @@ def encoded(encoder: nn.Module, abrdfs: Tensor, stats: Tensor) -> Tensor:
 
 
 def coordinates(wo: Tensor, wi: Tensor, directions: Directions = "stereographic") -> Tensor:
-    """The decoder's inputs (n, k) of two unit directions: stereographic, or both directions and the half vector."""
+    """The decoder's inputs of two unit directions (n, 3): stereographic (n, 4), the light's first; or x, y, z (n, 9) of
+    view, light and half vector."""
     if directions == "stereographic":
         return torch.cat([stereographic(wi), stereographic(wo)], 1)
     return torch.cat(direction_inputs(wo, wi, directions), 1)
@@ -133,6 +135,7 @@ class Autoencoder(Fitted):
         self.encoder = encoder
 
     def groups(self) -> list[dict[str, Any]]:
+        """The encoder and the decoder at one rate; Muon, if set, steps the decoder's hidden matrices."""
         settings = self.settings
         return groups_of([self.encoder, self.network], settings.rate, settings.optimiser, settings.hidden_rate)
 
@@ -146,10 +149,12 @@ class Autoencoder(Fitted):
         return torch.cat([self.latents(block) for block in texel.split(BLOCK)])
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
+        """Each texel of the batch is encoded once, without a gradient."""
         texel, place = batch.texel.unique(return_inverse=True)
         return self.decode(self.encode(texel)[place], batch)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        """The loss at a few random texels, each encoded once and decoded at several random pairs."""
         settings = self.settings
         texel = torch.randint(self.samples.trained, (settings.texels,), generator=generator)
         texel = texel.to(self.samples.device, non_blocking=True)

@@ -119,5 +119,6 @@ class Free(rainer.Fitted):
         return self.answers(self.rounding(self.whole()), batch)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        """The loss at as many random samples as the encoder's fit decodes in a step."""
         batch = self.samples.draw(self.settings.texels * self.settings.pairs, generator)
         return self.distance(self.predict(batch, progress), batch.target, batch.pair, progress)

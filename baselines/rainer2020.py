@@ -46,6 +46,7 @@ class Rainer2020Network(SharedNetwork):
         activation: rainer.Activation = "leaky-relu"  # activation of the decoder's hidden layers
 
     def train(self, btfs: Sequence[BTF], fit: Fit) -> Parts:
+        """Fit encoder and decoder to texels of all materials; the encoder is stored with the pairs that it sees."""
         canonical = canonical_pairs()
         pool = Pool(btfs, canonical, self.settings.kept, fit)
         fitting = Rainer2020Objective(pool, self.settings, fit)
@@ -79,6 +80,7 @@ class Rainer2020(Codec):
         bits: Bits = 0  # bits of a stored latent, mean or deviation on average; 0: chosen by the fit; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Encode every texel by the shared encoder; nothing is fitted but the rounding."""
         network, gain = fit.shared(self.name), gain_of(btf, fit)
         samples = Samples(btf, gain, fit)
         coder = Coder(network, samples).to(fit.device)
@@ -136,6 +138,7 @@ class Coder(torch.nn.Module):
 
     @torch.no_grad()
     def forward(self, abrdfs: Tensor) -> Tensor:
+        """Channels (n, D + 6) of log ABRDFs (n, N, 3): statistics are those of the canonical pairs, if usable."""
         canonical, own = self.resampled(abrdfs), rainer.statistics(abrdfs)
         stats = rainer.statistics(canonical)
         latents = rainer.encoded(self.encoder, canonical, stats)
@@ -144,6 +147,7 @@ class Coder(torch.nn.Module):
         answers = rainer.radiance(self.decoder, rows, where).unflatten(0, (-1, count))  # (n, P, 3)
         truth, mean = abrdfs[:, self.checked], own[:, :1]
         usable = (answers - truth).square().mean(1) <= (mean - truth).square().mean(1)
+        # One answer that is far too bright would shine for every texel around it.
         usable &= answers.amax(1).expm1() <= FIREFLY * abrdfs.amax(1).expm1()
         plain = torch.cat([mean, torch.zeros_like(mean)], 1)
         return torch.cat([latents, stats.where(usable[:, None], plain).flatten(1)], 1)
@@ -159,6 +163,7 @@ class Resampler(torch.nn.Module):
         self.sample, self.weight = nn.Buffer(taps.sample), nn.Buffer(taps.weight)
 
     def forward(self, abrdfs: Tensor) -> Tensor:
+        """Log ABRDFs (n, N, 3) at the target's pairs, (n, C, 3)."""
         radiance = abrdfs.expm1()
         each = zip(self.sample.unbind(1), self.weight.unbind(1), strict=True)
         return sum(radiance[:, sample] * weight[:, None] for sample, weight in each).log1p()  # type: ignore[union-attr]
@@ -183,6 +188,7 @@ class Pool(Samples):
         self.material = torch.arange(len(drawn), device=device).repeat_interleave(counts)
 
     def abrdfs(self, texel: Tensor) -> Tensor:
+        """The log ABRDFs (n, C, 3) of some texels (n,) at the canonical pairs, not at those that `at` answers for."""
         return self.inputs[texel].float()
 
 
@@ -220,4 +226,5 @@ class Rainer2020Objective(rainer.Autoencoder):
         return [self.network, self.encoder]
 
     def where(self, batch: Batch) -> Tensor:
+        """The coordinates (n, 4) of the pairs of a batch, which differ from material to material."""
         return self.samples.where[self.samples.material[batch.texel], batch.pair]

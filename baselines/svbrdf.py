@@ -70,10 +70,10 @@ def shaded(maps: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
         return (w[:, 0] - x * n) / side, (z * w[:, 1] - y * w[:, 2]) / side, n
 
     values: dict[str, Any] = {"base": maps[:, :3].T, "roughness": maps[:, 6], "metalness": maps[:, 7]}
-    at = brdf.points(local(wo), values | {"specular": 1.0, "anisotropy": 0.0})
-    between = (wo * wi).sum(1)
-    through, specular = brdf.reflect(at, local(wi), between)
-    return (at.diffuse * through + brdf.specular_colour(at, between) * specular).T
+    points = brdf.points(local(wo), values | {"specular": 1.0, "anisotropy": 0.0})
+    wo_wi = (wo * wi).sum(1)
+    through, specular = brdf.reflect(points, local(wi), wo_wi)
+    return (points.diffuse * through + brdf.specular_colour(points, wo_wi) * specular).T
 
 
 class MapsObjective(Objective):
@@ -86,6 +86,7 @@ class MapsObjective(Objective):
         # Measured data may have any unit, so a factor on the reflected radiance is fitted with the maps.
         self.scale = nn.Parameter(torch.tensor([max(bright, DARK) / WHITE]).log())
         base = (albedo * (WHITE / max(bright, DARK))).clamp(0.01, 0.99).logit()
+        # No slope, and the logits of roughness and metalness.
         rest = torch.tensor([0, 0, *torch.tensor([ROUGHNESS, METALNESS]).logit()]).expand(len(base), 4)
         self.free = nn.Parameter(torch.cat([base.cpu(), rest], 1))
 
@@ -106,6 +107,7 @@ class MapsObjective(Objective):
 def _albedo(samples: Samples, generator: torch.Generator) -> Tensor:
     """The factor (texels, 3) by which a rough white plane is nearest to the texels, over some pairs."""
     pairs = torch.randperm(samples.pairs, generator=generator)[:SEEN].sort().values.to(samples.device)
+    # In the order of `CHANNELS`.
     white = torch.tensor([1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0], device=samples.device).expand(len(pairs), CHANNELS)
     seen = shaded(white, samples.wo[pairs], samples.wi[pairs])[:, 0]
     total = torch.zeros(samples.texels, 3, device=samples.device)
@@ -142,6 +144,7 @@ class MapsMaterial(Material):
         super().__init__(size, DecoderCost(0, CHANNELS, table.numel(), FLOPS + 2 * read, read * table.element_size()))
 
     def maps(self) -> tuple[dict[str, np.ndarray], float]:
+        """The pictures as the file holds them; a normal from −1 to 1 is 0 to 255, its z computed."""
         codes = self.codes.cpu()
         normal = maps_of(codes.flatten(0, 1))[:, 3:6].reshape(*self.size, 3)
         pictures = {

@@ -19,6 +19,7 @@ class Table(Codec):
     interpolates = True
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """All values as halves, (pairs, H, W, 3), over a scale that brings the largest of them into range."""
         peak = max(float(np.abs(picture).max()) for picture in fit.progress(btf, "finding the range", len(btf)))
         scale = half_scale(peak)
         values = torch.empty(len(btf), *btf.shape, 3, dtype=torch.float16)
@@ -33,6 +34,8 @@ class Table(Codec):
 
 
 class TableMaterial(Material):
+    """Linear radiance (pairs, H, W, 3) over `scale`, bilinear over texels and interpolated over pairs."""
+
     def __init__(self, values: Tensor, interpolator: PairInterpolator, scale: float):
         pairs, height, width, channels = values.shape
         reads = 4 * interpolator.reads * channels
@@ -46,6 +49,7 @@ class TableMaterial(Material):
         self.values, self.interpolator, self.scale = values.reshape(-1, channels), interpolator, scale
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """The weighted sum of four texels at each of some pairs; weights of pairs include the ratio of cosines."""
         texel, texel_weight = texel_corners(self.size, uv)
         pair, pair_weight = self.interpolator(wo, wi)
         row = pair[:, :, None] * (self.size[0] * self.size[1]) + texel[:, None, :]

@@ -68,6 +68,7 @@ class TriplePlane(Codec):
             return Architecture(3 * self.channels, (self.width,) * LAYERS)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """The texture of texels, and in the file's part `decoder` both planes over directions, beside the network."""
         fitting = fitted(TriplePlaneObjective, self.settings, btf, fit)
         texture = store_texture("latents", fitting.texture.reshape(*btf.shape, -1), fitting.rounded_texture)
         parts = fitting.parts(texture)
@@ -94,15 +95,16 @@ class TriplePlaneObjective(TextureObjective):
         self.texture = nn.Parameter(first_latents(samples, channels, settings.start, generator))
         first = RANDOM_SPREAD * torch.randn(2, side, side, channels, generator=generator)
         if settings.start != "random":
-            at = torch.linspace(-1, 1, side)
-            place = torch.stack([at.expand(side, side), -at[:, None].expand(side, side)], 2)
+            # x and y of the direction that each texel of a plane stands for: row 0 is y = 1, as in a texture.
+            along = torch.linspace(-1, 1, side)
+            place = torch.stack([along.expand(side, side), -along[:, None].expand(side, side)], 2)
             first[..., : min(2, channels)] = place[..., :channels]
         self.free = nn.Parameter(first)
         self.rounded_texture, self.rounded_planes = (Rounding(channels, settings.bits) for _ in range(2))
         uv = [places(w, side).cpu() for w in half_and_difference(samples.wo, samples.wi, settings.difference)]
         corners = zip(*(texel_corners((side, side), each) for each in uv), strict=True)
         texel, weight = (torch.stack(both, 1) for both in corners)
-        texel += torch.tensor([[0], [side * side]])
+        texel += torch.tensor([[0], [side * side]])  # the second plane's rows follow those of the first
         self.kernel = nn.Buffer(blurring(side, settings.blur), persistent=False)
         self.texel, self.weight = (nn.Buffer(each, persistent=False) for each in (texel, weight))  # (N, 2, 4)
 
@@ -111,6 +113,7 @@ class TriplePlaneObjective(TextureObjective):
         return blurred(self.free, self.kernel)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
+        """The network sees the features of texel, half vector and difference vector, in this order."""
         texel, weight = self.texel[batch.pair], self.weight[batch.pair]
         texture = self.rounded_texture(self.texture)
         planes = self.rounded_planes(self.planes()).flatten(0, 2)

@@ -58,6 +58,7 @@ class Tucker(Codec):
         bits: Bits = 0  # bits of a stored coefficient on average; 0: chosen by the data; 16, 32: floats; core: 8
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Coefficients (H, W, K), bases of views and lights, and the core (J, M, 3, K + 1), the mean's slice first."""
         settings, layout = self.settings, btf.layout
         gain = gain_of(btf, fit)
         level = gain if settings.domain == "log" else None
@@ -69,7 +70,7 @@ class Tucker(Codec):
         # Coefficients in [−1, 1], as in `pca`, so that eight bits suit all slices of the core equally.
         scale = coefficients.abs().amax(0).clamp_min(torch.finfo(torch.float32).tiny)
         core[1:] *= scale[:, None, None, None]
-        core[0] /= len(coefficients) ** 0.5
+        core[0] /= len(coefficients) ** 0.5  # which `_tensor` multiplied the mean with
         core = core.permute(1, 2, 3, 0).contiguous()
         coefficients, bits = (coefficients / scale).reshape(*btf.shape, -1), settings.bits
         pairs, values = probed(btf, fit, level)
@@ -107,6 +108,7 @@ def _modes(layout: Layout) -> tuple[Tensor, Tensor]:
 
 
 def _ranks(settings: Tucker.Settings, layout: Layout) -> tuple[int, int]:
+    """The most components of the modes of views and of lights; pairs that form no product share one mode."""
     if layout.grid is None:
         return min(settings.views * settings.lights, len(layout.view)), 1
     return min(settings.views, len(layout.views)), min(settings.lights, len(layout.lights))

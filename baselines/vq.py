@@ -53,6 +53,7 @@ class VQ(Codec):
         bits: Bits = 0  # bits of a number of the stored codebook on average; 0: chosen by the data; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """The codebooks of all stages, one after the other, and an index of each stage."""
         gain = gain_of(btf, fit)
         points = reduced(btf, gain, self.settings.components, fit)[2]
         labels = []
@@ -61,7 +62,7 @@ class VQ(Codec):
             points = points - _means(points, labels[-1])[labels[-1]]
         counts = [int(label.max()) + 1 for label in labels]
         books = _codebooks(btf, gain, labels, fit)
-        starts = torch.tensor(counts).cumsum(0) - torch.tensor(counts)
+        starts = torch.tensor(counts).cumsum(0) - torch.tensor(counts)  # of each stage's entries
         rows, codebook = torch.from_numpy(np.stack(labels, 1)) + starts, torch.cat(books)
         pairs, values = probed(btf, fit, gain)
         some = slice(None, None, -(-len(rows) // PROBED_TEXELS))
@@ -109,6 +110,7 @@ class VQMaterial(Material):
         self.interpolator, self.gain = interpolator, gain
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """The weighted sum of log radiance over four texels, all stages and some pairs, in one look-up."""
         texel, texel_weight = texel_corners(self.size, uv)
         pair, share = self.interpolator.shares(wo, wi)
         row = self.rows[texel][..., None] * self.pairs + pair[:, None, None]

@@ -51,6 +51,7 @@ class Crop:
 
     @property
     def inner_size(self) -> tuple[int, int]:
+        """The size (rows, columns) of the window without its surroundings."""
         return self.size[0] - 2 * self.around[0], self.size[1] - 2 * self.around[1]
 
     def at_origin(self) -> "Crop":
@@ -77,6 +78,7 @@ class Crop:
 
     @property
     def keeps_scale(self) -> bool:
+        """Whether the window has a texel for each of the source."""
         return self.source == self.size
 
     def rescaled(self, pictures: Tensor) -> Tensor:
@@ -97,6 +99,7 @@ class _Side(NamedTuple):
 
     @classmethod
     def drawn(cls, side: int, place: float, largest: int, scale: float, periodic: bool, around: int) -> "_Side":
+        """One side of `Crop.drawn`, of a picture's `side` texels; `place`, from 0 to 1, chooses where it begins."""
         beyond = math.ceil(around / scale)
         size = _fitting(min(round(side * scale), largest))
         source = min(round(size / scale), side)

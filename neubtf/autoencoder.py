@@ -96,6 +96,7 @@ class Autoencoder(nn.Module):
             self.head.weight.mul_(FAINT)
 
     def forward(self, guidance: Tensor) -> Tensor:
+        """The texture (B, D, H, W) of guidance (B, 3, H, W), normalised by `Encoder.prepared`."""
         height, width = guidance.shape[2:]
         if height % STRIDE == 0 and width % STRIDE == 0:
             # Repeat a period that is too short for the kernels; this does not change its texture.
@@ -130,10 +131,12 @@ def surrounded(picture: Tensor, corner: tuple[int, int], size: tuple[int, int]) 
 
 
 def _up(side: int) -> int:
+    """The least multiple of the stride that is no less than a side."""
     return -(-side // STRIDE) * STRIDE
 
 
 def _doubled(x: Tensor) -> Tensor:
+    """A picture (B, C, h, w) at twice its size, each texel repeated."""
     return functional.interpolate(x, scale_factor=2, mode="nearest")
 
 
@@ -170,6 +173,7 @@ class Block(nn.Module):
         return [self.wider.weight, self.back.weight]
 
     def forward(self, x: Tensor) -> Tensor:
+        """Channels (B, C, H, W) to as many; the pointwise layers need them last."""
         hidden = self.norm(self.spatial(x).movedim(1, -1))
         return SCALE * (x + self.back(functional.gelu(self.wider(hidden))).movedim(-1, 1))
 
@@ -180,11 +184,12 @@ class Attention(nn.Module):
     def __init__(self, channels: int, rectified: bool):
         super().__init__()
         few = channels // REDUCTION
-        between = nn.ReLU() if rectified else nn.GELU()
-        self.perceptron = nn.Sequential(nn.Linear(channels, few), between, nn.Linear(few, channels))
+        activation = nn.ReLU() if rectified else nn.GELU()
+        self.perceptron = nn.Sequential(nn.Linear(channels, few), activation, nn.Linear(few, channels))
         self.spatial = Circular(2, 1, 7)
 
     def forward(self, x: Tensor, pooled: Pooled) -> Tensor:
+        """The cells (B, C, h, w) plus themselves times both gains; `pooled` is of the whole picture."""
         gain = self.perceptron(pooled.total / pooled.cells) + self.perceptron(pooled.peak)
         y = x * gain.sigmoid()[..., None, None]
         where = torch.cat([y.mean(1, keepdim=True), y.amax(1, keepdim=True)], 1)

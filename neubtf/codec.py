@@ -60,6 +60,7 @@ class NeuBTF(Codec):
         """See `StagedSettings`."""
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Fit, then make the texture by the encoder as it is stored, whose texture a file with it gives again."""
         gain, generator, settings = gain_of(btf, fit), fit.generator(), self.settings
         samples = Samples(btf, gain, fit)
         guidance = as_guidance(eight_bits(displayed(slice_of(samples, guiding_pair(samples)))))
@@ -75,6 +76,7 @@ class NeuBTF(Codec):
         batch = samples.draw(settings.batch, fit.generator())
 
         def answers(texture: Tensor) -> Tensor:
+            """Log radiance (n, 3) of the renderer at random samples for a texture (H, W, D)."""
             return fitting.rendered(texture.flatten(0, 1), batch.texel, batch.pair)
 
         rounding = round_after(texture, settings.bits, answers, batch.target)

@@ -99,6 +99,7 @@ def guidance_of(picture: Array, treatment: Treatment, own: Tensor, exposure: flo
 
 
 def _factor(picture: Array, how: str, own: Tensor, exposure: float) -> float:
+    """The factor on linear values of a picture (H, W, 3): see `Treatment.exposure`; 1 for a black one to be matched."""
     if how == RADIANCE:
         return exposure
     if how != MATCH:
@@ -109,6 +110,7 @@ def _factor(picture: Array, how: str, own: Tensor, exposure: float) -> float:
 
 
 def _number(text: str) -> float:
+    """The number that a text gives, or 0, which no factor can be."""
     try:
         return float(text)
     except ValueError:
@@ -125,6 +127,7 @@ def blended(picture: Array, margin: float) -> Array:
 
 
 def _overlap(side: int, margin: float) -> int:
+    """Texels of a side to blend away: the margin's, and up to three more if the rest then fits the stride."""
     least = round(side * margin)
     fitting = least + (side - least) % STRIDE
     return fitting if least and 2 * fitting <= side else least
@@ -157,6 +160,7 @@ def _steps(picture: Array, axis: int) -> Array:
 
 
 def _seam(steps: Array) -> Seam:
+    """The seam of a ring of steps, the last of which crosses the border; see `seam_of`."""
     inside = steps[STRIDE - 1 : -1 : STRIDE]
     if not inside.any():
         return Seam(np.inf, np.inf)

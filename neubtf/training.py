@@ -102,6 +102,7 @@ class Guided(Objective):
         return [self.renderer]
 
     def groups(self) -> list[dict[str, Any]]:
+        """Those of the encoder come first: `ENCODERS` counts them, so that `Staged.rate` can stop the others."""
         settings = self.settings
         renderer = groups_of([self.renderer], settings.rate, settings.optimiser, settings.hidden_rate)
         encoder = groups_of([self.encoder], settings.encoder_rate, settings.optimiser, settings.encoder_hidden_rate)
@@ -138,18 +139,22 @@ class Staged(Guided):
         if settings.start == "components":
             texture = first_latents(samples, settings.latents, "components", generator)
         self.texture = nn.Parameter(texture)
-        self.ends = [round(share * settings.steps) for share in (0, settings.direct, settings.direct + settings.taught)]
+        # The first step of each stage.
+        self.starts = [
+            round(share * settings.steps) for share in (0, settings.direct, settings.direct + settings.taught)
+        ]
 
     def groups(self) -> list[dict[str, Any]]:
         return [*super().groups(), {"params": [self.texture], "lr": self.settings.rate}]
 
     def stage(self, step: int) -> int:
         """The stage of a step, from 0 to 2."""
-        return bisect.bisect(self.ends, step) - 1
+        return bisect.bisect(self.starts, step) - 1
 
     def rate(self, step: int, steps: int, group: int) -> float:
+        """Each stage has its own warm-up and fall; after a direct stage, the guided one moves the encoder alone."""
         stage = self.stage(step)
-        start, end = [*self.ends, steps][stage : stage + 2]
+        start, end = [*self.starts, steps][stage : stage + 2]
         fixed = stage == 2 and self.settings.direct > 0 and group >= ENCODERS[self.settings.optimiser]
         return 0.0 if fixed else super().rate(step - start, end - start, group)
 
@@ -159,6 +164,7 @@ class Staged(Guided):
         return self.rendered(latents, batch.texel, batch.pair)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        """The loss of the stage to which a step belongs."""
         losses = (self._direct, self._taught, self._guided)
         return losses[self.stage(round(progress * self.settings.steps))](generator)
 
@@ -177,10 +183,12 @@ class Staged(Guided):
         return Example(window, texels, self.disturbance.disturbed(picture, generator), pair)
 
     def _direct(self, generator: torch.Generator) -> Tensor:
+        """The loss of texture and renderer at random samples, without the encoder."""
         batch = self.samples.draw(self.settings.batch, generator)
         return distance(self.rendered(self.texture, batch.texel, batch.pair), batch.target, self.settings.loss)
 
     def _taught(self, generator: torch.Generator) -> Tensor:
+        """The squared error of the encoder's latents from the fitted texture's, over the deviation of each channel."""
         example, texture = self.example(1.0, generator), self.texture.detach()
         inner = example.inner
         error = by_texel(self.encoder(example.picture))[inner] - texture[example.texels[inner]]

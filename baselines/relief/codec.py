@@ -151,6 +151,7 @@ class ReliefMaterial(Material):
         relief: Surface | None,
         gain: float,
     ):
+        # Reads of the height: the linear search along the view, four texels a secant, the search toward the light.
         steps = geometry.VIEW_STEPS + 1 + 4 * geometry.SECANTS + (geometry.LIGHT_STEPS if network.shadow else 0)
         taps = 0 if relief is None else steps
         tables = pyramids.tables(grids)
@@ -213,6 +214,7 @@ class ReliefObjective(Objective):
         return [self.network]
 
     def groups(self) -> list[dict[str, Any]]:
+        """The network's groups, the grids' at `latent_rate`, and that of the height's shift if it is refined."""
         settings = self.settings
         networks = groups_of([self.network], settings.rate, settings.optimiser, settings.hidden_rate)
         refined = [] if self.offset is None else [{"params": [self.offset], "lr": HEIGHT_RATE}]
@@ -238,11 +240,13 @@ class ReliefObjective(Objective):
         return self.pyramids.tables(self.grids.rounded())
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
+        """Log radiance (n, 3) at the finest level; at the end of a fit, on the height as the file will hold it."""
         if progress == 1 and self.offset is not None:
             self.renew()
         return answer(self.network, self.pyramids, self.relief, self.tables(), queries_of(self.levels, 0, batch))
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        """The loss at random samples of all levels, which in the second half also moves a height that is refined."""
         queries, target, pair = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)
         height = self.height if self.offset is not None and progress >= REFINED_FROM else None
         # By the number of the step, so that a resumed fit marches the same surface. A fit that was set back to before
@@ -282,6 +286,7 @@ class Relief(Codec):
                 raise InputError("codec relief needs a channel: give latents, half or quarter")
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Look for a height, fit latents and network on it, or without one, and store the height as bytes."""
         gain = gain_of(btf, fit)
         levels = Samples.levels(btf, fitted_levels(btf, fit, level_count(btf.shape)), gain, fit)
         swept = sweep.find(btf, gain, fit) if self.settings.relief else None

@@ -57,14 +57,15 @@ class Surface(nn.Module):
         self.padded = nn.Buffer(self._padded(), persistent=False)
 
     def _padded(self) -> Tensor:
+        """The finer copy with its margin, sampled bilinearly in blocks: heights by row from the top and column."""
         (rows, cols), (above, left), device = self.fine, self.margin, self.height.device
         v = 1 - (torch.arange(-above, rows + above, device=device) + 0.5) / rows
         u = (torch.arange(-left, cols + left, device=device) + 0.5) / cols
         found = self.height.new_empty(len(v), len(u))
         tall, wide = max(1, BLOCK // len(u)), min(BLOCK, len(u))
-        for top, left in itertools.product(range(0, len(v), tall), range(0, len(u), wide)):
-            part = found[top : top + tall, left : left + wide]
-            uv = torch.stack(torch.meshgrid(v[top : top + tall], u[left : left + wide], indexing="ij")[::-1], -1)
+        for row, col in itertools.product(range(0, len(v), tall), range(0, len(u), wide)):
+            part = found[row : row + tall, col : col + wide]
+            uv = torch.stack(torch.meshgrid(v[row : row + tall], u[col : col + wide], indexing="ij")[::-1], -1)
             part.copy_(sample_texture(self.height, (uv - uv.floor()).flatten(0, 1)).reshape(part.shape))
         return found
 
@@ -89,19 +90,21 @@ class Surface(nn.Module):
         along = slope(wo, self.shape)
         step = (self.high - self.low) / VIEW_STEPS
         z = (self.high - step * torch.arange(VIEW_STEPS + 1, device=uv.device, dtype=uv.dtype))[:, None]
+        # How far the surface is above the ray, (steps, n): negative before the hit.
         over = self._nearest(*_along(uv, along, z)) - z  # queries last: reductions over steps are fast
+        # The first step that is not above the surface has the highest rank of all such steps.
         rank = torch.arange(VIEW_STEPS, 0, -1, device=uv.device, dtype=torch.uint8)[:, None]
         # The last step is at the lowest height, where only rounding can keep a ray from the surface.
         first = (VIEW_STEPS - ((over[1:] >= 0) * rank).amax(0, keepdim=True).long()).clamp_max(VIEW_STEPS - 1)
         upper, lower = z[first[0]], z[first[0] + 1]
-        before, after = over.gather(0, first).T.clamp_max(0), over.gather(0, first + 1).T.clamp_min(0)
+        upper_gap, lower_gap = over.gather(0, first).T.clamp_max(0), over.gather(0, first + 1).T.clamp_min(0)
         for _ in range(SECANTS):
-            middle = lower + (upper - lower) * after / (after - before).clamp_min(1e-9)
+            middle = lower + (upper - lower) * lower_gap / (lower_gap - upper_gap).clamp_min(1e-9)
             gap = sample_texture(self.height, wrapped(uv + along * middle)).to(uv.dtype) - middle
             inside = gap >= 0
-            lower, after = torch.where(inside, middle, lower), torch.where(inside, gap, after)
-            upper, before = torch.where(inside, upper, middle), torch.where(inside, before, gap)
-        z = lower + (upper - lower) * after / (after - before).clamp_min(1e-9)
+            lower, lower_gap = torch.where(inside, middle, lower), torch.where(inside, gap, lower_gap)
+            upper, upper_gap = torch.where(inside, upper, middle), torch.where(inside, upper_gap, gap)
+        z = lower + (upper - lower) * lower_gap / (lower_gap - upper_gap).clamp_min(1e-9)
         return wrapped(uv + along * z), z
 
     def follow(self, height: Tensor, uv: Tensor, wo: Tensor) -> Tensor:
@@ -164,15 +167,16 @@ def smoothed(picture: Tensor) -> Tensor:
 def shifted(slices: Tensor, view: Tensor, z: float) -> Tensor:
     """The values of surface points in slices (L, H, W) of a view (3,), if all points have the height z."""
     x, y, up = view.tolist()
+    # In texels, which are square; rows count downwards, y upwards.
     cols, rows = -z * x / up * slices.shape[2], z * y / up * slices.shape[2]
     return _moved(_moved(slices, rows, 1), cols, 2)
 
 
-def _moved(slices: Tensor, by: float, axis: int) -> Tensor:
-    """Periodic slices read at place + by along an axis, linear."""
-    whole = math.floor(by)
+def _moved(slices: Tensor, texels: float, axis: int) -> Tensor:
+    """Periodic slices, each place showing what lies so many texels behind it along an axis, linear."""
+    whole = math.floor(texels)
     near = slices.roll(-whole, axis)
-    return torch.lerp(near, near.roll(-1, axis), by - whole) if by != whole else near
+    return torch.lerp(near, near.roll(-1, axis), texels - whole) if texels != whole else near
 
 
 def blurred(costs: Tensor) -> Tensor:

@@ -56,6 +56,7 @@ def row_of(job: Job) -> tuple[Any, ...]:
 
 
 def _differences(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> str:
+    """The versions in `mine` that are not those in `theirs`, in words; "" if all are, or if `mine` is empty."""
     differ = [key for key in ("version", "store") if mine and key in theirs and mine.get(key) != theirs[key]]
     names = {"version": "codec", "store": "store"}
     return ", ".join(f"{names[key]} version {mine.get(key)} instead of {theirs[key]}" for key in differ)

@@ -83,6 +83,7 @@ class Programs(Codec):
             return _stored(files, btf.shape, self.settings.encode)
 
     def _run(self, words: list[str]) -> None:
+        """Run a command line to its end. `CodecError` if it fails, or takes longer than the setting `seconds`."""
         try:
             subprocess.run(words, check=True, capture_output=True, timeout=self.settings.seconds)
         except subprocess.CalledProcessError as error:
@@ -119,6 +120,7 @@ def permitted() -> list[str]:
 
 
 def _words(command: str, given: dict[str, object]) -> list[str]:
+    """The words of a command line; `{name}` within them becomes what is given by that name, which is never split."""
     words = shlex.split(command)
     for name, value in given.items():
         words = [word.replace(f"{{{name}}}", str(value)) for word in words]
@@ -126,6 +128,7 @@ def _words(command: str, given: dict[str, object]) -> list[str]:
 
 
 def _stored(folder: Path, size: tuple[int, int], command: str) -> Parts:
+    """The files of a folder as tensors, by number in the order of their names, which `other` lists as JSON."""
     files = sorted(folder.iterdir())
     if not files:
         raise CodecError(f"{command}: it wrote no file into {{files}}")
@@ -199,6 +202,7 @@ class ProgramMaterial(Material):
 
 
 def _end(process: "subprocess.Popen[bytes]", scratch: "tempfile.TemporaryDirectory[str]") -> None:
+    """Kill a program whose material is gone, and remove its folder."""
     process.kill()
     with suppress(BrokenPipeError), process:
         pass  # closes its pipes, and waits for its end

@@ -222,6 +222,7 @@ def _not_finite(tensors: "dict[str, Tensor]") -> str:
 
 
 def _read(path: Path) -> bytes:
+    """The bytes of a file. `ContainerError` if it cannot be read; a pipe is refused."""
     refuse_pipe(path)
     try:
         return path.read_bytes()
@@ -230,6 +231,7 @@ def _read(path: Path) -> bytes:
 
 
 def _parse(path: Path, data: bytes) -> Header:
+    """The header of a file's bytes. `ContainerError` if they are no codec file, or not as it was written."""
     header = _json_header(path, data)
     metadata = _metadata(path, header)
     digits = str(metadata["sha256"]).encode()
@@ -278,6 +280,7 @@ def _json_header(path: Path, data: bytes) -> dict[str, Any]:
 
 
 def _metadata(path: Path, header: dict[str, Any]) -> FileMetadata:
+    """The suite's own metadata, taken out of a safetensors header, so that only tensors are left in it."""
     try:
         found = json.loads(header.pop("__metadata__")[KEY])
         newer = isinstance(found["format"], int) and found["format"] > FORMAT
@@ -292,10 +295,12 @@ def _metadata(path: Path, header: dict[str, Any]) -> FileMetadata:
 
 
 def _whole(value: object) -> bool:
+    """Whether a value of JSON is a whole number that can be a size, or a place in a file."""
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 48
 
 
 def _tensor(path: Path, name: str, entry: dict[str, Any]) -> tuple[str, tuple[int, ...], int]:
+    """The dtype, shape and bytes of a tensor from its entry in the header. `ContainerError` if they contradict."""
     try:
         begin, end = entry["data_offsets"]
         shape = tuple(entry["shape"])
@@ -333,6 +338,7 @@ def expanded(payload: "Tensor", path: Path, most: int) -> "dict[str, Tensor]":
 
 
 def _library(what: str) -> ModuleType:
+    """The package zstandard, which is optional; `what` needs it, in the error if it is missing."""
     with installed(f"{what}: needs the package zstandard: pip install 'neubtf-bench[zstd]'"):
         import zstandard
     return zstandard

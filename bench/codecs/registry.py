@@ -43,7 +43,7 @@ def make_codec(name: str, settings: dict[str, Any]) -> "Codec":
     except InputError:
         raise
     except (Exception, SystemExit) as error:
-        raise CodecError(f"{called(entry)} fails with the settings {settings}: {_kind(error)}") from error
+        raise CodecError(f"{called(entry)} fails with the settings {settings}: {said_by(error)}") from error
 
 
 def _made_in_child(name: str, settings: dict[str, Any] | None) -> object:
@@ -52,6 +52,7 @@ def _made_in_child(name: str, settings: dict[str, Any] | None) -> object:
 
 
 def _entry(name: str, wanted_by: str = "") -> EntryPoint:
+    """The entry point of a codec, or of `COMMAND`. `InputError`, beginning with `wanted_by`, if there is none."""
     entries = codec_entries()
     if name == COMMAND:
         return _OF_COMMANDS
@@ -72,11 +73,12 @@ def _lies_here(name: str) -> bool:
 
 
 def _loaded(entry: EntryPoint, wanted_by: str = "") -> "type[Codec]":
+    """Import the class of an entry point in this process, and check its name and version."""
     prefix = f"{wanted_by}: " if wanted_by else ""
     try:
         codec: type[Codec] = entry.load()
     except (Exception, SystemExit) as error:
-        raise CodecError(f"{prefix}{called(entry)} cannot be imported: {_kind(error)}") from error
+        raise CodecError(f"{prefix}{called(entry)} cannot be imported: {said_by(error)}") from error
     name = getattr(codec, "name", None)
     if name != entry.name:
         says = "has no name" if name is None else f"calls itself {name!r}"
@@ -84,10 +86,6 @@ def _loaded(entry: EntryPoint, wanted_by: str = "") -> "type[Codec]":
     if not isinstance(getattr(codec, "version", None), int):
         raise InputError(f"{prefix}{called(entry)} has no version: add `version = 1` to its class")
     return codec
-
-
-def _kind(error: BaseException) -> str:
-    return said_by(error)
 
 
 def from_outside(name: str) -> bool:
@@ -128,6 +126,7 @@ def reference(entry: EntryPoint) -> dict[str, str]:
     """
 
     def found(pattern: str, text: str) -> str:
+        """The group of the pattern's first match, or the whole match if it has none; "" without a match."""
         matches: list[str] = re.findall(pattern, text, re.M | re.S)
         return matches[0] if matches else ""
 
@@ -170,7 +169,9 @@ def _assigned(module: str, class_name: str, wanted: str) -> Any:
     None if there is none: the value of an expression is not known without importing the module.
     """
     node = _definition(module, class_name)
-    for statement in node.body if node else []:
+    if node is None:
+        return None
+    for statement in node.body:
         if isinstance(statement, ast.Assign):
             target = statement.targets[0]
         elif isinstance(statement, ast.AnnAssign):
@@ -189,6 +190,7 @@ def _assigned(module: str, class_name: str, wanted: str) -> Any:
 
 
 def _docstring(module: str, class_name: str = "") -> str:
+    """The docstring of a module, or of a class in it, from the source; "" if it has none, or no such class."""
     node = _definition(module, class_name)
     if node is None and _definition(module, "") is None:
         return f"not importable: {module}"

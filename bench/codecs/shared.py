@@ -46,6 +46,7 @@ def read(path: Path) -> TrainedNetwork:
 
 
 def _trained(header: container.Header, parts: Parts) -> TrainedNetwork:
+    """The shared network that a file holds. `ContainerError` if the file is a material, or is not complete."""
     if header.kind != container.SHARED:
         raise ContainerError(f"{header.path}: it is a material of codec {header.codec}, not a shared network")
     if not {"fingerprints", "origins"} <= parts.other.keys():
@@ -110,7 +111,7 @@ def make(network: SharedNetwork, btfs: Sequence[BTF], fit: Fit, path: Path) -> c
 
     An interrupted training resumes from its state, which is kept beside the file until it is finished.
     """
-    before = container.read_header(path) if path.exists() else None  # fail now on an unreadable file
+    replaced = container.read_header(path) if path.exists() else None  # fail now on an unreadable file
     path.parent.mkdir(parents=True, exist_ok=True)
     fingerprints, origins = [btf.fingerprint for btf in btfs], [origin(btf) for btf in btfs]
     seen = [*fingerprints, *(btf.fingerprint for btf in fit.unseen)]
@@ -121,8 +122,8 @@ def make(network: SharedNetwork, btfs: Sequence[BTF], fit: Fit, path: Path) -> c
     parts = network.train(btfs, dataclasses.replace(fit, checkpoint=state))
     for name, digests in (("fingerprints", fingerprints), ("origins", origins)):
         parts.other[name] = torch.tensor([list(bytes.fromhex(digest)) for digest in digests], dtype=torch.uint8)
-    if before:
-        shutil.copyfile(path, path.with_name(hashed_name(before.codec, before.sha256)))
+    if replaced:
+        shutil.copyfile(path, path.with_name(hashed_name(replaced.codec, replaced.sha256)))
     header = container.save(path, network, parts)
     state.unlink(missing_ok=True)
     return header

@@ -45,5 +45,6 @@ class SlicesMaterial(Material):
     def boxes(
         self, wo: Sequence[float], wi: Sequence[float], factor: int, size: tuple[int, int] | None = None
     ) -> Tensor:
+        """The stored slice of a pair, which must be one of `truth`; its size is always its own, whatever `size` is."""
         pair = self.pair_of[*wo, *wi]
         return torch.from_numpy(box_filter(self.decoded[pair], factor)).clamp_min(0)

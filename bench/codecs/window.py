@@ -59,12 +59,15 @@ class Window:
         return torch.stack([u, 1 - v], 1)
 
     def _along(self, place: Tensor, start: int, length: int, side: int) -> Tensor:
+        """Places (n,) along one axis in units of the window, from units of a side of `side` texels, of which the window
+        has `length` from `start` on."""
         if length == side:
             return place
         texels = (place * side - start).remainder(side)
         half = self.factor / 2
         # Positions that are nearer to the start around the border are clamped to the start.
         texels = torch.where(texels > (length + side) / 2, texels - side, texels)
+        # Between centres of boxes, because a look-up nearer to a border would mix in the opposite one.
         return texels.clamp(half, length - half) / length
 
     def holds(self, uv: Tensor) -> Tensor:

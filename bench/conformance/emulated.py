@@ -35,7 +35,7 @@ _WAITING = {
 _WITHOUT_KERNEL = ("aten::empty", "aten::set_", "aten::resize_")
 _aten = torch.ops.aten
 _place = _aten.set_.source_Storage_storage_offset
-_clone = torch.UntypedStorage.clone
+_clone: Callable[[Any], Any] = torch.UntypedStorage.clone
 _cpu_keys: Any = torch._C.DispatchKeySet(torch._C.DispatchKey.CPU)
 _libraries = list[torch.library.Library]()  # they hold the kernels
 

@@ -25,15 +25,18 @@ from bench.records import Job, Statistics, metrics_of
 
 
 def _flip(kind: str, space: str, target: str, label: str, default: bool = False) -> Metric:
+    """The description of a FLIP, whose name holds its kind and the distance at which it looks."""
     family = f"flip_{kind}"
     return Metric(f"{family}_{{ppd}}ppd", "1", "lower", space, 1, target, label, default, periodic=True, family=family)
 
 
 def _psnr(space: str, target: str, label: str) -> Metric:
+    """The description of a PSNR in one space."""
     return Metric(f"psnr_{space}", "dB", "higher", space, 2, target, label, default=True, decibels=True)
 
 
-# A name may hold `{ppd}`, and `periodic` says whether that variant exists.
+# Name, unit, which end is better, space, version, class, label: the fields of `Metric`, in their order. A name may hold
+# `{ppd}`, and `periodic` says whether that variant exists.
 REGISTERED = (
     _psnr("display", "bench.metrics.psnr:DisplayPSNR", "PSNR"),
     _psnr("log1p", "bench.metrics.psnr:LogPSNR", "log PSNR"),
@@ -81,6 +84,7 @@ def _found(name: str) -> tuple[Metric, dict[str, str | None]]:
 
 
 def _built_in(name: str) -> tuple[Metric, dict[str, str | None]] | None:
+    """As `_found`, of the metrics of this suite alone; None if the name is of none of them."""
     for metric in REGISTERED:
         pattern = re.escape(metric.name).replace(re.escape("{ppd}"), r"(?P<ppd>[1-9]\d{0,3}(?:\.\d*[1-9])?)")
         if metric.periodic:
@@ -167,7 +171,10 @@ def metric_of(names: Iterable[str], family: str) -> str:
 
 @lru_cache(maxsize=1024)
 def _member(names: tuple[str, ...], family: str) -> str:
+    """As `metric_of`, remembered for each tuple of names."""
+
     def place(name: str) -> tuple[bool, bool, str]:
+        """The order of preference: the very name, then a default metric, then by name."""
         return name != family, name.removesuffix(PERIODIC) not in DEFAULTS, name
 
     def is_member(name: str) -> bool:

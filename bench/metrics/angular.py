@@ -61,13 +61,15 @@ def polar_map(directions: Array, raw: Array, pool: Pool) -> dict[str, Any]:
 
 
 def _ring(directions: Array) -> Array:
+    """The ring (N,), from 0, of 15° in θ into which each direction (N, 3) falls; below the horizon the last one."""
     theta, _ = to_degrees(directions)
     # Float32 directions of a grid at 15°, 30°, … may fall a hair below their edge.
-    after = np.searchsorted(THETA_EDGES_DEG, theta + 1e-4, side="right")
-    return np.clip(after - 1, 0, RINGS - 1)
+    edges_reached = np.searchsorted(THETA_EDGES_DEG, theta + 1e-4, side="right")
+    return np.clip(edges_reached - 1, 0, RINGS - 1)
 
 
 def _pooled(raw: Array, pool: Pool) -> float | None:
+    """Some raw numbers (n,) pooled, without NaN; None if no number is left, or if they give no finite one."""
     raw = raw[~np.isnan(raw)]
     return as_number(pool(raw)) if len(raw) else None
 

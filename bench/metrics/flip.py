@@ -49,7 +49,7 @@ _WIDEST = 0.04
 _FEATURE_WIDTH = 0.082  # degrees (section 4.2)
 _COLOUR_POWER, _KNEE, _KNEE_VALUE = 0.7, 0.4, 0.95  # q_c, p_c, p_t
 _FEATURE_POWER = 0.5  # q_f
-_BRIGHT = 0.85  # of HDR pictures
+_BRIGHT = 0.85  # tone-mapped luminance to which `start` brings the brightest texel, and `stop` the median
 
 
 class Perceived(NamedTuple):
@@ -68,6 +68,7 @@ class LDR(SliceMetric):
         self.ppd, self.periodic = check_ppd(ppd), periodic
 
     def reference_side(self, reference: Picture) -> Perceived:
+        """What is perceived of the reference."""
         return perceive(reference.exposed, self.ppd, self.periodic)
 
     def compare(self, side: Perceived, test: Picture) -> Array:
@@ -116,10 +117,12 @@ def _mix(matrix: Array, planes: Array | list[Array]) -> Array:
 
 
 def _separable(plane: Array, down: Array, across: Array, mode: str) -> Array:
+    """A plane (..., H, W) filtered by one kernel along columns (down), then by another along rows (across)."""
     return correlate1d(correlate1d(plane, down, -2, mode=mode), across, -1, mode=mode)
 
 
 def _weighted_sum(plane: Array, terms: tuple[tuple[float, Array], ...], mode: str) -> Array:
+    """A plane (..., H, W) under a sum of separable filters, each a weight and the kernel of both axes."""
     (weight, kernel), *others = terms
     total = weight * _separable(plane, kernel, kernel, mode)
     for weight, kernel in others:
@@ -151,6 +154,7 @@ def _feature_filters(ppd: float) -> tuple[Array, Array, Array]:
 
 
 def _balance(kernel: Array) -> Array:
+    """A kernel whose positive numbers are scaled to the sum 1, and its negative ones to the sum −1."""
     positive, negative = np.maximum(kernel, 0), np.minimum(kernel, 0)
     return positive / positive.sum() - negative / negative.sum()
 
@@ -195,6 +199,7 @@ class Range(NamedTuple):
     stop: float
 
     def steps(self) -> Array:
+        """The exposures (N,) in stops at which pictures are compared, equally spaced; at least two."""
         return np.linspace(self.start, self.stop, max(2, math.ceil(self.stop - self.start)))
 
 
@@ -221,6 +226,7 @@ class HDR(SliceMetric):
             self.range = Range(float(start), float(stop))
 
     def for_material(self, sample: Array) -> "HDR":
+        """The same with the range of the sample's luminances above 0; of a black sample the one exposure 0."""
         luminance = np.maximum(sample, 0) @ LUMA
         lit = luminance[luminance > 0]
         start, stop = self.range_of(lit) if len(lit) else (0.0, 0.0)
@@ -241,6 +247,7 @@ class HDR(SliceMetric):
         return Range(math.log2(white / luminance.max()), math.log2(white / middle))
 
     def reference_side(self, reference: Picture) -> tuple[Array, tuple[Perceived, ...]]:
+        """The exposures in stops, and what is perceived of the reference at each."""
         if not self.range and len(reference.shape) > 2:
             raise InputError("reference is a stack, each with exposures of its own: give start and stop")
         chosen = self.range or self.range_of(np.tensordot(LUMA, reference.linear, 1))
@@ -248,6 +255,7 @@ class HDR(SliceMetric):
         return steps, tuple(self._perceive(reference, step) for step in steps)
 
     def compare(self, side: tuple[Array, tuple[Perceived, ...]], test: Picture) -> Array:
+        """The greatest FLIP (..., H, W) of each texel over the exposures."""
         steps, seen = side
         worst = difference(seen[0], self._perceive(test, steps[0]))
         for step, one in zip(steps[1:], seen[1:], strict=True):
@@ -263,6 +271,7 @@ class HDR(SliceMetric):
         return np.where(planes > 1e-150, mapped, 0)
 
     def _perceive(self, picture: Picture, step: float) -> Perceived:
+        """What is perceived of a picture at an exposure in stops, tone-mapped and clipped."""
         mapped = self.tone_map(picture.linear * 2.0**step)
         return perceive(np.clip(mapped, 0, 1), self.ppd, self.periodic)
 

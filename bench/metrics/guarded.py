@@ -23,6 +23,7 @@ def guarded(make: Callable[[], SliceMetric], called: str) -> "Guarded":
 
 
 def _asked(called: str, fails: str, function: Callable[..., Answer], *given: Any) -> Answer:
+    """What a function of the metric answers; what it raises becomes a `PluginError`: `called`, `fails`, its words."""
     try:
         return function(*given)
     except MemoryError:  # no fault of the metric's author
@@ -79,9 +80,11 @@ class Guarded(SliceMetric):
         return float(number)
 
     def _answer(self, method: str, *given: Any) -> Any:
+        """What a method of the metric answers; `PluginError` for whatever it raises."""
         return _asked(self.called, f"fails in {method}", getattr(self.metric, method), *given)
 
     def _wrong(self, method: str, due: str, answer: Any) -> PluginError:
+        """The error, to be raised, of a method that returned an answer other than is `due`."""
         what = f"an array of shape {answer.shape}" if isinstance(answer, np.ndarray) else f"a {type(answer).__name__}"
         if isinstance(answer, np.ndarray | float) and not _are_numbers(answer):
             what += " with NaN"

@@ -24,7 +24,7 @@ def entries() -> dict[str, EntryPoint]:
 
 @lru_cache(maxsize=4)  # tables ask for every cell
 def _entries(path: tuple[str, ...]) -> dict[str, EntryPoint]:
-    del path
+    del path  # only part of the key: with another path, other packages are installed
     return plugins.entries(GROUP, KIND)
 
 
@@ -48,6 +48,7 @@ def described(entry: EntryPoint, families: Collection[str]) -> Metric:
 
 @lru_cache(maxsize=64)  # a package that cannot be imported is tried once
 def _imported(entry: EntryPoint, path: tuple[str, ...]) -> object:
+    """The object of an entry point, whatever it is, or the error of its import, so that both are remembered."""
     del path
     try:
         return plugins.imported(entry, KIND)

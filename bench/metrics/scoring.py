@@ -49,14 +49,15 @@ class Scores:
 
 @dataclass(frozen=True)
 class _Reference:
-    """The reference's part of a stack of slices."""
+    """The reference's part of a stack of n slices."""
 
-    sides: dict[str, Any]
-    log1p: Array
-    radiance: Array
+    sides: dict[str, Any]  # what each metric prepared, by its name
+    log1p: Array  # (3, n, H, W)
+    radiance: Array  # (n,), the mean linear radiance of each slice
 
     @property
     def bytes(self) -> int:
+        """The memory that keeping it takes."""
         arrays = [self.log1p, *_arrays(tuple(self.sides.values()))]
         different = {id(array): array.nbytes for array in arrays}  # metrics may share one
         return sum(different.values())
@@ -120,9 +121,13 @@ class Scorer:
         return Scores(pairs, raw, radiance, abrdf / max(1, len(pairs)), self.exposure, fixed)
 
     def _blocks(self, pairs: Array, decode_slice: Decode) -> Iterator[tuple[dict[str, Array], Array, Array]]:
-        """The results of consecutive stacks of pairs, in order, with few of them under way."""
+        """The results of consecutive stacks of pairs, in order, with few of them under way.
+
+        Each is the raw numbers (n,) by metric, the mean radiance (n,) of its references, and the sum (H, W) over its
+        pairs of the ABRDFs' error.
+        """
         step = max(1, _BLOCK_TEXELS // (self.btf.shape[0] * self.btf.shape[1]))
-        waiting: deque[Future] = deque()
+        waiting: deque[Future[Any]] = deque()
         with ThreadPoolExecutor(self.threads) as pool:
             try:
                 for start in range(0, len(pairs), step):
@@ -152,7 +157,8 @@ class Scorer:
         abrdf = LogPSNR().compare(reference.log1p, picture).sum(0)
         return block, reference, (means, reference.radiance, abrdf)
 
-    def _finish(self, future: Future) -> tuple[dict[str, Array], Array, Array]:
+    def _finish(self, future: Future[Any]) -> tuple[dict[str, Array], Array, Array]:
+        """The result of a stack, whose reference is kept for later codecs if there is room for it."""
         block, reference, result = future.result()
         if block not in self._cached and self._cached_bytes + reference.bytes <= self.cache_bytes:
             self._cached[block] = reference
@@ -161,6 +167,7 @@ class Scorer:
 
 
 def _decoded(picture: Array, shape: tuple[int, ...], what: str) -> Array:
+    """A decoded slice, once it is a finite float picture of that shape; `InputError` names `what` it is of if not."""
     picture = check_radiance(picture, f"decoded slice of {what}")
     if picture.shape != shape:
         raise InputError(f"decoded slice of {what} is {picture.shape}, not {shape}")
@@ -216,6 +223,7 @@ def _relative(error: float | None, radiance: float | None) -> float | None:
 
 
 def _weighted(metric: SliceMetric, raw: Array, share: Array) -> Statistics:
+    """As `_statistics`, with means weighted by the shares (n,) of raw numbers (n,), which have no NaN."""
     values = metric.values(raw)
     finite = np.isfinite(values)
     mean = spread = None
@@ -273,6 +281,7 @@ def summarise_footprints(errors: dict[int, Array]) -> dict[str, Statistics]:
 
 
 def _group(scores: Scores, chosen: Array, wo: Array, wi: Array, loaded: dict[str, tuple[Metric, SliceMetric]]) -> Group:
+    """The statistics of the scored pairs that a mask (n,) chooses; see `summarise`. wo and wi are all of the BTF's."""
     pairs = scores.pairs[chosen]
     radiance = as_number(scores.radiance[chosen].mean()) if len(pairs) else None
     result: Group = {"slices": len(pairs), "radiance": radiance, "metrics": {}, "bins": {}}
@@ -297,6 +306,7 @@ def worst(values: Array) -> float | None:
 
 
 def _statistics(metric: SliceMetric, raw: Array) -> Statistics:
+    """Mean and deviation over slices of their finite numbers, and pooled; None without any. `raw` (n,) has no NaN."""
     values = metric.values(raw)
     finite = values[np.isfinite(values)]
     mean = float(finite.mean()) if len(finite) else None
@@ -306,6 +316,7 @@ def _statistics(metric: SliceMetric, raw: Array) -> Statistics:
 
 
 def _counts(metric: SliceMetric, raw: Array) -> Statistics:
+    """How many raw numbers (n,) are those of no error, and how many there are."""
     return {"exact": int((raw == metric.perfect).sum()), "slices": len(raw)}
 
 

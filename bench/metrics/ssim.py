@@ -33,11 +33,13 @@ class SSIM(SliceMetric):
         self.smallest = 1 if periodic else len(_WINDOW)
 
     def reference_side(self, reference: Picture) -> tuple[Array, Array, Array]:
+        """The reference's luma (..., H, W), and its local mean and variance where the window fits."""
         x = reference.luma
         mean = self._local_mean(x)
         return x, mean, self._local_mean(x * x) - mean * mean
 
     def compare(self, side: tuple[Array, Array, Array], test: Picture) -> Array:
+        """The map of similarity: without the five outer texels of each side, unless periodic."""
         x, mean_x, variance_x = side
         y = test.luma
         mean_y = self._local_mean(y)

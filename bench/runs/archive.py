@@ -46,8 +46,7 @@ from bench.records import (
 from bench.runs.evaluation import evaluate, score_key
 from bench.runs.job import keep
 from bench.runs.provenance import machine, provenance, stamp
-from bench.runs.suite import CodecSpec, Task
-from bench.runs.workbench import Workbench, opened
+from bench.runs.workbench import Opening, Workbench, opened
 
 MOST_BYTES, LEAST_BYTES, RATIO = 4 << 30, 256 << 20, 64  # limits of all unpacked files; RATIO: over the archive
 MOST_BAKED = 4 << 30  # bytes of radiance that an archive may make us bake, before we know whether its data are the same
@@ -178,8 +177,7 @@ def _verified(
     if other := _other_data(job, spec, data):
         return Verified(name, NOT_VERIFIED, other)
     metrics = tuple(job["score_key"]["metrics"])
-    task = Task(job["run"], folder, spec, data, CodecSpec(job["codec"]), int(job["seed"]), 1, metrics=metrics)
-    with opened(task, show) as workbench:
+    with opened(Opening(job["run"], spec, data, int(job["seed"]), metrics), show) as workbench:
         if workbench.btf.fingerprint != job["score_key"]["btf"]:
             return Verified(name, NOT_VERIFIED, _OTHER.format(spec.name))
         return _judged(job, workbench, folder, out, show, data.split)

@@ -40,7 +40,7 @@ from bench.runs.evaluation import Keep, drawing, evaluate, score_key
 from bench.runs.identity import identity
 from bench.runs.provenance import machine, stamp
 from bench.runs.suite import Task
-from bench.runs.workbench import Workbench, opened
+from bench.runs.workbench import Opening, Workbench, opened
 from bench.training import stored_texture
 
 log = logging.getLogger(__name__)
@@ -64,7 +64,10 @@ def work(task: Task, show: Progress = silent) -> Outcome:
     if not lock.reaches(task.folder, task.run):
         raise lock.unseen(task.folder, f"on {platform.node()}")
     try:
-        with ended_bars(show) as shown, opened(task, shown) as workbench, restored_process_state():
+        what = Opening(
+            task.run, task.material, task.data, task.repetition, task.metrics, task.demand, scorers=task.scorers
+        )
+        with ended_bars(show) as shown, opened(what, shown) as workbench, restored_process_state():
             return Attempt(
                 task, workbench, lambda label, done, total: shown(f"{task.name}: {label}", done, total)
             ).run()

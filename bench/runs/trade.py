@@ -49,9 +49,9 @@ from bench.runs import runner
 from bench.runs.estimate import duration
 from bench.runs.evaluation import Slices, recorded
 from bench.runs.provenance import machine
-from bench.runs.suite import CodecSpec, Suite, Task, canonical
+from bench.runs.suite import CodecSpec, Suite, canonical
 from bench.runs.unfinished import Unfinished, forget
-from bench.runs.workbench import Workbench, opened
+from bench.runs.workbench import Opening, Workbench, opened
 from bench.timing import Queries, native
 from bench.timing.execution import Variant, exists_on, is_whole, networks, prepared
 from bench.timing.profile import ceiling_calls, limit_ns, profile, rates, roofline
@@ -132,10 +132,7 @@ def measure(
         result["choices"] += [_failed(job, device) for job in recorded_jobs if job and job["status"] != "ok"]
         jobs = [job for job in recorded_jobs if job and job["status"] == "ok"]
         if jobs:
-            # A task needs these; its workbench uses the seed alone, for the draw of test pairs.
-            first = suite.codecs[0], suite.seeds[0], 1
-            task = Task("trade", run.folder, spec, suite.data, *first, metrics=suite.metrics)
-            with opened(task, show) as workbench:
+            with opened(Opening("trade", spec, suite.data, suite.seeds[0], suite.metrics), show) as workbench:
                 choices = _choices(workbench, jobs, suite, run, device, ceilings, show)
             if noise:
                 for row in choices:

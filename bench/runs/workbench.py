@@ -3,7 +3,7 @@
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from bench.btf import BTF, Split
 from bench.codec import Progress
 from bench.data.open import draw_of, open_material
 from bench.data.readers.checks import refuse_extremes
+from bench.data.spec import MaterialSpec, Preparation
 from bench.demand.demand import Demand
 from bench.demand.demand import load as load_demand
 from bench.demand.frame_scorer import FrameScorer, table_of
@@ -25,10 +26,22 @@ from bench.inputs.errors import InputError
 from bench.metrics import DEFAULTS, chosen_names
 from bench.metrics.scoring import Scorer
 from bench.records import OUTSIDE, VALIDATION, deciding_group
-from bench.runs.suite import Task
 
 STORED = 16  # how many slices are stored as pictures, for the slice viewer of a report
 SHOWN = ((10, 40), (40, 20), (68, 30), (30, 68))  # (θ_o, θ_i) in degrees of the slices that contact sheets show
+
+
+@dataclass(frozen=True)
+class Opening:
+    """What a workbench is opened from: a material of a run, how it is prepared, and what scores it."""
+
+    run: str
+    material: MaterialSpec
+    data: Preparation
+    repetition: int
+    metrics: tuple[str, ...] = DEFAULTS  # as a suite names them
+    demand: str = ""  # the file of a scene's demand
+    scorers: int | None = None  # threads that score; None: one a core
 
 
 @dataclass
@@ -156,17 +169,17 @@ def demand_of(run: str, path: str) -> Demand:
 
 
 @contextmanager
-def opened(task: Task, show: Progress) -> Iterator[Workbench]:
-    """The workbench of a task's material, for one thread at a time; consecutive tasks on one material share it. Each
-    repetition has its own draw of test pairs, if the material has several."""
-    draw = draw_of(task.material, task.data, task.repetition)
-    key = (task.run, task.material, task.data, task.scorers, task.demand, draw, task.metrics)
+def opened(what: Opening, show: Progress) -> Iterator[Workbench]:
+    """The workbench of a material, for one thread at a time; consecutive jobs on one material share it. Each repetition
+    has its own draw of test pairs, if the material has several."""
+    draw = draw_of(what.material, what.data, what.repetition)
+    key = replace(what, repetition=draw)
     with _ONE_AT_A_TIME:
         if key not in _latest:
             _latest.clear()
-            demand = demand_of(task.run, task.demand) if task.demand else None
-            btf = open_material(task.material, task.data, show, draw, load_path_tracer)
-            if task.data.texels:
+            demand = demand_of(what.run, what.demand) if what.demand else None
+            btf = open_material(what.material, what.data, show, draw, load_path_tracer)
+            if what.data.texels:
                 btf.gather([0], [0], [0])  # writes the scratch file, if there is one, so that no fit's time includes it
-            _latest[key] = Workbench(btf, task.material.name, task.scorers, demand, task.data.scored, task.metrics)
+            _latest[key] = Workbench(btf, what.material.name, what.scorers, demand, what.data.scored, what.metrics)
         yield _latest[key]

@@ -91,6 +91,8 @@ def interval95(samples: np.ndarray) -> list[float]:
 
 
 class _Floor(Material):
+    """What every codec does at least: one bilinear fetch of a colour, from a random texture of `size`."""
+
     def __init__(self, size: tuple[int, int]):
         super().__init__(size, DecoderCost())
         self.texture = torch.rand(*size, 3)
@@ -153,8 +155,8 @@ def in_turns(
     floor = partial(_Floor(size).to(device).query, *Queries(batch).draw(size, device))
     rng, clock = np.random.default_rng(0), clock_of(threads)
     orders = [rng.permutation(len(calls)) for _ in range(turns)]
-    samples = np.empty((turns, len(calls)))
-    floors = np.empty((turns, len(calls) + 1))
+    samples = np.empty((turns, len(calls)))  # ns a call, in the order of `calls`
+    floors = np.empty((turns, len(calls) + 1))  # before the first call of a turn and after each, in its own order
     ratios = np.empty_like(samples)
     measured = {"samples": samples, "floors": floors, "ratios": ratios}
     done = kept.read(measured) if kept else 0
@@ -163,10 +165,10 @@ def in_turns(
         floored, *timed = [calibrated(call, device, clock) for call in everyone]
         for turn in followed(show, range(done, turns), "timing decoders", turns - done):
             floors[turn, 0] = floored()
-            for at, i in enumerate(orders[turn]):
+            for place, i in enumerate(orders[turn]):
                 samples[turn, i] = timed[i]()
-                floors[turn, at + 1] = floored()
-                ratios[turn, i] = samples[turn, i] / floors[turn, at : at + 2].mean()
+                floors[turn, place + 1] = floored()
+                ratios[turn, i] = samples[turn, i] / floors[turn, place : place + 2].mean()
             if kept:
                 kept.write(measured, turn + 1)
     found = {name: Timing(samples[:, i] / batch, ratios[:, i]) for i, name in enumerate(calls)}
@@ -203,7 +205,7 @@ def elapsed(call: Callable[[], Any], repeat: int, device: torch.device, clock: C
                 call()
             end.record()
             end.synchronize()
-        return float(1e6 * start.elapsed_time(end))
+        return float(1e6 * start.elapsed_time(end))  # which is in ms
     begun = clock()
     for _ in range(repeat):
         call()

@@ -121,6 +121,7 @@ def _replaced(material: Material, make: Callable[[Decoder], nn.Module]) -> int:
 
 
 def _fused(material: Material, variant: Variant) -> Material:
+    """The material with fused networks, or another that is fused as a whole. `InputError` if neither can be."""
     if not is_gpu(material.device):
         if variant.precision != "float32":
             raise InputError(f"fused on the CPU computes in float32, not {variant.precision}: use compiled")
@@ -150,12 +151,14 @@ def _fused_on_cpu(material: Material) -> Material:
 
 
 def _whole(material: Material) -> Material:
+    """A material as one kernel of the CPU, with its networks in it. `InputError` if it cannot be recorded."""
     from bench.timing.fused.whole import Placeholder, Whole
 
     marked = copy.deepcopy(material)
     decoders: list[Decoder] = []
 
     def placeholder(decoder: Decoder) -> nn.Module:
+        """What stands for a network, which is noted in `decoders` under its number."""
         decoders.append(decoder)
         return Placeholder(len(decoders) - 1, decoder.architecture.outputs)
 
@@ -180,6 +183,7 @@ class _Compiled(Wrapped):
         self.rest = compiled(inner.evaluate, dynamic=True)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """By the kernel for whole chunks or for the rest, compiled at the first call. `InputError` if that fails."""
         # `slice` expands one direction to all texels (stride 0): torch.compile would make another kernel for it.
         queries = [x.contiguous() for x in (uv, wo, wi, footprint)]
         compute = self.whole if len(uv) == self.chunk else self.rest
@@ -200,14 +204,15 @@ class _Tf32(Wrapped):
     """Products of float32 numbers rounded as tf32."""
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """By the material itself, while PyTorch may round products as tf32."""
         kinds: list[Any] = [torch.backends.cuda.matmul, torch.backends.cudnn]
-        before = [kind.allow_tf32 for kind in kinds]
+        earlier = [kind.allow_tf32 for kind in kinds]
         for kind in kinds:
             kind.allow_tf32 = True
         try:
             return self.inner.evaluate(uv, wo, wi, footprint)
         finally:
-            for kind, allowed in zip(kinds, before, strict=True):
+            for kind, allowed in zip(kinds, earlier, strict=True):
                 kind.allow_tf32 = allowed
 
 

@@ -81,6 +81,7 @@ def _call(material: Material, condition: Condition) -> Callable[[], Any] | None:
 
 @torch.no_grad()
 def _chunks(call: Callable[..., Tensor], inputs: tuple[Tensor, ...], chunk: int) -> None:
+    """Call a function of the inputs (n, …) for each `chunk` of rows, as `Material.query` does; answers are dropped."""
     for start in range(0, len(inputs[0]), chunk):
         call(*(x[start : start + chunk] for x in inputs))
 

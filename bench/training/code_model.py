@@ -49,6 +49,7 @@ class Canvas:
 
     @classmethod
     def of(cls, sizes: Sequence[Size]) -> "Canvas":
+        """The canvas of pictures of some sizes (H, W), whose texels come one picture after the other, row by row."""
         tall = is_tall(sizes)
         stride = 3 + max(width for _, width in _placed(sizes))
         top = 0
@@ -58,6 +59,8 @@ class Canvas:
             if tall:
                 x, y, height, width = y, x, width, height
             shadow = np.zeros_like(x)
+            # On the left the place is a row further down: there a row repeats the first texel of the row above it,
+            # since its own is not decoded yet.
             shadow[x == width - 1] = 1
             shadow[x == 0] = stride - 1
             rows.append(y + top)
@@ -68,7 +71,7 @@ class Canvas:
         level = x + 2 * y
         order = np.argsort(level, kind="stable")
         starts = np.searchsorted(level[order], np.arange(int(level.max()) + 2))
-        cells = (y + 2) * stride + x + 2
+        cells = (y + 2) * stride + x + 2  # behind the frame: two rows above, two columns on the left
         return cls(stride, (top + 3) * stride, cells, np.concatenate(shadows), order, starts)
 
     def steps(self, channels: int) -> Iterator[tuple[Ints, Ints]]:
@@ -91,14 +94,15 @@ class Canvas:
             planes[plane * self.plane + cells] = values
 
     def around(self, planes: NDArray[np.integer], cell: Ints) -> Ints:
-        """The mean (n,) of what is left of cells (n,) and above them."""
+        """The mean (n,) of what is left of cells (n,) and above them; what shares a side counts three times."""
 
         def back(places: int) -> Ints:
+            """What lies so many places before each cell, (n,)."""
             return planes[cell - places].astype(np.int64)
 
         left, above = back(1), back(self.stride)
         above_right, above_left = back(self.stride - 1), back(self.stride + 1)
-        return 3 * (left + above) + above_right + above_left >> 3
+        return (3 * (left + above) + above_right + above_left) >> 3
 
     def offset(self, term: int) -> int:
         """From a code to the one that a term reads, in an array of planes."""
@@ -143,6 +147,10 @@ class CodeModel:
     terms: list[list[tuple[int, int]]]  # of each channel: what it reads, and its weight
 
     def to_bytes(self) -> bytes:
+        """The bytes of each channel in turn: `HEAD` of parameters, then what each term reads, then the terms' weights.
+
+        Parameters are middle, spread, two bytes of the mixture's four numbers, four bits each, and the count of terms.
+        """
         out = bytearray()
         for channel, terms in enumerate(self.terms):
             constant, around, before, shape = self.mixture[channel].tolist()
@@ -154,12 +162,12 @@ class CodeModel:
 
     @classmethod
     def from_bytes(cls, data: bytes, bits: Ints) -> tuple["CodeModel", int]:
-        """A model, and the number of bytes that it takes."""
-        at, heads, terms = 0, [], list[list[tuple[int, int]]]()
+        """A model, and the number of bytes that it takes; `InputError` if `to_bytes` cannot have written them."""
+        place, heads, terms = 0, [], list[list[tuple[int, int]]]()
         for channel in range(len(bits)):
-            head = data[at : at + HEAD]
+            head = data[place : place + HEAD]
             count = head[4] if len(head) == HEAD else MOST_TERMS + 1
-            body = np.frombuffer(data[at + HEAD : at + HEAD + 2 * count], np.int8)
+            body = np.frombuffer(data[place + HEAD : place + HEAD + 2 * count], np.int8)
             read = body[:count].view(np.uint8).tolist()
             weights = body[count:].tolist()
             readable = len(OWN) + len(AROUND) * min(channel, BACK)
@@ -168,9 +176,9 @@ class CodeModel:
                 raise InputError("a texture of this file does not say how its codes are predicted: encode it again")
             heads.append([head[0], head[1], head[2] >> 4, head[2] & 15, head[3] >> 4, head[3] & 15])
             terms.append(list(zip(read, weights, strict=True)))
-            at += HEAD + 2 * count
+            place += HEAD + 2 * count
         table = np.array(heads, np.int64)
-        return cls(bits, table[:, 0], table[:, 1], table[:, 2:], terms), at
+        return cls(bits, table[:, 0], table[:, 1], table[:, 2:], terms), place
 
     @property
     def scale(self) -> Ints:
@@ -181,11 +189,11 @@ class CodeModel:
         """The scale (n,) of what remains, from the activity near by."""
         constant, of_around, of_before, _ = self.mixture[channel].T
         share = constant * ONE + of_around * around + of_before * before
-        return np.maximum(self.scale[channel] * share >> 10, 1)
+        return np.maximum((self.scale[channel] * share) >> 10, 1)
 
     def value(self, channel: Ints | int, code: Ints) -> Ints:
         """What a code (n,) stands for, on the scale of eight bits."""
-        return code - self.middle[channel] << 8 - self.bits[channel]
+        return (code - self.middle[channel]) << (8 - self.bits[channel])
 
     def guess(self, weighted: Ints) -> Ints:
         """The prediction (n,) from the sums of weighted terms."""
@@ -193,8 +201,8 @@ class CodeModel:
 
     def activity(self, channel: Ints | int, value: Ints, guess: Ints, before: Ints) -> Ints:
         """The activity (n,) of a texel up to this channel, from that up to the one before."""
-        here = np.abs(ONE * value - guess) * ((1 << 20) // self.scale[channel]) >> 14
-        return 3 * before + np.minimum(here, 255) >> 2
+        here = (np.abs(ONE * value - guess) * ((1 << 20) // self.scale[channel])) >> 14
+        return (3 * before + np.minimum(here, 255)) >> 2  # below 256, so that it fits a byte
 
     def taps(self, canvas: Canvas) -> tuple[Ints, NDArray[np.int32]]:
         """The offsets and the weights, int32, (C, T) of the terms of each channel."""
@@ -209,9 +217,10 @@ class CodeModel:
     def curve(self, channel: Ints | int, guess: Ints, steepness: Ints) -> "Curve":
         """The distributions (n,) of codes; `steepness` is 2^26 over the deviation."""
         bits = self.bits[channel]
-        first = ONE // 2 * (-2 * self.middle[channel] - 1 << 8 - bits)
+        # Code 0 begins half a code below its value.
+        first = ONE // 2 * ((-2 * self.middle[channel] - 1) << (8 - bits))
         start = (first - guess) * steepness
-        slope = (ONE << 8 - bits) * steepness
+        slope = (ONE << (8 - bits)) * steepness
         middle = self.mixture[channel, 3] * (2 * REACH) + REACH
         codes = 1 << bits
         return Curve(start, slope, middle, codes, TOTAL - codes)
@@ -220,10 +229,10 @@ class CodeModel:
 class Curve(NamedTuple):
     """Distributions (n,) of codes: the place in the table where each code begins, times 2^16, is linear in the code."""
 
-    start: Ints
-    slope: Ints
-    middle: Ints  # of each one's table
-    codes: Ints
+    start: Ints  # that of code 0
+    slope: Ints  # from a code to the next
+    middle: Ints  # of each one's table in `cumulative`
+    codes: Ints  # how many there are
     room: Ints  # TOTAL − codes, as each takes at least one
 
     def inside(self, code: Ints) -> Ints:

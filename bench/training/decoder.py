@@ -142,6 +142,7 @@ def smelu(x: Tensor) -> Tensor:
 
 
 def _initialise(layer: Any, architecture: Architecture, depth: int, generator: torch.Generator | None) -> None:
+    """Draw a linear layer's weights, then its biases; `depth` 0 is the first layer, and the last one's biases are 0."""
     bound = math.sqrt(6 / layer.in_features)
     if architecture.activation == "sine":
         bound = 1 / layer.in_features if depth == 0 else bound / architecture.omega

@@ -127,6 +127,7 @@ def display_psnr(level: Tensor, target: Tensor) -> float:
     """Display-space PSNR in dB of log radiance against its target."""
 
     def shown(x: Tensor) -> np.ndarray:
+        """Log radiance as sRGB in [0, 1], float64."""
         linear = x.double().expm1() / LOG_SCALE
         return to_display(linear.cpu().numpy(), 1.0)
 
@@ -168,11 +169,12 @@ class _Loop:
         self.optimisers = Optimisers(objective.groups(), fit.device)
         self.highest, self.parameters = self.optimisers.highest, self.optimisers.parameters
         self.step, self.halvings = 0, 0
-        self.curve: list[tuple[int, float, float]] = []
+        self.curve: list[tuple[int, float, float]] = []  # step, processor seconds, PSNR in dB
         samples = objective.samples
+        # A network for all materials is judged by materials that it does not learn from, where there are some.
         draw = samples.draw_unseen if samples.trained < samples.texels else samples.draw
         self.probe = draw(PROBE, torch.Generator().manual_seed(fit.seed ^ 0x0B5E))
-        self.saved = self.shown = time.perf_counter()
+        self.saved = self.shown = time.perf_counter()  # when the state was last saved, and the progress last shown
         self.started = processor_seconds()
         self.good = self._state()
 
@@ -182,6 +184,7 @@ class _Loop:
         return model | self.optimisers.tensors()
 
     def _state(self) -> dict[str, Tensor]:
+        """A copy of all that a fit resumes from: `_tensors`, and the loop's step, halvings, curve and generator."""
         progress = torch.tensor([self.step, self.halvings])
         curve = torch.tensor(self.curve, dtype=torch.float64).reshape(-1, 3)
         loop = {"loop.progress": progress, "loop.curve": curve, "loop.generator": self.generator.get_state()}
@@ -189,6 +192,7 @@ class _Loop:
         return tensors | loop
 
     def _restore(self, state: dict[str, Tensor]) -> None:
+        """Go back to a state, in place. `InputError` if its tensors have other names or shapes."""
         ours = self._tensors()
         shapes = {name: value.shape for name, value in ours.items()}
         stored = {name: value.shape for name, value in state.items() if not name.startswith("loop.")}
@@ -228,15 +232,16 @@ class _Loop:
         return f"fitting{REMARK}{psnr:.1f} dB"
 
     def _show(self) -> None:
+        """Move the progress bar, and remember when."""
         self.fit.show(self.label, self.step, self.steps)
         self.shown = time.perf_counter()
 
     def flat(self, patience: int) -> bool:
         """Whether the curve gained less than `GAIN` in the last `patience` steps."""
-        before = [psnr for step, _, psnr in self.curve if step <= self.step - patience]
-        if not before:
+        earlier = [psnr for step, _, psnr in self.curve if step <= self.step - patience]
+        if not earlier:
             return False
-        return max(psnr for _, _, psnr in self.curve) < max(before) + GAIN
+        return max(psnr for _, _, psnr in self.curve) < max(earlier) + GAIN
 
     def advance(self, end: int) -> None:
         """Step up to `end`, then save the state, or go back to the last good one."""
@@ -270,6 +275,7 @@ class _Loop:
             self.saved = time.perf_counter()
 
     def _rescue(self) -> None:
+        """Go back to the last good state at half the learning rate; `DivergedError` after `RESCUES` times."""
         if self.halvings == RESCUES:
             raise DivergedError(
                 f"the fit diverged {RESCUES + 1} times, the last near step {self.step}, at a learning rate of "
@@ -292,7 +298,7 @@ class _Loop:
         progress = self.step / self.steps
         with self.objective.as_stored(progress):
             level = self.objective.predict(self.probe, progress)
-        if not (level - self.probe.target).square().mean() <= AWAY**2:
+        if not (level - self.probe.target).square().mean() <= AWAY**2:  # also if it is NaN
             return False
         psnr, seconds = display_psnr(level, self.probe.target), processor_seconds() - self.started
         self.curve.append((self.step, seconds, psnr))

@@ -57,7 +57,8 @@ class Grids(nn.Module):
     def __init__(self, first: Tensor, shape: tuple[int, int], settings: Any, offset: bool):
         """Start at latents (H · W, `total`): the first channels at full resolution, the next at half, then a quarter.
 
-        The offset starts at the first channels: components that separate texels also separate heights.
+        `offset` says whether there is an offset's grid, which starts at the first channels: components that separate
+        texels also separate heights.
         """
         super().__init__()
         self.values: Any = nn.ParameterDict()
@@ -110,7 +111,7 @@ class Offset(nn.Module):
     @property
     def flops(self) -> int:
         """Operations of one sample, a fused multiply-add counted as two."""
-        return self.decoder.architecture.flops + 7
+        return self.decoder.architecture.flops + 7  # those of `moved`
 
     def moved(self, uv: Tensor, latents: Tensor, wo: Tensor) -> Tensor:
         """uv (n, 2), moved by the depth that latents (n, 4) there have for views wo (n, 3)."""

@@ -50,10 +50,11 @@ def components(samples: "Samples", count: int, generator: torch.Generator, slice
     shape = (3 * len(pairs), samples.texels)
 
     def read(label: str) -> Iterator[Tensor]:
+        """The log radiance in blocks of rows, three of each pair, and a column a texel; the label is not shown."""
         read_slices = samples.slices if slices is None else slices
-        for block in pairs.split(max(1, BLOCK_BYTES // (12 * samples.texels))):
+        for block in pairs.split(max(1, BLOCK_BYTES // (12 * samples.texels))):  # a texel of a pair has 12 bytes
             level = read_slices(block)
-            yield level.permute(1, 2, 0).flatten(0, 1).contiguous()
+            yield level.permute(1, 2, 0).flatten(0, 1).contiguous()  # a copy, which the decomposition overwrites
 
     scores = truncated_svd(read, shape, count, PASSES, generator, samples.device, weight).coefficients.T
     return scores / scores.square().mean(0).sqrt()

@@ -50,6 +50,7 @@ class Muon(torch.optim.Optimizer):
 
     @torch.no_grad()
     def step(self) -> None:  # type: ignore[override]  # no closure, because a fit computes its loss once a step
+        """Move each matrix by its gradient, at its group's rate `lr`; one without a gradient stays."""
         for group in self.param_groups:
             for p in group["params"]:
                 if p.grad is None:
@@ -123,6 +124,7 @@ class Optimisers:
 
     @property
     def parameters(self) -> list[nn.Parameter]:
+        """All parameters, in the order of the given groups."""
         return _parameters(self.groups)
 
     def tensors(self) -> dict[str, Tensor]:

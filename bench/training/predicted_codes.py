@@ -43,6 +43,7 @@ def encode(codes: Codes, bits: Ints, sizes: Sequence[Size]) -> bytes:
     taken = list[tuple[NDArray[np.int32], NDArray[np.int32]]]()
 
     def known(texel: Ints, channel: Ints, curve: Curve) -> Ints:
+        """The codes of a step, which are known; `taken` notes the range of frequencies of each for the coders."""
         code = codes[texel, channel].astype(np.int64)
         below = curve.below(code)
         share = curve.below(code + 1) - below
@@ -56,10 +57,11 @@ def encode(codes: Codes, bits: Ints, sizes: Sequence[Size]) -> bytes:
     for below, share in taken:
         for part in _rounds(len(below), len(state)):
             rounds.append((below[part], share[part]))
+    # The last symbol first, because a state gives back first what it took last.
     for below, share in reversed(rounds):
         used = state[: len(below)]
         share = share.astype(np.int64)
-        full = used >= share << 16
+        full = used >= share << 16  # these would grow beyond 32 bits, and first hand on their low 16
         words.append(used[full] & TOTAL - 1)
         used = np.where(full, used >> 16, used)
         state[: len(below)] = (used // share << 16) + used % share + below
@@ -76,6 +78,7 @@ def decode(data: bytes, bits: Ints, sizes: Sequence[Size]) -> Codes:
     codes = np.zeros((len(canvas.cells), len(bits)), np.uint8)
 
     def read(texel: Ints, channel: Ints, curve: Curve) -> Ints:
+        """The codes of a step, read by the coders in turn, and noted in `codes`."""
         each = []
         for part in _rounds(len(texel), len(reader.state)):
             each.append(reader.codes(Curve(*(numbers[part] for numbers in curve))))
@@ -95,11 +98,11 @@ def _lanes(count: int) -> int:
 
 def _rounds(count: int, lanes: int) -> list[slice]:
     """The symbols of a step by round of the coders."""
-    return [slice(at, at + lanes) for at in range(0, count, lanes)]
+    return [slice(start, start + lanes) for start in range(0, count, lanes)]
 
 
 def _walk(model: CodeModel, canvas: Canvas, code_step: Step) -> None:
-    """Visit all codes in their order, each with its guess and the steepness of its distribution."""
+    """Visit all codes in their order: `code_step` is given their distributions, and gives the codes."""
     channels, plane = len(model.bits), canvas.plane
     offsets, weights = model.taps(canvas)
     values = np.zeros(channels * plane, np.int32)
@@ -123,7 +126,7 @@ class _Reader:
     """The coders of some bytes: their states (lanes,), and the words that are still to be read."""
 
     def __init__(self, model: CodeModel, data: bytes, lanes: int):
-        self.model, self.at = model, 0
+        self.model, self.taken = model, 0  # words read so far
         if len(data) < 4 * lanes or len(data) % 2:
             raise InputError(f"a texture of this file has {len(data)} bytes for {lanes} coders: encode it again")
         self.state = np.frombuffer(data, "<u4", lanes).astype(np.int64)
@@ -144,27 +147,28 @@ class _Reader:
         below, above = curve.below(code), curve.below(code + 1)
         state = (above - below) * (state >> 16) + slot - below
         empty = state < TOTAL
-        end = self.at + int(empty.sum())
+        end = self.taken + int(empty.sum())
         if end > len(self.words):
             raise InputError("a texture of this file ends before its codes: encode it again")
-        state[empty] = state[empty] << 16 | self.words[self.at : end]
-        self.at, self.state[: len(state)] = end, state
+        state[empty] = state[empty] << 16 | self.words[self.taken : end]
+        self.taken, self.state[: len(state)] = end, state
         return code
 
     def close(self) -> None:
-        if self.at != len(self.words) or (self.state != TOTAL).any():
+        """Raise `InputError` unless every word is read and every state is as an encoder begins."""
+        if self.taken != len(self.words) or (self.state != TOTAL).any():
             raise InputError("a texture of this file holds other codes than were stored: encode it again")
 
 
 def fitted(codes: NDArray[np.uint8], bits: Ints, canvas: Canvas) -> CodeModel:
-    """The model of codes (N, C)."""
+    """The model of codes (N, C): of each channel the terms, then the spread of what remains, then the mixture."""
     count, channels = codes.shape
     middle = codes.mean(0).round().astype(np.int64)
     model = CodeModel(bits, middle, np.zeros_like(bits), np.tile(np.array(FIRST, np.int64), (channels, 1)), [])
     values = np.zeros(channels * canvas.plane, np.int32)
     for channel in range(channels):
         canvas.fill(values, channel, model.value(channel, codes[:, channel].astype(np.int64)))
-    some = np.arange(0, count, -(-count // FITTED) | 1)
+    some = np.arange(0, count, -(-count // FITTED) | 1)  # an odd step, or they could all lie in a few columns
     activity = np.full((1 + channels) * canvas.plane, USUAL, np.uint8)
     for channel in range(channels):
         cell = canvas.cells + channel * canvas.plane
@@ -175,8 +179,8 @@ def fitted(codes: NDArray[np.uint8], bits: Ints, canvas: Canvas) -> CodeModel:
         guess = model.guess(weighted)
         error = (ONE * values[cell] - guess)[some].astype(np.float64)
         deviation = max(8, int(np.sqrt(np.square(error).mean())))
-        exponent = deviation.bit_length() - 4
-        model.spread[channel] = exponent << 3 | (deviation >> exponent) & 7
+        exponent = deviation.bit_length() - 4  # four significant bits, the first of which is always 1
+        model.spread[channel] = exponent << 3 | (deviation >> exponent) & 7  # read by `CodeModel.scale`
         before = activity[cell].astype(np.int64)
         now = model.activity(channel, values[cell], guess, before)
         canvas.fill(activity, channel + 1, now)
@@ -187,14 +191,18 @@ def fitted(codes: NDArray[np.uint8], bits: Ints, canvas: Canvas) -> CodeModel:
 
 
 def _terms(values: Ints, cell: Ints, channel: int, count: int, step: float, canvas: Canvas) -> list[tuple[int, int]]:
-    """What a channel of `count` codes reads, and its weights: each term saves more bits than it takes."""
+    """What a channel of `count` codes reads, and its weights: each term saves more bits than it takes.
+
+    `values` are the planes of all channels, `cell` (n,) the places in them that choose, `step` the value from a code of
+    the channel to the next.
+    """
     candidates = np.arange(len(OWN) + len(AROUND) * min(channel, BACK))
     offsets = np.array([canvas.offset(int(term)) for term in candidates])
     near = values[cell[:, None] + offsets].astype(np.float64)
     wanted = values[cell].astype(np.float64)
     inner, outer, left = near.T @ near, near.T @ wanted, float(wanted @ wanted)
     inner += np.diag(NUDGE * (inner.diagonal() + len(cell)))
-    floor = len(cell) * step**2 / 12
+    floor = len(cell) * step**2 / 12  # the squared error of codes alone: below it, better guesses save nothing
     chosen: list[int] = []
     weights = np.zeros(0)
     while len(chosen) < MOST_TERMS:
@@ -218,6 +226,7 @@ def _mixture(model: CodeModel, channel: int, code: Ints, guess: Ints, around: In
     """The mixture (4,) that takes the fewest bits: each number in turn, while that helps."""
 
     def length(mixture: tuple[int, ...]) -> float:
+        """The bits of the codes by a mixture, which the model then has."""
         model.mixture[channel] = mixture
         steepness = (1 << 26) // model.deviation(channel, around, before)
         curve = model.curve(channel, guess, steepness)

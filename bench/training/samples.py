@@ -56,7 +56,7 @@ class Samples:
 
     @classmethod
     def levels(cls, btf: BTF, count: int, gain: float, fit: Fit) -> "list[Samples]":
-        """The samples of the BTF at each level of detail, box-filtered over 2^level texels, by level.
+        """The samples of the BTF at each of `count` levels of detail, box-filtered over 2^level texels, finest first.
 
         If the finest does not fit into memory, the others hold `COARSE_PAIRS` random pairs: all would take minutes.
         """
@@ -64,7 +64,7 @@ class Samples:
         if finest.table_bytes > MEMORY_LIMIT and len(btf) > COARSE_PAIRS and not fit.density:
             shuffled = torch.randperm(len(btf), generator=fit.generator())
             btf = btf.subset(shuffled[:COARSE_PAIRS].sort().values.numpy())
-        levels = {1: finest}
+        levels = {1: finest}  # by the texels a side that each averages
         for level in range(1, count):
             levels[2**level] = cls(btf.downsample(2**level), gain, fit, memory_limit=0)
         small = {factor: each for factor, each in levels.items() if each.table_bytes <= MEMORY_LIMIT}
@@ -75,9 +75,11 @@ class Samples:
         return list(levels.values())
 
     def _log(self, radiance: np.ndarray) -> Tensor:
+        """Radiance as log radiance, in the same shape, on the CPU."""
         return torch.from_numpy(np.maximum(radiance, 0)).mul_(self.gain).log1p_()  # a copy: sources may be read-only
 
     def _up(self, drawn: Tensor) -> Tensor:
+        """Random numbers of the CPU on the fit's device."""
         return drawn.to(self.device, non_blocking=True)
 
     def draw(self, count: int, generator: torch.Generator) -> Batch:

@@ -48,6 +48,7 @@ class Rounding(nn.Module):
         return self.wanted <= MOST_BITS and self.bits.numel() > 0 and not self.chosen
 
     def forward(self, values: Tensor) -> Tensor:
+        """Values (…, C) as the file holds them once bits are chosen; until then unchanged, or as a trial makes them."""
         if self.trial is not None:
             return self.trial(values)
         return rounded(values, self.low, self.step, self.bits) if self.chosen else values
@@ -130,6 +131,7 @@ def round_after(
 
 
 def _noted(seen: dict[Rounding, Tensor], rounding: Rounding, values: Tensor) -> Tensor:
+    """Note the values that a rounding is called with, and return them unchanged."""
     seen[rounding] = values.detach()
     return values
 
@@ -164,7 +166,7 @@ def steps_for(values: Tensor, bits: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def shared_out(noise: Tensor, sizes: Tensor, total: int, bearable: float, least: int = 1) -> Tensor:
-    """The bits (C,) of each channel, `least` to `MOST_BITS`, from the errors (C, n) that rounding to each adds.
+    """The bits (C,) of each channel, `least` to `MOST_BITS`, from the errors (C, n) that each of these adds.
 
     Each bit goes to the channel that adds most error a number (C,), until all add a bearable error or `total` is spent.
     """
@@ -179,7 +181,7 @@ def shared_out(noise: Tensor, sizes: Tensor, total: int, bearable: float, least:
 
 
 def codes_of(values: Tensor, low: Tensor, step: Tensor, bits: Tensor) -> Tensor:
-    """Codes, as floats, of values (…, C)."""
+    """Codes, as floats from 0 to 2^bits − 1, of values (…, C), by each channel's lowest value, step and bits (C,)."""
     return ((values - low) / step).round().clamp_min(0).minimum(2.0**bits - 1)
 
 
@@ -208,7 +210,7 @@ def store_alike(name: str, values: Tensor, other: dict[str, Tensor]) -> dict[str
     if f"{name}.step" not in other:
         return pack(name, values, "half" if other[name].dtype == torch.float16 else "float32")
     rounding = Rounding(values.shape[-1], MOST_BITS)
-    rounding.set(values, other[name][1 : 1 + values.shape[-1]])
+    rounding.set(values, other[name][1 : 1 + values.shape[-1]])  # where `compress` writes the bits of each channel
     return store_texture(name, values, rounding)
 
 

@@ -24,7 +24,7 @@ EXACT_SIDE, EXACT_BYTES = 1024, 64 << 20  # a smaller side and a matrix up to th
 LEAST_WEIGHT = 1e-6  # rows of weight 0 are stored too, and divided by the root of their weight
 SPACE_BYTES = 512 << 20  # memory for images; with many texels only those of the last passes are kept, at least two
 
-Blocks = Callable[[str], Iterator[Tensor]]
+Blocks = Callable[[str], Iterator[Tensor]]  # reads a matrix once; the words name the pass in a progress bar
 BLOCK_BYTES = 16 << 20  # slices read together: enough for fast products, few enough for the cache
 
 
@@ -100,6 +100,7 @@ def strongest(factors: Factors, rank: int) -> Factors:
 
 
 def _scaled(read: Blocks, root: Tensor, label: str) -> Iterator[Tensor]:
+    """The blocks of rows that `read(label)` yields, each row times its root (F,) of a weight."""
     start = 0
     for block in read(label):
         yield block.mul_(root[start : start + len(block), None])
@@ -179,7 +180,7 @@ def blocks(btf: BTF, fit: Fit, label: str, gain: float | None, block_bytes: int 
     With a `gain` they are log1p(gain · radiance), negative radiance counting as 0; without, radiance as it is.
     """
     texels = btf.shape[0] * btf.shape[1]
-    step = max(1, (block_bytes or BLOCK_BYTES) // (texels * 12))
+    step = max(1, (block_bytes or BLOCK_BYTES) // (texels * 12))  # slices of three float32 a texel
     for pair, picture in enumerate(fit.progress(btf, label, len(btf))):
         place = pair % step
         if place == 0:

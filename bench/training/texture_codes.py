@@ -28,8 +28,9 @@ PACKED, PLAIN, IN_CONTEXT, PREDICTED = range(4)  # the ways; LZMA's context are 
 def compress(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] | None = None) -> Tensor:
     """Codes (…, C), those of each channel below 2^bits, as bytes (n,), uint8, without loss.
 
-    Without the `sizes` (H, W) of the pictures that codes (N, C) are of, no neighbours predict them. With channels of no
-    bits, `expand` opens `MOST_CODES` in all.
+    They are the way, the bits of each channel, and the codes of those with bits, stored in this way. Without the
+    `sizes` (H, W) of the pictures that codes (N, C) are of, no neighbours predict them. With channels of no bits,
+    `expand` opens `MOST_CODES` in all.
     """
     told = [channel for channel, each in enumerate(bits) if each]
     if told:
@@ -41,7 +42,8 @@ def compress(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] | 
 
 def _shortest(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] | None) -> tuple[int, bytes]:
     """The way that takes the fewest bytes, and these, of channels of one bit or more."""
-    planes = np.ascontiguousarray(codes.cpu().numpy().astype(np.uint8).reshape(-1, len(bits)).T)
+    planes = np.ascontiguousarray(codes.cpu().numpy().astype(np.uint8).reshape(-1, len(bits)).T)  # (C, n)
+    # At the high end of each byte, so that the high bits, which are LZMA's context, are those of the code.
     shifted = planes << (MOST_BITS - np.array(bits, np.uint8))[:, None]
     flags = [np.unpackbits(plane[:, None], axis=1)[:, :each] for plane, each in zip(shifted, bits, strict=True)]
     ways = {
@@ -128,6 +130,7 @@ def _expanded(
 
 
 def _coder(way: int, count: int) -> list[dict[str, int]]:
+    """LZMA's filters for `count` bytes in some way: the context is the four high bits of the byte before, or none."""
     context = 4 if way == IN_CONTEXT else 0
     size = min(max(4096, count), 1 << 24)
     preset = 9 | lzma.PRESET_EXTREME

@@ -58,10 +58,11 @@ class TextureObjective(Objective):
         return [self.network]
 
     def groups(self) -> list[dict[str, Any]]:
+        """The network's groups, then one of the texture, at the rate that the setting `texture_rate` names."""
         settings = self.settings
         network = groups_of([self.network], settings.rate, settings.optimiser, settings.hidden_rate)
-        ours = {id(p) for p in self.network.parameters()}
-        texture = [p for p in self.parameters() if id(p) not in ours]
+        of_network = {id(p) for p in self.network.parameters()}
+        texture = [p for p in self.parameters() if id(p) not in of_network]
         return [*network, {"params": texture, "lr": getattr(settings, self.texture_rate)}]
 
     def parts(self, texture: dict[str, Tensor], **other: Tensor) -> Parts:
@@ -83,7 +84,8 @@ def fitted(objective: Callable[[Samples, Any, torch.Generator], Fitted], setting
 class DirectedObjective(TextureObjective):
     """The same with a `Decoder` of `settings.architecture`; inputs: a texel's numbers and `settings.directions`.
 
-    The network starts at the mean of the data, or `about` it; its weights are the first numbers of the generator.
+    The network starts at the mean of the data for any inputs, or `about` it, its last weights being random, too. Its
+    weights are the first numbers of the generator.
     """
 
     def __init__(self, samples: Samples, settings: Any, generator: torch.Generator, about: bool = False):

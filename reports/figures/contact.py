@@ -94,8 +94,7 @@ def _of_same_pairs(run: Run, jobs: Sequence[Job]) -> list[tuple[Job, Arrays]]:
 
 
 def _strip(material: str, known: Sequence[tuple[Job, Arrays]], scores: Arrays) -> Figure:
-    """The truth and three codecs, the best first, at one pair; `scores` are those of the best, whose median PSNR
-    chooses it."""
+    """Truth and decoded of one slice side by side; `known` begins with the best codec, whose errors `scores` holds."""
     _, first = known[0]
     truth, pairs = first["truth"], first["pairs"]
     errors = dict(zip(scores["pairs"].tolist(), scores[PSNR].tolist(), strict=True))

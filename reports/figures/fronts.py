@@ -37,7 +37,7 @@ def _drawn(result: Budgets, surfaces: Sequence[str], kind: str, styles: Styles) 
     """Means over the surfaces: curves over bytes, as far as they reach on each, and rungs within budgets of time."""
     drawing, (by_size, by_time) = plots(11.5, 5.4, 2)
     handles: dict[str, Any] = {}
-    means = {line: _mean_curve(of, surfaces) for line, of in hulls(result, surfaces).items()}
+    means = {line: _mean_curve(curves, surfaces) for line, curves in hulls(result, surfaces).items()}
     best = [max(curve.get(bits, 0.0) for curve in means.values()) for bits in _SIZES]
     most_first = sorted(means, key=lambda line: -max(means[line].values(), default=0.0))
     for line in most_first:
@@ -50,9 +50,9 @@ def _drawn(result: Budgets, surfaces: Sequence[str], kind: str, styles: Styles) 
         (handles[line],) = by_size.plot(curve.keys(), curve.values(), **look, markersize=5, markevery=marked)
     ranked = {budget.most: result.ranked(budget, surfaces) for budget in result.limits if budget.kind == EAGER}
     for line in handles:
-        at = {most: lines[line] for most, lines in ranked.items() if line in lines}
+        by_limit = {most: lines[line] for most, lines in ranked.items() if line in lines}
         look = styles.of_codec(line.partition(",")[0]) | {"linestyle": "-", "linewidth": 1.2}
-        by_time.plot(at.keys(), at.values(), **look, markersize=5)
+        by_time.plot(by_limit.keys(), by_limit.values(), **look, markersize=5)
     labels = {by_size: (BITS, "bits of the file a texel"), by_time: (TIMES, "budget: time of a query, × floor")}
     for axes, (ticks, label) in labels.items():
         axes.set_xscale("log", base=2)
@@ -64,11 +64,11 @@ def _drawn(result: Budgets, surfaces: Sequence[str], kind: str, styles: Styles) 
     return drawing
 
 
-def _mean_curve(of: Mapping[str, Sequence[Point]], surfaces: Sequence[str]) -> dict[float, float]:
+def _mean_curve(curves: Mapping[str, Sequence[Point]], surfaces: Sequence[str]) -> dict[float, float]:
     """The mean over surfaces of a line's curves by bits a texel, where each of them reaches."""
     found = {}
     for bits in _SIZES:
-        mean = mean_at(of, surfaces, bits)
+        mean = mean_at(curves, surfaces, bits)
         if mean is not None:
             found[bits] = mean
     return found
@@ -87,7 +87,7 @@ def trade_fronts(run: Run) -> Iterator[Figure]:
 
 
 def _fronts(material: str, rows: Sequence[TradeChoice], styles: Styles) -> Any:
-    """PSNR over time and over bytes of the choices of a material; hollow where execution or precision is another."""
+    """PSNR over time and over bytes: a mark for each choice; white ones are not of the default execution."""
     groups = grouped(rows, lambda row: row["codec"] + _how(row))
     drawing, (speed, rate) = plots(11.5, max(5.0, 1.4 + 0.2 * len(groups)), 2)
     handles = []
@@ -138,7 +138,7 @@ def plot_figures(run: Run, kind: str) -> Iterator[Figure]:
 
 
 def _figure(plot: Plot, material: MaterialRows, styles: Styles) -> Figure:
-    """One plot of `reports.series`: x is logarithmic, and a bar at a point is the interval of its x."""
+    """A plot of the page as a figure; a point is (x, PSNR), or (x, PSNR, low, high) with the interval of x."""
     fits = plot["kind"] == "fits"
     curves: dict[str, list[list[float]]] = {}
     for series in plot["series"]:  # of each codec, or of a whole ladder of rates
@@ -154,9 +154,10 @@ def _figure(plot: Plot, material: MaterialRows, styles: Styles) -> Figure:
             axes.hlines(y, *ends, color=drawn["color"], linewidth=1)
         handles += axes.plot(x, y, **drawn, linewidth=1)
     low, high = axes.get_ylim()
-    for goal in GOALS_DB if fits else ():
-        if low < goal < high:
-            axes.axhline(goal, color="0.6", linewidth=0.8, zorder=0)
+    if fits:
+        for goal in GOALS_DB:
+            if low < goal < high:
+                axes.axhline(goal, color="0.6", linewidth=0.8, zorder=0)
     marks = plot["x"].get("ticks")
     if marks:
         axes.set_xscale("log", base=2)

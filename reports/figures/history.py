@@ -69,7 +69,7 @@ def _mean(quantity: Callable[[Job, Timing], float | None], seeds: Sequence[Measu
 
 
 def _materials(runs: Sequence[Run]) -> dict[str, Codecs]:
-    """The jobs of all runs that have a result, with their timings, by material."""
+    """The measured jobs of some runs by material, then as `Codecs` has them."""
     by_material: dict[str, Codecs] = {}
     for run in runs:
         for job in run.jobs:
@@ -85,8 +85,9 @@ def _ticks(order: Sequence[str], starts: dict[str, RunStart]) -> list[str]:
     names = [str(starts.get(when, RunStart()).get("git") or when[:8])[:12] for when in order]
     times = []
     for when in order:  # 11-23 09:31 of a start named 20251123T093106
-        n = "".join(filter(str.isdigit, when[:16]))
-        times.append(f"{n[4:6]}-{n[6:8]} {n[8:10]}:{n[10:12]}" if len(n) >= 12 else when)
+        digits = "".join(filter(str.isdigit, when[:16]))
+        month, day, hour, minute = (digits[place : place + 2] for place in (4, 6, 8, 10))
+        times.append(f"{month}-{day} {hour}:{minute}" if len(digits) >= 12 else when)
     ticks = []
     for name, time in zip(names, times, strict=True):
         ticks.append(f"{name}, {time}" if names.count(name) > 1 else name)

@@ -66,8 +66,7 @@ def _places(stored: Arrays, pairs: Sequence[int]) -> list[int]:
 def _drawn(
     run: Run, material: MaterialRows, rows: list[tuple[Row, Arrays]], places: list[int], inset: Inset | None
 ) -> Sheet:
-    """The pairs at some places of the stored arrays, one below another: the truth, then a column for each row. Without
-    an inset, each pair has its own: where the FLIP of all codecs together is largest."""
+    """The sheet: a line of pictures for each place in the stored arrays, above FLIP maps if all codecs have them."""
     _, first = rows[0]
     truth = first["truth"]
     height, width = truth.shape[1:3]

@@ -27,7 +27,7 @@ def significance(run: Run) -> Iterator[Figure]:
 
 
 def _figure(material: str, where: str, first: str, differences: Differences, styles: Styles) -> Figure:
-    """A row a codec, the best first: its mean difference to `first` with a 95 % interval; `where` is for the title."""
+    """A figure of differences to the codec `first`, the best on top; `where` says of which materials, in words."""
     title = f"{where}: mean paired difference to {short(first, 40)}"
     differences = dict(sorted(differences.items(), key=lambda item: -item[1].mean))
     with style():

@@ -84,6 +84,8 @@ def export(program: Program, name: str, language: str, folder: Path, source: str
 
 
 def _readme(program: Program, code: Shader, name: str, language: str, source: str) -> str:
+    """The page of conventions that lies beside a shader, in Markdown."""
+    # Width × height, of textures (height, width, 4).
     sizes = {"exact": "{1} × {0}".format(*code.exact.shape), "half": "{1} × {0}".format(*code.half.shape)}
     height, width = program.size
     across, up = program.periods

@@ -56,7 +56,7 @@ def shader(program: Program, dialect: Dialect, weights: WeightStore | None = Non
     if any("footprint" in step.names() for step in program.steps):
         inputs["footprint"] = [writer.name("float", f"max(footprint, {literal(LEAST)})")]
     rgb = [writer.scalar(x, "float") for x in writer.run(program, inputs)]
-    three = dialect.vec4.replace("4", "3")
+    three = dialect.vec4.replace("4", "3")  # the name of a vector of three
     body = [*writer.lines, f"return {three}({', '.join(rgb)});"]
     if len(writer.uniforms) > UNIFORMS:
         raise InputError(f"its weights need more than {16 * UNIFORMS:,} bytes of a uniform buffer")

@@ -157,10 +157,12 @@ class Writer(Backend):
         return self.name("float", formula.format(" + ".join(terms or ["0.0"])))
 
     def lengths(self, items: Array, rows: Callable[[Array], Rows]) -> list[str]:
+        """Roots of the sums of squares of rows, the squares computed four at once."""
         squares = self.each("{0} * {0}", [listed(items)], "float", "float")
         return [self.total(row, "sqrt({0})") for row in rows(as_array(squares).reshape(items.shape))]
 
     def product(self, left: Array, right: Array, bias: list[Scalar] | None) -> list[str]:
+        """One row times a constant matrix by blocks of four, others number by number; `bias` is of the outputs."""
         if left.ndim == 2:
             if len(left) != 1:
                 raise self.cannot("multiply these matrices")
@@ -181,6 +183,7 @@ class Writer(Backend):
         return self.scalar(value, "float")
 
     def look_up(self, table: Array, index: Scalar, kind: str) -> list[str]:
+        """The channels of one row of a table in a texture; converted, because textures hold floats alone."""
         channels = table.shape[1]
         if channels == 0:  # such as the scores of a constant material, which has no component
             return []

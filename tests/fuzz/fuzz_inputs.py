@@ -353,12 +353,13 @@ def job() -> Any:
     """A finished job whose file can be found again."""
     import tempfile
 
-    from bench.runs.job import Attempt, Task, opened
+    from bench.runs.job import Attempt, Opening, Task, opened
 
     suite = parse_suite("small", SMALL)
     folder = Path(tempfile.mkdtemp(prefix="fuzz-facts-"))
     task = Task("run", folder, suite.materials[0], suite.data, suite.codecs[0], 0, 1)
-    workbench = opened(task, lambda *_: None).__enter__()
+    what = Opening(task.run, task.material, task.data, task.repetition)
+    workbench = opened(what, lambda *_: None).__enter__()
     made = Attempt(task, workbench, lambda *_: None)
     made._file()
     return made

@@ -17,6 +17,7 @@ examples:
 import argparse
 import sys
 from pathlib import Path
+from typing import cast
 
 from bench.cli.commands import several
 from bench.codecs.registry import codec_entries
@@ -96,7 +97,7 @@ def parameters_table(folders: list[Path], format: str, choice: "Choice | None" =
             if job["status"] != "ok":
                 continue
             require(job, "tables", run.folder)
-            found: TimedJob = {**job, "ns": {}}
+            found = cast(TimedJob, {**job, "ns": {}})
             if eager := run.timing(job):
                 found["ns"]["eager"] = eager["ns_per_sample"]
             if fused := fused_times(run).get(job["job"]):
@@ -105,7 +106,7 @@ def parameters_table(folders: list[Path], format: str, choice: "Choice | None" =
                 found["ns"]["gpu"] = quickest["ns_per_sample"]
                 found["gpu"] = quickest["gpu"]
             jobs.append(found)
-    counted: list[TimedJob] = [{**count(name), "ns": {}} for name in PUBLISHED if name in codec_entries()]
+    counted = [cast(TimedJob, count(name)) for name in PUBLISHED if name in codec_entries()]
     return parameters_text([*counted, *jobs], format, choice)
 
 

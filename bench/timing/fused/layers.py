@@ -59,6 +59,7 @@ def layers_of(decoder: Decoder) -> list[Layer]:
 
 
 def _numbers(tensor: Tensor | nn.Module) -> Array:
+    """A parameter as float64 on the CPU; typed wider, because PyTorch types a network's attributes so."""
     assert isinstance(tensor, Tensor)
     return tensor.detach().cpu().double().numpy()
 

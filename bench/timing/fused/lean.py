@@ -26,6 +26,7 @@ class Lean(Network):
         self.layers = nn.ModuleList(_Layer(layer, first.dtype) for layer in layers_of(decoder)).to(first.device)
 
     def forward(self, inputs: Tensor) -> Tensor:
+        """Outputs (n, outputs) for inputs (n, inputs), in their dtype."""
         x = inputs
         for layer in self.layers:
             x = layer(x)
@@ -48,6 +49,8 @@ def compiled(call: Callable[..., Tensor], dynamic: bool) -> Callable[..., Tensor
 
 
 class _Layer(nn.Module):
+    """One folded layer with products in `dtype`, (n, inputs) → (n, outputs) in float32 or longer."""
+
     def __init__(self, layer: Layer, dtype: torch.dtype):
         super().__init__()
         self.activation, self.residual = layer.activation, layer.residual
@@ -86,6 +89,7 @@ class _Norm(nn.Module):
         self.eps = norm.eps * width
 
     def forward(self, x: Tensor) -> Tensor:
+        """Numbers (n, width), whose mean over the width the layer before has made 0, to those of the norm."""
         scale = (x.square().sum(1, keepdim=True) + self.eps).rsqrt()
         # `as_strided` forces the scale into memory; otherwise the root is computed again for every vector of a sample.
         scale = scale.as_strided(scale.shape, scale.stride())
@@ -93,10 +97,12 @@ class _Norm(nn.Module):
 
 
 def _constant(values: Array, dtype: torch.dtype) -> nn.Parameter:
+    """Numbers of the folded network as a parameter, so that they count, move and convert as its own did."""
     return nn.Parameter(torch.as_tensor(values, dtype=dtype), requires_grad=False)
 
 
 def _sine(turns: Tensor) -> Tensor:
+    """sin(2π · turns), any shape: the polynomial of `sine_of_turns` after rounding to the nearest whole turn."""
     t = turns - turns.round()
     square = t * t
     value = torch.full_like(square, _SINE[0])

@@ -69,6 +69,7 @@ class Whole(Wrapped):
         return batched(self.kernels, self._kernel, (uv, wo, wi, footprint[:, None]), tables=self.tables)
 
     def _kernel(self, n: int, *flat: Any) -> list[Any]:
+        """Arrays (n,) of red, green and blue for n queries of `WIDTHS` row-major numbers."""
         self.row = self.dr.arange(self.dr.llvm.UInt32, n)
         uv, wo, wi, (footprint,) = (self._columns(each, width) for each, width in zip(flat, WIDTHS, strict=True))
         return self.traced(uv, wo, wi, footprint)

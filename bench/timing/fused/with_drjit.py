@@ -49,6 +49,7 @@ def batched(
     size = 1 << max(n - 1, 15).bit_length()  # powers of two, so that there are few recordings for all batches
 
     def recorded(*flat: Any) -> Any:
+        """All answers of the kernel for `size` queries in one array (size · outputs,), row by row."""
         answer = kernel(size, *flat)
         out = dr.empty(dr.llvm.Float, size * len(answer))
         # One packet: separate stores would compute the whole network again for each channel.
@@ -131,20 +132,23 @@ class DrJitNetwork(Network):
     def _around(self, place: Any, side: int) -> tuple[tuple[Any, Any], Any]:
         """The two texels around a place, periodic, and how far it is from the first."""
         dr = self.dr
-        before = dr.floor(place)
-        first = dr.llvm.UInt32(before - side * dr.floor(before / side))
-        return (first, dr.select(first == side - 1, 0, first + 1)), place - before
+        whole = dr.floor(place)
+        first = dr.llvm.UInt32(whole - side * dr.floor(whole / side))
+        return (first, dr.select(first == side - 1, 0, first + 1)), place - whole
 
     def _rows(self, flat: Any, row: Any, width: int) -> Any:
+        """The `width` numbers of each row (n,) of a row-major table, as that many arrays (n,)."""
         return self.dr.gather(self.dr.llvm.ArrayXf, flat, row, shape=(width, self.dr.width(row)))
 
     def _network(self, *inputs: Any) -> tuple[Any, ...]:
+        """The outputs of the network, an array (n,) each, for its inputs."""
         x: Sequence[Any] = inputs
         for layer in self.layers:
             x = self._layer(layer, x)
         return tuple(x)
 
     def _layer(self, layer: Layer, x: Sequence[Any]) -> list[Any]:
+        """One folded layer: see `Layer`. `x` has an array (n,) for each input, the answer one for each output."""
         dr = self.dr
         hidden = self._dense(layer, x)
         if layer.norm is not None:
@@ -185,12 +189,14 @@ class DrJitNetwork(Network):
         self.dr.detail.new_scope(self.dr.JitBackend.LLVM)
 
     def _smelu(self, x: Any) -> Any:
+        """The smooth leaky ReLU, as `bench.training.decoder.smelu`, without a minimum or a maximum."""
         dr = self.dr
         inside = BEND - dr.select(x > 0, x, -x)
         inside = dr.select(inside > 0, inside, 0)
         return dr.fma(inside * inside, PARABOLA, dr.select(x > 0, x, x * LEAK))
 
     def _sine(self, turns: Any) -> Any:
+        """sin(2π · turns), by the polynomial of `sine_of_turns` from its highest power down."""
         t = turns - self.dr.round(turns)
         square = t * t
         first, *rest = sine_of_turns()[::-1]

@@ -83,6 +83,12 @@ def _network(  # type: ignore[no-untyped-def]
     C0: tl.constexpr, C1: tl.constexpr, C2: tl.constexpr, C3: tl.constexpr, C4: tl.constexpr, C5: tl.constexpr,
     BLOCK: tl.constexpr,
 ):  # fmt: skip
+    """The outputs (n, OUTPUTS) of the network for the texture at uv, followed by the numbers `first` and `second`.
+
+    `weights` holds one matrix (inputs, outputs) after the other, row by row: (INPUTS, WIDTH), hidden (WIDTH, WIDTH) and
+    last (WIDTH, LAST). `scalars` holds WIDTH biases, gains and offsets of each hidden layer, then LAST biases. All
+    sides are powers of two, filled up with zeros; a norm is over the USED channels.
+    """
     sample = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     there = sample < n
     column = tl.arange(0, INPUTS)
@@ -159,7 +165,7 @@ class TritonNetwork(Network):
         self.weights = torch.nn.Parameter(torch.cat(weights).to(parameter), requires_grad=False)
         self.scalars = torch.nn.Parameter(torch.cat(scalars).to(parameter.device), requires_grad=False)
         self.outputs, self.shape = architecture.outputs, (inputs, width, last)
-        norm = layers[0].norm
+        norm = layers[0].norm  # all layers have one, with one `eps`, or none
         used, activation = len(layers[0].bias), architecture.activation
         parabola = PARABOLA if activation == "smelu" else 0.0
         self.options: dict[str, Any] = {"USED": used, "LAYERS": len(hidden), "NORM": norm is not None}
@@ -170,6 +176,7 @@ class TritonNetwork(Network):
         self.eps = norm.eps if norm else 0.0
 
     def forward(self, inputs: Tensor) -> Tensor:
+        """Outputs (n, outputs) for inputs (n, inputs), in their dtype."""
         return self._run(None, inputs, inputs, None).to(inputs.dtype)
 
     def at(self, texture: Tensor, uv: Tensor, first: Tensor, second: Tensor) -> Tensor:
@@ -211,14 +218,14 @@ def _padded(count: int) -> int:
 
 
 def _matrix(values: Array, rows: int, columns: int) -> Tensor:
-    """A matrix filled up with zeros, row by row."""
+    """A matrix filled up with zeros to (rows, columns), as one vector, row by row."""
     matrix = torch.zeros(rows, columns)
     matrix[: values.shape[0], : values.shape[1]] = torch.from_numpy(values)
     return matrix.reshape(-1)
 
 
 def _scalars(layer: Layer, width: int) -> Tensor:
-    """Bias, gain and offset of one layer, one after the other."""
+    """Bias, gain and offset (3 · width,) of one layer, one after the other; zeros for those of no norm."""
     rows = [layer.bias]
     if layer.norm:
         rows += [layer.norm.gain, layer.norm.offset]
