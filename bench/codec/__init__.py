@@ -13,7 +13,7 @@ from torch import Tensor
 
 from bench.btf import BTF, periods
 from bench.inputs.errors import MissingDataError
-from bench.inputs.settings import IF_SET, Setting, convert, described, parse
+from bench.inputs.settings import IF_SET, Setting, convert, descriptions, parse
 from bench.machine.threads import processor_seconds
 from bench.material import Material
 
@@ -299,4 +299,4 @@ def setting_names(codec: type[Configured]) -> set[str]:
 def described_settings(codec: type[Configured]) -> list[Setting]:
     """Every setting of a codec: its own first, then those common to all codecs."""
     common = [Setting(name, "false", "true or false", COMMON_MEANINGS[name]) for name in COMMON]
-    return described(codec.Settings) + common
+    return descriptions(codec.Settings) + common

@@ -216,7 +216,7 @@ def _wanted(kind: Any) -> str:
     return words.get(plain, "a table") + (f" {limits}" if limits != Range() else "")
 
 
-def described(settings: type) -> list[Setting]:
+def descriptions(settings: type) -> list[Setting]:
     """Describe every setting of a `Settings` class, in order. Meanings are the comments in its source, if available."""
     kinds = get_type_hints(settings, include_extras=True)
     comments = _comments(settings)

@@ -20,7 +20,7 @@ def present(device: "torch.device | str") -> bool:
     return not is_gpu(device) or bool(torch.get_device_module(device).is_available())
 
 
-def described(device: "torch.device | str") -> str:
+def device_name(device: "torch.device | str") -> str:
     """The GPU, its driver and CUDA (or what PyTorch was built for), on which times depend; "" for a CPU."""
     import torch
 

@@ -77,7 +77,7 @@ def _found(name: str) -> tuple[Metric, dict[str, str | None]]:
     plain = name.removesuffix(PERIODIC)
     others = outside.entries()
     if plain in others:
-        metric = outside.described(others[plain], {each.family or each.name for each in REGISTERED})
+        metric = outside.metric_of_entry(others[plain], {each.family or each.name for each in REGISTERED})
         if metric.periodic or name == plain:
             return metric, {"ending": name.removeprefix(plain)}
     raise InputError(f"no metric is named {name!r}{did_you_mean(name, [*examples(), *others])}")

@@ -28,7 +28,7 @@ def _entries(path: tuple[str, ...]) -> dict[str, EntryPoint]:
     return plugins.entries(GROUP, KIND)
 
 
-def described(entry: EntryPoint, families: Collection[str]) -> Metric:
+def metric_of_entry(entry: EntryPoint, families: Collection[str]) -> Metric:
     """Import the description of a metric. `families` are those of the built-in metrics, which it may not join.
 
     Raises `PluginError` that names the package, if the description cannot be imported or used.

@@ -108,7 +108,7 @@ def scored(workbench: Workbench, material: Material, name: str, threads: int, ke
         "parameters": None if material.opaque else parameters(material),
         "resident": None if material.opaque else resident_bytes(material),
         "cost": dataclasses.asdict(material.cost),
-        "metrics": {name: described(get_metric(name)) for name in workbench.scorer.names},
+        "metrics": {name: metric_facts(get_metric(name)) for name in workbench.scorer.names},
         "scores": summary,
         "footprints": {"1": one} | scoring.summarise_footprints(coarse),
         "slices": keep(f"slices/{name}.npz", _slices(workbench, scores, coarse)),
@@ -124,7 +124,7 @@ def scored(workbench: Workbench, material: Material, name: str, threads: int, ke
     return record
 
 
-def described(metric: Metric) -> MetricFacts:
+def metric_facts(metric: Metric) -> MetricFacts:
     """What the record of a job says of a metric, which tables show with its numbers."""
     return {
         "unit": metric.unit,

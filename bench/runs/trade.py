@@ -23,7 +23,7 @@ from bench.demand.mitsuba.lobes import fitted
 from bench.files import atomic
 from bench.files.archive import MAX_FILE, read_arrays
 from bench.inputs.errors import InputError, installed
-from bench.machine.devices import described, is_gpu
+from bench.machine.devices import device_name, is_gpu
 from bench.machine.threads import torch_threads
 from bench.material import Material
 from bench.metrics import metric_of
@@ -284,7 +284,7 @@ def _choices(
     batch = timing.batch_on(device, BATCH)
     conditions: TradeChoice = {"batch": batch, "threads": suite.threads, "device": device}
     if is_gpu(device):
-        conditions["gpu"] = described(device)
+        conditions["gpu"] = device_name(device)
     whose = [[rows[i]["sha256"], rows[i]["execution"], rows[i]["precision"]] for i in timed]
     kept = unfinished.turns(json.dumps([workbench.name, conditions, machine(), whose]))
     here = [each for each in ceilings if each["threads"] == suite.threads]

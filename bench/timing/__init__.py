@@ -24,7 +24,7 @@ from torch import Tensor
 from bench import records
 from bench.codec import Progress, followed, silent
 from bench.directions.hemisphere import from_degrees, uniform
-from bench.machine.devices import described, is_gpu
+from bench.machine.devices import device_name, is_gpu
 from bench.machine.threads import torch_threads
 from bench.material import DecoderCost, Material, sample_texture, texel_centres
 from bench.timing.turns import KeptTurns
@@ -108,7 +108,7 @@ def batch_on(device: torch.device | str, cpu: int = BATCH) -> int:
 
 def hardware(device: torch.device | str) -> records.Timing:
     """What a record of times on a GPU says of it; the CPU stands in the record of its run."""
-    return {"gpu": described(device)} if is_gpu(device) else {}
+    return {"gpu": device_name(device)} if is_gpu(device) else {}
 
 
 def conditions(threads: int, device: str) -> records.Timing:

@@ -9,7 +9,7 @@ import torch
 from bench.codec import Codec, Fit, described_settings, settings_dict
 from bench.codecs.registry import codec_entries, load_codec
 from bench.inputs.errors import InputError
-from bench.inputs.settings import Count, Positive, Range, Share, described
+from bench.inputs.settings import Count, Positive, Range, Share, descriptions
 
 
 class Sample(Codec):
@@ -101,7 +101,7 @@ def test_settings_are_described_with_default_range_and_comment():
 def test_every_installed_codec_refuses_numbers_that_are_not_finite_and_says_what_each_setting_means(name):
     codec = load_codec(name)
     for configured in filter(None, (codec, codec.network)):
-        for setting in described(configured.Settings):
+        for setting in descriptions(configured.Settings):
             assert setting.meaning, setting.name
             if "number" in setting.kind:
                 for value in ("nan", "inf", "-inf", "1e400"):

@@ -331,7 +331,7 @@ def read_run(folder: Path, sound: Path, share: float) -> None:
 
 def read_trade(folder: Path, share: float) -> None:
     """Whatever a user may ask of a run's trade."""
-    from bench.compare.choosing import Limits, answers, chosen, described, nearest, usable
+    from bench.compare.choosing import Limits, answers, choice_in_words, chosen, nearest, usable
     from bench.records import load_trade
     from reports import table_text, write_report
 
@@ -344,7 +344,7 @@ def read_trade(folder: Path, share: float) -> None:
         rungs = usable(found["choices"], "satin")
         limits = Limits(500_000, 90.0, 25.0)
         if rungs:
-            described((chosen(rungs, limits) or nearest(rungs, limits)).of)
+            choice_in_words((chosen(rungs, limits) or nearest(rungs, limits)).of)
         list(answers("satin", found["choices"]))
 
 

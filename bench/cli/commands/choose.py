@@ -20,7 +20,7 @@ from bench.cli.commands import say_line, several, usable_device, workers
 from bench.cli.console import Console
 from bench.codecs import container, shared
 from bench.codecs.loading import load
-from bench.compare.choosing import TIE_DB, Limits, Rung, chosen, described, longest_ns, nearest, timed_on, usable
+from bench.compare.choosing import TIE_DB, Limits, Rung, choice_in_words, chosen, longest_ns, nearest, timed_on, usable
 from bench.data.kinds import kind_of
 from bench.files import atomic
 from bench.inputs.errors import FAILED, FINE, NO, ContainerError, InputError
@@ -82,9 +82,9 @@ def run(options: argparse.Namespace) -> int:
     if best is None:
         close = nearest(rungs, wishes).of
         time = f" (up to {longest_ns(close):,.0f}, 95 % interval)" if wishes.time else ""
-        say_line(f"{material}: no setting meets that; the nearest is {described(close)}{time}")
+        say_line(f"{material}: no setting meets that; the nearest is {choice_in_words(close)}{time}")
         return NO
-    say_line(f"{material}: {described(best.of)}")
+    say_line(f"{material}: {choice_in_words(best.of)}")
     held = _gpu_bytes(folder, best.of.get("job", ""))
     on_a_gpu = f"{held:,} bytes of textures, as `export` writes them" if held else "not exported"
     longest = f"up to {longest_ns(best.of):,.0f} ns a sample by its 95 % interval"

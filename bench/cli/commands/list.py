@@ -56,7 +56,7 @@ def _settings(what: str, name: str) -> int:
     """Print the settings of a codec, and of the network that it shares over materials if it has one."""
     from bench.codec import described_settings
     from bench.codecs.registry import codec_entries, describe, load_codec, origin
-    from bench.inputs.settings import Setting, described
+    from bench.inputs.settings import Setting, descriptions
 
     def table(settings: list[Setting]) -> None:
         """Print one line for each setting, in aligned columns."""
@@ -78,5 +78,5 @@ def _settings(what: str, name: str) -> int:
         say_line(
             f"settings of the network that it shares over materials (neubtf-bench pretrain {name} --set KEY=VALUE):"
         )
-        table(described(codec.network.Settings))
+        table(descriptions(codec.network.Settings))
     return FINE

@@ -160,11 +160,11 @@ def answers(material: str, choices: list[TradeChoice]) -> Iterator[str]:
         return
     best = max(rungs, key=lambda rung: rung.score)
     near = [rung for rung in rungs if rung.score >= best.score - NEAR_DB]
-    yield f"{material}: the best is {described(best.of)}."
+    yield f"{material}: the best is {choice_in_words(best.of)}."
     for word, key in (("fast", "ns_per_sample"), ("small", "bytes")):
         least = min(near, key=lambda rung: (rung.of[key], rung.of["ns_per_sample"]))
         better = least.of[key] != best.of[key]
-        answer = f"the {word}est is {described(least.of)}" if better else f"no other is {word}er"
+        answer = f"the {word}est is {choice_in_words(least.of)}" if better else f"no other is {word}er"
         yield f"{material}: within {NEAR_DB} dB of it, {answer}."
 
 
@@ -177,7 +177,7 @@ def named(row: TradeChoice) -> str:
     return label if how == "eager float32" else f"{label} [{how}]"
 
 
-def described(row: TradeChoice) -> str:
+def choice_in_words(row: TradeChoice) -> str:
     """A choice with its figures, in words: first the PSNR that decides, then that of test pairs."""
     decides, shown = _decibels(row["validation"]["mean"]), _decibels(row["psnr"])
     quality = f"{decides} on validation pairs, {shown} on test pairs"

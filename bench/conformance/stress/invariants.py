@@ -24,7 +24,7 @@ from bench.conformance.stress.case import Case, Measured, Subject, applicable, r
 from bench.conformance.stress.data import ordinary, values
 from bench.conformance.stress.networks import SHORT_FLOATS, decibels, sound
 from bench.conformance.stress.properties import DATA_HOLDS, QUERIES_HOLD, drawn_data, drawn_queries
-from bench.conformance.stress.queries import Queries, described, spread
+from bench.conformance.stress.queries import Queries, query_in_words, spread
 from bench.directions.hemisphere import uniform
 from bench.material import sample_texture
 
@@ -98,8 +98,8 @@ def continuous(make: Callable[[], tuple[Queries, Queries]], subject: Subject) ->
     require(
         apart[worst] <= allowed,
         f"{apart[worst]:.1g}",
-        f"the answer moves by {apart[worst]:.3g}, allowed {allowed:.3g}, between {described(here, worst)} and "
-        f"{described(there, worst)}",
+        f"the answer moves by {apart[worst]:.3g}, allowed {allowed:.3g}, between {query_in_words(here, worst)} and "
+        f"{query_in_words(there, worst)}",
     )
 
 
@@ -138,7 +138,7 @@ def near_double(name: str, subject: Subject) -> Measured:
     excess = ((ours - double).abs() / (double.abs() + double.mean()) / r).amax(1)
     worst = int(excess.nan_to_num(torch.inf).argmax())
     short, exact = ours[worst].tolist(), double[worst].tolist()
-    where = f"{short}, {exact} in float64: {excess[worst]:.2f} of what is allowed, at {described(queries, worst)}"
+    where = f"{short}, {exact} in float64: {excess[worst]:.2f} of what is allowed, at {query_in_words(queries, worst)}"
     require(excess[worst] <= 1, f"{excess[worst] * r:.1%}", where)
     return Measured(decibels(ours, double), float(excess[worst]), where)
 

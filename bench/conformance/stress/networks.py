@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from bench.conformance.check import CheckError
 from bench.conformance.stress.case import Case, Measured, NotApplicable, Subject, Test, applicable, require
 from bench.conformance.stress.data import SAME_DB, firefly, ordinary
-from bench.conformance.stress.queries import Queries, described, grazing, spread
+from bench.conformance.stress.queries import Queries, grazing, query_in_words, spread
 from bench.material import HALF_MAX, Material
 from bench.metrics.display import display_error, exposure_of
 from bench.metrics.psnr import psnr
@@ -128,7 +128,7 @@ def sound(material: Material, what: str = "", queries: Queries | None = None) ->
     bad = ~(answers.isfinite() & (answers >= 0)).all(1)
     if bad.any():
         row = int(bad.nonzero()[0])
-        fault = f"{what}{answers[row].tolist()} at {described(queries, row)}"
+        fault = f"{what}{answers[row].tolist()} at {query_in_words(queries, row)}"
         if material.dtype == torch.float16:
             fault += f": a half overflows above {HALF_MAX:,.0f}: put `bench.material.saturated` around each layer"
         raise CheckError(fault, f"{int(bad.sum())} bad")

@@ -18,7 +18,7 @@ DATA_HOLDS = "finite, not negative, at most twice the brightest sample"
 
 
 def query_holds(subject: Subject, numbers: Sequence[float]) -> list[float]:
-    """The answer to one query: u v, ω_o, ω_i, footprint, as `described` writes it. `CheckError` if it is wrong."""
+    """The answer to one query: u v, ω_o, ω_i, footprint, as `query_in_words` writes it. `CheckError` if it is wrong."""
     row = torch.tensor(numbers, dtype=torch.float32)
     query = Queries(row[None, :2], row[None, 2:5], row[None, 5:8], row[8:])
     material = subject.tested.material

@@ -74,7 +74,7 @@ def bounded(subject: Subject, queries: Queries) -> None:
     bad = ~(answers.isfinite() & (answers >= 0) & (answers <= BOUND * subject.brightest)).all(1)
     if bad.any():
         row = int(bad.nonzero()[0])
-        first, query_text = answers[row].tolist(), described(queries, row)
+        first, query_text = answers[row].tolist(), query_in_words(queries, row)
         raise CheckError(f"{int(bad.sum())} answers, the first {first} at {query_text}", f"{answers[bad].max():.3g}")
 
 
@@ -84,7 +84,7 @@ def dark(subject: Subject, queries: Queries) -> None:
     lit = (answers != 0).any(1)
     if lit.any():
         row = int(lit.nonzero()[0])
-        raise CheckError(f"{answers[row].tolist()} at {described(queries, row)}", f"{answers.max():.3g}")
+        raise CheckError(f"{answers[row].tolist()} at {query_in_words(queries, row)}", f"{answers.max():.3g}")
 
 
 def refused(subject: Subject, queries: Queries) -> None:
@@ -108,7 +108,7 @@ def agree(subject: Subject, ours: Queries, theirs: Queries) -> None:
     require(
         apart[worst] <= allowed,
         f"{apart[worst]:.2g}",
-        f"answers differ by {apart[worst]:.3g}, allowed {allowed:.3g}, at {described(ours, worst)}",
+        f"answers differ by {apart[worst]:.3g}, allowed {allowed:.3g}, at {query_in_words(ours, worst)}",
     )
 
 
@@ -148,7 +148,7 @@ def batch_of(count: int, subject: Subject) -> None:
     require(apart <= allowed, f"{apart:.2g}", f"in another batch answers differ by {apart:.3g}, allowed {allowed:.3g}")
 
 
-def described(queries: Queries, row: int) -> str:
+def query_in_words(queries: Queries, row: int) -> str:
     """A query as `stress --query` takes it."""
     numbers = torch.cat([column[row].reshape(-1).double() for column in queries])
     return '--query "' + " ".join(f"{x:.9g}" for x in numbers.tolist()) + '"'

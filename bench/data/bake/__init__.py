@@ -40,7 +40,7 @@ log = logging.getLogger(__name__)
 class PathTracer(Protocol):
     """A renderer with inter-reflections; `bench.demand.mitsuba.path_tracer` is one."""
 
-    def described(self) -> dict[str, Any]:
+    def provenance(self) -> dict[str, Any]:
         """Describe the renderer for a BTF's provenance."""
 
     def launches(
@@ -113,7 +113,7 @@ def _bake(
     described = {"source": BAKED, "maps": surface.notes, "bake_version": BAKE_VERSION}
     described |= {"renderer_version": RENDERER_VERSION, "sub_points": SUB_POINTS, "seed": seed} | DESCRIBED | sampled
     if path_tracer:
-        described |= path_tracer.described()
+        described |= path_tracer.provenance()
 
     def write(values: Array) -> None:
         source = ArraySource(values)
@@ -159,7 +159,7 @@ def open_svbrdf(
         maps = recognise(folder)
         sampled: dict[str, Any] = {"heldout": wanted.words} if wanted.words else _sampled(data)
         if path_tracer:
-            sampled |= path_tracer.described()
+            sampled |= path_tracer.provenance()
         # Everything that determines the values of a bake with default options.
         content = [FolderFiles(folder).digest(maps.files.values()), sorted(maps.files.items()), *_read_anew(maps)]
         described = json.dumps([BAKE_VERSION, RENDERER_VERSION, SUB_POINTS, data.size, sampled, content])

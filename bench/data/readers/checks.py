@@ -25,7 +25,9 @@ AS_STORED = "as stored: values are taken as f_r cos(theta_i)"
 log = logging.getLogger(__name__)
 
 
-def described(form: str, colour: str, cosine: str = PHOTOGRAPHED, clamp: str = "none", **more: Any) -> dict[str, Any]:
+def provenance_of(
+    form: str, colour: str, cosine: str = PHOTOGRAPHED, clamp: str = "none", **more: Any
+) -> dict[str, Any]:
     """The provenance of a BTF: its format, and how its colour, the light's cosine and highlights were read."""
     return {"format": form, "colour": colour, "cosine": cosine, "clamp": clamp} | more
 

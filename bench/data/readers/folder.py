@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from bench.btf import BTF, Array
-from bench.data.readers.checks import AS_STORED, described, in_degrees, pairs_in_degrees, told, view_major
+from bench.data.readers.checks import AS_STORED, in_degrees, pairs_in_degrees, provenance_of, told, view_major
 from bench.data.readers.files import Candidate, FolderFiles
 from bench.data.readers.pictures import PictureSource
 from bench.directions.hemisphere import to_degrees
@@ -54,7 +54,7 @@ def opened(seen: Candidate) -> BTF | None:
     order = view_major(wo, wi)
     source = PictureSource(FolderFiles(path), [names[i] for i in order], [labels[i] for i in order])
     colour = "8- and 16-bit codes decoded as sRGB to linear Rec. 709; EXR and .hdr as stored"
-    provenance = described("folder", colour, AS_STORED) | notes.get("provenance", {}) | source.conversions()
+    provenance = provenance_of("folder", colour, AS_STORED) | notes.get("provenance", {}) | source.conversions()
     provenance |= told(seen.angles)
     name, periodic = str(notes.get("name", path.resolve().name)), bool(notes.get("periodic", False))
     mask = None if heldout is None else heldout[order]

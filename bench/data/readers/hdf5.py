@@ -21,7 +21,7 @@ import numpy as np
 
 from bench.btf import BTF, Array, Source, finite
 from bench.data.joined import followed
-from bench.data.readers.checks import described, no_duplicates, unit_directions
+from bench.data.readers.checks import no_duplicates, provenance_of, unit_directions
 from bench.data.readers.files import Candidate, file_digest
 from bench.data.readers.pictures import MAX_PIXELS
 from bench.files.archive import LEAST, MAX_FILE, RATIO
@@ -75,7 +75,7 @@ def _open(path: Path) -> BTF:
         source = HDF5Source(path, colour.shape[:3], (0, 0, height, width), pictures_a_chunk)
     no_duplicates(wo, wi, lambda row: f"{path}: pair {row}")
     frame = "rows from the bottom up, directions away from the surface, as the code that reads these files"
-    provenance = described("HDF5", "taken as linear Rec. 709", frame=frame)
+    provenance = provenance_of("HDF5", "taken as linear Rec. 709", frame=frame)
     return BTF(path.stem, wo, wi, source, provenance=provenance)
 
 

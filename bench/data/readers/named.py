@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bench.btf import BTF
-from bench.data.readers.checks import described, pairs_in_degrees, view_major
+from bench.data.readers.checks import pairs_in_degrees, provenance_of, view_major
 from bench.data.readers.files import Candidate, Files, FolderFiles
 from bench.data.readers.pictures import PictureSource
 from bench.files.archive import ZipFiles
@@ -19,13 +19,13 @@ from bench.files.archive import ZipFiles
 # spaces or underscores.
 BONN = re.compile(r"(?:^|/)[^/]+[ _]tl(\d{3})[ _]pl(\d{3})[ _]tv(\d{3})[ _]pv(\d{3})\.[^/.]+$", re.ASCII)
 PRAGUE = re.compile(r"(?:^|/)tl(\d{3})_pl(\d{3})_tv(\d{3})_pv(\d{3})\.[^/.]+$", re.ASCII)
-UTIA = described(
+UTIA = provenance_of(
     "UTIA",
     "PNG decoded as sRGB to linear Rec. 709; EXR converted from CIE XYZ (D65)",
     clamp="none here; 8-bit codes end at 1, EXR does not",
     directions="nominal: the light of a pair with light = view was moved a little when measured",
 )
-UBO2003 = described(
+UBO2003 = provenance_of(
     "UBO2003",
     "JPEG decoded as sRGB to linear Rec. 709; .hdr as stored",
     clamp="none here; 8-bit codes end at 1, .hdr does not",

@@ -13,10 +13,10 @@ from bench.btf import BTF, Array, ArraySource, finite
 from bench.data.readers.checks import (
     AS_STORED,
     IN_THE_DATA,
-    described,
     different_directions,
     in_degrees,
     no_duplicates,
+    provenance_of,
     radiance_fault,
     told,
     unit_directions,
@@ -76,7 +76,7 @@ def opened(seen: Candidate) -> BTF | None:
     source = NpzSource(radiance.values(), path)
     heldout = _heldout(files, count)
     periodic = _periodic(files)
-    provenance = described("npz", "taken as linear Rec. 709", AS_STORED) | _provenance(files)
+    provenance = provenance_of("npz", "taken as linear Rec. 709", AS_STORED) | _provenance(files)
     return BTF(path.stem, wo, wi, source, heldout=heldout, periodic=periodic, provenance=provenance)
 
 
@@ -97,7 +97,7 @@ def _mean_abrdf(path: Path, unit: str) -> BTF:
     )
     source = NpzSource(finite(table.values(), f"{path}: {MEAN}").reshape(-1, 1, 1, 3), path)
     texels = "one: the geometric mean over the measured texels"
-    provenance = described("mean ABRDF", "linear Rec. 709 as stored", IN_THE_DATA, texels=texels) | told(unit)
+    provenance = provenance_of("mean ABRDF", "linear Rec. 709 as stored", IN_THE_DATA, texels=texels) | told(unit)
     wo, wi = product(directions, directions)
     return BTF(path.stem, wo, wi, source, provenance=provenance)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.btf import BTF
-from bench.data.readers.checks import described, no_duplicates, unit_directions, view_major
+from bench.data.readers.checks import no_duplicates, provenance_of, unit_directions, view_major
 from bench.data.readers.files import Candidate, FolderFiles, list_folder, text_of
 from bench.data.readers.pictures import PictureSource
 from bench.inputs.errors import InputError, readable
@@ -47,7 +47,7 @@ def opened(seen: Candidate) -> BTF | None:
     order = view_major(wo, wi)
     source = PictureSource(files, [pictures[i] for i in order], [labels[i] for i in order])
     clamp = "none here; 8-bit codes end at 1, so highlights are clipped in the photographs"
-    provenance = described("RTI", "8- and 16-bit codes decoded as sRGB to linear Rec. 709", clamp=clamp)
+    provenance = provenance_of("RTI", "8- and 16-bit codes decoded as sRGB to linear Rec. 709", clamp=clamp)
     list_name = path.name.encode("utf-8", "backslashreplace").decode()  # a record holds no other bytes
     provenance |= {"list": list_name, "scale": "the camera's exposure; not calibrated"} | source.conversions()
     return BTF(path.parent.resolve().name, wo[order], wi[order], source, provenance=provenance)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from bench.btf import BTF, Array, Source, finite
-from bench.data.readers.checks import IN_THE_DATA, described, different_directions
+from bench.data.readers.checks import IN_THE_DATA, different_directions, provenance_of
 from bench.data.readers.files import Candidate, file_digest
 from bench.directions.hemisphere import from_angles, product
 from bench.inputs.errors import InputError
@@ -148,7 +148,7 @@ def opened(seen: Candidate) -> BTF | None:
         matrix.expand = left >= 0
     ranks = [matrix.stored.shape[1] for matrix in material.pairs]
     native = {"bytes": path.stat().st_size, "rank": max(ranks), "ranks": ranks}
-    provenance = described("UBO2014", notes.pop("colour"), IN_THE_DATA, signature=signature.decode(), **notes)
+    provenance = provenance_of("UBO2014", notes.pop("colour"), IN_THE_DATA, signature=signature.decode(), **notes)
     provenance |= {"native": native}
     wo, wi = product(from_angles(*material.views.T), from_angles(*material.lights.T))
     return BTF(path.stem, wo, wi, FactorSource(path, material), provenance=provenance)

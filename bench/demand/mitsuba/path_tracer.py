@@ -49,7 +49,7 @@ def fastest_variant() -> str:
     return "scalar_rgb"
 
 
-def described() -> dict[str, Any]:
+def provenance() -> dict[str, Any]:
     """The description of this renderer in a BTF's provenance."""
     return {
         "renderer": f"Mitsuba {mi.__version__}, {fastest_variant()}",

@@ -421,7 +421,7 @@ class Tracer:
     def __init__(self, left=99):
         self.left, self.started = left, []
 
-    def described(self):
+    def provenance(self):
         return {"renderer": "grey"}
 
     def launches(self, maps, wo, wi, size, sub_points, seed, *, start):

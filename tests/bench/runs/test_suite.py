@@ -9,7 +9,7 @@ from bench import cli
 from bench.codecs.registry import load_codec, make_codec
 from bench.data.spec import MaterialSpec, Preparation
 from bench.inputs.errors import InputError
-from bench.inputs.settings import described
+from bench.inputs.settings import descriptions
 from bench.runs.suite import (
     CodecSpec,
     Suite,
@@ -254,7 +254,7 @@ def as_toml(value):
 
 def expected(kind, without=()):
     """The same of the fields of a dataclass, in the words of its error messages."""
-    words = {each.name: each.kind for each in described(kind)}
+    words = {each.name: each.kind for each in descriptions(kind)}
     found = {}
     for field in dataclasses.fields(kind):
         if field.name not in without:

@@ -10,7 +10,7 @@ import pytest
 from bench import cli
 from bench.cli.commands.choose import parse_bytes
 from bench.codecs.container import read_header
-from bench.compare.choosing import TIE_DB, Limits, chosen, described, nearest, usable
+from bench.compare.choosing import TIE_DB, Limits, choice_in_words, chosen, nearest, usable
 from bench.conformance.check import tiny_btf
 from bench.inputs.errors import InputError
 from bench.records import append, load_run
@@ -68,7 +68,7 @@ def test_textures_on_a_gpu_may_be_limited_and_what_is_not_exported_does_not_coun
 
 
 def test_the_psnr_that_decides_and_the_one_shown_are_named():
-    words = described(row("good", 30.58, 31_388, 227.0) | {"psnr": 31.84})
+    words = choice_in_words(row("good", 30.58, 31_388, 227.0) | {"psnr": 31.84})
     assert words == "good: 30.58 dB on validation pairs, 31.84 dB on test pairs, 31,388 bytes, 227 ns a sample"
 
 
