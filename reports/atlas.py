@@ -16,9 +16,9 @@ from reports.artefacts import Arrays, arrays, of_shown
 from reports.rows import MaterialRows, Row
 
 BUDGET = 8_000_000  # characters of all pictures in a page, about
-# Qualities of WebP and the characters that a pixel takes then, about; None is without loss.
 FLIP_QUALITY = 80  # of maps as grey, in which they lose half of what colours lose at 92, in half the bytes
 MAGMA = np.round(matplotlib.colormaps["magma"](np.arange(256))[:, :3] * 255).astype(np.uint8)  # the colours of maps
+# Qualities of WebP, the best first, and the characters that a pixel takes then, about; None is without loss.
 QUALITIES: tuple[tuple[int | None, float], ...] = ((None, 2.6), (92, 0.9), (80, 0.5), (60, 0.3))
 
 

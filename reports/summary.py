@@ -79,6 +79,7 @@ def _standing_cells(
     else:
         psnr = fixed(standing.psnr, 2)
     materials_of = f"{standing.materials} of {len(measured)}"
+    # In the order of the headers of `summary_table`; the label and the number of materials are not scored.
     row = [standing.label, materials_of, fixed(standing.rank, 1), integer(standing.wins), psnr]
     rank_score = None if standing.rank is None else -standing.rank
     score = [None, None, rank_score, standing.wins, standing.psnr]

@@ -29,14 +29,15 @@ TRUTH = ("--set", "data.views=49", "--set", "data.lights=49")
 GREY = (128, 128, 128, 255)  # of the labels: read on a light page and on a dark one
 LABEL = 22  # pixels
 QUALITY = 86  # of WebP
-BANNER = ("drape", "cable-knit", 300, ("relief", "neumip", "pca"))
+BANNER = ("drape", "cable-knit", 300, ("relief", "neumip", "pca"))  # scene, material, pixels of a width, codecs
 SCENES = {  # of files of `relief`: scene, further words
     "leather": ["plane"],
     "satin": ["drape", "--lights", "environment"],
     "hammered-copper": ["sphere", "--lights", "environment", "--tiling", "2"],
     "cable-knit": ["table-top"],
 }
-LIVE = ("cable-knit", ("relief", "neubtf-direct"))
+LIVE = ("cable-knit", ("relief", "neubtf-direct"))  # material, codecs
+# Of Chromium, so that it draws without a GPU, and runs as root.
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 
 

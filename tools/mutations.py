@@ -19,7 +19,7 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-GUARDED = {
+GUARDED = {  # by pattern of modules: paths under tests/
     "bench/metrics/*.py": ["bench/metrics"],
     "bench/codecs/container.py": [
         "bench/codecs/test_container.py",
@@ -45,7 +45,7 @@ GUARDED = {
     ],
     "bench/data/readers/*.py": ["bench/data/readers"],
 }
-OTHER = {
+OTHER = {  # by operator: the one that a mistake puts in its place
     **{ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.And: ast.Or, ast.Or: ast.And},
     **{ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq},
     **{ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In},

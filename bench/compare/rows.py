@@ -164,7 +164,7 @@ def compared(
     if not base or not new:
         return ComparedRow(*name, verdict or Verdict.NEW, why)
     base = [job for job in base if not fitted_unlike(base[0], job)]
-    ours, theirs = _paired(base, new)
+    ours, theirs = _paired(base, new)  # of base, and of new
     partner = {job["seed"]: job for job in ours}
     reasons = [unlike(partner.get(job["seed"], base[0]), job) for job in theirs]
     obstacle = next(filter(None, reasons), "")

@@ -129,7 +129,7 @@ class Workbench:
         if self.demand or not self.most_scored:
             return self.groups["all"]
         sets = [self.groups.get(name, np.empty(0, int)) for name in ("train", "heldout", VALIDATION)]
-        for at, pairs in enumerate(sets):
+        for at, pairs in enumerate(sets):  # the first is of training pairs
             if len(pairs) > self.most_scored and (at == 0 or self.btf.heldout is None):
                 sets[at] = np.random.default_rng(0).choice(pairs, self.most_scored, replace=False)
         return np.unique(np.concatenate(sets))
