@@ -45,12 +45,15 @@ def read(blocks: Tensor) -> Tensor:
     A block whose first colour is not the larger number has three colours (one is their mean), and black.
     """
     low, high = blocks.long().unflatten(1, (4, 2)).unbind(2)
-    words = low | (high << 8)
+    words = low | (high << 8)  # (n, 4) of 16 bits: two colours, then the codes of the texels
     colours = words[:, :2]
     ends = (colours[..., None] >> torch.tensor(PLACES)) & (2 ** torch.tensor(BITS) - 1)
-    first, second = (end[:, None] for end in widened(ends).unbind(1))
-    codes = (words[:, 2:] >> (2 * torch.arange(8))[:, None, None]).permute(1, 2, 0).flatten(1) & 3
-    steps = torch.tensor(CODES).argsort()[codes]
-    three = torch.stack([first, second, (first + second) // 2, torch.zeros_like(first)], 2).squeeze(1)
-    three = three.gather(1, codes[..., None].expand(-1, -1, 3))
-    return torch.where((colours[:, :1] > colours[:, 1:])[..., None], between(first, second, steps), three)
+    first, second = widened(ends).unbind(1)  # (n, 3)
+    # Eight codes a word, the lowest bits first: (n, 2, 8), then (n, 16).
+    codes = ((words[:, 2:, None] >> (2 * torch.arange(8))) & 3).flatten(1)
+    steps = torch.tensor(CODES).argsort()[codes]  # argsort inverts the permutation
+    of_four = between(first[:, None], second[:, None], steps)
+    palette = torch.stack([first, second, (first + second) // 2, torch.zeros_like(first)], 1)  # (n, 4, 3)
+    of_three = palette.gather(1, codes[..., None].expand(-1, -1, 3))
+    has_four = colours[:, :1] > colours[:, 1:]
+    return torch.where(has_four[..., None], of_four, of_three)

@@ -152,12 +152,18 @@ class Pool(Samples):
     """Some texels of many BTFs, t of `material[t]`, which has `PAIRS` rows of `wo` and `wi`; `fit.unseen` come last."""
 
     def __init__(self, btfs: Sequence[BTF], most: int, fit: Fit):
-        generator, abrdfs, wo, wi, material = fit.generator(), [], [], [], []
+        # `Samples.__init__` reads one BTF; this holds parts of several, of the same form.
+        generator = fit.generator()
+        abrdfs: list[Tensor] = []
+        wo: list[Tensor] = []
+        wi: list[Tensor] = []
+        material: list[int] = []  # of each texel
         for number, btf in enumerate(fit.progress([*btfs, *fit.unseen], "materials")):
             texel = torch.randperm(btf.shape[0] * btf.shape[1], generator=generator)[:most].to(fit.device)
             order = torch.randperm(len(btf), generator=generator)
-            pair = order[torch.arange(PAIRS) % len(btf)]
-            samples = Samples(btf, gain_of(btf.subset(btf.split().train), fit), fit)
+            pair = order[torch.arange(PAIRS) % len(btf)]  # some twice, where there are fewer
+            gain = gain_of(btf.subset(btf.split().train), fit)  # as when the material itself is encoded
+            samples = Samples(btf, gain, fit)
             abrdfs += [samples.abrdfs(block)[:, pair].half() for block in texel.split(BLOCK)]
             wo.append(samples.wo[pair])
             wi.append(samples.wi[pair])

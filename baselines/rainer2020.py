@@ -138,15 +138,20 @@ class Coder(torch.nn.Module):
 
     @torch.no_grad()
     def forward(self, abrdfs: Tensor) -> Tensor:
-        """Channels (n, D + 6) of log ABRDFs (n, N, 3): statistics are those of the canonical pairs, if usable."""
-        canonical, own = self.resampled(abrdfs), rainer.statistics(abrdfs)
+        """Channels (n, D + 6) of log ABRDFs (n, N, 3): latents, then mean and deviation of each colour channel.
+
+        These are of the canonical pairs, where answers with them are nearer than the mean and not far too bright; else
+        the mean of the pairs themselves and 0.
+        """
+        canonical = self.resampled(abrdfs)
+        own = rainer.statistics(abrdfs)  # (n, 2, 3): mean and deviation
         stats = rainer.statistics(canonical)
         latents = rainer.encoded(self.encoder, canonical, stats)
         count, where = len(self.where), self.where.repeat(len(latents), 1)
         rows = torch.cat([latents, stats.flatten(1)], 1).repeat_interleave(count, 0)
         answers = rainer.radiance(self.decoder, rows, where).unflatten(0, (-1, count))  # (n, P, 3)
         truth, mean = abrdfs[:, self.checked], own[:, :1]
-        usable = (answers - truth).square().mean(1) <= (mean - truth).square().mean(1)
+        usable = (answers - truth).square().mean(1) <= (mean - truth).square().mean(1)  # (n, 3), by channel
         # One answer that is far too bright would shine for every texel around it.
         usable &= answers.amax(1).expm1() <= FIREFLY * abrdfs.amax(1).expm1()
         plain = torch.cat([mean, torch.zeros_like(mean)], 1)

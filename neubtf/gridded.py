@@ -81,18 +81,18 @@ class GriddedMaterial(Material):
     def __init__(
         self, network: GriddedNetwork, grids: dict[str, Tensor], size: tuple[int, int], gain: float, directions: Any
     ):
-        reads = sum(4 * grid.shape[2] for grid in grids.values())
+        reads = sum(4 * grid.shape[2] for grid in grids.values())  # the four texels around a place, of each grid
         offset_flops = network.offset.flops if network.offset is not None else 0
         cost = DecoderCost(
             parameters=sum(parameter.numel() for parameter in network.parameters()),
-            texture_channels=grids["latents"].shape[2],
+            texture_channels=grids["latents"].shape[2],  # of full resolution
             texture_floats=sum(grid.numel() for grid in grids.values()),
-            flops_per_sample=network.decoder.architecture.flops + offset_flops + 2 * reads,
+            flops_per_sample=network.decoder.architecture.flops + offset_flops + 2 * reads,  # a weighted sum of reads
             bytes_per_sample=reads * grids["latents"].element_size(),
         )
         super().__init__(size, cost)
         self.network, self.gain, self.directions, self.names = network, gain, directions, list(grids)
-        for name, grid in grids.items():
+        for name, grid in grids.items():  # attributes, since `to` moves the tensors that are
             setattr(self, f"grid_{name}", grid)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:

@@ -158,7 +158,8 @@ class _BoxFiltered(Source):
 
     def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
         """As `Source.texels`: the means of all texels of the source in each box."""
-        # A few texels here are many of the source, for which it would read whole slices: ask it part by part.
+        # A few texels here are many of the source, for which it would read whole slices: ask it part by part. Where
+        # they are many here, too, whole slices are best.
         most = max(1, MANY_TEXELS // self.factor**2)
         if most < len(rows) <= MANY_TEXELS:
             starts = range(0, len(rows), most)

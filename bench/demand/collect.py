@@ -103,18 +103,25 @@ class Light:
 def queries_of(points: Points, lights: list[Light]) -> dict[str, Array]:
     """The queries of some points under some lights, as the columns of `Demand`. Leaves out queries at or below a
     horizon, and unlit ones."""
-    wo, footprint = points.wo, points.footprint
-    parts = []
+    parts: list[dict[str, Array]] = []
     for light in lights:
         wi = points.local(light.toward)
-        seen = (wo[:, 2] > 0) & (wi[:, 2] > 0) & (light.irradiance > 0).any(1)
+        seen = (points.wo[:, 2] > 0) & (wi[:, 2] > 0) & (light.irradiance > 0).any(1)
         some = np.flatnonzero(seen)
-        # In the order of `NAMES`.
-        parts.append((points.uv[some], footprint[some], wo[some], wi[some], light.irradiance[some], points.pixel[some]))
+        parts.append(
+            {
+                "place": points.uv[some],
+                "footprint": points.footprint[some],
+                "wo": points.wo[some],
+                "wi": wi[some],
+                "weight": light.irradiance[some],
+                "pixel": points.pixel[some],
+            }
+        )
     columns = {}
-    for name, of_lights in zip(NAMES, zip(*parts, strict=True), strict=True):
+    for name in NAMES:
         kind = np.int32 if name == "pixel" else np.float32
-        columns[name] = np.concatenate(of_lights).astype(kind)
+        columns[name] = np.concatenate([part[name] for part in parts]).astype(kind)
     return columns
 
 

@@ -81,7 +81,9 @@ def prepared(material: Material, variant: Variant) -> Material:
     if variant.precision == "tf32" and material.device.type != "cuda":
         raise InputError("tf32 is a precision of NVIDIA's GPUs: use float32 here")
     material = copy.deepcopy(material).to(dtype=DTYPES[variant.precision])
-    torch.backends.cudnn.allow_tf32 = False  # which PyTorch allows to convolutions unless told, and float32 is not
+    # PyTorch lets convolutions round to tf32 unless told not to; float32 must not. `_Tf32` and the fused kernels allow
+    # it themselves, where the variant asks for it.
+    torch.backends.cudnn.allow_tf32 = False
     match variant.execution:
         case "compiled":
             material = _Compiled(material)

@@ -51,10 +51,17 @@ class Architecture:
 
     @property
     def flops(self) -> int:
-        """Operations of one sample: a fused multiply-add counts as two, a layer norm as eight a channel."""
+        """Operations of one sample: a fused multiply-add counts as two, an activation as one a channel, a layer norm as
+        eight."""
         linear = sum(2 * a * b for a, b in pairwise(self.sizes))
-        added = sum(b for a, b in zip(self.sizes, self.widths, strict=False) if self.residual and a == b)
-        return linear + added + sum(self.widths) * (9 if self.norm else 1)
+        added = 0
+        if self.residual:
+            for inputs, width in pairwise(self.sizes[:-1]):  # of each hidden layer
+                if inputs == width:
+                    added += width
+        norm = 8 if self.norm else 0
+        activation = 1
+        return linear + added + sum(self.widths) * (norm + activation)
 
 
 class Network(nn.Module):

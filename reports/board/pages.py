@@ -67,7 +67,9 @@ class Board:
         """A page in pieces: a template with these values, the plots of its sources and `more`, and the looks of their
         codecs."""
         plots: list[series.Plot] = []
-        parts = []
+        # Colours and markers are given to the codecs of a run in order: of one run of all sources, each codec has one
+        # look on the whole page. Its materials are named after their sources, since these may share names.
+        parts: list[tuple[str, Publication, str]] = []
         for source in sources:
             plots += self.plots[source.name]
             parts += [(f"{source.name}/{material.name}", source, material.name) for material in source.materials]

@@ -47,10 +47,21 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     write = actions.add_parser("write", help="write the tables again")
     write.add_argument("documents", type=Path, nargs="*", metavar="DOC", help="a Markdown file")
     write.add_argument("--site", type=Path, metavar="DIR", help="the folder to write the board to")
-    place = "the folder of its records (default: docs/results)"
-    write.add_argument("--records", type=Path, default=Path("docs/results"), metavar="FOLDER", help=place)
-    runs = "with its files; repeatable"
-    write.add_argument("--runs", type=Path, action="append", default=[], metavar="RUN", help=runs)
+    write.add_argument(
+        "--records",
+        type=Path,
+        default=Path("docs/results"),
+        metavar="FOLDER",
+        help="the records that the board shows (default: docs/results)",
+    )
+    write.add_argument(
+        "--runs",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="RUN",
+        help="a run whose pictures the board shows; repeatable",
+    )
     check = actions.add_parser("check", help="fail if a table is out of date")
     check.add_argument("documents", type=Path, nargs="+", metavar="DOC", help="a Markdown file")
 

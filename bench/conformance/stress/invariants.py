@@ -132,13 +132,14 @@ def no_jump(subject: Subject) -> None:
 def near_double(name: str, subject: Subject) -> Measured:
     """Answers of short floats against float64's: |Δ| ≤ r · (|x| + mean), r = 16 roundings of that float."""
     queries = spread(MANY, 89.0, seed=11)
+    # A query answers in float32 at least; `double` changes no value, and makes the differences exact.
     double = subject.decode(subject.parts).to(dtype=torch.float64).query(*queries).double()
     ours = subject.decode(subject.parts).to(dtype=SHORT_FLOATS[name]).query(*queries).double()
     r = SHORT_STEPS * torch.finfo(SHORT_FLOATS[name]).eps
     excess = ((ours - double).abs() / (double.abs() + double.mean()) / r).amax(1)
-    worst = int(excess.nan_to_num(torch.inf).argmax())
-    short, exact = ours[worst].tolist(), double[worst].tolist()
-    where = f"{short}, {exact} in float64: {excess[worst]:.2f} of what is allowed, at {query_in_words(queries, worst)}"
+    worst = int(excess.nan_to_num(torch.inf).argmax())  # NaN is the worst of all
+    answer, exact = ours[worst].tolist(), double[worst].tolist()
+    where = f"{answer}, {exact} in float64: {excess[worst]:.2f} of what is allowed, at {query_in_words(queries, worst)}"
     require(excess[worst] <= 1, f"{excess[worst] * r:.1%}", where)
     return Measured(decibels(ours, double), float(excess[worst]), where)
 

@@ -55,7 +55,7 @@ def _rectified(picture: Array) -> Array:
 
 @dataclass(frozen=True)
 class Gravel:
-    """Loose gravel: the photograph's brightness as height, its shadows deepened."""
+    """Loose gravel: the photograph's brightness as height, and as its shading."""
 
     resolution: int = 256
     height: float = 0.06
@@ -65,9 +65,11 @@ class Gravel:
     def maps(self, seed: int) -> Maps:
         """Bright stones lie high; the photograph also shades their colour."""
         rng = np.random.default_rng(seed)
-        detail = _detail(data.gravel()[200:450, 200:450], 40, self.resolution, 2)
+        part = data.gravel()[200:450, 200:450]  # of 512 × 512 pixels, so that stones are large
+        detail = _detail(part, margin=40, resolution=self.resolution, sigma=2)
         warm = 0.06 * smooth(rng, self.resolution, 0.02, 0.02)
-        colour = srgb(*self.stone_srgb) * (0.75 + 0.2 * detail)[..., None] * (1 + warm[..., None] * [1, 0, -1])
+        shade = 0.75 + 0.2 * detail  # dark between the stones
+        colour = srgb(*self.stone_srgb) * shade[..., None] * (1 + warm[..., None] * [1, 0, -1])  # redder, bluer
         return Maps(self.height * normalised(detail), np.clip(colour, 0.02, 1), self.roughness, specular=0.5)
 
 
