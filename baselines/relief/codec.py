@@ -87,7 +87,7 @@ class Pyramids(nn.Module):
     def __init__(self, settings: Any, size: tuple[int, int], relief: bool):
         super().__init__()
         self.side, self.coarsest = max(size), level_count(size) - 1
-        names = channels(settings, with_offset=not relief)
+        names = channels(settings, offset=not relief)
         self.each: Any = nn.ModuleDict({name: Pyramid(size_of(name, size)) for name in names})
 
     def tables(self, grids: dict[str, Tensor]) -> dict[str, Tensor]:

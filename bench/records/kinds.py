@@ -4,6 +4,7 @@ Records are lines of text, which people edit and write by hand. A reader of reco
 Fields that are not listed are free, but plain: no deep nesting, and finite numbers that tables can show.
 """
 
+import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -80,6 +81,11 @@ FLAG = Plain("true or false", lambda value: isinstance(value, bool))
 SETTING = Plain(
     "a finite number, a text, true or false",
     lambda value: isinstance(value, bool) or _is_text(value) or _is_number(value) or _is_count(value),
+)
+# A codec file may hold any setting that its codec took; a record holds none beyond `LARGEST`.
+ANY_SETTING = Plain(
+    "a finite number, a text, true or false",
+    lambda value: isinstance(value, str | int) or (isinstance(value, float) and math.isfinite(value)),
 )
 TEXT_OR_TEXTS = Plain(
     "a text, or texts by metric",

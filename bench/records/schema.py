@@ -344,7 +344,7 @@ class FileMetadata(TypedDict, total=False):
     format: Required[Count]
     codec: Required[Text]
     version: Required[Count]
-    settings: Required[dict[str, Setting]]
+    settings: Required[dict[str, Annotated[bool | int | float | str, kinds.ANY_SETTING]]]
     sha256: Required[Digits]
     kind: Literal["material", "shared"]
     scene: FileScene

@@ -33,20 +33,20 @@ class GridSettings:
     offset: Further = field(default=0, metadata=IF_SET)  # hidden channels of what moves a look-up along the view
 
 
-def channels(settings: Any, with_offset: bool = True) -> dict[str, int]:
+def channels(settings: Any, offset: bool = True) -> dict[str, int]:
     """The number of channels of each grid that has some.
 
-    The grid of the offset is read by the offset's network, not by the decoder: leave it out by `with_offset`.
+    The grid of the offset is read by the offset's network, not by the decoder: `offset=False` leaves it out.
     """
     counts = {"latents": settings.latents, "latents2": settings.half, "latents4": settings.quarter}
-    if with_offset and settings.offset:
+    if offset and settings.offset:
         counts["offset"] = OFFSET_CHANNELS
     return {name: count for name, count in counts.items() if count}
 
 
 def total(settings: Any) -> int:
     """The channels that a network sees of all grids."""
-    return sum(channels(settings, with_offset=False).values())
+    return sum(channels(settings, offset=False).values())
 
 
 def size_of(name: str, shape: tuple[int, int]) -> tuple[int, int]:

@@ -23,7 +23,7 @@ def numbers(shape: tuple[int, int], count: int) -> torch.Tensor:
 def test_channels_are_those_of_the_settings() -> None:
     assert channels(Settings()) == {"latents": 2}
     assert channels(Settings(half=3, quarter=5, offset=16)) == {"latents": 2, "latents2": 3, "latents4": 5, "offset": 4}
-    assert channels(Settings(latents=0, quarter=5, offset=16), with_offset=False) == {"latents4": 5}
+    assert channels(Settings(latents=0, quarter=5, offset=16), offset=False) == {"latents4": 5}
     assert total(Settings(half=3, quarter=5, offset=16)) == 10
 
 
