@@ -180,7 +180,8 @@ def _older(run: Run) -> Iterator[str]:
 
 def _provenance(start: RunStart) -> str:
     """Where the numbers of a start come from, in words; “?” for what it does not say."""
-    machine, packages = start.get("machine", Machine()), start.get("packages", {})
+    machine = start.get("machine", Machine())
+    packages = start.get("packages", {})
     parts = [f"Suite {start.get('suite', '?')}", f"run {start.get('run', '?')}"]
     if start.get("git"):
         parts.append(f"revision {start['git']}")

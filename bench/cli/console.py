@@ -158,7 +158,8 @@ def _material_lines(header: Header) -> list[str]:
 
 def btf_lines(portrait: "Look") -> str:
     """Describe a BTF: size, directions, split, range of values, its reader's notes, and warnings."""
-    btf, values = portrait.btf, portrait.values
+    btf = portrait.btf
+    values = portrait.values
     split = btf.split()
     repeats = "periodic" if btf.periodic else "not periodic"
     lines = [

@@ -212,7 +212,8 @@ def decibels(folder: Path, job: Job) -> np.ndarray | None:
         return None
     try:
         arrays = read_arrays(path, MAX_FILE, (PSNR, "heldout"))
-        raw, heldout = arrays[PSNR], arrays["heldout"]
+        raw = arrays[PSNR]
+        heldout = arrays["heldout"]
         if raw.ndim != 1 or raw.shape != heldout.shape or (raw.dtype.kind, heldout.dtype.kind) != ("f", "b"):
             raise ValueError(f"{PSNR} and heldout are {raw.shape} {raw.dtype} and {heldout.shape} {heldout.dtype}")
     except (OSError, ValueError, KeyError) as error:

@@ -87,7 +87,8 @@ def deciding(job: Job) -> list[Quantity]:
         Quantity("parameters", "", "lower", 0, lambda job: job["parameters"], Tolerance()),
         Quantity("bytes", "", "lower", 0, lambda job: job["bytes"]["total"], Tolerance(drawn=0.01, relative=True)),
     ]
-    group, names = deciding_group(job["scores"]), metrics_of(job)
+    group = deciding_group(job["scores"])
+    names = metrics_of(job)
     psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)
     if psnr:
         quantities.append(_mean(MAIN, psnr, [group], BY_SLICE))
@@ -105,7 +106,8 @@ def deciding(job: Job) -> list[Quantity]:
 
 def undeciding(job: Job) -> list[Quantity]:
     """The other numbers of quality and size in a record, which are shown and do not decide."""
-    group, names = deciding_group(job["scores"]), metrics_of(job)
+    group = deciding_group(job["scores"])
+    names = metrics_of(job)
     psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)
     quantities = [_metric(job, psnr, group, "PSNR pooled", 2)] if psnr else []
     for name in names:
@@ -120,7 +122,8 @@ def undeciding(job: Job) -> list[Quantity]:
 
 def _metric(job: Job, metric: str, group: str, name: str, digits: int, limit: Tolerance | None = None) -> Quantity:
     """The pooled number of a metric over a group of pairs."""
-    described, decibels = job["metrics"][metric], in_decibels(metric)
+    described = job["metrics"][metric]
+    decibels = in_decibels(metric)
 
     def value(job: Job) -> float | None:
         stats = metrics_of(job, group).get(metric)

@@ -266,7 +266,8 @@ def _unlike(place: str, claimed: Any, measured: Any) -> Iterator[str]:
 
 def misnamed(claimed: Job, header: Header) -> Iterator[str]:
     """Why the names of a job do not fit its file: a label holds the codec and the settings that are not defaults."""
-    label, curve = str(claimed["label"]), str(claimed["curve"])
+    label = str(claimed["label"])
+    curve = str(claimed["curve"])
     given = header.settings if header.codec == COMMAND else {}
     own = {key: given[key] for key in ("called", "encode", "decode") if key in given}
     called = str(own.get("called", header.codec))
@@ -276,7 +277,8 @@ def misnamed(claimed: Job, header: Header) -> Iterator[str]:
         named = settings_dict(make_codec(header.codec, own | settings))
         whole = settings_dict(make_codec(header.codec, header.settings))
     except (InputError, ValueError):
-        named, whole = {}, {"": None}
+        named = {}
+        whole = {"": None}
     if not label.startswith(called) or named != whole:
         yield f"label is {label!r}, but the file's codec and settings have another label"
     if not curve.startswith(called) or not {*curve.removeprefix(called).split()} <= {*words}:

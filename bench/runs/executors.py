@@ -131,7 +131,9 @@ class Processes(Executor):
     """
 
     def __init__(self, count: int, threads: int, gpus: Sequence[dict[str, str]] = (), limit: float | None = None):
-        self.threads, self.gpus, self.limit = threads, gpus, limit
+        self.threads = threads
+        self.gpus = gpus
+        self.limit = limit
         self.show: Show | None = None
         self.pools: dict[int, tuple[ProcessPoolExecutor, Connection, Connection]] = {}
         self.watchers = ThreadPoolExecutor(count)

@@ -96,7 +96,8 @@ def _of_same_pairs(run: Run, jobs: Sequence[Job]) -> list[tuple[Job, Arrays]]:
 def _strip(material: str, known: Sequence[tuple[Job, Arrays]], scores: Arrays) -> Figure:
     """Truth and decoded of one slice side by side; `known` begins with the best codec, whose errors `scores` holds."""
     _, first = known[0]
-    truth, pairs = first["truth"], first["pairs"]
+    truth = first["truth"]
+    pairs = first["pairs"]
     errors = dict(zip(scores["pairs"].tolist(), scores[PSNR].tolist(), strict=True))
     from_best = sorted(range(len(pairs)), key=lambda place: errors[pairs[place]])
     shown = from_best[len(pairs) // 2]

@@ -11,7 +11,12 @@ from reports.artefacts import program
 from reports.figures.canvas import Figure, Sheet, enlarged, of_each_material, short
 from reports.rows import MaterialRows
 
-_CELL, _GAP, _LINE, _LEFT, _TOP, _MOST = 64, 4, 16, 250, 52, 48  # pixels; channels a line, and a texture
+_CELL = 64
+_GAP = 4
+_LINE = 16
+_LEFT = 250
+_TOP = 52
+_MOST = 48  # pixels; channels a line, and a texture
 
 
 Textures = list[np.ndarray]

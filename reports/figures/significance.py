@@ -18,7 +18,8 @@ Differences = Mapping[str, Interval]
 
 def significance(run: Run) -> Iterator[Figure]:
     """The paired differences to one codec with their intervals: over all materials, then on each."""
-    against, styles = against_one(run), Styles(run)
+    against = against_one(run)
+    styles = Styles(run)
     parts = {material.name: against.on[material.name] for material in materials(run) if material.name in against.on}
     if len(parts) > 1:
         yield _figure("", f"all {len(parts)} materials", against.first, against.over, styles)

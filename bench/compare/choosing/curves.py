@@ -229,7 +229,8 @@ def gaps_of_rungs(result: Budgets, line: str, anchor: Mapping[str, Sequence[Poin
         rungs = [rung_of(jobs[surface], {}) for jobs in result.rungs[line].values() if surface in jobs]
         gaps = []
         for rung in rungs:
-            ours, theirs = capped(shown(rung, PSNR)), curve.at(rung.size) if curve else None
+            ours = capped(shown(rung, PSNR))
+            theirs = curve.at(rung.size) if curve else None
             if ours is not None and theirs is not None:
                 gaps.append(ours - theirs)
         if gaps:

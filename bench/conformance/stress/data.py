@@ -109,7 +109,9 @@ def grazing_lights() -> BTF:
 def not_finite() -> BTF:
     """The ordinary material with one NaN and two infinite values, at two pairs."""
     radiance = values().copy()
-    radiance[40, 3, 5, 0], radiance[40, 3, 6, 2], radiance[41, 0, 0, 1] = np.nan, np.inf, -np.inf
+    radiance[40, 3, 5, 0] = np.nan
+    radiance[40, 3, 6, 2] = np.inf
+    radiance[41, 0, 0, 1] = -np.inf
     return material(radiance)
 
 
@@ -191,7 +193,8 @@ def refused(subject: Subject) -> None:
         subject.encode(not_finite())
     except InputError as error:
         message = str(error)
-        count, place = re.search(r"\d of [\d,]+ values", message), re.search(r"\(\d+, ", message)
+        count = re.search(r"\d of [\d,]+ values", message)
+        place = re.search(r"\(\d+, ", message)
         require(count and place, "unclear", f"the error gives no count and place: {message}")
         return
     raise CheckError("values that are not finite were encoded", "encoded")
@@ -217,9 +220,11 @@ def mended(subject: Subject) -> Measured:
 
 def one_pair_holds(subject: Subject) -> Measured:
     """Measure one picture of 5 × 5 texels, which a codebook of 32 entries can hold too."""
-    usual, encoded = subject.usual, subject.encode(of_pairs(np.array([40]), 5), stretch=3)  # 40: of 81, the middle
+    usual = subject.usual
+    encoded = subject.encode(of_pairs(np.array([40]), 5), stretch=3)  # 40: of 81, the middle
     # The codec's result on the ordinary material counts only if it is better than mean-colour there.
-    limits, errors = bound(usual), mean_squares(usual, usual.decoded)
+    limits = bound(usual)
+    errors = mean_squares(usual, usual.decoded)
     allowed = bound(encoded)
     for space, limit in limits.items():
         error, _ = errors[space]

@@ -29,7 +29,8 @@ from bench.directions.hemisphere import uniform
 from bench.material import sample_texture
 
 MANY = 10_000
-LINES, HALVINGS = 2_000, 20  # 2⁻²⁰ is 1e-6
+LINES = 2_000
+HALVINGS = 20  # 2⁻²⁰ is 1e-6
 STEP = 1e-6  # a query moves by this distance
 SLOPE = 100.0  # the largest slope of answers, in brightest samples per unit of distance
 SHORT_STEPS = 16  # roundings allowed in |Δ|: three layers of linear, norm, ω, sine and sum, and the fetch
@@ -84,7 +85,8 @@ def across_zenith() -> tuple[Queries, Queries]:
 
 def at_samples() -> tuple[Queries, Queries]:
     """The pairs of the data, where the triangles of an interpolator meet, and pairs just beside them."""
-    queries, btf = spread(MANY, 80.0, seed=10), ordinary()
+    queries = spread(MANY, 80.0, seed=10)
+    btf = ordinary()
     pair = torch.arange(MANY) % len(btf)
     wo, wi = torch.from_numpy(btf.wo)[pair], torch.from_numpy(btf.wi)[pair]
     return queries._replace(wo=wo, wi=wi), queries._replace(wo=tilted(wo, STEP, 3), wi=tilted(wi, STEP, 4))
@@ -94,7 +96,8 @@ def continuous(make: Callable[[], tuple[Queries, Queries]], subject: Subject) ->
     """Check that answers hardly differ between two sets of queries that are `STEP` apart, one by one."""
     here, there = make()
     apart = (subject.answers(here) - subject.answers(there)).abs().amax(1)
-    worst, allowed = int(apart.argmax()), SLOPE * STEP * subject.brightest
+    worst = int(apart.argmax())
+    allowed = SLOPE * STEP * subject.brightest
     require(
         apart[worst] <= allowed,
         f"{apart[worst]:.1g}",
@@ -105,7 +108,8 @@ def continuous(make: Callable[[], tuple[Queries, Queries]], subject: Subject) ->
 
 def no_jump(subject: Subject) -> None:
     """Halve random lines again and again towards the part where the answer moves most: this finds a jump."""
-    start, rng = spread(LINES, 80.0, seed=6), np.random.default_rng(7)
+    start = spread(LINES, 80.0, seed=6)
+    rng = np.random.default_rng(7)
     end = spread(LINES, 80.0, seed=13)
     end_uv = start.uv.double() + torch.from_numpy(rng.uniform(-0.5, 0.5, (LINES, 2)))
 
@@ -147,7 +151,8 @@ def near_double(name: str, subject: Subject) -> Measured:
 def diverges(subject: Subject) -> None:
     """A fit at an absurd learning rate says that it diverged, and leaves no file; so does that of a shared network."""
     path = subject.tested.folder / f"diverged{container.SUFFIX}"
-    codec, network = subject.tested.codec, subject.tested.codec.network
+    codec = subject.tested.codec
+    network = subject.tested.codec.network
     wild = wild_rates(type(codec))
     wild_of_network = wild_rates(network) if network else {}
     applicable(wild or wild_of_network, "no learning rate")
@@ -233,7 +238,8 @@ def energy(subject: Subject) -> Measured:
     ours = reflected(subject.answers)
     most = max(1.0, float(reflected(mean_colour()).max())) * NO_WORSE
     worst = int(ours.max(1).argmax())
-    theta, share = math.degrees(math.acos(wo[worst, 2])), ours.max()
+    theta = math.degrees(math.acos(wo[worst, 2]))
+    share = ours.max()
     detail = f"reflects {share:.1%} of what the truth does, or of all light, at θ = {theta:.0f}°; allowed {most:.1%}"
     require(share <= most, f"{share:.0%}", detail)
     return Measured(f"{share:.0%}")

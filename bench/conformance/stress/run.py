@@ -54,7 +54,8 @@ def run(codecs: Sequence[str], cases: Sequence[Case], workers: Workers, show: Pr
 
 def attempt(codec: str, names: Sequence[str]) -> list[Stress]:
     """The records of some cases of one codec, in a folder of their own; their log is not shown."""
-    kind, before = load_codec(codec), logging.root.manager.disable
+    kind = load_codec(codec)
+    before = logging.root.manager.disable
     logging.disable(logging.WARNING)
     try:
         with tempfile.TemporaryDirectory() as folder:
