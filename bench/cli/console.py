@@ -149,6 +149,7 @@ def _material_lines(header: Header) -> list[str]:
     rows = [(name, kind, f"{count:,}") for name, kind, count in layers(material)]
     if rows:
         lines.append("layers of the decoder and their trainable parameters, counted by torchinfo:")
+        # The widths of the columns.
         first, second, third = (max(map(len, column)) for column in zip(*rows, strict=True))
         lines += [f"  {name:<{first}}  {kind:<{second}}  {count:>{third}}" for name, kind, count in rows]
     if network:

@@ -155,8 +155,8 @@ class ProgramMaterial(Material):
         self.command = command
         self.seconds = seconds
         self.batches = 0
-        self.queries = 0
-        self.waited = 0.0  # queries answered so far, and seconds spent waiting for answers
+        self.queries = 0  # answered so far
+        self.waited = 0.0  # seconds spent waiting for answers
         scratch = tempfile.TemporaryDirectory(prefix="neubtf-command-")
         self.folder = Path(scratch.name)
         (self.folder / "files").mkdir()

@@ -101,8 +101,8 @@ def judge(
     values = _scatter_values(quantity, base, new, reference)
     paired = not _same_pairs(reference)
     if quantity.tolerance is not None and not paired and not _unchanged(before, after):
-        base = reference
-        before = values  # every seed has the same pairs, so all tell equally much
+        base = reference  # every seed has the same pairs, so all tell equally much
+        before = values
     if reason := _obstacle(quantity, base[0], new[0], before, after):
         return Change(quantity, average(before), average(after), Verdict.UNLIKE, why=reason)
     certain = bool(quantity.metric) and one_file(reference)

@@ -169,7 +169,7 @@ def fresh_process(tested: CodecUnderTest) -> None:
     if done.returncode:
         lines = done.stderr.splitlines() or ["no message"]
         raise CheckError(f"the fresh process failed: {lines[-1]}")
-    _same("fresh process", load_file(answers_file)["rgb"], tested.answers, 0.0)
+    _same("fresh process", load_file(answers_file)["rgb"], tested.answers, tolerance=0.0)
 
 
 def same_bytes(tested: CodecUnderTest) -> None:
@@ -266,7 +266,7 @@ def slices(tested: CodecUnderTest) -> None:
     uv = texel_centres(height, width)
     view, light = (torch.from_numpy(w).expand(len(uv), 3) for w in (wo, wi))
     answers = tested.material.query(uv, view, light, 1 / max(height, width))
-    _same("slice", tested.material.slice(wo.tolist(), wi.tolist()), answers.reshape(height, width, 3), 0.0)
+    _same("slice", tested.material.slice(wo.tolist(), wi.tolist()), answers.reshape(height, width, 3), tolerance=0.0)
 
 
 def encodes(tested: CodecUnderTest) -> None:

@@ -18,8 +18,8 @@ from bench.inputs.errors import InputError, readable, refuse_pipe
 
 Array = np.ndarray
 MAX_FILE = 1 << 29
-LEAST = 1 << 26
-RATIO = 64  # limits of an inflated entry: bytes, or times its compressed bytes
+LEAST = 1 << 26  # an inflated entry may have so many bytes, or
+RATIO = 64  # so many times its compressed bytes
 STEP = 1 << 16
 _LOCAL = 30  # bytes before an entry's name
 

@@ -133,7 +133,7 @@ def clear_cache() -> tuple[int, int]:
         if path.is_dir():
             path.rmdir()
         else:
-            count = count + 1
-            total = total + path.stat().st_size
+            count += 1
+            total += path.stat().st_size
             path.unlink()
     return count, total

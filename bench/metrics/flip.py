@@ -47,9 +47,9 @@ _RGB_OF_OPPONENT = np.linalg.inv(_OPPONENT)
 _SENSITIVITY = (((1.0, 0.0047),), ((1.0, 0.0053),), ((34.1, 0.04), (13.5, 0.025)))
 _WIDEST = 0.04
 _FEATURE_WIDTH = 0.082  # degrees (section 4.2)
-_COLOUR_POWER = 0.7
-_KNEE = 0.4
-_KNEE_VALUE = 0.95  # q_c, p_c, p_t
+_COLOUR_POWER = 0.7  # q_c
+_KNEE = 0.4  # p_c
+_KNEE_VALUE = 0.95  # p_t
 _FEATURE_POWER = 0.5  # q_f
 _BRIGHT = 0.85  # tone-mapped luminance to which `start` brings the brightest texel, and `stop` the median
 

@@ -263,8 +263,8 @@ def _fits(suite: Suite, device: str, clock: Clock, done: set[str], show: Progres
             continue
         show(f"{spec.label}: steps of its fit", 0, 1)
         try:
-            short = _fitted(spec, 1, train, device, suite.threads)
-            long = _fitted(spec, 1 + FIT_STEPS, train, device, suite.threads)
+            short = _fitted(spec, steps=1, train=train, device=device, threads=suite.threads)
+            long = _fitted(spec, steps=1 + FIT_STEPS, train=train, device=device, threads=suite.threads)
         except InputError as error:
             log.warning("%s: its fit is not timed: %s", spec.label, error)
             continue

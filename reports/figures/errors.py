@@ -24,10 +24,10 @@ from reports.figures.canvas import (
 from reports.rows import MaterialRows, Row
 from reports.styles import Styles
 
-_EDGE = 14
-_BAR = 100  # pixels: the margin, and the room of a colour bar
-_ABRDF_TOP = 54
-_ABRDF_CELL = 176  # the head of the figure, and the least side of a map
+_EDGE = 14  # pixels of the margin
+_BAR = 100  # pixels of the room of a colour bar
+_ABRDF_TOP = 54  # pixels of the head of the figure
+_ABRDF_CELL = 176  # the least side of a map in pixels
 _SIDES = {"view": "by view", "light": "by light"}
 EDGES_DEG = np.arange(0.0, 91.0, 15.0)
 _READ = {PSNR, "heldout", "wo_deg", "wi_deg"}

@@ -29,7 +29,7 @@ def significance(run: Run) -> Iterator[Figure]:
 
 def _figure(material: str, where: str, first: str, differences: Differences, styles: Styles) -> Figure:
     """A figure of differences to the codec `first`, the best on top; `where` says of which materials, in words."""
-    title = f"{where}: mean paired difference to {short(first, 40)}"
+    title = f"{where}: mean paired difference to {short(first, length=40)}"
     differences = dict(sorted(differences.items(), key=lambda item: -item[1].mean))
     with style():
         height = 1.45 + 0.24 * (len(differences) + 1)

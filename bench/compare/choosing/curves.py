@@ -213,11 +213,11 @@ def readings(result: Budgets, points: Points, budget: Budget, surfaces: Sequence
     found: dict[str, Reading] = {}
     for line, value in result.ranked(budget, surfaces).items():
         if not any(surface in points.get(line, {}) for surface in surfaces):
-            found[line] = Reading(value, False)
+            found[line] = Reading(value, off_curves=False)
     for line, by_surface in points.items():
         read = mean_at(by_surface, surfaces, budget.most)
         if read is not None:
-            found[line] = Reading(read, True)
+            found[line] = Reading(read, off_curves=True)
     return dict(sorted(found.items(), key=lambda each: -each[1].value))
 
 

@@ -103,7 +103,7 @@ def grazing_lights() -> BTF:
     """Nine views, and nine lights at 89°, whose cosine is 0.017."""
     low = from_degrees(np.full(9, 89.0), np.arange(9) * 40.0)
     wi = np.tile(low, (9, 1))
-    return material(values() * (wi[:, 2] / ordinary().wi[:, 2])[:, None, None, None], None, wi)
+    return material(values() * (wi[:, 2] / ordinary().wi[:, 2])[:, None, None, None], wo=None, wi=wi)
 
 
 def not_finite() -> BTF:
@@ -257,7 +257,7 @@ SAME_UNSCALED = f"the quality of the same data unscaled, within {SAME_DB} dB (ab
 
 CASES = (
     data("all zero", lambda: material(np.zeros_like(values())), cheap=True),
-    data("two constants", two_constants, constants_hold, True, "every value within 10 %", unphysical=True),
+    data("two constants", two_constants, constants_hold, cheap=True, holds="every value within 10 %", unphysical=True),
     data("one texel", lambda: material(values()[:, :1, :1]), cheap=True),
     Case("data", "one pair", ONE_PAIR, one_pair_holds),
     data("one row", lambda: material(values()[:, :1])),
@@ -272,7 +272,7 @@ CASES = (
     data("random highlights of 65,504", lambda: painted(values(), np.random.default_rng(0).random((81, 8, 8)) < 0.5)),
     Case("data", "highlights of 1e6", STORED, stored_or_refused, unphysical=True),
     data("subnormal halves", lambda: material((values() * 2.0**-15).astype(np.float16))),  # in steps of 2⁻²⁴
-    data("one firefly texel", firefly, others_no_worse, True, OTHERS_NO_WORSE),
+    data("one firefly texel", firefly, others_no_worse, cheap=True, holds=OTHERS_NO_WORSE),
     data("negative noise below 1e-3", negative_noise, holds=f"negative radiance is answered as 0; else {MEAN}"),
     data("identical pairs twice", lambda: of_pairs(np.tile(np.arange(81), 2))),
     data("black seen from above", black_from_above),

@@ -90,8 +90,8 @@ class HeightField:
 
     def _heights_at(self, per_height: tuple[float, float], z: float, stride: tuple[int, int]) -> Array:
         """Bilinear heights under the whole bundle of rays at height z of the march."""
-        (H, W) = self.shape
-        (sr, sc) = stride
+        H, W = self.shape
+        sr, sc = stride
         # The first ray passes through the centre of its block of cells.
         row = ((sr - 1) / 2 + z * per_height[0]) % H
         col = ((sc - 1) / 2 + z * per_height[1]) % W
@@ -207,7 +207,7 @@ class Renderer:
 
     def _by_sub_point(self, picture: Array) -> Array:
         """(H · s, W · s) → (s², H · W)."""
-        (H, W) = self.size
+        H, W = self.size
         s = self.sub_points
         return picture.reshape(H, s, W, s).transpose(1, 3, 0, 2).reshape(s * s, H * W)
 

@@ -50,7 +50,7 @@ class Patchwork:
         """The relief, and a mask (H, W) of the second substance, by which colour, roughness and metalness mix."""
         rng = np.random.default_rng(seed)
         n = self.resolution
-        (u, v) = self.grain
+        u, v = self.grain
         hills = smooth(rng, n, v, u) + self.detail * smooth(rng, n, v / 4, u / 4)
         relief = normalised((1 - self.plateau) * hills + 2 * self.plateau * np.tanh(4 * hills))
         strewn = normalised(smooth(rng, n, v, u))

@@ -272,10 +272,10 @@ class FactorSource(Source):
             products = texels.times(of_pairs.rows(pairs))
             channels.append(products.reshape(-1, *self.shape))
         pictures = np.empty((len(pairs), *self.shape, 3), np.float32)
-        # `planes` are the three channels of one picture.
-        for i, picture, planes in zip(pairs, pictures, zip(*channels, strict=True), strict=True):
+        for i, (pair, picture) in enumerate(zip(pairs, pictures, strict=True)):
+            planes = [channel[i] for channel in channels]  # of one picture
             self._decode(planes, picture[::-1])  # the file counts from the bottom row
-            finite(picture, f"{self.path}: slice of pair {i}")
+            finite(picture, f"{self.path}: slice of pair {pair}")
         return list(pictures)
 
     @np.errstate(over="ignore", invalid="ignore")
