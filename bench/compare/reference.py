@@ -118,10 +118,10 @@ def _timings(run: Run, jobs: list[Job]) -> Iterator[Timing]:
 def _seeds_to_keep(jobs: list[Job], before: list[Job]) -> Iterator[Job]:
     """The jobs of `before` whose seeds are missing now, from rows whose other jobs are identical."""
     now = {job["job"]: job for job in jobs}
-    for jobs in by_row(before).values():
-        again = [now[job["job"]] == job for job in jobs if job["job"] in now]
+    for earlier in by_row(before).values():
+        again = [now[job["job"]] == job for job in earlier if job["job"] in now]
         if again and all(again):
-            yield from (job for job in jobs if job["job"] not in now)
+            yield from (job for job in earlier if job["job"] not in now)
 
 
 def _in_order(every: Iterable[Job]) -> list[Job]:

@@ -104,7 +104,7 @@ def _workers(suite: Suite, options: Options) -> Seats:
     if options.workers:
         return options.workers
     outside = any(from_outside(spec.codec) for spec in suite.codecs)
-    return partial(processes, 1, suite.threads) if outside else in_process
+    return partial(processes, count=1, threads=suite.threads) if outside else in_process
 
 
 def _networks(codecs: list[Codec], folder: Path) -> dict[str, str]:
@@ -289,7 +289,7 @@ def timings(folder: Path, jobs: list[Job], device: str, threads: int, show: Prog
     """The timing of each job's decoder. If a decoder from outside crashes its process, the others are timed again."""
     ours = [job for job in jobs if not from_outside(job["codec"])]
     if len(ours) < len(jobs):
-        with processes(1, threads) as workers:
+        with processes(count=1, threads=threads) as workers:
             try:
                 return workers.executor.submit(measured, folder, jobs, device, threads).result()
             except BrokenExecutor:

@@ -25,9 +25,10 @@ def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
     """A row a codec below the truth; a pair of columns (slice, FLIP map) for each marked slice, or for all."""
     rows = []
     for row, stored in of_shown(run, material, "pictures"):
+        pictures = stored
         if "sheet" in stored:
-            stored = {name: array[stored["sheet"]] for name, array in stored.items()}
-        rows.append((row, stored))
+            pictures = {name: array[stored["sheet"]] for name, array in stored.items()}
+        rows.append((row, pictures))
     if not rows:
         return None
     _, first = rows[0]

@@ -88,7 +88,7 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
     sheet.text(_EDGE, 14, f"{title} ({material.split})", fontsize=9)
     sheet.text(_EDGE, 32, "θ 0° in the centre, rings at 30°, 60°, 90°; φ counter-clockwise from the right")
     for (side, i), value in values.items():
-        label, stored = maps[i]
+        label, polar = maps[i]
         left = _EDGE + i % per_line * _CELL
         line = _TOP + i // per_line * _BLOCK
         if side == "view":
@@ -96,7 +96,7 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
         else:
             line += _BLOCK // 2 - 10
         sheet.text(left, line - 6, _SIDES[side], color="0.35")
-        sheet.picture(left, line + 4, _disc(stored[side], value, scale))
+        sheet.picture(left, line + 4, _disc(polar[side], value, scale))
     bar = sheet.scale(sheet.width - _BAR, _TOP, (14, 260), "cividis", norm=scale)
     bar.set_label("mean FLIP, all pairs\n(lower is better; blank: no pair)", fontsize=8)
     return Figure(material.name, "polar", title, sheet.png(), sheet)

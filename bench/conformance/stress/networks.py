@@ -151,7 +151,7 @@ def exact_sine(subject: Subject) -> None:
 def short_sound(subject: Subject, dtype: torch.dtype) -> Measured:
     """Check all answers in a short float; the figure is what it costs the ordinary material."""
     all_sound(subject, dtype)
-    queries = spread(SHOWN, 75.0)
+    queries = spread(SHOWN, theta_max_deg=75.0)
     double = subject.decode(subject.parts).to(dtype=torch.float64).query(*queries)
     ours = subject.decode(subject.parts).to(dtype=dtype).query(*queries)
     return Measured(decibels(ours, double))

@@ -66,7 +66,7 @@ def drawn_queries(subject: Subject) -> None:
     angles = st.tuples(st.floats(0, 100), st.floats(0, 360))
     footprints = st.one_of(st.just(0.0), st.floats(2**-30, 10, width=32))
     strategy = st.builds(_numbers, places, places, angles, angles, footprints)
-    _search(subject, "query", strategy, 200, query_holds)
+    _search(subject, "query", strategy, count=200, holds=query_holds)
 
 
 def drawn_data(subject: Subject) -> None:

@@ -154,13 +154,14 @@ def refuse_extremes(btf: BTF) -> None:
     # The largest value, where so little is lit that the percentile is 0.
     bright = float(np.percentile(np.maximum(np.concatenate(sampled), 0), 99)) or largest
     what = ""
+    extreme = bright
     if largest > LARGEST:
         what = f"its largest value is {largest:.3g}, above {LARGEST:g}"
-        bright = largest
+        extreme = largest
     elif 0 < bright < SMALLEST:
         what = f"the 99th percentile of its values is {bright:.3g}, below {SMALLEST:g}"
     if what:
-        factor = 10.0 ** -round(math.log10(bright))
+        factor = 10.0 ** -round(math.log10(extreme))
         raise InputError(f"{btf.name}: {what}, too far from 1 for float32: multiply it by {factor:g} in float64")
 
 
