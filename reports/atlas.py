@@ -91,7 +91,8 @@ class Atlases:
         columns = math.ceil(math.sqrt(count))
         sheet = np.zeros((-(-count // columns) * height, columns * width, 3), np.uint8)
         for i, picture in enumerate(pictures):
-            top, left = i // columns * height, i % columns * width
+            top = i // columns * height
+            left = i % columns * width
             sheet[top : top + height, left : left + width] = picture
         if self.quality is None:
             return webp(Image.fromarray(sheet), lossless=True, quality=0, method=0)

@@ -74,7 +74,9 @@ def _budgets(run: Run, result: Budgets, points: Points, materials: Sequence[str]
         if budget.kind == BYTES:
             columns[budget] = readings(result, points, budget, materials)
         else:
-            columns[budget] = {line: Reading(value, True) for line, value in result.ranked(budget, materials).items()}
+            columns[budget] = {
+                line: Reading(value, off_curves=True) for line, value in result.ranked(budget, materials).items()
+            }
     lines = list(dict.fromkeys(chain.from_iterable(columns.values())))
     if not lines:
         return
@@ -367,7 +369,8 @@ def _machines(run: Run) -> list[str]:
     """The processors and cores on which times were measured, each once."""
     found: dict[str, None] = {}
     of_settings = [timing for timing in run.timings if "rounds" in timing]
-    for timing in of_settings or run.timings:
+    timings = of_settings or run.timings
+    for timing in timings:
         name = timing.get("run", "")
         starts = [start for start in run.starts if not name or start.get("run") == name]
         machine = starts[-1].get("machine", Machine()) if starts else Machine()

@@ -180,7 +180,8 @@ def _older(run: Run) -> Iterator[str]:
 
 def _provenance(start: RunStart) -> str:
     """Where the numbers of a start come from, in words; “?” for what it does not say."""
-    machine, packages = start.get("machine", Machine()), start.get("packages", {})
+    machine = start.get("machine", Machine())
+    packages = start.get("packages", {})
     parts = [f"Suite {start.get('suite', '?')}", f"run {start.get('run', '?')}"]
     if start.get("git"):
         parts.append(f"revision {start['git']}")
@@ -251,8 +252,8 @@ def left_out_notes(run: Run) -> Iterator[str]:
 
 def _grouped(cells: list[tuple[str, str]]) -> str:
     """Codecs that lack the same materials together: `neubtf, neumip on brick; vq on satin`."""
-    materials: dict[str, dict[str, None]] = {}
+    lacking: dict[str, dict[str, None]] = {}
     for material, label in cells:
-        materials.setdefault(label, {})[material] = None
-    labels = grouped(materials, lambda label: tuple(sorted(materials[label])))
+        lacking.setdefault(label, {})[material] = None
+    labels = grouped(lacking, lambda label: tuple(sorted(lacking[label])))
     return "; ".join(f"{', '.join(alike)} on {', '.join(lacks)}" for lacks, alike in labels.items())

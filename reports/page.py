@@ -88,7 +88,9 @@ class Page:
     unfolded = OPEN
 
     def __init__(self, run: Run, tables: Sequence[Table], figures: Sequence[Figure], share: float = 1):
-        self.run, self.tables, self.figures = run, tables, figures
+        self.run = run
+        self.tables = tables
+        self.figures = figures
         self.rest = [table for table in tables if not table.material and table.kind not in FIRST]
         self.materials = materials(run)
         self.records = PageRecords(run, self.materials)
@@ -172,7 +174,8 @@ class Page:
         if table.kind != "summary":
             return table
         names = [name for name, _ in table.headers]
-        psnr, count = names.index("PSNR"), names.index("materials")
+        psnr = names.index("PSNR")
+        count = names.index("materials")
         late = [count] if len({row[count] for row in table.rows}) > 1 else []
         rest = [i for i in range(1, len(names)) if i not in (psnr, count)]
         notes = [each for each in table.notes if each != missing_note(self.run)]

@@ -38,7 +38,7 @@ def against_one(run: Run, wanted: str = "") -> Against:
         first = _row_named(wanted, racing)
     elif racing:
         usual = [label for label in racing if label.split()[0] == AGAINST]
-        first = [*usual, *racing][0]
+        first = usual[0] if usual else racing[0]
     else:
         return Against("", {}, {})
     return against(run, first, [label for label in ranking if label != first])

@@ -60,6 +60,7 @@ class Row:
     def psnr(self) -> float | None:
         """The mean display PSNR of the slices that decide, in dB; None if they have no error."""
         stats = self.stats(self.deciding_group, PSNR)
+        # Equal also where nothing was measured, and both are absent.
         return None if stats.get("exact") == stats.get("slices") else stats.get("mean")
 
     def metric(self, family: str) -> str:

@@ -164,7 +164,7 @@ def _footprints(codec: CodecRows) -> list[list[float]]:
     return points
 
 
-def _mean(kind: str, by_material: Sequence[Plot], materials: int) -> Plot:
+def _mean(kind: str, by_material: Sequence[Plot], count: int) -> Plot:
     """The mean over materials of each codec that has a point on all of them."""
     chosen = [plot for plot in by_material if plot["kind"] == kind]
     by_label: dict[str, Series] = {}
@@ -173,7 +173,7 @@ def _mean(kind: str, by_material: Sequence[Plot], materials: int) -> Plot:
             by_label.setdefault(str(each["label"]), []).append(each)
     series = []
     for all_of in by_label.values():
-        if len(all_of) == materials:
+        if len(all_of) == count:
             points = [each["points"][0] for each in all_of]  # a codec has one on each material
             mean = [fmean(numbers) for numbers in zip(*points, strict=True)]
             series.append(all_of[0] | {"points": [mean]})
@@ -182,7 +182,7 @@ def _mean(kind: str, by_material: Sequence[Plot], materials: int) -> Plot:
     for plot in chosen:
         labels += plot["missing"]
     missing = [label for label in dict.fromkeys(labels) if label not in drawn]
-    title = f"{chosen[0]['title']}, means over {materials} materials"
+    title = f"{chosen[0]['title']}, means over {count} materials"
     return chosen[0] | {"material": "", "title": title, "series": series, "missing": missing}
 
 

@@ -115,7 +115,8 @@ class _Cells:
             notes.append('To try one cell again: neubtf-bench stress --codec CODEC --case "EXTREME"')
         worst: dict[str, tuple[float, Stress]] = {}  # by extreme with a measured margin: what comes closest to it
         for record in self.records.values():
-            used, extreme = record.get("used"), record["extreme"]
+            used = record.get("used")
+            extreme = record["extreme"]
             if used is None or not record["detail"]:
                 continue
             if extreme not in worst or used > worst[extreme][0]:

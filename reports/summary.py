@@ -63,7 +63,7 @@ def _standing_cells(
     standing: "Standing", measured: Sequence[MaterialRows], chosen: Sequence[Column]
 ) -> tuple[list[str], list[float | None]]:
     """The cells of a codec's row, and their scores; a codec without a rank has no means and no scores."""
-    ranked = standing.rank is not None
+    has_rank = standing.rank is not None
     codecs: list[CodecRows] = []
     seeds: list[Row] = []
     for material in measured:
@@ -72,7 +72,7 @@ def _standing_cells(
                 codecs.append(codec)
                 seeds += codec.measured
 
-    if not ranked:
+    if not has_rank:
         psnr = NONE
     elif standing.psnr >= MOST_DB:
         psnr = EXACT
@@ -84,11 +84,11 @@ def _standing_cells(
     rank_score = None if standing.rank is None else -standing.rank
     score = [None, None, rank_score, standing.wins, standing.psnr]
     for column in chosen:
-        mean = _mean(column, codecs) if ranked else None
+        mean = _mean(column, codecs) if has_rank else None
         star = column.star(seeds)
         row.append(NONE if mean is None else column.write(mean) + star)
         score.append(None if mean is None or star else column.sign * mean)  # a star is not ranked
-    if not ranked:
+    if not has_rank:
         score = [None] * len(score)
     return row, score
 

@@ -149,6 +149,7 @@ def _material_lines(header: Header) -> list[str]:
     rows = [(name, kind, f"{count:,}") for name, kind, count in layers(material)]
     if rows:
         lines.append("layers of the decoder and their trainable parameters, counted by torchinfo:")
+        # The widths of the columns.
         first, second, third = (max(map(len, column)) for column in zip(*rows, strict=True))
         lines += [f"  {name:<{first}}  {kind:<{second}}  {count:>{third}}" for name, kind, count in rows]
     if network:
@@ -158,7 +159,8 @@ def _material_lines(header: Header) -> list[str]:
 
 def btf_lines(portrait: "Look") -> str:
     """Describe a BTF: size, directions, split, range of values, its reader's notes, and warnings."""
-    btf, values = portrait.btf, portrait.values
+    btf = portrait.btf
+    values = portrait.values
     split = btf.split()
     repeats = "periodic" if btf.periodic else "not periodic"
     lines = [

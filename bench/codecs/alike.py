@@ -29,9 +29,11 @@ def obstacles(jobs: Iterable[Job], published: Collection[str] = ()) -> dict[str,
     coded = {row_of(job): job.get("fit_key", {}).get("code") for job in finished}
     found = {}
     for job in finished:
-        key, code = job.get("fit_key", {}), coded[row_of(job)]
+        key = job.get("fit_key", {})
+        code = coded[row_of(job)]
         reasons = _scored(job["score_key"], scored[job["material"], job.get("seed")])
-        shape, due = job.get("shape"), shapes[job["material"]]
+        shape = job.get("shape")
+        due = shapes[job["material"]]
         if not reasons and shape and due and shape != due:  # a seed that no other job has
             reasons.append(f"other data ({shape[0]} × {shape[1]} texels instead of {due[0]} × {due[1]})")
         other_version = _differences(key, fitted[_recipe_of(job)])

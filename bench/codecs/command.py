@@ -36,7 +36,8 @@ from bench.inputs.settings import Positive
 from bench.material import DecoderCost, Material
 
 PERMIT = "NEUBTF_PERMIT"  # decode programs that may be started, one a line
-NAMES, SIZE = "names", "size"
+NAMES = "names"
+SIZE = "size"
 BATCH = 1 << 16  # queries a line
 TOLD = 400  # characters of a program's output in an error
 
@@ -44,7 +45,8 @@ TOLD = 400  # characters of a program's output in an error
 class Programs(Codec):
     """Two programs of any kind: one that encodes, one that answers queries."""
 
-    name, version = "command", 1
+    name = "command"
+    version = 1
 
     @dataclass(frozen=True)
     class Settings:
@@ -75,7 +77,8 @@ class Programs(Codec):
                     f"{command!r} has no {absent[0]}"
                 )
         with tempfile.TemporaryDirectory(prefix="neubtf-command-") as scratch:
-            btf_file, files = Path(scratch) / "training.npz", Path(scratch) / "files"
+            btf_file = Path(scratch) / "training.npz"
+            files = Path(scratch) / "files"
             files.mkdir()
             write_npz(btf, btf_file)
             given = {"btf": btf_file, "files": files, "seed": fit.seed % 2**31, "threads": fit.threads}
@@ -148,8 +151,12 @@ class ProgramMaterial(Material):
 
     def __init__(self, size: tuple[int, int], contents: dict[str, bytes], command: str, seconds: float):
         super().__init__(size, DecoderCost())
-        self.chunk, self.command, self.seconds, self.batches = BATCH, command, seconds, 0
-        self.queries, self.waited = 0, 0.0  # queries answered so far, and seconds spent waiting for answers
+        self.chunk = BATCH
+        self.command = command
+        self.seconds = seconds
+        self.batches = 0
+        self.queries = 0  # answered so far
+        self.waited = 0.0  # seconds spent waiting for answers
         scratch = tempfile.TemporaryDirectory(prefix="neubtf-command-")
         self.folder = Path(scratch.name)
         (self.folder / "files").mkdir()

@@ -115,7 +115,8 @@ def watched_threads() -> Iterator[None]:
     A process that a codec forks ends with the block: it would go on with the command a second time. Let this be the
     innermost of several blocks: in a fork, PyTorch may wait for ever for threads that it does not have.
     """
-    before, process = set(threading.enumerate()), os.getpid()
+    before = set(threading.enumerate())
+    process = os.getpid()
     try:
         yield
     finally:

@@ -99,8 +99,12 @@ class DecodedSource(Source):
     """A decoded material at the pairs wo, wi (N, 3), to be written like any BTF; `identity` names its file."""
 
     def __init__(self, material: Material, wo: np.ndarray, wi: np.ndarray, identity: str):
-        self.material, self.wo, self.wi, self.identity = material, wo, wi, identity
-        self.shape, self.count = material.size, len(wo)
+        self.material = material
+        self.wo = wo
+        self.wi = wi
+        self.identity = identity
+        self.shape = material.size
+        self.count = len(wo)
 
     def slice(self, pair: int) -> np.ndarray:
         return self.material.slice(self.wo[pair].tolist(), self.wi[pair].tolist()).numpy()

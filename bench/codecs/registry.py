@@ -213,7 +213,8 @@ def _definition(module: str, class_name: str) -> "ast.Module | ast.ClassDef | No
     if spec is None:
         return None
     files: list[Path] = []
-    for folder in spec.submodule_search_locations or ():
+    folders = spec.submodule_search_locations or ()  # a module that is one file has none
+    for folder in folders:
         place = Path(folder).joinpath(*inside)
         files += [place.with_suffix(".py"), place / "__init__.py"]
     if spec.origin and not files:

@@ -29,7 +29,8 @@ class SceneMaterial(Wrapped):
             raise ValueError(f"a window of {window.sides} texels over {window.factor} is not {inner.size}")
         super().__init__(inner)
         self.size = height // window.factor, width // window.factor
-        self.window, self.name = window, name
+        self.window = window
+        self.name = name
         self.finest = float(scene["finest"]) / FINER
         self.views = torch.from_numpy(from_hex(scene["views"])).flatten()
         self.lights = torch.from_numpy(from_hex(scene["lights"])).flatten()

@@ -88,7 +88,8 @@ def named_by(header: container.Header, shipped: Path | None) -> TrainedNetwork:
     the codec's, else the one `shipped`. `ContainerError` says where to put it."""
     hashed = hashed_name(header.codec, header.network)
     plain = f"{header.codec}{container.SUFFIX}"
-    beside, users = header.path.parent, folder()
+    beside = header.path.parent
+    users = folder()
     paths = [beside / hashed, beside / plain, users / hashed, users / plain]
     if shipped:
         paths.append(shipped)
@@ -113,7 +114,8 @@ def make(network: SharedNetwork, btfs: Sequence[BTF], fit: Fit, path: Path) -> c
     """
     replaced = container.read_header(path) if path.exists() else None  # fail now on an unreadable file
     path.parent.mkdir(parents=True, exist_ok=True)
-    fingerprints, origins = [btf.fingerprint for btf in btfs], [origin(btf) for btf in btfs]
+    fingerprints = [btf.fingerprint for btf in btfs]
+    origins = [origin(btf) for btf in btfs]
     seen = [*fingerprints, *(btf.fingerprint for btf in fit.unseen)]
     known = [network.name, network.version, settings_dict(network), fit.seed, fit.device.type]
     known += [fit.threads, torch.__version__, seen]  # what determines the file

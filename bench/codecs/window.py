@@ -25,7 +25,9 @@ class Window:
     @classmethod
     def whole(cls, size: tuple[int, int], factor: int = 1) -> "Window":
         """The window of the whole texture, without texels that do not fill a box."""
-        return cls(size, 0, 0, size[0] // factor * factor, size[1] // factor * factor, factor)
+        return cls(
+            size, top=0, left=0, height=size[0] // factor * factor, width=size[1] // factor * factor, factor=factor
+        )
 
     @property
     def all(self) -> bool:

@@ -212,12 +212,14 @@ def decibels(folder: Path, job: Job) -> np.ndarray | None:
         return None
     try:
         arrays = read_arrays(path, MAX_FILE, (PSNR, "heldout"))
-        raw, heldout = arrays[PSNR], arrays["heldout"]
+        raw = arrays[PSNR]
+        heldout = arrays["heldout"]
         if raw.ndim != 1 or raw.shape != heldout.shape or (raw.dtype.kind, heldout.dtype.kind) != ("f", "b"):
             raise ValueError(f"{PSNR} and heldout are {raw.shape} {raw.dtype} and {heldout.shape} {heldout.dtype}")
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{path}: the slices of {job['job']} cannot be read ({error}): run it again") from error
-    raw = raw[heldout] if deciding_group(job["scores"]) == "heldout" else raw
+    if deciding_group(job["scores"]) == "heldout":
+        raw = raw[heldout]
     return np.minimum(psnr(raw[~np.isnan(raw)]), MOST_DB)
 
 

@@ -84,10 +84,20 @@ def deciding(job: Job) -> list[Quantity]:
     hardly scatters over seeds, so it shows a worse fit where held-out pairs are too hard to tell.
     """
     quantities = [
-        Quantity("parameters", "", "lower", 0, lambda job: job["parameters"], Tolerance()),
-        Quantity("bytes", "", "lower", 0, lambda job: job["bytes"]["total"], Tolerance(drawn=0.01, relative=True)),
+        Quantity(
+            "parameters", unit="", better="lower", digits=0, value=lambda job: job["parameters"], tolerance=Tolerance()
+        ),
+        Quantity(
+            "bytes",
+            unit="",
+            better="lower",
+            digits=0,
+            value=lambda job: job["bytes"]["total"],
+            tolerance=Tolerance(drawn=0.01, relative=True),
+        ),
     ]
-    group, names = deciding_group(job["scores"]), metrics_of(job)
+    group = deciding_group(job["scores"])
+    names = metrics_of(job)
     psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)
     if psnr:
         quantities.append(_mean(MAIN, psnr, [group], BY_SLICE))
@@ -99,15 +109,16 @@ def deciding(job: Job) -> list[Quantity]:
     if any(side != "1" for side in job.get("footprints", {})):
         quantities.append(Quantity("footprints", "dB", "higher", 2, _footprints, DECIBELS, FOOTPRINTS, decibels=True))
     if flip:
-        quantities.append(_metric(job, flip, group, "FLIP", 4, DIFFERENCE))
+        quantities.append(_metric(job, flip, group, "FLIP", digits=4, limit=DIFFERENCE))
     return quantities
 
 
 def undeciding(job: Job) -> list[Quantity]:
     """The other numbers of quality and size in a record, which are shown and do not decide."""
-    group, names = deciding_group(job["scores"]), metrics_of(job)
+    group = deciding_group(job["scores"])
+    names = metrics_of(job)
     psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)
-    quantities = [_metric(job, psnr, group, "PSNR pooled", 2)] if psnr else []
+    quantities = [_metric(job, psnr, group, "PSNR pooled", digits=2)] if psnr else []
     for name in names:
         if name not in (psnr, flip):
             quantities.append(_metric(job, name, group, name.removesuffix(PERIODIC), 2 if in_decibels(name) else 4))
@@ -120,7 +131,8 @@ def undeciding(job: Job) -> list[Quantity]:
 
 def _metric(job: Job, metric: str, group: str, name: str, digits: int, limit: Tolerance | None = None) -> Quantity:
     """The pooled number of a metric over a group of pairs."""
-    described, decibels = job["metrics"][metric], in_decibels(metric)
+    described = job["metrics"][metric]
+    decibels = in_decibels(metric)
 
     def value(job: Job) -> float | None:
         stats = metrics_of(job, group).get(metric)

@@ -118,10 +118,10 @@ def _timings(run: Run, jobs: list[Job]) -> Iterator[Timing]:
 def _seeds_to_keep(jobs: list[Job], before: list[Job]) -> Iterator[Job]:
     """The jobs of `before` whose seeds are missing now, from rows whose other jobs are identical."""
     now = {job["job"]: job for job in jobs}
-    for jobs in by_row(before).values():
-        again = [now[job["job"]] == job for job in jobs if job["job"] in now]
+    for earlier in by_row(before).values():
+        again = [now[job["job"]] == job for job in earlier if job["job"] in now]
         if again and all(again):
-            yield from (job for job in jobs if job["job"] not in now)
+            yield from (job for job in earlier if job["job"] not in now)
 
 
 def _in_order(every: Iterable[Job]) -> list[Job]:
@@ -143,7 +143,8 @@ def _judged(run: Run) -> set[int]:
 def _reduced(job: Job, folder: Path, whole: bool) -> Job:
     """A job's line; if not `whole`, only the numbers that decide."""
     line = kept(job, records.REFERENCE)
-    decides, names = deciding_group(job["scores"]), list(metrics_of(job))
+    decides = deciding_group(job["scores"])
+    names = list(metrics_of(job))
     psnr = [metric_of(names, PSNR)]
     groups = {decides: names if whole else [*psnr, metric_of(names, FLIP)], "train": psnr}
     groups |= {f"{decides}, {band}": psnr for band in ("grazing view", "grazing light")}
@@ -209,7 +210,8 @@ def published_job(job: Job, folder: Path) -> Job:
     line = kept(job, records.RESULTS)
     if "error" in line:
         # The name of a home folder is often a person's name; 500 characters of an error are enough.
-        home, error = Path.home(), str(line["error"])
+        home = Path.home()
+        error = str(line["error"])
         line["error"] = (error.replace(str(home), "~") if len(home.parts) > 1 else error)[:500]
     if job["status"] != "ok":
         return line

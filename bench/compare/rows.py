@@ -167,7 +167,7 @@ def compared(
     ours, theirs = _paired(base, new)  # of base, and of new
     partner = {job["seed"]: job for job in ours}
     reasons = [unlike(partner.get(job["seed"], base[0]), job) for job in theirs]
-    obstacle = next(filter(None, reasons), "")
+    obstacle = next((reason for reason in reasons if reason), "")
     changes = [] if obstacle else _changes(runs, ours, theirs, base)
     if not changes:
         return ComparedRow(*name, verdict or Verdict.UNLIKE, why or obstacle or "neither record has a score")

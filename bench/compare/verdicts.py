@@ -101,7 +101,8 @@ def judge(
     values = _scatter_values(quantity, base, new, reference)
     paired = not _same_pairs(reference)
     if quantity.tolerance is not None and not paired and not _unchanged(before, after):
-        base, before = reference, values  # every seed has the same pairs, so all tell equally much
+        base = reference  # every seed has the same pairs, so all tell equally much
+        before = values
     if reason := _obstacle(quantity, base[0], new[0], before, after):
         return Change(quantity, average(before), average(after), Verdict.UNLIKE, why=reason)
     certain = bool(quantity.metric) and one_file(reference)
@@ -153,7 +154,8 @@ def _difference(base: float | None, new: float | None) -> float | None:
 
 def agree(quantity: Quantity, base: Sequence[Job], new: Sequence[Job], reference: Sequence[Job]) -> bool:
     """Whether the seeds agree up to rounding, or all changed by the same amount: then the codec is deterministic."""
-    tolerance, values = quantity.tolerance, _finite(_scatter_values(quantity, base, new, reference))
+    tolerance = quantity.tolerance
+    values = _finite(_scatter_values(quantity, base, new, reference))
     if tolerance is None or len(values) < 2:
         return True
     unit = abs(fmean(values)) if tolerance.relative else 1.0

@@ -128,13 +128,13 @@ class CodecUnderTest:
         """500 random queries: uv over several periods, directions up to 89°, footprints up to half the picture."""
         rng = np.random.default_rng(0)
         uv = torch.from_numpy(rng.uniform(-3, 3, (500, 2)).astype(np.float32))
-        wo, wi = (torch.from_numpy(uniform(rng, 500, 89)) for _ in range(2))
+        wo, wi = (torch.from_numpy(uniform(rng, 500, theta_max_deg=89)) for _ in range(2))
         return uv, wo, wi, torch.from_numpy(rng.uniform(0, 0.5, 500).astype(np.float32))
 
     @cached_property
     def answers(self) -> Tensor:
         """The answers (500, 3) of the small material to `queries`."""
-        with torch_threads(1):
+        with torch_threads(1):  # as the fresh process has, whose answers must be these bit for bit
             return self.material.query(*self.queries)
 
 
@@ -169,7 +169,7 @@ def fresh_process(tested: CodecUnderTest) -> None:
     if done.returncode:
         lines = done.stderr.splitlines() or ["no message"]
         raise CheckError(f"the fresh process failed: {lines[-1]}")
-    _same("fresh process", load_file(answers_file)["rgb"], tested.answers, 0.0)
+    _same("fresh process", load_file(answers_file)["rgb"], tested.answers, tolerance=0.0)
 
 
 def same_bytes(tested: CodecUnderTest) -> None:
@@ -200,9 +200,9 @@ def wraps(tested: CodecUnderTest) -> None:
     """uv is periodic"""
     # Quarters of a texel are exact in float32 a few periods out, so the answers may differ by rounding alone.
     uv, wo, wi, footprint = tested.queries
-    uv = (uv * 32).round() / 32
-    there = tested.material.query(uv + torch.tensor([2.0, -3.0]), wo, wi, footprint)
-    _same("uv + (2, −3)", there, tested.material.query(uv, wo, wi, footprint), ROUNDING)
+    exact = (uv * 32).round() / 32
+    there = tested.material.query(exact + torch.tensor([2.0, -3.0]), wo, wi, footprint)
+    _same("uv + (2, −3)", there, tested.material.query(exact, wo, wi, footprint), ROUNDING)
 
 
 def refuses(tested: CodecUnderTest) -> None:
@@ -266,7 +266,7 @@ def slices(tested: CodecUnderTest) -> None:
     uv = texel_centres(height, width)
     view, light = (torch.from_numpy(w).expand(len(uv), 3) for w in (wo, wi))
     answers = tested.material.query(uv, view, light, 1 / max(height, width))
-    _same("slice", tested.material.slice(wo.tolist(), wi.tolist()), answers.reshape(height, width, 3), 0.0)
+    _same("slice", tested.material.slice(wo.tolist(), wi.tolist()), answers.reshape(height, width, 3), tolerance=0.0)
 
 
 def encodes(tested: CodecUnderTest) -> None:

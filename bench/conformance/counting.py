@@ -20,7 +20,9 @@ def fault(material: Material, parts: Parts) -> str:
 
 def _fault_of_decoder(material: Material, decoder: dict[str, Tensor]) -> str:
     """What is wrong with the declared parameters and tables, given the file's decoder part; "" if they are right."""
-    declared, held, stored = material.cost, parameters(material), decoder_floats(decoder)
+    declared = material.cost
+    held = parameters(material)
+    stored = decoder_floats(decoder)
     explained = max(held, declared.parameters) + declared.table_floats
     if declared.parameters < held:
         return f"declares {declared.parameters:,} parameters, holds {held:,}: {_remedy(held)}"
@@ -43,8 +45,10 @@ def _remedy(count: int) -> str:
 def _fault_of_textures(material: Material, texture: dict[str, Tensor]) -> str:
     """What is wrong with the declared textures, given those of the file; "" if they are right. The numbers in them may
     be those of the file or those in memory."""
-    declared, held = material.cost, held_floats(material)
-    floats, channels = texture_floats(texture), texture_channels(texture, material.size)
+    declared = material.cost
+    held = held_floats(material)
+    floats = texture_floats(texture)
+    channels = texture_channels(texture, material.size)
     if declared.texture_floats not in floats and declared.texture_floats != held:
         stores = " to ".join(f"{count:,}" for count in dict.fromkeys((floats[0], floats[-1])))
         return f"declares {declared.texture_floats:,} numbers in textures, stores {stores} and holds {held:,}"

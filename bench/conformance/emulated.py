@@ -132,7 +132,8 @@ def register() -> None:
     for name, kernel in kernels.items():
         aten.impl(name, kernel, "PrivateUse1")
     module: Any = torch.get_device_module(NAME)
-    module.Event, module.synchronize = HostEvent, lambda device=None: None
+    module.Event = HostEvent
+    module.synchronize = lambda device=None: None
     _libraries.extend([every, aten])
 
 
@@ -176,7 +177,8 @@ class _Operands:
     """The tensors of one operation: checked and lowered to the CPU; its results raised to the device again."""
 
     def __init__(self, op: Any):
-        self.op, self.name = op, op._schema.name
+        self.op = op
+        self.name = op._schema.name
         self.given: dict[int, tuple[Tensor, Tensor]] = {}  # by the id of the CPU's: it, and the device's
         self.storages: dict[int, Any] = {}  # of the device, by the address of the CPU's
 
@@ -266,7 +268,8 @@ def _convolved_back(grad: Tensor, *args: Any) -> Any:
 
 def left_behind(owner: object) -> list[str]:
     """The names of tensors of the CPU that an object holds, in its attributes, however deep."""
-    names, seen = list[str](), set[int]()
+    names = list[str]()
+    seen = set[int]()
 
     def search(value: Any, name: str) -> None:
         """Add the names of the CPU's tensors in a value that is called `name`."""

@@ -23,7 +23,8 @@ SHAPE = (8, 12)  # not square, so that height and width are told apart
 WRONG, RIGHT = 0.65, 0.35  # a share above or below these decides; between them the codec does not separate the two
 SAME_SCALE = 1.25  # a mean within this factor is not an error of units
 PHASES_U, PHASES_V = (0.03, 0.37, 0.66), (0.18, 0.52, 0.86)  # of the three channels
-WAVE, ALBEDO = 0.2, 0.45
+WAVE = 0.2
+ALBEDO = 0.45
 LIGHT_DEG, VIEW_DEG, LIGHT_TILT, VIEW_TILT = 20.0, 140.0, 0.5, 0.35  # how radiance leans with the directions
 
 Radiance = Callable[[Tensor, Tensor, Tensor], Tensor]  # uv (n, 2), ω_o and ω_i (n, 3) → RGB (n, 3)

@@ -38,8 +38,12 @@ class _Watched(Source):
     """Wraps a source and tells `show` how many of `total` slices were read."""
 
     def __init__(self, source: Source, show: Progress, total: int):
-        self.source, self.show, self.total, self.read = source, show, total, 0
-        self.shape, self.count = source.shape, source.count
+        self.source = source
+        self.show = show
+        self.total = total
+        self.read = 0
+        self.shape = source.shape
+        self.count = source.count
 
     def slice(self, pair: int) -> Array:
         self.read += 1

@@ -44,7 +44,9 @@ class _Shrunk(Source):
     at_once = scratch.TOGETHER
 
     def __init__(self, boxes: Source):
-        self.boxes, self.shape, self.count = boxes, boxes.shape, boxes.count
+        self.boxes = boxes
+        self.shape = boxes.shape
+        self.count = boxes.count
 
     @cached_property
     def _scratch(self) -> np.ndarray:
@@ -97,7 +99,9 @@ class Repaired(Source):
     Scattered reads use the scratch file of `Source`, so every value is repaired only once."""
 
     def __init__(self, source: Source):
-        self.source, self.shape, self.count = source, source.shape, source.count
+        self.source = source
+        self.shape = source.shape
+        self.count = source.count
 
     def slice(self, pair: int) -> Array:
         picture, _ = self.mended(pair)

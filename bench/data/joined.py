@@ -16,7 +16,8 @@ class Joined(Source):
         if first.shape != second.shape:
             raise ValueError(f"pictures of {first.shape} and of {second.shape} cannot be of one surface")
         self.parts = (first, second)
-        self.shape, self.count = first.shape, first.count + second.count
+        self.shape = first.shape
+        self.count = first.count + second.count
 
     def slice(self, pair: int) -> Array:
         first, second = self.parts

@@ -152,7 +152,10 @@ def look(btf: BTF) -> Look:
     row = _nearest(btf.layout.view, btf.wo, btf.wi)
     column = _nearest(btf.layout.light, btf.wi, btf.wo)
     sheet = _sheet(btf)
-    values, thumbs, medians, seams = [], {}, {}, []
+    values = []
+    thumbs = {}
+    medians = {}
+    seams = []
     count = btf.shape[0] * btf.shape[1]
     chosen = rng.integers(0, count, TEXELS) if count > TEXELS else np.arange(count)
     for pair in dict.fromkeys([*sheet, *row, *column]):

@@ -18,7 +18,8 @@ from bench.inputs.errors import InputError, readable, refuse_pipe
 
 Array = np.ndarray
 MAX_FILE = 1 << 29
-LEAST, RATIO = 1 << 26, 64  # limits of an inflated entry: bytes, or times its compressed bytes
+LEAST = 1 << 26  # an inflated entry may have so many bytes, or
+RATIO = 64  # so many times its compressed bytes
 STEP = 1 << 16
 _LOCAL = 30  # bytes before an entry's name
 
@@ -64,7 +65,8 @@ class ZipFiles:
 
     def _stored(self, name: str) -> tuple[zipfile.ZipInfo, int]:
         """The entry and the offset of its bytes in the archive, checked against the archive's length."""
-        entry, label = self.entries[name], self.label(name)
+        entry = self.entries[name]
+        label = self.label(name)
         if entry.flag_bits & 1:
             raise InputError(f"{label}: it is encrypted: extract it with its password first")
         if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
@@ -127,7 +129,8 @@ class ZipFiles:
 
 def _expanded(packed: bytes, count: int) -> bytes:
     """At most `count` bytes of a deflated stream; needs memory only for the result, not twice as much."""
-    inflated, inflater = io.BytesIO(), zlib.decompressobj(-15)  # negative: a bare stream, as in a zip
+    inflated = io.BytesIO()
+    inflater = zlib.decompressobj(-15)  # negative: a bare stream, as in a zip
     for start in range(0, len(packed), STEP):
         piece = packed[start : start + STEP]
         while piece and inflated.tell() < count:
@@ -150,7 +153,8 @@ class Stored:
     def values(self) -> Array:
         """The array: memory-mapped if it is stored uncompressed, else inflated."""
         order: Any = "F" if self.fortran else "C"
-        offset, count = self.files.offset(self.name), math.prod(self.shape)
+        offset = self.files.offset(self.name)
+        count = math.prod(self.shape)
         with readable(self.files.label(self.name), "save it with numpy.savez, uncompressed"):
             if offset is not None and count:
                 return np.memmap(self.files.path, self.dtype, "r", offset + self.begin, self.shape, order)

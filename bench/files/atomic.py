@@ -36,7 +36,8 @@ def temporary(path: Path) -> Iterator[Path]:
         yield partial
     except OSError as error:
         if error.errno is not None and error.filename in (None, str(partial)):
-            error.filename, error.filename2 = str(path), None
+            error.filename = str(path)
+            error.filename2 = None
         raise
     finally:
         if partial.is_dir():
@@ -132,6 +133,7 @@ def clear_cache() -> tuple[int, int]:
         if path.is_dir():
             path.rmdir()
         else:
-            count, total = count + 1, total + path.stat().st_size
+            count += 1
+            total += path.stat().st_size
             path.unlink()
     return count, total

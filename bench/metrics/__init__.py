@@ -59,7 +59,8 @@ def get(name: str) -> Metric:
     `InputError` names the nearest if there is none; `PluginError` if it is of another package and cannot be used.
     """
     metric, variable = _found(name)
-    ppd, periodic = variable.get("ppd"), bool(variable.get("ending"))
+    ppd = variable.get("ppd")
+    periodic = bool(variable.get("ending"))
     options: dict[str, Any] = {}
     if ppd and ppd != "67":  # the class knows the exact default
         options["ppd"] = float(ppd)

@@ -24,7 +24,8 @@ class Picture:
         radiance = check_radiance(radiance, name)
         if not (np.isfinite(exposure) and exposure > 0):
             raise InputError(f"exposure must be a positive number, not {exposure}")
-        self.shape, self.exposure = radiance.shape[:-1], float(exposure)
+        self.shape = radiance.shape[:-1]
+        self.exposure = float(exposure)
         self.linear = np.maximum(np.moveaxis(radiance, -1, 0), 0, order="C", dtype=np.float64)
 
     @cached_property
@@ -118,7 +119,8 @@ class SliceMetric:
         """
         picture = Picture(reference, exposure, "reference")
         if min(picture.shape[-2:]) < self.smallest:
-            size, least = "{} × {}".format(*picture.shape[-2:]), self.smallest
+            size = "{} × {}".format(*picture.shape[-2:])
+            least = self.smallest
             raise InputError(f"reference is {size}, but {type(self).__name__} needs at least {least} × {least}")
         return Prepared(picture.shape, picture.exposure, self.reference_side(picture))
 

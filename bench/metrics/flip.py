@@ -47,7 +47,9 @@ _RGB_OF_OPPONENT = np.linalg.inv(_OPPONENT)
 _SENSITIVITY = (((1.0, 0.0047),), ((1.0, 0.0053),), ((34.1, 0.04), (13.5, 0.025)))
 _WIDEST = 0.04
 _FEATURE_WIDTH = 0.082  # degrees (section 4.2)
-_COLOUR_POWER, _KNEE, _KNEE_VALUE = 0.7, 0.4, 0.95  # q_c, p_c, p_t
+_COLOUR_POWER = 0.7  # q_c
+_KNEE = 0.4  # p_c
+_KNEE_VALUE = 0.95  # p_t
 _FEATURE_POWER = 0.5  # q_f
 _BRIGHT = 0.85  # tone-mapped luminance to which `start` brings the brightest texel, and `stop` the median
 
@@ -65,7 +67,8 @@ class LDR(SliceMetric):
     borders filters wrap around, if periodic; otherwise the border is repeated, as published."""
 
     def __init__(self, ppd: float = PPD, periodic: bool = False):
-        self.ppd, self.periodic = check_ppd(ppd), periodic
+        self.ppd = check_ppd(ppd)
+        self.periodic = periodic
 
     def reference_side(self, reference: Picture) -> Perceived:
         """What is perceived of the reference."""
@@ -163,7 +166,8 @@ def _hunt_lab(planes: Array) -> Array:
     """Linear RGB → CIELab with a and b scaled by 0.01 · L (the Hunt effect), planar."""
     delta = 6 / 29
     linear = _mix(_XYZ_OVER_WHITE, planes)
-    root, low = np.cbrt(linear), linear <= delta**3
+    root = np.cbrt(linear)
+    low = linear <= delta**3
     root[low] = linear[low] / (3 * delta**2) + 4 / 29
     x, y, z = root
     lightness = 116 * y - 16
@@ -216,7 +220,8 @@ class HDR(SliceMetric):
     curve: tuple[float, float, float, float, float, float] = (0.36 * 2.51, 0.6 * 0.03, 0, 0.36 * 2.43, 0.6 * 0.59, 0.14)
 
     def __init__(self, ppd: float = PPD, periodic: bool = False, start: float | None = None, stop: float | None = None):
-        self.ppd, self.periodic = check_ppd(ppd), periodic
+        self.ppd = check_ppd(ppd)
+        self.periodic = periodic
         if (start is None) != (stop is None):
             raise InputError("start and stop belong together: give both, or neither")
         self.range: Range | None = None

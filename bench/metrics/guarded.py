@@ -36,8 +36,11 @@ class Guarded(SliceMetric):
     """Asks a metric of another package, and checks its answers. Every method raises `PluginError` for a wrong one."""
 
     def __init__(self, metric: SliceMetric, called: str):
-        self.metric, self.called = metric, called
-        self.perfect, self.smallest, self.per_material = metric.perfect, metric.smallest, metric.per_material
+        self.metric = metric
+        self.called = called
+        self.perfect = metric.perfect
+        self.smallest = metric.smallest
+        self.per_material = metric.per_material
 
     @property
     def module(self) -> str:

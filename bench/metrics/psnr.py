@@ -47,7 +47,8 @@ class SquaredDifference(SliceMetric):
 class DisplayPSNR(SquaredDifference):
     """PSNR of the display transform of both slices; peak 1."""
 
-    plane, peak = "display", 1.0
+    plane = "display"
+    peak = 1.0
 
     def values(self, raw: Array) -> Array:
         return np.minimum(psnr(raw, self.peak), MOST_DB)
@@ -56,7 +57,8 @@ class DisplayPSNR(SquaredDifference):
 class LogPSNR(DisplayPSNR):
     """PSNR of log1p(8 · exposure · radiance); peak log1p(8). Highlights beyond 1 count, unlike in display space."""
 
-    plane, peak = "log1p", math.log1p(LOG_SCALE)
+    plane = "log1p"
+    peak = math.log1p(LOG_SCALE)
 
 
 class LinearRMSE(SquaredDifference):

@@ -83,7 +83,9 @@ class Scorer:
         threads: int | None = None,
         cache_bytes: int = 512 << 20,
     ):
-        self.btf, self.threads, self.cache_bytes = btf, threads or cores(), cache_bytes
+        self.btf = btf
+        self.threads = threads or cores()
+        self.cache_bytes = cache_bytes
         self.names = registry.chosen_names(registry.DEFAULTS, btf.periodic) if names is None else tuple(names)
         described = {name: registry.get(name) for name in self.names}
         for name, metric in described.items():

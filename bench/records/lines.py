@@ -265,7 +265,7 @@ def load_trade(folder: Path) -> Trade | None:
     for row in trade["choices"]:
         job = run.job(row.get("job", "")) or {}
         recorded = job.get("score_key", {}).get("sha256")
-        if row.get("sha256", recorded) == recorded:
+        if row.get("sha256", recorded) == recorded:  # a failed choice and the floor name no file, and stay
             choices.append(row)
     return trade | {"choices": choices}
 

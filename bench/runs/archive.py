@@ -79,7 +79,7 @@ def pack(run: Run, lines: str, path: Path) -> None:
     for job in run.jobs:
         if digest := job["fit_key"].get("shared"):
             files[_own(run, f"files/{shared.hashed_name(job['codec'], digest)}", digest)] = None
-    with atomic.replacing(path) as partial, zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as archive:
+    with atomic.replacing(path) as unfinished, zipfile.ZipFile(unfinished, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(FILE, lines)
         for file in files:
             archive.write(file, f"files/{file.name}")
@@ -185,7 +185,8 @@ def _verified(
 
 def _material(job: Job, start: RunStart, places: Mapping[str, str]) -> MaterialSpec:
     """The material of a job, with its path on this machine. `InputError` if the archive or the machine lacks it."""
-    listed = [table("materials of its run", MaterialSpec, each) for each in start.get("materials") or []]
+    stated = start.get("materials") or []  # the record may hold null
+    listed = [table("materials of its run", MaterialSpec, each) for each in stated]
     spec = next((each for each in listed if each.name == job["material"]), None)
     if spec is None:
         raise InputError(f"its run does not say how {job['material']} was prepared: submit the run again")
@@ -219,7 +220,7 @@ def _judged(job: Job, workbench: Workbench, folder: Path, out: Path, show: Progr
         return Verified(job["job"], DIFFERS, f"the file is of codec {header.codec}")
     if names := list(misnamed(job, header)):
         return Verified(job["job"], DIFFERS, "; ".join(names))
-    measured = evaluate(workbench, loaded, 1, partial(keep, out), show)
+    measured = evaluate(workbench, loaded, threads=1, keep=partial(keep, out), show=show)
     measured |= {"score_key": score_key(workbench, header), "scored": stamp(), "machine": machine(), "status": "ok"}
     measured["verified"] = True
     fit: FitKey = {"codec": header.codec, "version": header.version, "settings": header.settings}
@@ -266,7 +267,8 @@ def _unlike(place: str, claimed: Any, measured: Any) -> Iterator[str]:
 
 def misnamed(claimed: Job, header: Header) -> Iterator[str]:
     """Why the names of a job do not fit its file: a label holds the codec and the settings that are not defaults."""
-    label, curve = str(claimed["label"]), str(claimed["curve"])
+    label = str(claimed["label"])
+    curve = str(claimed["curve"])
     given = header.settings if header.codec == COMMAND else {}
     own = {key: given[key] for key in ("called", "encode", "decode") if key in given}
     called = str(own.get("called", header.codec))
@@ -276,7 +278,8 @@ def misnamed(claimed: Job, header: Header) -> Iterator[str]:
         named = settings_dict(make_codec(header.codec, own | settings))
         whole = settings_dict(make_codec(header.codec, header.settings))
     except (InputError, ValueError):
-        named, whole = {}, {"": None}
+        named = {}
+        whole = {"": None}
     if not label.startswith(called) or named != whole:
         yield f"label is {label!r}, but the file's codec and settings have another label"
     if not curve.startswith(called) or not {*curve.removeprefix(called).split()} <= {*words}:

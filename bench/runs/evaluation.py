@@ -83,7 +83,8 @@ def evaluate(workbench: Workbench, file: Loaded, threads: int, keep: Keep, show:
 def scored(workbench: Workbench, material: Material, name: str, threads: int, keep: Keep, show: Progress) -> Job:
     """Score any material: its record without settings and bytes; kept files are called after `name`."""
     decoder = Slices(workbench, material, show)
-    groups, decides = dict(workbench.groups), deciding_group(workbench.groups)
+    groups = dict(workbench.groups)
+    decides = deciding_group(workbench.groups)
     if decides != "all" and len(workbench.scored) < len(workbench.btf):
         del groups["all"]  # if only some training pairs are scored, a mean over all scored pairs represents neither set
     with torch_threads(threads):

@@ -53,7 +53,7 @@ _told_at: dict[str, float] = {}  # when it last told of each label
 @contextmanager
 def in_process() -> Iterator[Workers]:
     """Run one job after another, in the calling thread."""
-    yield Workers(InProcess(), 1, here=True)
+    yield Workers(InProcess(), at_once=1, here=True)
 
 
 @contextmanager
@@ -91,7 +91,7 @@ def dask(address: str, resources: dict[str, float]) -> Iterator[Workers]:
     try:
         _require_package(client)
         # Enough for a cluster that scales with the number of waiting jobs.
-        yield Workers(executor, 1000, everywhere=partial(client.run, on_error="ignore"))
+        yield Workers(executor, at_once=1000, everywhere=partial(client.run, on_error="ignore"))
     finally:
         executor.shutdown(wait=False)
         client.close()
@@ -131,7 +131,9 @@ class Processes(Executor):
     """
 
     def __init__(self, count: int, threads: int, gpus: Sequence[dict[str, str]] = (), limit: float | None = None):
-        self.threads, self.gpus, self.limit = threads, gpus, limit
+        self.threads = threads
+        self.gpus = gpus
+        self.limit = limit
         self.show: Show | None = None
         self.pools: dict[int, tuple[ProcessPoolExecutor, Connection, Connection]] = {}
         self.watchers = ThreadPoolExecutor(count)

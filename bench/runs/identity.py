@@ -20,7 +20,8 @@ from bench.codec import Codec
 from bench.records import FitKey
 
 # Modules that every fit uses, and those that only fits to a scene use.
-ALWAYS, OF_SCENES = ("bench.codecs.container",), ("bench.demand.fitting",)
+ALWAYS = ("bench.codecs.container",)
+OF_SCENES = ("bench.demand.fitting",)
 INSTALLED = {"site-packages", "dist-packages"}
 BY_NAME = {"import_module", "__import__", "spec_from_file_location", "run_path", "exec", "eval"}
 

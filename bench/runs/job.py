@@ -250,7 +250,8 @@ class Attempt:
 
     def _fit(self, path: Path) -> tuple[container.Header, Facts]:
         """Fit the codec and write its file; returns the facts of the fit, too."""
-        task, training = self.task, self.workbench.training
+        task = self.task
+        training = self.workbench.training
         fit = new_fit(
             self.codec,
             training,

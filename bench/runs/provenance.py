@@ -20,7 +20,8 @@ PACKAGES = ("neubtf-bench", "torch", "numpy", "scipy", "scikit-image", "OpenEXR"
 
 def provenance() -> RunStart:
     """Git revision of the suite (None outside a checkout), package versions, processor and operating system."""
-    capability, cores = torch.backends.cpu.get_cpu_capability(), os.cpu_count()
+    capability = torch.backends.cpu.get_cpu_capability()
+    cores = os.cpu_count()
     here: Machine = {"system": platform.platform(), "processor": processor(), "capability": capability, "cores": cores}
     packages: dict[str, str | None] = {name: version(name) for name in PACKAGES}
     return {"git": revision(), "packages": packages, "python": sys.version.split()[0], "machine": here}

@@ -104,7 +104,7 @@ def _workers(suite: Suite, options: Options) -> Seats:
     if options.workers:
         return options.workers
     outside = any(from_outside(spec.codec) for spec in suite.codecs)
-    return partial(processes, 1, suite.threads) if outside else in_process
+    return partial(processes, count=1, threads=suite.threads) if outside else in_process
 
 
 def _networks(codecs: list[Codec], folder: Path) -> dict[str, str]:
@@ -155,7 +155,8 @@ class _Session:
 
     def _task(self, material: MaterialSpec, codec: CodecSpec, repetition: int) -> Task:
         """The task of one cell of the suite, with absolute paths: a worker may have another working directory."""
-        suite, options = self.suite, self.options
+        suite = self.suite
+        options = self.options
         place = Path(material.path)
         if material.path and place.exists():
             material = dataclasses.replace(material, path=str(place.absolute()))
@@ -179,7 +180,8 @@ class _Session:
 
     def _earlier(self, name: str) -> Job | None:
         """The latest record of a job, if it may still hold."""
-        options, record = self.options, self.before.job(name)
+        options = self.options
+        record = self.before.job(name)
         if record is None or options.fresh or (record["status"] == "failed" and options.retry_failed):
             return None
         gone = record["status"] == "ok" and not (options.folder / record["file"]).exists()
@@ -236,7 +238,8 @@ class _Session:
                 if task.material.name == material.name and task.name in self.done:
                     jobs.setdefault(task.codec.label, self.done[task.name])
             if jobs:
-                show, timed = partial(self._show, material.name), list(jobs.values())
+                show = partial(self._show, material.name)
+                timed = list(jobs.values())
                 for record in timings(self.options.folder, timed, self.options.device, self.suite.threads, show):
                     records.append(self.options.folder, record | {"run": self.run_id})
 
@@ -286,7 +289,7 @@ def timings(folder: Path, jobs: list[Job], device: str, threads: int, show: Prog
     """The timing of each job's decoder. If a decoder from outside crashes its process, the others are timed again."""
     ours = [job for job in jobs if not from_outside(job["codec"])]
     if len(ours) < len(jobs):
-        with processes(1, threads) as workers:
+        with processes(count=1, threads=threads) as workers:
             try:
                 return workers.executor.submit(measured, folder, jobs, device, threads).result()
             except BrokenExecutor:

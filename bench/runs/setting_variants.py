@@ -75,7 +75,12 @@ class _Measuring:
     """The timing of a suite's variants on one device, into one folder, until a clock is over."""
 
     def __init__(self, suite: Suite, folder: Path, device: torch.device, run: str, clock: Clock, show: Progress):
-        self.suite, self.folder, self.device, self.run, self.clock, self.show = suite, folder, device, run, clock, show
+        self.suite = suite
+        self.folder = folder
+        self.device = device
+        self.run = run
+        self.clock = clock
+        self.show = show
         self.found: list[Timing] = []
         known = load_run(folder) if (folder / records.FILE).exists() else Run(folder)
         self.done = {timed["job"] for timed in known.timings if timed.get("device") == str(device)} | self.given_up()
@@ -258,8 +263,8 @@ def _fits(suite: Suite, device: str, clock: Clock, done: set[str], show: Progres
             continue
         show(f"{spec.label}: steps of its fit", 0, 1)
         try:
-            short = _fitted(spec, 1, train, device, suite.threads)
-            long = _fitted(spec, 1 + FIT_STEPS, train, device, suite.threads)
+            short = _fitted(spec, steps=1, train=train, device=device, threads=suite.threads)
+            long = _fitted(spec, steps=1 + FIT_STEPS, train=train, device=device, threads=suite.threads)
         except InputError as error:
             log.warning("%s: its fit is not timed: %s", spec.label, error)
             continue

@@ -323,7 +323,8 @@ def _nearest(suite: Suite, scope: str, name: str) -> str:
     if scope and scope not in codecs:
         return f": it runs no codec {scope!r}{did_you_mean(scope, [*codecs, 'data'])}"
     known = {f"data.{field.name}" for field in dataclasses.fields(Preparation)}
-    for codec in codecs if not scope else [scope]:
+    meant = {scope} if scope else codecs
+    for codec in meant:
         with suppress(CodecError):  # its jobs fail with this error
             known |= setting_names(load_codec(codec))
     near = difflib.get_close_matches(name, known, 1) or difflib.get_close_matches(f"data.{name}", known, 1)
@@ -360,8 +361,8 @@ def _set(spec: CodecSpec, setting: str, value: str) -> CodecSpec:
     from bench.codec import COMMON
 
     codec = make_codec(spec.codec, {setting: value})
-    converted = getattr(codec if setting in COMMON else codec.settings, setting)
-    return dataclasses.replace(spec, settings=spec.settings | {setting: converted})
+    owner = codec if setting in COMMON else codec.settings
+    return dataclasses.replace(spec, settings=spec.settings | {setting: getattr(owner, setting)})
 
 
 def _material(where: str, entry: Any) -> MaterialSpec:

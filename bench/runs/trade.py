@@ -113,7 +113,8 @@ def measure(
     without `profiles` the choices alone are timed, in a fraction of the time.
     """
     suite = canonical(suite)  # jobs are recorded under its names
-    target, cores = torch.device(device), torch.get_num_threads()
+    target = torch.device(device)
+    cores = torch.get_num_threads()
     batches = (*BATCHES, 1 << 20, 1 << 22) if full else BATCHES
     there = [text for text in suite.variants if exists_on(Variant.parse(text), target)]
     left_out = [text for text in there if not emulated and native.emulated(Variant.parse(text).precision, target)]
@@ -187,7 +188,8 @@ def _timed_jobs(suite: Suite) -> dict[str, CodecSpec]:
 
 def merged(earlier: Trade | None, result: Trade) -> Trade:
     """A result, extended by the materials and settings of codecs that only an earlier result holds."""
-    choices, profiles = result["choices"], result["profiles"]
+    choices = result["choices"]
+    profiles = result["profiles"]
     if earlier:
         scored = {(row["material"], row["label"], row["device"]) for row in choices}
         others = [row for row in earlier["choices"] if (row["material"], row["label"], row["device"]) not in scored]
@@ -376,7 +378,8 @@ def _deviation(workbench: Workbench, ours: Material, plain: Material, show: Prog
 
 def _figures(job: Job, squared: np.ndarray) -> TradeChoice:
     """PSNR, FLIP and worst-slice PSNR of the deciding pairs, and PSNR of validation pairs, if a record has them."""
-    metrics, validation = metrics_of(job), validation_of(job)
+    metrics = metrics_of(job)
+    validation = validation_of(job)
     flip = metric_of(metrics, FLIP)
     figures: TradeChoice = {
         "psnr": metrics[PSNR]["mean"],

@@ -77,7 +77,8 @@ def may_be_shown(job: Job, run: Run) -> bool:
     """
     stated: list[str] = []  # by the suites, where the material is from
     for start in run.starts:
-        for material in start.get("materials") or ():
+        materials = start.get("materials") or ()  # a record may hold null
+        for material in materials:
             if isinstance(material, dict) and material.get("name") == job["material"]:
                 stated.append(str(material.get("where")))
     where = " ".join(stated)

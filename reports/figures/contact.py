@@ -25,9 +25,10 @@ def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
     """A row a codec below the truth; a pair of columns (slice, FLIP map) for each marked slice, or for all."""
     rows = []
     for row, stored in of_shown(run, material, "pictures"):
+        pictures = stored
         if "sheet" in stored:
-            stored = {name: array[stored["sheet"]] for name, array in stored.items()}
-        rows.append((row, stored))
+            pictures = {name: array[stored["sheet"]] for name, array in stored.items()}
+        rows.append((row, pictures))
     if not rows:
         return None
     _, first = rows[0]
@@ -96,7 +97,8 @@ def _of_same_pairs(run: Run, jobs: Sequence[Job]) -> list[tuple[Job, Arrays]]:
 def _strip(material: str, known: Sequence[tuple[Job, Arrays]], scores: Arrays) -> Figure:
     """Truth and decoded of one slice side by side; `known` begins with the best codec, whose errors `scores` holds."""
     _, first = known[0]
-    truth, pairs = first["truth"], first["pairs"]
+    truth = first["truth"]
+    pairs = first["pairs"]
     errors = dict(zip(scores["pairs"].tolist(), scores[PSNR].tolist(), strict=True))
     from_best = sorted(range(len(pairs)), key=lambda place: errors[pairs[place]])
     shown = from_best[len(pairs) // 2]

@@ -24,8 +24,10 @@ from reports.figures.canvas import (
 from reports.rows import MaterialRows, Row
 from reports.styles import Styles
 
-_EDGE, _BAR = 14, 100  # pixels: the margin, and the room of a colour bar
-_ABRDF_TOP, _ABRDF_CELL = 54, 176  # the head of the figure, and the least side of a map
+_EDGE = 14  # pixels of the margin
+_BAR = 100  # pixels of the room of a colour bar
+_ABRDF_TOP = 54  # pixels of the head of the figure
+_ABRDF_CELL = 176  # the least side of a map in pixels
 _SIDES = {"view": "by view", "light": "by light"}
 EDGES_DEG = np.arange(0.0, 91.0, 15.0)
 _READ = {PSNR, "heldout", "wo_deg", "wi_deg"}
@@ -52,7 +54,8 @@ def abrdf_maps(run: Run, material: MaterialRows) -> Figure | None:
     sheet = Sheet(2 * _EDGE + max(columns, 3) * cell[0] + _BAR, _ABRDF_TOP + rows * cell[1])
     sheet.text(_EDGE, 16, f"{title} ({material.split})", fontsize=9)
     for number, (label, error) in enumerate(maps):
-        left, above = _EDGE + number % columns * cell[0], _ABRDF_TOP + number // columns * cell[1]
+        left = _EDGE + number % columns * cell[0]
+        above = _ABRDF_TOP + number // columns * cell[1]
         sheet.text(left, above - 10, short(label, 24))
         sheet.picture(left, above, enlarged(coloured(error, "cividis", scale), factor))
     bar = sheet.scale(sheet.width - _BAR, _ABRDF_TOP, (14, min(rows * cell[1] - 40, 300)), "cividis", norm=scale)
@@ -66,7 +69,8 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
     """Mean FLIP over the cells of both hemispheres, a column a codec, one scale for all."""
     maps = []
     for row in material.shown:
-        stored, name = angular(run.folder, row.job), row.metric(FLIP)
+        stored = angular(run.folder, row.job)
+        name = row.metric(FLIP)
         if stored and name in stored["polar"]:
             maps.append((row.label, stored["polar"][name]))
     if not maps:
@@ -84,21 +88,24 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
     sheet.text(_EDGE, 14, f"{title} ({material.split})", fontsize=9)
     sheet.text(_EDGE, 32, "θ 0° in the centre, rings at 30°, 60°, 90°; φ counter-clockwise from the right")
     for (side, i), value in values.items():
-        label, stored = maps[i]
-        left, line = _EDGE + i % per_line * _CELL, _TOP + i // per_line * _BLOCK
+        label, polar = maps[i]
+        left = _EDGE + i % per_line * _CELL
+        line = _TOP + i // per_line * _BLOCK
         if side == "view":
             sheet.text(left, line - 20, short(label, 24))
         else:
             line += _BLOCK // 2 - 10
         sheet.text(left, line - 6, _SIDES[side], color="0.35")
-        sheet.picture(left, line + 4, _disc(stored[side], value, scale))
+        sheet.picture(left, line + 4, _disc(polar[side], value, scale))
     bar = sheet.scale(sheet.width - _BAR, _TOP, (14, 260), "cividis", norm=scale)
     bar.set_label("mean FLIP, all pairs\n(lower is better; blank: no pair)", fontsize=8)
     return Figure(material.name, "polar", title, sheet.png(), sheet)
 
 
 _SIDE = 140  # side of a disc in pixels
-_CELL, _BLOCK, _TOP = _SIDE + 24, 2 * _SIDE + 80, 76
+_CELL = _SIDE + 24
+_BLOCK = 2 * _SIDE + 80
+_TOP = 76
 
 
 def _disc(stored: dict[str, Any], value: np.ndarray, scale: Normalize) -> np.ndarray:
@@ -122,7 +129,8 @@ _AXIS_DEG = np.linspace(-92, 92, _SIDE)
 @of_each_material
 def angle_curves(run: Run, material: MaterialRows) -> Figure | None:
     """Display PSNR, pooled over rings of 15° in θ_o and in θ_i, of the pairs that decide."""
-    curves, styles = of_shown(run, material, "slices", _READ), Styles(run)
+    curves = of_shown(run, material, "slices", _READ)
+    styles = Styles(run)
     if not curves:
         return None
     title = f"{material.name}: quality by angle"
@@ -143,7 +151,8 @@ def angle_curves(run: Run, material: MaterialRows) -> Figure | None:
 def _rings(row: Row, scores: Arrays, side: str) -> tuple[np.ndarray, np.ndarray]:
     """Centres of the rings that hold a pair, and PSNR of the mean squared error there; no point if the error is 0."""
     chosen = scores["heldout"] if row.deciding_group == "heldout" else np.ones(len(scores["heldout"]), bool)
-    error, theta = scores[PSNR][chosen], scores[side][chosen, 0]
+    error = scores[PSNR][chosen]
+    theta = scores[side][chosen, 0]
     ring = np.clip(np.searchsorted(EDGES_DEG, theta + 1e-4, side="right") - 1, 0, len(EDGES_DEG) - 2)
     centres, means = [], []
     for i in np.unique(ring):

@@ -24,7 +24,8 @@ _SIZES = [BITS[0] * 2 ** (step / _STEPS) for step in range(_STEPS * (len(BITS) -
 
 def fronts(run: Run) -> Iterator[Figure]:
     """One figure for each kind of surface, if budgets have a rung."""
-    result, styles = budgets(run), Styles(run)
+    result = budgets(run)
+    styles = Styles(run)
     for kind, surfaces in by_kind(result.surfaces).items():
         if hulls(result, surfaces):
             with style():

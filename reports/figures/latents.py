@@ -11,7 +11,14 @@ from reports.artefacts import program
 from reports.figures.canvas import Figure, Sheet, enlarged, of_each_material, short
 from reports.rows import MaterialRows
 
-_CELL, _GAP, _LINE, _LEFT, _TOP, _MOST = 64, 4, 16, 250, 52, 48  # pixels; channels a line, and a texture
+# In pixels:
+_CELL = 64
+_GAP = 4
+_LEFT = 250
+_TOP = 52
+
+_LINE = 16  # channels a line
+_MOST = 48  # channels a texture
 
 
 Textures = list[np.ndarray]

@@ -15,7 +15,9 @@ from reports.numbers import fixed
 from reports.rows import MaterialRows, Row, materials
 
 CELL = 256  # the least side of a picture in pixels; smaller slices are enlarged by a whole factor
-GAP, TOP, LINE = 8, 30, 18  # pixels between pictures, above them, and for a line of text
+GAP = 8  # pixels between pictures
+TOP = 30  # pixels above them
+LINE = 18  # pixels for a line of text
 ZOOM = 3  # an inset shows its texels so many times as large as the picture does
 LETTER = 9  # pixels of a letter of a heading
 FRAME = np.array([230, 60, 20], np.uint8)  # colour of the frames around an inset and its place

@@ -18,7 +18,8 @@ Differences = Mapping[str, Interval]
 
 def significance(run: Run) -> Iterator[Figure]:
     """The paired differences to one codec with their intervals: over all materials, then on each."""
-    against, styles = against_one(run), Styles(run)
+    against = against_one(run)
+    styles = Styles(run)
     parts = {material.name: against.on[material.name] for material in materials(run) if material.name in against.on}
     if len(parts) > 1:
         yield _figure("", f"all {len(parts)} materials", against.first, against.over, styles)
@@ -28,7 +29,7 @@ def significance(run: Run) -> Iterator[Figure]:
 
 def _figure(material: str, where: str, first: str, differences: Differences, styles: Styles) -> Figure:
     """A figure of differences to the codec `first`, the best on top; `where` says of which materials, in words."""
-    title = f"{where}: mean paired difference to {short(first, 40)}"
+    title = f"{where}: mean paired difference to {short(first, length=40)}"
     differences = dict(sorted(differences.items(), key=lambda item: -item[1].mean))
     with style():
         height = 1.45 + 0.24 * (len(differences) + 1)

@@ -67,7 +67,9 @@ def export(program: Program, name: str, language: str, folder: Path, source: str
         raise InputError(f"format {language!r}: use one of {', '.join(DIALECTS)}")
     code = shader(program, DIALECTS[language])
     folder.mkdir(parents=True, exist_ok=True)
-    function, exact, half = folder / f"{name}.{language}", folder / "exact.exr", folder / "half.exr"
+    function = folder / f"{name}.{language}"
+    exact = folder / "exact.exr"
+    half = folder / "half.exr"
     readme = folder / "README.md"
     write(function, code.text.encode())
     for path, array in ((exact, code.exact), (half, code.half)):

@@ -38,7 +38,8 @@ class Tables:
         four rows in a texel; such tables hold positions such as heights, which need more precision than halves.
         """
         rows, channels = table.shape
-        single, stride = channels == 1, -(-channels // 4)
+        single = channels == 1
+        stride = -(-channels // 4)
         small = exact or single or table.dtype.kind != "f" or table.size < HALF_FROM or np.abs(table).max() > HALF_MOST
         key = (hashlib.sha256(table.tobytes()).digest(), table.shape, small)
         blocks = self.exact if small else self.half
@@ -68,10 +69,13 @@ class Tables:
 class Writer(Backend):
     """Statements of one shader. A scalar is a number or an expression."""
 
-    what, operations = "shader", OPERATIONS
+    what = "shader"
+    operations = OPERATIONS
 
     def __init__(self, dialect: Dialect, tables: Tables, weights: WeightStore):
-        self.dialect, self.tables, self.weights = dialect, tables, weights
+        self.dialect = dialect
+        self.tables = tables
+        self.weights = weights
         self.lines: list[str] = []
         self.uniforms: list[Array] = []  # vectors of four weights for a uniform buffer
         self.count = 0

@@ -83,7 +83,8 @@ def page(title: str, models: Sequence[Shown]) -> str:
     parts = fragment()
     drawn = [model_data(model, lambda raw: base64.b64encode(raw).decode()) for model in models]
     data = Data("models", as_json({"width": WIDTH, "models": drawn}))
-    styles, scripts = [STYLE + parts.css], [parts.script + START]
+    styles = [STYLE + parts.css]
+    scripts = [parts.script + START]
     return TEMPLATES.get_template("view.html").render(title=title, styles=styles, scripts=scripts, data=[data])
 
 

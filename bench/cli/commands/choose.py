@@ -172,11 +172,11 @@ def parse_bytes(options: argparse.Namespace, word: str) -> int | None:
 
 def _suite(options: argparse.Namespace) -> "Suite":
     """The suite that the options name, for one material."""
-    suite = with_changes(load_suite(options.suite), [options.material], options.codec, {}, None)
+    suite = with_changes(load_suite(options.suite), [options.material], options.codec, changes={}, seed=None)
     if options.steps is None:
         return suite
     try:
-        return with_changes(suite, [], [], {"steps": str(options.steps)}, None)
+        return with_changes(suite, materials=[], codecs=[], changes={"steps": str(options.steps)}, seed=None)
     except InputError as error:
         raise InputError(f"--steps {options.steps}: {error}") from error
 
@@ -201,8 +201,8 @@ def _measured(folder: Path, suite: "Suite", options: argparse.Namespace) -> tupl
 def _measure(folder: Path, suite: "Suite", options: argparse.Namespace, missing: int) -> None:
     """Run a trade over the suite, which fits only the missing settings."""
     with Console() as console:
-        several = f"{missing} of {len(suite.codecs)} settings of {suite.name}"
-        console.say(f"{suite.materials[0].name}: {several} are not in {folder}: fitted, scored and timed first")
+        settings = f"{missing} of {len(suite.codecs)} settings of {suite.name}"
+        console.say(f"{suite.materials[0].name}: {settings} are not in {folder}: fitted, scored and timed first")
         device = usable_device(options.device)
         seats = workers(options.jobs, suite.threads, options.device)
         run_options = Options(folder, device, show=console.show, say=console.say, workers=seats)

@@ -69,7 +69,8 @@ def _settings(what: str, name: str) -> int:
 
     if what != "codecs":
         raise InputError(f"list {what} {name}: only codecs have settings: list codecs NAME")
-    codec, entry = load_codec(name), codec_entries()[name]
+    codec = load_codec(name)
+    entry = codec_entries()[name]
     versions = [f"version {codec.version}"]
     versions += [f"recipe={recipe} {version}" for recipe, version in codec.recipe_versions.items()]
     say_line(f"{name}, {', '.join(versions)}, of {origin(entry)}: {describe(entry)}")

@@ -65,7 +65,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    name, what = options.name, options.what
+    name = options.name
+    what = options.what
     if not re.fullmatch("[a-z][a-z0-9]*(-[a-z0-9]+)*", name):
         raise InputError(f"new {name}: a name has small letters, digits and single hyphens, such as my-codec")
     entry = name.replace("-", "_") if what == "metric" else name  # names of metrics have underscores

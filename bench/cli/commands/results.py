@@ -44,17 +44,17 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add = actions.add_parser("add", help="add the records of a run to a file to commit")
     add.add_argument("run", type=Path, help="the folder of a run")
     add.add_argument("file", type=Path, metavar="FILE", help="a .jsonl file; its own records stay")
-    write = actions.add_parser("write", help="write the tables again")
-    write.add_argument("documents", type=Path, nargs="*", metavar="DOC", help="a Markdown file")
-    write.add_argument("--site", type=Path, metavar="DIR", help="the folder to write the board to")
-    write.add_argument(
+    rewrite = actions.add_parser("write", help="write the tables again")
+    rewrite.add_argument("documents", type=Path, nargs="*", metavar="DOC", help="a Markdown file")
+    rewrite.add_argument("--site", type=Path, metavar="DIR", help="the folder to write the board to")
+    rewrite.add_argument(
         "--records",
         type=Path,
         default=Path("docs/results"),
         metavar="FOLDER",
         help="the records that the board shows (default: docs/results)",
     )
-    write.add_argument(
+    rewrite.add_argument(
         "--runs",
         type=Path,
         action="append",

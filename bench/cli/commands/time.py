@@ -34,7 +34,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     changes = assignments(options.set)
-    suite = with_changes(load_suite(options.suite), options.material, options.codec, changes, None)
+    suite = with_changes(load_suite(options.suite), options.material, options.codec, changes, seed=None)
     folder = options.out or Path("runs") / f"{suite.name}-times"
     device = usable_device(options.device)
     with Console() as console:

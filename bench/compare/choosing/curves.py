@@ -213,11 +213,11 @@ def readings(result: Budgets, points: Points, budget: Budget, surfaces: Sequence
     found: dict[str, Reading] = {}
     for line, value in result.ranked(budget, surfaces).items():
         if not any(surface in points.get(line, {}) for surface in surfaces):
-            found[line] = Reading(value, False)
+            found[line] = Reading(value, off_curves=False)
     for line, by_surface in points.items():
         read = mean_at(by_surface, surfaces, budget.most)
         if read is not None:
-            found[line] = Reading(read, True)
+            found[line] = Reading(read, off_curves=True)
     return dict(sorted(found.items(), key=lambda each: -each[1].value))
 
 
@@ -229,7 +229,8 @@ def gaps_of_rungs(result: Budgets, line: str, anchor: Mapping[str, Sequence[Poin
         rungs = [rung_of(jobs[surface], {}) for jobs in result.rungs[line].values() if surface in jobs]
         gaps = []
         for rung in rungs:
-            ours, theirs = capped(shown(rung, PSNR)), curve.at(rung.size) if curve else None
+            ours = capped(shown(rung, PSNR))
+            theirs = curve.at(rung.size) if curve else None
             if ours is not None and theirs is not None:
                 gaps.append(ours - theirs)
         if gaps:

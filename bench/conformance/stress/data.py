@@ -103,13 +103,15 @@ def grazing_lights() -> BTF:
     """Nine views, and nine lights at 89°, whose cosine is 0.017."""
     low = from_degrees(np.full(9, 89.0), np.arange(9) * 40.0)
     wi = np.tile(low, (9, 1))
-    return material(values() * (wi[:, 2] / ordinary().wi[:, 2])[:, None, None, None], None, wi)
+    return material(values() * (wi[:, 2] / ordinary().wi[:, 2])[:, None, None, None], wo=None, wi=wi)
 
 
 def not_finite() -> BTF:
     """The ordinary material with one NaN and two infinite values, at two pairs."""
     radiance = values().copy()
-    radiance[40, 3, 5, 0], radiance[40, 3, 6, 2], radiance[41, 0, 0, 1] = np.nan, np.inf, -np.inf
+    radiance[40, 3, 5, 0] = np.nan
+    radiance[40, 3, 6, 2] = np.inf
+    radiance[41, 0, 0, 1] = -np.inf
     return material(radiance)
 
 
@@ -191,7 +193,8 @@ def refused(subject: Subject) -> None:
         subject.encode(not_finite())
     except InputError as error:
         message = str(error)
-        count, place = re.search(r"\d of [\d,]+ values", message), re.search(r"\(\d+, ", message)
+        count = re.search(r"\d of [\d,]+ values", message)
+        place = re.search(r"\(\d+, ", message)
         require(count and place, "unclear", f"the error gives no count and place: {message}")
         return
     raise CheckError("values that are not finite were encoded", "encoded")
@@ -217,9 +220,11 @@ def mended(subject: Subject) -> Measured:
 
 def one_pair_holds(subject: Subject) -> Measured:
     """Measure one picture of 5 × 5 texels, which a codebook of 32 entries can hold too."""
-    usual, encoded = subject.usual, subject.encode(of_pairs(np.array([40]), 5), stretch=3)  # 40: of 81, the middle
+    usual = subject.usual
+    encoded = subject.encode(of_pairs(np.array([40]), 5), stretch=3)  # 40: of 81, the middle
     # The codec's result on the ordinary material counts only if it is better than mean-colour there.
-    limits, errors = bound(usual), mean_squares(usual, usual.decoded)
+    limits = bound(usual)
+    errors = mean_squares(usual, usual.decoded)
     allowed = bound(encoded)
     for space, limit in limits.items():
         error, _ = errors[space]
@@ -252,7 +257,7 @@ SAME_UNSCALED = f"the quality of the same data unscaled, within {SAME_DB} dB (ab
 
 CASES = (
     data("all zero", lambda: material(np.zeros_like(values())), cheap=True),
-    data("two constants", two_constants, constants_hold, True, "every value within 10 %", unphysical=True),
+    data("two constants", two_constants, constants_hold, cheap=True, holds="every value within 10 %", unphysical=True),
     data("one texel", lambda: material(values()[:, :1, :1]), cheap=True),
     Case("data", "one pair", ONE_PAIR, one_pair_holds),
     data("one row", lambda: material(values()[:, :1])),
@@ -267,7 +272,7 @@ CASES = (
     data("random highlights of 65,504", lambda: painted(values(), np.random.default_rng(0).random((81, 8, 8)) < 0.5)),
     Case("data", "highlights of 1e6", STORED, stored_or_refused, unphysical=True),
     data("subnormal halves", lambda: material((values() * 2.0**-15).astype(np.float16))),  # in steps of 2⁻²⁴
-    data("one firefly texel", firefly, others_no_worse, True, OTHERS_NO_WORSE),
+    data("one firefly texel", firefly, others_no_worse, cheap=True, holds=OTHERS_NO_WORSE),
     data("negative noise below 1e-3", negative_noise, holds=f"negative radiance is answered as 0; else {MEAN}"),
     data("identical pairs twice", lambda: of_pairs(np.tile(np.arange(81), 2))),
     data("black seen from above", black_from_above),

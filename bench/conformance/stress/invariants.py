@@ -29,7 +29,8 @@ from bench.directions.hemisphere import uniform
 from bench.material import sample_texture
 
 MANY = 10_000
-LINES, HALVINGS = 2_000, 20  # 2⁻²⁰ is 1e-6
+LINES = 2_000
+HALVINGS = 20  # 2⁻²⁰ is 1e-6
 STEP = 1e-6  # a query moves by this distance
 SLOPE = 100.0  # the largest slope of answers, in brightest samples per unit of distance
 SHORT_STEPS = 16  # roundings allowed in |Δ|: three layers of linear, norm, ω, sine and sum, and the fetch
@@ -46,7 +47,7 @@ Answer = Callable[[Queries], Tensor]
 
 def finite(subject: Subject) -> None:
     """finite and not negative up to 89.9°"""
-    sound(subject.tested.material, queries=spread(MANY, 89.9, seed=5))
+    sound(subject.tested.material, queries=spread(MANY, theta_max_deg=89.9, seed=5))
 
 
 def tilted(directions: Tensor, angle: float, seed: int) -> Tensor:
@@ -59,7 +60,7 @@ def tilted(directions: Tensor, angle: float, seed: int) -> Tensor:
 
 def across_wrap() -> tuple[Queries, Queries]:
     """Places just left and right, or below and above, of the border of the picture."""
-    queries = spread(MANY, 80.0, seed=8)
+    queries = spread(MANY, theta_max_deg=80.0, seed=8)
     # A mask (n, 2) of what lies on the border, at 0: u of even queries, v of odd ones. The other stays as it is.
     border = (torch.arange(MANY) % 2 == 0)[:, None] ^ torch.tensor([False, True])
     on_border = queries.uv * ~border
@@ -69,7 +70,7 @@ def across_wrap() -> tuple[Queries, Queries]:
 
 def across_zenith() -> tuple[Queries, Queries]:
     """Views, or lights, just beside the zenith on both sides, at all azimuths."""
-    queries = spread(MANY, 80.0, seed=9)
+    queries = spread(MANY, theta_max_deg=80.0, seed=9)
     azimuth = torch.linspace(0, 2 * torch.pi, MANY, dtype=torch.float64)
     offset = torch.stack([azimuth.cos(), azimuth.sin(), torch.zeros_like(azimuth)], 1) * STEP / 2
     up = torch.tensor([0.0, 0.0, 1.0])
@@ -84,17 +85,19 @@ def across_zenith() -> tuple[Queries, Queries]:
 
 def at_samples() -> tuple[Queries, Queries]:
     """The pairs of the data, where the triangles of an interpolator meet, and pairs just beside them."""
-    queries, btf = spread(MANY, 80.0, seed=10), ordinary()
+    queries = spread(MANY, theta_max_deg=80.0, seed=10)
+    btf = ordinary()
     pair = torch.arange(MANY) % len(btf)
     wo, wi = torch.from_numpy(btf.wo)[pair], torch.from_numpy(btf.wi)[pair]
-    return queries._replace(wo=wo, wi=wi), queries._replace(wo=tilted(wo, STEP, 3), wi=tilted(wi, STEP, 4))
+    return queries._replace(wo=wo, wi=wi), queries._replace(wo=tilted(wo, STEP, seed=3), wi=tilted(wi, STEP, seed=4))
 
 
 def continuous(make: Callable[[], tuple[Queries, Queries]], subject: Subject) -> None:
     """Check that answers hardly differ between two sets of queries that are `STEP` apart, one by one."""
     here, there = make()
     apart = (subject.answers(here) - subject.answers(there)).abs().amax(1)
-    worst, allowed = int(apart.argmax()), SLOPE * STEP * subject.brightest
+    worst = int(apart.argmax())
+    allowed = SLOPE * STEP * subject.brightest
     require(
         apart[worst] <= allowed,
         f"{apart[worst]:.1g}",
@@ -105,8 +108,9 @@ def continuous(make: Callable[[], tuple[Queries, Queries]], subject: Subject) ->
 
 def no_jump(subject: Subject) -> None:
     """Halve random lines again and again towards the part where the answer moves most: this finds a jump."""
-    start, rng = spread(LINES, 80.0, seed=6), np.random.default_rng(7)
-    end = spread(LINES, 80.0, seed=13)
+    start = spread(LINES, theta_max_deg=80.0, seed=6)
+    rng = np.random.default_rng(7)
+    end = spread(LINES, theta_max_deg=80.0, seed=13)
     end_uv = start.uv.double() + torch.from_numpy(rng.uniform(-0.5, 0.5, (LINES, 2)))
 
     def on_line(share: Tensor) -> Queries:
@@ -131,7 +135,7 @@ def no_jump(subject: Subject) -> None:
 
 def near_double(name: str, subject: Subject) -> Measured:
     """Answers of short floats against float64's: |Δ| ≤ r · (|x| + mean), r = 16 roundings of that float."""
-    queries = spread(MANY, 89.0, seed=11)
+    queries = spread(MANY, theta_max_deg=89.0, seed=11)
     # A query answers in float32 at least; `double` changes no value, and makes the differences exact.
     double = subject.decode(subject.parts).to(dtype=torch.float64).query(*queries).double()
     ours = subject.decode(subject.parts).to(dtype=SHORT_FLOATS[name]).query(*queries).double()
@@ -147,7 +151,8 @@ def near_double(name: str, subject: Subject) -> Measured:
 def diverges(subject: Subject) -> None:
     """A fit at an absurd learning rate says that it diverged, and leaves no file; so does that of a shared network."""
     path = subject.tested.folder / f"diverged{container.SUFFIX}"
-    codec, network = subject.tested.codec, subject.tested.codec.network
+    codec = subject.tested.codec
+    network = subject.tested.codec.network
     wild = wild_rates(type(codec))
     wild_of_network = wild_rates(network) if network else {}
     applicable(wild or wild_of_network, "no learning rate")
@@ -189,7 +194,7 @@ def reciprocity(subject: Subject) -> Measured:
 
     The closed form of the ordinary material is reciprocal, so all of it is the codec's error.
     """
-    queries = spread(MANY, 75.0, seed=12)
+    queries = spread(MANY, theta_max_deg=75.0, seed=12)
     there = queries._replace(wo=queries.wi, wi=queries.wo)
 
     def asymmetry(answer: Answer) -> Tensor:
@@ -215,7 +220,8 @@ def energy(subject: Subject) -> Measured:
     size = subject.tested.btf.shape[0]
     place = rng.integers(0, size, (VIEWS, 2))
     uv = torch.from_numpy(np.stack([place[:, 1] + 0.5, size - place[:, 0] - 0.5], 1) / size).float()
-    wo, wi = uniform(rng, VIEWS, 89.9), uniform(rng, LIGHTS, 89.9)
+    wo = uniform(rng, VIEWS, theta_max_deg=89.9)
+    wi = uniform(rng, LIGHTS, theta_max_deg=89.9)
     row, col = place.T[:, :, None] / size
     # Rows count from the top and v from below, hence `size` less the row above.
     true = np.maximum(tiny_radiance(row, col, wo[:, None], wi[None]).mean(1) * 2 * np.pi, 1)
@@ -233,7 +239,8 @@ def energy(subject: Subject) -> Measured:
     ours = reflected(subject.answers)
     most = max(1.0, float(reflected(mean_colour()).max())) * NO_WORSE
     worst = int(ours.max(1).argmax())
-    theta, share = math.degrees(math.acos(wo[worst, 2])), ours.max()
+    theta = math.degrees(math.acos(wo[worst, 2]))
+    share = ours.max()
     detail = f"reflects {share:.1%} of what the truth does, or of all light, at θ = {theta:.0f}°; allowed {most:.1%}"
     require(share <= most, f"{share:.0%}", detail)
     return Measured(f"{share:.0%}")
@@ -249,7 +256,13 @@ CASES = (
     Case(GROUP, "size of a batch", check.batches.__doc__ or "", lambda subject: check.batches(subject.tested)),
     Case(GROUP, "order of a batch", check.order.__doc__ or "", lambda subject: check.order(subject.tested)),
     *(
-        Case(GROUP, f"{name} against fp64", f"{NEAR} × {torch.finfo(each).eps:.2g}", partial(near_double, name), True)
+        Case(
+            GROUP,
+            f"{name} against fp64",
+            f"{NEAR} × {torch.finfo(each).eps:.2g}",
+            partial(near_double, name),
+            cheap=True,
+        )
         for name, each in SHORT_FLOATS.items()
     ),
     Case(GROUP, "Helmholtz reciprocity (reported)", RECIPROCAL, reciprocity),

@@ -52,16 +52,16 @@ class PictureCase:
 
 
 CASES = (
-    PictureCase("equal", lambda: (picture(), picture()), True),
-    PictureCase("both black", lambda: (flat(0), flat(0)), True),
-    PictureCase("both white", lambda: (flat(1), flat(1)), True),
-    PictureCase("black, seen white", lambda: (flat(0), flat(1)), False),
-    PictureCase("white, seen black", lambda: (flat(1), flat(0)), False),
-    PictureCase("one texel", lambda: (picture(0, 1), picture(1, 1)), False),
-    PictureCase("HDR", lambda: (hdr(0), hdr(1)), False),
-    PictureCase("HDR, equal", lambda: (hdr(0), hdr(0)), True),
-    PictureCase("negative as black", lambda: (flat(0), -picture()), True),
-    PictureCase("negative reference", lambda: (-picture(), flat(0)), True),
+    PictureCase("equal", lambda: (picture(), picture()), equal=True),
+    PictureCase("both black", lambda: (flat(0), flat(0)), equal=True),
+    PictureCase("both white", lambda: (flat(1), flat(1)), equal=True),
+    PictureCase("black, seen white", lambda: (flat(0), flat(1)), equal=False),
+    PictureCase("white, seen black", lambda: (flat(1), flat(0)), equal=False),
+    PictureCase("one texel", lambda: (picture(0, 1), picture(1, 1)), equal=False),
+    PictureCase("HDR", lambda: (hdr(0), hdr(1)), equal=False),
+    PictureCase("HDR, equal", lambda: (hdr(0), hdr(0)), equal=True),
+    PictureCase("negative as black", lambda: (flat(0), -picture()), equal=True),
+    PictureCase("negative reference", lambda: (-picture(), flat(0)), equal=True),
 )
 
 

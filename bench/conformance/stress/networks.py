@@ -116,7 +116,8 @@ SPOILED: dict[str, Callable[[Subject], Material]] = {
 
 def random_and_grazing() -> Queries:
     """Random queries and grazing ones."""
-    some, low = spread(), spread(seed=1)
+    some = spread()
+    low = spread(seed=1)
     low = low._replace(wo=grazing(), wi=grazing(89.0))
     return Queries(*(torch.cat(both) for both in zip(some, low, strict=True)))
 
@@ -150,7 +151,7 @@ def exact_sine(subject: Subject) -> None:
 def short_sound(subject: Subject, dtype: torch.dtype) -> Measured:
     """Check all answers in a short float; the figure is what it costs the ordinary material."""
     all_sound(subject, dtype)
-    queries = spread(SHOWN, 75.0)
+    queries = spread(SHOWN, theta_max_deg=75.0)
     double = subject.decode(subject.parts).to(dtype=torch.float64).query(*queries)
     ours = subject.decode(subject.parts).to(dtype=dtype).query(*queries)
     return Measured(decibels(ours, double))
@@ -208,7 +209,8 @@ def trained_with_firefly(subject: Subject) -> Measured:
     others = np.ones(ordinary().shape, bool)
     others[3, 5] = False  # the texel of `firefly`
 
-    encoded, plain = subject.encode(firefly()), subject.usual
+    encoded = subject.encode(firefly())
+    plain = subject.usual
     truth = plain.truth[:, others]
     colours = np.broadcast_to(truth.mean(0), truth.shape)
     exposure = exposure_of(truth)

@@ -52,7 +52,8 @@ def data_hold(subject: Subject, numbers: Sequence[int]) -> float:
     """The largest decoded value of a material that `drawn` makes from six numbers; `CheckError` if a value is wrong."""
     changes = {"steps": 10} if subject.fits else {}
     encoded = subject.encode(drawn(*numbers), **changes)
-    decoded, brightest = encoded.decoded, encoded.truth.max()
+    decoded = encoded.decoded
+    brightest = encoded.truth.max()
     require(np.isfinite(decoded).all() and (decoded >= 0).all(), "bad", "a value is negative or not finite")
     require(decoded.max() <= BOUND * brightest, f"{decoded.max() / brightest:.2g} ×", f"{decoded.max():.3g}: a firefly")
     return float(decoded.max())
@@ -61,16 +62,18 @@ def data_hold(subject: Subject, numbers: Sequence[int]) -> float:
 def drawn_queries(subject: Subject) -> None:
     """`query_holds` of drawn queries: any place, views and lights up to and below the horizon, any footprint."""
     st = _hypothesis().strategies
-    places, angles = st.floats(-1e6, 1e6, width=32), st.tuples(st.floats(0, 100), st.floats(0, 360))
+    places = st.floats(-1e6, 1e6, width=32)
+    angles = st.tuples(st.floats(0, 100), st.floats(0, 360))
     footprints = st.one_of(st.just(0.0), st.floats(2**-30, 10, width=32))
     strategy = st.builds(_numbers, places, places, angles, angles, footprints)
-    _search(subject, "query", strategy, 200, query_holds)
+    _search(subject, "query", strategy, count=200, holds=query_holds)
 
 
 def drawn_data(subject: Subject) -> None:
     """`data_hold` of drawn materials: up to 5 × 5 texels and 4 × 4 pairs, from 1e-8 to 1e6."""
     st = _hypothesis().strategies
-    side, few = st.integers(1, 5), st.integers(1, 4)
+    side = st.integers(1, 5)
+    few = st.integers(1, 4)
     strategy = st.tuples(side, side, few, few, st.integers(-8, 6), st.integers(0, 1000))
     _search(subject, "data", strategy, 12 if subject.fits else 60, data_hold)  # fits in steps take longer
 

@@ -74,7 +74,8 @@ def bounded(subject: Subject, queries: Queries) -> None:
     bad = ~(answers.isfinite() & (answers >= 0) & (answers <= BOUND * subject.brightest)).all(1)
     if bad.any():
         row = int(bad.nonzero()[0])
-        first, query_text = answers[row].tolist(), query_in_words(queries, row)
+        first = answers[row].tolist()
+        query_text = query_in_words(queries, row)
         raise CheckError(f"{int(bad.sum())} answers, the first {first} at {query_text}", f"{answers[bad].max():.3g}")
 
 
@@ -104,7 +105,8 @@ def agree(subject: Subject, ours: Queries, theirs: Queries) -> None:
     """Check that two sets of queries get the same answers, within rounding of the brightest sample."""
     answers, wanted = subject.answers(ours), subject.answers(theirs)
     apart = (answers - wanted).abs().amax(1)
-    worst, allowed = int(apart.argmax()), ROUNDING * subject.brightest
+    worst = int(apart.argmax())
+    allowed = ROUNDING * subject.brightest
     require(
         apart[worst] <= allowed,
         f"{apart[worst]:.2g}",

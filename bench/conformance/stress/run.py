@@ -23,7 +23,8 @@ def chosen(codecs: Sequence[str], names: Sequence[str]) -> tuple[list[str], list
     for name in names:
         if name not in known:
             raise InputError(f"--case {name}: no such case{did_you_mean(name, known)} (see stress --list)")
-    kinds = [load_codec(name) for name in (codecs or sorted(codec_entries()))]
+    wanted = codecs or sorted(codec_entries())
+    kinds = [load_codec(name) for name in wanted]
     cases = [known[name] for name in names] if names else list(CASES)
     return [kind.name for kind in kinds], cases
 
@@ -54,8 +55,9 @@ def run(codecs: Sequence[str], cases: Sequence[Case], workers: Workers, show: Pr
 
 def attempt(codec: str, names: Sequence[str]) -> list[Stress]:
     """The records of some cases of one codec, in a folder of their own; their log is not shown."""
-    kind, before = load_codec(codec), logging.root.manager.disable
-    logging.disable(logging.WARNING)
+    kind = load_codec(codec)
+    before = logging.root.manager.disable
+    logging.disable(logging.WARNING)  # cases provoke warnings, which the caller's terminal should not show
     try:
         with tempfile.TemporaryDirectory() as folder:
             subject = subject_of(kind, Path(folder))

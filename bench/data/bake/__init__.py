@@ -170,7 +170,7 @@ def open_svbrdf(
                 if not path.exists():
                     surface = read_surface(maps, data.size)
                     log.warning("baking %s\n%s", folder, table(surface))
-                    _bake(surface, wanted.pairs, None, sampled, path, show, 0, path_tracer)
+                    _bake(surface, wanted.pairs, None, sampled, path, show, seed=0, path_tracer=path_tracer)
         return replace(open_btf(path), name=name)
 
     return joined(data.tables(name, 0, draw), cached)

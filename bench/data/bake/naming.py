@@ -102,7 +102,8 @@ def recognise(folder: Path, given: dict[str, str] | None = None) -> MapFiles:
         raise InputError(f"{folder}: it holds {lists[0]}, so it is a BTF and needs no bake: give it to run --material")
     chosen = {role: _given(folder, role, file) for role, file in (given or {}).items()}
     by_role: dict[str, list[str]] = {}
-    unused, doubtful = {}, []
+    unused = {}
+    doubtful = []
     for name, role in _roles(names).items():
         if name in chosen.values():
             continue

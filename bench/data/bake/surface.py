@@ -24,7 +24,8 @@ from bench.metrics.display import encode_srgb
 SUB_POINTS = 4  # points along each side of a texel; docs/baking.md compares 2 and 8
 JUDGED = 256  # longest side at which normals and displacement are compared, for any size of the bake
 CLEAR = 0.2  # from this correlation on, the maps decide instead of their names; maps of one asset reach 0.6 to 0.9
-DEFAULT_DEPTH, DEFAULT_ROUGHNESS = 0.02, 0.5
+DEFAULT_DEPTH = 0.02
+DEFAULT_ROUGHNESS = 0.5
 RED, GREEN, BLUE, ALPHA = range(4)
 # Where a scalar may come from: role of the file, channel, and whether it is inverted; the first that there is is used.
 _SOURCES = {
@@ -94,7 +95,8 @@ class _Reader:
     def __init__(self, map_files: MapFiles, size: int):
         if size < 1:
             raise InputError(f"size must be at least 1, not {size}")
-        self.files, self.roles = FolderFiles(map_files.folder), map_files.files
+        self.files = FolderFiles(map_files.folder)
+        self.roles = map_files.files
         name = self.roles["albedo"]
         self.albedo = read_picture(self.files, name)
         if self.albedo.min() < 0 or self.albedo.max() > 1:

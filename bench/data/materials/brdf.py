@@ -44,13 +44,15 @@ def points(o: tuple[Array, Array, Array], maps: dict[str, Array]) -> Points:
     alpha = _at_least(MIN_ALPHA, maps["roughness"] ** 2)
     stretch = _root(1 - 0.9 * maps["anisotropy"])
     alpha_t, alpha_b = alpha / stretch, _at_least(MIN_ALPHA, alpha * stretch)
-    metal, specular = maps["metalness"], maps["specular"]
+    metal = maps["metalness"]
+    specular = maps["specular"]
     dielectric = (1 - metal) * specular
     o_n = _at_least(1e-3, o[2])
     reflected = fresnel(DIELECTRIC_F0 * specular, specular, o_n)
     diffuse = maps["base"] * ((1 - metal) * (1 - reflected) / np.pi)
     f0 = DIELECTRIC_F0 * dielectric + metal * maps["base"]
-    seen, alphas = (o[0], o[1], o_n), (alpha_t, alpha_b)
+    seen = (o[0], o[1], o_n)
+    alphas = (alpha_t, alpha_b)
     return Points(seen, alphas, diffuse, f0, dielectric + metal, specular, _smith(alphas, seen))
 
 

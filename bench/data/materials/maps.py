@@ -115,7 +115,8 @@ def resize(picture: Array, shape: tuple[int, int]) -> Array:
     for axis, (size, old) in enumerate(zip(shape, picture.shape, strict=False)):  # not over the channels
         if size == old:
             continue
-        row, cells = np.arange(size), np.arange(old)  # of the matrix (size, old) that this axis is multiplied by
+        row = np.arange(size)  # of the matrix (size, old) that this axis is multiplied by
+        cells = np.arange(old)  # its columns
         if size > old:  # a triangle, else a box, that keeps the texel centres aligned
             weights = np.zeros((size, old))
             place = (row + 0.5) * old / size - 0.5

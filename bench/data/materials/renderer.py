@@ -90,7 +90,8 @@ class HeightField:
 
     def _heights_at(self, per_height: tuple[float, float], z: float, stride: tuple[int, int]) -> Array:
         """Bilinear heights under the whole bundle of rays at height z of the march."""
-        (H, W), (sr, sc) = self.shape, stride
+        H, W = self.shape
+        sr, sc = stride
         # The first ray passes through the centre of its block of cells.
         row = ((sr - 1) / 2 + z * per_height[0]) % H
         col = ((sc - 1) / 2 + z * per_height[1]) % W
@@ -161,7 +162,8 @@ class Renderer:
     def __init__(self, maps: Maps, size: tuple[int, int], sub_points: int = 2):
         if min(*size, sub_points) < 1:
             raise InputError(f"size and sub_points must be at least 1, not {size}, {sub_points}")
-        self.size, self.sub_points = size, sub_points
+        self.size = size
+        self.sub_points = sub_points
         rays = [side * sub_points for side in size]
         stride = [math.ceil(m / r) for m, r in zip(maps.shape, rays, strict=True)]
         self.stride = (stride[0], stride[1])
@@ -187,7 +189,8 @@ class Renderer:
         row = self._by_sub_point(first_rows[:, None] + z * np.float32(rows))
         col = self._by_sub_point(first_cols[None, :] + z * np.float32(cols))
         sampled = _bilinear(self._table, self.field.shape, row, col)
-        normal, base = sampled[:3], sampled[3:6]
+        normal = sampled[:3]
+        base = sampled[3:6]
         normal = normal / np.sqrt((normal * normal).sum(0))
         angle = 0.5 * np.arctan2(sampled[11], sampled[10])
         flat = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
@@ -204,7 +207,8 @@ class Renderer:
 
     def _by_sub_point(self, picture: Array) -> Array:
         """(H · s, W · s) → (s², H · W)."""
-        (H, W), s = self.size, self.sub_points
+        H, W = self.size
+        s = self.sub_points
         return picture.reshape(H, s, W, s).transpose(1, 3, 0, 2).reshape(s * s, H * W)
 
     def slice(self, view: View, wi: Array, light: Array) -> Array:

@@ -49,7 +49,8 @@ class Patchwork:
     def maps(self, seed: int) -> Maps:
         """The relief, and a mask (H, W) of the second substance, by which colour, roughness and metalness mix."""
         rng = np.random.default_rng(seed)
-        n, (u, v) = self.resolution, self.grain
+        n = self.resolution
+        u, v = self.grain
         hills = smooth(rng, n, v, u) + self.detail * smooth(rng, n, v / 4, u / 4)
         relief = normalised((1 - self.plateau) * hills + 2 * self.plateau * np.tanh(4 * hills))
         strewn = normalised(smooth(rng, n, v, u))
@@ -160,6 +161,8 @@ def _geometric(rng: np.random.Generator, low: float, high: float) -> float:
 
 def _colour(rng: np.random.Generator, darkest: float = 25) -> Colour:
     """sRGB codes, from grey to strongly coloured."""
-    grey, vivid, share = rng.uniform(darkest, 245), rng.uniform(darkest, 245, 3), rng.uniform()
+    grey = rng.uniform(darkest, 245)
+    vivid = rng.uniform(darkest, 245, 3)
+    share = rng.uniform()
     red, green, blue = grey + share * (vivid - grey)
     return float(red), float(green), float(blue)

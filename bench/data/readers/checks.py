@@ -50,7 +50,8 @@ def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: floa
         raise InputError(f"{label(row)}: {_listed(vectors[row])} is not a unit vector: give x y z of length 1")
     above = vectors[:, 2] > HORIZON
     if not above.all():
-        row, below = int(np.argmin(above)), int((~above).sum())
+        row = int(np.argmin(above))
+        below = int((~above).sum())
         remedy = ": leave this entry out"
         if below > max(1, MANY_BELOW * len(above)):
             remedy = f"; so are {below:,} of {len(above):,}: is y up in your data? z must be the normal"
@@ -144,7 +145,8 @@ def negative(values: Array) -> str:
 def refuse_extremes(btf: BTF) -> None:
     """Raise an `InputError` if `LOOKED_AT` slices of a BTF hold radiance that is too large or too small for float32
     arithmetic and for records, which hold no number above 1e18. Black data are allowed."""
-    largest, sampled = 0.0, []
+    largest = 0.0
+    sampled = []
     for picture in some_slices(btf):
         largest = max(largest, float(picture.max()))
         step = -(-picture.size // VALUES)
@@ -152,12 +154,14 @@ def refuse_extremes(btf: BTF) -> None:
     # The largest value, where so little is lit that the percentile is 0.
     bright = float(np.percentile(np.maximum(np.concatenate(sampled), 0), 99)) or largest
     what = ""
+    extreme = bright
     if largest > LARGEST:
-        what, bright = f"its largest value is {largest:.3g}, above {LARGEST:g}", largest
+        what = f"its largest value is {largest:.3g}, above {LARGEST:g}"
+        extreme = largest
     elif 0 < bright < SMALLEST:
         what = f"the 99th percentile of its values is {bright:.3g}, below {SMALLEST:g}"
     if what:
-        factor = 10.0 ** -round(math.log10(bright))
+        factor = 10.0 ** -round(math.log10(extreme))
         raise InputError(f"{btf.name}: {what}, too far from 1 for float32: multiply it by {factor:g} in float64")
 
 

@@ -56,7 +56,8 @@ def opened(seen: Candidate) -> BTF | None:
     colour = "8- and 16-bit codes decoded as sRGB to linear Rec. 709; EXR and .hdr as stored"
     provenance = provenance_of("folder", colour, AS_STORED) | notes.get("provenance", {}) | source.conversions()
     provenance |= told(seen.angles)
-    name, periodic = str(notes.get("name", path.resolve().name)), bool(notes.get("periodic", False))
+    name = str(notes.get("name", path.resolve().name))
+    periodic = bool(notes.get("periodic", False))
     mask = None if heldout is None else heldout[order]
     return BTF(name, wo[order], wi[order], source, heldout=mask, periodic=periodic, provenance=provenance)
 

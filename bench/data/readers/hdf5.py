@@ -29,7 +29,8 @@ from bench.inputs.errors import InputError, installed, readable
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 COLOUR, VIEW, LIGHT = "ground_color", "ground_camera_dir", "ground_light"
-TRAINING, HELDOUT = re.compile(r"_full(?=[_.])"), "_random"
+TRAINING = re.compile(r"_full(?=[_.])")
+HELDOUT = "_random"
 MAX_PAIRS = 1 << 20
 AT_ONCE = 64 << 20  # bytes of pictures that share chunks and are read together
 
@@ -42,7 +43,8 @@ def opened(seen: Candidate) -> BTF | None:
     """
     if not seen.head.startswith(SIGNATURE):
         return None
-    path, btf = seen.path, _open(seen.path)
+    path = seen.path
+    btf = _open(seen.path)
     heldout = path.with_name(TRAINING.sub(HELDOUT, path.name))
     if heldout == path or not heldout.is_file():
         return btf
@@ -92,7 +94,8 @@ def _stored(path: Path, file: Any, key: str) -> Any:
     """A data set of plain floats, with values in this file and a size that its bytes can hold."""
     import h5py
 
-    links, name = file.id.links, key.encode()
+    links = file.id.links
+    name = key.encode()
     kind = links.get_info(name).type if links.exists(name) else None  # the link's own, which opens no other file
     if kind is not None and kind != h5py.h5l.TYPE_HARD:
         where = _target(links.get_val(name))
@@ -156,8 +159,12 @@ class HDF5Source(Source):
 
     def __init__(self, path: Path, stored: tuple[int, int, int], window: tuple[int, int, int, int], chunk: int):
         # `stored` is (N, H, W) of the whole file, `chunk` the number of pictures in each of its chunks.
-        self.path, self.stored, self.rectangle, self.chunk = path, stored, window, chunk
-        self.count, self.shape = stored[0], (window[2], window[3])
+        self.path = path
+        self.stored = stored
+        self.rectangle = window
+        self.chunk = chunk
+        self.count = stored[0]
+        self.shape = (window[2], window[3])
         self.at_once = max(1, min(chunk, AT_ONCE // (12 * window[2] * window[3])))
 
     def slices(self, pairs: Array) -> list[Array]:

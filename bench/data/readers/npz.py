@@ -64,7 +64,8 @@ def opened(seen: Candidate) -> BTF | None:
         return None
     if "radiance.npy" not in seen.names:
         return _mean_abrdf(seen.path, seen.angles)
-    path, files = seen.path, ZipFiles(seen.path)
+    path = seen.path
+    files = ZipFiles(seen.path)
     radiance = stored(files, "radiance")
     fault = radiance_fault(radiance.shape, radiance.dtype)
     if fault:

@@ -68,7 +68,8 @@ class _Header:
 
 def _header(files: Files, name: str, is_colour: bool = True) -> _Header:
     """What the header of a picture says; without `is_colour` not of its colour space."""
-    label, total = files.label(name), files.size(name)
+    label = files.label(name)
+    total = files.size(name)
     data = files.head(name, 4096)
     kind = picture_format(data)
     if kind is None:
@@ -102,7 +103,8 @@ def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False, is_colour
     as CIE XYZ under D65. A JPEG or PNG is turned as its EXIF notes say. Raises `InputError` for unreadable, CMYK or
     incomplete pictures and values not finite.
     """
-    header, label = _header(files, name, is_colour), files.label(name)
+    header = _header(files, name, is_colour)
+    label = files.label(name)
     height, width = header.size
     with readable(label, "the picture is damaged; get it again"):
         kind = picture_format(files.head(name, 8))
@@ -121,7 +123,8 @@ def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False, is_colour
 
 def read_alpha(files: Files, name: str) -> Array:
     """The alpha (H, W) float32 in [0, 1] of a PNG, to 8 bits; `InputError` for a picture without it."""
-    header, label = _header(files, name, is_colour=False), files.label(name)
+    header = _header(files, name, is_colour=False)
+    label = files.label(name)
     with readable(label, "the picture is damaged; get it again"):
         from PIL import Image
 
@@ -140,7 +143,9 @@ class PictureSource(Source):
     def __init__(self, files: Files, names: Sequence[str], labels: Sequence[str] | None = None, **options: Any):
         """Check by headers that every picture exists and has the same size. `labels` name the entries in errors;
         `options` go to `read_picture`."""
-        self.files, self.names, self.options = files, list(names), options
+        self.files = files
+        self.names = list(names)
+        self.options = options
         self.count = len(self.names)
         self.turned: dict[str, int] = {}
         self.colours: dict[str, str] = {}  # what pictures are converted from, other than sRGB

@@ -35,7 +35,8 @@ BLOCKS, COLUMNS = VIEWS // TOGETHER, TOGETHER * LIGHTS * 3
 PIXELS = BLOCKS * COLUMNS * COMPONENTS // 4 + BLOCKS * COMPONENTS // 2  # of R.png that hold data
 KNOWN = {"numComp": COMPONENTS, "numDirections": VIEWS, "blockSize": TOGETHER}
 FIELD = b'"numComp"'
-MAX_NOTES, MAX_SIZE = 1 << 16, 1024
+MAX_NOTES = 1 << 16
+MAX_SIZE = 1024
 SPLIT = re.compile(r"\d{1,3}_\d{1,3}")  # a clone has NAME/3_8: block size and components
 
 
@@ -49,7 +50,8 @@ def opened(seen: Candidate) -> BTF | None:
     folder = _folder(seen)
     if folder is None:
         return None
-    files, place = FolderFiles(folder), folder.resolve()
+    files = FolderFiles(folder)
+    place = folder.resolve()
     source = LocalPCA(files, _image_size(files))
     provenance = {
         "format": "UBO2003 as local PCA",
@@ -109,7 +111,9 @@ class LocalPCA(Source):
 
     def __init__(self, files: FolderFiles, size: int):
         """Check by headers that every picture exists and is large enough for `size` (texels a side)."""
-        self.files, self.shape, self.count = files, (size, size), VIEWS * LIGHTS
+        self.files = files
+        self.shape = (size, size)
+        self.count = VIEWS * LIGHTS
         self.names = [*(f"{j}.png" for j in range(COMPONENTS)), WEIGHTS]
         for name in self.names:
             label = files.label(name)
@@ -192,7 +196,8 @@ class LocalPCA(Source):
 
 def _check_sums(data: bytes) -> None:
     """Raise if a chunk of a PNG does not match its checksum, or if the end is missing; Pillow accepts both."""
-    offset, name = PNG_START, b""
+    offset = PNG_START
+    name = b""
     while name != b"IEND":
         size, name = struct.unpack_from(">I4s", data, offset)
         (stated,) = struct.unpack_from(">I", data, offset + 8 + size)

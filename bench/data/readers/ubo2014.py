@@ -41,7 +41,8 @@ class Cursor:
     """Reads a file from front to back; errors say what was read when the file ended."""
 
     def __init__(self, path: Path):
-        self.path, self.offset = path, 0
+        self.path = path
+        self.offset = 0
         self.bytes = np.memmap(path, np.uint8, "r")
 
     def fail(self, what: str, remedy: str = "the file is damaged; get it again") -> InputError:
@@ -211,7 +212,8 @@ def _dfmf(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
     if model not in COLOUR_MODELS:
         raise cursor.fail(f"colour model {model}", f"models {', '.join(map(str, COLOUR_MODELS))} are read")
     material.model = model
-    mean, matrix = cursor.numbers("3f", "the colour mean"), cursor.numbers("9f", "the colour matrix")
+    mean = cursor.numbers("3f", "the colour mean")
+    matrix = cursor.numbers("9f", "the colour matrix")
     rows = len(material.views) * len(material.lights)
     for channel in range(3):
         pairs, texels = _factors(cursor, material, rows, f"channel {channel}")
@@ -255,8 +257,10 @@ class FactorSource(Source):
     """A memory-mapped factorisation, multiplied on demand: cheap by slice, by ABRDF and scattered."""
 
     def __init__(self, path: Path, material: Factorisation):
-        self.path, self.material = path, material
-        self.shape, self.count = material.shape, len(material.views) * len(material.lights)
+        self.path = path
+        self.material = material
+        self.shape = material.shape
+        self.count = len(material.views) * len(material.lights)
         # 12 bytes of a texel are its products, and 12 its RGB.
         self.at_once = max(1, MULTIPLIED // (24 * self.shape[0] * self.shape[1]))
 
@@ -268,10 +272,10 @@ class FactorSource(Source):
             products = texels.times(of_pairs.rows(pairs))
             channels.append(products.reshape(-1, *self.shape))
         pictures = np.empty((len(pairs), *self.shape, 3), np.float32)
-        # `planes` are the three channels of one picture.
-        for i, picture, planes in zip(pairs, pictures, zip(*channels, strict=True), strict=True):
+        for i, (pair, picture) in enumerate(zip(pairs, pictures, strict=True)):
+            planes = [channel[i] for channel in channels]  # of one picture
             self._decode(planes, picture[::-1])  # the file counts from the bottom row
-            finite(picture, f"{self.path}: slice of pair {i}")
+            finite(picture, f"{self.path}: slice of pair {pair}")
         return list(pictures)
 
     @np.errstate(over="ignore", invalid="ignore")
