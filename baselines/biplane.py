@@ -145,7 +145,7 @@ def _leaky(x: Tensor) -> Tensor:
 def coloured(answer: Tensor, colours: Tensor) -> Tensor:
     """Log radiance (n, 3) of the decoder's answers (n, 3): times a matrix, and plus an offset, of (n, 12)."""
     matrix, offset = colours.tensor_split([MATRIX], dim=1)
-    return (answer[:, :, None] * matrix.unflatten(1, (3, 3))).sum(1) + offset  # (n, 3 answers, 3 colours)
+    return (answer[:, :, None] * matrix.unflatten(1, (3, 3))).sum(1) + offset  # of (n, 3 answers, 3 colours)
 
 
 class Pool(Samples):

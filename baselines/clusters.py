@@ -19,7 +19,7 @@ MOST_CODES = 65_536
 def reduced(btf: BTF, gain: float, components: int, fit: Fit) -> tuple[Tensor, Tensor, Array]:
     """The mean (3 · pairs,) of log ABRDFs, principal directions (3 · pairs, k), and the texels (H · W, k) there."""
     factors = principal(btf, fit, gain, components, PASSES, BLOCK_BYTES)
-    weight = 1 if fit.row_weights is None else fit.row_weights.to(fit.device).sqrt()[:, None]  # (3 · pairs, 1)
+    weight = 1 if fit.row_weights is None else fit.row_weights.to(fit.device).sqrt()[:, None]  # (3 · pairs, 1), or 1
     lengths = torch.linalg.vector_norm(factors.basis * weight, dim=0)  # (k,)
     points: Array = (factors.coefficients.T * lengths).cpu().numpy()
     return factors.mean.cpu(), (factors.basis / lengths).cpu(), points
