@@ -30,13 +30,13 @@ def write(ends: Tensor, steps: Tensor) -> Tensor:
 
     A block has four colours only if its first is the larger number, so they may change places; if equal, all take it.
     """
-    colours = (ends << torch.tensor(PLACES)).sum(2)
+    colours = (ends << torch.tensor(PLACES)).sum(2)  # (n, 2): the bits of all channels in one number
     swapped = colours[:, :1] < colours[:, 1:]
     colours = torch.where(swapped, colours.flip(1), colours)
     steps = torch.where(swapped, 3 - steps, steps).masked_fill(colours[:, :1] == colours[:, 1:], 0)
-    bits = (torch.tensor(CODES)[steps] << (2 * torch.arange(16))).sum(1, keepdim=True)
-    words = torch.cat([colours, bits & 0xFFFF, bits >> 16], 1)
-    return torch.stack([words & 255, words >> 8], 2).flatten(1).to(torch.uint8)
+    bits = (torch.tensor(CODES)[steps] << (2 * torch.arange(16))).sum(1, keepdim=True)  # (n, 1), the first lowest
+    words = torch.cat([colours, bits & 0xFFFF, bits >> 16], 1)  # (n, 4) of 16 bits
+    return torch.stack([words & 255, words >> 8], 2).flatten(1).to(torch.uint8)  # (n, 4, 2), then (n, 8)
 
 
 def read(blocks: Tensor) -> Tensor:
@@ -44,16 +44,16 @@ def read(blocks: Tensor) -> Tensor:
 
     A block whose first colour is not the larger number has three colours (one is their mean), and black.
     """
-    low, high = blocks.long().unflatten(1, (4, 2)).unbind(2)
+    low, high = blocks.long().unflatten(1, (4, 2)).unbind(2)  # (n, 4) each
     words = low | (high << 8)  # (n, 4) of 16 bits: two colours, then the codes of the texels
     colours = words[:, :2]
-    ends = (colours[..., None] >> torch.tensor(PLACES)) & (2 ** torch.tensor(BITS) - 1)
+    ends = (colours[..., None] >> torch.tensor(PLACES)) & (2 ** torch.tensor(BITS) - 1)  # (n, 2, 3)
     first, second = widened(ends).unbind(1)  # (n, 3)
     # Eight codes a word, the lowest bits first: (n, 2, 8), then (n, 16).
     codes = ((words[:, 2:, None] >> (2 * torch.arange(8))) & 3).flatten(1)
     steps = torch.tensor(CODES).argsort()[codes]  # argsort inverts the permutation
-    of_four = between(first[:, None], second[:, None], steps)
+    of_four = between(first[:, None], second[:, None], steps)  # (n, 16, 3)
     palette = torch.stack([first, second, (first + second) // 2, torch.zeros_like(first)], 1)  # (n, 4, 3)
-    of_three = palette.gather(1, codes[..., None].expand(-1, -1, 3))
+    of_three = palette.gather(1, codes[..., None].expand(-1, -1, 3))  # (n, 16, 3)
     has_four = colours[:, :1] > colours[:, 1:]
     return torch.where(has_four[..., None], of_four, of_three)

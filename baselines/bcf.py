@@ -55,7 +55,8 @@ class BCF(Codec):
 
         @property
         def architecture(self) -> Architecture:
-            inputs, widths = 3 * self.textures + COUNTS[self.directions], (self.width,) * self.layers
+            inputs = 3 * self.textures + COUNTS[self.directions]
+            widths = (self.width,) * self.layers
             return Architecture(inputs, widths, activation="sine", omega=OMEGA, norm=True, residual=True)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
@@ -66,12 +67,13 @@ class BCF(Codec):
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         network = load_network(Decoder(self.settings.architecture), parts.decoder)
-        size, textures = tuple(parts.other["size"].tolist()), self.settings.textures
+        size = tuple(parts.other["size"].tolist())
+        textures = self.settings.textures
         low, span = parts.texture["low"].float(), parts.texture["span"].float()
         if min(size) < 1 or parts.texture["blocks"].shape != (math.prod(across(size)) * textures * bc1.BYTES,):
             raise InputError(f"its blocks do not fit {size[0]} × {size[1]} texels: encode it again")
-        codes = decoded(parts.texture["blocks"].view(-1, textures, bc1.BYTES), size)
-        texture = low + span * (codes.flatten(2) / 255)
+        codes = decoded(parts.texture["blocks"].view(-1, textures, bc1.BYTES), size)  # (H, W, T, 3)
+        texture = low + span * (codes.flatten(2) / 255)  # (H, W, 3 · T)
         return TextureMaterial(network, texture, float(parts.other["gain"]), self.settings.directions).to(device)
 
 
@@ -83,15 +85,18 @@ def across(size: tuple[int, ...]) -> tuple[int, int]:
 def members(size: tuple[int, int]) -> Tensor:
     """The texel (B, 16) of each place in each block of a picture (H, W), which repeats beyond its borders."""
     row, col = (torch.arange(count * bc1.SIDE) % side for count, side in zip(across(size), size, strict=True))
-    texel = row[:, None] * size[1] + col
-    return texel.unflatten(1, (-1, bc1.SIDE)).unflatten(0, (-1, bc1.SIDE)).transpose(1, 2).flatten(2).flatten(0, 1)
+    texel = row[:, None] * size[1] + col  # (rows · 4, columns · 4)
+    blocks = texel.unflatten(1, (-1, bc1.SIDE)).unflatten(0, (-1, bc1.SIDE))  # (rows, 4, columns, 4)
+    return blocks.transpose(1, 2).flatten(2).flatten(0, 1)  # (rows, columns, 16), then (B, 16)
 
 
 def decoded(blocks: Tensor, size: tuple[int, ...]) -> Tensor:
     """The codes (H, W, T, 3), 0 … 255, of blocks (B, T, 8) that cover a picture (H, W)."""
     rows, cols = across(size)
-    colours = bc1.read(blocks.flatten(0, 1)).unflatten(0, (rows, cols, -1)).unflatten(3, (bc1.SIDE, bc1.SIDE))
-    picture = colours.permute(0, 3, 1, 4, 2, 5).flatten(2, 3).flatten(0, 1)
+    colours = bc1.read(blocks.flatten(0, 1))  # (B · T, 16, 3)
+    by_place = colours.unflatten(0, (rows, cols, -1)).unflatten(3, (bc1.SIDE, bc1.SIDE))  # (rows, columns, T, 4, 4, 3)
+    # (rows, 4, columns, 4, T, 3), then (rows · 4, columns · 4, T, 3).
+    picture = by_place.permute(0, 3, 1, 4, 2, 5).flatten(2, 3).flatten(0, 1)
     return picture[: size[0], : size[1]]
 
 
@@ -102,13 +107,15 @@ class BCFObjective(DirectedObjective):
         super().__init__(samples, settings, generator)
         within = members(samples.shape)
         latents = first_latents(samples, 3 * settings.textures, settings.start, generator).unflatten(1, (3, -1))
-        ends, shares = lines(latents.mT[within])
+        ends, shares = lines(latents.mT[within])  # of latents (B, 16, T, 3)
         self.ends = nn.Parameter(ends)
         block = torch.empty(samples.texels, dtype=torch.long)
         share = torch.empty(samples.texels, settings.textures)
         # Backwards, so that a repeated texel keeps its first place.
-        places, order = within.flatten().flip(0), torch.arange(within.numel()).flip(0)
-        block[places], share[places] = order // within.shape[1], shares.flatten(0, 1)[order]
+        places = within.flatten().flip(0)  # (B · 16,)
+        order = torch.arange(within.numel()).flip(0)
+        block[places] = order // within.shape[1]
+        share[places] = shares.flatten(0, 1)[order]
         self.share = nn.Parameter(share)
         self.block, self.within, self.levels = (nn.Buffer(x, persistent=False) for x in (block, within, LEVELS))
         # The range of each channel's codes; a span of 0 means that there are none yet.
@@ -123,8 +130,8 @@ class BCFObjective(DirectedObjective):
         """The network sees latents on the lines of their blocks; later rounded ones, whose gradients ignore this."""
         with torch.no_grad():
             self.share.clamp_(0, 1)
-        first, second = self.ends[:, self.block[batch.texel]]
-        share = self.share.index_select(0, batch.texel)
+        first, second = self.ends[:, self.block[batch.texel]]  # (n, T, 3) each
+        share = self.share.index_select(0, batch.texel)  # (n, T)
         latents = first + share[..., None] * (second - first)
         if progress >= ROUNDED_FROM:
             with torch.no_grad():
@@ -148,27 +155,28 @@ class BCFObjective(DirectedObjective):
 
     @torch.no_grad()
     def blocks(self) -> tuple[Tensor, Tensor, Tensor]:
-        """The blocks (B, T, 8) of the file, and the lowest value and the range (3 · T,) of its channels."""
+        """The blocks (B · T, 8) of the file, and the lowest value and the range (3 · T,) of its channels."""
         self.share.clamp_(0, 1)
         first, second = self.ends
         latents = self.rounded(first[self.block], second[self.block], self.share)
         # The steps anew: a texel that a block repeats from beyond the border was fitted on the line of another block.
         ends = self.codes(self.ends)
-        a, b = (self.low + self.span * (bc1.widened(end) / 255) for end in ends)
-        along, wanted = (b - a)[:, None], latents[self.within] - a[:, None]
+        a, b = (self.low + self.span * (bc1.widened(end) / 255) for end in ends)  # (B, T, 3)
+        along = (b - a)[:, None]  # (B, 1, T, 3)
+        wanted = latents[self.within] - a[:, None]  # (B, 16, T, 3)
         share = (wanted * along).sum(3) / along.square().sum(3).clamp_min(1e-12)
-        steps = (3 * share).round().clamp(0, 3).long().transpose(1, 2).flatten(0, 1)
-        blocks = bc1.write(ends.movedim(0, 2).flatten(0, 1).cpu(), steps.cpu())
+        steps = (3 * share).round().clamp(0, 3).long().transpose(1, 2).flatten(0, 1)  # (B · T, 16)
+        blocks = bc1.write(ends.movedim(0, 2).flatten(0, 1).cpu(), steps.cpu())  # of ends (B · T, 2, 3)
         return blocks, self.low.flatten().cpu(), self.span.flatten().cpu()
 
 
 def lines(latents: Tensor) -> tuple[Tensor, Tensor]:
     """The ends (2, B, T, 3) of the principal axis of each block's latents (B, 16, T, 3), and the shares (B, 16, T)."""
-    middle = latents.mean(1, keepdim=True)
+    middle = latents.mean(1, keepdim=True)  # (B, 1, T, 3)
     apart = latents - middle
     # The last eigenvector has the largest eigenvalue.
-    axis = torch.linalg.eigh(torch.einsum("bptc,bptd->btcd", apart, apart))[1][..., -1]
-    along = torch.einsum("bptc,btc->bpt", apart, axis)
-    low, high = along.amin(1).clamp(max=-LEAST), along.amax(1).clamp_min(LEAST)
+    axis = torch.linalg.eigh(torch.einsum("bptc,bptd->btcd", apart, apart))[1][..., -1]  # (B, T, 3)
+    along = torch.einsum("bptc,btc->bpt", apart, axis)  # (B, 16, T)
+    low, high = along.amin(1).clamp(max=-LEAST), along.amax(1).clamp_min(LEAST)  # (B, T)
     ends = torch.stack([middle[:, 0] + end[..., None] * axis for end in (low, high)])
     return ends, (along - low[:, None]) / (high - low)[:, None]

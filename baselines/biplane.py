@@ -145,7 +145,7 @@ def _leaky(x: Tensor) -> Tensor:
 def coloured(answer: Tensor, colours: Tensor) -> Tensor:
     """Log radiance (n, 3) of the decoder's answers (n, 3): times a matrix, and plus an offset, of (n, 12)."""
     matrix, offset = colours.tensor_split([MATRIX], dim=1)
-    return (answer[:, :, None] * matrix.unflatten(1, (3, 3))).sum(1) + offset
+    return (answer[:, :, None] * matrix.unflatten(1, (3, 3))).sum(1) + offset  # of (n, 3 answers, 3 colours)
 
 
 class Pool(Samples):
@@ -168,8 +168,10 @@ class Pool(Samples):
             wo.append(samples.wo[pair])
             wi.append(samples.wi[pair])
             material += [number] * len(texel)
-        self.device, self.table, self.pairs = fit.device, torch.cat(abrdfs), PAIRS
-        self.texels, self.material = len(material), torch.tensor(material, device=fit.device)
+        self.device = fit.device
+        self.table = torch.cat(abrdfs)  # (texels, PAIRS, 3)
+        self.texels, self.pairs = len(material), PAIRS
+        self.material = torch.tensor(material, device=fit.device)
         self.trained = int((self.material < len(btfs)).sum())
         self.wo, self.wi = torch.cat(wo), torch.cat(wi)
 
@@ -228,13 +230,13 @@ class BiplaneObjective(TextureObjective):
     def answers(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """The decoder's answers (n, 3) to a batch, and the matrices and offsets (n, 12) that colour them, rounded."""
         material = self.material[batch.texel]
-        row = batch.pair + material * PAIRS
-        corner = self.corner[row] + (material * SIDE**2)[:, None]
+        row = batch.pair + material * PAIRS  # (n,), of `self.corner` and others
+        corner = self.corner[row] + (material * SIDE**2)[:, None]  # (n, 4) texels of all materials' planes
         texels = self.rounded_texels(torch.cat([self.texture, self.colours], 1)).index_select(0, batch.texel)
         features, colours = texels.tensor_split([FEATURES], dim=1)
-        planes = self.rounded_planes(self.planes()).flatten(0, 2)
-        rows = planes.index_select(0, corner.flatten()).unflatten(0, corner.shape)
-        half = (rows * self.weight[row][..., None]).sum(1)
+        planes = self.rounded_planes(self.planes()).flatten(0, 2)  # (materials · SIDE², 6)
+        rows = planes.index_select(0, corner.flatten()).unflatten(0, corner.shape)  # (n, 4, 6)
+        half = (rows * self.weight[row][..., None]).sum(1)  # (n, 6)
         return self.network(torch.cat([self.d[row], half, features], 1)), colours
 
     @torch.no_grad()
@@ -246,15 +248,19 @@ class BiplaneObjective(TextureObjective):
         """
         pairs, device = self.samples.pairs, self.samples.device
         checked = torch.linspace(0, pairs - 1, min(pairs, CHECKED)).round().long().to(device)
-        chosen, all_means, means_suffice = list[Tensor](), list[Tensor](), True
+        chosen = list[Tensor]()
+        all_means = list[Tensor]()
+        means_suffice = True
         for texel in torch.arange(len(self.colours), device=device).split(BLOCK):
             abrdfs = self.samples.abrdfs(texel)
-            truth = abrdfs[:, checked]
+            truth = abrdfs[:, checked]  # (t, P, 3), of t texels and P pairs
+            # Each texel with each pair: (t · P,), and targets (t · P, 3).
             batch = Batch(texel.repeat_interleave(len(checked)), checked.repeat(len(texel)), truth.flatten(0, 1))
             answer, held = self.answers(batch)
             own = torch.cat([self.texture[texel], self.colours[texel]], 1)
             # A matrix of 0, and the mean as offset.
             mean = torch.cat([self.texture[texel], functional.pad(abrdfs.mean(1), (MATRIX, 0))], 1)
+            # Matrices and offsets (t · P, 12), then errors (t,).
             held_mean, exact_mean = (
                 each[:, FEATURES:].repeat_interleave(len(checked), 0) for each in (self.rounded_texels(mean), mean)
             )
@@ -277,7 +283,8 @@ class BiplaneMaterial(Material):
 
     def __init__(self, decoder: BiplaneDecoder, texture: Tensor, half: Tensor, gain: float, difference: Difference):
         count = sum(p.numel() for p in decoder.parameters())
-        cost = DecoderCost.of_texture(texture, count, decoder.flops + 2 * 9 + 3 + 2 * 4 * FEATURES)
+        flops = decoder.flops + 2 * 9 + 3 + 2 * 4 * FEATURES  # and matrix, offset, and four texels of the plane
+        cost = DecoderCost.of_texture(texture, count, flops)
         cost = replace(cost, table_floats=half.numel())
         super().__init__((texture.shape[0], texture.shape[1]), cost)
         self.decoder, self.texture, self.half = decoder, texture, half

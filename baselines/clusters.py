@@ -19,8 +19,8 @@ MOST_CODES = 65_536
 def reduced(btf: BTF, gain: float, components: int, fit: Fit) -> tuple[Tensor, Tensor, Array]:
     """The mean (3 · pairs,) of log ABRDFs, principal directions (3 · pairs, k), and the texels (H · W, k) there."""
     factors = principal(btf, fit, gain, components, PASSES, BLOCK_BYTES)
-    weight = 1 if fit.row_weights is None else fit.row_weights.to(fit.device).sqrt()[:, None]
-    lengths = torch.linalg.vector_norm(factors.basis * weight, dim=0)
+    weight = 1 if fit.row_weights is None else fit.row_weights.to(fit.device).sqrt()[:, None]  # (3 · pairs, 1), or 1
+    lengths = torch.linalg.vector_norm(factors.basis * weight, dim=0)  # (k,)
     points: Array = (factors.coefficients.T * lengths).cpu().numpy()
     return factors.mean.cpu(), (factors.basis / lengths).cpu(), points
 
@@ -42,7 +42,7 @@ def clustered(points: Array, codes: int, seed: int) -> Array:
 def pack_index(label: Array, codes: int) -> Tensor:
     """Labels (n,) below `codes` as bytes: the low eight bits of each, and the high ones if there are more."""
     bits = _bits(codes)
-    return compress(torch.from_numpy(label)[:, None] >> 8 * torch.arange(len(bits)) & 255, bits)
+    return compress(torch.from_numpy(label)[:, None] >> 8 * torch.arange(len(bits)) & 255, bits)  # (n, bytes)
 
 
 def _bits(codes: int) -> list[int]:
@@ -55,7 +55,7 @@ def unpack_index(packed: Tensor, count: int, codes: int) -> Tensor:
     """The `count` labels, int64, that `pack_index` packed. Raises `ValueError` if bytes are missing."""
     if count < 1 or codes > MOST_CODES:
         raise ValueError(f"an index of {count} texels and {codes} codes")
-    planes = expand(packed, (count, len(_bits(codes)))).long()
+    planes = expand(packed, (count, len(_bits(codes)))).long()  # (n, bytes)
     label = (planes << 8 * torch.arange(planes.shape[1])).sum(1)
     if label.amax() >= codes:
         raise ValueError(f"it has an index beyond the codebook of {codes}")

@@ -37,7 +37,7 @@ def rounded_coefficients(
     Each channel takes `least` bits or more.
     """
     flat = texture.flatten(0, 1)
-    some = slice(None, None, -(-len(flat) // PROBED_TEXELS))
+    some = slice(None, None, -(-len(flat) // PROBED_TEXELS))  # at most so many, evenly
     rounding = round_after(flat[some], bits, lambda each: mean + rows @ each.T, values[:, some], least)
     return rounding.fit_to(texture)
 
@@ -55,7 +55,7 @@ class ComponentsMaterial(Material):
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """The mean's coefficient, 1, comes first. Logarithms are interpolated, then brought to the query's cosine."""
-        coefficients = functional.pad(sample_texture(self.texture, uv), (1, 0), value=1.0)
+        coefficients = functional.pad(sample_texture(self.texture, uv), (1, 0), value=1.0)  # (n, k + 1)
         if self.gain is None:
             pair, weight = self.interpolator(wo, wi)
             return self.combined(pair, weight, coefficients)

@@ -43,20 +43,21 @@ class Inception(nn.Module):
         super().__init__()
         point, three, five, pooled = BRANCHES
         # Inputs and outputs: 1 × 1; 1 × 1 and after it 3 × 3; 1 × 1 and after it 5 × 5; 1 × 1 after the maximum.
+        # A kernel of 3 × 3 has 9 inputs a channel, one of 5 × 5 has 25.
         shapes = (CHANNELS, point), (CHANNELS, three), (9 * three, three), (CHANNELS, five), (25 * five, five)
         self.kernels: Any = nn.ModuleList(linear(*shape, generator) for shape in (*shapes, (CHANNELS, pooled)))
 
     def forward(self, x: Tensor) -> Tensor:
         """The branches' answers, one after the other in the channels, for the inner S − 4 texels a side."""
         point, to_three, three, to_five, five, pooled = self.kernels
-        inner, outer = x[..., 1:-1, 1:-1], x[..., 2:-2, 2:-2]
+        inner, outer = x[..., 1:-1, 1:-1], x[..., 2:-2, 2:-2]  # S − 2, S − 4 texels a side
         small, large = convolved(convolved(inner, to_three), three), convolved(convolved(x, to_five), five)
-        highest = convolved(functional.max_pool2d(inner, 3, 1), pooled)
+        highest = convolved(functional.max_pool2d(inner, kernel_size=3, stride=1), pooled)
         return torch.cat([convolved(outer, point), small, large, highest], 1)
 
     def flops(self, side: int) -> int:
         """Operations of an answer of side × side."""
-        counts = (side, side + 2, side, side + 4, side, side)
+        counts = (side, side + 2, side, side + 4, side, side)  # a side of each kernel's answer, in their order
         return sum(2 * n * n * int(layer.weight.numel()) for n, layer in zip(counts, self.kernels, strict=True))
 
 
@@ -73,7 +74,7 @@ def linear(inputs: int, outputs: int, generator: torch.Generator | None) -> nn.L
 def convolved(x: Tensor, layer: nn.Linear) -> Tensor:
     """Pictures (n, C, S, S) under a layer of k × k kernels and a ReLU: (n, D, S − k + 1, S − k + 1)."""
     side = math.isqrt(layer.in_features // x.shape[1])
-    kernel = layer.weight.unflatten(1, (x.shape[1], side, side))
+    kernel = layer.weight.unflatten(1, (x.shape[1], side, side))  # (D, C, k, k)
     return saturated(functional.conv2d(x, kernel, layer.bias)).relu()
 
 
@@ -103,11 +104,12 @@ class Hierarchy(nn.Module):
     def forward(self, directions: Tensor, numbers: Tensor) -> Tensor:
         """Outputs (n, S − 8, S − 8, 3) of directions (n, D) and of numbers (n, S, S, E) of each place."""
         first, *modules, last = self.layers
-        dtype, count = first.weight.dtype, directions.shape[1]
-        seen = functional.linear(directions.to(dtype), first.weight[:, :count], first.bias)
-        own = functional.linear(numbers.to(dtype), first.weight[:, count:])
+        dtype = first.weight.dtype
+        count = directions.shape[1]
+        seen = functional.linear(directions.to(dtype), first.weight[:, :count], first.bias)  # (n, 25)
+        own = functional.linear(numbers.to(dtype), first.weight[:, count:])  # (n, S, S, 25)
         # In half precision each may be infinite, and their sum then no number.
-        x = saturated(saturated(own) + saturated(seen)[:, None, None]).permute(0, 3, 1, 2)
+        x = saturated(saturated(own) + saturated(seen)[:, None, None]).permute(0, 3, 1, 2)  # (n, 25, S, S)
         for module in modules:
             x = module(x)
         return saturated(last(x.permute(0, 2, 3, 1))).to(numbers.dtype)
@@ -119,7 +121,7 @@ class HierarchicalNetworks(Networks):
     def first(self, settings: Any, generator: torch.Generator | None) -> Hierarchy:
         """The decoder, as a fit starts with it; the octaves that it sees are noted for `seen` and `placed`."""
         self.octaves, self.places = settings.octaves, settings.places
-        seen = COUNTS[settings.directions] * max(1, 2 * settings.octaves)
+        seen = COUNTS[settings.directions] * max(1, 2 * settings.octaves)  # sin and cos of each octave, or none
         return Hierarchy(seen + 4 * settings.places + settings.channels, generator)
 
     def seen(self, wo: Tensor, wi: Tensor) -> Tensor:
@@ -134,13 +136,16 @@ class HierarchicalNetworks(Networks):
 
         Queries: uv (n, 2) of their middles, wo and wi (n, 3), and level (n,), whole in a fit.
         """
-        (middle, wo, wi, level), (table, offset), side = queries, textures, side + 2 * HALO
+        middle, wo, wi, level = queries
+        table, offset = textures
+        wide = side + 2 * HALO  # S + 8
         # Texels from the middle along u and v, row by row from the top, where v is largest.
-        apart = torch.arange(side, device=middle.device) - (side - 1) / 2
-        grid = torch.stack([apart.expand(side, side), -apart[:, None].expand(side, side)], 2)
-        step = 2.0 ** level[:, None] / pyramid.sizes[0].flip(0)
-        uv = (middle[:, None, None] + grid * step[:, None, None]).flatten(0, 2)
-        texels, each = side * side, level.repeat_interleave(side * side)
+        apart = torch.arange(wide, device=middle.device) - (wide - 1) / 2
+        grid = torch.stack([apart.expand(wide, wide), -apart[:, None].expand(wide, wide)], 2)  # (S + 8, S + 8, 2)
+        step = 2.0 ** level[:, None] / pyramid.sizes[0].flip(0)  # (n, 2), of a texel along u and v
+        uv = (middle[:, None, None] + grid * step[:, None, None]).flatten(0, 2)  # (n · texels, 2)
+        texels = wide * wide
+        each = level.repeat_interleave(texels)  # the level of each texel
         place = self.placed(uv, each, pyramid.side)
         fits = not level.is_floating_point()
         if offset is not None:
@@ -148,15 +153,16 @@ class HierarchicalNetworks(Networks):
             own = pyramid.fetch(offset, uv, torch.zeros_like(each)) if fits else sample_texture(finest, uv)
             uv = self.move(uv, own, wo.repeat_interleave(texels, 0), pyramid.reach)
         latents = pyramid.fetch(table, uv, each) if fits else sampled(pyramid, table, uv, each)
-        numbers = torch.cat([place.to(latents.dtype), latents], 1).unflatten(0, (len(middle), side, side))
-        out = self.decoder(self.seen(wo, wi), numbers)
-        return to_radiance(out @ self.to_rgb.to(out.dtype), 1.0)
+        numbers = torch.cat([place.to(latents.dtype), latents], 1).unflatten(0, (len(middle), wide, wide))
+        out = self.decoder(self.seen(wo, wi), numbers)  # (n, S, S, 3)
+        return to_radiance(out @ self.to_rgb.to(out.dtype), gain=1.0)
 
     def placed(self, uv: Tensor, level: Tensor, side: int) -> Tensor:
         """The sines (n, 4 · places) of uv (n, 2); an octave fades out from two texels of the level a period to one."""
         octave = torch.arange(self.places, device=uv.device)
-        share = (math.log2(side) - level[:, None] - octave).clamp(0, 1)
-        return sines(2 * uv - 1, self.places).unflatten(1, (4, -1)).mul(share[:, None]).flatten(1)
+        share = (math.log2(side) - level[:, None] - octave).clamp(0, 1)  # (n, places)
+        waves = sines(2 * uv - 1, self.places).unflatten(1, (4, -1))  # (n, 4, places)
+        return waves.mul(share[:, None]).flatten(1)
 
 
 def sines(numbers: Tensor, octaves: int) -> Tensor:
@@ -173,10 +179,11 @@ class HierarchicalObjective(NeuMIPObjective):
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         """Each sample is answered by itself, as the material does, at the finest level."""
-        textures, queries = self.textures(progress), queries_of(self.levels, 0, batch)
+        textures = self.textures(progress)
+        queries = queries_of(self.levels, 0, batch)
         parts = zip(*(each.split(ANSWERED) for each in queries), strict=True)
         answers = [self.networks.pictures(self.pyramid, textures, part) for part in parts]
-        return _log(torch.cat(answers)[:, 0, 0])
+        return _log(torch.cat(answers)[:, 0, 0])  # pictures of one texel
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss of patches: of log radiance, or of fourth roots of radiance × exposure; later of gradients, too."""
@@ -204,21 +211,22 @@ class HierarchicalObjective(NeuMIPObjective):
         height, width = samples.shape
         corner = samples.draw(count, generator)
         uv, wo, wi, levels = queries_of(self.levels, level, corner)
+        # From the centre of the first texel to that of the patch, along u and v.
         across, down = ((patch - 1) / 2 * (2**level / self.pyramid.sizes[0].flip(0))).unbind()
         middle = torch.stack([uv[:, 0] + across, uv[:, 1] - down], 1)
         along = torch.arange(patch, device=uv.device)
-        row = (corner.texel.div(width, rounding_mode="floor")[:, None] + along).remainder(height)
-        col = (corner.texel.remainder(width)[:, None] + along).remainder(width)
-        texels = (row[:, :, None] * width + col[:, None]).flatten()
+        row = (corner.texel.div(width, rounding_mode="floor")[:, None] + along).remainder(height)  # (n, S)
+        col = (corner.texel.remainder(width)[:, None] + along).remainder(width)  # (n, S)
+        texels = (row[:, :, None] * width + col[:, None]).flatten()  # (n · S²,)
         target = samples.seen(texels, corner.pair.repeat_interleave(patch**2)).target
         return middle, wo, wi, levels, target.unflatten(0, (count, patch, patch))
 
 
 def gradients(pictures: Tensor) -> Tensor:
-    """Sobel's differences along u and v, (2 n, 3, S − 2, S − 2), of pictures (n, S, S, 3)."""
+    """Sobel's differences along u and v, (3 n, 2, S − 2, S − 2), of pictures (n, S, S, 3)."""
     kernel = pictures.new_tensor(SOBEL)
-    flat = pictures.permute(0, 3, 1, 2).flatten(0, 1)[:, None]
-    return functional.conv2d(flat, torch.stack([kernel, kernel.T])[:, None])
+    flat = pictures.permute(0, 3, 1, 2).flatten(0, 1)[:, None]  # (3 n, 1, S, S)
+    return functional.conv2d(flat, torch.stack([kernel, kernel.T])[:, None])  # two kernels, (2, 1, 3, 3)
 
 
 class HierarchicalMaterial(Material):
@@ -229,8 +237,10 @@ class HierarchicalMaterial(Material):
     ):
         first, a, b, last = networks.decoder.layers
         channels = table.shape[1]
-        reads, numbers = channels * (8 + (0 if offset is None else 4)), 4 * networks.places + channels
+        reads = channels * (8 + (0 if offset is None else 4))  # eight texels of two levels, four of the offset's
+        numbers = 4 * networks.places + channels
         moved = 0 if networks.offset is None else networks.offset.architecture.flops
+        # The first module answers all but two places at each border, the second the one in the middle.
         flops = SIDE**2 * (moved + 2 * reads + 2 * numbers * CHANNELS) + a.flops(SIDE - 4) + b.flops(1)
         flops += 2 * CHANNELS * (first.in_features - numbers) + 2 * last.weight.numel() + 2 * 9
         cost = DecoderCost(

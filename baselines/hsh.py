@@ -65,12 +65,14 @@ class HSH(Codec):
         solve = self._solution(btf, bands, cosine, fit).to(fit.device)
         texels = btf.shape[0] * btf.shape[1]
         coefficients = torch.zeros(len(solve), texels * 3, device=fit.device)
-        step, pictures = max(1, BLOCK_BYTES // (texels * 12)), fit.progress(btf, total=len(btf))
+        step = max(1, BLOCK_BYTES // (texels * 12))  # pictures of three float32 a texel
+        pictures = fit.progress(btf, total=len(btf))
         for rows in torch.arange(len(btf)).split(step):
+            # The next pictures, (rows, texels · 3): `rows` ends first, so that no picture is taken and lost.
             block = torch.from_numpy(np.stack([picture for _, picture in zip(rows, pictures, strict=False)])).flatten(1)
             values = block.clamp_min(0).to(fit.device) / cosine[rows].to(fit.device)
             coefficients += solve[:, rows] @ ((gain * values).log1p() if settings.domain == "log" else values)
-        texture = coefficients.unflatten(1, (*btf.shape, 3)).permute(1, 2, 3, 0).flatten(2)
+        texture = coefficients.unflatten(1, (*btf.shape, 3)).permute(1, 2, 3, 0).flatten(2)  # (H, W, 3 · K)
         rounding = self._rounding(btf, texture, gain, bands, fit)
         other = {"gain": torch.tensor([gain]), "bands": torch.tensor(bands, dtype=torch.uint8)}
         return Parts(texture=store_texture("coefficients", texture, rounding), other=other)
@@ -84,8 +86,10 @@ class HSH(Codec):
         if self.settings.domain == "log":
             values = (gain * values).log1p()
         # Each colour has its own coefficients; an error of radiance is one of radiance / cosine times the cosine.
+        # (P, 3, 3, K), then (3 · P, 3 · K).
         rows = torch.einsum("pk,cd->pcdk", basis(wo, wi, bands), torch.eye(3)).flatten(2).flatten(0, 1) * cosine
-        rows, known = rows.to(values), torch.zeros(len(rows), 1, device=values.device)
+        rows = rows.to(values)
+        known = torch.zeros(len(rows), 1, device=values.device)
         # Harmonics that a surface hardly has take no bits; a file of more codes needs a bit of each, or is not opened.
         least = 0 if texture.numel() <= MOST_CODES else 1
         return rounded_coefficients(texture, self.settings.bits, known, rows, values * cosine.to(values), least)
@@ -96,7 +100,7 @@ class HSH(Codec):
         # An error of radiance is one of radiance / cosine times the cosine.
         weight = cosine.double().square() * (1 if fit.density is None else fit.density.weights.double()[:, None])
         light, view = (torch.tensor(_roughness(count)) for count in bands)
-        rough = (light[:, None] + view).flatten().double().square()
+        rough = (light[:, None] + view).flatten().double().square()  # (K,)
         normal = terms.T @ (weight * terms) + len(btf) * torch.diag(self.settings.smoothness * rough + RIDGE)
         return torch.linalg.solve(normal, (weight * terms).T).float()
 

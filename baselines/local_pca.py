@@ -49,18 +49,20 @@ class LocalPCA(Codec):
         # The mean of each cluster is its first component, whose coefficient is 1.
         own = torch.cat([torch.from_numpy(found.means)[..., None], torch.from_numpy(found.axes)], 2)
         table = directions @ own.movedim(0, 1).flatten(1)  # (3 · pairs, clusters · (components + 1))
-        table[:, :: components + 1] += mean[:, None]
-        table = table.unflatten(0, (-1, 3))
-        texture = torch.from_numpy(found.coefficients).unflatten(0, btf.shape)
+        table[:, :: components + 1] += mean[:, None]  # to the first component of each cluster
+        table = table.unflatten(0, (-1, 3))  # (pairs, 3, clusters · (components + 1))
+        texture = torch.from_numpy(found.coefficients).unflatten(0, btf.shape)  # (H, W, components)
 
         label = torch.from_numpy(found.label)
         pairs, values = probed(btf, fit, gain)
-        some = slice(None, None, -(-len(label) // PROBED_TEXELS))
-        mine, seen, target = label[some], texture.flatten(0, 1)[some], values[:, some].cpu()
+        some = slice(None, None, -(-len(label) // PROBED_TEXELS))  # at most so many, evenly
+        mine = label[some]  # (n,)
+        seen = texture.flatten(0, 1)[some]  # (n, k)
+        target = values[:, some].cpu()  # (3 · P, n)
 
         def answers(table: Tensor, coefficients: Tensor) -> Tensor:
             """Log radiance (3 · P, n) of a table (P, 3, clusters · (k + 1)) and the coefficients (n, k) of `some`."""
-            rows = table.flatten(0, 1).unflatten(1, (count, -1))[:, mine]
+            rows = table.flatten(0, 1).unflatten(1, (count, -1))[:, mine]  # (3 · P, n, k + 1)
             return (rows * functional.pad(coefficients, (1, 0), value=1.0)).sum(2)
 
         of_table = round_after(table[pairs], settings.bits, lambda each: answers(each, seen), target)
@@ -74,7 +76,8 @@ class LocalPCA(Codec):
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         texture, table = load_texture("coefficients", parts.texture), load_texture("components", parts.decoder)
-        count, (height, width, components) = int(parts.other["count"]), texture.shape
+        count = int(parts.other["count"])
+        height, width, components = texture.shape
         if count < 1 or table.ndim != 3 or table.shape[2] != count * (components + 1):
             raise ValueError(f"components {tuple(table.shape)} for {count} clusters and {components} coefficients")
         label = unpack_index(parts.texture["clusters"], height * width, count)
@@ -99,7 +102,7 @@ def local_components(points: np.ndarray, clusters: int, components: int, seed: i
     for _ in range(ROUNDS):
         means, axes = _fitted(points, label, components)
         moved = np.stack([_error(points - mean, axis) for mean, axis in zip(means, axes, strict=True)]).argmin(0)
-        moved = np.unique(moved, return_inverse=True)[1]
+        moved = np.unique(moved, return_inverse=True)[1]  # numbered without gaps
         if np.array_equal(moved, label):
             break
         label = moved
@@ -117,7 +120,7 @@ def _fitted(points: np.ndarray, label: np.ndarray, components: int) -> tuple[np.
         members = points[label == cluster].astype(np.float64)
         means.append(members.mean(0))
         members -= means[-1]
-        axes.append(np.linalg.eigh(members.T @ members)[1][:, ::-1][:, :components])
+        axes.append(np.linalg.eigh(members.T @ members)[1][:, ::-1][:, :components])  # the last is the strongest
     return np.stack(means).astype(np.float32), np.stack(axes).astype(np.float32)
 
 
@@ -153,14 +156,14 @@ class LocalPCAMaterial(Material):
         texel, texel_weight = texel_corners(self.size, uv)
         pair, share = self.interpolator.shares(wo, wi)
         row = self.label[texel][..., None] * self.pairs + pair[:, None]  # (n, 4, P)
-        weight = share[:, None].expand(row.shape).to(self.table.dtype)
+        weight = share[:, None].expand(row.shape).to(self.table.dtype)  # (n, 4, P)
         rows = functional.embedding_bag(
             row.flatten(0, 1), self.table, per_sample_weights=weight.flatten(0, 1), mode="sum"
         )
         # Products of halves may overflow a half with either sign, so they are added in float32.
         dtype = at_least_float32(rows.dtype)
         numbers = saturated(rows).to(dtype).unflatten(0, row.shape[:2]).unflatten(2, (3, -1))  # (n, 4, 3, k + 1)
-        known = functional.pad(self.coefficients[texel], (1, 0), value=1.0).to(dtype)
+        known = functional.pad(self.coefficients[texel], (1, 0), value=1.0).to(dtype)  # (n, 4, k + 1)
         known *= texel_weight[..., None].to(dtype)
         level = (numbers * known[:, :, None]).sum((1, 3)).clamp_min(0)
         return to_radiance(level, self.gain) * (wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level))

@@ -81,7 +81,8 @@ class Networks(nn.Module):
         super().__init__()
         self.directions = settings.directions
         self.decoder: Any = self.first(settings, generator)
-        self.offset = Decoder(Architecture(settings.channels + 2, WIDTHS, 1), generator) if settings.offset else None
+        of_offset = Architecture(settings.channels + 2, WIDTHS, outputs=1)  # of latents, and of x and y of the view
+        self.offset = Decoder(of_offset, generator) if settings.offset else None
         self.to_rgb = nn.Buffer(torch.tensor(YUV_TO_RGB).T.contiguous(), persistent=False)
 
     def first(self, settings: Any, generator: torch.Generator | None) -> nn.Module:
@@ -93,7 +94,7 @@ class Networks(nn.Module):
         """Set the networks to answer one log radiance (3,) for any latents, with the mask half open."""
         outputs = torch.zeros(len(self.decoder.layers[-1].bias))
         rgb = (level.cpu().expm1() / (HALF_OPEN if len(outputs) > 3 else 1)).log1p()
-        outputs[:3] = torch.linalg.solve(self.to_rgb.T, rgb)
+        outputs[:3] = torch.linalg.solve(self.to_rgb.T, rgb)  # as YUV
         self.decoder.start_at(outputs)
 
     def move(self, uv: Tensor, latents: Tensor, wo: Tensor, reach: Tensor) -> Tensor:
@@ -105,7 +106,7 @@ class Networks(nn.Module):
     def colour(self, latents: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
         """gain · radiance (n, 3), not clamped, of latents (n, 7): YUV → RGB → expm1, times a mask if there is one."""
         out = self.decoder(torch.cat([*direction_inputs(wo, wi, self.directions), latents], 1))
-        rgb = to_radiance(out[:, :3] @ self.to_rgb.to(out.dtype), 1.0)
+        rgb = to_radiance(out[:, :3] @ self.to_rgb.to(out.dtype), gain=1.0)
         return rgb * (SHUT + out[:, 3:].sigmoid()) if out.shape[1] > 3 else rgb
 
 
@@ -143,9 +144,9 @@ class NeuMIPObjective(Objective):
         if self.settings.start == "random":
             count, channels = sum(self.pyramid.counts[1:]), finest.shape[1]
             return torch.cat([finest, RANDOM_SPREAD * torch.randn(count, channels, generator=generator)])
-        picture = finest.T.unflatten(1, self.samples.shape)
+        picture = finest.T.unflatten(1, self.samples.shape)  # (C, H, W)
         levels = (functional.adaptive_avg_pool2d(picture, size) for size in self.pyramid.levels)
-        return torch.cat([level.flatten(1).T for level in levels])
+        return torch.cat([level.flatten(1).T for level in levels])  # (rows of all levels, C)
 
     def stored_networks(self) -> list[nn.Module]:
         return [self.networks]
@@ -196,10 +197,12 @@ def _log(values: Tensor) -> Tensor:
 
 def blur(texture: Tensor, size: tuple[int, int], sigma: float) -> Tensor:
     """A periodic texture (H · W, C) convolved with a Gaussian of σ in texels, by its transfer exp(−2 π² σ² f²)."""
-    (height, width), device = size, texture.device
+    height, width = size
+    device = texture.device
+    # Frequencies (H,) and (W // 2 + 1,).
     down, across = torch.fft.fftfreq(height, device=device), torch.fft.rfftfreq(width, device=device)
     transfer = (-2 * (math.pi * sigma) ** 2 * (down.square()[:, None] + across.square())).exp()[..., None]
-    spectrum = torch.fft.rfft2(texture.reshape(height, width, -1), dim=(0, 1))
+    spectrum = torch.fft.rfft2(texture.reshape(height, width, -1), dim=(0, 1))  # (H, W // 2 + 1, C)
     return torch.fft.irfft2(spectrum * transfer, s=size, dim=(0, 1)).reshape(height * width, -1)
 
 
@@ -212,12 +215,12 @@ class NeuMIPMaterial(Material):
         if table.shape != (sum(pyramid.counts), channels):
             raise InputError(f"a pyramid over {size} has {sum(pyramid.counts)} rows, not {tuple(table.shape)}")
         architectures = [each.architecture for each in (networks.decoder, networks.offset) if each is not None]
-        reads = channels * (8 + (0 if offset is None else 4))
+        reads = channels * (8 + (0 if offset is None else 4))  # eight texels of two levels, four of the offset's
         cost = DecoderCost(
             parameters=sum(each.parameters for each in architectures),
             texture_channels=channels * len(architectures),
             texture_floats=table.numel() + (0 if offset is None else offset.numel()),
-            flops_per_sample=sum(each.flops for each in architectures) + 2 * reads + 2 * 9,
+            flops_per_sample=sum(each.flops for each in architectures) + 2 * reads + 2 * 9,  # and YUV to RGB
             bytes_per_sample=reads * table.element_size(),
         )
         super().__init__(size, cost)

@@ -124,13 +124,14 @@ class Networks(nn.Module):
         self.decoder = Decoder(settings.architecture, generator)
         self.offset: Decoder | None = None
         if settings.reduction:
-            self.offset = Decoder(Architecture(settings.channels + 3, (settings.width,), 2), generator)
+            of_offset = Architecture(settings.channels + 3, (settings.width,), outputs=2)  # of its texture and the view
+            self.offset = Decoder(of_offset, generator)
             self.gate = nn.Parameter(torch.zeros(1))
 
     def forward(self, textures: list[Tensor], uv: Tensor, wo: Tensor, directions: Tensor) -> Tensor:
         """The output (n, 3) of textures (H, W, C), as `names`, at uv (n, 2), for a view (n, 3) and inputs of `seen`."""
         if self.offset is not None:
-            *textures, texture = textures
+            *textures, texture = textures  # the offset's is the last
             moved = self.offset(torch.cat([sample_texture(texture, uv), wo], 1)).tanh()
             uv = uv + (self.gate * moved).to(uv.dtype)
         return self.decoder(torch.cat([*(sample_texture(each, uv) for each in textures), directions], 1))
@@ -186,12 +187,12 @@ def first_textures(samples: Samples, settings: NeuralBTF.Settings, generator: to
             textures[name] = spread * (2 * torch.rand(*size, channels, generator=generator) - 1)
         return textures
     latents = first_latents(samples, settings.levels * channels, settings.start, generator)
-    picture = latents.T.unflatten(1, samples.shape)
-    parts = [*picture.split(channels), picture[:channels]]
+    picture = latents.T.unflatten(1, samples.shape)  # (levels · C, H, W)
+    parts = [*picture.split(channels), picture[:channels]]  # of the levels, then of the offset, if there is one
     textures = {}
     for (name, size), part in zip(sizes.items(), parts, strict=False):
         mean = functional.adaptive_avg_pool2d(part, size)
-        textures[name] = mean.permute(1, 2, 0).contiguous()
+        textures[name] = mean.permute(1, 2, 0).contiguous()  # (H, W, C)
     return textures
 
 

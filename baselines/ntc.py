@@ -70,12 +70,16 @@ class NTC(Codec):
 
         @property
         def architecture(self) -> Architecture:
-            inputs, widths = 4 * self.fine + self.coarse + PLACE + COUNTS[self.directions], (self.width,) * self.layers
+            inputs = 4 * self.fine + self.coarse + PLACE + COUNTS[self.directions]
+            widths = (self.width,) * self.layers
             sine = self.activation == "sine"
-            return Architecture(inputs, widths, 3, self.activation, OMEGA, norm=sine, residual=sine)
+            return Architecture(
+                inputs, widths, outputs=3, activation=self.activation, omega=OMEGA, norm=sine, residual=sine
+            )
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        fitting, bits = fitted(NTCObjective, self.settings, btf, fit), self.settings.bits
+        bits = self.settings.bits
+        fitting = fitted(NTCObjective, self.settings, btf, fit)
         packed = (pack_bits(codes_of(grid, bits).flatten(), bits) for grid in fitting.free)
         texture = dict(zip(GRIDS, packed, strict=True))
         return fitting.parts(texture, size=torch.tensor(btf.shape, dtype=torch.int32))
@@ -83,9 +87,11 @@ class NTC(Codec):
     def decode(self, parts: Parts, device: torch.device) -> Material:
         settings, bits = self.settings, self.settings.bits
         network = load_network(Decoder(settings.architecture), parts.decoder)
-        size, grids = tuple(parts.other["size"].tolist()), []
+        size = tuple(parts.other["size"].tolist())
+        grids = []
         for name, (rows, cols) in zip(GRIDS, sizes(size, settings.reduction), strict=True):
-            packed, count = parts.texture[name], rows * cols * getattr(settings, name)
+            packed = parts.texture[name]
+            count = rows * cols * getattr(settings, name)
             if min(size) < 1 or packed.shape != ((count * bits + 7) // 8,):
                 raise InputError(f"its {name} grid does not fit {size[0]} × {size[1]} texels: encode it again")
             grids.append(values_of(unpack_bits(packed, count, bits), bits).reshape(rows * cols, -1))
@@ -126,7 +132,7 @@ def corners_of_texels(grid: tuple[int, int], size: tuple[int, ...]) -> tuple[Ten
         place = (2 * torch.arange(side) + 1) * points - side
         firsts.append(place.div(2 * side, rounding_mode="floor"))
         afters.append(place.remainder(2 * side) / (2 * side))
-    row, col = torch.meshgrid(*firsts, indexing="ij")
+    row, col = torch.meshgrid(*firsts, indexing="ij")  # (H, W)
     below, right = torch.meshgrid(*afters, indexing="ij")
     north, south = (each.remainder(grid[0]) * grid[1] for each in (row, row + 1))
     west, east = (each.remainder(grid[1]) for each in (col, col + 1))
@@ -149,9 +155,9 @@ class Reader(nn.Module):
 
     def forward(self, texel: Tensor, fine: Tensor, coarse: Tensor) -> Tensor:
         """The numbers (n, 4 · F + C + 12) of texels (n,), of grids (points, F) and (points, C)."""
-        near = fine.index_select(0, self.fine[texel].flatten()).unflatten(0, (-1, 4)).flatten(1)
-        wide = coarse.index_select(0, self.coarse[texel].flatten()).unflatten(0, (-1, 4))
-        wide = (wide * self.weight[texel][..., None].to(wide.dtype)).sum(1)
+        near = fine.index_select(0, self.fine[texel].flatten()).unflatten(0, (-1, 4)).flatten(1)  # (n, 4 · F)
+        around = coarse.index_select(0, self.coarse[texel].flatten()).unflatten(0, (-1, 4))  # (n, 4, C)
+        wide = (around * self.weight[texel][..., None].to(around.dtype)).sum(1)  # (n, C)
         return torch.cat([near, wide, self.place[texel].to(near.dtype)], 1)
 
 
@@ -162,18 +168,21 @@ class NTCObjective(DirectedObjective):
         super().__init__(samples, settings, generator)
         self.reader = Reader(samples.shape, settings.reduction)
         channels = [settings.fine, settings.coarse]
-        first = first_latents(samples, sum(channels), settings.start, generator).T.unflatten(1, samples.shape)
+        latents = first_latents(samples, sum(channels), settings.start, generator)
+        first = latents.T.unflatten(1, samples.shape)  # (F + C, H, W)
         both = zip(first.split(channels), sizes(samples.shape, settings.reduction), strict=True)
         means = (functional.adaptive_avg_pool2d(part, size).flatten(1).T for part, size in both)
         self.free = nn.ParameterList([nn.Parameter(grid.clamp(-1, 1).contiguous()) for grid in means])
 
     def grids(self, progress: float, generator: torch.Generator | None = None) -> list[Tensor]:
         """Both grids as they are read at some progress of the fit; a generator draws their noise."""
-        bits, rounding, grids = self.settings.bits, self.settings.rounding, []
+        bits, rounding = self.settings.bits, self.settings.rounding
+        grids = []
         for grid in self.free:
             with torch.no_grad():
                 stored = values_of(codes_of(grid.clamp_(-1, 1), bits), bits)
             if progress >= ROUNDED_FROM[rounding]:  # as published, noisy grids then stop moving
+                # Rounded ones go on: of `grid + (stored - grid).detach()` the gradient ignores the rounding.
                 grids.append(stored if rounding == "noise" else grid + (stored - grid).detach())
             elif rounding == "noise" and generator is not None:
                 noise = torch.rand(grid.shape, generator=generator).to(grid.device, non_blocking=True) - 0.5
@@ -193,7 +202,7 @@ class NTCObjective(DirectedObjective):
 
 def hashed(uv: Tensor) -> Tensor:
     """A number (n, 1) from 0 to below 1 of each uv (n, 2): a fixed hash of its bits."""
-    bits = uv.float().contiguous().view(torch.int32).long() & 0xFFFFFFFF
+    bits = uv.float().contiguous().view(torch.int32).long() & 0xFFFFFFFF  # as if unsigned
     x = (bits[:, :1] * 0x85EBCA6B + bits[:, 1:] * 0xC2B2AE35) & 0xFFFFFFFF
     for shift in (16, 15):
         x = ((x ^ (x >> shift)) * 0x2C1B3C6D) & 0xFFFFFFFF
@@ -208,10 +217,18 @@ class NTCMaterial(Material):
     def __init__(
         self, network: Decoder, size: tuple[int, ...], grids: list[Tensor], gain: float, settings: NTC.Settings
     ):
-        architecture, (fine, coarse) = network.architecture, grids
+        architecture = network.architecture
+        fine, coarse = grids
         channels, floats = fine.shape[1] + coarse.shape[1], fine.numel() + coarse.numel()
+        # Of four texels: the network, four points of the coarser grid, and three colours to be mixed.
         flops = 4 * (architecture.flops + 2 * 4 * coarse.shape[1] + 6)
-        cost = DecoderCost(architecture.parameters, channels, floats, flops, 4 * 4 * channels * fine.element_size())
+        cost = DecoderCost(
+            parameters=architecture.parameters,
+            texture_channels=channels,
+            texture_floats=floats,
+            flops_per_sample=flops,
+            bytes_per_sample=4 * 4 * channels * fine.element_size(),
+        )
         super().__init__((size[0], size[1]), cost)
         self.network, self.fine, self.coarse, self.gain = network, fine, coarse, gain
         self.reader, self.directions = Reader(size, settings.reduction), settings.directions
@@ -226,8 +243,10 @@ class NTCMaterial(Material):
         """The network answers each of four texels, or one that is drawn by their weights; their radiances are mixed."""
         texel, weight = texel_corners(self.size, uv)
         if self.one_texel:
+            # The first of the four whose running sum of weights is above the number: (n, 1).
             drawn = (weight.cumsum(1)[:, :3] <= hashed(uv)).sum(1, keepdim=True)
-            texel, weight = texel.gather(1, drawn), torch.ones_like(weight[:, :1])
+            texel = texel.gather(1, drawn)
+            weight = torch.ones_like(weight[:, :1])
         count = texel.shape[1]
         directions = torch.cat(direction_inputs(wo, wi, self.directions), 1).repeat_interleave(count, 0)
         features = self.reader(texel.flatten(), self.fine, self.coarse)

@@ -53,22 +53,27 @@ class PCA(Codec):
         """Coefficients (H, W, k), components (N, 3, k + 1), the mean first; of radiance k, the mean apart as floats."""
         log = self.settings.domain == "log"
         gain = LOG_GAIN * exposure(btf, fit.seed) if log else 1.0
-        large = 12 * len(btf) * btf.shape[0] * btf.shape[1] > LARGE and not fit.density
+        large = 12 * len(btf) * btf.shape[0] * btf.shape[1] > LARGE and not fit.density  # three float32
         level = gain if log else None
         factors = self._of_part(btf, fit, level) if large else self._of_all(btf, fit, level)
-        bits, texture = self.settings.bits, factors.coefficients.T.unflatten(0, btf.shape)
-        mean, basis = factors.mean.reshape(-1, 3), factors.basis.unflatten(0, (-1, 3))
+        bits = self.settings.bits
+        texture = factors.coefficients.T.unflatten(0, btf.shape)  # (H, W, k)
+        mean = factors.mean.reshape(-1, 3)  # (N, 3)
+        basis = factors.basis.unflatten(0, (-1, 3))  # (N, 3, k)
         pairs, values = probed(btf, fit, level)
-        known, rows = mean[pairs].reshape(-1, 1), basis[pairs].flatten(0, 1)
+        known = mean[pairs].reshape(-1, 1)  # (3 · P, 1)
+        rows = basis[pairs].flatten(0, 1)  # (3 · P, k)
         rounding = rounded_coefficients(texture, bits, known, rows, values)
-        coefficients, decoder = factors.coefficients, dict[str, Tensor]()
+        coefficients = factors.coefficients  # (k, texels)
+        decoder = dict[str, Tensor]()
         if log:  # the mean is one more component, whose coefficient is 1
-            basis = torch.cat([mean[..., None], basis], 2)
-            rows, coefficients = basis[pairs].flatten(0, 1), functional.pad(coefficients, (0, 0, 1, 0), value=1.0)
+            basis = torch.cat([mean[..., None], basis], 2)  # (N, 3, k + 1)
+            rows = basis[pairs].flatten(0, 1)
+            coefficients = functional.pad(coefficients, (0, 0, 1, 0), value=1.0)  # (k + 1, texels)
             known = torch.zeros_like(known)
         else:  # its range is that of the highlights, so eight bits are too few
             decoder = pack("mean", mean, "float32" if bits == 32 else "half")
-        of_basis = round_after(rows, bits, lambda rows: known + rows @ coefficients, values).fit_to(basis)
+        of_basis = round_after(rows, bits, lambda each: known + each @ coefficients, values).fit_to(basis)
         return Parts(
             decoder=decoder | store_texture("basis", basis, of_basis),
             texture=store_texture("coefficients", texture, rounding),
@@ -91,12 +96,13 @@ class PCA(Codec):
         factors = self._of_all(btf.subset(pairs.numpy()), fit, gain, SPARE)
         known = functional.pad(factors.coefficients[:, texels].double(), (0, 0, 1, 0), value=1.0)  # the mean's is 1
         solve = torch.linalg.pinv(known).T.float()
-        place, rows = np.divmod(texels.numpy(), btf.shape[1]), []
+        place = np.divmod(texels.numpy(), btf.shape[1])  # rows and columns
+        rows = []
         for start in fit.progress(range(0, len(btf), PAIRS_AT_ONCE), "fitting each pair"):
             some = btf.subset(np.arange(start, min(start + PAIRS_AT_ONCE, len(btf))))
-            values = torch.from_numpy(some.texels(*place)).flatten(1).to(fit.device)
+            values = torch.from_numpy(some.texels(*place)).flatten(1).to(fit.device)  # (texels, 3 · pairs)
             rows.append(solve @ (values if gain is None else values.clamp_min_(0).mul_(gain).log1p_()))
-        table = torch.cat(rows, 1)
+        table = torch.cat(rows, 1)  # (k + 1, 3 · N), the mean first
         return strongest(Factors(table[0], table[1:].T, factors.coefficients), self.settings.components)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:

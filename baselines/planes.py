@@ -22,7 +22,7 @@ def half_and_difference(wo: Tensor, wi: Tensor, kind: Difference) -> tuple[Tenso
         return h, wi - along * (h + z) + 2 * (wi * h).sum(1, keepdim=True) * z
     sine = torch.linalg.vector_norm(h[:, :2], dim=1, keepdim=True)
     zenith = torch.cat([torch.ones_like(sine), torch.zeros_like(sine)], 1)
-    cos_phi, sin_phi = torch.where(sine > 0, h[:, :2] / sine, zenith).unbind(1)
+    cos_phi, sin_phi = torch.where(sine > 0, h[:, :2] / sine, zenith).unbind(1)  # (n,) each
     x = cos_phi * wi[:, 0] + sin_phi * wi[:, 1]
     y = cos_phi * wi[:, 1] - sin_phi * wi[:, 0]
     return h, torch.stack([h[:, 2] * x - sine[:, 0] * wi[:, 2], y, (wi * h).sum(1)], 1)

@@ -38,7 +38,7 @@ def drawn(
     if coarse:
         level = int(torch.randint(1, len(levels), (), generator=generator))
         batches.append((level, levels[level].draw(coarse, generator)))
-    uv, wo, wi, whole = zip(*(queries_of(levels, *batch) for batch in batches), strict=True)
+    uv, wo, wi, whole = zip(*(queries_of(levels, *batch) for batch in batches), strict=True)  # of each batch
     queries = torch.cat(uv), torch.cat(wo), torch.cat(wi), torch.cat(whole)
     target = torch.cat([batch.target for _, batch in batches])
     pair = torch.cat([batch.pair for _, batch in batches])
@@ -47,7 +47,9 @@ def drawn(
 
 def queries_of(levels: Sequence[Samples], level: int, batch: Batch) -> Queries:
     """uv, wo, wi and level of a batch of a level. Its texels are boxes of finest texels, which may be incomplete."""
-    samples, factor, (height, width) = levels[level], 2**level, levels[0].shape
+    samples = levels[level]
+    factor = 2**level  # finest texels a side of one of the level
+    height, width = levels[0].shape
     row = batch.texel.div(samples.shape[1], rounding_mode="floor")
     col = batch.texel - row * samples.shape[1]
     uv = torch.stack([(col + 0.5) * (factor / width), 1 - (row + 0.5) * (factor / height)], 1)
@@ -72,14 +74,15 @@ class Levels(nn.Module):
 
     def corners(self, uv: Tensor, level: Tensor) -> tuple[Tensor, Tensor]:
         """Rows of the table (n, 4) and bilinear weights (n, 4) around uv, at one level a query; see `bench.btf`."""
-        size = self.sizes[level]
+        size = self.sizes[level]  # (n, 2), as place and first
         # Half precision cannot address texels, so places are computed in float32 for any dtype.
         place = torch.stack([1 - uv[:, 1].float(), uv[:, 0].float()], 1) * size - 0.5
         first = place.detach().floor()
         shares = place - first
         first = first.long()
         (top, left), (bottom, right) = first.remainder(size).unbind(1), (first + 1).remainder(size).unbind(1)
-        (down, across), start, width = shares.unbind(1), self.starts[level], size[:, 1]
+        down, across = shares.unbind(1)
+        start, width = self.starts[level], size[:, 1]
         upper, lower = start + top * width, start + bottom * width
         index = torch.stack([upper + left, upper + right, lower + left, lower + right], 1)
         upper_share, left_share = 1 - down, 1 - across
@@ -99,7 +102,7 @@ class Levels(nn.Module):
 
 def mixed(table: Tensor, index: Tensor, weight: Tensor) -> Tensor:
     """The sums (n, C) of weighted rows (n, k) of a table; an embedding bag's gradient takes more than twice as long."""
-    corners = table.index_select(0, index.flatten()).unflatten(0, index.shape)
+    corners = table.index_select(0, index.flatten()).unflatten(0, index.shape)  # (n, k, C)
     return (corners * weight[..., None].to(table.dtype)).sum(1)
 
 
@@ -119,7 +122,7 @@ class Pyramid(Levels):
 
     def table(self, finest: Tensor) -> Tensor:
         """All levels (rows, C) of a texture (H · W, C)."""
-        picture = finest.reshape(1, *self.levels[0], -1).permute(0, 3, 1, 2)
+        picture = finest.reshape(1, *self.levels[0], -1).permute(0, 3, 1, 2)  # (1, C, H, W)
         tables = [finest]
         for _ in self.levels[1:]:
             picture = functional.avg_pool2d(picture, 2)

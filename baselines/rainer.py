@@ -45,10 +45,12 @@ class Encoder(nn.Module):
         super().__init__()
         self.convolutions = nn.ModuleList()
         channels = 3
+        length = pairs
         for out, kernel in CONVOLUTIONS:
-            self.convolutions.append(nn.Conv1d(channels, out, kernel, STRIDE, padding=kernel // 2))
-            channels, pairs = out, (pairs - 1) // STRIDE + 1
-        self.linear = nn.Linear(channels * pairs, latents)
+            self.convolutions.append(nn.Conv1d(channels, out, kernel, stride=STRIDE, padding=kernel // 2))
+            channels = out
+            length = (length - 1) // STRIDE + 1
+        self.linear = nn.Linear(channels * length, latents)
         with torch.no_grad():
             for layer in (*self.convolutions, self.linear):
                 fan = layer.weight[0].numel()
@@ -57,7 +59,7 @@ class Encoder(nn.Module):
 
     def forward(self, abrdfs: Tensor) -> Tensor:
         """Latents (n, D) of normalised ABRDFs (n, pairs, 3), whose colours are the first layer's channels."""
-        x = abrdfs.transpose(1, 2)
+        x = abrdfs.transpose(1, 2)  # (n, 3, pairs)
         for convolution in self.convolutions:
             x = functional.leaky_relu(convolution(x), LEAK)
         return self.linear(x.flatten(1))
@@ -70,7 +72,7 @@ def statistics(abrdfs: Tensor) -> Tensor:
 
 def encoded(encoder: nn.Module, abrdfs: Tensor, stats: Tensor) -> Tensor:
     """The latents (n, D) of log ABRDFs (n, pairs, 3) with their statistics (n, 2, 3)."""
-    mean, deviation = stats.unbind(1)
+    mean, deviation = stats.unbind(1)  # (n, 3) each
     return encoder((abrdfs - mean[:, None]) / deviation[:, None])
 
 
@@ -84,7 +86,7 @@ def coordinates(wo: Tensor, wi: Tensor, directions: Directions = "stereographic"
 
 def radiance(decoder: Decoder, rows: Tensor, where: Tensor) -> Tensor:
     """Log radiance (n, 3) of latents and statistics (n, D + 6) at coordinates of directions (n, k)."""
-    latents, mean, deviation = rows.tensor_split([-STATISTICS, -3], dim=1)
+    latents, mean, deviation = rows.tensor_split([-STATISTICS, -3], dim=1)  # (n, D), (n, 3), (n, 3)
     return mean + deviation * decoder(torch.cat([latents, where], 1))
 
 
@@ -167,11 +169,13 @@ class RainerMaterial(Material):
     """A texture (H, W, D + 6) of latents, means and deviations, fetched bilinearly, and the decoder."""
 
     def __init__(self, decoder: Decoder, texture: Tensor, gain: float, directions: Directions = "stereographic"):
-        architecture = decoder.architecture
-        cost = DecoderCost.of_texture(texture, architecture.parameters, architecture.flops + 6)
+        shape = decoder.architecture
+        flops = shape.flops + 6  # and three multiply-adds with mean and deviation
+        cost = DecoderCost.of_texture(texture, shape.parameters, flops)
         super().__init__((texture.shape[0], texture.shape[1]), cost)
         self.decoder, self.texture, self.gain, self.directions = decoder, texture, gain, directions
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        rows, where = sample_texture(self.texture, uv), coordinates(wo, wi, self.directions)
+        rows = sample_texture(self.texture, uv)
+        where = coordinates(wo, wi, self.directions)
         return to_radiance(radiance(self.decoder, rows, where), self.gain)

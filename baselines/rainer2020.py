@@ -81,7 +81,8 @@ class Rainer2020(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Encode every texel by the shared encoder; nothing is fitted but the rounding."""
-        network, gain = fit.shared(self.name), gain_of(btf, fit)
+        network = fit.shared(self.name)
+        gain = gain_of(btf, fit)
         samples = Samples(btf, gain, fit)
         coder = Coder(network, samples).to(fit.device)
         blocks = torch.arange(samples.texels, device=fit.device).split(rainer.BLOCK)
@@ -109,7 +110,7 @@ class Rainer2020(Codec):
 def canonical_pairs() -> Layout:
     """The pairs that the encoder sees: a product of evenly thinned directions of UBO2003."""
     side = ubo2003()[thin(ubo2003(), CANONICAL)]
-    return Layout.of(np.repeat(side, CANONICAL, 0), np.tile(side, (CANONICAL, 1)))
+    return Layout.of(np.repeat(side, CANONICAL, 0), np.tile(side, (CANONICAL, 1)))  # each with each
 
 
 def decoder_of(network: TrainedNetwork) -> Decoder:
@@ -127,7 +128,8 @@ class Coder(torch.nn.Module):
 
     def __init__(self, network: TrainedNetwork, samples: Samples):
         super().__init__()
-        stored, settings = network.parts.encoder, Rainer2020Network(**network.settings).settings
+        stored = network.parts.encoder
+        settings = Rainer2020Network(**network.settings).settings
         canonical = unpack_layout(stored)
         self.encoder = load_network(rainer.Encoder(len(canonical.view), settings.latents), stored)
         self.decoder = decoder_of(network)
@@ -143,18 +145,20 @@ class Coder(torch.nn.Module):
         These are of the canonical pairs, where answers with them are nearer than the mean and not far too bright; else
         the mean of the pairs themselves and 0.
         """
-        canonical = self.resampled(abrdfs)
+        canonical = self.resampled(abrdfs)  # (n, C, 3)
         own = rainer.statistics(abrdfs)  # (n, 2, 3): mean and deviation
         stats = rainer.statistics(canonical)
         latents = rainer.encoded(self.encoder, canonical, stats)
-        count, where = len(self.where), self.where.repeat(len(latents), 1)
-        rows = torch.cat([latents, stats.flatten(1)], 1).repeat_interleave(count, 0)
+        count = len(self.where)
+        where = self.where.repeat(len(latents), 1)  # (n · P, 4)
+        rows = torch.cat([latents, stats.flatten(1)], 1).repeat_interleave(count, 0)  # (n · P, D + 6)
         answers = rainer.radiance(self.decoder, rows, where).unflatten(0, (-1, count))  # (n, P, 3)
-        truth, mean = abrdfs[:, self.checked], own[:, :1]
+        truth = abrdfs[:, self.checked]  # (n, P, 3)
+        mean = own[:, :1]  # (n, 1, 3)
         usable = (answers - truth).square().mean(1) <= (mean - truth).square().mean(1)  # (n, 3), by channel
         # One answer that is far too bright would shine for every texel around it.
         usable &= answers.amax(1).expm1() <= FIREFLY * abrdfs.amax(1).expm1()
-        plain = torch.cat([mean, torch.zeros_like(mean)], 1)
+        plain = torch.cat([mean, torch.zeros_like(mean)], 1)  # (n, 2, 3)
         return torch.cat([latents, stats.where(usable[:, None], plain).flatten(1)], 1)
 
 
@@ -185,9 +189,11 @@ class Pool(Samples):
         every = fit.progress([*btfs, *fit.unseen], "materials")
         drawn = [_drawn(btf, canonical, most, generator, fit) for btf in every]
         inputs, targets, where = zip(*drawn, strict=True)
-        self.device, self.inputs, self.table = device, torch.cat(inputs), torch.cat(targets)
+        self.device = device
+        self.inputs = torch.cat(inputs)  # (texels, C, 3)
+        self.table = torch.cat(targets)  # (texels, TARGETS, 3)
         self.texels, self.pairs = len(self.inputs), TARGETS
-        self.where = torch.stack(where)
+        self.where = torch.stack(where)  # (materials, TARGETS, 4)
         counts = torch.tensor([len(texels) for texels in inputs], device=device)
         self.trained = int(counts[: len(btfs)].sum())
         self.material = torch.arange(len(drawn), device=device).repeat_interleave(counts)
@@ -204,7 +210,8 @@ def _drawn(
     texel = torch.randperm(btf.shape[0] * btf.shape[1], generator=generator)[:most].to(fit.device)
     given, queried = btf.subset(btf.split().train), btf.subset(_target_pairs(btf, generator))
     gain = gain_of(given, fit)
-    resampled, samples = Resampler(given.layout, canonical).to(fit.device), Samples(given, gain, fit)
+    resampled = Resampler(given.layout, canonical).to(fit.device)
+    samples = Samples(given, gain, fit)
     inputs = torch.cat([resampled(samples.abrdfs(block)).half() for block in texel.split(rainer.BLOCK)])
     targets = Samples(queried, gain, fit)
     return inputs, targets.abrdfs(texel).half(), rainer.coordinates(targets.wo, targets.wi)

@@ -69,6 +69,7 @@ def shaded(maps: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
         n = (w * normal).sum(1)
         return (w[:, 0] - x * n) / side, (z * w[:, 1] - y * w[:, 2]) / side, n
 
+    # `brdf` has the axis of colours first.
     values: dict[str, Any] = {"base": maps[:, :3].T, "roughness": maps[:, 6], "metalness": maps[:, 7]}
     points = brdf.points(local(wo), values | {"specular": 1.0, "anisotropy": 0.0})
     wo_wi = (wo * wi).sum(1)
@@ -109,10 +110,10 @@ def _albedo(samples: Samples, generator: torch.Generator) -> Tensor:
     pairs = torch.randperm(samples.pairs, generator=generator)[:SEEN].sort().values.to(samples.device)
     # In the order of `CHANNELS`.
     white = torch.tensor([1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0], device=samples.device).expand(len(pairs), CHANNELS)
-    seen = shaded(white, samples.wo[pairs], samples.wi[pairs])[:, 0]
+    seen = shaded(white, samples.wo[pairs], samples.wi[pairs])[:, 0]  # (pairs,): white in each colour
     total = torch.zeros(samples.texels, 3, device=samples.device)
     for pair, weight in zip(pairs.split(READ), (seen / seen.square().sum()).split(READ), strict=True):
-        total += (samples.slices(pair).expm1() * weight[:, None]).sum(1)
+        total += (samples.slices(pair).expm1() * weight[:, None]).sum(1)  # of (texels, READ, 3)
     return total / samples.gain
 
 
@@ -140,8 +141,14 @@ class MapsMaterial(Material):
         size = (codes.shape[0], codes.shape[1])
         self.codes, self.pyramid, self.scale = codes.to(torch.uint8), Pyramid(size), scale
         self.table = table = self.pyramid.table(maps_of(codes.flatten(0, 1)))
-        read = 8 * CHANNELS
-        super().__init__(size, DecoderCost(0, CHANNELS, table.numel(), FLOPS + 2 * read, read * table.element_size()))
+        read = 8 * CHANNELS  # of four texels at two levels
+        cost = DecoderCost(
+            texture_channels=CHANNELS,
+            texture_floats=table.numel(),
+            flops_per_sample=FLOPS + 2 * read,
+            bytes_per_sample=read * table.element_size(),
+        )
+        super().__init__(size, cost)
 
     def maps(self) -> tuple[dict[str, np.ndarray], float]:
         """The pictures as the file holds them; a normal from −1 to 1 is 0 to 255, its z computed."""

@@ -52,11 +52,12 @@ class TableMaterial(Material):
         """The weighted sum of four texels at each of some pairs; weights of pairs include the ratio of cosines."""
         texel, texel_weight = texel_corners(self.size, uv)
         pair, pair_weight = self.interpolator(wo, wi)
-        row = pair[:, :, None] * (self.size[0] * self.size[1]) + texel[:, None, :]
-        weight = (pair_weight[:, :, None] * texel_weight[:, None, :].to(wo.dtype)).flatten(1)
+        row = pair[:, :, None] * (self.size[0] * self.size[1]) + texel[:, None, :]  # (n, P, 4)
+        weight = (pair_weight[:, :, None] * texel_weight[:, None, :].to(wo.dtype)).flatten(1)  # (n, P · 4)
         if self.values.dtype == weight.dtype:
             rgb = functional.embedding_bag(row.flatten(1), self.values, per_sample_weights=weight, mode="sum")
         else:  # halves end at 65,504, and weights of grazing lights are above 1, so they are added in float32
+            # (n, P · 4, 3)
             corners = self.values.index_select(0, row.flatten()).unflatten(0, (len(row), -1)).to(weight.dtype)
             rgb = torch.einsum("nk,nkc->nc", weight, corners)
         return rgb * self.scale

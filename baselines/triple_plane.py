@@ -97,7 +97,7 @@ class TriplePlaneObjective(TextureObjective):
         if settings.start != "random":
             # x and y of the direction that each texel of a plane stands for: row 0 is y = 1, as in a texture.
             along = torch.linspace(-1, 1, side)
-            place = torch.stack([along.expand(side, side), -along[:, None].expand(side, side)], 2)
+            place = torch.stack([along.expand(side, side), -along[:, None].expand(side, side)], 2)  # (S, S, 2)
             first[..., : min(2, channels)] = place[..., :channels]
         self.free = nn.Parameter(first)
         self.rounded_texture, self.rounded_planes = (Rounding(channels, settings.bits) for _ in range(2))
@@ -116,9 +116,9 @@ class TriplePlaneObjective(TextureObjective):
         """The network sees the features of texel, half vector and difference vector, in this order."""
         texel, weight = self.texel[batch.pair], self.weight[batch.pair]
         texture = self.rounded_texture(self.texture)
-        planes = self.rounded_planes(self.planes()).flatten(0, 2)
-        rows = planes.index_select(0, texel.flatten()).unflatten(0, texel.shape)
-        features = (rows * weight[..., None]).sum(2).flatten(1)
+        planes = self.rounded_planes(self.planes()).flatten(0, 2)  # (2 · S², C)
+        rows = planes.index_select(0, texel.flatten()).unflatten(0, texel.shape)  # (n, 2, 4, C)
+        features = (rows * weight[..., None]).sum(2).flatten(1)  # (n, 2 · C)
         return self.network(torch.cat([texture.index_select(0, batch.texel), features], 1))
 
 
@@ -129,7 +129,8 @@ class TriplePlaneMaterial(Material):
         architecture, channels = network.architecture, texture.shape[2]
         if any(plane.shape[2] != channels for plane in planes) or 3 * channels != architecture.inputs:
             raise ValueError(f"planes of {channels} channels for a network of {architecture.inputs} inputs")
-        cost = DecoderCost.of_texture(texture, architecture.parameters, architecture.flops + 2 * 8 * channels)
+        flops = architecture.flops + 2 * 8 * channels  # and four texels of each plane over directions
+        cost = DecoderCost.of_texture(texture, architecture.parameters, flops)
         cost = replace(cost, table_floats=sum(plane.numel() for plane in planes))
         super().__init__((texture.shape[0], texture.shape[1]), cost)
         self.network, self.texture, self.gain, self.difference = network, texture, gain, difference

@@ -66,16 +66,17 @@ class Tucker(Codec):
         tensor, turn = _tensor(factors, layout)
         ranks = _ranks(settings, layout)
         texel, view, light, core = factored(tensor, (settings.components, *ranks), settings.alternations)
-        coefficients = turn.T @ texel
+        coefficients = turn.T @ texel  # (T, K)
         # Coefficients in [−1, 1], as in `pca`, so that eight bits suit all slices of the core equally.
-        scale = coefficients.abs().amax(0).clamp_min(torch.finfo(torch.float32).tiny)
+        scale = coefficients.abs().amax(0).clamp_min(torch.finfo(torch.float32).tiny)  # (K,)
         core[1:] *= scale[:, None, None, None]
         core[0] /= len(coefficients) ** 0.5  # which `_tensor` multiplied the mean with
-        core = core.permute(1, 2, 3, 0).contiguous()
-        coefficients, bits = (coefficients / scale).reshape(*btf.shape, -1), settings.bits
+        core = core.permute(1, 2, 3, 0).contiguous()  # (J, M, 3, K + 1)
+        coefficients = (coefficients / scale).reshape(*btf.shape, -1)  # (H, W, K)
+        bits = settings.bits
         pairs, values = probed(btf, fit, level)
         joined = [mode[index[pairs]] for mode, index in zip((view, light), _modes(layout), strict=True)]
-        rows = torch.einsum("pj,pm,jmck->pck", *joined, core).flatten(0, 1)
+        rows = torch.einsum("pj,pm,jmck->pck", *joined, core).flatten(0, 1)  # (3 · P, K + 1)
         rounding = rounded_coefficients(coefficients, bits, rows[:, :1], rows[:, 1:], values)
         fine: FloatPrecision = "float32" if bits == 32 else "half"
         return Parts(
@@ -121,14 +122,14 @@ def _tensor(factors: Factors, layout: Layout) -> tuple[Tensor, Tensor]:
     rows = torch.cat([factors.mean[:, None] * texels**0.5, factors.basis * length.T], 1)  # (3 · N, k + 1)
     view, light = _modes(layout)
     tensor = torch.zeros(rows.shape[1], int(view.max()) + 1, int(light.max()) + 1, 3, device=rows.device)
-    tensor[:, view, light] = rows.T.unflatten(1, (-1, 3))
+    tensor[:, view, light] = rows.T.unflatten(1, (-1, 3))  # (k + 1, N, 3)
     return tensor, factors.coefficients / length
 
 
 def leading(tensor: Tensor, mode: int, rank: int) -> Tensor:
     """The orthonormal basis (size, ≤ rank) of a mode that keeps most of the tensor's energy."""
     rows = tensor.movedim(mode, 0).flatten(1).double()
-    return torch.linalg.eigh(rows @ rows.T)[1].flip(1)[:, :rank].to(tensor.dtype)
+    return torch.linalg.eigh(rows @ rows.T)[1].flip(1)[:, :rank].to(tensor.dtype)  # the last is the strongest
 
 
 def factored(tensor: Tensor, ranks: tuple[int, int, int], alternations: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -162,7 +163,7 @@ def rounding_with_zero(values: Tensor, bits: int) -> Rounding:
     """
     rounding = Rounding(values.shape[-1], max(8, bits)).to(values.device)
     low, high = torch.aminmax(values.flatten(0, -2), dim=0)
-    step = ((high - low) / 254).clamp_min(1e-12)
+    step = ((high - low) / 254).clamp_min(1e-12)  # of 255 steps, one is left for `low` to move
     for ours, chosen in ((rounding.low, (low / step).floor() * step), (rounding.step, step)):
         ours.copy_(chosen)
     rounding.bits.fill_(8)
@@ -185,7 +186,8 @@ class TuckerMaterial(ComponentsMaterial):
             bytes_per_sample=4 * (4 * components + directions + core.numel()),
         )
         super().__init__(texture, interpolator, gain, cost)
-        self.core, self.view, self.light = core.flatten(2).flatten(0, 1), *modes
+        self.core = core.flatten(2).flatten(0, 1)  # (J · M, 3 · (K + 1))
+        self.view, self.light = modes
 
     def combined(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
         """Σ weight · view ⊗ light of pairs, through the core to eigen-ABRDFs, times the coefficients: (n, 3)."""
@@ -193,7 +195,8 @@ class TuckerMaterial(ComponentsMaterial):
             pair, weight = pair[:1], weight[:1]
         # Products of halves may overflow a half with either sign, so they are added in float32.
         dtype = at_least_float32(coefficients.dtype)
+        # (n, P, J) and (n, P, M), of P pairs.
         view, light = (functional.embedding(pair, mode).to(dtype) for mode in (self.view, self.light))
         joined = torch.einsum("npj,npm->njm", view * weight[..., None].to(dtype), light).flatten(1)
-        rows = saturated(joined @ self.core.to(dtype)).unflatten(1, (3, -1))
+        rows = saturated(joined @ self.core.to(dtype)).unflatten(1, (3, -1))  # (n, 3, K + 1)
         return (rows * coefficients[:, None].to(dtype)).sum(-1)

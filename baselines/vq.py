@@ -63,10 +63,13 @@ class VQ(Codec):
         counts = [int(label.max()) + 1 for label in labels]
         books = _codebooks(btf, gain, labels, fit)
         starts = torch.tensor(counts).cumsum(0) - torch.tensor(counts)  # of each stage's entries
-        rows, codebook = torch.from_numpy(np.stack(labels, 1)) + starts, torch.cat(books)
+        rows = torch.from_numpy(np.stack(labels, 1)) + starts  # (texels, stages)
+        codebook = torch.cat(books)
         pairs, values = probed(btf, fit, gain)
-        some = slice(None, None, -(-len(rows) // PROBED_TEXELS))
-        target, bits = values[:, some].T.cpu(), self.settings.bits
+        some = slice(None, None, -(-len(rows) // PROBED_TEXELS))  # at most so many, evenly
+        target = values[:, some].T.cpu()  # (n, 3 · P)
+        bits = self.settings.bits
+        # The lambda looks up (n, stages, P, 3).
         rounding = round_after(codebook[:, pairs], bits, lambda book: book[rows[some]].sum(1).flatten(1), target)
         size, codes = (torch.tensor(numbers, dtype=torch.int32) for numbers in (btf.shape, counts))
         return Parts(
@@ -83,7 +86,7 @@ class VQ(Codec):
             raise ValueError(f"an index of {stored} bytes for {height} × {width} texels and {len(counts)} stages")
         index = [unpack_index(parts.texture[f"index{s}"], height * width, count) for s, count in enumerate(counts)]
         starts = torch.tensor(counts).cumsum(0) - torch.tensor(counts)
-        rows = torch.stack(index, 1) + starts
+        rows = torch.stack(index, 1) + starts  # (texels, stages)
         codebook, gain = load_texture("codebook", parts.decoder), float(parts.other["gain"])
         if min(counts) < 1 or len(codebook) != sum(counts):
             raise ValueError(f"a codebook of {len(codebook)} entries for stages of {counts}")
@@ -97,7 +100,8 @@ class VQMaterial(Material):
     def __init__(
         self, size: tuple[int, int], rows: Tensor, codebook: Tensor, interpolator: PairInterpolator, gain: float
     ):
-        stages, values = rows.shape[1], 4 * rows.shape[1] * interpolator.reads * 3
+        stages = rows.shape[1]
+        values = 4 * stages * interpolator.reads * 3  # that a query reads
         cost = DecoderCost(
             texture_channels=stages,
             texture_floats=rows.numel(),
@@ -106,16 +110,17 @@ class VQMaterial(Material):
             bytes_per_sample=4 * stages * rows.element_size() + values * codebook.element_size(),
         )
         super().__init__(size, cost)
-        self.rows, self.pairs, self.codebook = rows, codebook.shape[1], codebook.flatten(0, 1)
+        self.rows, self.pairs = rows, codebook.shape[1]
+        self.codebook = codebook.flatten(0, 1)  # (codes · N, 3)
         self.interpolator, self.gain = interpolator, gain
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """The weighted sum of log radiance over four texels, all stages and some pairs, in one look-up."""
         texel, texel_weight = texel_corners(self.size, uv)
         pair, share = self.interpolator.shares(wo, wi)
-        row = self.rows[texel][..., None] * self.pairs + pair[:, None, None]
+        row = self.rows[texel][..., None] * self.pairs + pair[:, None, None]  # (n, 4, stages, P)
         weight = texel_weight[:, :, None, None].to(share.dtype) * share[:, None, None]
-        weight = weight.expand(row.shape).to(self.codebook.dtype).flatten(1)
+        weight = weight.expand(row.shape).to(self.codebook.dtype).flatten(1)  # (n, 4 · stages · P)
         mixed = functional.embedding_bag(row.flatten(1), self.codebook, per_sample_weights=weight, mode="sum")
         level = saturated(mixed).to(share.dtype).clamp_min(0)  # shares in halves may add up to more than 1
         return to_radiance(level, self.gain) * (wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level))

@@ -102,14 +102,14 @@ class FramedNetwork(nn.Module):
     def forward(self, latents: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
         """The network's outputs (n, 3) for latents (n, D) and directions (n, 3)."""
         if self.code:
-            directions = torch.stack([*half_and_difference(wo, wi, "nearest"), wi, wo], 1)
+            directions = torch.stack([*half_and_difference(wo, wi, "nearest"), wi, wo], 1)  # (n, 4, 3)
         else:
             half = functional.normalize(wo + wi, dim=1)
             directions = torch.stack([wo, wi, half][: self.directions], 1)  # two without `halfway`
         turned = directions.flatten(1) if self.frames is None else self.frames.turned(latents, directions)
         if self.code:
             # Half and difference vector whole, as x, y, z in each frame; of wi and wo only z, their cosines.
-            whole, cosines = turned.unflatten(1, (4, -1)).split([2, 2], 1)
+            whole, cosines = turned.unflatten(1, (4, -1)).split([2, 2], 1)  # (n, 2, 3 · frames) each
             turned = torch.cat([whole.flatten(1), cosines[:, :, 2::3].flatten(1)], 1)
         return self.decoder(torch.cat([latents, turned.to(latents.dtype)], 1))
 

@@ -42,7 +42,7 @@ class Crop:
         """
         places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
         sides = [_Side.drawn(*each, largest, scale, periodic, around) for each in zip(shape, places, strict=True)]
-        return cls(*zip(*sides, strict=True))
+        return cls(*zip(*sides, strict=True))  # of each field both sides
 
     def inner(self) -> Tensor:
         """The texels (n,) of the window without its surroundings, as row · width + column of its size, row by row."""
@@ -67,13 +67,13 @@ class Crop:
         """The source's texels (n,) in a picture of a shape (H, W), as row · W + column, row by row."""
         axes = zip(self.corner, self.source, shape, strict=True)
         row, col = (torch.arange(first, first + count) % side for first, count, side in axes)
-        return (row[:, None] * shape[1] + col).flatten()
+        return (row[:, None] * shape[1] + col).flatten()  # beyond a border, on at the opposite one
 
     def taps(self, texel: Tensor) -> tuple[Tensor, Tensor]:
         """The source texels (n, k) and weights (n, k) whose weighted mean gives some texels (n,) of the window."""
         places = (texel // self.size[1], texel % self.size[1])
         (row, high), (col, wide) = (_taps(*axis) for axis in zip(self.source, self.size, places, strict=True))
-        index = row[:, :, None] * self.source[1] + col[:, None, :]
+        index = row[:, :, None] * self.source[1] + col[:, None, :]  # (n, rows, columns)
         return index.flatten(1), (high[:, :, None] * wide[:, None, :]).flatten(1)
 
     @property
@@ -108,8 +108,8 @@ class _Side(NamedTuple):
             size, source = _fitting(round(side * scale)), side
         corner = int(place * (side if periodic else side - source + 1))
         if source == side:
-            return cls(corner, source, size, 0, True)
-        return cls((corner - beyond) % side, source + 2 * beyond, size + 2 * around, around, False)
+            return cls(corner, source, size, around=0, whole=True)
+        return cls((corner - beyond) % side, source + 2 * beyond, size + 2 * around, around, whole=False)
 
 
 def draw_scale(smallest: float, keep: float, generator: torch.Generator) -> float:
@@ -125,7 +125,7 @@ def taps_of(windows: Sequence[Crop], shape: tuple[int, int], device: torch.devic
     """
     row, high = (taps.to(device, non_blocking=True) for taps in _axis_taps(windows, shape, 0))
     col, wide = (taps.to(device, non_blocking=True) for taps in _axis_taps(windows, shape, 1))
-    texel = row[:, :, None, :, None] * shape[1] + col[:, None, :, None, :]
+    texel = row[:, :, None, :, None] * shape[1] + col[:, None, :, None, :]  # (windows, h, w, rows, columns)
     weight = high[:, :, None, :, None] * wide[:, None, :, None, :]
     return texel.flatten(3).flatten(1, 2), weight.flatten(3).flatten(1, 2)
 
@@ -151,10 +151,10 @@ def _taps(side: int, cut: int, place: Tensor) -> tuple[Tensor, Tensor]:
 @lru_cache(maxsize=1024)  # a fit draws the same few sizes again and again
 def _rescale(side: int, cut: int) -> tuple[Tensor, Tensor]:
     """Source indices and weights (cut, k) that a rescale from `side` to `cut` averages at each position."""
-    matrix = torch.eye(side)
+    matrix = torch.eye(side)  # rescaled along its rows, it holds the weights (cut, side)
     if side != cut:
         matrix = functional.interpolate(matrix[None, None], (cut, side), mode="bilinear", antialias=True)[0, 0]
-    weight, index = matrix.topk(int((matrix > 0).sum(1).max()))
+    weight, index = matrix.topk(int((matrix > 0).sum(1).max()))  # as many as any position needs
     return index, weight
 
 
@@ -173,7 +173,7 @@ class Disturbance:
 
     def disturbed(self, pictures: Tensor, generator: torch.Generator) -> Tensor:
         """Pictures (B, 3, H, W) in [0, 1], each disturbed at random, within [0, 1]."""
-        hue, blur, noise = torch.rand(3, len(pictures), generator=generator, dtype=torch.float64)
+        hue, blur, noise = torch.rand(3, len(pictures), generator=generator, dtype=torch.float64)  # (B,) each
         pictures = turned(pictures, self.hue * hue)
         if self.blur:
             pictures = blurred(pictures, self.blur * blur)
@@ -188,7 +188,7 @@ def turned(pictures: Tensor, turn: Tensor) -> Tensor:
     # Rodrigues' rotation around (1, 1, 1)/√3: cos + (1 − cos)/3 on the diagonal, (1 − cos)/3 ± sin/√3 beside it.
     third, side = (1 - angle.cos()) / 3, angle.sin() / math.sqrt(3)
     same, less, more = third + angle.cos(), third - side, third + side
-    matrix = torch.stack([same, less, more, more, same, less, less, more, same], 1).view(-1, 3, 3)
+    matrix = torch.stack([same, less, more, more, same, less, less, more, same], 1).view(-1, 3, 3)  # (B, 3, 3)
     return torch.einsum("bij,bjhw->bihw", matrix.to(pictures, non_blocking=True), pictures).clamp(0, 1)
 
 
@@ -199,11 +199,11 @@ def blurred(pictures: Tensor, sigma: Tensor) -> Tensor:
     offsets = torch.arange(-radius, radius + 1)
     weights = (-0.5 * (offsets / sigma.clamp_min(LEAST_BLUR)[:, None]).square()).exp()  # (B, offsets)
     weights = weights * (offsets.abs() <= radii[:, None])
-    total = weights.sum(1).to(pictures, non_blocking=True)[:, None, None, None]
-    weights = weights.to(pictures, non_blocking=True)[:, :, None, None, None]
+    total = weights.sum(1).to(pictures, non_blocking=True)[:, None, None, None]  # (B, 1, 1, 1)
+    weights = weights.to(pictures, non_blocking=True)[:, :, None, None, None]  # (B, offsets, 1, 1, 1)
     for dim in (2, 3):
-        blurred = torch.zeros_like(pictures)
+        summed = torch.zeros_like(pictures)
         for place, offset in enumerate(range(-radius, radius + 1)):
-            blurred = blurred + pictures.roll(offset, dim) * weights[:, place]
-        pictures = blurred / total
+            summed = summed + pictures.roll(offset, dim) * weights[:, place]
+        pictures = summed / total
     return pictures

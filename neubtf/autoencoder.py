@@ -82,11 +82,11 @@ class Autoencoder(nn.Module):
         super().__init__()
         self.rectified = rectified
         full, half, deep = WIDTHS
-        self.stem = Circular(3, full, 3)
+        self.stem = Circular(3, full, kernel=3)
         self.encoders = nn.ModuleList(Block(*each) for each in zip(WIDTHS, EXPANSIONS, strict=True))
-        self.downs = nn.ModuleList([nn.Conv2d(full, half, 2, 2), nn.Conv2d(half, deep, 2, 2)])
+        self.downs = nn.ModuleList([nn.Conv2d(full, half, 2, 2), nn.Conv2d(half, deep, 2, 2)])  # 2 × 2, stride 2
         self.attention = Attention(deep, rectified)
-        self.ups = nn.ModuleList([nn.Conv2d(half, full, 1), nn.Conv2d(deep, half, 1)])
+        self.ups = nn.ModuleList([nn.Conv2d(half, full, 1), nn.Conv2d(deep, half, 1)])  # 1 × 1, as the skips
         self.skips = nn.ModuleList([nn.Conv2d(full, full, 1), nn.Conv2d(half, half, 1)])
         self.decoders = nn.ModuleList(Block(*each) for each in zip(WIDTHS[:2], EXPANSIONS[:2], strict=True))
         self.norm = ChannelNorm(full)
@@ -163,7 +163,7 @@ class Block(nn.Module):
 
     def __init__(self, channels: int, expansion: int):
         super().__init__()
-        self.spatial = Circular(channels, channels, 5, groups=channels)
+        self.spatial = Circular(channels, channels, kernel=5, groups=channels)
         self.norm = nn.LayerNorm(channels)
         self.wider = nn.Linear(channels, expansion * channels)
         self.back = nn.Linear(expansion * channels, channels)
@@ -186,13 +186,13 @@ class Attention(nn.Module):
         few = channels // REDUCTION
         activation = nn.ReLU() if rectified else nn.GELU()
         self.perceptron = nn.Sequential(nn.Linear(channels, few), activation, nn.Linear(few, channels))
-        self.spatial = Circular(2, 1, 7)
+        self.spatial = Circular(2, 1, kernel=7)
 
     def forward(self, x: Tensor, pooled: Pooled) -> Tensor:
         """The cells (B, C, h, w) plus themselves times both gains; `pooled` is of the whole picture."""
-        gain = self.perceptron(pooled.total / pooled.cells) + self.perceptron(pooled.peak)
+        gain = self.perceptron(pooled.total / pooled.cells) + self.perceptron(pooled.peak)  # (B, C)
         y = x * gain.sigmoid()[..., None, None]
-        where = torch.cat([y.mean(1, keepdim=True), y.amax(1, keepdim=True)], 1)
+        where = torch.cat([y.mean(1, keepdim=True), y.amax(1, keepdim=True)], 1)  # (B, 2, h, w)
         return SCALE * (x + y * self.spatial(where).sigmoid())
 
 
@@ -220,7 +220,8 @@ class Encoder(nn.Module):
         The bias of the autoencoder's head changes: each channel's mean becomes 0.
         """
         spread = guidance[0].flatten(1).std(1, correction=0).mean().item()
-        encoder, bias = cls(autoencoder, guidance.mean().item(), max(spread, LEAST_SPREAD)), autoencoder.head.bias
+        encoder = cls(autoencoder, guidance.mean().item(), max(spread, LEAST_SPREAD))
+        bias = autoencoder.head.bias
         assert bias is not None
         with torch.no_grad():  # a mean of the first texture would separate no texels, and outweigh the directions
             bias.sub_(encoder(guidance).mean((0, 2, 3)))

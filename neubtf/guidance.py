@@ -161,7 +161,7 @@ def _steps(picture: Array, axis: int) -> Array:
 
 def _seam(steps: Array) -> Seam:
     """The seam of a ring of steps, the last of which crosses the border; see `seam_of`."""
-    inside = steps[STRIDE - 1 : -1 : STRIDE]
+    inside = steps[STRIDE - 1 : -1 : STRIDE]  # from one cell to the next
     if not inside.any():
         return Seam(np.inf, np.inf)
     return Seam(float(steps[-1] / inside.mean()), float(steps[-1] / inside.max()))

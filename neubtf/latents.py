@@ -32,12 +32,13 @@ def sheet(texture: Tensor) -> np.ndarray:
     if longest >= 2 * SIDE:
         shown = box_filter(shown, longest // SIDE if min(shown.shape[:2]) >= longest // SIDE else 1)
     grow = -(-SIDE // max(shown.shape[:2]))
-    cells = (shown * WHITE).round().astype(np.uint8).repeat(grow, 0).repeat(grow, 1)
+    cells = (shown * WHITE).round().astype(np.uint8).repeat(grow, 0).repeat(grow, 1)  # (h, w, D)
     height, width, count = cells.shape
     columns = min(count, max(1, round(np.sqrt(count * (height + GAP) / (width + GAP)))))
     rows = -(-count // columns)
     framed = np.full((rows * columns, height + GAP, width + GAP), WHITE, np.uint8)
     framed[:count, GAP:, GAP:] = cells.transpose(2, 0, 1)
+    # (rows, columns, h, w), then (rows, h, columns, w), then (rows · h, columns · w).
     page = framed.reshape(rows, columns, height + GAP, -1).swapaxes(1, 2).reshape(rows * (height + GAP), -1)
     return np.pad(page, ((0, GAP), (0, GAP)), constant_values=WHITE)
 

@@ -73,8 +73,10 @@ def propagate(
 def textured(encoder: Encoder, guidance: Tensor, show: Progress = silent, tile: int = TILE) -> Tensor:
     """The neural texture (H, W, D) of a guidance image (1, 3, H, W), that of `encoder(guidance)` within rounding."""
     height, width = guidance.shape[2:]
-    network, windows = encoder.autoencoder, list(_windows(height, width, tile))
-    pooled, inner = None, slice(HALO // STRIDE, -(HALO // STRIDE))
+    network = encoder.autoencoder
+    windows = list(_windows(height, width, tile))
+    inner = slice(HALO // STRIDE, -(HALO // STRIDE))  # cells without the halo
+    pooled: Pooled | None = None
     for corner, size in followed(show, windows, "pooling", len(windows)):
         window = encoder.prepared(surrounded(guidance, corner, size))
         here = Pooled.of_cells(network.encode(window).deep[..., inner, inner])
@@ -83,6 +85,7 @@ def textured(encoder: Encoder, guidance: Tensor, show: Progress = silent, tile: 
     texture = torch.empty(height, width, network.head.out_channels)
     for (row, col), size in followed(show, windows, "making the texture", len(windows)):
         window = encoder.prepared(surrounded(guidance, (row, col), size))
+        # (h, w, D), without the halo.
         part = network.decode(network.encode(window), pooled)[0, :, HALO:-HALO, HALO:-HALO].movedim(0, -1)
         # If a side is not a multiple of the stride, texels beyond the far border are cut off.
         there = texture[row : row + size[0], col : col + size[1]]

@@ -75,7 +75,7 @@ def _gram(pictures: Tensor, filters: Tensor, periodic: tuple[bool, bool]) -> Ten
         size = pictures.shape[dim]
         if wraps:
             pictures = pictures.index_select(dim, torch.arange(-half, size + half, device=pictures.device) % size)
-    responses = functional.conv2d(pictures, filters).relu().flatten(2)
+    responses = functional.conv2d(pictures, filters).relu().flatten(2)  # (B, F, texels)
     return responses @ responses.mT / responses.shape[2]
 
 
@@ -165,11 +165,17 @@ class Published(Guided):
         pairs = drawn.to(device, non_blocking=True)
         levels = self.averaged(texels[:, None], weights[:, None], pairs[:, :, None])  # (E, 1 + targets, h · w, 3)
         window = windows[0].at_origin()
-        views = pictures(levels[:, 0].flatten(0, 1), window.size)
+        views = pictures(levels[:, 0].flatten(0, 1), window.size)  # (E, 3, h, w), the inputs
         picture = self.disturbance.disturbed(displayed(self.exposed(views, pairs[:, 0])), generator)
         inner = window.inner().to(device, non_blocking=True)
         return Elements(
-            window, picture, pairs[:, 0], levels[:, 1:, inner], pairs[:, 1:], texels[:, inner], weights[:, inner]
+            window=window,
+            picture=picture,
+            views=pairs[:, 0],
+            targets=levels[:, 1:, inner],
+            pairs=pairs[:, 1:],
+            texels=texels[:, inner],
+            weights=weights[:, inner],
         )
 
     def averaged(self, texels: Tensor, weights: Tensor, pairs: Tensor) -> Tensor:
@@ -177,7 +183,7 @@ class Published(Guided):
         each = pairs[..., None]
         shape = torch.broadcast_shapes(texels.shape, each.shape)
         level = self.samples.at(texels.expand(shape).flatten(), each.expand(shape).flatten()).target
-        radiance = level.expm1().unflatten(0, shape)
+        radiance = level.expm1().unflatten(0, shape)  # (…, k, 3)
         return (radiance * weights[..., None]).sum(-2).log1p()
 
     def exposed(self, levels: Tensor, pairs: Tensor) -> Tensor:
@@ -201,12 +207,12 @@ class Published(Guided):
         latents = textures.flatten(2)[..., inner].movedim(1, -1)  # (E, n, D)
         count, targets, texels, _ = elements.targets.shape
 
-        repeated = latents[:, None].expand(-1, targets, -1, -1).flatten(0, 2)
-        pairs = elements.pairs[:, :, None].expand(-1, -1, texels).flatten()
+        repeated = latents[:, None].expand(-1, targets, -1, -1).flatten(0, 2)  # (E · targets · n, D)
+        pairs = elements.pairs[:, :, None].expand(-1, -1, texels).flatten()  # (E · targets · n,)
         rendered, levels = self.answered(repeated, pairs), elements.targets.flatten(0, 2)
         ours, truth = (shown(pictures(values, elements.window.inner_size)) for values in (rendered, levels))
 
-        if settings.texel_pairs:
+        if settings.texel_pairs:  # the pixels are compared at pairs of their own, E · n · texel_pairs answers
             drawn = torch.randint(self.samples.pairs, (count, texels, settings.texel_pairs), generator=generator)
             pairs = drawn.to(device, non_blocking=True)
             levels = self.averaged(elements.texels[:, :, None], elements.weights[:, :, None], pairs).flatten(0, 2)

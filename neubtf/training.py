@@ -94,7 +94,7 @@ class Guided(Objective):
         super().__init__(samples, settings)
         self.encoder = encoder
         self.renderer = Decoder(settings.architecture, generator)
-        self.renderer.start_at(samples.mean(generator), settings.init == "faint")
+        self.renderer.start_at(samples.mean(generator), everywhere=settings.init == "faint")
         self.disturbance = Disturbance(settings.hue, settings.blur, settings.noise)
         self.guidance = nn.Buffer(guidance, persistent=False)
 
@@ -122,7 +122,7 @@ class Guided(Objective):
 
     def radiance(self, window: Crop, texels: Tensor, pairs: Tensor) -> Tensor:
         """Log radiance (B, 3, h, w) of a window of the slices of some pairs (B,); averages are of radiance."""
-        each = pairs.to(texels.device, non_blocking=True).repeat_interleave(len(texels))
+        each = pairs.to(texels.device, non_blocking=True).repeat_interleave(len(texels))  # (B · texels,)
         values = pictures(self.samples.at(texels.repeat(len(pairs)), each).target, window.source)
         return values if window.keeps_scale else window.rescaled(values.expm1()).log1p()
 
@@ -154,7 +154,7 @@ class Staged(Guided):
     def rate(self, step: int, steps: int, group: int) -> float:
         """Each stage has its own warm-up and fall; after a direct stage, the guided one moves the encoder alone."""
         stage = self.stage(step)
-        start, end = [*self.starts, steps][stage : stage + 2]
+        start, end = [*self.starts, steps][stage : stage + 2]  # of the stage
         fixed = stage == 2 and self.settings.direct > 0 and group >= ENCODERS[self.settings.optimiser]
         return 0.0 if fixed else super().rate(step - start, end - start, group)
 
@@ -189,20 +189,24 @@ class Staged(Guided):
 
     def _taught(self, generator: torch.Generator) -> Tensor:
         """The squared error of the encoder's latents from the fitted texture's, over the deviation of each channel."""
-        example, texture = self.example(1.0, generator), self.texture.detach()
+        example = self.example(smallest=1.0, generator=generator)
+        texture = self.texture.detach()
         inner = example.inner
         error = by_texel(self.encoder(example.picture))[inner] - texture[example.texels[inner]]
         return (error / texture.std(0, correction=0).clamp_min(1e-3)).square().mean()
 
     def _guided(self, generator: torch.Generator) -> Tensor:
         """The loss of single random samples: a slice holds thousands of texels, but one pair only."""
-        example, size = self.example(self.settings.smallest, generator), (self.settings.batch,)
-        latents, inner = by_texel(self.encoder(example.picture)), example.inner
+        example = self.example(self.settings.smallest, generator)
+        size = (self.settings.batch,)
+        latents = by_texel(self.encoder(example.picture))
+        inner = example.inner
         here = inner[torch.randint(len(inner), size, generator=generator).to(latents.device, non_blocking=True)]
         pair = torch.randint(self.samples.pairs, size, generator=generator).to(latents.device, non_blocking=True)
-        index, weight = example.window.taps(here)
-        each = pair.repeat_interleave(index.shape[1])
-        values = self.samples.at(example.texels[index].flatten(), each).target.expm1().unflatten(0, index.shape)
+        index, weight = example.window.taps(here)  # (n, k)
+        each = pair.repeat_interleave(index.shape[1])  # (n · k,)
+        levels = self.samples.at(example.texels[index].flatten(), each).target
+        values = levels.expm1().unflatten(0, index.shape)  # (n, k, 3)
         truth = (values * weight[..., None]).sum(1).log1p()
         loss = distance(self.rendered(latents, here, pair), truth, self.settings.loss)
         return loss if example.pair is None else self.settings.explore_weight * loss

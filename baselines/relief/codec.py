@@ -49,9 +49,11 @@ class Network(nn.Module):
     def __init__(self, settings: Any, relief: bool, generator: torch.Generator | None = None):
         super().__init__()
         self.shadow: bool = relief and settings.shadow
+        # Latents, the level of detail, directions, and how far the relief rises into the ray to the light.
         inputs = total(settings) + 1 + COUNTS["xyzh"] + self.shadow
         widths = (settings.width,) * settings.layers
-        self.decoder = Decoder(Architecture(inputs, widths, 6 if self.shadow else 3, "silu"), generator)
+        outputs = 6 if self.shadow else 3  # radiance, and a mask of it
+        self.decoder = Decoder(Architecture(inputs, widths, outputs, activation="silu"), generator)
         self.offset = Offset(settings.offset, generator) if settings.offset and not relief else None
 
     @property
@@ -171,7 +173,7 @@ class ReliefMaterial(Material):
         # The relief is separate from the network: it holds places, which stay float32 even if the network is shorter.
         self.network, self.pyramids, self.relief, self.gain = network, pyramids, relief, gain
         self.names = list(tables)
-        for name, table in tables.items():
+        for name, table in tables.items():  # attributes, since `to` moves the tensors that are
             setattr(self, f"table_{name}", table)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
@@ -183,9 +185,10 @@ class ReliefMaterial(Material):
 def rectified(samples: Samples, height: Tensor, pair: Tensor) -> Tensor:
     """`Samples.slices` of the surface points of a height (H, W), where each view sees them, not of the plane."""
     centres = samples.centres(torch.arange(samples.texels, device=samples.device))
-    height, slices = height.reshape(-1, 1).to(samples.device), []
+    rise = height.reshape(-1, 1).to(samples.device)  # (texels, 1)
+    slices = []
     for i, flat in zip(pair.tolist(), samples.slices(pair).unbind(1), strict=True):
-        place = wrapped(centres - height * slope(samples.wo[i : i + 1], samples.shape))
+        place = wrapped(centres - rise * slope(samples.wo[i : i + 1], samples.shape))
         slices.append(sample_texture(flat.reshape(*samples.shape, 3), place))
     return torch.stack(slices, 1)
 
@@ -306,7 +309,7 @@ class Relief(Codec):
         surface = None
         if "height" in parts.texture:
             codes = expand(parts.texture["height"], (height, width, 1))[..., 0]
-            # Larger heights are from an altered file, but a search through them must still end.
+            # Larger heights, and NaN, are from an altered file, but a search through them must still end.
             surface = Surface(restored(codes, parts.texture["height.range"]).nan_to_num(0).clamp(-HIGHEST, HIGHEST))
         network = load_network(Network(self.settings, surface is not None), parts.decoder)
         pyramids = Pyramids(self.settings, (height, width), surface is not None)

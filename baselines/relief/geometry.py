@@ -48,7 +48,8 @@ class Surface(nn.Module):
         self.fine = [side * max(1, round(FINENESS / side)) for side in self.shape]
         if math.prod(self.fine) > MOST_FINE:  # a strip of texels
             self.fine = [*self.shape]
-        rise, wide = max(self.high - self.low, abs(self.low), abs(self.high)), self.shape[1] / self.shape[0]
+        rise = max(self.high - self.low, abs(self.low), abs(self.high))
+        wide = self.shape[1] / self.shape[0]
         self.margin = [int(rise / LOWEST * grow * side) + 2 for side, grow in zip(self.fine, (wide, 1), strict=True)]
         growth = math.prod(1 + 2 * more / side for side, more in zip(self.fine, self.margin, strict=True))
         self.wraps = growth > MOST_PADDED or growth * math.prod(self.fine) > MOST_FINE
@@ -58,13 +59,15 @@ class Surface(nn.Module):
 
     def _padded(self) -> Tensor:
         """The finer copy with its margin, sampled bilinearly in blocks: heights by row from the top and column."""
-        (rows, cols), (above, left), device = self.fine, self.margin, self.height.device
+        (rows, cols), (above, left) = self.fine, self.margin
+        device = self.height.device
         v = 1 - (torch.arange(-above, rows + above, device=device) + 0.5) / rows
         u = (torch.arange(-left, cols + left, device=device) + 0.5) / cols
         found = self.height.new_empty(len(v), len(u))
         tall, wide = max(1, BLOCK // len(u)), min(BLOCK, len(u))
         for row, col in itertools.product(range(0, len(v), tall), range(0, len(u), wide)):
             part = found[row : row + tall, col : col + wide]
+            # (rows, columns, 2); reversed, because v goes with the rows, but u comes first.
             uv = torch.stack(torch.meshgrid(v[row : row + tall], u[col : col + wide], indexing="ij")[::-1], -1)
             part.copy_(sample_texture(self.height, (uv - uv.floor()).flatten(0, 1)).reshape(part.shape))
         return found
@@ -89,14 +92,14 @@ class Surface(nn.Module):
         """
         along = slope(wo, self.shape)
         step = (self.high - self.low) / VIEW_STEPS
-        z = (self.high - step * torch.arange(VIEW_STEPS + 1, device=uv.device, dtype=uv.dtype))[:, None]
+        z = (self.high - step * torch.arange(VIEW_STEPS + 1, device=uv.device, dtype=uv.dtype))[:, None]  # (steps, 1)
         # How far the surface is above the ray, (steps, n): negative before the hit.
         over = self._nearest(*_along(uv, along, z)) - z  # queries last: reductions over steps are fast
         # The first step that is not above the surface has the highest rank of all such steps.
         rank = torch.arange(VIEW_STEPS, 0, -1, device=uv.device, dtype=torch.uint8)[:, None]
         # The last step is at the lowest height, where only rounding can keep a ray from the surface.
         first = (VIEW_STEPS - ((over[1:] >= 0) * rank).amax(0, keepdim=True).long()).clamp_max(VIEW_STEPS - 1)
-        upper, lower = z[first[0]], z[first[0] + 1]
+        upper, lower = z[first[0]], z[first[0] + 1]  # (n, 1), as their gaps; `first` is (1, n)
         upper_gap, lower_gap = over.gather(0, first).T.clamp_max(0), over.gather(0, first + 1).T.clamp_min(0)
         for _ in range(SECANTS):
             middle = lower + (upper - lower) * lower_gap / (lower_gap - upper_gap).clamp_min(1e-9)
@@ -113,7 +116,7 @@ class Surface(nn.Module):
         A place moves by `along` with z, and z = h there: so z changes by dh / (1 − ∇h · along), uv by that · `along`.
         """
         along = slope(wo, self.shape)
-        rise = sample_texture(height[..., None], uv)
+        rise = sample_texture(height[..., None], uv)  # (n, 1)
         with torch.no_grad():
             half = along / (2 * self.shape[1])
             ahead, behind = (sample_texture(self.height, wrapped(uv + move)) for move in (half, -half))
@@ -123,15 +126,15 @@ class Surface(nn.Module):
     def excess(self, uv: Tensor, z: Tensor, wi: Tensor) -> Tensor:
         """The largest rise (n, 1) of the surface, in texels, above rays from uv at height z (n, 1) toward wi."""
         along = slope(wi, self.shape)
-        share = (torch.arange(LIGHT_STEPS, device=uv.device, dtype=uv.dtype) + 0.5) / LIGHT_STEPS
-        rise = (self.high - z).clamp_min(0).T * share[:, None]
+        share = (torch.arange(LIGHT_STEPS, device=uv.device, dtype=uv.dtype) + 0.5) / LIGHT_STEPS  # (steps,)
+        rise = (self.high - z).clamp_min(0).T * share[:, None]  # (steps, n)
         over = self._nearest(*_along(uv, along, rise)) - (z.T + rise)
         return over.amax(0)[:, None] * self.shape[1]
 
 
 def _along(uv: Tensor, along: Tensor, z: Tensor) -> tuple[Tensor, Tensor]:
     """u and v (steps, n) of rays through uv (n, 2) at heights z (steps, n) or (steps, 1)."""
-    (u, v), (across, up) = uv.T.contiguous(), along.T.contiguous()
+    (u, v), (across, up) = uv.T.contiguous(), along.T.contiguous()  # (n,) each
     return u + across * z, v + up * z
 
 
@@ -169,7 +172,7 @@ def shifted(slices: Tensor, view: Tensor, z: float) -> Tensor:
     x, y, up = view.tolist()
     # In texels, which are square; rows count downwards, y upwards.
     cols, rows = -z * x / up * slices.shape[2], z * y / up * slices.shape[2]
-    return _moved(_moved(slices, rows, 1), cols, 2)
+    return _moved(_moved(slices, rows, axis=1), cols, axis=2)
 
 
 def _moved(slices: Tensor, texels: float, axis: int) -> Tensor:
@@ -184,8 +187,9 @@ def blurred(costs: Tensor) -> Tensor:
     reach = torch.arange(-2, 3)
     kernel = (-0.5 * (reach / BLUR).square()).exp()
     for axis in (1, 2):
-        costs = torch.stack([k * costs.roll(int(r), axis) for k, r in zip(kernel / kernel.sum(), reach, strict=True)])
-        costs = costs.sum(0)
+        shares = zip(kernel / kernel.sum(), reach, strict=True)
+        weighted = torch.stack([share * costs.roll(int(step), axis) for share, step in shares])  # (5, Z, H, W)
+        costs = weighted.sum(0)
     return costs
 
 
@@ -196,8 +200,8 @@ def least(costs: Tensor) -> Tensor:
 
 def refined(costs: Tensor, heights: Tensor) -> Tensor:
     """The height (H, W) of least cost, by a parabola through it and its two neighbours."""
-    best = least(costs).clamp(1, len(heights) - 2)
-    below, at, above = (costs.gather(0, best + step)[0] for step in (-1, 0, 1))
+    best = least(costs).clamp(1, len(heights) - 2)  # (1, H, W)
+    below, at, above = (costs.gather(0, best + step)[0] for step in (-1, 0, 1))  # (H, W) each
     bend = (below - 2 * at + above).clamp_min(1e-9)
     place = best[0] + (0.5 * (below - above) / bend).clamp(-0.5, 0.5)
     return (heights[0] + place * (heights[1] - heights[0])).cpu()

@@ -45,7 +45,7 @@ def refine(height: Tensor, slices: Tensor, views: Tensor) -> Tensor:
     costs = []
     for z in heights.tolist():
         moved = torch.cat([shifted(each, view, z) for each, view in zip(slices, views, strict=True)])
-        left = moved.flatten(1) * weight - mean
+        left = moved.flatten(1) * weight - mean  # (N, H · W)
         costs.append((left - basis @ (basis.T @ left)).abs_().mean(0).reshape(height.shape))
     return refined(blurred(torch.stack(costs)), heights)
 
@@ -67,16 +67,19 @@ def _components(height: Tensor, slices: Tensor, views: Tensor) -> tuple[Tensor, 
     mean = (radiance * weight).mean(1, keepdim=True)
     apart = radiance * weight - mean
     double = apart.double()
-    return apart, mean, weight, torch.linalg.eigh(double @ double.T)[1][:, -COMPONENTS:].to(radiance)
+    basis = torch.linalg.eigh(double @ double.T)[1][:, -COMPONENTS:]  # the last have the largest eigenvalues
+    return apart, mean, weight, basis.to(radiance)
 
 
 def hidden(height: Tensor, views: Tensor) -> float:
     """The share of surface points, over all views (V, 3), that another point hides by more than a texel."""
-    surface, flat, shape = Surface(height), height.reshape(-1, 1), (height.shape[0], height.shape[1])
+    surface = Surface(height)
+    flat = height.reshape(-1, 1)
+    shape = (height.shape[0], height.shape[1])
     count = 0
     for view in views.float():
         along = slope(view[None], shape)
-        met = surface.meet(wrapped(_places(height, view)), view.expand(len(flat), 3))[1]
+        _, met = surface.meet(wrapped(_places(height, view)), view.expand(len(flat), 3))  # heights (H · W, 1)
         count += int(((met - flat).abs() * along.norm() * shape[1] > 1).sum())
     return count / (len(views) * len(flat))
 
@@ -139,7 +142,7 @@ def _likeness(one: Tensor, other: Tensor) -> float:
 
 def _grid(layout: Layout) -> np.ndarray | None:
     """Pairs (V, L) of some views, the most frontal first, each with the same lights; None if there are too few."""
-    pairs = np.full((len(layout.views), len(layout.lights)), -1)
+    pairs = np.full((len(layout.views), len(layout.lights)), -1)  # −1: not measured
     pairs[layout.view, layout.light] = np.arange(len(layout.view))
     front = int(np.argmax(np.where((pairs >= 0).sum(1) > 1, layout.views[:, 2], -1)))
     lights = np.flatnonzero(pairs[front] >= 0)

@@ -192,5 +192,5 @@ def _places(picture: tuple[int, int], size: tuple[int, int], rng: np.random.Gene
     regular grid would hit the same texels of a regular texture again and again."""
     place_in_cell = 0.5 if size == picture else rng.random((2, *size))
     pixels_a_cell = np.array(picture) / np.array(size)
-    row, col = (np.mgrid[: size[0], : size[1]] + place_in_cell) * pixels_a_cell[:, None, None]
+    row, col = (np.mgrid[: size[0], : size[1]] + place_in_cell) * pixels_a_cell[:, None, None]  # (H, W) each
     return col.ravel(), row.ravel()

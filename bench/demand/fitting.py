@@ -59,7 +59,8 @@ class Problem:
 
 def density_of(demand: Demand, layout: Layout, window: Window, uniform: float) -> Density:
     """The density of a demand over the pairs of a BTF cut to a window."""
-    weights, importance = pair_weights(layout, demand), demand.importance
+    weights = pair_weights(layout, demand)
+    importance = demand.importance
     cos_i = torch.from_numpy(layout.lights[layout.light, 2]).clamp_min(1e-3)  # as in `PairInterpolator`
     wi = torch.from_numpy(demand.wi)
     uv = window.within(torch.from_numpy(demand.uv(window.size)).double()).float()
@@ -69,7 +70,7 @@ def density_of(demand: Demand, layout: Layout, window: Window, uniform: float) -
     weight = weights.weight * wi[:, 2:] / cos_i[weights.sample.long()]
     share = torch.from_numpy(shares_from_weights(weights, importance, len(layout.view)))
     wo = torch.from_numpy(demand.wo)
-    return Density(uv, footprint, wo, wi, cumulative, weights.sample, weight, share, uniform)
+    return Density(uv, footprint, wo, wi, cumulative, weights.sample, weight, per_pair=share, uniform=uniform)
 
 
 def encode(codec: Codec, btf: BTF, fit: Fit, demand: Demand, uniform: float = UNIFORM) -> Parts:
@@ -181,7 +182,8 @@ class Search:
 
     def model(self, codec: Codec, name: str) -> Model:
         """Fit a codec, to the scene if its settings say so, else to the whole BTF; decode its file and score it."""
-        fit, path = self.fit(), self.folder / f"{name}{container.SUFFIX}"
+        fit = self.fit()
+        path = self.folder / f"{name}{container.SUFFIX}"
 
         def to_scene(_: BTF, fit: Fit) -> Parts:
             return self.problem.encode(codec, fit)  # the same problem for every size
@@ -227,7 +229,8 @@ def outside(scorer: FrameScorer, material: Material) -> float | None:
         return None
     spread = np.linspace(0, len(untouched) - 1, min(OUTSIDE_PAIRS, len(untouched)))
     some = untouched[spread.astype(int)]
-    btf, scale = scorer.btf, exposure(scorer.btf)
+    btf = scorer.btf
+    scale = exposure(btf)
     errors = []
     for pair in some:
         decoded = material.slice(btf.wo[pair].tolist(), btf.wi[pair].tolist(), btf.shape).cpu().numpy()
@@ -241,7 +244,8 @@ def held_out(btf: BTF, scorer: FrameScorer, material: Material) -> float | None:
     shares = shares_of_others(scorer.btf.layout, scorer.demand, btf.wo, btf.wi)
     if not shares.any():
         return None
-    used, scale = np.flatnonzero(shares), exposure(scorer.btf)
+    used = np.flatnonzero(shares)
+    scale = exposure(scorer.btf)
     values = []
     for pair in used:
         decoded = material.slice(btf.wo[pair].tolist(), btf.wi[pair].tolist(), btf.shape).cpu().numpy()

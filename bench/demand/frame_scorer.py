@@ -37,7 +37,7 @@ def table_of(btf: BTF) -> BTF:
 def truth(btf: BTF, demand: Demand, show: Progress = silent) -> Array:
     """Linear radiance (n, 3) float32, not negative, for the queries of a demand. Each slice is read at most once."""
     weights = pair_weights(btf.layout, demand, radiance=True)
-    pair, weight = weights.sample.numpy().ravel(), weights.weight.numpy().ravel()
+    pair, weight = weights.sample.numpy().ravel(), weights.weight.numpy().ravel()  # (n · k,)
     used = np.flatnonzero(weight > 0)
     used = used[np.argsort(pair[used], kind="stable")]
     # Where the rows of each pair begin, and where the last ones end.
@@ -67,8 +67,8 @@ def _filtered(picture: Array, uv: torch.Tensor, level: torch.Tensor) -> torch.Te
         if some.any():
             texture = torch.from_numpy(np.ascontiguousarray(box_filter(picture, 2**number), np.float32))
             # A level omits texels that do not fill a box; see `bench.btf` for the frame.
-            height, width = (side / (side // 2**number * 2**number) for side in picture.shape[:2])
-            uv_of_level = torch.stack([uv[some, 0] * width, 1 - (1 - uv[some, 1]) * height], 1)
+            down, across = (side / (side // 2**number * 2**number) for side in picture.shape[:2])
+            uv_of_level = torch.stack([uv[some, 0] * across, 1 - (1 - uv[some, 1]) * down], 1)
             out[some] += share[some, None] * sample_texture(texture, uv_of_level)
     return out
 

@@ -166,7 +166,8 @@ def _unit_of(surface: Surface) -> Array:
 
 def _slopes(surface: Surface, place: Array) -> Array:
     """The slopes (n, 2) of the cloth along u and v at places (n, 2) of the plane."""
-    scale, step = _unit_of(surface), 1e-5
+    scale = _unit_of(surface)
+    step = 1e-5
     place = place / scale[:2]
     rise = [_height(place + move) - _height(place - move) for move in step * np.eye(2)]
     return np.stack(rise, 1) / (2 * step) * scale[2] / scale[:2]
@@ -174,11 +175,12 @@ def _slopes(surface: Surface, place: Array) -> Array:
 
 def _drape_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
     """The first crossing of each ray: steps through the box around the cloth, then halvings."""
-    axes, scale = np.stack(_axes(surface), 1), _unit_of(surface)
+    axes = np.stack(_axes(surface), 1)  # (3, 3), an axis a column
+    scale = _unit_of(surface)
     start, way = (eye - np.asarray(surface.centre)) @ axes / scale, ahead @ axes / scale
     low, high = np.array([-DRAPE_HALF, -DRAPE_HALF, DRAPE_LOW]), np.array([DRAPE_HALF, DRAPE_HALF, DRAPE_HIGH])
     with np.errstate(divide="ignore", invalid="ignore"):
-        sides = np.stack([(low - start) / way, (high - start) / way])
+        sides = np.stack([(low - start) / way, (high - start) / way])  # (2, n, 3)
     enter, leave = np.maximum(np.nanmax(sides.min(0), 1), 0), np.nanmin(sides.max(0), 1)
     distances = np.full(len(way), np.inf)
     some = np.flatnonzero(enter < leave)
@@ -189,7 +191,8 @@ def _drape_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
         place = start + way * along[:, None]
         return np.asarray(place[:, 2] > _height(place[:, :2]))
 
-    first, step = above(enter), (leave - enter) / STEPS
+    first = above(enter)
+    step = (leave - enter) / STEPS
     crossed = np.full(len(some), np.inf)
     for number in range(STEPS, 0, -1):  # from far to near, so that the nearest crossing is kept
         crossed[above(enter + step * number) != first] = number

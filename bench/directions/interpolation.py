@@ -62,7 +62,8 @@ class Hemisphere(nn.Module):
     def _triangulate(self, points: np.ndarray) -> None:
         """Triangulate the samples (m, 2) of the plane, and keep what a search needs as buffers."""
         triangles = Delaunay(points).simplices
-        corners = points[triangles]
+        corners = points[triangles]  # (t, 3, 2)
+        # (t, 2, 2), an edge a column.
         spans = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], -1)
         sound = np.abs(np.linalg.det(spans)) > 1e-9  # Qhull keeps degenerate slivers of collinear rings; drop them
         triangles, corners, spans = triangles[sound], corners[sound], spans[sound]
@@ -91,13 +92,13 @@ class Hemisphere(nn.Module):
         """What `_barycentric` promises, for one block of points: the candidate whose least weight is largest. Inside a
         triangle no weight is negative."""
         cell = ((points + 1) * (CELLS / 2)).long().clamp(0, CELLS - 1)  # column and row; rows go up with y
-        candidates = self.candidates[cell[:, 1] * CELLS + cell[:, 0]]
+        candidates = self.candidates[cell[:, 1] * CELLS + cell[:, 0]]  # (n, k), as a to f
         # One number of the map at a time, because tensors (n, candidates, 2, 2) take twice as long.
         a, b, c, d, e, f = self.affine.flatten(1)[candidates].unbind(-1)
         x, y = points[:, :1], points[:, 1:]
         second, third = a * x + b * y + c, d * x + e * y + f
         first = 1 - (second + third)
-        best = torch.minimum(torch.minimum(first, second), third).argmax(1, keepdim=True)
+        best = torch.minimum(torch.minimum(first, second), third).argmax(1, keepdim=True)  # (n, 1)
         weights = torch.cat([weight.gather(1, best) for weight in (first, second, third)], 1)
         return candidates.gather(1, best)[:, 0], weights
 
@@ -107,11 +108,11 @@ class Hemisphere(nn.Module):
 
     def _projected(self, points: Tensor) -> tuple[Tensor]:
         """What `_onto_hull` promises, for one block of points; a tuple, as `_in_blocks` needs it."""
-        start, end = self.edges[:, 0], self.edges[:, 1]
+        start, end = self.edges[:, 0], self.edges[:, 1]  # (e, 2) each
         along = end - start
         # The place along each edge, 0 at its start and 1 at its end: (n, e).
         t = ((points[:, None] - start) * along).sum(-1) / (along * along).sum(-1)
-        nearest = start + t.clamp(0, 1)[..., None] * along
+        nearest = start + t.clamp(0, 1)[..., None] * along  # (n, e, 2)
         best = (points[:, None] - nearest).square().sum(-1).argmin(1)
         return (nearest[torch.arange(len(points), device=points.device), best],)
 
@@ -227,6 +228,7 @@ class PairInterpolator(nn.Module):
     def _tensor_product(self, wo: Tensor, wi: Tensor) -> Weights:
         """Pairs and weights (n, k) of each sample of the view with each of the light, the light fastest."""
         view, light = self.views(wo), self.lights(wi)
+        # (n, views, lights)
         index = self.grid[view.sample[:, :, None], light.sample[:, None, :]]
         weight = view.weight[:, :, None] * light.weight[:, None, :]
         return Weights(index.flatten(1), weight.flatten(1))

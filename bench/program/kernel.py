@@ -152,7 +152,8 @@ def called_product(kind: ModuleType, inputs: Sequence[Scalar], matrix: Array) ->
     In line, LLVM takes minutes for tens of thousands of literals, and a kernel that evaluates a network several times
     contains them several times. Functions of a few outputs each compile in seconds, once; their sums stay in registers.
     """
-    given, backend = [kind.Float(value) for value in inputs], dr.backend_v(kind.Float)
+    given = [kind.Float(value) for value in inputs]
+    backend = dr.backend_v(kind.Float)
     # A switch with one case; its number, 0, must not be a constant, else LLVM would inline the function.
     zero = dr.select(given[0] > 0, kind.UInt32(1), kind.UInt32(0)) >> 1
     outputs: list[Scalar] = []

@@ -200,7 +200,7 @@ def _rows(items: Array, axes: Any) -> Rows:
     if axes is None or axes == []:
         return [listed(items)]
     axes = axes if isinstance(axes, list) else [axes]
-    reduced = [axis % items.ndim for axis in axes]
+    reduced = [axis % items.ndim for axis in axes]  # negative ones count from the end
     others = [axis for axis in range(items.ndim) if axis not in reduced]
     count = math.prod(items.shape[axis] for axis in reduced)
     rows = items.transpose(*others, *reduced).reshape(-1, count)
@@ -289,7 +289,7 @@ def looked_up(m: Backend, rows: Array, index: Scalar, kind: str) -> list[Scalar]
 @operation("index_select")
 def _index_select(m: Backend, step: Step, table: Value, axis: int, index: Value) -> Array:
     """The parts of a tensor at some indices along one axis."""
-    lead = np.moveaxis(table.items, axis, 0)
+    lead = np.moveaxis(table.items, axis, 0)  # the indexed axis first
     rows = lead.reshape(len(lead), -1)
     chosen = as_array([looked_up(m, rows, i, step.kind) for i in listed(index.items)])
     return np.moveaxis(chosen.reshape(index.items.size, *lead.shape[1:]), 0, axis)

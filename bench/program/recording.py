@@ -82,7 +82,7 @@ def _first(source: Tensor, count: int, axis: int = -1, largest: bool = True, ran
         raise InputError(f"it ranks {rows:,} numbers, but the limit is {MOST_RANKED}")
     last = torch.finfo(source.dtype).max / (-2 if largest else 2)  # it comes after every number there may be
     axes_after = source.ndim - 1 - axis % source.ndim
-    numbers = torch.arange(rows).unflatten(0, [rows] + [1] * axes_after)
+    numbers = torch.arange(rows).unflatten(0, [rows] + [1] * axes_after)  # (rows, 1, …)
     places, values = [], []
     for _ in range(count):
         find = source.argmax if largest else source.argmin
@@ -161,7 +161,8 @@ class _Recorder:
             table, index, offsets, _, mode, _, *weights = arguments
             if mode != 0:
                 raise InputError("an embedding bag that is not a sum")
-            arguments, value = [table, index, len(offsets), *weights[:1]], value[0]
+            arguments = [table, index, len(offsets), *weights[:1]]
+            value = value[0]
             self.values[node.name] = [node.name]  # of its several results only the first, the sums, may be used
         elif operation in ("split_with_sizes", "split", "unbind"):
             self._split(node, operation, arguments)

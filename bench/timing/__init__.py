@@ -54,7 +54,7 @@ class Queries:
         if self.coherent:
             centres = texel_centres(*size)
             uv = centres.repeat(-(-self.batch // len(centres)), 1)[: self.batch]
-            pair = from_degrees([40, 20], [30, 200])
+            pair = from_degrees([40, 20], [30, 200])  # a view and a light
             wo, wi = (torch.from_numpy(w).expand(self.batch, 3) for w in pair)
         else:
             uv = torch.from_numpy(rng.random((self.batch, 2), np.float32))
@@ -153,7 +153,8 @@ def in_turns(
     (`TURNS` by default); with `kept`, turns survive an interruption."""
     turns = turns or TURNS
     floor = partial(_Floor(size).to(device).query, *Queries(batch).draw(size, device))
-    rng, clock = np.random.default_rng(0), clock_of(threads)
+    rng = np.random.default_rng(0)
+    clock = clock_of(threads)
     orders = [rng.permutation(len(calls)) for _ in range(turns)]
     samples = np.empty((turns, len(calls)))  # ns a call, in the order of `calls`
     floors = np.empty((turns, len(calls) + 1))  # before the first call of a turn and after each, in its own order

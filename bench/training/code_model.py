@@ -85,7 +85,7 @@ class Canvas:
             total = int(sizes.sum())
             if total:
                 before = np.cumsum(sizes) - sizes  # texels of the channels before each
-                place = np.arange(total) + np.repeat(start - before, sizes)
+                place = np.arange(total) + np.repeat(start - before, sizes)  # in `order`
                 yield self.order[place], np.repeat(some, sizes)
 
     def fill(self, planes: Ints, plane: int, values: Ints) -> None:
@@ -102,7 +102,7 @@ class Canvas:
 
         left, above = back(1), back(self.stride)
         above_right, above_left = back(self.stride - 1), back(self.stride + 1)
-        return (3 * (left + above) + above_right + above_left) >> 3
+        return (3 * (left + above) + above_right + above_left) >> 3  # over the sum of the weights
 
     def offset(self, term: int) -> int:
         """From a code to the one that a term reads, in an array of planes."""
@@ -189,7 +189,7 @@ class CodeModel:
         """The scale (n,) of what remains, from the activity near by."""
         constant, of_around, of_before, _ = self.mixture[channel].T
         share = constant * ONE + of_around * around + of_before * before
-        return np.maximum((self.scale[channel] * share) >> 10, 1)
+        return np.maximum((self.scale[channel] * share) >> 10, 1)  # 16 and `ONE` count as 1
 
     def value(self, channel: Ints | int, code: Ints) -> Ints:
         """What a code (n,) stands for, on the scale of eight bits."""
@@ -201,7 +201,7 @@ class CodeModel:
 
     def activity(self, channel: Ints | int, value: Ints, guess: Ints, before: Ints) -> Ints:
         """The activity (n,) of a texel up to this channel, from that up to the one before."""
-        here = (np.abs(ONE * value - guess) * ((1 << 20) // self.scale[channel])) >> 14
+        here = (np.abs(ONE * value - guess) * ((1 << 20) // self.scale[channel])) >> 14  # error / scale · `ONE`
         return (3 * before + np.minimum(here, 255)) >> 2  # below 256, so that it fits a byte
 
     def taps(self, canvas: Canvas) -> tuple[Ints, NDArray[np.int32]]:
@@ -221,7 +221,7 @@ class CodeModel:
         first = ONE // 2 * ((-2 * self.middle[channel] - 1) << (8 - bits))
         start = (first - guess) * steepness
         slope = (ONE << (8 - bits)) * steepness
-        middle = self.mixture[channel, 3] * (2 * REACH) + REACH
+        middle = self.mixture[channel, 3] * (2 * REACH) + REACH  # of the shape's table
         codes = 1 << bits
         return Curve(start, slope, middle, codes, TOTAL - codes)
 
@@ -272,7 +272,7 @@ def cumulative() -> Ints:
             total = total + term
         sine = _root((square << 34) // whole)
         upper = np.maximum.accumulate(TOTAL // 2 + (sine * total >> 26))
-        tables.append(np.concatenate([TOTAL - upper[-1:], TOTAL - upper[:0:-1], upper]))
+        tables.append(np.concatenate([TOTAL - upper[-1:], TOTAL - upper[:0:-1], upper]))  # symmetric
     return np.concatenate(tables)
 
 

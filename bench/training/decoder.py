@@ -121,7 +121,7 @@ class Decoder(Network):
             return saturated(norm(saturated(layer(x))))
         hidden = functional.linear(x, layer.weight - layer.weight.mean(0), layer.bias - layer.bias.mean())
         length = torch.linalg.vector_norm(hidden, dim=1, keepdim=True)
-        hidden *= length.square_().div_(hidden.shape[1]).add_(norm.eps).rsqrt_()
+        hidden *= length.square_().div_(hidden.shape[1]).add_(norm.eps).rsqrt_()  # length is (n, 1)
         return torch.addcmul(norm.bias, hidden, norm.weight, out=hidden)
 
     def _activate(self, x: Tensor) -> Tensor:

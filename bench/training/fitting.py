@@ -173,6 +173,7 @@ class _Loop:
         samples = objective.samples
         # A network for all materials is judged by materials that it does not learn from, where there are some.
         draw = samples.draw_unseen if samples.trained < samples.texels else samples.draw
+        # Numbers of its own, so that the fit's do not depend on it.
         self.probe = draw(PROBE, torch.Generator().manual_seed(fit.seed ^ 0x0B5E))
         self.saved = self.shown = time.perf_counter()  # when the state was last saved, and the progress last shown
         self.started = processor_seconds()
@@ -281,7 +282,8 @@ class _Loop:
                 f"the fit diverged {RESCUES + 1} times, the last near step {self.step}, at a learning rate of "
                 f"{self.highest[0] / 2**self.halvings:.2g}: choose a lower one"
             )
-        failed, halvings = self.step, self.halvings + 1
+        failed = self.step
+        halvings = self.halvings + 1  # `_restore` also brings back the earlier number
         self._restore(self.good)
         self.halvings = halvings
         log.warning("the fit diverged near step %d: back to step %d with half the learning rate", failed, self.step)
@@ -300,7 +302,8 @@ class _Loop:
             level = self.objective.predict(self.probe, progress)
         if not (level - self.probe.target).square().mean() <= AWAY**2:  # also if it is NaN
             return False
-        psnr, seconds = display_psnr(level, self.probe.target), processor_seconds() - self.started
+        psnr = display_psnr(level, self.probe.target)
+        seconds = processor_seconds() - self.started
         self.curve.append((self.step, seconds, psnr))
         self.fit.log(self.step, seconds=seconds, psnr=psnr)
         return True

@@ -67,14 +67,14 @@ class Grids(nn.Module):
         super().__init__()
         self.values: Any = nn.ParameterDict()
         self.roundings: Any = nn.ModuleDict()
-        picture = first.T.unflatten(1, shape)
+        picture = first.T.unflatten(1, shape)  # (C, H, W)
         start = 0
         for name, count in channels(settings, offset).items():
             part = picture[:count] if name == "offset" else picture[start : start + count]
             start += len(part)
             missing = picture.new_zeros(count - len(part), *shape)  # of an offset of more channels than all latents
             mean = functional.adaptive_avg_pool2d(torch.cat([part, missing]), size_of(name, shape))
-            self.values[name] = nn.Parameter(mean.permute(1, 2, 0).contiguous())
+            self.values[name] = nn.Parameter(mean.permute(1, 2, 0).contiguous())  # (h, w, C)
             self.roundings[name] = Rounding(count, settings.bits)
 
     def rounded(self) -> dict[str, Tensor]:
@@ -109,7 +109,7 @@ class Offset(nn.Module):
 
     def __init__(self, width: int, generator: torch.Generator | None = None):
         super().__init__()
-        self.decoder = Decoder(Architecture(OFFSET_CHANNELS + 3, (width,), 1), generator)
+        self.decoder = Decoder(Architecture(OFFSET_CHANNELS + 3, (width,), outputs=1), generator)  # and x, y, z of ω_o
         self.gate = nn.Parameter(torch.zeros(1))
 
     @property

@@ -45,12 +45,13 @@ class Frames(nn.Linear):
     def turned(self, latents: Tensor, directions: Tensor) -> Tensor:
         """Directions (n, D, 3) on the axes tangent, bitangent, normal of each frame in turn: (n, D · count · 3)."""
         # Queries last: a product of small matrices for each query takes three times as long.
+        # (count, 2, 3, n)
         found = saturated(self(latents)).to(directions.dtype).mT.contiguous().unflatten(0, (self.count, 2, 3))
-        length = found.square().sum(2, keepdim=True).clamp_min(1e-24).sqrt()
-        normal, tangent = (found / length).unbind(1)
+        length = found.square().sum(2, keepdim=True).clamp_min(1e-24).sqrt()  # (count, 2, 1, n)
+        normal, tangent = (found / length).unbind(1)  # (count, 3, n) each
         bitangent = torch.linalg.cross(normal, tangent, dim=1)
-        axes = torch.stack([tangent, bitangent, normal], 1).flatten(0, 1)
-        turned = (directions.permute(1, 2, 0).contiguous()[:, None] * axes).sum(2)
+        axes = torch.stack([tangent, bitangent, normal], 1).flatten(0, 1)  # (count · 3, 3, n): each axis its x, y, z
+        turned = (directions.permute(1, 2, 0).contiguous()[:, None] * axes).sum(2)  # (D, count · 3, n)
         return turned.flatten(0, 1).mT
 
     def forward(self, latents: Tensor) -> Tensor:

@@ -109,9 +109,10 @@ def _walk(model: CodeModel, canvas: Canvas, code_step: Step) -> None:
     activity = np.full((1 + channels) * plane, USUAL, np.uint8)  # the first plane is before all channels
     for texel, channel in canvas.steps(channels):
         cell = channel * plane + canvas.cells[texel]
-        near = values.take(cell[:, None] + offsets.take(channel, 0))
+        near = values.take(cell[:, None] + offsets.take(channel, 0))  # (n, T)
         guess = model.guess(np.einsum("ij,ij->i", near, weights.take(channel, 0)).astype(np.int64))
-        before, around = activity[cell].astype(np.int64), canvas.around(activity, cell + plane)
+        before = activity[cell].astype(np.int64)
+        around = canvas.around(activity, cell + plane)
         deviation = model.deviation(channel, around, before)
         code = code_step(texel, channel, model.curve(channel, guess, (1 << 26) // deviation))
         value = model.value(channel, code)
@@ -126,7 +127,8 @@ class _Reader:
     """The coders of some bytes: their states (lanes,), and the words that are still to be read."""
 
     def __init__(self, model: CodeModel, data: bytes, lanes: int):
-        self.model, self.taken = model, 0  # words read so far
+        self.model = model
+        self.taken = 0  # words read so far
         if len(data) < 4 * lanes or len(data) % 2:
             raise InputError(f"a texture of this file has {len(data)} bytes for {lanes} coders: encode it again")
         self.state = np.frombuffer(data, "<u4", lanes).astype(np.int64)
@@ -136,8 +138,9 @@ class _Reader:
     def codes(self, curve: Curve) -> Ints:
         """The next code (n,) of as many coders: that whose share of the frequencies holds the state's low bits."""
         state = self.state[: len(curve.start)]
-        slot = state & TOTAL - 1
+        slot = state & TOTAL - 1  # the low 16 bits
         code = np.zeros_like(slot)
+        # The largest code whose share begins at the slot or below it, bit by bit from the highest.
         for bit in reversed(range(self.most)):
             tried = code + (1 << bit)
             up = curve.inside(tried) <= slot
@@ -151,7 +154,8 @@ class _Reader:
         if end > len(self.words):
             raise InputError("a texture of this file ends before its codes: encode it again")
         state[empty] = state[empty] << 16 | self.words[self.taken : end]
-        self.taken, self.state[: len(state)] = end, state
+        self.taken = end
+        self.state[: len(state)] = state
         return code
 
     def close(self) -> None:
@@ -164,7 +168,8 @@ def fitted(codes: NDArray[np.uint8], bits: Ints, canvas: Canvas) -> CodeModel:
     """The model of codes (N, C): of each channel the terms, then the spread of what remains, then the mixture."""
     count, channels = codes.shape
     middle = codes.mean(0).round().astype(np.int64)
-    model = CodeModel(bits, middle, np.zeros_like(bits), np.tile(np.array(FIRST, np.int64), (channels, 1)), [])
+    first = np.tile(np.array(FIRST, np.int64), (channels, 1))
+    model = CodeModel(bits, middle, spread=np.zeros_like(bits), mixture=first, terms=[])
     values = np.zeros(channels * canvas.plane, np.int32)
     for channel in range(channels):
         canvas.fill(values, channel, model.value(channel, codes[:, channel].astype(np.int64)))
@@ -172,7 +177,8 @@ def fitted(codes: NDArray[np.uint8], bits: Ints, canvas: Canvas) -> CodeModel:
     activity = np.full((1 + channels) * canvas.plane, USUAL, np.uint8)
     for channel in range(channels):
         cell = canvas.cells + channel * canvas.plane
-        model.terms.append(_terms(values, cell[some], channel, count, float(1 << 8 - bits[channel]), canvas))
+        step = float(1 << (8 - bits[channel]))
+        model.terms.append(_terms(values, cell[some], channel, count, step, canvas))
         weighted = np.zeros_like(cell)
         for term, weight in model.terms[-1]:
             weighted = weighted + values[cell + canvas.offset(term)] * weight
@@ -206,6 +212,7 @@ def _terms(values: Ints, cell: Ints, channel: int, count: int, step: float, canv
     chosen: list[int] = []
     weights = np.zeros(0)
     while len(chosen) < MOST_TERMS:
+        # What each term would still explain, by the part of it that the chosen ones do not explain.
         both = inner[chosen]
         solved = np.linalg.solve(both[:, chosen], both) if chosen else both
         unexplained = np.maximum(inner.diagonal() - (both * solved).sum(0), 1e-3 * len(cell))

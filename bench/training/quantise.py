@@ -44,7 +44,7 @@ def unpack(name: str, tensors: dict[str, Tensor]) -> Tensor:
 
 def pack_bits(codes: Tensor, bits: int) -> Tensor:
     """Whole numbers (n,) below 2^bits as bytes, uint8: their bits one after the other, each number's lowest first."""
-    flags = codes.cpu().numpy()[:, None] >> np.arange(bits) & 1
+    flags = codes.cpu().numpy()[:, None] >> np.arange(bits) & 1  # (n, bits)
     return torch.from_numpy(np.packbits(flags.astype(np.uint8)))
 
 

@@ -46,6 +46,7 @@ class Samples:
             self.wi = torch.cat([self.wi, self.density.wi.to(fit.device)])
         self.table: Tensor | None = None  # (texels, pairs, 3)
         if self.table_bytes <= memory_limit:
+            # As a level that averages 1 texel a side.
             (table,) = _filled({1: self}, fit.progress(btf, total=len(btf)))
             self.table = table.to(fit.device)
 
@@ -121,7 +122,7 @@ class Samples:
             return self.at(texel, direction)
         pair, weight = self.density.around(direction)
         around = self.at(texel.repeat_interleave(pair.shape[1]), pair.flatten())
-        corners = around.target.unflatten(0, pair.shape)
+        corners = around.target.unflatten(0, pair.shape)  # (n, k, 3)
         mean = (corners.expm1() * weight[..., None]).sum(1)
         return Batch(texel, direction, mean.log1p())
 

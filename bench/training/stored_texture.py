@@ -99,12 +99,13 @@ def choose_bits(roundings: Sequence[Rounding], answers: Callable[[], Tensor], ta
         felt: list[Tensor] = []
         for channel in range(values.shape[-1]):
             alone = torch.zeros_like(values)
-            alone[..., channel] = change[..., channel]
+            alone[..., channel] = change[..., channel]  # no other channel is rounded
             each.trial = partial(torch.add, alone)
             felt.append((answers() - exact).square().mean())
         each.trial = None
         flat = values.flatten(0, -2)
-        some = flat[:: -(-len(flat) // MEASURED)]
+        some = flat[:: -(-len(flat) // MEASURED)]  # at most so many, evenly
+        # (C, n): the mean squared change of each channel with each number of bits.
         spread = torch.stack([_change(some, bits).square().mean(0) for bits in range(least, MOST_BITS + 1)], 1)
         of_probed = spread[:, probed - least].clamp_min(1e-30)
         noise.append(spread * (torch.stack(felt) / of_probed)[:, None])
@@ -172,7 +173,7 @@ def shared_out(noise: Tensor, sizes: Tensor, total: int, bearable: float, least:
     """
     bits = torch.full((len(noise),), least)
     while (bits * sizes).sum() < min(total, MOST_BITS * int(sizes.sum())):
-        added = noise.gather(1, bits[:, None] - least)[:, 0]
+        added = noise.gather(1, bits[:, None] - least)[:, 0]  # (C,), of the bits so far
         if added.sum() <= bearable:
             break
         worth = torch.where(bits < MOST_BITS, added / sizes, -torch.inf)

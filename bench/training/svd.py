@@ -67,12 +67,12 @@ def truncated_svd(
     space = torch.zeros(depth, size, texels, device=device)
     image = torch.randn(size, texels, generator=generator).to(device)
     for step in range(passes - 1):
-        power = space[step % depth].zero_()
+        power = space[step % depth].zero_()  # the oldest image gives way
         for _, block in _centred(read(f"pass {step + 1} of {passes}"), mean, first=step == 0):
             power.addmm_(image @ block.T, block)
         _orthonormalise(power)
         image = power
-    rows_of_space = space.flatten(0, 1)
+    rows_of_space = space.flatten(0, 1)  # (depth · size, T)
     _orthonormalise(rows_of_space)
     projected = torch.empty(features, len(rows_of_space), device=device)
     energy = 0.0
@@ -170,7 +170,7 @@ def _balanced(mean: Tensor, basis: Tensor, coefficients: Tensor) -> Factors:
     if len(coefficients) == 0:
         return Factors(mean, basis, coefficients)
     low, high = coefficients.aminmax(dim=1, keepdim=True)
-    scale = torch.where(high + low < 0, low, high)
+    scale = torch.where(high + low < 0, low, high)  # (k, 1), that of the larger magnitude
     return Factors(mean, basis * scale.T, coefficients.div_(scale))
 
 

@@ -45,6 +45,7 @@ def _shortest(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] |
     planes = np.ascontiguousarray(codes.cpu().numpy().astype(np.uint8).reshape(-1, len(bits)).T)  # (C, n)
     # At the high end of each byte, so that the high bits, which are LZMA's context, are those of the code.
     shifted = planes << (MOST_BITS - np.array(bits, np.uint8))[:, None]
+    # Of each channel (n, bits), the highest first; the other bits of a byte are 0.
     flags = [np.unpackbits(plane[:, None], axis=1)[:, :each] for plane, each in zip(shifted, bits, strict=True)]
     ways = {
         PACKED: np.packbits(np.concatenate([each.reshape(-1) for each in flags])).tobytes(),
@@ -103,7 +104,8 @@ def _expanded(
 ) -> Tensor:
     """The codes (…, C), as floats, of channels of one bit or more, stored in some way."""
     channels, count = shape[-1], math.prod(shape)
-    size, pictures = count // channels, _pictures(shape, sizes)
+    size = count // channels
+    pictures = _pictures(shape, sizes)
     if way == PREDICTED:
         if not pictures:
             raise InputError("a texture of this file does not say how its codes lie: encode it again")
@@ -112,7 +114,8 @@ def _expanded(
     if way == PACKED:
         flags = np.unpackbits(np.frombuffer(payload, np.uint8))
         ends = np.cumsum(bits.astype(int) * size)
-        parts = np.split(flags, ends)[:-1] if len(flags) >= ends[-1] else []
+        parts = np.split(flags, ends)[:-1] if len(flags) >= ends[-1] else []  # the last only fills a byte
+        # At the high end of a byte each; below they are shifted down.
         each = [np.packbits(part.reshape(size, -1), axis=1)[:, 0] for part in parts]
         planes = np.concatenate(each) if each else np.empty(0, np.uint8)
     else:

@@ -52,7 +52,7 @@ def run(options: argparse.Namespace, terminal: Terminal) -> int:
     with terminal:
         header = propagate(options.file, options.guidance, options.out, treatment, terminal.show, options.device)
     terminal.say_file(header)
-    material = load(header.path)[1]
+    material = load(header.path).material
     assert isinstance(material, NeuBTFMaterial)
     seams = zip(("left–right", "top–bottom"), seam_of(material, FRONTAL), strict=True)
     ratios = ", ".join(f"{side} {seam.of_mean:.2f}" for side, seam in seams)

@@ -58,7 +58,7 @@ class _Lobes:
         lobe = Lobe.from_stored(torch.from_numpy(stored).reshape(-1, stored.shape[2]))
         columns = [lobe.share, lobe.along, lobe.across]
         for axis in lobe.axes:
-            columns += axis.T.unbind()
+            columns += axis.T.unbind()  # x, y and z
         self.columns = [mi.Float(column.numpy()) for column in columns]
 
     def _lobe_at(self, si: Any) -> tuple[Any, Any, Any, list[Any]]:
@@ -117,7 +117,7 @@ def _uv_of(si: Any, step: Any) -> Any:
 
 def _ggx(along: Any, across: Any) -> Any:
     """Mitsuba's GGX distribution of visible normals, with two roughnesses."""
-    return mi.MicrofacetDistribution(mi.MicrofacetType.GGX, along, across, True)
+    return mi.MicrofacetDistribution(mi.MicrofacetType.GGX, along, across, True)  # True: visible ones
 
 
 class _Answers:
@@ -156,7 +156,8 @@ class _Answers:
             toward = dr.select(sample1 < self.lobes.share(si, view), self.lobes.drawn(si, view, sample2), toward)
         drawn = mi.BSDFSample3f(self._turned(si, toward))
         drawn.pdf = self.pdf(context, si, drawn.wo, active)
-        drawn.eta, drawn.sampled_component = 1.0, 0
+        drawn.eta = 1.0
+        drawn.sampled_component = 0
         drawn.sampled_type = mi.UInt32(+mi.BSDFFlags.GlossyReflection)
         active = active & (drawn.pdf > 0)
         return drawn, dr.select(active, self.eval(context, si, drawn.wo, active) / drawn.pdf, 0)

@@ -93,6 +93,7 @@ def fitted(
         show("fitting lobes", step + 1, steps)
     lobes = raw.detach()
     cosine, mixed, _ = _variances(material, lobes, CHECKED, rng)
+    # Over the views of each cell: (cells²,).
     cosine, mixed = cosine.view(len(lobes), -1).sum(1), mixed.view(len(lobes), -1).sum(1)
     lobes[mixed > cosine, 0] = OFF  # the fit minimises entropy, not variance: some cells are better with the cosine
     return lobes.reshape(cells, cells, -1).half()

@@ -115,7 +115,7 @@ def _figures(pictures: np.ndarray, seconds: float, samples: int) -> Reached:
 def _loaded(bsdf: Any, scene: str, side: int) -> Any:
     """One of the `SCENES` with a BSDF, as Mitsuba renders it; the picture has `side`² pixels."""
     shape, light, of_lights = SCENES[scene]
-    place = mi.ScalarTransform4f().look_at([0, -2.4, 1.8], [0, 0, 0], [0, 0, 1])
+    place = mi.ScalarTransform4f().look_at([0, -2.4, 1.8], [0, 0, 0], [0, 0, 1])  # from, to, up
     film = {"type": "hdrfilm", "width": side, "height": side, "rfilter": {"type": "box"}}
     description = {
         "type": "scene",

@@ -114,7 +114,8 @@ class Shading:
 
 def shading(o: Values, base: Values, roughness: Values, metal: Values, specular: Values, anisotropy: Values) -> Shading:
     """Points prepared for one direction each; the maps are those of `bench.data.materials.maps.Maps`."""
-    seen, o = o, mi.Vector3f(o.x, o.y, at_least(1e-3, o.z))
+    seen = o
+    o = mi.Vector3f(o.x, o.y, at_least(1e-3, o.z))  # never quite grazing
     alpha = at_least(MIN_ALPHA, roughness * roughness)
     stretch = dr.sqrt(1 - 0.9 * anisotropy)
     dielectric = (1 - metal) * specular
@@ -124,7 +125,17 @@ def shading(o: Values, base: Values, roughness: Values, metal: Values, specular:
     shine = mi.luminance(fresnel(f0, mi.Color3f(f90), o.z))
     matt = mi.luminance(diffuse) * dr.pi
     glossy = shine / at_least(1e-6, shine + matt)
-    return Shading(o, seen, alpha / stretch, at_least(MIN_ALPHA, alpha * stretch), diffuse, f0, f90, specular, glossy)
+    return Shading(
+        o=o,
+        seen=seen,
+        alpha_t=alpha / stretch,
+        alpha_b=at_least(MIN_ALPHA, alpha * stretch),
+        diffuse=diffuse,
+        f0=f0,
+        f90=f90,
+        dielectric=specular,
+        glossy=glossy,
+    )
 
 
 def reflect(here: Shading, i: Values) -> Values:
@@ -255,7 +266,7 @@ class PathTracer:
             view = dr.gather(mi.Vector3f, mi.Float(np.ravel(wo).astype(np.float32)), pair)
             light = dr.gather(mi.Vector3f, mi.Float(np.ravel(wi).astype(np.float32)), pair)
             values = np.array(self._radiance(path - pair * self._paths, view, light, depth)).T
-        points = values.reshape(len(wo), *self.size, -1, 3)
+        points = values.reshape(len(wo), *self.size, -1, 3)  # (N, H, W, sub-points, 3)
         return points.mean(-2, dtype=np.float32).astype(np.float32)
 
     def _radiance(self, point: Values, wo: Values, wi: Values, depth: int) -> Values:
@@ -310,7 +321,8 @@ def _triangles(vertices: Array) -> Any:
     faces = np.stack([corner, below, right, right, below, below + 1], -1).astype(np.uint32)
     mesh = mi.Mesh("surface", rows * cols, 2 * len(corner))
     parameters = mi.traverse(mesh)
-    parameters["vertex_positions"], parameters["faces"] = vertices.reshape(-1), faces.reshape(-1)
+    parameters["vertex_positions"] = vertices.reshape(-1)
+    parameters["faces"] = faces.reshape(-1)
     parameters.update()
     return mesh
 

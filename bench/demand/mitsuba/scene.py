@@ -49,7 +49,7 @@ class MitsubaScene:
         def rays_through(col: Array, row: Array) -> Values:
             """Rays through points of the picture, in pixels; Mitsuba takes them as shares of it."""
             place = mi.Point2f(mi.Float(col / width), mi.Float(row / height))
-            rays, _ = sensor.sample_ray(0.0, 0.5, place, mi.Point2f(0.5, 0.5))
+            rays, _ = sensor.sample_ray(0.0, 0.5, place, mi.Point2f(0.5, 0.5))  # time, wavelength, place, lens
             return rays
 
         rays, right, below = rays_through(col, row), rays_through(col + 1, row), rays_through(col, row + 1)
@@ -60,7 +60,7 @@ class MitsubaScene:
         eye = np.broadcast_to(np.asarray(sensor.world_transform().translation()).ravel(), position.shape)
         columns = [_rows(hit.uv), position, normal, _rows(hit.dp_du), _rows(hit.dp_dv), eye]
         columns += [_rows(right.d), _rows(below.d)]
-        return Points(some, *(column[some] for column in columns))
+        return Points(some, *(column[some] for column in columns))  # in the order of its fields
 
     def lights(self, points: Points, rng: np.random.Generator) -> list[Light]:
         """Every emitter that reaches the points without a shadow; for extended emitters, a few samples."""
@@ -73,7 +73,7 @@ class MitsubaScene:
                 toward, arriving = emitter.sample_direction(here, chance)
                 free = ~self.scene.ray_test(here.spawn_ray_to(toward.p))
                 irradiance = _rows(arriving) * np.asarray(free)[:, None] / count
-                samples.append(Light(_rows(toward.d), np.nan_to_num(irradiance)))
+                samples.append(Light(_rows(toward.d), np.nan_to_num(irradiance)))  # of NaN, no light
         return samples
 
 

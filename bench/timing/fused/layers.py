@@ -71,7 +71,7 @@ def sine_of_turns(terms: int = 6) -> tuple[float, ...]:
 
     The interpolant of sin(2π √s) / √s at Chebyshev's points over s = t², within a factor of the best polynomial.
     """
-    s = (1 + np.cos((2 * np.arange(200) + 1) * np.pi / 400)) / 8
+    s = (1 + np.cos((2 * np.arange(200) + 1) * np.pi / 400)) / 8  # 200 points of [0, ¼]
     t = np.sqrt(s)
-    fitted = Chebyshev.fit(s, np.sin(2 * np.pi * t) / t, terms - 1, domain=[0, 0.25])
+    fitted = Chebyshev.fit(s, np.sin(2 * np.pi * t) / t, deg=terms - 1, domain=[0, 0.25])
     return tuple(map(float, fitted.convert(kind=Polynomial).coef))

@@ -210,5 +210,5 @@ def _sum(values: list[Any]) -> Any:
     """The sum in pairs: a chain would wait for each addition."""
     while len(values) > 1:
         pairs = [a + b for a, b in zip(values[::2], values[1::2], strict=False)]
-        values = pairs + values[len(values) // 2 * 2 :]
+        values = pairs + values[len(values) // 2 * 2 :]  # and one that is left over
     return values[0]

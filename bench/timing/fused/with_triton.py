@@ -27,6 +27,7 @@ SMALLEST = 16  # a side of the smallest matrix that the GPU multiplies
 @triton.jit
 def _texel(texture, row, col, height, width, channel, wanted, CHANNELS: tl.constexpr):  # type: ignore[no-untyped-def]
     """Values (BLOCK, columns) of one corner, periodic; 0 where a column or a sample is not wanted."""
+    # Here a remainder has the sign of the dividend.
     row = (row % height + height) % height
     col = (col % width + width) % width
     place = (row * width + col)[:, None] * CHANNELS + channel[None, :]
