@@ -19,7 +19,7 @@ Arrays = Mapping[str, np.ndarray]
 def arrays(folder: Path, job: Job, name: str, names: Collection[str] | None = None) -> Arrays | None:
     """The arrays of a job's artefact (`slices`, `pictures`), all or those named; None if missing or unreadable."""
     try:
-        place = cast(str, dict(job)[name])
+        place = cast(str, dict(job)[name])  # types of records know no names that vary
         return read_arrays(folder / place, MAX_FILE, names)
     except (OSError, KeyError, ValueError, TypeError):
         return None  # the records of a run are useful without its large files

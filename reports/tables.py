@@ -52,7 +52,7 @@ def _marked(run: Run, tables: Iterable[Table]) -> Iterator[Table]:
         if why:
             reasons[job["material"], job["codec"]] = why
     for table in tables:
-        if table.kind == "times":  # a setting's time is not of its jobs
+        if table.kind == "times":  # settings are timed apart from any job: a stale job says nothing of them
             yield table
         else:
             here = {codec: why for (material, codec), why in reasons.items() if table.material in ("", material)}

@@ -89,15 +89,23 @@ def pairs_by_seed(run: Run) -> list[str]:
 
 
 def smallest_losses(run: Run, count: int) -> dict[str, dict[str, float]]:
-    """By row and quantity, the smallest losses of PSNR that `count` new seeds show, of held-out and training pairs; not
-    of a row whose seeds have pairs of their own: its margin depends on the new run."""
+    """By row, the smallest loss of PSNR that `count` new seeds show, of held-out (`MAIN`) and of training pairs.
+
+    A row whose seeds have test pairs of their own is left out: its margin depends on the new run.
+    """
     own = set(pairs_by_seed(run))
     found = {}
     for row, jobs in by_row(run.jobs).items():
-        draws = not all(agree(each, jobs, jobs, jobs) for each in deciding(jobs[0]) if each.metric)
-        chosen = [each for each in deciding(jobs[0]) if each.name in (MAIN, "train")]
-        if "/".join(row) not in own:
-            found["/".join(row)] = {each.name: smallest_loss(each, jobs, count, draws) for each in chosen}
+        name = "/".join(row)
+        if name in own:
+            continue
+        quantities = deciding(jobs[0])
+        seeds_agree = all(agree(each, jobs, jobs, jobs) for each in quantities if each.metric)
+        losses = {}
+        for each in quantities:
+            if each.name in (MAIN, "train"):
+                losses[each.name] = smallest_loss(each, jobs, count, draws=not seeds_agree)
+        found[name] = losses
     return found
 
 

@@ -143,7 +143,7 @@ def _same(what: str, ours: Tensor, theirs: Tensor, tolerance: float) -> None:
     the largest of `theirs`."""
     worst = (ours - theirs).abs().max().item() if len(ours) else 0.0
     allowed = tolerance * max(1.0, theirs.abs().max().item())
-    if ours.shape != theirs.shape or not worst <= allowed:
+    if ours.shape != theirs.shape or not worst <= allowed:  # NaN is no agreement
         raise CheckError(f"{what}: answers differ by {worst:.3g}, allowed {allowed:.3g}", f"{worst:.2g}")
 
 

@@ -137,11 +137,12 @@ def _about(stored: np.ndarray | None) -> tuple[tuple[int, int, int], dict[str, A
 
 def _check(arrays: dict[str, np.ndarray], frames: tuple[int, int, int]) -> None:
     """Check that each column of a demand exists, with its type and shape, and values that a scene can make."""
-    for name, (kind, width) in COLUMNS.items():
+    for name in COLUMNS:
         if name not in arrays:
             raise InputError(f"no array {name!r}")
+    count = len(arrays["pixel"]) if arrays["pixel"].ndim else 0
+    for name, (kind, width) in COLUMNS.items():
         column = arrays[name]
-        count = len(arrays["pixel"]) if arrays["pixel"].ndim else 0
         if column.dtype != kind or column.shape != (count, *width):
             raise InputError(f"{name} is {column.shape} {column.dtype}, not {(count, *width)} {np.dtype(kind)}")
     extra = arrays.keys() - COLUMNS.keys()

@@ -310,13 +310,14 @@ def _change(suite: Suite, key: str, value: str) -> Suite:
             reached = True
         codecs.append(spec)
     if not reached:
-        raise InputError(f"--set {key}: no codec of this run has a setting {name!r}{_nearest(suite, scope, name)}")
+        raise InputError(f"--set {key}: no codec of this run has a setting {name!r}{_hint(suite, scope, name)}")
     unique = {spec.label: spec for spec in codecs}  # a sweep over the changed setting has become one job
     return dataclasses.replace(suite, codecs=tuple(unique.values()))
 
 
-def _nearest(suite: Suite, scope: str, name: str) -> str:
-    """The setting that was probably meant, of a codec of the suite or of its data; else how to change the data."""
+def _hint(suite: Suite, scope: str, name: str) -> str:
+    """The end of a message on an unknown setting: that its codec does not run, or the setting, of a codec or of the
+    data, that was probably meant."""
     from bench.codec import setting_names
 
     codecs = {spec.codec for spec in suite.codecs}
@@ -327,8 +328,11 @@ def _nearest(suite: Suite, scope: str, name: str) -> str:
     for codec in meant:
         with suppress(CodecError):  # its jobs fail with this error
             known |= setting_names(load_codec(codec))
-    near = difflib.get_close_matches(name, known, 1) or difflib.get_close_matches(f"data.{name}", known, 1)
-    return f"; did you mean {near[0]!r}?" if near else f" (or write data.{name})"
+    for written in (name, f"data.{name}"):  # the scope may be forgotten
+        near = difflib.get_close_matches(written, sorted(known), n=1)
+        if near:
+            return f"; did you mean {near[0]!r}?"
+    return f" (or write data.{name})"
 
 
 def described_changes(suite: Suite, changes: dict[str, str]) -> list[str]:

@@ -58,7 +58,10 @@ class Rounding(nn.Module):
         return codes_of(values.detach(), self.low, self.step, self.bits)
 
     def fit_to(self, values: Tensor) -> "Rounding":
-        """Itself, with steps for these values (…, C), in the bits that were chosen with some of them."""
+        """Itself, with the steps of final values (…, C); the bits stay, which were chosen by some of these values.
+
+        A texture that is stored as floats has no steps.
+        """
         if self.chosen:
             self.set(values, self.bits)
         return self

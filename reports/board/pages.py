@@ -239,17 +239,19 @@ def _fits(name: str, source: Publication) -> Iterator[series.Plot]:
         mine = [fit for fit in curves if fit.label.split()[0] == name]
         if not any("recipe=paper" in fit.label for fit in mine):
             continue
-        for place, unit in enumerate(("steps", "seconds")):
-            points = {}
-            for fit in mine:
-                points[fit.label] = [[point[place], point[2]] for point in fit.points if point[place] > 0]
+        over_steps: dict[str, list[list[float]]] = {}  # by label
+        over_seconds: dict[str, list[list[float]]] = {}
+        for fit in mine:
+            over_steps[fit.label] = [[step, psnr] for step, _, psnr in fit.points if step > 0]
+            over_seconds[fit.label] = [[seconds, psnr] for _, seconds, psnr in fit.points if seconds > 0]
+        for unit, short, lines in (("steps", "", over_steps), ("seconds", "s", over_seconds)):
             yield {
                 "material": _FITS,
                 "kind": "fits",
                 "title": f"{material} of {source.title}: quality over {unit}",
-                "x": {"label": f"{unit} of the fit", "log": True, "unit": unit[0] if place else "", "less": True},
+                "x": {"label": f"{unit} of the fit", "log": True, "unit": short, "less": True},
                 "y": {"label": f"{series.QUALITY} (training samples)"},
-                "series": [{"label": label, "line": True, "points": line} for label, line in points.items()],
+                "series": [{"label": label, "line": True, "points": line} for label, line in lines.items()],
                 "missing": [],
             }
 

@@ -179,7 +179,7 @@ class PictureSource(Source):
     def fingerprint(self) -> str:
         """A digest of the files and, where they state any, of the orientations and colour spaces they are read with."""
         digest = self.files.digest(self.names)
-        # Values changed with the reading of notes and profiles; those of pictures without any did not.
+        # Pictures that state neither keep the digest of their files, so that earlier results of them hold.
         read_as = [str(each) for each in (self.turned, self.colours) if each]
         if not read_as:
             return digest

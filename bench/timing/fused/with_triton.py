@@ -184,18 +184,29 @@ class TritonNetwork(Network):
         return self._run(texture.contiguous(), uv.contiguous(), first, second).to(uv.dtype)
 
     def _run(self, texture: Tensor | None, uv: Tensor, first: Tensor, second: Tensor | None) -> Tensor:
-        """Without a texture, `first` is all the inputs, and `uv` anything."""
+        """The outputs (n, outputs), float32, for what the texture (H, W, C) has at uv (n, 2), then `first` and `second`
+        (n, …). Without a texture `first` is all the inputs."""
         n = len(first)
         inputs, width, last = self.shape
-        height, across, channels = (1, 1, 0) if texture is None else texture.shape
         first = _with_rows(first)
-        other = first if second is None else _with_rows(second)
+        # A kernel needs a pointer for each input; of no channels it reads none.
+        texels = uv
+        height = across = 1
+        channels = 0
+        if texture is not None:
+            texels = texture
+            height, across, channels = texture.shape
+        other = first
+        others = 0
+        if second is not None:
+            other = _with_rows(second)
+            others = second.shape[1]
         out = first.new_empty(n, self.outputs, dtype=torch.float32)
         if n:
             _network[(triton.cdiv(n, BLOCK),)](
-                out, uv if texture is None else texture, uv, first, other, self.weights, self.scalars,
+                out, texels, uv, first, other, self.weights, self.scalars,
                 n, height, across, first.stride(0), other.stride(0), self.eps,
-                CHANNELS=channels, FIRST=first.shape[1], SECOND=0 if second is None else second.shape[1],
+                CHANNELS=channels, FIRST=first.shape[1], SECOND=others,
                 INPUTS=inputs, WIDTH=width, OUTPUTS=self.outputs, LAST=last, BLOCK=BLOCK, **self.options,
             )  # fmt: skip
         return out
