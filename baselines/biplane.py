@@ -21,7 +21,17 @@ from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts, SharedNetwork
 from bench.inputs.settings import BatchSize, Count, Natural, NotNegative, Positive
 from bench.material import HALF_MAX, DecoderCost, Material, sample_texture, saturated, texel_corners, to_radiance
-from bench.training import RANDOM_SPREAD, Batch, LogLoss, Samples, TextureObjective, distance, gain_of, train
+from bench.training import (
+    RANDOM_SPREAD,
+    Batch,
+    LogLoss,
+    ParameterGroup,
+    Samples,
+    TextureObjective,
+    distance,
+    gain_of,
+    train,
+)
 from bench.training.decoder import LEAK
 from bench.training.stored_network import WeightPrecision, load_network, store_network
 from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
@@ -203,7 +213,7 @@ class BiplaneObjective(TextureObjective):
         fitted = any(p.requires_grad for p in self.network.parameters())
         return [self.network] if fitted else []  # the file of one material holds no network
 
-    def groups(self) -> list[dict[str, Any]]:
+    def groups(self) -> list[ParameterGroup]:
         """The planes and colours at `plane_rate`, then the decoder at `rate`, unless it is fixed."""
         planes = [{"params": [self.texture, self.free, self.colours], "lr": self.settings.plane_rate}]
         shared = [p for p in self.network.parameters() if p.requires_grad]

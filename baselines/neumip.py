@@ -21,7 +21,7 @@ from bench.inputs.errors import InputError
 from bench.inputs.settings import Natural, Positive, Width
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.metrics.display import LOG_SCALE
-from bench.training import Batch, Objective, Samples, TextureSettings, gain_of, groups_of, train
+from bench.training import Batch, Objective, ParameterGroup, Samples, TextureSettings, gain_of, groups_of, train
 from bench.training.decoder import Architecture, Decoder
 from bench.training.initial_latents import RANDOM_SPREAD, Start, first_latents
 from bench.training.inputs import COUNTS, Directions, direction_inputs
@@ -151,7 +151,7 @@ class NeuMIPObjective(Objective):
     def stored_networks(self) -> list[nn.Module]:
         return [self.networks]
 
-    def groups(self) -> list[dict[str, Any]]:
+    def groups(self) -> list[ParameterGroup]:
         """The networks' groups, then both textures, all at the setting `rate`."""
         settings = self.settings
         networks = groups_of([self.networks], settings.rate, settings.optimiser, settings.hidden_rate)

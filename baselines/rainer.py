@@ -5,7 +5,7 @@ The decoder maps latents and two directions to a colour, scaled by the deviation
 """
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import torch
 from torch import Tensor, nn
@@ -15,7 +15,16 @@ from bench.codec import Fit
 from bench.directions.interpolation import stereographic
 from bench.inputs.settings import BatchSize, Natural, Positive
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
-from bench.training import Batch, LogLoss, NetworkSettings, Samples, TextureObjective, distance, groups_of
+from bench.training import (
+    Batch,
+    LogLoss,
+    NetworkSettings,
+    ParameterGroup,
+    Samples,
+    TextureObjective,
+    distance,
+    groups_of,
+)
 from bench.training.decoder import LEAK, Architecture, Decoder
 from bench.training.inputs import direction_inputs
 
@@ -136,7 +145,7 @@ class Autoencoder(Fitted):
         super().__init__(samples, decoder, settings, fit)
         self.encoder = encoder
 
-    def groups(self) -> list[dict[str, Any]]:
+    def groups(self) -> list[ParameterGroup]:
         """The encoder and the decoder at one rate; Muon, if set, steps the decoder's hidden matrices."""
         settings = self.settings
         return groups_of([self.encoder, self.network], settings.rate, settings.optimiser, settings.hidden_rate)

@@ -19,7 +19,7 @@ from bench.data.materials import brdf
 from bench.inputs.settings import BatchSize, Natural, Positive
 from bench.material import DecoderCost, Material
 from bench.metrics.display import decode_srgb, encode_srgb
-from bench.training import Batch, Loss, Objective, Samples, compress, expand, fitted
+from bench.training import Batch, Loss, Objective, ParameterGroup, Samples, compress, expand, fitted
 
 CHANNELS = 8  # of a fetched texel: linear base colour, normal, roughness, metalness
 STORED = 7  # the normal's z follows from x and y
@@ -91,7 +91,7 @@ class MapsObjective(Objective):
         rest = torch.tensor([0, 0, *torch.tensor([ROUGHNESS, METALNESS]).logit()]).expand(len(base), 4)
         self.free = nn.Parameter(torch.cat([base.cpu(), rest], 1))
 
-    def groups(self) -> list[dict[str, Any]]:
+    def groups(self) -> list[ParameterGroup]:
         rate = self.settings.rate
         return [{"params": [self.free], "lr": rate}, {"params": [self.scale], "lr": SCALE_RATE * rate}]
 

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from bench.codec import Parts
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
-from bench.training import Batch, DirectedObjective, Samples, first_latents, groups_of
+from bench.training import Batch, DirectedObjective, ParameterGroup, Samples, first_latents, groups_of
 from bench.training.decoder import Decoder
 from bench.training.grids import Grids, Offset, load_grids, total
 from bench.training.inputs import direction_inputs
@@ -52,7 +52,7 @@ class GriddedObjective(DirectedObjective):
         first = first_latents(samples, total(settings), settings.start, generator)
         self.grids = Grids(first, samples.shape, settings, offset=bool(settings.offset))
 
-    def groups(self) -> list[dict[str, Any]]:
+    def groups(self) -> list[ParameterGroup]:
         settings = self.settings
         networks = groups_of([self.network], settings.rate, settings.optimiser, settings.hidden_rate)
         return [*networks, {"params": list(self.grids.parameters()), "lr": settings.latent_rate}]

@@ -9,7 +9,7 @@ A step of the last two shows the encoder a random slice, disturbed, in a random 
 
 import bisect
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -22,6 +22,7 @@ from bench.training import (
     LogLoss,
     NetworkSettings,
     Objective,
+    ParameterGroup,
     Samples,
     distance,
     first_latents,
@@ -101,7 +102,7 @@ class Guided(Objective):
     def stored_networks(self) -> list[nn.Module]:
         return [self.renderer]
 
-    def groups(self) -> list[dict[str, Any]]:
+    def groups(self) -> list[ParameterGroup]:
         """Those of the encoder come first: `ENCODERS` counts them, so that `Staged.rate` can stop the others."""
         settings = self.settings
         renderer = groups_of([self.renderer], settings.rate, settings.optimiser, settings.hidden_rate)
@@ -144,7 +145,7 @@ class Staged(Guided):
             round(share * settings.steps) for share in (0, settings.direct, settings.direct + settings.taught)
         ]
 
-    def groups(self) -> list[dict[str, Any]]:
+    def groups(self) -> list[ParameterGroup]:
         return [*super().groups(), {"params": [self.texture], "lr": self.settings.rate}]
 
     def stage(self, step: int) -> int:

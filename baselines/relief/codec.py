@@ -26,7 +26,19 @@ from bench.codec import Codec, Fit, Parts
 from bench.inputs.errors import InputError
 from bench.inputs.settings import Layers, Natural, Positive, Range, Width
 from bench.material import DecoderCost, Material, sample_texture, to_radiance
-from bench.training import Batch, Loss, Objective, Samples, TextureSettings, compress, expand, gain_of, groups_of, train
+from bench.training import (
+    Batch,
+    Loss,
+    Objective,
+    ParameterGroup,
+    Samples,
+    TextureSettings,
+    compress,
+    expand,
+    gain_of,
+    groups_of,
+    train,
+)
 from bench.training.decoder import Architecture, Decoder
 from bench.training.grids import FACTORS, Further, Grids, GridSettings, Offset, channels, load_grids, size_of, total
 from bench.training.initial_latents import first_latents
@@ -216,7 +228,7 @@ class ReliefObjective(Objective):
     def stored_networks(self) -> list[nn.Module]:
         return [self.network]
 
-    def groups(self) -> list[dict[str, Any]]:
+    def groups(self) -> list[ParameterGroup]:
         """The network's groups, the grids' at `latent_rate`, and that of the height's shift if it is refined."""
         settings = self.settings
         networks = groups_of([self.network], settings.rate, settings.optimiser, settings.hidden_rate)

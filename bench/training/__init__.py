@@ -6,7 +6,7 @@ Codecs import them from here, and what few codecs need from the files that docs/
 from bench.training.decoder import Decoder
 from bench.training.fitting import LogLoss, Loss, Objective, distance, train
 from bench.training.initial_latents import RANDOM_SPREAD, Start, first_latents
-from bench.training.optimiser import Optimiser, groups_of
+from bench.training.optimiser import Optimiser, ParameterGroup, groups_of
 from bench.training.samples import Batch, Samples, gain_of
 from bench.training.stored_texture import Bits, Rounding, load_texture, round_after, store_texture
 from bench.training.texture_codes import MOST_CODES, compress, expand

@@ -24,7 +24,7 @@ from bench.material import keep_buffers
 from bench.metrics.display import LOG_SCALE, to_display
 from bench.metrics.psnr import psnr as decibels
 from bench.training.display_loss import DisplayLoss
-from bench.training.optimiser import Optimisers, rate
+from bench.training.optimiser import Optimisers, ParameterGroup, rate
 from bench.training.samples import PROBE, Batch, Samples
 from bench.training.stored_network import rounded_weights
 from bench.training.stored_texture import Rounding, choose_bits
@@ -70,7 +70,7 @@ class Objective(nn.Module):
         shown = getattr(settings, "loss", "") == "display"
         self.display_loss = DisplayLoss(len(samples.wo)) if shown else None
 
-    def groups(self) -> list[dict[str, Any]]:
+    def groups(self) -> list[ParameterGroup]:
         """Parameter groups, each with its highest learning rate, `lr`; Muon steps those with `hidden`, Adam others."""
         raise NotImplementedError
 

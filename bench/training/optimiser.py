@@ -13,6 +13,8 @@ from typing import Any, Literal
 import torch
 from torch import Tensor, nn
 
+ParameterGroup = dict[str, Any]  # of an optimiser of PyTorch: `params`, `lr` and more
+
 Optimiser = Literal["muon", "adam"]
 
 QUINTIC = (3.4445, -4.7750, 2.0315)  # coefficients of the published iteration, and how often it is applied
@@ -43,7 +45,7 @@ def orthogonal(matrix: Tensor) -> Tensor:
 class Muon(torch.optim.Optimizer):
     """Steps matrices by their orthogonalised Nesterov momentum, times the root of rows over columns where above 1."""
 
-    def __init__(self, groups: Iterable[dict[str, Any]]):
+    def __init__(self, groups: Iterable[ParameterGroup]):
         super().__init__(groups, {"lr": 0.0})
         for p in _parameters(self.param_groups):
             self.state[p] = {"momentum": torch.zeros_like(p)}
@@ -63,7 +65,7 @@ class Muon(torch.optim.Optimizer):
 
 def groups_of(
     networks: Iterable[nn.Module], rate: float, optimiser: Optimiser, hidden_rate: float
-) -> list[dict[str, Any]]:
+) -> list[ParameterGroup]:
     """Parameter groups of some networks: all at `rate`; with Muon, hidden matrices at `hidden_rate`."""
     networks = list(networks)
     hidden: list[nn.Parameter] = []
@@ -74,7 +76,7 @@ def groups_of(
     others: list[nn.Parameter] = []
     for network in networks:
         others += [p for p in network.parameters() if id(p) not in of_muon]
-    groups: list[dict[str, Any]] = [{"params": others, "lr": rate}]
+    groups: list[ParameterGroup] = [{"params": others, "lr": rate}]
     if hidden:
         groups.append({"params": hidden, "lr": hidden_rate, "hidden": True})
     return groups
@@ -89,7 +91,7 @@ def hidden_matrices(network: nn.Module) -> list[nn.Parameter]:
     return found
 
 
-def _parameters(groups: Iterable[dict[str, Any]]) -> list[nn.Parameter]:
+def _parameters(groups: Iterable[ParameterGroup]) -> list[nn.Parameter]:
     """The parameters of some groups, one after the other."""
     found: list[nn.Parameter] = []
     for group in groups:
@@ -100,11 +102,11 @@ def _parameters(groups: Iterable[dict[str, Any]]) -> list[nn.Parameter]:
 class Optimisers:
     """Adam and Muon over the groups of an objective; Muon steps the groups with `hidden`."""
 
-    def __init__(self, groups: list[dict[str, Any]], device: torch.device):
+    def __init__(self, groups: list[ParameterGroup], device: torch.device):
         self.highest = [group["lr"] for group in groups]
         self.each: dict[str, torch.optim.Optimizer] = {}
         names: list[str] = []  # of the optimiser that steps each group
-        given: dict[str, list[dict[str, Any]]] = {"adam": [], "muon": []}
+        given: dict[str, list[ParameterGroup]] = {"adam": [], "muon": []}
         for group in groups:
             name = "muon" if group.get("hidden") else "adam"
             names.append(name)

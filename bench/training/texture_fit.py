@@ -15,7 +15,7 @@ from bench.training.decoder import Decoder
 from bench.training.fitting import Loss, Objective, train
 from bench.training.initial_latents import Start
 from bench.training.inputs import Directions, direction_inputs
-from bench.training.optimiser import Optimiser, groups_of
+from bench.training.optimiser import Optimiser, ParameterGroup, groups_of
 from bench.training.samples import Samples, gain_of
 from bench.training.stored_network import WeightPrecision, store_network
 
@@ -57,7 +57,7 @@ class TextureObjective(Objective):
     def stored_networks(self) -> list[nn.Module]:
         return [self.network]
 
-    def groups(self) -> list[dict[str, Any]]:
+    def groups(self) -> list[ParameterGroup]:
         """The network's groups, then one of the texture, at the rate that the setting `texture_rate` names."""
         settings = self.settings
         network = groups_of([self.network], settings.rate, settings.optimiser, settings.hidden_rate)

@@ -14,6 +14,7 @@ from bench.inputs.errors import InputError
 from bench.training import fitting as training
 from bench.training import samples as sampling
 from bench.training.fitting import DivergedError, Objective, train
+from bench.training.optimiser import ParameterGroup
 from bench.training.samples import Batch, Samples, gain_of
 
 
@@ -31,7 +32,7 @@ class Mean(Objective):
         self.bad_calls: set[int] = set()
         self.stop_at = -1
 
-    def groups(self) -> list[dict[str, Any]]:
+    def groups(self) -> list[ParameterGroup]:
         return [{"params": [self.colour], "lr": self.lr}]
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
