@@ -261,6 +261,7 @@ def front_table(run: Run) -> Iterator[Table]:
     lines = list(dict.fromkeys(chain.from_iterable(reversed(columns))))
     if not lines:
         return
+    lines += [line for line in points if line not in lines]  # its curves end below this size, but have a lead
     leads: dict[str, Summary] = {}
     rows: list[list[str]] = []
     scores: list[list[float | None]] = []
