@@ -6,7 +6,7 @@ Those of NeuBTF, NeuMIP and both of Rainer's are from Table 2 of Rodriguez-Pardo
 
 from collections.abc import Iterable
 from itertools import chain
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 from bench.records import Job, grouped, shown_label
 from reports.numbers import NONE, fixed, integer
@@ -72,7 +72,7 @@ def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
     rows = []
     for job in chosen:
         paper = _published(job)
-        parameters = _beside(job["parameters"] or 0, paper.parameters)
+        parameters = _beside(cast(int, job["parameters"]), paper.parameters)
         channels = _beside(job["cost"]["texture_channels"], paper.channels)
         rows.append([paper.method, shown_label(job), *parameters, *channels])
     times = [_times(group) for group in alike]
@@ -97,7 +97,7 @@ def _decoder(job: Job) -> tuple[int, bool, int, int]:
     """What tells decoders apart, the order of their rows first: the codec, and whether the recipe is ours."""
     ours = job.get("settings", {}).get("recipe", "paper") != "paper"  # and the codec has one as published
     order = list(PUBLISHED).index(job["codec"])
-    return order, ours, job["parameters"] or 0, job["cost"]["texture_channels"]
+    return order, ours, cast(int, job["parameters"]), job["cost"]["texture_channels"]
 
 
 def _beside(ours: int, published: int) -> list[str]:

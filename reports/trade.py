@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterator, Sequence
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from bench.compare.choosing import named
 from bench.records import MOST_DB, Ceiling, Profile, TradeChoice, grouped, load_trade
@@ -91,7 +91,7 @@ def _choice(row: TradeChoice) -> list[str]:
     if "bytes" not in row:  # it is the floor
         return [named(row), NONE, NONE, NONE, NONE, *time, NONE, NONE]
     psnr = row["psnr"]
-    mean = EXACT if psnr is None or psnr >= MOST_DB else fixed(psnr, 2)
+    mean = EXACT if psnr is not None and psnr >= MOST_DB else fixed(psnr, 2)
     worst = EXACT if row["worst"] is None else fixed(row["worst"], 2)
     quality = [mean, worst, fixed(row["flip"], 3), integer(row["bytes"])]
     limit = fixed(100 * row["of_limit"], 1)
@@ -134,7 +134,7 @@ def _stability(material: str, rows: Sequence[TradeChoice]) -> Table:
     for row in rows:
         if "from_float32" in row:
             worst = EXACT if row["from_float32"] is None else fixed(row["from_float32"], 1)
-            gained = (row["psnr"] or 0.0) - (plain[row["label"]] or 0.0)
+            gained = cast(float, row["psnr"]) - cast(float, plain[row["label"]])
             time = significant(row["ratio_to_floor"])
             cells.append([named(row), time, worst, signed(gained), fixed(row["flip"], 3)])
     note = (

@@ -2,7 +2,7 @@
 
 import sys
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from rich.console import Console as RichConsole
@@ -86,8 +86,8 @@ class Console:
         """Print a finished job in one line, with the progress of the run if no bar shows it."""
         record = outcome.record
         if record["status"] == "ok":
-            psnr = stats_of(record, PSNR)["mean"]
-            shown = "exact" if psnr is None or psnr >= MOST_DB else f"{psnr:.2f} dB"
+            psnr = cast(float, stats_of(record, PSNR)["mean"])
+            shown = "exact" if psnr >= MOST_DB else f"{psnr:.2f} dB"
             reused = {"record": "cached", "file": "scored again from the cached file"}.get(outcome.cached)
             how = reused or f"fitted in {record['fit_seconds']:.1f} processor s"
             line = f"{record['job']}: {shown}, {record['bytes']['total']:,} bytes, {how}"

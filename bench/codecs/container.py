@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench.files import atomic
 from bench.inputs.errors import ContainerError, EncodeError, InputError, answered, installed, refuse_pipe, shown
-from bench.records import fields as described
+from bench.records import fields as record_fields
 from bench.records.schema import FileMetadata
 
 if TYPE_CHECKING:
@@ -288,7 +288,7 @@ def _metadata(path: Path, header: dict[str, Any]) -> FileMetadata:
         raise ContainerError(f"{path}: a safetensors file, but not one of this suite (no {KEY!r} metadata)") from error
     if newer:
         raise ContainerError(f"{path}: format {found['format']} is newer than this version reads ({FORMAT}): upgrade")
-    fault = described.fault_of(FileMetadata, found)
+    fault = record_fields.fault_of(FileMetadata, found)
     if fault:
         raise ContainerError(f"{path}: its {KEY!r} metadata is not sound: {fault}: encode it again")
     return found

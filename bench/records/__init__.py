@@ -37,7 +37,6 @@ from bench.records.schema import (
     Bytes,
     Ceiling,
     Facts,
-    FileScene,
     FitKey,
     Group,
     Job,

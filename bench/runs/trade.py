@@ -424,7 +424,7 @@ def _add_noise(run: Run, row: TradeChoice, show: Progress) -> None:
 
 def _mark(rows: list[TradeChoice]) -> None:
     """Mark each choice that is on a Pareto front: no other is at least as good and as cheap, and better in one."""
-    quality = [round(row["psnr"] or 0.0, 2) for row in rows]  # executions of one file differ by rounding
+    quality = [round(cast(float, row["psnr"]), 2) for row in rows]  # executions of one file differ by rounding
     fastest = _on_front(quality, [row["ns_per_sample"] for row in rows])
     smallest = _on_front(quality, [row["bytes"] for row in rows])
     for row, is_fastest, is_smallest in zip(rows, fastest, smallest, strict=True):

@@ -185,7 +185,9 @@ def choice_in_words(row: TradeChoice) -> str:
 
 
 def _decibels(value: float | None) -> str:
-    return "exact" if value is None or value >= MOST_DB else f"{value:.2f} dB"
+    if value is None:
+        return "no number"
+    return "exact" if value >= MOST_DB else f"{value:.2f} dB"
 
 
 def timed_on(row: TradeChoice) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from statistics import fmean
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 from bench.codecs.alike import obstacles
 from bench.compare.choosing import NEAR_DB, Limits, Rung, chosen, fused_times, has_validation, validation_of
@@ -168,7 +168,7 @@ def rung_of(seeds: Sequence[Job], times: Times) -> Rung:
     """The rung of several seeds: the means of score, bits a texel and time."""
     height, width = seeds[0]["shape"]
     known = [times[job["job"]] for job in seeds if job["job"] in times]
-    score = fmean(validation_of(job)["mean"] or 0.0 for job in seeds)
+    score = fmean(cast(float, validation_of(job)["mean"]) for job in seeds)
     return Rung(8 * mean_bytes(seeds) / (height * width), score, fmean(known) if known else None, seeds)
 
 
