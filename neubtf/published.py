@@ -2,12 +2,15 @@
 
 Each element of a batch has a random slice as its input and others as its targets, in a window and at a scale of their
 own; only the input is turned in hue, blurred and noisy. docs/neubtf.md has what the paper says and leaves open.
-A step's elements are read, encoded and rendered at once, because a GPU takes as long for one.
+A step's elements are read, encoded and rendered at once, because a GPU takes as long for one. There a long fit also
+compiles the autoencoder and the renderer: a step would be 870 kernels otherwise, many of them on tensors of a few MB.
 
 Style and spectrum see linear radiance in the display's range [0, 1], because the paper compresses only the pixel term,
 and because one highlight would otherwise outweigh every Gram matrix and spectrum. Pictures (B, 3, H, W) are periodic.
 """
 
+import importlib.util
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
@@ -30,6 +33,7 @@ PAPER = {"bits": 8, "directions": "xy", "loss": "l1", "keep_scale": 0.0, "init":
 # Left open, and chosen:
 PAPER |= {"steps": 5_000, "slices": 16, "targets": 1, "texel_pairs": 1, "crop": 64, "around": 0}
 PAPER |= {"smallest": 0.75, "blur": 0.5, "noise": 0.02}
+COMPILED_FROM = 2_000  # steps of a fit that is worth a minute of compiling on a GPU
 FILTERS = 24  # filters of each scale
 KERNEL = 5  # texels a side at each scale
 SCALES = 3  # full, half and quarter resolution
@@ -119,6 +123,20 @@ class Published(Guided):
         self.style = Style()
         self.brightness = float(decode_srgb(guidance.cpu().numpy()).mean())
         self.means = nn.Buffer(slice_means(samples), persistent=False)
+        # Of the steps alone, and not modules, so that the state of a fit is the same with and without.
+        self.encoded, self.answers = self._quickest(encoder.forward), self._quickest(self.answered)
+
+    def _quickest(self, function: Callable[..., Tensor]) -> Callable[..., Tensor]:
+        """A function of a step, compiled if the fit is a long one on a GPU for which PyTorch can compile (by Triton).
+
+        Each size of window is compiled anew, so the windows must have one size: pictures larger than any crop.
+        """
+        settings, device = self.settings, self.samples.device
+        one_size = settings.crop < settings.smallest * min(self.samples.shape)
+        possible = device.type == "cuda" and importlib.util.find_spec("triton") is not None
+        if not (possible and one_size and settings.steps >= COMPILED_FROM):
+            return function
+        return torch.compile(function, dynamic=False)
 
     @torch.no_grad()
     def best_guidance(self, fit: Fit) -> Tensor:
@@ -203,13 +221,13 @@ class Published(Guided):
         """The losses (3,) of elements with windows of one size; their surroundings are left out."""
         settings, device = self.settings, self.samples.device
         inner = elements.window.inner().to(device, non_blocking=True)
-        textures = self.encoder(elements.picture)
+        textures = self.encoded(elements.picture)
         latents = textures.flatten(2)[..., inner].movedim(1, -1)  # (E, n, D)
         count, targets, texels, _ = elements.targets.shape
 
         repeated = latents[:, None].expand(-1, targets, -1, -1).flatten(0, 2)  # (E · targets · n, D)
         pairs = elements.pairs[:, :, None].expand(-1, -1, texels).flatten()  # (E · targets · n,)
-        rendered, levels = self.answered(repeated, pairs), elements.targets.flatten(0, 2)
+        rendered, levels = self.answers(repeated, pairs), elements.targets.flatten(0, 2)
         ours, truth = (shown(pictures(values, elements.window.inner_size)) for values in (rendered, levels))
 
         if settings.texel_pairs:  # the pixels are compared at pairs of their own, E · n · texel_pairs answers
@@ -217,7 +235,7 @@ class Published(Guided):
             pairs = drawn.to(device, non_blocking=True)
             levels = self.averaged(elements.texels[:, :, None], elements.weights[:, :, None], pairs).flatten(0, 2)
             repeated = latents[:, :, None].expand(-1, -1, settings.texel_pairs, -1).flatten(0, 2)
-            rendered = self.answered(repeated, pairs.flatten())
+            rendered = self.answers(repeated, pairs.flatten())
         pixel = distance(rendered, levels, settings.loss)
         style = self.style(ours, truth, elements.window.whole)
         return torch.stack([pixel, style, focal_frequency(ours, truth)])
