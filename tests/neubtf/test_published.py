@@ -14,7 +14,7 @@ from bench.training import Samples
 from neubtf.augmentation import Crop
 from neubtf.autoencoder import Autoencoder, Encoder, as_guidance, displayed, eight_bits
 from neubtf.codec import NeuBTF
-from neubtf.published import DARKEST, JUDGED, Elements, Published, shown, slice_means
+from neubtf.published import COMPILED_FROM, DARKEST, JUDGED, Elements, Published, shown, slice_means
 from neubtf.training import by_texel, slice_of
 
 GREY = torch.full((1, 3, 16, 16), 0.3)  # a guidance image
@@ -148,3 +148,39 @@ def test_a_file_by_the_papers_recipe_has_the_version_of_that_recipe(tmp_path: Pa
         assert header.version == version
         assert loading.load(header.path).header.version == version
     assert NeuBTF.recipe_versions["paper"] != NeuBTF.version
+
+
+LONG_FIT = {"steps": COMPILED_FROM, "crop": 8}  # crops that a scale of 0.75 leaves smaller than 16 x 16 texels
+
+
+@pytest.mark.parametrize(
+    ("settings", "device", "compiled"),
+    [
+        (LONG_FIT, "cuda", True),
+        (LONG_FIT, "cpu", False),
+        (LONG_FIT | {"steps": COMPILED_FROM - 1}, "cuda", False),
+        (LONG_FIT | {"crop": 16}, "cuda", False),  # windows of many sizes
+    ],
+)
+def test_a_long_fit_on_a_gpu_compiles_what_its_steps_compute(
+    settings: dict[str, Any], device: str, compiled: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fitting = published(**settings)
+    fitting.samples.device = torch.device(device)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: name)  # as if Triton were installed
+    monkeypatch.setattr(torch, "compile", lambda function, dynamic: "compiled")
+    assert (fitting._quickest(fitting.answered) == "compiled") == compiled
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore:The .grad attribute of a Tensor that is not a leaf")  # PyTorch's compiler asks
+def test_a_compiled_step_has_the_gradient_of_any_other_and_the_same_state() -> None:
+    """By the compiler for processors, which is as near to a GPU's as this machine comes."""
+    eager, compiled = published(slices=2, crop=8), published(slices=2, crop=8)
+    compiled.encoded = torch.compile(compiled.encoder.forward, dynamic=False)
+    compiled.answers = torch.compile(compiled.answered, dynamic=False)
+    for fitting in (eager, compiled):
+        fitting.loss(generator(), 0.0).backward()  # type: ignore[no-untyped-call]
+    assert eager.state_dict().keys() == compiled.state_dict().keys()
+    for ours, theirs in zip(compiled.parameters(), eager.parameters(), strict=True):
+        torch.testing.assert_close(ours.grad, theirs.grad, rtol=1e-3, atol=1e-6)
