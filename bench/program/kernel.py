@@ -35,16 +35,32 @@ def _not(x: Scalar) -> Scalar:
     return not x if isinstance(x, bool) else ~x
 
 
+# What the words of a formula mean to Dr.Jit.
 _NAMES: dict[str, Any] = {
-    **{name: getattr(dr, name) for name in ("floor", "ceil", "exp", "log", "log2", "sin", "cos", "tanh", "sqrt")},
-    **{"abs": abs, "min": dr.minimum, "max": dr.maximum, "inversesqrt": dr.rsqrt, "pow": _power},
+    "abs": abs,
+    "ceil": dr.ceil,
+    "cos": dr.cos,
+    "exp": dr.exp,
+    "floor": dr.floor,
     "inverse": _not,
+    "inversesqrt": dr.rsqrt,
+    "log": dr.log,
+    "log2": dr.log2,
+    "max": dr.maximum,
+    "min": dr.minimum,
+    "pow": _power,
+    "sin": dr.sin,
+    "sqrt": dr.sqrt,
+    "tanh": dr.tanh,
 }
 
 
 @cache
 def _function(formula: str, count: int) -> Callable[..., Scalar]:
-    """A formula of operations as a function of Dr.Jit arrays; only three signs differ from Python."""
+    """A formula of operations as a function of Dr.Jit arrays; only three signs differ from Python.
+
+    Formulas are those of `bench.program.operations`, never text of a file, so that evaluating one is safe.
+    """
     python = formula.replace("&&", "&").replace("||", "|").replace("!(", "inverse(")
     arguments = [f"x[{k}]" for k in range(count)]
     return eval("lambda *x: " + python.format(*arguments), _NAMES)

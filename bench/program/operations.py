@@ -30,20 +30,46 @@ def operation(*names: str) -> Callable[[Operation], Operation]:
 # Elementwise operations.
 
 FORMULAS = {
-    **{"neg": "-({0})", "abs": "abs({0})", "floor": "floor({0})", "ceil": "ceil({0})", "exp": "exp({0})"},
-    **{"expm1": "exp({0}) - 1.0", "log": "log({0})", "log2": "log2({0})", "log1p": "log({0} + 1.0)"},
-    **{"sin": "sin({0})", "cos": "cos({0})", "tanh": "tanh({0})", "sqrt": "sqrt({0})", "rsqrt": "inversesqrt({0})"},
-    **{"reciprocal": "1.0 / ({0})", "sigmoid": "1.0 / (exp(-({0})) + 1.0)", "add": "{0} + {1}", "sub": "{0} - {1}"},
-    **{"mul": "{0} * {1}", "div": "{0} / {1}", "minimum": "min({0}, {1})", "maximum": "max({0}, {1})"},
+    "neg": "-({0})",
+    "abs": "abs({0})",
+    "floor": "floor({0})",
+    "ceil": "ceil({0})",
+    "exp": "exp({0})",
+    "expm1": "exp({0}) - 1.0",
+    "log": "log({0})",
+    "log2": "log2({0})",
+    "log1p": "log({0} + 1.0)",
+    "sin": "sin({0})",
+    "cos": "cos({0})",
+    "tanh": "tanh({0})",
+    "sqrt": "sqrt({0})",
+    "rsqrt": "inversesqrt({0})",
+    "reciprocal": "1.0 / ({0})",
+    "sigmoid": "1.0 / (exp(-({0})) + 1.0)",
+    "add": "{0} + {1}",
+    "sub": "{0} - {1}",
+    "mul": "{0} * {1}",
+    "div": "{0} / {1}",
+    "minimum": "min({0}, {1})",
+    "maximum": "max({0}, {1})",
     "remainder": "{0} - {1} * floor({0} / {1})",
 }
 # For whole numbers; the sign of a remainder is the divisor's.
 WHOLE = {name: FORMULAS[name] for name in ("neg", "abs", "add", "sub", "mul", "minimum", "maximum")}
 WHOLE["remainder"] = "({0} % {1} + {1}) % {1}"
 TRUTHS = {
-    **{"eq": "{0} == {1}", "ne": "{0} != {1}", "lt": "{0} < {1}", "le": "{0} <= {1}", "gt": "{0} > {1}"},
-    **{"ge": "{0} >= {1}", "logical_and": "{0} && {1}", "bitwise_and": "{0} && {1}", "logical_or": "{0} || {1}"},
-    **{"bitwise_or": "{0} || {1}", "logical_not": "!({0})", "bitwise_not": "!({0})"},
+    "eq": "{0} == {1}",
+    "ne": "{0} != {1}",
+    "lt": "{0} < {1}",
+    "le": "{0} <= {1}",
+    "gt": "{0} > {1}",
+    "ge": "{0} >= {1}",
+    "logical_and": "{0} && {1}",
+    "bitwise_and": "{0} && {1}",
+    "logical_or": "{0} || {1}",
+    "bitwise_or": "{0} || {1}",
+    "logical_not": "!({0})",
+    "bitwise_not": "!({0})",
 }
 KINDS = {"bool": bool, "int": int, "float": float}  # each contains those before it
 
