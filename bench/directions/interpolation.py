@@ -81,7 +81,8 @@ class Hemisphere(nn.Module):
         outside of samples that span no triangle."""
         if self.flat:
             return torch.ones(len(queries), dtype=torch.bool, device=queries.device)
-        return self._barycentric(stereographic(queries))[1].amin(1) < -ROUNDING
+        _, weights = self._barycentric(stereographic(queries))
+        return weights.amin(1) < -ROUNDING
 
     def _barycentric(self, points: Tensor) -> tuple[Tensor, Tensor]:
         """The triangle (n,) that holds each point (n, 2), or the candidate nearest to it, and its weights (n, 3)."""
@@ -96,7 +97,8 @@ class Hemisphere(nn.Module):
         # One number of the map at a time, because tensors (n, candidates, 2, 2) take twice as long.
         a, b, c, d, e, f = self.affine.flatten(1)[candidates].unbind(-1)
         x, y = points[:, :1], points[:, 1:]
-        second, third = a * x + b * y + c, d * x + e * y + f
+        second = a * x + b * y + c
+        third = d * x + e * y + f
         first = 1 - (second + third)
         best = torch.minimum(torch.minimum(first, second), third).argmax(1, keepdim=True)  # (n, 1)
         weights = torch.cat([weight.gather(1, best) for weight in (first, second, third)], 1)
@@ -130,9 +132,9 @@ class Hemisphere(nn.Module):
         outside = weights.amin(1) < -ROUNDING
         # A program has no branches, and a GPU would be waited for: compute both answers, then choose.
         if torch.compiler.is_exporting() or is_gpu(points.device):
-            on_hull = self._barycentric(self._onto_hull(points))
-            triangle = torch.where(outside, on_hull[0], triangle)
-            weights = torch.where(outside[:, None], on_hull[1], weights)
+            of_hull, weights_there = self._barycentric(self._onto_hull(points))
+            triangle = torch.where(outside, of_hull, triangle)
+            weights = torch.where(outside[:, None], weights_there, weights)
         elif outside.any():
             triangle[outside], weights[outside] = self._barycentric(self._onto_hull(points[outside]))
         weights = weights.clamp_min(0)
@@ -152,12 +154,15 @@ def _candidates(corners: np.ndarray) -> np.ndarray:
     x = (low[:, None, 0] <= edges[1:] + slack) & (high[:, None, 0] >= edges[:-1] - slack)
     y = (low[:, None, 1] <= edges[1:] + slack) & (high[:, None, 1] >= edges[:-1] - slack)
     met = y.T[:, None] & x.T  # (rows, columns, triangles)
-    middle, centroids = (edges[1:] + edges[:-1]) / 2, corners.mean(1)
-    for row, column in np.argwhere(~met.any(2)):
-        met[row, column, np.linalg.norm((middle[column], middle[row]) - centroids, axis=-1).argmin()] = True
+    middle = (edges[1:] + edges[:-1]) / 2  # of each column, and of each row
+    centroids = corners.mean(1)
+    for row, column in np.argwhere(~met.any(2)):  # cells that no box meets
+        distances = np.linalg.norm((middle[column], middle[row]) - centroids, axis=-1)
+        met[row, column, distances.argmin()] = True
     cell, triangle = np.nonzero(met.reshape(CELLS**2, -1))
     counts = np.bincount(cell)
-    if (most := counts.max()) > MOST_CANDIDATES:
+    most = counts.max()
+    if most > MOST_CANDIDATES:
         raise ValueError(f"{most:,} triangles of directions meet in one place, but the limit is {MOST_CANDIDATES:,}")
     starts = np.cumsum(counts) - counts
     out = np.repeat(triangle[starts, None], most, axis=1)
@@ -199,7 +204,9 @@ class PairInterpolator(nn.Module):
         """The number of samples for one query."""
         if not self.product:
             return min(SHEPARD_NEIGHBOURS, len(self.pairs))
-        return (1 if self.views.flat else 3) * (1 if self.lights.flat else 3)
+        of_view = 1 if self.views.flat else 3
+        of_light = 1 if self.lights.flat else 3
+        return of_view * of_light
 
     def forward(self, wo: Tensor, wi: Tensor) -> Weights:
         """Pair indices and weights (n, k) of queries wo, wi (n, 3): radiance = Σ weight · radiance of the pair."""
@@ -209,8 +216,10 @@ class PairInterpolator(nn.Module):
     def shares(self, wo: Tensor, wi: Tensor) -> Weights:
         """Pair indices and weights (n, k) that add up to one, for callers that handle the cosines themselves."""
         search = self._tensor_product if self.product else self._shepard
-        if len(wo) > 1 and wo.stride(0) == wi.stride(0) == 0:  # a slice: one pair of directions, expanded to all texels
-            return Weights(*(tensor.expand(len(wo), -1) for tensor in search(wo[:1], wi[:1])))
+        # A slice has one pair of directions, expanded to all texels, so that each row lies in the same memory.
+        if len(wo) > 1 and wo.stride(0) == wi.stride(0) == 0:
+            one = search(wo[:1], wi[:1])
+            return Weights(one.sample.expand(len(wo), -1), one.weight.expand(len(wo), -1))
         return search(wo, wi)
 
     def mean_cosine(self, pair: Tensor, share: Tensor, level: Tensor) -> Tensor:
