@@ -76,7 +76,7 @@ class Camera:
 
 
 def _spread(one: Any, other: Any) -> bool:
-    """Whether two vectors span a plane."""
+    """Whether two vectors span a plane: neither is 0, and they are not parallel, up to rounding."""
     return bool(np.linalg.norm(np.cross(one, other)) > 1e-9 * np.linalg.norm(one) * np.linalg.norm(other))
 
 

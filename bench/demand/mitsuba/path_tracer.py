@@ -192,7 +192,11 @@ def _density(here: Shading, h: Values) -> Values:
 
 
 def _visible_normal(here: Shading, o: Values, place: Values) -> Values:
-    """A half vector drawn in proportion to D(h) · (o·h)⁺ (Heitz 2018, appendix A)."""
+    """A half vector drawn in proportion to D(h) · (o·h)⁺ (Heitz 2018, appendix A).
+
+    The view is stretched to a hemisphere of roughness 1, whose projection along the view is half a disc and half an
+    ellipse. A point drawn there gives a normal, which is stretched back.
+    """
     v = dr.normalize(mi.Vector3f(here.alpha_t * o.x, here.alpha_b * o.y, o.z))
     side = v.x * v.x + v.y * v.y
     scale = dr.rsqrt(at_least(1e-12, side))
@@ -240,14 +244,16 @@ class PathTracer:
     def _mesh(self, view_z: float, light_z: float) -> Any:
         """Two triangles a cell, with vertices at the centres of grid cells, around the tile as far as rays reach."""
         relief = self.field.top - self.field.bottom
+        # How far the lowest view and light go sideways for each unit of height: the tangents of their angles.
         slopes = sum(math.sqrt(max(1 / z**2 - 1, 0)) for z in (view_z, light_z))
         reach = relief * slopes + min(REACH * relief, 1)
         (H, W), cell = self.field.shape, self.field.cell
-        border = [math.ceil(reach / side) + 1 for side in cell]
+        border = [math.ceil(reach / side) + 1 for side in cell]  # in cells, down and across
         if (H + 2 * border[0]) * (W + 2 * border[1]) > MAX_CELLS:
             relief_reach = f"a relief of {relief:.2g} widths reaches {reach:.2g} widths: the mesh would be too large"
             raise InputError(f"at these grazing directions {relief_reach}: take a smaller --depth or --size")
-        rows, cols = np.arange(-border[0], H + border[0]), np.arange(-border[1], W + border[1])
+        rows = np.arange(-border[0], H + border[0])
+        cols = np.arange(-border[1], W + border[1])
         y, x = np.meshgrid((H - rows - 0.5) * cell[0], (cols + 0.5) * cell[1], indexing="ij")
         vertices = np.stack([x, y, self.field.height[np.ix_(rows % H, cols % W)]], -1)
         return _triangles(vertices.astype(np.float32))
@@ -273,8 +279,9 @@ class PathTracer:
         """Radiance (mi.Color3f) toward `wo` of numbered sub-points, those of a texel side by side, lit from `wi`."""
         (H, W), s = self.size, self.sub_points
         texel = point // (s * s)
-        number = point - texel * (s * s)
-        row, col = texel // W * s + number // s, texel % W * s + number % s
+        number = point - texel * (s * s)  # of the sub-point in its texel, row by row
+        row = texel // W * s + number // s
+        col = texel % W * s + number % s
         y = self.aspect * (1 - (mi.Float(row) + (0.5 + NUDGE[0])) / (H * s))
         x = (mi.Float(col) + (0.5 + NUDGE[1])) / (W * s)
         ray = mi.Ray3f(mi.Point3f(x, y, 0) + (self.field.top + 1e-3) / wo.z * wo, -wo)
@@ -316,6 +323,7 @@ def _three(generator: Values) -> Values:
 def _triangles(vertices: Array) -> Any:
     """A mesh of a grid of vertices (rows, columns, 3), seen from above counter-clockwise."""
     rows, cols = vertices.shape[:2]
+    # Vertices are numbered row by row; each that has one to the right and one below is the corner of two triangles.
     corner = (np.arange(rows - 1)[:, None] * cols + np.arange(cols - 1)).reshape(-1)
     right, below = corner + 1, corner + cols
     faces = np.stack([corner, below, right, right, below, below + 1], -1).astype(np.uint32)
