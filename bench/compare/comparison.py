@@ -56,7 +56,9 @@ class Comparison:
         changes = chain.from_iterable(row.deciding for row in self.rows)
         if not any(change.verdict in DECIDED for change in changes):
             return NOTHING
-        return NO if any(row.forbids for row in (*self.rows, *self.means)) else FINE
+        if any(row.forbids for row in (*self.rows, *self.means)):
+            return NO
+        return FINE
 
 
 def _counted(rows: Sequence[ComparedRow]) -> str:
@@ -114,8 +116,9 @@ def _wanted(run: Run, materials: Sequence[str], codecs: Sequence[str]) -> list[J
 
 
 def _names(pattern: str, row: ComparedRow) -> bool:
-    """Whether a pattern of `allow` names a row."""
-    words = (row.name, row.label, row.label.split()[0], row.material)
+    """Whether a pattern of `allow` names a row: by material and label, by label, by codec or by material."""
+    codec = row.label.split()[0]
+    words = (row.name, row.label, codec, row.material)
     return any(fnmatchcase(word, pattern) for word in words)
 
 
@@ -128,7 +131,10 @@ def means(rows: Sequence[ComparedRow]) -> list[ComparedRow]:
 
 
 def _mean(label: str, rows: list[ComparedRow], every: bool) -> ComparedRow | None:
-    """The row of a codec over all materials; None where no quantity was judged on several."""
+    """The row of means over several rows; None where no quantity was judged on two or more of them.
+
+    `every` says that the rows are of all codecs, not of one: their mean has a tolerance of its own.
+    """
     changes: dict[str, list[Change]] = {}
     for row in rows:
         for change in row.deciding:
@@ -146,12 +152,16 @@ def _is_finite(change: Change) -> bool:
 
 
 def _merged(changes: list[Change], every: bool) -> Change:
-    """The change of one quantity over some rows: plain means of base and new, and the mean change, weighted by the
-    variances of the rows, which decides, with its margin."""
+    """The change of one quantity over some rows: plain means of base and new, which are shown, and a weighted mean of
+    their differences, which decides, with its margin.
+
+    Rows that scatter more weigh less. `every` is as in `_mean`.
+    """
     quantity = changes[0].quantity
     tolerance = quantity.tolerance
     assert tolerance is not None, "a deciding quantity has a tolerance"
-    # The inverse of each variance is best if all rows lose alike; `common` is a lower bound of the standard errors.
+    # If all rows lose alike, their mean scatters least when each weighs by the inverse of its variance. `common` is
+    # added to it, so that a row that hardly scatters does not outweigh all others.
     inverse = []
     for change in changes:
         error = change.chance.error if change.chance else 0.0
@@ -287,7 +297,8 @@ def compare_extremes(base: Run, new: Run, codecs: Sequence[str] = (), allow: Seq
             worse.append(f"{name} held, and is now {after['verdict']}: {after['detail'] or after['figure']}")
     lines = [visible(text) for text in worse]
     lines.append(f"{held} cells hold, {len(worse)} got worse")
-    return "\n".join(lines), NO if worse else FINE
+    code = NO if worse else FINE
+    return "\n".join(lines), code
 
 
 def _cells(run: Run, subjects: Set[str]) -> dict[str, Stress]:

@@ -106,7 +106,7 @@ def _hull(rungs: Sequence[Rung]) -> list[Point]:
         if hull and candidate.score <= hull[-1].score:
             continue  # no better than a smaller one
         while len(hull) > 1 and _is_below(hull[-1], hull[-2], candidate):
-            hull.pop()
+            hull.pop()  # the new one hides those that it leaves below the hull
         hull.append(candidate)
     points = [Point(each.size, each.rung.of) for each in hull]
     largest = float(np.log2(max(rung.size for rung in rungs)))
@@ -116,7 +116,8 @@ def _hull(rungs: Sequence[Rung]) -> list[Point]:
 
 
 def _is_below(middle: _Candidate, first: _Candidate, last: _Candidate) -> bool:
-    """Whether a candidate lies on or below the line between its neighbours."""
+    """Whether a candidate lies on or below the line between its neighbours; sizes ascend from `first` to `last`."""
+    # Compares the slopes from `first` to the other two, each multiplied by both differences of size.
     rise = (middle.score - first.score) * (last.size - first.size)
     return rise <= (last.score - first.score) * (middle.size - first.size)
 
@@ -132,7 +133,7 @@ def curve_of(
     values = list[float]()
     for place, point in enumerate(points):
         jobs = point.jobs
-        if place and jobs is points[place - 1].jobs:  # the level end of a curve
+        if place and jobs is points[place - 1].jobs:  # the level end of a curve, so draws must be those before
             values.append(values[-1])
             continue
         if draw is not None and len(jobs) > 1:
@@ -184,6 +185,7 @@ def _mean_gap(ours: _Line, theirs: _Line) -> float | None:
     if low >= high:
         return None
     inner = sorted(x for x in (*ours.x, *theirs.x) if low < x < high)
+    # Both are linear between these places, so the trapezium rule is exact.
     places = np.array([low, *inner, high])
     gap = np.interp(places, ours.x, ours.y) - np.interp(places, theirs.x, theirs.y)
     areas = np.diff(places) * (gap[1:] + gap[:-1]) / 2
@@ -222,7 +224,10 @@ def readings(result: Budgets, points: Points, budget: Budget, surfaces: Sequence
 
 
 def gaps_of_rungs(result: Budgets, line: str, anchor: Mapping[str, Sequence[Point]]) -> dict[str, list[float]]:
-    """As `differences`, of a line without curves: the mean gap of its rungs to the other's curve at their bytes."""
+    """As `differences`, of a line without curves: the mean gap of its rungs to the other's curve at their bytes.
+
+    Seeds are not drawn; the number is repeated in place of each draw.
+    """
     found: dict[str, list[float]] = {}
     for surface in sorted(anchor):
         curve = curve_of(anchor[surface])
@@ -239,7 +244,8 @@ def gaps_of_rungs(result: Budgets, line: str, anchor: Mapping[str, Sequence[Poin
 
 
 def differences(points: Mapping[str, Sequence[Point]], anchor: Mapping[str, Sequence[Point]]) -> dict[str, list[float]]:
-    """By surface: BD-PSNR of a line to another where both have curves in common, then `DRAWS` draws of their seeds."""
+    """By surface on which both lines have curves: BD-PSNR of one to the other, then the same for `DRAWS` draws of the
+    seeds of each."""
     found: dict[str, list[float]] = {}
     rng = np.random.default_rng(0)
     for surface in sorted(points.keys() & anchor.keys()):
@@ -265,9 +271,10 @@ def _difference(
 
 def summarised(by_surface: dict[str, list[float]]) -> Summary:
     """The summary of `differences`; the interval is of surfaces and seeds drawn with replacement."""
-    values = np.array(list(by_surface.values()))
+    values = np.array(list(by_surface.values()))  # (surfaces, 1 + DRAWS)
     measured, drawn = values[:, 0], values[:, 1:]
     rng = np.random.default_rng(0)
+    # Each resample draws as many surfaces as there are, and of each of these one draw of its seeds.
     surfaces = rng.integers(0, len(values), (RESAMPLES, len(values)))
     seeds = rng.integers(0, drawn.shape[1], surfaces.shape)
     low, high = np.percentile(drawn[surfaces, seeds].mean(1), [2.5, 97.5])
