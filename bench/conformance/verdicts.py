@@ -90,7 +90,7 @@ def _extremes(tested: CodecUnderTest) -> Iterator[Result]:
         failure = reason = ""
         if verdict.verdict == "fail":
             failure = what + met_by_others(case.name)
-            if case.group == "data":
+            if case.group == "data":  # only these are of quality
                 failure += hint
                 hint = ""
         elif verdict.verdict == "n/a":
