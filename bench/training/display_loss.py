@@ -40,7 +40,7 @@ class DisplayLoss(nn.Module):
             self.error.mul_(KEPT).index_add_(0, direction, error)
             self.count.mul_(KEPT).index_add_(0, direction, torch.ones_like(error))
             mean = self.error.sum() / self.count.sum()
-            # A direction with few samples so far counts as the mean.
+            # As if each direction had one more sample, with the mean error: one with few samples so far counts as that.
             of_slice = (self.error[direction] + mean) / (self.count[direction] + 1)
         if progress < SHOWN_FROM:
             return both

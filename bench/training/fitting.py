@@ -151,7 +151,8 @@ def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> floa
     loop = _Loop(objective.to(fit.device), fit, steps)
     loop.resume()
     while loop.step < steps and not (patience and loop.flat(patience)):
-        loop.advance(min(steps, (loop.step // KEEP_EVERY + 1) * KEEP_EVERY))
+        next_state = (loop.step // KEEP_EVERY + 1) * KEEP_EVERY
+        loop.advance(min(steps, next_state))
     objective.round_textures(fit, loop.step / steps)  # for a fit that ended before
     if loop.step < steps:
         log.info("ended at step %d of %d: the curve is flat", loop.step, steps)
@@ -265,7 +266,8 @@ class _Loop:
                 self._show()
         # A parameter that is not finite stays so, so an occasional check misses nothing.
         near = all((parameter.abs() < FARTHEST).all() for parameter in self.parameters)
-        if not (near and total.isfinite()) or not self._measured():
+        good = near and total.isfinite() and self._measured()  # only a fit that may be good is measured
+        if not good:
             self._rescue()
             return
         self._show()
@@ -294,7 +296,9 @@ class _Loop:
 
         False if it diverged: dead rectifiers or arbitrary sine outputs can do so while every number is finite.
         """
-        last = self.curve[-1][0] if self.curve else 0
+        last = 0  # step of the last point
+        if self.curve:
+            last, _, _ = self.curve[-1]
         if self.step < self.steps and self.step - last < self.steps / POINTS:
             return True
         progress = self.step / self.steps

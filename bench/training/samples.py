@@ -88,6 +88,7 @@ class Samples:
         if self.density:
             drawn = self.density.draw(count, self.shape, generator)
             return self.seen(self._up(drawn.texel), self._up(drawn.direction))
+        # One random number a sample: texel · pairs + pair.
         flat = self._up(torch.randint(self.trained * self.pairs, (count,), generator=generator))
         return self.at(flat // self.pairs, flat % self.pairs)
 
@@ -123,7 +124,7 @@ class Samples:
         pair, weight = self.density.around(direction)
         around = self.at(texel.repeat_interleave(pair.shape[1]), pair.flatten())
         corners = around.target.unflatten(0, pair.shape)  # (n, k, 3)
-        mean = (corners.expm1() * weight[..., None]).sum(1)
+        mean = (corners.expm1() * weight[..., None]).sum(1)  # of radiance times the gain, not of its logarithm
         return Batch(texel, direction, mean.log1p())
 
     def abrdfs(self, texel: Tensor) -> Tensor:
@@ -148,7 +149,11 @@ class Samples:
 
 
 def _filled(levels: dict[int, Samples], pictures: Iterable[np.ndarray]) -> list[Tensor]:
-    """The log radiance (texels, pairs, 3) of samples, in halves, from pictures to be averaged over each's factor."""
+    """The log radiance (texels, pairs, 3) of each of several samples, in halves.
+
+    `levels` are the samples by the texels a side that each averages; `pictures` (H, W, 3), one a pair, are read once
+    for all of them.
+    """
     tables = [torch.empty(each.texels, each.pairs, 3, dtype=torch.float16) for each in levels.values()]
     for pair, picture in enumerate(pictures):
         for (factor, each), table in zip(levels.items(), tables, strict=True):
