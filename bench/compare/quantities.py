@@ -135,6 +135,7 @@ def _metric(job: Job, metric: str, group: str, name: str, digits: int, limit: To
     decibels = in_decibels(metric)
 
     def value(job: Job) -> float | None:
+        """The pooled number of a job; None if it was not measured."""
         stats = metrics_of(job, group).get(metric)
         return _number(stats, stats.get("pooled"), decibels) if stats else None
 
@@ -188,6 +189,7 @@ def _part(part: str) -> Quantity:
     """The bytes of a part of the file."""
 
     def value(job: Job) -> float | None:
+        """The bytes of the part in a job's file; None if it has no such part."""
         sizes = dict(job["bytes"])
         return cast(int | None, sizes.get(part))
 

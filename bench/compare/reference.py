@@ -90,8 +90,8 @@ def pairs_by_seed(run: Run) -> list[str]:
 
 
 def smallest_losses(run: Run, count: int) -> dict[str, dict[str, float]]:
-    """By row and quantity, the smallest loss of PSNR in dB that `count` new seeds show, at held-out pairs (`MAIN`) and at
-    training pairs (`train`).
+    """By row and quantity, the smallest loss of PSNR in dB that `count` new seeds show, at held-out pairs (`MAIN`) and
+    at training pairs (`train`).
 
     A row whose seeds have test pairs of their own is left out: its margin depends on the new run.
     """

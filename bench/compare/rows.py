@@ -112,6 +112,7 @@ class ComparedRow:
 
     @property
     def name(self) -> str:
+        """The row as `allow` and tables name it: material/label."""
         return f"{self.material}/{self.label}"
 
     @property

@@ -150,8 +150,8 @@ def one_file(reference: Sequence[Job]) -> bool:
 def _scatter_values(
     quantity: Quantity, base: Sequence[Job], new: Sequence[Job], reference: Sequence[Job]
 ) -> list[float | None]:
-    """The numbers that measure scatter: those of all seeds of the base; for a metric whose seeds are scored at different
-    pairs, the change from base to new at each seed that both have."""
+    """The numbers that measure scatter: those of all seeds of the base; for a metric whose seeds are scored at
+    different pairs, the change from base to new at each seed that both have."""
     if not quantity.metric or _same_pairs(reference):
         return [quantity.value(job) for job in reference]
     after = {job["seed"]: quantity.value(job) for job in new}

@@ -85,6 +85,7 @@ class CodecUnderTest:
 
     @cached_property
     def btf(self) -> BTF:
+        """The small material."""
         return tiny_btf()
 
     @cached_property
@@ -267,7 +268,8 @@ def slices(tested: CodecUnderTest) -> None:
     uv = texel_centres(height, width)
     view, light = (torch.from_numpy(w).expand(len(uv), 3) for w in (wo, wi))
     answers = tested.material.query(uv, view, light, 1 / max(height, width))
-    _same("slice", tested.material.slice(wo.tolist(), wi.tolist()), answers.reshape(height, width, 3), tolerance=0.0)
+    picture = answers.reshape(height, width, 3)
+    _same("slice", tested.material.slice(wo.tolist(), wi.tolist()), picture, tolerance=0.0)
 
 
 def encodes(tested: CodecUnderTest) -> None:

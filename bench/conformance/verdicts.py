@@ -68,6 +68,7 @@ def _stage(tested: CodecUnderTest, checks: tuple[Check, ...]) -> Iterator[Result
     """Run the checks of one stage and yield each result, whose name is the docstring of the check."""
 
     def noted(one: Check) -> Measured:
+        """Run a check; the detail is its note."""
         return Measured(detail=one(tested) or "")
 
     for one in checks:

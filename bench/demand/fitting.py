@@ -275,7 +275,8 @@ def rows(result: SearchResult, scorer: FrameScorer, threads: int, held: BTF) -> 
     if result.scene:
         models["scene"] = result.scene
     order = np.random.default_rng(0).permutation(len(scorer.demand))[: timing.BATCH]
-    device, size = result.full.material.device, result.full.material.size
+    device = result.full.material.device
+    size = result.full.material.size
     queries = [torch.from_numpy(column[order]).to(device) for column in scorer.demand.queries(size)]
     calls = {name: partial(model.material.query, *queries) for name, model in models.items()}
     timings = timing.in_turns(calls, len(order), size, threads, device)

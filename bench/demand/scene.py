@@ -139,6 +139,7 @@ class LightSource:
 
 
 def _check_toward(toward: Vector) -> None:
+    """Raise `InputError` for a vector of 0, which is no direction."""
     if not any(toward):
         raise InputError("toward must not be 0")
 

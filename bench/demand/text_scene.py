@@ -17,7 +17,8 @@ class TextScene:
 
     def __init__(self, scene: Scene):
         self.scene = scene
-        self.name, self.frames = scene.name, len(scene.cameras)
+        self.name = scene.name
+        self.frames = len(scene.cameras)
         self.picture = (scene.cameras[0].height, scene.cameras[0].width)
         self.samples = 0
         for light in scene.lights:
@@ -189,6 +190,20 @@ def _slopes(surface: Surface, place: Array) -> Array:
     return np.stack(rise, 1) / (2 * step) * scale[2] / scale[:2]  # a ratio of scene units
 
 
+def _drape_box(start: Array, way: Array) -> tuple[Array, Array]:
+    """Where rays from a start (3,) along ways (n, 3) enter and leave the box around the cloth: (n,) each, as multiples
+    of the way. Start and ways are in the units of `_height`. A ray that misses the box leaves it before it enters."""
+    low = np.array([-DRAPE_HALF, -DRAPE_HALF, DRAPE_LOW])
+    high = np.array([DRAPE_HALF, DRAPE_HALF, DRAPE_HIGH])
+    # A ray is inside once it has passed the nearer plane of each of the three pairs, and until it passes the first of
+    # the farther ones. It is infinitely far from planes that it runs along, or NaN if it lies in one.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sides = np.stack([(low - start) / way, (high - start) / way])  # (2, n, 3)
+    enter = np.maximum(np.nanmax(sides.min(0), 1), 0)
+    leave = np.nanmin(sides.max(0), 1)
+    return enter, leave
+
+
 def _drape_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
     """As `distance`, of a cloth: the first crossing of each ray, by steps through the box around it, then halvings.
 
@@ -199,14 +214,7 @@ def _drape_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
     # Rays in the units of `_height`; distances along them stay in scene units.
     start = (eye - np.asarray(surface.centre)) @ axes / scale
     way = ahead @ axes / scale
-    low = np.array([-DRAPE_HALF, -DRAPE_HALF, DRAPE_LOW])
-    high = np.array([DRAPE_HALF, DRAPE_HALF, DRAPE_HIGH])
-    # A ray is inside the box after it has passed the nearer plane of each of the three pairs, and before it passes the
-    # first of the farther ones. It is infinitely far from planes that it runs along, or NaN if it lies in one.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        sides = np.stack([(low - start) / way, (high - start) / way])  # (2, n, 3)
-    enter = np.maximum(np.nanmax(sides.min(0), 1), 0)
-    leave = np.nanmin(sides.max(0), 1)
+    enter, leave = _drape_box(start, way)
     distances = np.full(len(way), np.inf)
     some = np.flatnonzero(enter < leave)
     enter, leave, way = enter[some], leave[some], way[some]

@@ -66,7 +66,8 @@ class Objective(nn.Module):
 
     def __init__(self, samples: Samples, settings: Any):
         super().__init__()
-        self.samples, self.settings = samples, settings  # settings: the codec's
+        self.samples = samples
+        self.settings = settings  # the codec's
         shown = getattr(settings, "loss", "") == "display"
         self.display_loss = DisplayLoss(len(samples.wo)) if shown else None
 
@@ -165,11 +166,15 @@ class _Loop:
     """The state of a fit under way: parameters, the optimisers' moments, generator, step, halvings, and the curve."""
 
     def __init__(self, objective: Objective, fit: Fit, steps: int):
-        self.objective, self.fit, self.steps = objective, fit, steps
+        self.objective = objective
+        self.fit = fit
+        self.steps = steps
         self.generator = fit.generator()
         self.optimisers = Optimisers(objective.groups(), fit.device)
-        self.highest, self.parameters = self.optimisers.highest, self.optimisers.parameters
-        self.step, self.halvings = 0, 0
+        self.highest = self.optimisers.highest  # learning rate of each group
+        self.parameters = self.optimisers.parameters
+        self.step = 0
+        self.halvings = 0  # of the learning rates, after divergence
         self.curve: list[tuple[int, float, float]] = []  # step, processor seconds, PSNR in dB
         samples = objective.samples
         # A network for all materials is judged by materials that it does not learn from, where there are some.

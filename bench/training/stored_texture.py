@@ -35,7 +35,8 @@ class Rounding(nn.Module):
 
     def __init__(self, channels: int, bits: int, least: int = 1):
         super().__init__()
-        self.wanted, self.least = bits, least  # on average, and of each channel
+        self.wanted = bits  # on average over the texture's numbers
+        self.least = least  # of each channel
         self.low = nn.Buffer(torch.zeros(channels))  # the lowest value (C,) of each channel
         self.step = nn.Buffer(torch.zeros(channels))  # from one code to the next (C,)
         self.bits = nn.Buffer(torch.zeros(channels, dtype=torch.long))  # (C,), all 0: not chosen

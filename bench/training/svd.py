@@ -63,19 +63,8 @@ def truncated_svd(
     if small or size * (passes - 1) >= min(shape):
         return _exact(read, shape, rank, device)
     mean = torch.zeros(features, device=device)
-    # The images of random rows under AᵀA, under its square, and so on: they span the space.
-    depth = min(passes - 1, max(2, SPACE_BYTES // (4 * size * texels)))  # images that are kept
-    space = torch.zeros(depth, size, texels, device=device)
-    image = torch.randn(size, texels, generator=generator).to(device)
-    for step in range(passes - 1):
-        power = space[step % depth].zero_()  # the oldest image gives way
-        for _, block in _centred(read(f"pass {step + 1} of {passes}"), mean, first=step == 0):
-            power.addmm_(image @ block.T, block)
-        _orthonormalise(power)
-        image = power
+    rows_of_space = _krylov_space(read, shape, size, passes, mean, generator)
     # The last pass projects the matrix on the space; the components of this smaller matrix are those wanted.
-    rows_of_space = space.flatten(0, 1)  # (depth · size, T)
-    _orthonormalise(rows_of_space)
     projected = torch.empty(features, len(rows_of_space), device=device)
     energy = 0.0
     for rows, block in _centred(read(f"pass {passes} of {passes}"), mean, first=False):
@@ -87,6 +76,29 @@ def truncated_svd(
     floor = EPSILON * (energy + texels * float(mean.square().sum())) ** 0.5
     turn = vectors[:, _largest(values, rank, floor)].float()
     return _balanced(mean, projected @ turn, turn.T @ rows_of_space)
+
+
+def _krylov_space(
+    read: Blocks, shape: tuple[int, int], size: int, passes: int, mean: Tensor, generator: torch.Generator
+) -> Tensor:
+    """Orthonormal rows (n, T) in which the strongest components of a matrix of `shape` (F, T) lie, from all passes but
+    the last; the first writes the mean of each row to `mean` (F,).
+
+    They span the images of `size` random rows under AᵀA, under its square, and so on.
+    """
+    _, texels = shape
+    depth = min(passes - 1, max(2, SPACE_BYTES // (4 * size * texels)))  # images that are kept
+    space = torch.zeros(depth, size, texels, device=mean.device)
+    image = torch.randn(size, texels, generator=generator).to(mean.device)
+    for step in range(passes - 1):
+        power = space[step % depth].zero_()  # the oldest image gives way
+        for _, block in _centred(read(f"pass {step + 1} of {passes}"), mean, first=step == 0):
+            power.addmm_(image @ block.T, block)
+        _orthonormalise(power)
+        image = power
+    rows = space.flatten(0, 1)  # (depth · size, T)
+    _orthonormalise(rows)
+    return rows
 
 
 def strongest(factors: Factors, rank: int) -> Factors:

@@ -82,7 +82,8 @@ def _most(way: int, payload: bytes) -> int:
 
 def expand(data: Tensor, shape: Sequence[int], sizes: Sequence[tuple[int, int]] | None = None) -> Tensor:
     """The codes (…, C), as floats, from the bytes of `compress`; memory stays within that shape and `_most`."""
-    channels, count = shape[-1], math.prod(shape)
+    channels = shape[-1]
+    count = math.prod(shape)
     if not len(data) or data[0] > PREDICTED:
         raise InputError("a texture of this file does not say how it is stored: encode it again")
     way = int(data[0])
@@ -107,7 +108,8 @@ def _expanded(
     way: int, payload: bytes, bits: NDArray[np.uint8], shape: Sequence[int], sizes: Sequence[tuple[int, int]] | None
 ) -> Tensor:
     """The codes (…, C), as floats, of channels of one bit or more, stored in some way."""
-    channels, count = shape[-1], math.prod(shape)
+    channels = shape[-1]
+    count = math.prod(shape)
     size = count // channels
     pictures = _pictures(shape, sizes)
     if way == PREDICTED:

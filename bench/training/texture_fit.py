@@ -108,7 +108,10 @@ class TextureMaterial(Material):
         architecture = network.architecture
         cost = DecoderCost.of_texture(texture, architecture.parameters, architecture.flops)
         super().__init__((texture.shape[0], texture.shape[1]), cost)
-        self.network, self.texture, self.gain, self.directions = network, texture, gain, directions
+        self.network = network
+        self.texture = texture
+        self.gain = gain
+        self.directions = directions
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         view, light = direction_inputs(wo, wi, self.directions)

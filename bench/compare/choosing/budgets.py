@@ -35,6 +35,7 @@ class Budget(NamedTuple):
 
     @property
     def limits(self) -> Limits:
+        """This budget as limits of a rung."""
         return Limits(size=self.most) if self.kind == BYTES else Limits(time=self.most)
 
 

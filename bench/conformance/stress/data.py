@@ -184,7 +184,8 @@ def constants_hold(encoded: Encoded) -> Measured:
 
 def same_quality(factor: float, subject: Subject) -> None:
     """Check that the ordinary material times a factor is stored neither better nor worse than without it."""
-    unscaled, scaled = subject.usual, subject.encode(material(values() * np.float32(factor)))
+    unscaled = subject.usual
+    scaled = subject.encode(material(values() * np.float32(factor)))
     sound(scaled)
     before, after = quality(unscaled, unscaled.decoded), quality(scaled, scaled.decoded)
     for space, now in after.items():

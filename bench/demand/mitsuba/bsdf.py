@@ -138,7 +138,8 @@ class _Answers:
         self.pixel_angle = float(props.get("pixel_angle", 0.0))
         side = mi.BSDFFlags.FrontSide | (mi.BSDFFlags.BackSide if self.two_sided else mi.BSDFFlags.Empty)
         flags = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.SpatiallyVarying | side
-        self.m_components, self.m_flags = [flags], flags
+        self.m_components = [flags]
+        self.m_flags = flags
         file = load(self.file)
         across, up = periods(file.material.size)
         self.periods = self.repeat * across, self.repeat * up
@@ -214,6 +215,7 @@ class _Answers:
         return dr.select(active & (view.z > 0) & (light.z > 0), density, 0)
 
     def eval_pdf(self, context: Any, si: Any, wo: Any, active: Any = True) -> Any:
+        """What `eval` and `pdf` give."""
         return self.eval(context, si, wo, active), self.pdf(context, si, wo, active)
 
     def traverse(self, callback: Any) -> None:

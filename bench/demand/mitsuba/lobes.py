@@ -63,7 +63,8 @@ class Lobe:
         half = _unit(view + light)
         stretched = (half[:, 0] / self.along) ** 2 + (half[:, 1] / self.across) ** 2 + half[:, 2] ** 2
         normals = 1 / (math.pi * self.along * self.across * stretched**2)
-        height, met = view[:, 2].clamp_min(1e-4), (view * half).sum(1).clamp_min(1e-4)
+        height = view[:, 2].clamp_min(1e-4)
+        met = (view * half).sum(1).clamp_min(1e-4)
         slope = ((self.along * view[:, 0]) ** 2 + (self.across * view[:, 1]) ** 2) / height**2
         unshadowed = 2 / (1 + (1 + slope).sqrt())
         lobe = normals * unshadowed / (4 * height) * (half[:, 2] > 0)
@@ -72,6 +73,7 @@ class Lobe:
 
 
 def _unit(vectors: Tensor) -> Tensor:
+    """Vectors (n, 3) scaled to length 1."""
     return vectors / torch.linalg.vector_norm(vectors, dim=1, keepdim=True)
 
 

@@ -140,7 +140,8 @@ def shading(o: Values, base: Values, roughness: Values, metal: Values, specular:
 
 def reflect(here: Shading, i: Values) -> Values:
     """f_r · cos θ_i (mi.Color3f) toward the points' `o`; 0 from below the tangent plane."""
-    o, i_n = here.o, at_least(0, i.z)
+    o = here.o
+    i_n = at_least(0, i.z)
     between = at_least(1e-6, 0.5 + 0.5 * dr.dot(here.seen, i))  # (o·h)²
     h = (o + mi.Vector3f(i.x, i.y, i_n)) * (0.5 * dr.rsqrt(between))
     masking = i_n * _smith(here, o) + o.z * _smith(here, mi.Vector3f(i.x, i.y, i_n))
@@ -174,7 +175,8 @@ def _cosine(place: Values) -> Values:
 
 def _disc(place: Values) -> tuple[Values, Values]:
     """x and y drawn uniformly in the unit disc, from two numbers in [0, 1)."""
-    radius, phi = dr.sqrt(place.x), 2 * dr.pi * place.y
+    radius = dr.sqrt(place.x)
+    phi = 2 * dr.pi * place.y
     return radius * dr.cos(phi), radius * dr.sin(phi)
 
 
@@ -221,7 +223,9 @@ class PathTracer:
     def __init__(
         self, maps: Maps, size: tuple[int, int], sub_points: int, view_z: float, light_z: float, seed: int = 0
     ):
-        self.size, self.sub_points, self.seed = size, sub_points, seed & 0xFFFFFFFF
+        self.size = size
+        self.sub_points = sub_points  # along each side of a texel
+        self.seed = seed & 0xFFFFFFFF  # Mitsuba takes 32 bits
         built_in = Renderer(maps, size, sub_points)
         self.field, self.aspect = built_in.field, built_in.aspect
         # The lookup table of the built-in renderer, so that both render the same surface.
