@@ -75,7 +75,6 @@ def compare(
     `allow` names rows that may be gone or not comparable: a codec, a label, a material, `material/label`, or a pattern.
     Raises `InputError` for a name that neither has, for a damaged base, and for a job that lacks a needed field.
     """
-
     check_whole(base)
     every = [*base.jobs, *new.jobs]
     check_names("material", materials, {job["material"] for job in every})
@@ -86,8 +85,9 @@ def compare(
     times_before = multiples(before, list(base.timings))
     times_after = multiples(after, list(new.timings))
     declared = set(chain.from_iterable(start.get("seeds", ()) for start in new.starts))
-    if not declared:
+    if not declared:  # no start says its seeds
         declared = {job["seed"] for job in after}
+    # Rows by material, in the order in which materials first appear; then in that of labels.
     order = list(dict.fromkeys(job["material"] for job in [*before, *after]))
     keys = dict.fromkeys((job["material"], job["label"]) for job in [*before, *after])
 
@@ -184,12 +184,15 @@ def _merged(changes: list[Change], every: bool) -> Change:
 
 
 def _together(changes: list[Change], weights: list[float]) -> Chance | None:
-    """The scatter of a weighted mean of differences, by Welch and Satterthwaite; None if no difference scatters. A row
-    that by chance scatters little in its seeds weighs more, so the plain sum of variances is too small: it is corrected
-    after Meier, "Variance of a weighted mean", Biometrics 9(1), 1953."""
+    """The scatter of a weighted mean of differences; None if no difference scatters.
+
+    Its variance is the sum of the rows' variances times their squared weights, with the degrees of freedom of Welch and
+    Satterthwaite. A row that by chance scatters little in its seeds weighs more, so this sum is too small: it is
+    corrected after Meier, "Variance of a weighted mean", Biometrics 9(1), 1953.
+    """
     variances = []
     for_freedom = []  # the terms of Welch and Satterthwaite's sum
-    for_meier = []  # of Meier's
+    for_meier = []  # the terms of Meier's sum
     for weight, change in zip(weights, changes, strict=True):
         if change.chance:
             variance = (weight * change.chance.error) ** 2
@@ -200,12 +203,13 @@ def _together(changes: list[Change], weights: list[float]) -> Chance | None:
     if not total:
         return None
     freedom = total**2 / math.fsum(for_freedom)
-    chosen = 1 + 4 * math.fsum(for_meier)
-    return Chance(math.sqrt(total * chosen), freedom)
+    correction = 1 + 4 * math.fsum(for_meier)
+    return Chance(math.sqrt(total * correction), freedom)
 
 
 def _renamed(before: list[Job], after: list[Job]) -> list[Job]:
-    """The jobs of `before`; a label that `after` lacks is replaced by its label for equal settings."""
+    """The jobs of `before`. A label that `after` lacks is replaced by the label that `after` has for equal settings, if
+    there is one."""
     known = {(job["material"], job["label"]) for job in after}
     same = {_identity(job): job["label"] for job in after if job["status"] == "ok"}
     renamed = []

@@ -86,7 +86,7 @@ def against(run: Run, first: str, others: Iterable[str]) -> Against:
 def against_jobs(folder: Path, first: str, jobs: Mapping[str, Mapping[tuple[str, int], Job]]) -> Against:
     """As `against`, for jobs that are given by name, then by material and seed; slices are read in their folder."""
     ours = jobs[first]
-    read = cache(lambda *key: decibels(folder, ours[key]))
+    read = cache(lambda *key: decibels(folder, ours[key]))  # each is compared with all others
     differences = Against(first, {}, {})
     for label, theirs in jobs.items():
         if label == first:
@@ -110,8 +110,8 @@ def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
     """The differences to a codec named beforehand, with whether each is told apart: by Holm's correction (1979)."""
     told = set()
     for place, label in enumerate(sorted(over, key=lambda label: over[label].chance)):
-        limit = FALSE / (len(over) - place)
-        if not over[label].chance <= limit:  # nor if it is no number
+        limit = FALSE / (len(over) - place)  # after Holm: over the number of those not yet told apart
+        if not over[label].chance <= limit:  # also if it is no number
             break  # none with a larger chance is told apart either
         told.add(label)
     return {label: replace(each, apart=label in told) for label, each in over.items()}

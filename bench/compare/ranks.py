@@ -71,7 +71,7 @@ def standings(cells: Jobs) -> list[Standing]:
     for label, of_label in values.items():
         standing = Standing(label, len(of_label), fmean(of_label))
         if label in places:
-            wins = sum(place < 2 for place in places[label])
+            wins = sum(place < 2 for place in places[label])  # two that are best share the place 1.5
             standing = replace(standing, rank=fmean(places[label]), wins=wins)
         every.append(standing)
     return sorted(every, key=lambda each: (each.rank is None, each.rank, -each.psnr))

@@ -119,7 +119,8 @@ def register() -> None:
         _setup_privateuseone_for_python_backend(NAME)
     except RuntimeError as error:
         raise NoEmulationError(f"no GPU is emulated where PyTorch has another device: {error}") from error
-    every, aten = torch.library.Library("_", "IMPL"), torch.library.Library("aten", "IMPL")
+    every = torch.library.Library("_", "IMPL")  # "_": of every namespace
+    aten = torch.library.Library("aten", "IMPL")
     every.fallback(_computed, "PrivateUse1")
     kernels: dict[str, Callable[..., Any]] = {
         "_copy_from": _copied,
@@ -214,9 +215,11 @@ class _Operands:
             return value
         if id(value) not in self.given:
             return _device(value, self.storages.get(value.untyped_storage()._cdata))
-        host, ours = self.given[id(value)]  # written in place, perhaps resized
+        host, ours = self.given[id(value)]  # written in place
         kept = ours.shape == host.shape and ours.untyped_storage().nbytes() == host.untyped_storage().nbytes()
-        return ours if kept else _device(host, out=ours)
+        if kept:
+            return ours
+        return _device(host, out=ours)  # it was resized, so the device's has to follow
 
     def only_views(self, found: Any) -> bool:
         """Whether all that an operation returned are views of what it was given."""
@@ -288,7 +291,7 @@ def left_behind(owner: object) -> list[str]:
             inner = value if isinstance(value, dict) else getattr(value, "__dict__", {})
             items = enumerate(value) if isinstance(value, list | tuple) else inner.items()
             for key, each in items:
-                # PyTorch's modules keep their parts in dictionaries of their own.
+                # PyTorch's modules keep their parts in dictionaries of their own, whose names tell a reader nothing.
                 skipped = str(key) in ("_parameters", "_buffers", "_modules")
                 search(each, name if skipped else f"{name}.{key}".lstrip("."))
 

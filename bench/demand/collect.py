@@ -104,8 +104,8 @@ class Light:
 
 
 def queries_of(points: Points, lights: list[Light]) -> dict[str, Array]:
-    """The queries of some points under some lights, as the columns of `Demand`. Leaves out queries at or below a
-    horizon, and unlit ones."""
+    """The queries of some points under some lights, as the columns of `Demand`: one for each point and light, without
+    those whose view or light is at or below the horizon, and unlit ones."""
     parts: list[dict[str, Array]] = []
     for light in lights:
         wi = points.local(light.toward)

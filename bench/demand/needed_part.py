@@ -81,7 +81,7 @@ def _side(directions: Array, share: Array) -> Array:
     # By share, the largest first, and of equal shares the nearest to the middle (the last key counts first).
     order = np.lexsort((-(directions @ middle), -share))
     count = len(_heaviest(share))
-    # Directions on one line make no triangle.
+    # A flat set has no triangles to interpolate in: too few directions, or all on one line.
     while count < len(directions) and Hemisphere(directions[order[:count]]).flat:
         count += 1
     return np.sort(order[:count])
@@ -116,8 +116,8 @@ def _span(place: Array, footprint: Array, side: int, factor: int, whole: int) ->
         return 0, whole
     first = np.floor((place - reach) * side).astype(int)
     last = np.ceil((place + reach) * side).astype(int)
-    # Each query sees the texels from `first` to `last`: +1 where that begins and −1 where it ends, so that the running
-    # sum counts the queries that see a texel. Over the period before, the period itself and the one after.
+    # Each query sees the texels from `first` on, and before `last`: +1 where that begins and −1 where it ends, so that
+    # the running sum counts the queries that see a texel. Over the period before, the period itself and the one after.
     edges = np.zeros(3 * side + 1, int)
     np.add.at(edges, first + side, 1)
     np.add.at(edges, last + side, -1)

@@ -67,11 +67,13 @@ class Camera:
     def ahead(self, column: np.ndarray, row: np.ndarray) -> np.ndarray:
         """Unit directions (n, 3) through points of the picture, in pixels from its top left corner."""
         forward = unit(np.subtract(self.target, self.position))
+        # Two unit axes of the picture, which is at distance 1.
         right = unit(np.cross(forward, self.up))
         down = np.cross(forward, right)
-        # The side of a pixel at distance 1.
+        # The side of a pixel at that distance.
         pixel = 2 * np.tan(np.radians(self.fov_deg) / 2) / self.width
-        x, y = (column - self.width / 2) * pixel, (row - self.height / 2) * pixel
+        x = (column - self.width / 2) * pixel
+        y = (row - self.height / 2) * pixel
         return unit(forward + x[:, None] * right + y[:, None] * down)
 
 

@@ -56,7 +56,7 @@ def _reaching(source: LightSource, points: Points, rng: np.random.Generator) -> 
             return [Light(ones * unit(np.asarray(source.toward)), ones * np.asarray(source.irradiance))]
         case "point":
             offset = np.asarray(source.position) - points.position
-            square = np.maximum((offset**2).sum(1, keepdims=True), 1e-12)
+            square = np.maximum((offset**2).sum(1, keepdims=True), 1e-12)  # not 0, in case a point is at the light
             return [Light(offset / np.sqrt(square), np.asarray(source.intensity) / square)]
         case _:
             return [_environment_sample(source, points, rng) for _ in range(source.samples)]

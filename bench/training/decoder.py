@@ -154,7 +154,7 @@ def smelu(x: Tensor) -> Tensor:
 
 def _initialise(layer: Any, architecture: Architecture, depth: int, generator: torch.Generator | None) -> None:
     """Draw a linear layer's weights, then its biases; `depth` 0 is the first layer, and the last one's biases are 0."""
-    bound = math.sqrt(6 / layer.in_features)
+    bound = math.sqrt(6 / layer.in_features)  # He et al.; SIREN's is the same over ω, but for the first layer
     if architecture.activation == "sine":
         bound = 1 / layer.in_features if depth == 0 else bound / architecture.omega
     layer.weight.uniform_(-bound, bound, generator=generator)

@@ -179,7 +179,7 @@ class _Loop:
         samples = objective.samples
         # A network for all materials is judged by materials that it does not learn from, where there are some.
         draw = samples.draw_unseen if samples.trained < samples.texels else samples.draw
-        # Numbers of its own, so that the fit's do not depend on it.
+        # The probe has a generator of its own, so that the fit's numbers do not depend on it.
         self.probe = draw(PROBE, torch.Generator().manual_seed(fit.seed ^ 0x0B5E))
         self.saved = self.shown = time.perf_counter()  # when the state was last saved, and the progress last shown
         self.started = processor_seconds()
@@ -244,7 +244,7 @@ class _Loop:
         self.shown = time.perf_counter()
 
     def flat(self, patience: int) -> bool:
-        """Whether the curve gained less than `GAIN` in the last `patience` steps."""
+        """Whether the best PSNR of the curve gained less than `GAIN` in the last `patience` steps."""
         earlier = [psnr for step, _, psnr in self.curve if step <= self.step - patience]
         if not earlier:
             return False

@@ -69,7 +69,7 @@ class Grids(nn.Module):
         self.values: Any = nn.ParameterDict()
         self.roundings: Any = nn.ModuleDict()
         picture = first.T.unflatten(1, shape)  # (C, H, W)
-        start = 0
+        start = 0  # first of the channels that no grid has yet
         for name, count in channels(settings, offset).items():
             part = picture[:count] if name == "offset" else picture[start : start + count]
             start += len(part)  # the offset's grid is the last

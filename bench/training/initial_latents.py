@@ -52,7 +52,8 @@ def components(samples: "Samples", count: int, generator: torch.Generator, slice
     def read(label: str) -> Iterator[Tensor]:
         """The log radiance in blocks of rows, three of each pair, and a column a texel; the label is not shown."""
         read_slices = samples.slices if slices is None else slices
-        for block in pairs.split(max(1, BLOCK_BYTES // (12 * samples.texels))):  # a texel of a pair has 12 bytes
+        pairs_a_block = max(1, BLOCK_BYTES // (12 * samples.texels))  # a texel of a pair has 12 bytes
+        for block in pairs.split(pairs_a_block):
             level = read_slices(block)  # (texels, pairs, 3)
             yield level.permute(1, 2, 0).flatten(0, 1).contiguous()  # a copy, which the decomposition overwrites
 

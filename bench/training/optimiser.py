@@ -121,8 +121,9 @@ class Optimisers:
                 }
         if given["muon"]:
             self.each["muon"] = Muon(given["muon"])
+        # Each optimiser has its groups in the given order, so taking the next of the right one puts all in that order.
         groups_in_turn = {name: iter(optimiser.param_groups) for name, optimiser in self.each.items()}
-        self.groups = [next(groups_in_turn[name]) for name in names]  # in the given order
+        self.groups = [next(groups_in_turn[name]) for name in names]
 
     @property
     def parameters(self) -> list[nn.Parameter]:

@@ -80,13 +80,15 @@ class Rounding(nn.Module):
 def choose_bits(roundings: Sequence[Rounding], answers: Callable[[], Tensor], target: Tensor) -> None:
     """Choose the bits of textures by the change of `answers`, which should be `target`, if one channel is rounded.
 
-    `answers()` looks the textures up through their roundings, which want the same bits, and the same at least, and
-    share them. The squared error that a channel adds grows with the square of its rounding.
+    `answers()` looks the textures up through their roundings. These all want the same bits on average and have the same
+    least bits, and the bits of all are shared out together. The squared error that a channel adds grows with the square
+    of its rounding.
     """
     roundings = [each for each in roundings if each.undecided]
     if not roundings:
         return
     wanted, least = roundings[0].wanted, roundings[0].least
+    # Look everything up once without any rounding, and note the texture of each.
     seen: dict[Rounding, Tensor] = {}
     for each in roundings:
         each.trial = partial(_noted, seen, each)
@@ -101,7 +103,7 @@ def choose_bits(roundings: Sequence[Rounding], answers: Callable[[], Tensor], ta
         flat = values.flatten(0, -2)
         sizes += [len(flat)] * flat.shape[1]
         channels.append(flat.shape[1])
-    if wanted:
+    if wanted:  # so many on average, else as many as it takes to keep the error bearable
         bearable = 0.0
         total = wanted * sum(sizes)
     else:

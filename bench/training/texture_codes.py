@@ -93,6 +93,7 @@ def expand(data: Tensor, shape: Sequence[int], sizes: Sequence[tuple[int, int]] 
         raise InputError("a texture of this file does not say its bits: encode it again")
     told = bits > 0  # the channels that have codes in the payload
     inner = (*shape[:-1], int(told.sum()))
+    # Channels of no bits take no bytes, so where there are some, a payload justifies only a fixed number of codes.
     most = _most(way, payload) if told.all() else MOST_CODES
     if min(shape) < 1 or count > most or math.prod(inner) > _most(way, payload):
         raise InputError(f"a texture of this file has {len(payload)} bytes for {count} codes: encode it again")

@@ -170,13 +170,15 @@ def bd_rate(ours: Curve, theirs: Curve) -> float | None:
 
     A point of test pairs below that of a smaller file counts as high as this one. None if they share no values.
     """
-    lines = []
+    lines = []  # of log bytes over values
     for curve in (ours, theirs):
         highest = np.maximum.accumulate(curve.values).tolist()
         reached = highest.index(highest[-1]) + 1  # more bytes add nothing from here on
         lines.append(_Line(highest[:reached], curve.sizes[:reached]))
     gap = _mean_gap(*lines)
-    return None if gap is None else float(2**gap - 1)
+    if gap is None:
+        return None
+    return float(2**gap - 1)  # from log2 of the ratio of bytes
 
 
 def _mean_gap(ours: _Line, theirs: _Line) -> float | None:
@@ -199,7 +201,8 @@ def mean_at(
     family: str = PSNR,
     footprint: str = "",
 ) -> float | None:
-    """The mean over surfaces of a line's curves at a size; None if one of them does not reach it. See `curve_of`."""
+    """The mean over surfaces of a line's curves at so many bits a texel; None if one of them does not reach that size,
+    or there is no surface. See `curve_of` for the metric and the footprint."""
     values = []
     for surface in surfaces:
         curve = curve_of(by_surface[surface], family, footprint=footprint) if surface in by_surface else None

@@ -189,7 +189,8 @@ def eight_bits(subject: Subject) -> None:
 
 
 def gradients_at_zero(subject: Subject) -> None:
-    """Gradients of the answers if every stored number and every weight is exactly 0 and the view is at the zenith."""
+    """Check that gradients of the answers are finite where every stored number and weight is 0 and views are straight
+    from above."""
     material = subject.decode(subject.parts)
     leaves: list[Tensor] = []
     for network in material.modules():

@@ -62,6 +62,7 @@ def light_of_view(*signs: float) -> Callable[[], Queries]:
     """Random queries whose light is the view with each coordinate multiplied by a sign."""
 
     def make() -> Queries:
+        """The queries; a new set each time."""
         queries = spread()
         return queries._replace(wi=queries.wo * torch.tensor(signs))
 
