@@ -56,7 +56,9 @@ class Comparison:
         changes = chain.from_iterable(row.deciding for row in self.rows)
         if not any(change.verdict in DECIDED for change in changes):
             return NOTHING
-        return NO if any(row.forbids for row in (*self.rows, *self.means)) else FINE
+        if any(row.forbids for row in (*self.rows, *self.means)):
+            return NO
+        return FINE
 
 
 def _counted(rows: Sequence[ComparedRow]) -> str:
@@ -73,7 +75,6 @@ def compare(
     `allow` names rows that may be gone or not comparable: a codec, a label, a material, `material/label`, or a pattern.
     Raises `InputError` for a name that neither has, for a damaged base, and for a job that lacks a needed field.
     """
-
     check_whole(base)
     every = [*base.jobs, *new.jobs]
     check_names("material", materials, {job["material"] for job in every})
@@ -84,8 +85,9 @@ def compare(
     times_before = multiples(before, list(base.timings))
     times_after = multiples(after, list(new.timings))
     declared = set(chain.from_iterable(start.get("seeds", ()) for start in new.starts))
-    if not declared:
+    if not declared:  # no start says its seeds
         declared = {job["seed"] for job in after}
+    # Rows by material, in the order in which materials first appear; then in that of labels.
     order = list(dict.fromkeys(job["material"] for job in [*before, *after]))
     keys = dict.fromkeys((job["material"], job["label"]) for job in [*before, *after])
 
@@ -114,8 +116,9 @@ def _wanted(run: Run, materials: Sequence[str], codecs: Sequence[str]) -> list[J
 
 
 def _names(pattern: str, row: ComparedRow) -> bool:
-    """Whether a pattern of `allow` names a row."""
-    words = (row.name, row.label, row.label.split()[0], row.material)
+    """Whether a pattern of `allow` names a row: by material and label, by label, by codec or by material."""
+    codec = row.label.split()[0]
+    words = (row.name, row.label, codec, row.material)
     return any(fnmatchcase(word, pattern) for word in words)
 
 
@@ -128,7 +131,10 @@ def means(rows: Sequence[ComparedRow]) -> list[ComparedRow]:
 
 
 def _mean(label: str, rows: list[ComparedRow], every: bool) -> ComparedRow | None:
-    """The row of a codec over all materials; None where no quantity was judged on several."""
+    """The row of means over several rows; None where no quantity was judged on two or more of them.
+
+    `every` says that the rows are of all codecs, not of one: their mean has a tolerance of its own.
+    """
     changes: dict[str, list[Change]] = {}
     for row in rows:
         for change in row.deciding:
@@ -146,12 +152,16 @@ def _is_finite(change: Change) -> bool:
 
 
 def _merged(changes: list[Change], every: bool) -> Change:
-    """The change of one quantity over some rows: plain means of base and new, and the mean change, weighted by the
-    variances of the rows, which decides, with its margin."""
+    """The change of one quantity over some rows: plain means of base and new, which are shown, and a weighted mean of
+    their differences, which decides, with its margin.
+
+    Rows that scatter more weigh less. `every` is as in `_mean`.
+    """
     quantity = changes[0].quantity
     tolerance = quantity.tolerance
     assert tolerance is not None, "a deciding quantity has a tolerance"
-    # The inverse of each variance is best if all rows lose alike; `common` is a lower bound of the standard errors.
+    # If all rows lose alike, their mean scatters least when each weighs by the inverse of its variance. `common` is
+    # added to it, so that a row that hardly scatters does not outweigh all others.
     inverse = []
     for change in changes:
         error = change.chance.error if change.chance else 0.0
@@ -174,12 +184,15 @@ def _merged(changes: list[Change], every: bool) -> Change:
 
 
 def _together(changes: list[Change], weights: list[float]) -> Chance | None:
-    """The scatter of a weighted mean of differences, by Welch and Satterthwaite; None if no difference scatters. A row
-    that by chance scatters little in its seeds weighs more, so the plain sum of variances is too small: it is corrected
-    after Meier, "Variance of a weighted mean", Biometrics 9(1), 1953."""
+    """The scatter of a weighted mean of differences; None if no difference scatters.
+
+    Its variance is the sum of the rows' variances times their squared weights, with the degrees of freedom of Welch and
+    Satterthwaite. A row that by chance scatters little in its seeds weighs more, so this sum is too small: it is
+    corrected after Meier, "Variance of a weighted mean", Biometrics 9(1), 1953.
+    """
     variances = []
     for_freedom = []  # the terms of Welch and Satterthwaite's sum
-    for_meier = []  # of Meier's
+    for_meier = []  # the terms of Meier's sum
     for weight, change in zip(weights, changes, strict=True):
         if change.chance:
             variance = (weight * change.chance.error) ** 2
@@ -190,12 +203,13 @@ def _together(changes: list[Change], weights: list[float]) -> Chance | None:
     if not total:
         return None
     freedom = total**2 / math.fsum(for_freedom)
-    chosen = 1 + 4 * math.fsum(for_meier)
-    return Chance(math.sqrt(total * chosen), freedom)
+    correction = 1 + 4 * math.fsum(for_meier)
+    return Chance(math.sqrt(total * correction), freedom)
 
 
 def _renamed(before: list[Job], after: list[Job]) -> list[Job]:
-    """The jobs of `before`; a label that `after` lacks is replaced by its label for equal settings."""
+    """The jobs of `before`. A label that `after` lacks is replaced by the label that `after` has for equal settings, if
+    there is one."""
     known = {(job["material"], job["label"]) for job in after}
     same = {_identity(job): job["label"] for job in after if job["status"] == "ok"}
     renamed = []
@@ -287,7 +301,8 @@ def compare_extremes(base: Run, new: Run, codecs: Sequence[str] = (), allow: Seq
             worse.append(f"{name} held, and is now {after['verdict']}: {after['detail'] or after['figure']}")
     lines = [visible(text) for text in worse]
     lines.append(f"{held} cells hold, {len(worse)} got worse")
-    return "\n".join(lines), NO if worse else FINE
+    code = NO if worse else FINE
+    return "\n".join(lines), code
 
 
 def _cells(run: Run, subjects: Set[str]) -> dict[str, Stress]:

@@ -40,6 +40,7 @@ def command(kind: str, title: str, message: str) -> str:
 
 
 def _data(text: str) -> str:
+    """A text as GitHub Actions parses it: on one line, with its control codes made visible."""
     return visible(text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A"))
 
 
@@ -48,7 +49,8 @@ def _few(findings: list[tuple[str, str]]) -> list[tuple[str, str]]:
     if len(findings) <= SHOWN:
         return findings
     rest = findings[SHOWN - 1 :]
-    return [*findings[: SHOWN - 1], (f"{len(rest)} more", ", ".join(name for name, _ in rest))]
+    names = ", ".join(name for name, _ in rest)
+    return [*findings[: SHOWN - 1], (f"{len(rest)} more", names)]
 
 
 def junit(comparison: Comparison) -> str:
@@ -63,6 +65,7 @@ def junit(comparison: Comparison) -> str:
                 suite.extend(_cases(row))
     for element in (root, *root):
         cases = list(element.iter("testcase"))
+        # ElementTree takes an element without children for false, so None is asked for.
         failed = sum(case.find("failure") is not None for case in cases)
         skipped = sum(case.find("skipped") is not None for case in cases)
         element.attrib |= {"tests": str(len(cases)), "failures": str(failed), "errors": "0"}
@@ -84,8 +87,10 @@ def _cases(row: ComparedRow) -> Iterator[Element]:
 def _case(row: ComparedRow, what: str, verdict: Verdict, text: str) -> Element:
     """A test case: failed for a verdict that is forbidden, skipped where nothing was compared."""
     case = Element("testcase", classname=_legal(row.name), name=_legal(f"{row.name}/{what}"), time="0")
-    if verdict in FORBIDDEN and not (row.allowed and verdict in (Verdict.UNLIKE, Verdict.GONE)):
-        SubElement(case, "failure", type=verdict.lower(), message=_legal(text)).text = _legal(f"{row.name}: {text}")
+    allowed = row.allowed and verdict in (Verdict.UNLIKE, Verdict.GONE)
+    if verdict in FORBIDDEN and not allowed:
+        failure = SubElement(case, "failure", type=verdict.lower(), message=_legal(text))
+        failure.text = _legal(f"{row.name}: {text}")
     elif verdict in (Verdict.UNLIKE, Verdict.GONE, Verdict.NEW):
         SubElement(case, "skipped", message=_legal(text or verdict))
     return case
@@ -97,7 +102,7 @@ def _legal(text: str) -> str:
 
 
 def tracker(run: Run) -> dict[str, str]:
-    """The text of each file by its name: means over the seeds of every finished job, and the times of decoders."""
+    """The text of each of `FILES` by its name: of each row of finished jobs, the means over seeds and the time."""
     entries: dict[str, list[dict[str, Any]]] = {name: [] for name in FILES.values()}
     rows = by_row(job for job in run.jobs if job["status"] == "ok")
     timed = multiples(list(chain.from_iterable(rows.values())), list(run.timings))
@@ -105,17 +110,18 @@ def tracker(run: Run) -> dict[str, str]:
         for quantity in [*deciding(jobs[0]), *undeciding(jobs[0])]:
             every = [quantity.value(job) for job in jobs]
             values = [value for value in every if value is not None and math.isfinite(value)]
-            if len(values) == len(jobs):
+            if len(values) == len(jobs):  # JSON has no infinity, and a mean over some seeds is not comparable
                 unit = quantity.unit or quantity.name
                 entries[FILES[quantity.better]].append(_entry("/".join((*row, quantity.name)), unit, values))
         if row in timed:
             entry = _entry("/".join((*row, "time")), "× mean-colour", [timed[row].mean])
-            entries[FILES["lower"]].append(entry | {"range": "{:.3g} to {:.3g}".format(*timed[row].interval)})
+            low, high = timed[row].interval
+            entries[FILES["lower"]].append(entry | {"range": f"{low:.3g} to {high:.3g}"})
     return {name: json.dumps(listed, indent=1, ensure_ascii=False) + "\n" for name, listed in entries.items()}
 
 
 def _entry(name: str, unit: str, values: list[float]) -> dict[str, Any]:
-    """One number of a tracker, a mean over seeds; of several with half of their range."""
+    """One number of a tracker: the mean of values, one a seed; of several with half of their range."""
     mean = math.fsum(values) / len(values)
     half = (max(values) - min(values)) / 2
     entry: dict[str, Any] = {"name": name, "unit": unit, "value": float(f"{mean:.7g}")}

@@ -86,7 +86,7 @@ def against(run: Run, first: str, others: Iterable[str]) -> Against:
 def against_jobs(folder: Path, first: str, jobs: Mapping[str, Mapping[tuple[str, int], Job]]) -> Against:
     """As `against`, for jobs that are given by name, then by material and seed; slices are read in their folder."""
     ours = jobs[first]
-    read = cache(lambda *key: decibels(folder, ours[key]))
+    read = cache(lambda *key: decibels(folder, ours[key]))  # each is compared with all others
     differences = Against(first, {}, {})
     for label, theirs in jobs.items():
         if label == first:
@@ -110,8 +110,8 @@ def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
     """The differences to a codec named beforehand, with whether each is told apart: by Holm's correction (1979)."""
     told = set()
     for place, label in enumerate(sorted(over, key=lambda label: over[label].chance)):
-        limit = FALSE / (len(over) - place)
-        if not over[label].chance <= limit:  # nor if it is no number
+        limit = FALSE / (len(over) - place)  # after Holm: over the number of those not yet told apart
+        if not over[label].chance <= limit:  # also if it is no number
             break  # none with a larger chance is told apart either
         told.add(label)
     return {label: replace(each, apart=label in told) for label, each in over.items()}
@@ -125,21 +125,30 @@ def between(base: Run, before: Iterable[Job], new: Run, after: Iterable[Job]) ->
 
 
 def _cells(pairs: Iterable[tuple[Job, Job]], ours_of: Slices, theirs_of: Slices) -> list[Cell]:
-    """The differences of the slices of each two jobs, if they were scored at the same pairs of the same data."""
+    """The cell of each two jobs that were scored at the same pairs of the same data, and have slices.
+
+    `ours_of` gives the slices of the first job of two, `theirs_of` those of the second.
+    """
     cells = []
-    for job, other in pairs:
-        mine = job["score_key"]
-        its = other["score_key"]
-        if mine.get("btf") == its.get("btf") and mine.get("deciding") == its.get("deciding"):
-            ours = ours_of(job)
-            theirs = theirs_of(other)
-            if ours is not None and theirs is not None and 0 < len(ours) == len(theirs):
-                cells.append(Cell(job["material"], job["seed"], job["score_key"]["btf"], theirs - ours))
+    for first, second in pairs:
+        first_key = first["score_key"]
+        second_key = second["score_key"]
+        if any(first_key.get(name) != second_key.get(name) for name in ("btf", "deciding")):
+            continue
+        ours = ours_of(first)
+        theirs = theirs_of(second)
+        if ours is None or theirs is None:
+            continue
+        if 0 < len(ours) == len(theirs):
+            cells.append(Cell(first["material"], first["seed"], first_key["btf"], theirs - ours))
     return cells
 
 
 def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
-    """The mean over materials of the mean over seeds of the mean over slices, with its interval; None without cells."""
+    """The mean over materials of the mean over seeds of the mean over slices, with its interval; None without cells.
+
+    `draws` counts the draws of a bootstrap; see the module.
+    """
     by_material = grouped(cells, lambda cell: cell.material)
     if not by_material:
         return None
@@ -161,34 +170,38 @@ def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
 
 
 def _student(means: np.ndarray) -> tuple[float, float]:
-    """Half the 95 % interval of the mean of some means, and the chance of so large a mean if the true one is 0."""
+    """Half the 95 % interval of the mean of means (n,), and the chance of so large a mean if the true one is 0."""
     from scipy.special import stdtr, stdtrit  # slow to import, and needed only here
 
     mean = abs(means.mean())
     error = means.std(ddof=1) / math.sqrt(len(means))
     freedom = len(means) - 1
+    # Both tails. Where all means are equal, chance explains them for certain if they are 0, and else never.
     chance = 2 * stdtr(freedom, -mean / error) if error else float(not mean)
     return float(stdtrit(freedom, 0.975) * error), float(chance)
 
 
 def _bootstrap_means(cells: Sequence[Cell], draws: int) -> np.ndarray:
     """Means (draws,) over the drawn seeds and pairs of one material."""
-    # Seeds that draw the same pairs.
+    # The numbers of cells whose seeds are scored at the same pairs, and so draw the same ones.
     alike = grouped(range(len(cells)), lambda number: (cells[number].pairs, len(cells[number].differences)))
     shares, chosen = _drawn(tuple(count for _, count in alike), len(cells), draws)
-    means = np.empty((len(cells), draws))
+    means = np.empty((len(cells), draws))  # of each seed, over the pairs of each draw
     for each, numbers in zip(shares, alike.values(), strict=True):
         means[numbers] = np.stack([cells[number].differences for number in numbers]) @ each.T
+    # In each draw, the mean over the seeds that it chooses.
     drawn: np.ndarray = means[chosen, np.arange(draws)].mean(0)
     return drawn
 
 
 @lru_cache(maxsize=1)  # the intervals of a table mostly draw from as many slices and seeds
 def _drawn(counts: tuple[int, ...], seeds: int, draws: int) -> tuple[list[np.ndarray], np.ndarray]:
-    """How often each slice of each group is drawn, as shares (draws, count), and which seeds, (seeds, draws)."""
+    """How often each slice of each group is drawn, as shares (draws, count) of `counts`, and the numbers of the drawn
+    seeds, (seeds, draws)."""
     rng = np.random.default_rng(SEED)
     shares = []
     for count in counts:  # counting drawn numbers takes a seventh of the time of NumPy's `multinomial`
+        # Draws are counted together: slice s of draw d has the number d · count + s.
         drawn = rng.integers(0, count, (draws, count)) + count * np.arange(draws)[:, None]
         shares.append(np.bincount(drawn.ravel(), minlength=draws * count).reshape(draws, count) / count)
     return shares, rng.integers(0, seeds, (seeds, draws))
@@ -224,10 +237,12 @@ def decibels(folder: Path, job: Job) -> np.ndarray | None:
 
 
 def packed(values: np.ndarray) -> str:
-    """Encode dB as text for a reference, in hundredths, two bytes each."""
-    return base64.b64encode(np.round(100 * values).clip(-32768, 32767).astype("<i2").tobytes()).decode()
+    """Encode dB (n,) as text for a reference: in hundredths, as signed numbers of two bytes."""
+    hundredths = np.round(100 * values).clip(-32768, 32767).astype("<i2")
+    return base64.b64encode(hundredths.tobytes()).decode()
 
 
 def unpacked(text: str) -> np.ndarray:
-    """Decode the text of `packed`."""
-    return np.minimum(np.frombuffer(base64.b64decode(text), "<i2") / 100, MOST_DB)
+    """The dB (n,) of a text from `packed`, at most `MOST_DB`."""
+    hundredths = np.frombuffer(base64.b64decode(text), "<i2")
+    return np.minimum(hundredths / 100, MOST_DB)

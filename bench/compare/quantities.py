@@ -135,6 +135,7 @@ def _metric(job: Job, metric: str, group: str, name: str, digits: int, limit: To
     decibels = in_decibels(metric)
 
     def value(job: Job) -> float | None:
+        """The pooled number of a job; None if it was not measured."""
         stats = metrics_of(job, group).get(metric)
         return _number(stats, stats.get("pooled"), decibels) if stats else None
 
@@ -150,7 +151,7 @@ def _mean(name: str, metric: str, groups: list[str], tolerance: Tolerance) -> Qu
         numbers = []
         for group in groups:
             stats = metrics_of(job, group).get(metric)
-            if stats and stats.get("slices", 1):
+            if stats and stats.get("slices", 1):  # records without a count of slices have some
                 numbers.append(_number(stats, stats.get("mean")))
         return average(numbers)
 
@@ -168,12 +169,14 @@ def _footprints(job: Job) -> float | None:
 
 
 def average(values: Sequence[float | None]) -> float | None:
-    """The mean of the finite values; infinite if all are exact, None if one was not measured."""
+    """The mean of the finite values; infinite if all are exact, None if one was not measured or there are none."""
     known = [value for value in values if value is not None]
     if not known or len(known) < len(values):
         return None
     finite = [value for value in known if math.isfinite(value)]
-    return math.fsum(finite) / len(finite) if finite else math.inf
+    if not finite:
+        return math.inf
+    return math.fsum(finite) / len(finite)
 
 
 def _footprint(side: str, job: Job) -> float | None:
@@ -186,6 +189,7 @@ def _part(part: str) -> Quantity:
     """The bytes of a part of the file."""
 
     def value(job: Job) -> float | None:
+        """The bytes of the part in a job's file; None if it has no such part."""
         sizes = dict(job["bytes"])
         return cast(int | None, sizes.get(part))
 
@@ -193,7 +197,13 @@ def _part(part: str) -> Quantity:
 
 
 def _number(stats: Statistics, pooled: float | None, decibels: bool = True) -> float | None:
-    """The pooled number; infinite decibels if no slice has an error; None if nothing was measured."""
-    if pooled is None and decibels and stats.get("slices") and stats.get("exact") == stats.get("slices"):
+    """The number of a record; infinite decibels if no slice has an error; None if nothing was measured.
+
+    A record cannot hold infinity, and has None in both cases: they differ in whether all its slices are exact.
+    """
+    if pooled is not None or not decibels:
+        return pooled
+    all_exact = stats.get("exact") == stats.get("slices")
+    if stats.get("slices") and all_exact:
         return math.inf
-    return pooled
+    return None

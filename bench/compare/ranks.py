@@ -34,10 +34,11 @@ def ranks(scores: Mapping[str, Sequence[float]]) -> Ranks | None:
     from scipy.stats import rankdata, studentized_range  # slow to import
 
     table = np.array(list(scores.values()))
-    codecs, materials = table.shape if table.ndim == 2 else (0, 0)
+    codecs, materials = table.shape if table.ndim == 2 else (0, 0)  # no scores make no table
     if codecs < 2 or materials < 3:
         return None
-    mean = dict(zip(scores, rankdata(-table, axis=0).mean(1).tolist(), strict=True))
+    places = rankdata(-table, axis=0)  # (codecs, materials), 1 for the largest score on a material
+    mean = dict(zip(scores, places.mean(1).tolist(), strict=True))
     quantile = studentized_range.ppf(1 - ALPHA, codecs, np.inf) / math.sqrt(2)
     critical = float(quantile) * math.sqrt(codecs * (codecs + 1) / (6 * materials))
     return Ranks(dict(sorted(mean.items(), key=lambda each: each[1])), critical)
@@ -70,7 +71,7 @@ def standings(cells: Jobs) -> list[Standing]:
     for label, of_label in values.items():
         standing = Standing(label, len(of_label), fmean(of_label))
         if label in places:
-            wins = sum(place < 2 for place in places[label])
+            wins = sum(place < 2 for place in places[label])  # two that are best share the place 1.5
             standing = replace(standing, rank=fmean(places[label]), wins=wins)
         every.append(standing)
     return sorted(every, key=lambda each: (each.rank is None, each.rank, -each.psnr))
@@ -88,9 +89,12 @@ def _qualities(codecs: Mapping[str, Sequence[Job]]) -> dict[str, float]:
 
 
 def _places(quality: dict[str, float]) -> dict[str, float]:
-    """1 for the best; codecs within `SAME_DB` of one share the mean of their places."""
+    """The place of each label on one material, 1 for the best, by its PSNR in dB; codecs within `SAME_DB` of one share
+    the mean of their places."""
     rank = {}
     for label, value in quality.items():
+        better = sum(other > value + SAME_DB for other in quality.values())
+        # Itself is one of them; the difference of two infinite numbers is none, hence `==`.
         alike = sum(other == value or abs(other - value) <= SAME_DB for other in quality.values())
-        rank[label] = sum(other > value + SAME_DB for other in quality.values()) + (alike + 1) / 2
+        rank[label] = better + (alike + 1) / 2  # the mean of the places better + 1 to better + alike
     return rank

@@ -56,11 +56,11 @@ def reference(run: Run, before: Run | None = None) -> str:
             f"{run.folder}: {len(unfinished)} job(s) without a result, the first {job['job']} ({job['error']}): "
             "a reference needs a complete run"
         )
-    judged = _judged(run)
-    reduced = [_reduced(job, run.folder, not judged or job["seed"] in judged) for job in jobs]
+    judged = _judged(run) or {job["seed"] for job in jobs}
+    reduced = [_reduced(job, run.folder, whole=job["seed"] in judged) for job in jobs]
     kept_seeds = _seeds_to_keep(reduced, list(before.jobs) if before else [])
-    timings = _timings(run, [job for job in jobs if not judged or job["seed"] in judged])
-    starts = [kept(start, records.REFERENCE) for start in run.starts[-1:]]
+    timings = _timings(run, [job for job in jobs if job["seed"] in judged])
+    starts = [kept(start, records.REFERENCE) for start in run.starts[-1:]]  # the last, if there is one
     for start in starts:
         packages = start.get("packages", {})
         start["packages"] = {name: packages[name] for name in ("neubtf-bench", "torch", "numpy") if name in packages}
@@ -73,13 +73,14 @@ def few_seeds(run: Run) -> list[str]:
     names = []
     for row, jobs in by_row(run.jobs).items():
         values = {stats_of(job, PSNR).get("mean") for job in jobs}
-        if len(jobs) < FEW_SEEDS and len(values) != 1:
+        differ = len(values) != 1
+        if differ and len(jobs) < FEW_SEEDS:
             names.append("/".join(row))
     return names
 
 
 def pairs_by_seed(run: Run) -> list[str]:
-    """The names of rows whose seeds are scored at different pairs, and differ because of them."""
+    """The names of rows whose seeds are scored at different pairs, so that their numbers differ by these, too."""
     names = []
     for row, jobs in by_row(run.jobs).items():
         btfs = {job["score_key"]["btf"] for job in jobs}
@@ -89,7 +90,8 @@ def pairs_by_seed(run: Run) -> list[str]:
 
 
 def smallest_losses(run: Run, count: int) -> dict[str, dict[str, float]]:
-    """By row, the smallest loss of PSNR that `count` new seeds show, of held-out (`MAIN`) and of training pairs.
+    """By row and quantity, the smallest loss of PSNR in dB that `count` new seeds show, at held-out pairs (`MAIN`) and
+    at training pairs (`train`).
 
     A row whose seeds have test pairs of their own is left out: its margin depends on the new run.
     """
@@ -124,7 +126,7 @@ def _timings(run: Run, jobs: list[Job]) -> Iterator[Timing]:
 
 
 def _seeds_to_keep(jobs: list[Job], before: list[Job]) -> Iterator[Job]:
-    """The jobs of `before` whose seeds are missing now, from rows whose other jobs are identical."""
+    """The jobs of `before` whose seeds are missing now, from rows whose other seeds have identical jobs in both."""
     now = {job["job"]: job for job in jobs}
     for earlier in by_row(before).values():
         again = [now[job["job"]] == job for job in earlier if job["job"] in now]
@@ -141,9 +143,15 @@ def _in_order(every: Iterable[Job]) -> list[Job]:
 
 
 def _judged(run: Run) -> set[int]:
-    """The seeds of the run's suite, by which a change is judged; further seeds only measure the scatter of a codec."""
+    """The seeds of the run's suite, by which a change is judged; further seeds only measure the scatter of a codec.
+
+    Empty if the suite is unknown.
+    """
+    if not run.starts:
+        return set()
     try:
-        return set(tomllib.loads(run.starts[-1]["text"]).get("seeds", ())) if run.starts else set()
+        suite = tomllib.loads(run.starts[-1]["text"])
+        return set(suite.get("seeds", ()))
     except (KeyError, tomllib.TOMLDecodeError):
         return set()
 
@@ -154,15 +162,20 @@ def _reduced(job: Job, folder: Path, whole: bool) -> Job:
     decides = deciding_group(job["scores"])
     names = list(metrics_of(job))
     psnr = [metric_of(names, PSNR)]
+    # The metrics that are kept of each group of pairs.
     groups = {decides: names if whole else [*psnr, metric_of(names, FLIP)], "train": psnr}
-    groups |= {f"{decides}, {band}": psnr for band in ("grazing view", "grazing light")}
-    line["scores"] = {
-        name: _shorter(metrics_of(job, name), groups[name], whole or name == decides)
-        for name in groups
-        if name in job["scores"]
-    }
+    for band in ("grazing view", "grazing light"):
+        groups[f"{decides}, {band}"] = psnr
+    line["scores"] = {}
+    for group, metrics in groups.items():
+        if group in job["scores"]:
+            pooled = whole or group == decides
+            line["scores"][group] = _shorter(metrics_of(job, group), metrics, pooled)
     numbers = (PSNR, "mean") if whole else ("mean",)
-    line["footprints"] = {side: _short(stats, *numbers) for side, stats in job["footprints"].items() if side != "1"}
+    line["footprints"] = {}
+    for side, stats in job["footprints"].items():
+        if side != "1":  # that of one texel is the usual score
+            line["footprints"][side] = _short(stats, *numbers)
     line["metrics"] = {name: line["metrics"][name] for name in line["scores"][decides]["metrics"]}
     slices = decibels(folder, job) if whole else None
     if slices is not None:
@@ -171,7 +184,8 @@ def _reduced(job: Job, folder: Path, whole: bool) -> Job:
 
 
 def _shorter(metrics: dict[str, Statistics], names: list[str], pooled: bool) -> Group:
-    """The pooled numbers, and for PSNR also the mean over slices, or only that."""
+    """The named ones of the metrics of a group: the pooled number of each; of PSNR the mean over slices, and with
+    `pooled` the pooled number, too."""
     of_psnr = ("pooled", "mean") if pooled else ("mean",)
     shorter = {}
     for name in names:
@@ -182,7 +196,7 @@ def _shorter(metrics: dict[str, Statistics], names: list[str], pooled: bool) -> 
 
 
 def _short(stats: Statistics, *numbers: str) -> Statistics:
-    """The numbers; if one is missing, also the fields that tell whether it is exact or was never measured."""
+    """The named numbers; if one is None, also the fields that tell whether it is exact or was never measured."""
     known = {name: stats[name] for name in numbers if name in stats}
     if None in known.values():
         known |= {key: stats[key] for key in ("exact", "slices")}
@@ -217,20 +231,22 @@ def published_job(job: Job, folder: Path) -> Job:
     """The record of a job of a run's folder as it is published: without host, paths, tracebacks and home folders."""
     line = kept(job, records.RESULTS)
     if "error" in line:
-        # The name of a home folder is often a person's name; 500 characters of an error are enough.
+        # The name of a home folder is often a person's name. A home folder of / has no name, but is in every path.
         home = Path.home()
         error = str(line["error"])
-        line["error"] = (error.replace(str(home), "~") if len(home.parts) > 1 else error)[:500]
+        if len(home.parts) > 1:
+            error = error.replace(str(home), "~")
+        line["error"] = error[:500]
     if job["status"] != "ok":
         return line
     if "file" in job:
         line["file"] = f"files/{Path(job['file']).name}"
     decides = deciding_group(job["scores"])
-    line["scores"] = {
-        name: group
-        for name, group in job["scores"].items()
-        if name in (decides, "all", "train", VALIDATION, "scene") or name.startswith(f"{decides}, ")
-    }
+    line["scores"] = {}
+    for name, group in job["scores"].items():
+        part_of_deciding = name.startswith(f"{decides}, ")  # such as pairs at grazing views
+        if part_of_deciding or name in (decides, "all", "train", VALIDATION, "scene"):
+            line["scores"][name] = group
     slices = decibels(folder, job)
     if slices is not None:
         line["slices"] = {PSNR: packed(slices)}

@@ -68,8 +68,9 @@ def multiples(jobs: Sequence[Job], timings: Sequence[Timing]) -> dict[tuple[str,
 
 
 def _multiple(ours: list[Timing], floors: list[Timing]) -> Multiple | None:
-    """The times of a row over those of `mean-colour` in the same start; None if it was timed in no start of these."""
-    floor: dict[str, float] = {}  # the mean of each start
+    """The times `ours` of a row as multiples of those of `mean-colour`, `floors`, in the same start of the run; None if
+    no start timed both."""
+    floor: dict[str, float] = {}  # by start: the mean time of `mean-colour`
     for start, of_start in grouped(floors, lambda timing: timing["run"]).items():
         floor[start] = sum(timing["ns_per_sample"] for timing in of_start) / len(of_start)
     ours = [timing for timing in ours if timing["run"] in floor]
@@ -111,6 +112,7 @@ class ComparedRow:
 
     @property
     def name(self) -> str:
+        """The row as `allow` and tables name it: material/label."""
         return f"{self.material}/{self.label}"
 
     @property
@@ -163,8 +165,11 @@ def compared(
     verdict, why = _unfinished(base, after, declared)
     if not base or not new:
         return ComparedRow(*name, verdict or Verdict.NEW, why)
-    base = [job for job in base if not fitted_unlike(base[0], job)]
+    base = [
+        job for job in base if not fitted_unlike(base[0], job)
+    ]  # others, say of an older version, tell nothing of its scatter
     ours, theirs = _paired(base, new)  # of base, and of new
+    # Each job of new against the base's of its seed; against its first one if they share no seed.
     partner = {job["seed"]: job for job in ours}
     reasons = [unlike(partner.get(job["seed"], base[0]), job) for job in theirs]
     obstacle = next((reason for reason in reasons if reason), "")
@@ -185,9 +190,13 @@ def worst(changes: list[Change]) -> Verdict:
 
 
 def _changes(runs: tuple[Run, Run], ours: list[Job], theirs: list[Job], base: list[Job]) -> list[Change]:
-    """The deciding numbers, judged; none if neither side has a score."""
+    """The deciding numbers, judged; none if neither side has a score.
+
+    `ours` and `theirs` are the compared jobs of base and new, and `base` all jobs of the base.
+    """
     quantities = deciding(base[0])
     metrics = [quantity for quantity in quantities if quantity.metric]
+    # The codec is random if one score shows it, even where the seeds of another agree.
     draws = not one_file(base) and not all(agree(quantity, ours, theirs, base) for quantity in metrics)
     changes = [judge(quantity, ours, theirs, base, draws) for quantity in quantities]
     if all(change.base is None and change.new is None for change in changes if change.quantity.metric):
@@ -210,7 +219,10 @@ def _paired(base: list[Job], new: list[Job]) -> tuple[list[Job], list[Job]]:
 
 
 def _unfinished(base: list[Job], after: list[Job], declared: set[int]) -> tuple[Verdict | None, str]:
-    """The verdict on a row whose jobs failed or vanished, and why."""
+    """The verdict on a row whose jobs failed or vanished, and why; None and "" for any other row.
+
+    `base` are the finished jobs of the base, `after` all jobs of new, `declared` the seeds that new should have.
+    """
     failed = [job for job in after if job["status"] == "failed"]
     if failed:
         which = "the job" if len(failed) == 1 else f"{len(failed)} jobs"

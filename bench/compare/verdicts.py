@@ -94,34 +94,46 @@ class Chance:
 def judge(
     quantity: Quantity, base: Sequence[Job], new: Sequence[Job], reference: Sequence[Job], draws: bool = False
 ) -> Change:
-    """The verdict on one quantity of two comparable sets of jobs; `reference` holds all seeds of the base, and `draws`
-    marks a random codec, even if the seeds of this quantity agree: see `agree`."""
+    """The verdict on one quantity of the jobs of base and new, one a seed, that are comparable.
+
+    `reference` holds all seeds of the base, of which `base` are those to compare. `draws` says that the codec is
+    random, even if the seeds agree in this quantity; sizes, which have no metric, are judged by their own seeds.
+    """
     before = [quantity.value(job) for job in base]
     after = [quantity.value(job) for job in new]
     values = _scatter_values(quantity, base, new, reference)
     paired = not _same_pairs(reference)
     if quantity.tolerance is not None and not paired and not _unchanged(before, after):
-        base = reference  # every seed has the same pairs, so all tell equally much
+        # Every seed is scored at the same pairs, so all seeds of the base say equally much.
+        base = reference
         before = values
     if reason := _obstacle(quantity, base[0], new[0], before, after):
         return Change(quantity, average(before), average(after), Verdict.UNLIKE, why=reason)
-    certain = bool(quantity.metric) and one_file(reference)
+    certain = bool(quantity.metric) and one_file(reference)  # known to be deterministic
     spread = 0.0 if certain else _spread(values)
     change = Change(quantity, average(before), average(after), Verdict.SHOWN, spread=spread)
     if quantity.tolerance is None:
         return change
     chance = None
     scatters = draws if quantity.metric else not agree(quantity, base, new, reference)
-    if scatters:
-        chance = _paired_scatter(values) if quantity.metric and paired else scatter(values, after, len(base))
+    if scatters and quantity.metric and paired:
+        chance = _paired_scatter(values)
+    elif scatters:
+        chance = scatter(values, after, len(base))
     room = quantity.tolerance.certain if certain else margin(quantity.tolerance, values, chance)
     return Change(quantity, change.base, change.new, verdict(change.loss, room), room, spread, chance=chance)
 
 
 def _unchanged(base: Values, new: Values) -> bool:
     """Whether the seeds of new gave the numbers of the base again, up to the rounding of a reference."""
-    pairs = zip(base, new, strict=False)
-    return len(base) == len(new) and all(a == b or (a and b and math.isclose(a, b, rel_tol=1e-5)) for a, b in pairs)
+    if len(base) != len(new):
+        return False
+    for a, b in zip(base, new, strict=True):
+        if a == b:  # also if neither was measured
+            continue
+        if a is None or b is None or not math.isclose(a, b, rel_tol=1e-5):
+            return False
+    return True
 
 
 def _same_pairs(jobs: Sequence[Job]) -> bool:
@@ -138,7 +150,8 @@ def one_file(reference: Sequence[Job]) -> bool:
 def _scatter_values(
     quantity: Quantity, base: Sequence[Job], new: Sequence[Job], reference: Sequence[Job]
 ) -> list[float | None]:
-    """The numbers that measure scatter: those of all seeds or, if pairs differ too, the change of each seed."""
+    """The numbers that measure scatter: those of all seeds of the base; for a metric whose seeds are scored at
+    different pairs, the change from base to new at each seed that both have."""
     if not quantity.metric or _same_pairs(reference):
         return [quantity.value(job) for job in reference]
     after = {job["seed"]: quantity.value(job) for job in new}
@@ -153,7 +166,10 @@ def _difference(base: float | None, new: float | None) -> float | None:
 
 
 def agree(quantity: Quantity, base: Sequence[Job], new: Sequence[Job], reference: Sequence[Job]) -> bool:
-    """Whether the seeds agree up to rounding, or all changed by the same amount: then the codec is deterministic."""
+    """Whether the seeds agree up to rounding, or all changed by the same amount: then the codec is deterministic.
+
+    So do fewer than two seeds, which show no scatter, and a quantity without a tolerance.
+    """
     tolerance = quantity.tolerance
     values = _finite(_scatter_values(quantity, base, new, reference))
     if tolerance is None or len(values) < 2:
@@ -163,7 +179,7 @@ def agree(quantity: Quantity, base: Sequence[Job], new: Sequence[Job], reference
 
 
 def _paired_scatter(differences: Values) -> Chance | None:
-    """The scatter of the mean of differences at equal seeds; None if unknown."""
+    """The scatter of the mean of differences, one a seed that both runs have; None for fewer than two."""
     finite = _finite(differences)
     if len(finite) < 2:
         return None
@@ -171,24 +187,33 @@ def _paired_scatter(differences: Values) -> Chance | None:
 
 
 def scatter(known: Values, new: Values, n: int) -> Chance | None:
-    """The scatter of the mean of new less that of `n` base seeds, `known` are all of the base; None if unknown."""
-    finite, others = _finite(known), _finite(new)
+    """The scatter of a difference: the mean of the numbers `new`, one a seed, minus the mean of `n` seeds of the base.
+
+    `known` are the numbers of all seeds of the base, from which the scatter of one seed is estimated; None if fewer
+    than two of them are finite. If they are few, those of new help.
+    """
+    finite = _finite(known)
+    others = _finite(new)
     if len(finite) < 2 or not new:
         return None
-    groups = [finite, others] if len(finite) < FEW_SEEDS and len(others) > 1 else [finite]
+    groups = [finite]
+    if len(finite) < FEW_SEEDS and len(others) > 1:
+        groups.append(others)
+    # The pooled variance: each group about its own mean, weighted by its degrees of freedom.
     freedom = sum(len(group) - 1 for group in groups)
     variance = math.fsum((len(group) - 1) * stdev(group) ** 2 for group in groups) / freedom
     return Chance(math.sqrt(variance * (1 / n + 1 / len(new))), freedom)
 
 
 def _finite(values: Values) -> list[float]:
+    """The values that were measured and are finite."""
     return [value for value in values if value is not None and math.isfinite(value)]
 
 
 def margin(tolerance: Tolerance, known: Values, chance: Chance | None) -> float:
     """The margin that a change must exceed to count, given the numbers that measure its scatter; see the module."""
     finite = _finite(known)
-    unit = abs(fmean(finite)) if tolerance.relative and finite else 1.0
+    unit = abs(fmean(finite)) if tolerance.relative and finite else 1.0  # a relative tolerance is a share of it
     if len(known) < 2:
         return unit * tolerance.one_seed
     if chance is None:
@@ -197,10 +222,11 @@ def margin(tolerance: Tolerance, known: Values, chance: Chance | None) -> float:
 
 
 def smallest_loss(quantity: Quantity, jobs: Sequence[Job], count: int, draws: bool) -> float:
-    """The margin of `count` new seeds that scatter as these jobs do; see `judge` for `draws`."""
+    """The margin of `count` new seeds against these jobs of a base, if they scatter as the jobs do; see `judge` for
+    `draws`."""
     assert quantity.tolerance is not None, "a deciding quantity has a tolerance"
     values = [quantity.value(job) for job in jobs]
-    chance = scatter(values, values[:count], len(values)) if draws else None
+    chance = scatter(values, values[:count], len(values)) if draws else None  # the first ones in place of new seeds
     return margin(quantity.tolerance, values, chance)
 
 
@@ -228,7 +254,7 @@ def unlike(base: Job, new: Job) -> str:
     """Why no numbers of two jobs may be compared (unlike fits, other pairs or another exposure); "" if they may."""
     fitted = fitted_unlike(base, new)
     reasons = [fitted] if fitted else []
-    if base["fit_key"]["training"] == new["fit_key"]["training"]:  # else one reason says it all
+    if base["fit_key"]["training"] == new["fit_key"]["training"]:  # other data have other pairs and exposure as well
         reasons += scored_unlike(base["score_key"], new["score_key"])
     return ", ".join(reasons)
 
@@ -249,7 +275,9 @@ def _obstacle(quantity: Quantity, base: Job, new: Job, before: Sequence[object],
     if mine != theirs:
         return f"{quantity.metric} version {theirs} instead of {mine}"
     missing = None in before or None in after
-    return "no finite number" if missing and before != after else ""
+    if missing and before != after:  # if both lack the same, nothing got worse
+        return "no finite number"
+    return ""
 
 
 def verdict(loss: float, room: float) -> Verdict:

@@ -54,7 +54,7 @@ def tiny_btf(size: int = 8, views: int = 9, lights: int = 9) -> BTF:
 
 
 def tiny_radiance(row: np.ndarray, col: np.ndarray, wo: np.ndarray, wi: np.ndarray) -> np.ndarray:
-    """The radiance (…, 3) of `tiny_btf` at any row and col (…) over the size and any directions (…, 3)."""
+    """The radiance (…, 3) of `tiny_btf` for directions (…, 3), at any row and column (…) as shares of the picture."""
     waves = [np.sin(2 * np.pi * row), np.cos(2 * np.pi * col), np.sin(2 * np.pi * (row + col))]
     albedo = 0.4 + 0.3 * np.stack(waves, -1)
     half = (wo + wi) / np.linalg.norm(wo + wi, axis=-1, keepdims=True)
@@ -66,7 +66,8 @@ def others(btf: BTF) -> list[BTF]:
     """Five materials beside a BTF: its colours in every other order."""
     values = np.stack(list(btf))
     found = []
-    for order in list(itertools.permutations(range(3)))[1:]:
+    _, *orders = itertools.permutations(range(3))  # the first is the order that the BTF has
+    for order in orders:
         source = ArraySource(values[..., order])
         found.append(BTF(f"colours {order}", btf.wo, btf.wi, source, periodic=True))
     return found
@@ -84,6 +85,7 @@ class CodecUnderTest:
 
     @cached_property
     def btf(self) -> BTF:
+        """The small material."""
         return tiny_btf()
 
     @cached_property
@@ -95,8 +97,8 @@ class CodecUnderTest:
         """Encode a BTF, by default the small material, into a file of that name."""
         fit = Fit(seed=1, network=self.network, show=self.show)
         folder = os.getcwd()
-        # Generators go on, so that a codec that draws from the process's own gives another file the second time:
-        # `fit_to_file` would set them back.
+        # This is not `fit_to_file`, which would set the process's generators back: here they go on, so that a codec
+        # that draws from them gives another file the second time. `chdir` returns to the folder at the end.
         with chdir(folder), torch.enable_grad():
             parts = fitted(self.codec, btf or self.btf, fit).parts
             now = working_folder()
@@ -243,7 +245,7 @@ def follows_data(tested: CodecUnderTest) -> None:
     pairs = zip(btf.wo.tolist(), btf.wi.tolist(), strict=True)
     decoded = torch.stack([tested.material.slice(wo, wi) for wo, wi in pairs])
     error = ((decoded - truth) ** 2).mean().item()
-    floor = truth.var(dim=(0, 1, 2), correction=0).mean().item()
+    floor = truth.var(dim=(0, 1, 2), correction=0).mean().item()  # the error of one mean colour for all
     if not error < floor:
         fault = f"mean squared error {error:.3g} is no less than that of one constant colour, {floor:.3g}"
         raise CheckError(fault + more_steps(tested.codec))
@@ -266,7 +268,8 @@ def slices(tested: CodecUnderTest) -> None:
     uv = texel_centres(height, width)
     view, light = (torch.from_numpy(w).expand(len(uv), 3) for w in (wo, wi))
     answers = tested.material.query(uv, view, light, 1 / max(height, width))
-    _same("slice", tested.material.slice(wo.tolist(), wi.tolist()), answers.reshape(height, width, 3), tolerance=0.0)
+    picture = answers.reshape(height, width, 3)
+    _same("slice", tested.material.slice(wo.tolist(), wi.tolist()), picture, tolerance=0.0)
 
 
 def encodes(tested: CodecUnderTest) -> None:

@@ -21,12 +21,13 @@ def fault(material: Material, parts: Parts) -> str:
 def _fault_of_decoder(material: Material, decoder: dict[str, Tensor]) -> str:
     """What is wrong with the declared parameters and tables, given the file's decoder part; "" if they are right."""
     declared = material.cost
-    held = parameters(material)
+    held = parameters(material)  # in modules
     stored = decoder_floats(decoder)
-    explained = max(held, declared.parameters) + declared.table_floats
     if declared.parameters < held:
         return f"declares {declared.parameters:,} parameters, holds {held:,}: {_remedy(held)}"
-    if declared.parameters > held and declared.parameters + declared.table_floats not in stored:
+    # Parameters outside modules are not held, but then the file must store as many as are declared.
+    explained = declared.parameters + declared.table_floats
+    if declared.parameters > held and explained not in stored:
         return f"declares {declared.parameters:,} parameters, holds {held:,} in modules: {_remedy(held)}"
     if stored.start > explained:  # even the fewest numbers that the part may hold
         rest = stored.start - explained
@@ -63,6 +64,7 @@ def decoder_floats(decoder: dict[str, Tensor]) -> range:
     It is a range if codes are packed into bytes, or if equal tensors are stored twice, as those of tied layers are:
     they may count once. The scales and steps that belong to another tensor, `NAME.…` beside `NAME`, are not counted.
     """
+    # A name without a dot is never left out: what stands before its last dot is "".
     own = {name: values for name, values in decoder.items() if name.rpartition(".")[0] not in decoder}
     different: dict[str, Tensor] = {}
     for name, values in own.items():
@@ -94,8 +96,10 @@ def _packed(values: Tensor) -> bool:
 
 def _with_packed(counted: int, tensors: dict[str, Tensor]) -> range:
     """The range of `counted` numbers and those packed into vectors of bytes; a packed index has 1 to 32 bits."""
-    packed = 8 * sum(values.nbytes for values in tensors.values() if _packed(values))
-    return range(counted + math.ceil(packed / 32), counted + packed + 1)  # `packed` is in bits
+    bits = 8 * sum(values.nbytes for values in tensors.values() if _packed(values))
+    fewest = counted + math.ceil(bits / 32)
+    most = counted + bits
+    return range(fewest, most + 1)
 
 
 def held_floats(material: Material) -> int:
@@ -120,15 +124,17 @@ def texture_channels(texture: dict[str, Tensor], size: tuple[int, int]) -> int |
     packed = any(_packed(values) for values in texture.values() if values.ndim == 1)
     if packed or None in channels:
         return None
-    full = sum(count for count in channels if count)
+    full = sum(count for count in channels if count)  # of textures of (H, W)
     if full or not shapes:
         return full
+    # Every texture (h, w, …) is coarser: count the channels of those with the most texels.
     largest = max(math.prod(shape[:2]) for shape in shapes)
     return sum(math.prod(shape[2:]) for shape in shapes if math.prod(shape[:2]) == largest)
 
 
 def _channels(shape: tuple[int, ...], size: tuple[int, int]) -> int | None:
-    """The channels of one tensor: its shape contains (H, W), or its rows are the texels of all levels."""
+    """The channels of one tensor: its shape contains `size` (H, W), or its rows are the texels of all levels. 0 for a
+    coarser texture, None for another layout."""
     places = [i for i in range(len(shape) - 1) if shape[i : i + 2] == size]
     if places:
         return math.prod(shape) // math.prod(size)

@@ -119,7 +119,8 @@ def register() -> None:
         _setup_privateuseone_for_python_backend(NAME)
     except RuntimeError as error:
         raise NoEmulationError(f"no GPU is emulated where PyTorch has another device: {error}") from error
-    every, aten = torch.library.Library("_", "IMPL"), torch.library.Library("aten", "IMPL")
+    every = torch.library.Library("_", "IMPL")  # "_": of every namespace
+    aten = torch.library.Library("aten", "IMPL")
     every.fallback(_computed, "PrivateUse1")
     kernels: dict[str, Callable[..., Any]] = {
         "_copy_from": _copied,
@@ -143,7 +144,7 @@ def _on_device(value: Any) -> bool:
 
 
 def _host(tensor: Tensor) -> Tensor:
-    """The CPU tensor over the memory of one on the device."""
+    """The CPU tensor over the memory of one on the device, with its dtype, sizes and strides."""
     storage: Any = tensor.untyped_storage()
     return torch.empty(0, dtype=tensor.dtype).set_(
         storage.memory, tensor.storage_offset(), tensor.size(), tensor.stride()
@@ -159,7 +160,11 @@ def _storage(memory: torch.UntypedStorage) -> Any:
 
 
 def _device(host: Tensor, storage: Any = None, out: Tensor | None = None) -> Tensor:
-    """A tensor of the device over the memory of a CPU tensor; `out` is moved there."""
+    """A tensor of the device over the memory of a CPU tensor.
+
+    `storage` is the device's storage of that memory, if there is one already; `out` is a tensor of the device that
+    shall be the one over it, instead of a new tensor.
+    """
     acc: Any = torch._C._acc
     out = acc.create_empty_tensor((0,), host.dtype) if out is None else out
     storage = _storage(host.untyped_storage()) if storage is None else storage
@@ -179,7 +184,7 @@ class _Operands:
     def __init__(self, op: Any):
         self.op = op
         self.name = op._schema.name
-        self.given: dict[int, tuple[Tensor, Tensor]] = {}  # by the id of the CPU's: it, and the device's
+        self.given: dict[int, tuple[Tensor, Tensor]] = {}  # by the id of the CPU's tensor: it, and the device's
         self.storages: dict[int, Any] = {}  # of the device, by the address of the CPU's
 
     def lowered(self, value: Any, position: int = -1) -> Any:
@@ -193,7 +198,8 @@ class _Operands:
             return value
         if not _on_device(value):
             number = value.ndim == 0 and (torch.Tag.pointwise in self.op.tags or self.name in _OF_NUMBERS)
-            if not number and not (self.name in _INDEXING and position == 1):
+            index = self.name in _INDEXING and position == 1
+            if not number and not index:
                 raise RuntimeError(f"{self.name}: expected all tensors on {NAME}, but one is on {value.device}")
             if not number:
                 _copy_noted("an index", value)
@@ -209,9 +215,11 @@ class _Operands:
             return value
         if id(value) not in self.given:
             return _device(value, self.storages.get(value.untyped_storage()._cdata))
-        host, ours = self.given[id(value)]  # written in place, perhaps resized
+        host, ours = self.given[id(value)]  # written in place
         kept = ours.shape == host.shape and ours.untyped_storage().nbytes() == host.untyped_storage().nbytes()
-        return ours if kept else _device(host, out=ours)
+        if kept:
+            return ours
+        return _device(host, out=ours)  # it was resized, so the device's has to follow
 
     def only_views(self, found: Any) -> bool:
         """Whether all that an operation returned are views of what it was given."""
@@ -263,7 +271,9 @@ def _copied(source: Tensor, target: Tensor, non_blocking: bool = False) -> Tenso
 def _convolved_back(grad: Tensor, *args: Any) -> Any:
     """The gradients of a convolution. PyTorch asks a device without the shape of the bias, the third argument of the
     operation on the CPU: a bias has a number for each channel of the result."""
-    return _computed(_aten.convolution_backward.default, grad, *args[:2], [grad.shape[1]], *args[2:])
+    inputs_and_weights, rest = args[:2], args[2:]
+    shape_of_bias = [grad.shape[1]]
+    return _computed(_aten.convolution_backward.default, grad, *inputs_and_weights, shape_of_bias, *rest)
 
 
 def left_behind(owner: object) -> list[str]:
@@ -281,7 +291,7 @@ def left_behind(owner: object) -> list[str]:
             inner = value if isinstance(value, dict) else getattr(value, "__dict__", {})
             items = enumerate(value) if isinstance(value, list | tuple) else inner.items()
             for key, each in items:
-                # PyTorch's modules keep their parts in dictionaries of their own.
+                # PyTorch's modules keep their parts in dictionaries of their own, whose names tell a reader nothing.
                 skipped = str(key) in ("_parameters", "_buffers", "_modules")
                 search(each, name if skipped else f"{name}.{key}".lstrip("."))
 

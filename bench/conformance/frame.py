@@ -63,8 +63,9 @@ def _moved(change: Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]) -> Radianc
 
 
 def _reshaped(uv: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
-    """The radiance of the texels of (H, W), row by row, as a picture (W, H)."""
-    texel, weight = texel_corners((SHAPE[1], SHAPE[0]), uv)
+    """The radiance (n, 3) of the texels of (H, W), row by row, taken for a picture (W, H)."""
+    height, width = SHAPE
+    texel, weight = texel_corners((width, height), uv)  # (n, 4): four texels around each place, and their shares
     centres = texel_centres(*SHAPE)[texel]
     radiance = torch.zeros(len(uv), 3)
     for corner in range(4):
@@ -158,18 +159,20 @@ class FrameAnswers:
     def at_texel_centres(cls, decoded: Material, btf: BTF) -> "FrameAnswers":
         """Ask a decoded material at the texel centres, at every pair."""
         uv = texel_centres(*SHAPE)
+        # All texels of the first pair, then all of the second, and so on.
         wo, wi = (torch.from_numpy(w).repeat_interleave(len(uv), 0) for w in (btf.wo, btf.wi))
         queries = uv.repeat(len(btf), 1), wo, wi
         return cls(decoded.query(*queries, footprint=1 / max(SHAPE)).double(), queries)
 
     def share(self, wrong: Tensor) -> float:
-        """How far the answers lie on the way from the truth to a wrong arrangement of it, (n, 3)."""
+        """How far the answers lie on the way from the truth, 0, to a wrong arrangement of it (n, 3), 1: see the
+        module."""
         right = truth(*self.queries).double()
         way = wrong.double() - right
         return float(((self.answers - right) * way).sum() / way.square().sum())
 
     def error(self, wrong: Tensor) -> float:
-        """The mean squared distance to an arrangement."""
+        """The mean squared distance of the answers to an arrangement (n, 3)."""
         return float((self.answers - wrong).square().mean())
 
     @property

@@ -68,6 +68,7 @@ def _stage(tested: CodecUnderTest, checks: tuple[Check, ...]) -> Iterator[Result
     """Run the checks of one stage and yield each result, whose name is the docstring of the check."""
 
     def noted(one: Check) -> Measured:
+        """Run a check; the detail is its note."""
         return Measured(detail=one(tested) or "")
 
     for one in checks:
@@ -90,7 +91,7 @@ def _extremes(tested: CodecUnderTest) -> Iterator[Result]:
         failure = reason = ""
         if verdict.verdict == "fail":
             failure = what + met_by_others(case.name)
-            if case.group == "data":
+            if case.group == "data":  # only these are of quality
                 failure += hint
                 hint = ""
         elif verdict.verdict == "n/a":

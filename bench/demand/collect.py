@@ -53,7 +53,7 @@ class Points:
         """Directions (n, 3) of the scene in the frame of each point."""
         x = unit(self.dp_du - self.normal * _dot(self.normal, self.dp_du))
         y = np.cross(self.normal, x)
-        y *= np.where(_dot(y, self.dp_dv) < 0, -1.0, 1.0)  # a mirrored texture
+        y *= np.where(_dot(y, self.dp_dv) < 0, -1.0, 1.0)  # where the texture is mirrored, so that y is toward +v
         return np.stack([(directions * axis).sum(-1) for axis in (x, y, self.normal)], -1)
 
     @property
@@ -72,15 +72,18 @@ class Points:
         """The step (n, 3) from each point to where the ray of a neighbouring pixel meets its tangent plane."""
         along = _dot(ahead, self.normal)
         with np.errstate(divide="ignore", invalid="ignore"):  # a ray along the plane meets it nowhere
-            moved = self.eye + ahead * (_dot(self.position - self.eye, self.normal) / along) - self.position
-        behind = ((moved + self.position - self.eye) * ahead).sum(-1) <= 0
-        beyond = ~np.isfinite(moved).all(-1) | behind
-        return np.where(beyond[:, None], self.dp_du * FARTHEST, moved)  # a step of the largest footprint
+            distance = _dot(self.position - self.eye, self.normal) / along
+            moved = self.eye + ahead * distance - self.position
+        behind = ((moved + self.position - self.eye) * ahead).sum(-1) <= 0  # the plane is met behind the camera
+        misses = ~np.isfinite(moved).all(-1) | behind
+        # Such a pixel reaches the horizon, where it has the largest footprint.
+        return np.where(misses[:, None], self.dp_du * FARTHEST, moved)
 
     def _uv_of(self, moved: Array) -> Array:
         """The change of uv (n, 2) of a step (n, 3) within the surface, by least squares."""
         a, b = self.dp_du, self.dp_dv
-        # The normal equations: products of the two derivatives with each other, and with the step.
+        # The normal equations: products (n,) of the two derivatives with each other, and with the step. They are two
+        # equations for two unknowns, which Cramer's rule solves.
         dot_uu, dot_uv, dot_vv = _dot(a, a)[:, 0], _dot(a, b)[:, 0], _dot(b, b)[:, 0]
         step_u, step_v = _dot(moved, a)[:, 0], _dot(moved, b)[:, 0]
         change = np.stack([step_u * dot_vv - step_v * dot_uv, step_v * dot_uu - step_u * dot_uv], -1)
@@ -88,7 +91,7 @@ class Points:
 
 
 def _dot(a: Array, b: Array) -> Array:
-    """The products (n, 1) of each two vectors (n, 3)."""
+    """The dot product (n, 1) of each row of `a` (n, 3) with the same row of `b` (n, 3)."""
     return (a * b).sum(-1, keepdims=True)
 
 
@@ -101,8 +104,8 @@ class Light:
 
 
 def queries_of(points: Points, lights: list[Light]) -> dict[str, Array]:
-    """The queries of some points under some lights, as the columns of `Demand`. Leaves out queries at or below a
-    horizon, and unlit ones."""
+    """The queries of some points under some lights, as the columns of `Demand`: one for each point and light, without
+    those whose view or light is at or below the horizon, and unlit ones."""
     parts: list[dict[str, Array]] = []
     for light in lights:
         wi = points.local(light.toward)
@@ -150,10 +153,11 @@ def collect(scene: Caster, limit: int, seed: int = 0, show: Progress = silent) -
     rng = np.random.default_rng(seed)
     parts = []
     for frame in followed(show, range(scene.frames), "casting rays", scene.frames):
-        points = scene.cast(frame, *_places(scene.picture, size, rng))
+        col, row = _places(scene.picture, size, rng)
+        points = scene.cast(frame, col, row)
         if len(points):
             queries = queries_of(points, scene.lights(points, rng))
-            queries["pixel"] += frame * cells
+            queries["pixel"] += frame * cells  # pixels are numbered on from frame to frame
             parts.append(queries)
     if not parts:
         raise InputError(f"{scene.name}: too few rays hit the material: move the camera, or raise --queries")
@@ -164,33 +168,43 @@ def collect(scene: Caster, limit: int, seed: int = 0, show: Progress = silent) -
         raise InputError(f"{scene.name}: no light reaches the side of the material that the camera sees: move a light")
     provenance = {"scene": scene.name, "picture": list(scene.picture), "limit": limit, "seed": seed}
     demand = Demand(**columns, frames=(scene.frames, *size), provenance=provenance)
-    return demand if len(demand) <= limit else demand.thinned(limit, rng)
+    if len(demand) > limit:  # the size was only an estimate
+        return demand.thinned(limit, rng)
+    return demand
 
 
 def _size(scene: Caster, limit: int) -> tuple[int, int]:
     """Height and width of the frames that make about `limit` queries, at most those of the picture."""
     height, width = scene.picture
     shrink = min(1.0, PREVIEW / max(height, width))
-    preview = max(1, round(height * shrink)), max(1, round(width * shrink))
+    preview_height = max(1, round(height * shrink))
+    preview_width = max(1, round(width * shrink))
     rng = np.random.default_rng(0)
     shown = []
     for frame in range(scene.frames):
-        col, row = _places(scene.picture, preview, rng)
+        col, row = _places(scene.picture, (preview_height, preview_width), rng)
         shown.append(len(scene.cast(frame, col, row)))
     if not any(shown):
         where = "it is behind the camera, out of the picture, or hidden: move the camera or the material"
         raise InputError(f"{scene.name}: no ray of the camera finds the material: {where}")
-    # The queries that all pixels would make, by the share of the preview that shows the material.
-    wanted = sum(shown) / (preview[0] * preview[1]) * height * width * scene.samples
-    most = min(FRAME, CELLS // scene.frames) / (height * width)
-    scale = min(1.0, math.sqrt(SPARE * limit / wanted), math.sqrt(most))
+    # The queries that all pixels of all frames would make: each pixel that shows the material makes one a sample of
+    # light. The share of these pixels is that of the preview, summed over frames.
+    share = sum(shown) / (preview_height * preview_width)
+    wanted = share * height * width * scene.samples
+    of_limit = SPARE * limit / wanted
+    of_memory = min(FRAME, CELLS // scene.frames) / (height * width)
+    # These are shares of the pixels; each of the two sides shrinks by the root.
+    scale = min(1.0, math.sqrt(of_limit), math.sqrt(of_memory))
     return max(1, int(height * scale)), max(1, int(width * scale))
 
 
 def _places(picture: tuple[int, int], size: tuple[int, int], rng: np.random.Generator) -> tuple[Array, Array]:
-    """Column and row (H · W,) in pixels of a point in each of (H, W) cells: the middle of a pixel, else a random one. A
-    regular grid would hit the same texels of a regular texture again and again."""
-    place_in_cell = 0.5 if size == picture else rng.random((2, *size))
+    """Column and row (H · W,), in pixels, of a point in each of `size` (H, W) cells that divide a picture.
+
+    If the cells are its pixels, the point is the middle of each, else a random one: a regular grid would hit the same
+    texels of a regular texture again and again.
+    """
+    place_in_cell = 0.5 if size == picture else rng.random((2, *size))  # down and across, in cells
     pixels_a_cell = np.array(picture) / np.array(size)
     row, col = (np.mgrid[: size[0], : size[1]] + place_in_cell) * pixels_a_cell[:, None, None]  # (H, W) each
     return col.ravel(), row.ravel()

@@ -77,13 +77,13 @@ class Demand:
 
     def pictures(self, answers: np.ndarray) -> np.ndarray:
         """The frames (frames, H, W, 3), float64 linear RGB, as sums of a material's answers (n, 3)."""
-        flat = np.zeros((int(np.prod(self.frames)), 3))
-        np.add.at(flat, self.pixel, self.weight * answers)
+        flat = np.zeros((int(np.prod(self.frames)), 3))  # a row for each pixel of all frames
+        np.add.at(flat, self.pixel, self.weight * answers)  # unlike `+=`, it adds all queries of a pixel
         return flat.reshape(*self.frames, 3)
 
     def thinned(self, count: int, rng: np.random.Generator) -> "Demand":
-        """A random subset of the queries, with weights scaled to keep the sum."""
-        chosen = np.sort(rng.permutation(len(self))[:count])
+        """A random subset of `count` queries, with weights scaled to keep the expected sum of all."""
+        chosen = np.sort(rng.permutation(len(self))[:count])  # in the order that they had
         columns = {name: getattr(self, name)[chosen] for name in NAMES}
         columns["weight"] = columns["weight"] * np.float32(len(self) / count)
         return Demand(**columns, frames=self.frames, provenance=self.provenance)
@@ -109,6 +109,7 @@ def load(path: Path) -> Demand:
     except InputError as error:
         reason = str(error).removeprefix(f"{path}: ")
         raise InputError(f"{path}: not a demand: {reason}: make one with `neubtf-bench demand`") from error
+    # The fingerprint is of the numbers in the file, so it is taken before directions become floats.
     digest = hashlib.sha256(json.dumps(frames).encode())
     for name in sorted(arrays):
         digest.update(name.encode() + np.ascontiguousarray(arrays[name]).tobytes())
@@ -124,7 +125,10 @@ def _about(stored: np.ndarray | None) -> tuple[tuple[int, int, int], dict[str, A
     if not isinstance(about, dict) or not isinstance(about.get("format"), int):
         raise InputError("about gives no format")
     if about["format"] != FORMAT:
-        age, remedy = ("newer", ": upgrade") if about["format"] > FORMAT else ("older", "")
+        if about["format"] > FORMAT:
+            age, remedy = "newer", ": upgrade"
+        else:
+            age, remedy = "older", ""
         raise InputError(f"format {shown(about['format'])} is {age} than this version reads ({FORMAT}){remedy}")
     frames = converted("frames", tuple[Count, Count, Count], about.get("frames"))
     if math.prod(frames) > CELLS:
@@ -140,7 +144,7 @@ def _check(arrays: dict[str, np.ndarray], frames: tuple[int, int, int]) -> None:
     for name in COLUMNS:
         if name not in arrays:
             raise InputError(f"no array {name!r}")
-    count = len(arrays["pixel"]) if arrays["pixel"].ndim else 0
+    count = len(arrays["pixel"]) if arrays["pixel"].ndim else 0  # a single number has no length
     for name, (kind, width) in COLUMNS.items():
         column = arrays[name]
         if column.dtype != kind or column.shape != (count, *width):
@@ -166,7 +170,7 @@ def _check(arrays: dict[str, np.ndarray], frames: tuple[int, int, int]) -> None:
 
 
 def _is_lit(weight: np.ndarray, wi: np.ndarray) -> bool:
-    """Whether a white diffuser would send any light."""
+    """Whether a white diffuser would send any light, under `weight` (n, 3) from directions `wi` (n, 3)."""
     return (weight.astype(np.float64) @ LUMA) @ wi[:, 2].astype(np.float64) > 0
 
 

@@ -58,15 +58,15 @@ class Problem:
 
 
 def density_of(demand: Demand, layout: Layout, window: Window, uniform: float) -> Density:
-    """The density of a demand over the pairs of a BTF cut to a window."""
-    weights = pair_weights(layout, demand)
+    """The density of a demand of n queries over the pairs of a BTF cut to a window; see `Density` for its fields."""
+    weights = pair_weights(layout, demand)  # the k pairs around each query: `sample` and `weight` are (n, k)
     importance = demand.importance
     cos_i = torch.from_numpy(layout.lights[layout.light, 2]).clamp_min(1e-3)  # as in `PairInterpolator`
     wi = torch.from_numpy(demand.wi)
     uv = window.within(torch.from_numpy(demand.uv(window.size)).double()).float()
     footprint = torch.from_numpy(demand.footprint) * window.stretch
     cumulative = torch.from_numpy(importance).cumsum(0)
-    # Radiance is interpolated over its cosine, which the query's replaces.
+    # Radiance contains the cosine of its light. That of each pair's light (n, k) gives way to that of the query's.
     weight = weights.weight * wi[:, 2:] / cos_i[weights.sample.long()]
     share = torch.from_numpy(shares_from_weights(weights, importance, len(layout.view)))
     wo = torch.from_numpy(demand.wo)
@@ -95,7 +95,7 @@ class Goal:
     flip: float | None = None
 
     def met(self, model: "Model") -> bool:
-        """Whether a model reaches the goal; without error, PSNR is None."""
+        """Whether a model reaches the goal. A PSNR of None is of no error; a FLIP of None was not measured."""
         enough = self.psnr is None or model.psnr is None or model.psnr >= self.psnr
         near = self.flip is None or model.flip is None or model.flip <= self.flip
         return enough and near
@@ -149,22 +149,29 @@ class Search:
     def run(self, goal: Goal | None = None) -> SearchResult:
         """Search; the default goal is the PSNR of the full model less `EQUAL_DB`, or no error if it has none."""
         full = self.model(sized(self.codec, steps_of(self.codec), scene=False), "full")
-        goal = goal or Goal(psnr=np.inf if full.psnr is None else full.psnr - EQUAL_DB)
+        goal = goal or Goal(psnr=_psnr_or_infinite(full) - EQUAL_DB)
         tried = list(self.ladder(goal))
         seconds = sum(model.seconds for model in tried)
         meeting = [model for model in tried if goal.met(model)]
         best = min(meeting, key=lambda model: model.header.file_bytes, default=None)
+        full_meets = goal.met(full)
         if best is None:
-            finest = max(tried, key=lambda model: np.inf if model.psnr is None else model.psnr)
-            better = full.psnr is not None and (finest.psnr is None or finest.psnr > full.psnr)
-            scene = finest if better and not goal.met(full) else None
-            return SearchResult(full, scene, "no model of the scene is as good", goal.met(full), len(tried), seconds)
-        if best.header.file_bytes >= full.header.file_bytes and goal.met(full):
+            finest = max(tried, key=_psnr_or_infinite)
+            # If the full model misses the goal, too, the better of the two is chosen.
+            scene = None
+            if not full_meets and _psnr_or_infinite(finest) > _psnr_or_infinite(full):
+                scene = finest
+            return SearchResult(full, scene, "no model of the scene is as good", full_meets, len(tried), seconds)
+        if full_meets and best.header.file_bytes >= full.header.file_bytes:
             return SearchResult(full, None, "the scene needs everything", True, len(tried), seconds)
         return SearchResult(full, best, left_out(self.problem.needed, self.btf), True, len(tried), seconds)
 
     def ladder(self, goal: Goal, scene: bool = True) -> Iterator[Model]:
-        """Fit models of the scene or of the whole BTF, bisecting their size, because quality rises with size."""
+        """Fit models of the scene, or of the whole BTF, and yield each.
+
+        Quality rises with size, so the smallest size that meets the goal is found by bisection. If the largest misses
+        the goal, it is the only one.
+        """
         low, high = 1, steps_of(self.codec)  # the smallest size that meets the goal lies between, both included
         name = "scene" if scene else "whole"
         largest = self.model(sized(self.codec, high, scene), f"{name}{high}")
@@ -196,15 +203,22 @@ class Search:
         return Model(header, material, score.get(PSNR), score.get(FLIP), steps, seconds)
 
 
+def _psnr_or_infinite(model: Model) -> float:
+    """The PSNR of a model in dB, to sort by; infinite for one without error."""
+    return np.inf if model.psnr is None else model.psnr
+
+
 def steps_of(codec: Codec) -> int:
-    """The number of sizes that a codec can have: the value of its leading setting."""
+    """The number of sizes that a codec can have: the value of its leading setting of size, 1 if it has no such one."""
     return int(getattr(codec.settings, codec.sizes[0])) if codec.sizes else 1
 
 
 def sized(codec: Codec, step: int, scene: bool = True) -> Codec:
     """The codec, fitted to a scene or not, with its leading size at `step` and the others in proportion."""
     share = step / steps_of(codec)
-    sizes = {name: max(1, round(share * getattr(codec.settings, name))) for name in codec.sizes}
+    sizes = {}
+    for name in codec.sizes:
+        sizes[name] = max(1, round(share * getattr(codec.settings, name)))
     return type(codec)(**(settings_dict(codec) | sizes | {SCENE: scene}))
 
 
@@ -261,7 +275,8 @@ def rows(result: SearchResult, scorer: FrameScorer, threads: int, held: BTF) -> 
     if result.scene:
         models["scene"] = result.scene
     order = np.random.default_rng(0).permutation(len(scorer.demand))[: timing.BATCH]
-    device, size = result.full.material.device, result.full.material.size
+    device = result.full.material.device
+    size = result.full.material.size
     queries = [torch.from_numpy(column[order]).to(device) for column in scorer.demand.queries(size)]
     calls = {name: partial(model.material.query, *queries) for name, model in models.items()}
     timings = timing.in_turns(calls, len(order), size, threads, device)

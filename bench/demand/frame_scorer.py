@@ -37,37 +37,43 @@ def table_of(btf: BTF) -> BTF:
 def truth(btf: BTF, demand: Demand, show: Progress = silent) -> Array:
     """Linear radiance (n, 3) float32, not negative, for the queries of a demand. Each slice is read at most once."""
     weights = pair_weights(btf.layout, demand, radiance=True)
-    pair, weight = weights.sample.numpy().ravel(), weights.weight.numpy().ravel()  # (n · k,)
+    around = weights.sample.shape[1]  # pairs around each query
+    # A row for each pair around each query, (n · around,): row r belongs to query r // around.
+    pair = weights.sample.numpy().ravel()
+    weight = weights.weight.numpy().ravel()
     used = np.flatnonzero(weight > 0)
-    used = used[np.argsort(pair[used], kind="stable")]
-    # Where the rows of each pair begin, and where the last ones end.
-    places = np.searchsorted(pair[used], np.arange(len(btf) + 1))
+    used = used[np.argsort(pair[used], kind="stable")]  # the rows of one pair stand together
+    starts = np.searchsorted(pair[used], np.arange(len(btf) + 1))  # in `used`: of each pair, and the end of the last
     uv = torch.from_numpy(demand.uv(btf.shape))
-    deepest = int(np.log2(min(btf.shape)))
+    deepest = int(np.log2(min(btf.shape)))  # the last level of which a box fits into the picture
     # The level of detail of each query: log2 of its footprint in texels, within the pyramid.
     texels = np.maximum(demand.footprint, 1e-9) * max(btf.shape)
     level = torch.from_numpy(np.clip(np.log2(texels), 0, deepest).astype(np.float32))
     answers = np.zeros((len(demand), 3), np.float32)
     for index in range(len(btf)):
         show(f"reference of {demand.name}", index + 1, len(btf))
-        rows = used[places[index] : places[index + 1]]
+        rows = used[starts[index] : starts[index + 1]]
         if len(rows):
-            query = rows // weights.sample.shape[1]  # rows count the k pairs of each query
+            query = rows // around
             values = _filtered(btf[index], uv[query], level[query])
             np.add.at(answers, query, values.numpy() * weight[rows, None])
     return np.maximum(answers, 0)
 
 
 def _filtered(picture: Array, uv: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
-    """A slice (H, W, 3) at uv (n, 2) and levels (n,), log2 of the box's side in texels: (n, 3)."""
+    """A slice (H, W, 3) at uv (n, 2), each averaged over a box: (n, 3). Levels (n,) are log2 of its side in texels."""
     out = torch.zeros(len(uv), 3)
-    for number in range(int(level.max()) + 2):
+    for number in range(int(level.max()) + 2):  # whole levels up to the one above the deepest
+        # A level between two whole ones is a linear mixture of these: shares fall from 1 to 0 over one level.
         share = (1 - (level - number).abs()).clamp_min(0)
         some = share > 0
         if some.any():
             texture = torch.from_numpy(np.ascontiguousarray(box_filter(picture, 2**number), np.float32))
-            # A level omits texels that do not fill a box; see `bench.btf` for the frame.
-            down, across = (side / (side // 2**number * 2**number) for side in picture.shape[:2])
+            # A level omits texels on the right and at the bottom that do not fill a box, so uv is stretched from the
+            # top left corner, where v is 1.
+            height, width = picture.shape[:2]
+            down = height / (height // 2**number * 2**number)
+            across = width / (width // 2**number * 2**number)
             uv_of_level = torch.stack([uv[some, 0] * across, 1 - (1 - uv[some, 1]) * down], 1)
             out[some] += share[some, None] * sample_texture(texture, uv_of_level)
     return out
@@ -145,7 +151,7 @@ class FrameScorer:
     def pictures(self, frames: Array) -> dict[str, Array]:
         """A few frames, `truth` and `decoded`: small, display-transformed, 8 bit (at most `KEPT_FRAMES`, h, w, 3)."""
         chosen = np.unique(np.linspace(0, len(frames) - 1, KEPT_FRAMES).round().astype(int))
-        factor = -(-max(frames.shape[1:3]) // KEPT_SIDE)
+        factor = -(-max(frames.shape[1:3]) // KEPT_SIDE)  # rounded up
         kept = {}
         for name, whole in (("truth", self.truth), ("decoded", frames)):
             small = np.stack([box_filter(whole[i], factor) for i in chosen])
@@ -154,6 +160,8 @@ class FrameScorer:
 
 
 def _inner(mask: Array, size: tuple[int, ...]) -> Array:
-    """The middle (frames, *size) of a mask: a metric with a window may have no values at the border."""
-    top, left = ((whole - part) // 2 for whole, part in zip(mask.shape[1:], size, strict=True))
-    return mask[:, top : top + size[0], left : left + size[1]]
+    """The middle (frames, *size) of a mask (frames, H, W): a metric with a window may have no values at the border."""
+    height, width = size
+    top = (mask.shape[1] - height) // 2
+    left = (mask.shape[2] - width) // 2
+    return mask[:, top : top + height, left : left + width]

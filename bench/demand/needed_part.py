@@ -35,9 +35,12 @@ class NeededPart:
     def for_demand(cls, btf: BTF, demand: Demand, every_pair: bool = False) -> "NeededPart":
         """The part of a BTF that a demand needs; `every_pair` keeps all pairs."""
         order = np.argsort(demand.footprint, kind="stable")
-        # The first query, from the finest on, up to which a share of `FINEST` of the demand has passed.
-        place = int(np.searchsorted(np.cumsum(demand.importance[order]), FINEST))
-        finest = float(demand.footprint[order[min(place, len(order) - 1)]])
+        # From the finest query on: the first with which the running share of the demand reaches `FINEST`. Rounding may
+        # keep the sum below it, so the last query is the limit.
+        running = np.cumsum(demand.importance[order])
+        place = min(int(np.searchsorted(running, FINEST)), len(order) - 1)
+        finest = float(demand.footprint[order[place]])
+        # Texels a side of a box that this footprint still covers: whole ones, at most the shorter side of the picture.
         factor = max(1, min(int(finest * max(btf.shape)), *btf.shape))
         window = _window(btf.shape, demand, factor)
         pairs = np.arange(len(btf)) if every_pair else needed_pairs(btf.layout, demand)
@@ -71,22 +74,25 @@ def needed_pairs(layout: Layout, demand: Demand) -> Array:
 
 
 def _side(directions: Array, share: Array) -> Array:
-    """The fewest directions of one side that hold the demand, and those needed to interpolate between them. A triangle
-    between kept directions is a triangle of the whole set, so answers inside it stay the same."""
+    """Indices of the fewest directions (n, 3), all views or all lights, that hold the demand by their shares (n,), and
+    of those needed to interpolate between them. A triangle between kept directions is a triangle of the whole set, so
+    answers inside it stay the same."""
     middle = share @ directions
     # By share, the largest first, and of equal shares the nearest to the middle (the last key counts first).
     order = np.lexsort((-(directions @ middle), -share))
     count = len(_heaviest(share))
+    # A flat set has no triangles to interpolate in: too few directions, or all on one line.
     while count < len(directions) and Hemisphere(directions[order[:count]]).flat:
         count += 1
     return np.sort(order[:count])
 
 
 def _heaviest(share: Array) -> Array:
-    """The fewest indices whose shares come to `COVERED` of all."""
+    """The fewest indices whose shares, of all shares (n,), come to `COVERED` of their sum; the largest share first."""
     order = np.argsort(-share, kind="stable")
     running = np.cumsum(share[order])
-    return order[: int(np.searchsorted(running, COVERED * running[-1])) + 1]
+    last = int(np.searchsorted(running, COVERED * running[-1]))  # the first with which the running sum is enough
+    return order[: last + 1]
 
 
 def _window(size: tuple[int, int], demand: Demand, factor: int) -> Window:
@@ -102,17 +108,23 @@ def _window(size: tuple[int, int], demand: Demand, factor: int) -> Window:
 
 
 def _span(place: Array, footprint: Array, side: int, factor: int, whole: int) -> tuple[int, int]:
-    """Start and length in texels of the shortest stretch with all places, which may wrap around; or (0, `whole`)."""
+    """Start and length, in texels, of the shortest stretch of one side of the texture that holds all places (n,) with
+    their footprints (n,), both in periods of `side` texels. It may wrap around, and is in whole boxes of `factor`
+    texels. If it would not be shorter than `whole` texels, it is (0, `whole`)."""
     reach = footprint / 2 + factor / side  # in periods: half the footprint, and a box
     if float(reach.max()) >= 0.5:
         return 0, whole
-    first, last = np.floor((place - reach) * side).astype(int), np.ceil((place + reach) * side).astype(int)
-    edges = np.zeros(3 * side + 1, int)  # over the period before, the period itself and the one after
+    first = np.floor((place - reach) * side).astype(int)
+    last = np.ceil((place + reach) * side).astype(int)
+    # Each query sees the texels from `first` on, and before `last`: +1 where that begins and −1 where it ends, so that
+    # the running sum counts the queries that see a texel. Over the period before, the period itself and the one after.
+    edges = np.zeros(3 * side + 1, int)
     np.add.at(edges, first + side, 1)
     np.add.at(edges, last + side, -1)
-    count = np.cumsum(edges)[:-1].reshape(3, side)  # of the stretches over each texel, in three periods
+    count = np.cumsum(edges)[:-1].reshape(3, side)
     seen = np.flatnonzero((count > 0).any(0))
-    steps = np.diff(seen, append=seen[0] + side)  # to the next seen texel; the longest jumps over the unseen rest
+    # From each seen texel to the next, around the period; the longest step jumps over the part to leave out.
+    steps = np.diff(seen, append=seen[0] + side)
     jump = int(np.argmax(steps))
     length = -(-(side - int(steps[jump]) + 1) // factor) * factor  # rounded up to whole boxes
     if length >= whole:
@@ -129,8 +141,11 @@ def _cells(directions: Array) -> Array:
 
 
 def pair_weights(layout: Layout, demand: Demand, radiance: bool = False) -> Weights:
-    """Pairs and shares (n, k) of each query, as `bench.directions.interpolation` interpolates. Shares add up to one;
-    with `radiance` they are the interpolation weights of radiance, including cosines."""
+    """The k pairs around each query, and their weights, both (n, k), as `bench.directions.interpolation` finds them.
+
+    The weights of a query are shares that add up to one; with `radiance` they are those by which radiance is
+    interpolated, including cosines.
+    """
     interpolator = PairInterpolator(layout)
     search = interpolator if radiance else interpolator.shares
     wo, wi = torch.from_numpy(demand.wo), torch.from_numpy(demand.wi)
@@ -146,17 +161,22 @@ def pair_shares(layout: Layout, demand: Demand) -> Array:
 
 
 def shares_of_others(layout: Layout, demand: Demand, wo: Array, wi: Array) -> Array:
-    """The demand around other pairs, directions (n, 3): the mean share of the layout's pairs that surround each one, 0
-    where the scene uses less than half of these. Adds up to one, or to 0 if the scene comes near none."""
+    """The demand (n,) around other pairs than the layout's, at directions `wo` and `wi` (n, 3).
+
+    It is the mean share of the layout's pairs that surround each one; 0 where the scene uses less than half of these,
+    by their weights. Adds up to one, or to 0 if the scene comes near none.
+    """
     shares = pair_shares(layout, demand)
     surrounding = PairInterpolator(layout).shares(torch.from_numpy(wo), torch.from_numpy(wi))
-    weight, there = surrounding.weight.numpy(), shares[surrounding.sample.numpy()]
+    weight = surrounding.weight.numpy()  # (n, k)
+    there = shares[surrounding.sample.numpy()]  # (n, k), of each surrounding pair
     is_near = (weight * (there > 0)).sum(1) >= 0.5
     found = np.where(is_near, (weight * there).sum(1), 0.0)
     return found / max(found.sum(), 1e-30)
 
 
 def shares_from_weights(weights: Weights, importance: Array, count: int) -> Array:
-    """The share (count,) of each pair, from known corners."""
+    """The share (count,) of the demand on each of `count` pairs: each query of `importance` (n,) gives to the pairs
+    around it by their weights (n, k)."""
     weight = weights.weight.numpy() * importance[:, None]
     return np.bincount(weights.sample.numpy().ravel(), weight.ravel(), count)

@@ -66,13 +66,15 @@ def summarise(demand: Demand) -> Summary:
 def _percentiles(values: Array, share: Array) -> tuple[float, ...]:
     """The `PERCENTILES` of values (n,) that are weighted by shares (n,) with sum 1."""
     order = np.argsort(values)
-    places = np.searchsorted(np.cumsum(share[order]), np.array(PERCENTILES) / 100)
-    places = np.minimum(places, len(values) - 1)
+    running = np.cumsum(share[order])
+    # The first value with which the running share reaches each percentile; rounding may keep the sum below it.
+    places = np.minimum(np.searchsorted(running, np.array(PERCENTILES) / 100), len(values) - 1)
     return tuple(float(value) for value in values[order][places])
 
 
 def _coverage(demand: Demand) -> Array:
-    """The share of the demand in each cell of a square texture, row 0 on top; a query counts where its centre is."""
+    """The share (`COVERAGE`, `COVERAGE`) of the demand in each cell of a square texture, row 0 on top; a query counts
+    in the cell that holds its centre."""
     uv = demand.uv((1, 1))  # of any square texture
     col, row = uv[:, 0], 1 - uv[:, 1]
     return np.histogram2d(row, col, COVERAGE, [[0, 1], [0, 1]], weights=demand.importance)[0]
@@ -83,7 +85,8 @@ def draw(demand: Demand, path: Path) -> None:
     figure = Figure(figsize=(14, 7), layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.subplot_mosaic([["frame", "frame", "wo", "wi"], ["frame", "frame", "uv", "footprint"]])
-    picture = demand.pictures(np.repeat(demand.wi[:, 2:] * ALBEDO / np.pi, 3, 1))[0]
+    diffuse = demand.wi[:, 2:] * ALBEDO / np.pi  # (n, 1): a diffuser's f_r is albedo / π, times the cosine
+    picture = demand.pictures(np.repeat(diffuse, 3, 1))[0]
     grid["frame"].imshow(to_display(picture, exposure_of(picture)))
     grid["frame"].set_title(f"{demand.provenance.get('scene', '')}: the first frame, on a white diffuser")
     grid["frame"].axis("off")
@@ -99,15 +102,21 @@ def draw(demand: Demand, path: Path) -> None:
 
 
 def _polar(axes, directions: Array, share: Array, title: str) -> None:  # type: ignore[no-untyped-def]
-    """The density of directions in the plane of θ (radius, degrees) and φ, each cell divided by its solid angle."""
+    """Draw the density of directions (n, 3) with shares (n,), in the plane of θ (radius, degrees) and φ.
+
+    Each cell is divided by its solid angle.
+    """
     theta, phi = to_degrees(directions)
-    x, y = theta * np.cos(np.radians(phi)), theta * np.sin(np.radians(phi))
+    x = theta * np.cos(np.radians(phi))
+    y = theta * np.sin(np.radians(phi))
     edges = np.linspace(-90, 90, 46)
     density = np.histogram2d(y, x, [edges, edges], weights=share)[0]
     middle = (edges[1:] + edges[:-1]) / 2
     radius = np.hypot(*np.meshgrid(middle, middle))
+    # All cells have one area in the plane, where a ring at θ is θ long; on the sphere it is sin θ long. Below 2°, which
+    # is half a cell, the ratio hardly changes, but at 0 it is no number.
     density /= np.sin(np.radians(np.clip(radius, 2, 90))) / np.clip(radius, 2, None)
-    density[radius > 90] = np.nan
+    density[radius > 90] = np.nan  # below the horizon: not drawn
     axes.imshow(np.sqrt(density), extent=(-90, 90, -90, 90), origin="lower", cmap="magma")
     for ring in (30, 60, 90):
         axes.add_patch(Circle((0, 0), ring, fill=False, color="grey", linewidth=0.5))

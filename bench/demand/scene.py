@@ -67,16 +67,18 @@ class Camera:
     def ahead(self, column: np.ndarray, row: np.ndarray) -> np.ndarray:
         """Unit directions (n, 3) through points of the picture, in pixels from its top left corner."""
         forward = unit(np.subtract(self.target, self.position))
+        # Two unit axes of the picture, which is at distance 1.
         right = unit(np.cross(forward, self.up))
         down = np.cross(forward, right)
-        # The side of a pixel at distance 1.
+        # The side of a pixel at that distance.
         pixel = 2 * np.tan(np.radians(self.fov_deg) / 2) / self.width
-        x, y = (column - self.width / 2) * pixel, (row - self.height / 2) * pixel
+        x = (column - self.width / 2) * pixel
+        y = (row - self.height / 2) * pixel
         return unit(forward + x[:, None] * right + y[:, None] * down)
 
 
 def _spread(one: Any, other: Any) -> bool:
-    """Whether two vectors span a plane."""
+    """Whether two vectors span a plane: neither is 0, and they are not parallel, up to rounding."""
     return bool(np.linalg.norm(np.cross(one, other)) > 1e-9 * np.linalg.norm(one) * np.linalg.norm(other))
 
 
@@ -139,6 +141,7 @@ class LightSource:
 
 
 def _check_toward(toward: Vector) -> None:
+    """Raise `InputError` for a vector of 0, which is no direction."""
     if not any(toward):
         raise InputError("toward must not be 0")
 

@@ -28,7 +28,10 @@ Answers = Callable[[Demand], Array]  # the queries of a demand → linear radian
 
 def lamps(kind: str) -> tuple[LightSource, ...]:
     """Lights instead of a scene's own: `sun`, one direction, or `environment`, a sun and six weaker ones around it."""
-    directions = from_degrees([40] + [58] * 6, [120, *range(0, 360, 60)]).tolist()
+    # The sun first, then six weaker lights in a ring, warm and cold in turns.
+    theta = [40] + [58] * 6
+    phi = [120, *range(0, 360, 60)]
+    directions = from_degrees(theta, phi).tolist()
     colours: list[Colour] = [(0.6, 0.58, 0.54), *[(0.28, 0.25, 0.2), (0.1, 0.12, 0.16)] * 3]
     if kind == "sun":
         directions, colours = directions[:1], [(1, 1, 1)]
@@ -73,8 +76,8 @@ def render(
     height, width = scene.cameras[frame].height, scene.cameras[frame].width
     rng = np.random.default_rng(seed)
     pictures = np.zeros((len(sides), height * width, 4))
-    band = max(1, RAYS // (width * rays * rays))
-    offsets = (np.arange(rays) + 0.5) / rays
+    band = max(1, RAYS // (width * rays * rays))  # rows at once
+    offsets = (np.arange(rays) + 0.5) / rays  # of the rays within a pixel, down and to the right
     for top in range(0, height, band):
         show("rendering", top, height)
         rows = np.arange(top, min(height, top + band))
@@ -83,6 +86,7 @@ def render(
         if not len(points):
             continue
         pixel = (row * width + col).ravel()  # of each ray; `points.pixel` counts the rays of this band
+        # Each ray that meets the surface adds its share to the pixel's alpha, of all sides alike.
         pictures[..., 3] += np.bincount(pixel[points.pixel], minlength=height * width) / rays**2
         queries: dict[str, Any] = queries_of(points, caster.lights(points, rng))
         queries["pixel"] = pixel[queries["pixel"]].astype(np.int32)
@@ -97,8 +101,9 @@ def render(
 
 
 def exposure_for(picture: Array) -> float:
-    """The exposure of a picture (H, W, 4), from only the pixels that show the surface."""
-    return exposure_of(picture[picture[..., 3] > 0.999][:, :3])
+    """The exposure of a picture (H, W, 4), from only the pixels that show nothing but the surface."""
+    covered = picture[..., 3] > 0.999  # an alpha of 1, up to rounding
+    return exposure_of(picture[covered][:, :3])
 
 
 def write(path: Path, picture: Array, exposure: float) -> None:

@@ -17,7 +17,8 @@ class TextScene:
 
     def __init__(self, scene: Scene):
         self.scene = scene
-        self.name, self.frames = scene.name, len(scene.cameras)
+        self.name = scene.name
+        self.frames = len(scene.cameras)
         self.picture = (scene.cameras[0].height, scene.cameras[0].width)
         self.samples = 0
         for light in scene.lights:
@@ -32,9 +33,10 @@ class TextScene:
         hit = np.flatnonzero(np.isfinite(far))
         position = eye + ahead[hit] * far[hit, None]
         uv, normal, dp_du, dp_dv, inside = texture(self.scene.surface, position)
-        hit = hit[inside]
+        hit = hit[inside]  # a ray may meet a plane beyond the surface's edge
         uv, position, normal, dp_du, dp_dv = (value[inside] for value in (uv, position, normal, dp_du, dp_dv))
-        right, below = camera.ahead(col[hit] + 1, row[hit]), camera.ahead(col[hit], row[hit] + 1)
+        right = camera.ahead(col[hit] + 1, row[hit])
+        below = camera.ahead(col[hit], row[hit] + 1)
         eyes = np.broadcast_to(eye, position.shape)
         return Points(hit, uv, position, normal, dp_du, dp_dv, eyes, right, below)
 
@@ -54,19 +56,24 @@ def _reaching(source: LightSource, points: Points, rng: np.random.Generator) -> 
             return [Light(ones * unit(np.asarray(source.toward)), ones * np.asarray(source.irradiance))]
         case "point":
             offset = np.asarray(source.position) - points.position
-            square = np.maximum((offset**2).sum(1, keepdims=True), 1e-12)
+            square = np.maximum((offset**2).sum(1, keepdims=True), 1e-12)  # not 0, in case a point is at the light
             return [Light(offset / np.sqrt(square), np.asarray(source.intensity) / square)]
         case _:
             return [_environment_sample(source, points, rng) for _ in range(source.samples)]
 
 
 def _environment_sample(source: LightSource, points: Points, rng: np.random.Generator) -> Light:
-    """One sample of an environment at each point: the sphere, or one of the lamps, in proportion to their power."""
-    toward, irradiance = np.zeros((2, len(points), 3))
-    # The light from all around is a lamp of half angle 180°, toward whatever direction.
+    """One sample of an environment at each point: the sphere, or one of the lamps, in proportion to their power.
+
+    Its direction is drawn evenly from the chosen lamp, and its irradiance is divided by the chance of the lamp, so the
+    samples of a point add up to the light of the whole environment on average.
+    """
+    toward = np.zeros((len(points), 3))
+    irradiance = np.zeros((len(points), 3))
+    # The light from all around is a lamp of half angle 180°, toward whatever direction; black if there is none.
     lamps = [Lamp((0.0, 0.0, 1.0), 180.0, source.radiance or (0.0, 0.0, 0.0)), *source.lamps]
     angles = np.radians([lamp.cone_deg for lamp in lamps])
-    solid = 2 * np.pi * (1 - np.cos(angles))
+    solid = 2 * np.pi * (1 - np.cos(angles))  # solid angle of each lamp
     power = solid * [np.mean(lamp.radiance) for lamp in lamps]
     shares = power / power.sum()
     chosen = rng.choice(len(lamps), len(points), p=shares)
@@ -79,7 +86,8 @@ def _environment_sample(source: LightSource, points: Points, rng: np.random.Gene
 
 
 def _in_cone(axis: Array, angle: float, count: int, rng: np.random.Generator) -> Array:
-    """Directions (count, 3) uniform in solid angle within an angle of an axis."""
+    """Directions (count, 3) uniform in solid angle, within an angle, in radians, of an axis (3,)."""
+    # On a sphere equal steps of the cosine hold equal areas, so the cosine is drawn uniformly.
     cos = 1 - rng.random(count) * (1 - np.cos(angle))
     phi = rng.random(count) * 2 * np.pi
     sin = np.sqrt(np.maximum(1 - cos**2, 0))
@@ -96,18 +104,20 @@ def distance(surface: Surface, eye: Array, ahead: Array) -> Array:
     offset = np.asarray(surface.centre) - eye
     with np.errstate(divide="ignore", invalid="ignore"):
         if surface.shape == "plane":
-            normal = _axes(surface)[2]
+            _, _, normal = _axes(surface)
             along = offset @ normal / (ahead @ normal)
-        else:  # the nearer of the two crossings, for a camera outside
+        else:
+            # |along · ahead − offset| = radius is quadratic in `along`. The smaller root is the nearer of the two
+            # crossings, for a camera outside; it is NaN where the ray misses the sphere.
             half = ahead @ offset
             along = half - np.sqrt(half**2 - (offset @ offset - surface.radius**2))
     return np.where(along > 0, along, np.inf)
 
 
 def texture(surface: Surface, position: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """uv (n, 2), normal, dp/du and dp/dv (n, 3) of points of a surface, and which of them lie on it (n,). A unit of uv
-    is the longer side of the texture."""
-    axes = np.stack(_axes(surface), 1)
+    """uv (n, 2), normal, dp/du and dp/dv (n, 3) at the positions (n, 3) of points of a surface, and which of them lie
+    within its edges (n,). A unit of uv is the longer side of the texture."""
+    axes = np.stack(_axes(surface), 1)  # (3, 3), an axis a column
     local = (position - np.asarray(surface.centre)) @ axes
     if surface.shape == "sphere":
         return _sphere_texture(surface, position, local)
@@ -115,11 +125,14 @@ def texture(surface: Surface, position: Array) -> tuple[Array, Array, Array, Arr
     uv = (local[:, :2] / size + 0.5) * repeat
     inside = (np.abs(local[:, :2]) <= size / 2).all(1)
     slope = np.zeros((len(position), 2)) if surface.shape == "plane" else _slopes(surface, local[:, :2])
-    one, nothing = np.ones(len(position)), np.zeros(len(position))
+    one = np.ones(len(position))
+    nothing = np.zeros(len(position))
+    # Tangents that go one scene unit along an axis of the plane, and rise by the slope.
     along_u = np.stack([one, nothing, slope[:, 0]], 1) @ axes.T
     along_v = np.stack([nothing, one, slope[:, 1]], 1) @ axes.T
-    step = size / repeat
-    return uv, unit(np.cross(along_u, along_v)), along_u * step[0], along_v * step[1], inside
+    normal = unit(np.cross(along_u, along_v))
+    per_u, per_v = size / repeat  # scene units in a unit of u, and of v
+    return uv, normal, along_u * per_u, along_v * per_v, inside
 
 
 def _axes(surface: Surface) -> tuple[Array, Array, Array]:
@@ -130,11 +143,14 @@ def _axes(surface: Surface) -> tuple[Array, Array, Array]:
 
 
 def _sphere_texture(surface: Surface, position: Array, local: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """What `texture` gives, of points of a sphere in the scene and, `local`, in the frame of its axes; u goes east, v
-    north."""
+    """What `texture` gives, for points of a sphere: u goes east, v north.
+
+    `position` (n, 3) are the points in the scene, and `local` (n, 3) the same from the centre, along the sphere's axes.
+    """
     x, y, _ = _axes(surface)
     repeat = np.asarray(surface.repeat)
-    east_angle, height = np.arctan2(local[:, 1], local[:, 0]), local[:, 2] / surface.radius
+    east_angle = np.arctan2(local[:, 1], local[:, 0])
+    height = local[:, 2] / surface.radius
     north_angle = np.arcsin(np.clip(height, -1, 1))
     uv = np.stack([east_angle / (2 * np.pi) + 0.5, north_angle / np.pi + 0.5], 1) * repeat
     east = -np.sin(east_angle)[:, None] * x + np.cos(east_angle)[:, None] * y
@@ -142,8 +158,9 @@ def _sphere_texture(surface: Surface, position: Array, local: Array) -> tuple[Ar
     north = np.cross(normal, east)
     # The poles have no direction of u, so a disc of a thousandth of the radius around them is left out.
     ring = np.hypot(local[:, 0], local[:, 1]) / surface.radius
-    per_u = 2 * np.pi * surface.radius * ring / repeat[0]
-    return uv, normal, east * per_u[:, None], north * np.pi * surface.radius / repeat[1], ring > 1e-3
+    per_u = 2 * np.pi * surface.radius * ring / repeat[0]  # (n,) scene units in a unit of u
+    dp_dv = north * np.pi * surface.radius / repeat[1]
+    return uv, normal, east * per_u[:, None], dp_dv, ring > 1e-3
 
 
 # A cloth that lies over a ball and falls in seven folds: a height over the plane.
@@ -167,21 +184,37 @@ def _unit_of(surface: Surface) -> Array:
 def _slopes(surface: Surface, place: Array) -> Array:
     """The slopes (n, 2) of the cloth along u and v at places (n, 2) of the plane."""
     scale = _unit_of(surface)
+    place = place / scale[:2]  # in the units of `_height`
     step = 1e-5
-    place = place / scale[:2]
-    rise = [_height(place + move) - _height(place - move) for move in step * np.eye(2)]
-    return np.stack(rise, 1) / (2 * step) * scale[2] / scale[:2]
+    rise = [_height(place + move) - _height(place - move) for move in step * np.eye(2)]  # central differences
+    return np.stack(rise, 1) / (2 * step) * scale[2] / scale[:2]  # a ratio of scene units
+
+
+def _drape_box(start: Array, way: Array) -> tuple[Array, Array]:
+    """Where rays from a start (3,) along ways (n, 3) enter and leave the box around the cloth: (n,) each, as multiples
+    of the way. Start and ways are in the units of `_height`. A ray that misses the box leaves it before it enters."""
+    low = np.array([-DRAPE_HALF, -DRAPE_HALF, DRAPE_LOW])
+    high = np.array([DRAPE_HALF, DRAPE_HALF, DRAPE_HIGH])
+    # A ray is inside once it has passed the nearer plane of each of the three pairs, and until it passes the first of
+    # the farther ones. It is infinitely far from planes that it runs along, or NaN if it lies in one.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sides = np.stack([(low - start) / way, (high - start) / way])  # (2, n, 3)
+    enter = np.maximum(np.nanmax(sides.min(0), 1), 0)
+    leave = np.nanmin(sides.max(0), 1)
+    return enter, leave
 
 
 def _drape_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
-    """The first crossing of each ray: steps through the box around the cloth, then halvings."""
+    """As `distance`, of a cloth: the first crossing of each ray, by steps through the box around it, then halvings.
+
+    The eye may be on either side of the cloth.
+    """
     axes = np.stack(_axes(surface), 1)  # (3, 3), an axis a column
     scale = _unit_of(surface)
-    start, way = (eye - np.asarray(surface.centre)) @ axes / scale, ahead @ axes / scale
-    low, high = np.array([-DRAPE_HALF, -DRAPE_HALF, DRAPE_LOW]), np.array([DRAPE_HALF, DRAPE_HALF, DRAPE_HIGH])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        sides = np.stack([(low - start) / way, (high - start) / way])  # (2, n, 3)
-    enter, leave = np.maximum(np.nanmax(sides.min(0), 1), 0), np.nanmin(sides.max(0), 1)
+    # Rays in the units of `_height`; distances along them stay in scene units.
+    start = (eye - np.asarray(surface.centre)) @ axes / scale
+    way = ahead @ axes / scale
+    enter, leave = _drape_box(start, way)
     distances = np.full(len(way), np.inf)
     some = np.flatnonzero(enter < leave)
     enter, leave, way = enter[some], leave[some], way[some]
@@ -193,12 +226,13 @@ def _drape_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
 
     first = above(enter)
     step = (leave - enter) / STEPS
+    # The step at whose end a ray is first on the other side than at the start; infinite if it stays on one side.
     crossed = np.full(len(some), np.inf)
     for number in range(STEPS, 0, -1):  # from far to near, so that the nearest crossing is kept
         crossed[above(enter + step * number) != first] = number
     near, far = enter + step * (crossed - 1), enter + step * crossed
     hit = np.isfinite(crossed)
-    near, far = np.where(hit, near, 0), np.where(hit, far, 0)
+    near, far = np.where(hit, near, 0), np.where(hit, far, 0)  # the others are not used
     for _ in range(HALVINGS):
         middle = (near + far) / 2
         before = above(middle) == first

@@ -56,7 +56,7 @@ class Canvas:
         rows, columns, shadows = [], [], []
         for height, width in sizes:
             y, x = np.divmod(np.arange(height * width), width)
-            if tall:
+            if tall:  # turned: rows become columns
                 x, y, height, width = y, x, width, height
             shadow = np.zeros_like(x)
             # On the left the place is a row further down: there a row repeats the first texel of the row above it,
@@ -70,22 +70,26 @@ class Canvas:
         y, x = np.concatenate(rows), np.concatenate(columns)
         level = x + 2 * y
         order = np.argsort(level, kind="stable")
-        starts = np.searchsorted(level[order], np.arange(int(level.max()) + 2))
+        starts = np.searchsorted(level[order], np.arange(int(level.max()) + 2))  # and the end of the last
         cells = (y + 2) * stride + x + 2  # behind the frame: two rows above, two columns on the left
         return cls(stride, (top + 3) * stride, cells, np.concatenate(shadows), order, starts)
 
     def steps(self, channels: int) -> Iterator[tuple[Ints, Ints]]:
-        """The texels and channels (n,) of each step of decoding."""
-        count, channel = len(self.starts) - 1, np.arange(channels)
-        for step in range(count + LAG * (channels - 1)):
+        """The texels and channels (n,) of each step of decoding: in channel c, the texels with x + 2 y = step − 4 c."""
+        levels = len(self.starts) - 1
+        channel = np.arange(channels)
+        for step in range(levels + LAG * (channels - 1)):
             level = step - LAG * channel
-            some = channel[(level >= 0) & (level < count)]
-            start, end = self.starts[step - LAG * some], self.starts[step - LAG * some + 1]
+            some = channel[(level >= 0) & (level < levels)]
+            start = self.starts[step - LAG * some]
+            end = self.starts[step - LAG * some + 1]
             sizes = end - start
             total = int(sizes.sum())
             if total:
+                # Joins the stretches of `order` from each start to its end: texel number i of the step is place
+                # i − before of its own channel's stretch.
                 before = np.cumsum(sizes) - sizes  # texels of the channels before each
-                place = np.arange(total) + np.repeat(start - before, sizes)  # in `order`
+                place = np.arange(total) + np.repeat(start - before, sizes)
                 yield self.order[place], np.repeat(some, sizes)
 
     def fill(self, planes: Ints, plane: int, values: Ints) -> None:
@@ -102,10 +106,13 @@ class Canvas:
 
         left, above = back(1), back(self.stride)
         above_right, above_left = back(self.stride - 1), back(self.stride + 1)
-        return (3 * (left + above) + above_right + above_left) >> 3  # over the sum of the weights
+        return (3 * (left + above) + above_right + above_left) >> 3  # over 8, the sum of the weights
 
     def offset(self, term: int) -> int:
-        """From a code to the one that a term reads, in an array of planes."""
+        """How far from a code the one is that a term reads, in an array of the planes of all channels.
+
+        Terms are numbered: first `OWN`, then `AROUND` in the channel before, in the one before that, and so on.
+        """
         if term < len(OWN):
             rows, columns = OWN[term]
             return rows * self.stride + columns
@@ -131,6 +138,7 @@ def feasible(sizes: Sequence[Size], channels: int) -> bool:
     if min(min(size) for size in sizes) < 1:
         return False
     sides = _placed(sizes)
+    # A little more than the last x + 2 y of a canvas, and the lag of all channels.
     steps = max(width for _, width in sides) + 2 * sum(height for height, _ in sides) + LAG * channels
     codes = channels * sum(height * width for height, width in sizes)
     return steps <= FEW_STEPS + codes // LEAST_CODES
@@ -155,7 +163,7 @@ class CodeModel:
         for channel, terms in enumerate(self.terms):
             constant, around, before, shape = self.mixture[channel].tolist()
             read = [term for term, _ in terms]
-            weights = [weight & 255 for _, weight in terms]
+            weights = [weight & 255 for _, weight in terms]  # signed bytes, in two's complement
             out += bytes([self.middle[channel], self.spread[channel], constant << 4 | around, before << 4 | shape])
             out += bytes([len(terms), *read, *weights])
         return bytes(out)
@@ -163,14 +171,17 @@ class CodeModel:
     @classmethod
     def from_bytes(cls, data: bytes, bits: Ints) -> tuple["CodeModel", int]:
         """A model, and the number of bytes that it takes; `InputError` if `to_bytes` cannot have written them."""
-        place, heads, terms = 0, [], list[list[tuple[int, int]]]()
+        place = 0
+        heads = []
+        terms = list[list[tuple[int, int]]]()
         for channel in range(len(bits)):
             head = data[place : place + HEAD]
-            count = head[4] if len(head) == HEAD else MOST_TERMS + 1
+            count = head[4] if len(head) == HEAD else MOST_TERMS + 1  # too many, so that a short head is refused
             body = np.frombuffer(data[place + HEAD : place + HEAD + 2 * count], np.int8)
             read = body[:count].view(np.uint8).tolist()
             weights = body[count:].tolist()
             readable = len(OWN) + len(AROUND) * min(channel, BACK)
+            # A spread from 128 on would give an exponent over 15, which no error needs.
             sound = count <= MOST_TERMS and len(body) == 2 * count and head[1] < 128 and head[3] % 16 < len(SHAPES)
             if not sound or max(read, default=0) >= readable:
                 raise InputError("a texture of this file does not say how its codes are predicted: encode it again")
@@ -182,30 +193,37 @@ class CodeModel:
 
     @property
     def scale(self) -> Ints:
-        """The scale (C,) of the errors, in which activity is measured."""
+        """The scale (C,) of the errors, in which activity is measured: 1 + fraction / 8, times 2^(exponent + 3)."""
         return (8 + (self.spread & 7)) << (self.spread >> 3)
 
     def deviation(self, channel: Ints | int, around: Ints, before: Ints) -> Ints:
-        """The scale (n,) of what remains, from the activity near by."""
+        """The scale (n,) of what remains, from the activity near by: `around`, and of the channel `before` (n,)."""
         constant, of_around, of_before, _ = self.mixture[channel].T
         share = constant * ONE + of_around * around + of_before * before
-        return np.maximum((self.scale[channel] * share) >> 10, 1)  # 16 and `ONE` count as 1
+        # A number of the mixture counts 16 as 1, and activity `ONE`: 2^4 · 2^6 is 2^10.
+        return np.maximum((self.scale[channel] * share) >> 10, 1)
 
     def value(self, channel: Ints | int, code: Ints) -> Ints:
         """What a code (n,) stands for, on the scale of eight bits."""
         return (code - self.middle[channel]) << (8 - self.bits[channel])
 
     def guess(self, weighted: Ints) -> Ints:
-        """The prediction (n,) from the sums of weighted terms."""
+        """The prediction (n,), times `ONE`, from the sums of weighted terms."""
         return np.minimum(np.maximum(weighted, -MOST_GUESS), MOST_GUESS)
 
     def activity(self, channel: Ints | int, value: Ints, guess: Ints, before: Ints) -> Ints:
-        """The activity (n,) of a texel up to this channel, from that up to the one before."""
-        here = (np.abs(ONE * value - guess) * ((1 << 20) // self.scale[channel])) >> 14  # error / scale · `ONE`
+        """The activity (n,) of a texel up to this channel, from that up to the one `before`: a running mean of errors,
+        over their scale and times `ONE`, in which this channel's counts a quarter."""
+        error = np.abs(ONE * value - guess)
+        inverse = (1 << 20) // self.scale[channel]  # times 2^20, because there are only integers
+        here = (error * inverse) >> 14  # error / scale · `ONE`, because 2^20 is 2^14 · `ONE`
         return (3 * before + np.minimum(here, 255)) >> 2  # below 256, so that it fits a byte
 
     def taps(self, canvas: Canvas) -> tuple[Ints, NDArray[np.int32]]:
-        """The offsets and the weights, int32, (C, T) of the terms of each channel."""
+        """The offsets and the weights, int32, (C, T) of the terms of each channel; T is the most that one has.
+
+        A channel with fewer has weights of 0 in the other places.
+        """
         most = max([1, *(len(terms) for terms in self.terms)])
         offsets, weights = np.zeros((2, len(self.terms), most), np.int64)
         for channel, terms in enumerate(self.terms):
@@ -215,9 +233,13 @@ class CodeModel:
         return offsets, weights.astype(np.int32)
 
     def curve(self, channel: Ints | int, guess: Ints, steepness: Ints) -> "Curve":
-        """The distributions (n,) of codes; `steepness` is 2^26 over the deviation."""
+        """The distributions (n,) of codes; `steepness` is 2^26 over the deviation.
+
+        A place in the table is in 1/FINE of a scale, times 2^16, and FINE · 2^16 is 2^26.
+        """
         bits = self.bits[channel]
-        # Code 0 begins half a code below its value.
+        # Code 0 begins half a code below its value, which is −middle codes of 2^(8 − bits). It is counted in halves of
+        # a code, to be an integer, times `ONE` / 2.
         first = ONE // 2 * ((-2 * self.middle[channel] - 1) << (8 - bits))
         start = (first - guess) * steepness
         slope = (ONE << (8 - bits)) * steepness
@@ -236,9 +258,10 @@ class Curve(NamedTuple):
     room: Ints  # TOTAL − codes, as each takes at least one
 
     def inside(self, code: Ints) -> Ints:
-        """The frequencies (n,) of all codes below these, from 1 to the last."""
+        """The frequencies (n,) of all codes below these, from 1 to the last: their share of `room` by the table, and
+        one for each of them. In place, because this takes much of the time."""
         place = self.start + code * self.slope
-        place >>= 16
+        place >>= 16  # in 1/FINE of a scale
         np.maximum(place, -REACH, out=place)
         np.minimum(place, REACH - 1, out=place)
         place += self.middle
@@ -259,25 +282,29 @@ def cumulative() -> Ints:
     """Student's t distributions of 2^16, one after the other (shapes · 2 REACH,), at every 1/FINE of a scale.
 
     For 2 k degrees of freedom: 1/2 + 1/2 sin a Σ_{i<k} C(2 i, i) / 4^i cos^{2 i} a with tan a = t / √(2 k)
-    (Abramowitz and Stegun 1964, 26.7.4).
+    (Abramowitz and Stegun 1964, 26.7.4). In integers: the cosine's square and the terms of the sum times 2^24, the sine
+    times 2^17.
     """
     tables = []
-    square = np.arange(REACH, dtype=np.int64) ** 2
+    square = np.arange(REACH, dtype=np.int64) ** 2  # of t, times FINE²
     for freedom in SHAPES:
         whole = freedom * FINE**2 + square
-        cosine = (freedom * FINE**2 << 24) // whole
+        cosine = (freedom * FINE**2 << 24) // whole  # squared
         term = total = np.full(REACH, 1 << 24)
         for i in range(1, freedom // 2):
+            # C(2 i, i) / 4^i is the one before times (2 i − 1) / (2 i).
             term = (term * cosine >> 24) * (2 * i - 1) // (2 * i)
             total = total + term
         sine = _root((square << 34) // whole)
+        # Half of sine · total, from 2^17 · 2^24 to 2^16, the sum of frequencies. Rounding must not let it fall.
         upper = np.maximum.accumulate(TOTAL // 2 + (sine * total >> 26))
-        tables.append(np.concatenate([TOTAL - upper[-1:], TOTAL - upper[:0:-1], upper]))  # symmetric
+        # The lower half mirrors the upper one, without 0; its first entry stands twice, to make 2 REACH.
+        tables.append(np.concatenate([TOTAL - upper[-1:], TOTAL - upper[:0:-1], upper]))
     return np.concatenate(tables)
 
 
 def _root(values: Ints) -> Ints:
-    """The whole square roots (n,)."""
+    """The square roots (n,) of whole numbers below 2^36, rounded down: Newton's method from above, in integers."""
     found = np.full_like(values, 1 << 18)
     while True:
         better = found + values // np.maximum(found, 1) >> 1

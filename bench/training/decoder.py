@@ -115,13 +115,17 @@ class Decoder(Network):
         return saturated(self.layers[-1](x)).to(inputs.dtype)
 
     def _normed(self, x: Tensor, depth: int) -> Tensor:
-        """Apply a linear layer and its norm; without gradients in fewer passes: the weights then have mean 0."""
+        """Apply a linear layer and its norm to x (n, inputs).
+
+        Without gradients this takes fewer passes: less their mean over the outputs, weights and bias give the outputs
+        less their mean, so the norm needs only their length.
+        """
         layer, norm = self.layers[depth], self.norms[depth]
         if torch.is_grad_enabled() or x.dtype.itemsize < 4:
             return saturated(norm(saturated(layer(x))))
         hidden = functional.linear(x, layer.weight - layer.weight.mean(0), layer.bias - layer.bias.mean())
         length = torch.linalg.vector_norm(hidden, dim=1, keepdim=True)
-        hidden *= length.square_().div_(hidden.shape[1]).add_(norm.eps).rsqrt_()  # length is (n, 1)
+        hidden *= length.square_().div_(hidden.shape[1]).add_(norm.eps).rsqrt_()  # (n, 1), over the deviation
         return torch.addcmul(norm.bias, hidden, norm.weight, out=hidden)
 
     def _activate(self, x: Tensor) -> Tensor:
@@ -150,7 +154,7 @@ def smelu(x: Tensor) -> Tensor:
 
 def _initialise(layer: Any, architecture: Architecture, depth: int, generator: torch.Generator | None) -> None:
     """Draw a linear layer's weights, then its biases; `depth` 0 is the first layer, and the last one's biases are 0."""
-    bound = math.sqrt(6 / layer.in_features)
+    bound = math.sqrt(6 / layer.in_features)  # He et al.; SIREN's is the same over ω, but for the first layer
     if architecture.activation == "sine":
         bound = 1 / layer.in_features if depth == 0 else bound / architecture.omega
     layer.weight.uniform_(-bound, bound, generator=generator)

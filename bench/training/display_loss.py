@@ -34,13 +34,16 @@ class DisplayLoss(nn.Module):
         self.count = nn.Buffer(torch.zeros(directions))  # and of their number
 
     def forward(self, ours: Tensor, target: Tensor, direction: Tensor, both: Tensor, progress: float) -> Tensor:
-        """The loss of log radiances (n, 3) at directions (n,), whose loss `both` is given; `progress` is 0 to 1."""
+        """The loss of log radiances `ours` (n, 3) against their `target` (n, 3) at directions (n,).
+
+        `both` is their loss of that name, which counts alone in the first half of a fit; `progress` is 0 to 1.
+        """
         error = (displayed(ours) - displayed(target)).square().mean(1)
         with torch.no_grad():
             self.error.mul_(KEPT).index_add_(0, direction, error)
             self.count.mul_(KEPT).index_add_(0, direction, torch.ones_like(error))
             mean = self.error.sum() / self.count.sum()
-            # A direction with few samples so far counts as the mean.
+            # As if each direction had one more sample, with the mean error: one with few samples so far counts as that.
             of_slice = (self.error[direction] + mean) / (self.count[direction] + 1)
         if progress < SHOWN_FROM:
             return both

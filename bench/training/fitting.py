@@ -66,7 +66,8 @@ class Objective(nn.Module):
 
     def __init__(self, samples: Samples, settings: Any):
         super().__init__()
-        self.samples, self.settings = samples, settings  # settings: the codec's
+        self.samples = samples
+        self.settings = settings  # the codec's
         shown = getattr(settings, "loss", "") == "display"
         self.display_loss = DisplayLoss(len(samples.wo)) if shown else None
 
@@ -151,7 +152,8 @@ def train(objective: Objective, fit: Fit, steps: int, patience: int = 0) -> floa
     loop = _Loop(objective.to(fit.device), fit, steps)
     loop.resume()
     while loop.step < steps and not (patience and loop.flat(patience)):
-        loop.advance(min(steps, (loop.step // KEEP_EVERY + 1) * KEEP_EVERY))
+        next_state = (loop.step // KEEP_EVERY + 1) * KEEP_EVERY
+        loop.advance(min(steps, next_state))
     objective.round_textures(fit, loop.step / steps)  # for a fit that ended before
     if loop.step < steps:
         log.info("ended at step %d of %d: the curve is flat", loop.step, steps)
@@ -164,16 +166,20 @@ class _Loop:
     """The state of a fit under way: parameters, the optimisers' moments, generator, step, halvings, and the curve."""
 
     def __init__(self, objective: Objective, fit: Fit, steps: int):
-        self.objective, self.fit, self.steps = objective, fit, steps
+        self.objective = objective
+        self.fit = fit
+        self.steps = steps
         self.generator = fit.generator()
         self.optimisers = Optimisers(objective.groups(), fit.device)
-        self.highest, self.parameters = self.optimisers.highest, self.optimisers.parameters
-        self.step, self.halvings = 0, 0
+        self.highest = self.optimisers.highest  # learning rate of each group
+        self.parameters = self.optimisers.parameters
+        self.step = 0
+        self.halvings = 0  # of the learning rates, after divergence
         self.curve: list[tuple[int, float, float]] = []  # step, processor seconds, PSNR in dB
         samples = objective.samples
         # A network for all materials is judged by materials that it does not learn from, where there are some.
         draw = samples.draw_unseen if samples.trained < samples.texels else samples.draw
-        # Numbers of its own, so that the fit's do not depend on it.
+        # The probe has a generator of its own, so that the fit's numbers do not depend on it.
         self.probe = draw(PROBE, torch.Generator().manual_seed(fit.seed ^ 0x0B5E))
         self.saved = self.shown = time.perf_counter()  # when the state was last saved, and the progress last shown
         self.started = processor_seconds()
@@ -238,7 +244,7 @@ class _Loop:
         self.shown = time.perf_counter()
 
     def flat(self, patience: int) -> bool:
-        """Whether the curve gained less than `GAIN` in the last `patience` steps."""
+        """Whether the best PSNR of the curve gained less than `GAIN` in the last `patience` steps."""
         earlier = [psnr for step, _, psnr in self.curve if step <= self.step - patience]
         if not earlier:
             return False
@@ -265,7 +271,8 @@ class _Loop:
                 self._show()
         # A parameter that is not finite stays so, so an occasional check misses nothing.
         near = all((parameter.abs() < FARTHEST).all() for parameter in self.parameters)
-        if not (near and total.isfinite()) or not self._measured():
+        good = near and total.isfinite() and self._measured()  # only a fit that may be good is measured
+        if not good:
             self._rescue()
             return
         self._show()
@@ -294,7 +301,9 @@ class _Loop:
 
         False if it diverged: dead rectifiers or arbitrary sine outputs can do so while every number is finite.
         """
-        last = self.curve[-1][0] if self.curve else 0
+        last = 0  # step of the last point
+        if self.curve:
+            last, _, _ = self.curve[-1]
         if self.step < self.steps and self.step - last < self.steps / POINTS:
             return True
         progress = self.step / self.steps

@@ -52,7 +52,8 @@ def total(settings: Any) -> int:
 def size_of(name: str, shape: tuple[int, int]) -> tuple[int, int]:
     """The size of a grid by name, over a picture (H, W); incomplete points at the edges count."""
     factor = FACTORS[name]
-    return -(-shape[0] // factor), -(-shape[1] // factor)
+    height, width = shape
+    return -(-height // factor), -(-width // factor)  # rounded up
 
 
 class Grids(nn.Module):
@@ -68,10 +69,10 @@ class Grids(nn.Module):
         self.values: Any = nn.ParameterDict()
         self.roundings: Any = nn.ModuleDict()
         picture = first.T.unflatten(1, shape)  # (C, H, W)
-        start = 0
+        start = 0  # first of the channels that no grid has yet
         for name, count in channels(settings, offset).items():
             part = picture[:count] if name == "offset" else picture[start : start + count]
-            start += len(part)
+            start += len(part)  # the offset's grid is the last
             missing = picture.new_zeros(count - len(part), *shape)  # of an offset of more channels than all latents
             mean = functional.adaptive_avg_pool2d(torch.cat([part, missing]), size_of(name, shape))
             self.values[name] = nn.Parameter(mean.permute(1, 2, 0).contiguous())  # (h, w, C)
@@ -94,7 +95,7 @@ def load_grids(stored: dict[str, Tensor], settings: Any, shape: tuple[int, int],
     grids = {}
     for name, count in channels(settings, offset).items():
         grids[name] = load_texture(name, stored)
-        if grids[name].shape != (*size_of(name, shape), count) or min(shape) < 1:
+        if grids[name].shape != (*size_of(name, shape), count) or min(shape) < 1:  # no texels make no grid
             size = " × ".join(map(str, grids[name].shape))
             raise InputError(f"grid {name} of this file is {size}, of {shape[0]} × {shape[1]} texels: encode it again")
     return grids
@@ -120,5 +121,5 @@ class Offset(nn.Module):
     def moved(self, uv: Tensor, latents: Tensor, wo: Tensor) -> Tensor:
         """uv (n, 2), moved by the depth that latents (n, 4) there have for views wo (n, 3)."""
         depth = self.gate * self.decoder(torch.cat([latents, wo.to(latents.dtype)], 1)).tanh()
-        slope = wo[:, :2] / wo[:, 2:].clamp_min(LOWEST)
+        slope = wo[:, :2] / wo[:, 2:].clamp_min(LOWEST)  # sideways for each unit of depth
         return uv + depth.to(uv.dtype) * slope.to(uv.dtype)

@@ -37,7 +37,7 @@ def first_latents(
     if start == "random":
         return latents
     scores = components(samples, channels, generator, slices).cpu()
-    count = scores.shape[1]
+    count = scores.shape[1]  # at most `channels`
     mixed = MIXED_SPREAD * (scores + noise[:, :count])
     latents[:, :count] = mixed if start == "mixed" else COMPONENT_SPREAD * scores
     return latents
@@ -52,9 +52,11 @@ def components(samples: "Samples", count: int, generator: torch.Generator, slice
     def read(label: str) -> Iterator[Tensor]:
         """The log radiance in blocks of rows, three of each pair, and a column a texel; the label is not shown."""
         read_slices = samples.slices if slices is None else slices
-        for block in pairs.split(max(1, BLOCK_BYTES // (12 * samples.texels))):  # a texel of a pair has 12 bytes
+        pairs_a_block = max(1, BLOCK_BYTES // (12 * samples.texels))  # a texel of a pair has 12 bytes
+        for block in pairs.split(pairs_a_block):
             level = read_slices(block)  # (texels, pairs, 3)
             yield level.permute(1, 2, 0).flatten(0, 1).contiguous()  # a copy, which the decomposition overwrites
 
-    scores = truncated_svd(read, shape, count, PASSES, generator, samples.device, weight).coefficients.T
+    factors = truncated_svd(read, shape, count, PASSES, generator, samples.device, weight)
+    scores = factors.coefficients.T
     return scores / scores.square().mean(0).sqrt()

@@ -30,7 +30,10 @@ def direction_inputs(wo: Tensor, wi: Tensor, kind: Directions) -> tuple[Tensor, 
 
 
 class Frames(nn.Linear):
-    """`count` frames from latents (n, latents), 6 · count outputs; with no `bias` the surface's own axes are added."""
+    """`count` frames from latents (n, latents): 6 · count outputs, a normal and a tangent of each frame.
+
+    The frames start near the surface's own axes: these are the first bias or, without a `bias`, are added to outputs.
+    """
 
     def __init__(self, latents: int, count: int, generator: torch.Generator | None = None, bias: bool = True):
         super().__init__(latents, 6 * count, bias)
@@ -45,8 +48,8 @@ class Frames(nn.Linear):
     def turned(self, latents: Tensor, directions: Tensor) -> Tensor:
         """Directions (n, D, 3) on the axes tangent, bitangent, normal of each frame in turn: (n, D · count · 3)."""
         # Queries last: a product of small matrices for each query takes three times as long.
-        # (count, 2, 3, n)
-        found = saturated(self(latents)).to(directions.dtype).mT.contiguous().unflatten(0, (self.count, 2, 3))
+        rows = saturated(self(latents)).to(directions.dtype).mT.contiguous()  # (6 · count, n)
+        found = rows.unflatten(0, (self.count, 2, 3))  # (count, 2, 3, n)
         length = found.square().sum(2, keepdim=True).clamp_min(1e-24).sqrt()  # (count, 2, 1, n)
         normal, tangent = (found / length).unbind(1)  # (count, 3, n) each
         bitangent = torch.linalg.cross(normal, tangent, dim=1)

@@ -32,11 +32,11 @@ def rate(step: int, steps: int) -> float:
 
 def orthogonal(matrix: Tensor) -> Tensor:
     """About U Vᵀ of a matrix U S Vᵀ: all but its smallest singular values become 0.6 to 1.3."""
-    tall = matrix.shape[0] > matrix.shape[1]
+    tall = matrix.shape[0] > matrix.shape[1]  # then turned, so that the Gram matrix is the smaller one
     x = matrix.T if tall else matrix
     x = x / x.norm().clamp_min(TINY)
     a, b, c = QUINTIC
-    for _ in range(ITERATIONS):
+    for _ in range(ITERATIONS):  # each maps every singular value s to a s + b s³ + c s⁵
         gram = x @ x.T
         x = torch.addmm(x, torch.addmm(gram, gram, gram, beta=b, alpha=c), x, beta=a)  # a x + (b G + c G²) x
     return x.T if tall else x
@@ -57,8 +57,8 @@ class Muon(torch.optim.Optimizer):
             for p in group["params"]:
                 if p.grad is None:
                     continue
-                momentum = self.state[p]["momentum"].lerp_(p.grad, 1 - MOMENTUM)
-                update = orthogonal(p.grad.lerp(momentum, MOMENTUM))
+                momentum = self.state[p]["momentum"].lerp_(p.grad, 1 - MOMENTUM)  # a running mean of gradients
+                update = orthogonal(p.grad.lerp(momentum, MOMENTUM))  # a step ahead of it, after Nesterov
                 rows, columns = p.shape
                 p.sub_(update, alpha=group["lr"] * max(1.0, rows / columns) ** 0.5)
 
@@ -121,8 +121,9 @@ class Optimisers:
                 }
         if given["muon"]:
             self.each["muon"] = Muon(given["muon"])
+        # Each optimiser has its groups in the given order, so taking the next of the right one puts all in that order.
         groups_in_turn = {name: iter(optimiser.param_groups) for name, optimiser in self.each.items()}
-        self.groups = [next(groups_in_turn[name]) for name in names]  # in the given order
+        self.groups = [next(groups_in_turn[name]) for name in names]
 
     @property
     def parameters(self) -> list[nn.Parameter]:

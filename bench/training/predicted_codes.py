@@ -37,7 +37,8 @@ FIRST = 8, 4, 4, 2  # the mixture where the search starts
 
 
 def encode(codes: Codes, bits: Ints, sizes: Sequence[Size]) -> bytes:
-    """Codes (N, C) of pictures of some sizes, one after the other, those of each channel below 2^bits (C,)."""
+    """The bytes of codes (N, C) of pictures of some sizes, one after the other; those of each channel are below 2^bits
+    (C,). They are the model, the last states of the coders, and the words that the coders handed on."""
     canvas = Canvas.of(sizes)
     model = fitted(codes, bits, canvas)
     taken = list[tuple[NDArray[np.int32], NDArray[np.int32]]]()
@@ -57,7 +58,8 @@ def encode(codes: Codes, bits: Ints, sizes: Sequence[Size]) -> bytes:
     for below, share in taken:
         for part in _rounds(len(below), len(state)):
             rounds.append((below[part], share[part]))
-    # The last symbol first, because a state gives back first what it took last.
+    # The last symbol first, because a state gives back first what it took last. A state takes a symbol by growing by
+    # 2^16 / share, and its low 16 bits then lie in the symbol's range of frequencies, which tells the decoder.
     for below, share in reversed(rounds):
         used = state[: len(below)]
         share = share.astype(np.int64)
@@ -65,6 +67,7 @@ def encode(codes: Codes, bits: Ints, sizes: Sequence[Size]) -> bytes:
         words.append(used[full] & TOTAL - 1)
         used = np.where(full, used >> 16, used)
         state[: len(below)] = (used // share << 16) + used % share + below
+    # The decoder takes symbols in the opposite order, and so needs the last words first.
     tail = np.concatenate(words[::-1]).astype("<u2").tobytes()
     return model.to_bytes() + state.astype("<u4").tobytes() + tail
 
@@ -92,32 +95,38 @@ def decode(data: bytes, bits: Ints, sizes: Sequence[Size]) -> Codes:
 
 
 def _lanes(count: int) -> int:
-    """Coders that share so many codes: enough for NumPy, but each takes two bytes."""
+    """The number of coders that share so many codes: many are fast in NumPy, but each costs bytes, so one in 1,024."""
     return max(1, min(1024, count >> 10))
 
 
 def _rounds(count: int, lanes: int) -> list[slice]:
-    """The symbols of a step by round of the coders."""
+    """The parts of the `count` symbols of a step that the coders take in each round, one each."""
     return [slice(start, start + lanes) for start in range(0, count, lanes)]
 
 
 def _walk(model: CodeModel, canvas: Canvas, code_step: Step) -> None:
-    """Visit all codes in their order: `code_step` is given their distributions, and gives the codes."""
-    channels, plane = len(model.bits), canvas.plane
+    """Visit all codes in their order: `code_step` is given their distributions, and gives the codes.
+
+    Encoder and decoder both do this, and know the same of each code: what came before it.
+    """
+    channels = len(model.bits)
+    plane = canvas.plane
     offsets, weights = model.taps(canvas)
     values = np.zeros(channels * plane, np.int32)
     activity = np.full((1 + channels) * plane, USUAL, np.uint8)  # the first plane is before all channels
     for texel, channel in canvas.steps(channels):
         cell = channel * plane + canvas.cells[texel]
         near = values.take(cell[:, None] + offsets.take(channel, 0))  # (n, T)
-        guess = model.guess(np.einsum("ij,ij->i", near, weights.take(channel, 0)).astype(np.int64))
+        weighted = np.einsum("ij,ij->i", near, weights.take(channel, 0))  # the sum over each row's terms
+        guess = model.guess(weighted.astype(np.int64))
+        # The activity of a channel lies a plane further than its values, so `cell` is the channel before.
         before = activity[cell].astype(np.int64)
         around = canvas.around(activity, cell + plane)
         deviation = model.deviation(channel, around, before)
         code = code_step(texel, channel, model.curve(channel, guess, (1 << 26) // deviation))
         value = model.value(channel, code)
         now = model.activity(channel, value, guess, before)
-        shadow = canvas.shadows[texel]
+        shadow = canvas.shadows[texel]  # 0 inside, where the same is written twice
         for there in (cell, cell + shadow):
             values[there] = value
             activity[there + plane] = now
@@ -133,7 +142,8 @@ class _Reader:
             raise InputError(f"a texture of this file has {len(data)} bytes for {lanes} coders: encode it again")
         self.state = np.frombuffer(data, "<u4", lanes).astype(np.int64)
         self.words = np.frombuffer(data, "<u2", offset=4 * lanes).astype(np.int64)
-        self.least, self.most = int(model.bits.min()), int(model.bits.max())
+        self.least = int(model.bits.min())
+        self.most = int(model.bits.max())
 
     def codes(self, curve: Curve) -> Ints:
         """The next code (n,) of as many coders: that whose share of the frequencies holds the state's low bits."""
@@ -144,12 +154,12 @@ class _Reader:
         for bit in reversed(range(self.most)):
             tried = code + (1 << bit)
             up = curve.inside(tried) <= slot
-            if bit >= self.least:
+            if bit >= self.least:  # a channel of fewer bits has no such code
                 up &= tried < curve.codes
             code += up * (1 << bit)
         below, above = curve.below(code), curve.below(code + 1)
-        state = (above - below) * (state >> 16) + slot - below
-        empty = state < TOTAL
+        state = (above - below) * (state >> 16) + slot - below  # undoes the encoder's step
+        empty = state < TOTAL  # those that handed on 16 bits
         end = self.taken + int(empty.sum())
         if end > len(self.words):
             raise InputError("a texture of this file ends before its codes: encode it again")
@@ -173,7 +183,9 @@ def fitted(codes: NDArray[np.uint8], bits: Ints, canvas: Canvas) -> CodeModel:
     values = np.zeros(channels * canvas.plane, np.int32)
     for channel in range(channels):
         canvas.fill(values, channel, model.value(channel, codes[:, channel].astype(np.int64)))
-    some = np.arange(0, count, -(-count // FITTED) | 1)  # an odd step, or they could all lie in a few columns
+    # Texels that choose: about `FITTED`, evenly. The step is rounded up, and made odd by its lowest bit, because an
+    # even one could share factors with the width, and all would lie in a few columns.
+    some = np.arange(0, count, -(-count // FITTED) | 1)
     activity = np.full((1 + channels) * canvas.plane, USUAL, np.uint8)
     for channel in range(channels):
         cell = canvas.cells + channel * canvas.plane
@@ -187,6 +199,7 @@ def fitted(codes: NDArray[np.uint8], bits: Ints, canvas: Canvas) -> CodeModel:
         deviation = max(8, int(np.sqrt(np.square(error).mean())))
         exponent = deviation.bit_length() - 4  # four significant bits, the first of which is always 1
         model.spread[channel] = exponent << 3 | (deviation >> exponent) & 7  # read by `CodeModel.scale`
+        # A channel's activity is in the plane after that of its values, so `cell` is the channel before.
         before = activity[cell].astype(np.int64)
         now = model.activity(channel, values[cell], guess, before)
         canvas.fill(activity, channel + 1, now)
@@ -204,9 +217,12 @@ def _terms(values: Ints, cell: Ints, channel: int, count: int, step: float, canv
     """
     candidates = np.arange(len(OWN) + len(AROUND) * min(channel, BACK))
     offsets = np.array([canvas.offset(int(term)) for term in candidates])
-    near = values[cell[:, None] + offsets].astype(np.float64)
-    wanted = values[cell].astype(np.float64)
-    inner, outer, left = near.T @ near, near.T @ wanted, float(wanted @ wanted)
+    near = values[cell[:, None] + offsets].astype(np.float64)  # (n, terms)
+    wanted = values[cell].astype(np.float64)  # (n,)
+    # The normal equations of least squares, and the squared error that is left.
+    inner = near.T @ near
+    outer = near.T @ wanted
+    left = float(wanted @ wanted)
     inner += np.diag(NUDGE * (inner.diagonal() + len(cell)))
     floor = len(cell) * step**2 / 12  # the squared error of codes alone: below it, better guesses save nothing
     chosen: list[int] = []
@@ -219,6 +235,7 @@ def _terms(values: Ints, cell: Ints, channel: int, count: int, step: float, canv
         gain = np.square(outer - solved.T @ outer[chosen]) / unexplained
         gain[chosen] = 0
         best = int(gain.argmax())
+        # A code takes log2 of its deviation in bits and a constant, so half of log2 of the ratio of squared errors.
         saved = count / 2 * np.log2((left + floor) / (max(left - gain[best], 0) + floor))
         if saved < COST:
             break
@@ -226,11 +243,13 @@ def _terms(values: Ints, cell: Ints, channel: int, count: int, step: float, canv
         weights = np.linalg.solve(inner[np.ix_(chosen, chosen)], outer[chosen])
         left = max(float(wanted @ wanted - weights @ outer[chosen]), 0.0)
     rounded = np.clip(np.rint(ONE * weights), -128, 127).astype(int)
-    return [(term, weight) for term, weight in zip(chosen, rounded.tolist(), strict=True) if weight]
+    weighted = zip(chosen, rounded.tolist(), strict=True)
+    return [(term, weight) for term, weight in weighted if weight]
 
 
 def _mixture(model: CodeModel, channel: int, code: Ints, guess: Ints, around: Ints, before: Ints) -> Ints:
-    """The mixture (4,) that takes the fewest bits: each number in turn, while that helps."""
+    """The mixture (4,) with which codes (n,) of a channel take the fewest bits, searched for by changing one number at
+    a time, while that helps. The other arguments (n,) are what `CodeModel` predicts the codes from."""
 
     def length(mixture: tuple[int, ...]) -> float:
         """The bits of the codes by a mixture, which the model then has."""
@@ -250,5 +269,6 @@ def _mixture(model: CodeModel, channel: int, code: Ints, guess: Ints, around: In
                 tried = (*best[:place], number, *best[place + 1 :])
                 found = length(tried)
                 if found < least:
-                    best, least, improved = tried, found, True
+                    best, least = tried, found
+                    improved = True
     return np.array(best)

@@ -19,6 +19,7 @@ def half_scale(peak: float) -> float:
     """The divisor of numbers up to ±`peak` before they become halves: 1, or a power of two, which is exact."""
     if peak == 0 or HALF_PEAKS[0] <= peak <= HALF_PEAKS[1]:
         return 1.0
+    # Brings the peak to 2^14 to 2^15, well within halves; −126 is the least exponent of a normal float32.
     return 2.0 ** max(-126, math.ceil(math.log2(peak)) - 15)
 
 
@@ -44,11 +45,11 @@ def unpack(name: str, tensors: dict[str, Tensor]) -> Tensor:
 
 def pack_bits(codes: Tensor, bits: int) -> Tensor:
     """Whole numbers (n,) below 2^bits as bytes, uint8: their bits one after the other, each number's lowest first."""
-    flags = codes.cpu().numpy()[:, None] >> np.arange(bits) & 1  # (n, bits)
+    flags = codes.cpu().numpy()[:, None] >> np.arange(bits) & 1  # (n, bits), bit k of each number in column k
     return torch.from_numpy(np.packbits(flags.astype(np.uint8)))
 
 
 def unpack_bits(packed: Tensor, count: int, bits: int) -> Tensor:
-    """The `count` numbers, int64, that `pack_bits` packed."""
-    flat = np.unpackbits(packed.numpy(), count=count * bits).reshape(count, bits).astype(np.int64)
-    return torch.from_numpy((flat << np.arange(bits)).sum(1))
+    """The numbers (count,), int64, that `pack_bits` packed."""
+    flags = np.unpackbits(packed.numpy(), count=count * bits).reshape(count, bits).astype(np.int64)
+    return torch.from_numpy((flags << np.arange(bits)).sum(1))

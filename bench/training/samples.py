@@ -34,8 +34,11 @@ class Samples:
     density: Density | None = None  # density of the scene, in a fit to one
 
     def __init__(self, btf: BTF, gain: float, fit: Fit, memory_limit: int = MEMORY_LIMIT):
-        self.btf, self.gain, self.device = btf, gain, fit.device
-        self.shape, self.pairs = btf.shape, len(btf)
+        self.btf = btf
+        self.gain = gain
+        self.device = fit.device
+        self.shape = btf.shape
+        self.pairs = len(btf)
         self.texels = btf.shape[0] * btf.shape[1]
         self.trained = self.texels  # these come first; others belong to materials kept out of training, for the curve
         self.wo = torch.from_numpy(btf.wo).to(fit.device)
@@ -46,7 +49,7 @@ class Samples:
             self.wi = torch.cat([self.wi, self.density.wi.to(fit.device)])
         self.table: Tensor | None = None  # (texels, pairs, 3)
         if self.table_bytes <= memory_limit:
-            # As a level that averages 1 texel a side.
+            # As the only level, which averages 1 texel a side: each picture as it is.
             (table,) = _filled({1: self}, fit.progress(btf, total=len(btf)))
             self.table = table.to(fit.device)
 
@@ -77,7 +80,8 @@ class Samples:
 
     def _log(self, radiance: np.ndarray) -> Tensor:
         """Radiance as log radiance, in the same shape, on the CPU."""
-        return torch.from_numpy(np.maximum(radiance, 0)).mul_(self.gain).log1p_()  # a copy: sources may be read-only
+        not_negative = np.maximum(radiance, 0)  # a copy, because a source may be read-only
+        return torch.from_numpy(not_negative).mul_(self.gain).log1p_()
 
     def _up(self, drawn: Tensor) -> Tensor:
         """Random numbers of the CPU on the fit's device."""
@@ -88,6 +92,7 @@ class Samples:
         if self.density:
             drawn = self.density.draw(count, self.shape, generator)
             return self.seen(self._up(drawn.texel), self._up(drawn.direction))
+        # One random number a sample: texel · pairs + pair.
         flat = self._up(torch.randint(self.trained * self.pairs, (count,), generator=generator))
         return self.at(flat // self.pairs, flat % self.pairs)
 
@@ -123,7 +128,7 @@ class Samples:
         pair, weight = self.density.around(direction)
         around = self.at(texel.repeat_interleave(pair.shape[1]), pair.flatten())
         corners = around.target.unflatten(0, pair.shape)  # (n, k, 3)
-        mean = (corners.expm1() * weight[..., None]).sum(1)
+        mean = (corners.expm1() * weight[..., None]).sum(1)  # of radiance times the gain, not of its logarithm
         return Batch(texel, direction, mean.log1p())
 
     def abrdfs(self, texel: Tensor) -> Tensor:
@@ -148,7 +153,11 @@ class Samples:
 
 
 def _filled(levels: dict[int, Samples], pictures: Iterable[np.ndarray]) -> list[Tensor]:
-    """The log radiance (texels, pairs, 3) of samples, in halves, from pictures to be averaged over each's factor."""
+    """The log radiance (texels, pairs, 3) of each of several samples, in halves.
+
+    `levels` are the samples by the texels a side that each averages; `pictures` (H, W, 3), one a pair, are read once
+    for all of them.
+    """
     tables = [torch.empty(each.texels, each.pairs, 3, dtype=torch.float16) for each in levels.values()]
     for pair, picture in enumerate(pictures):
         for (factor, each), table in zip(levels.items(), tables, strict=True):

@@ -89,12 +89,15 @@ def rounded_weights(networks: Iterable[nn.Module]) -> Iterator[None]:
 def _rows_and_others(network: nn.Module) -> tuple[list[Tensor], list[Tensor]]:
     """The parameters that are matrices, and the others."""
     parameters = list(network.parameters())
-    return [p for p in parameters if p.ndim == 2], [p for p in parameters if p.ndim != 2]
+    matrices: list[Tensor] = [p for p in parameters if p.ndim == 2]
+    others: list[Tensor] = [p for p in parameters if p.ndim != 2]
+    return matrices, others
 
 
 def _steps(matrix: Tensor) -> Tensor:
     """The step (rows, 1) of each row of a matrix (rows, columns)."""
     largest = matrix.detach().abs().amax(1, keepdim=True)
+    # A row of zeros has the least step that is no zero, because weights are divided by it.
     return (largest / MOST_STEPS).clamp_min(torch.finfo(torch.float32).tiny)
 
 

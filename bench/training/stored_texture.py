@@ -35,7 +35,8 @@ class Rounding(nn.Module):
 
     def __init__(self, channels: int, bits: int, least: int = 1):
         super().__init__()
-        self.wanted, self.least = bits, least  # on average, and of each channel
+        self.wanted = bits  # on average over the texture's numbers
+        self.least = least  # of each channel
         self.low = nn.Buffer(torch.zeros(channels))  # the lowest value (C,) of each channel
         self.step = nn.Buffer(torch.zeros(channels))  # from one code to the next (C,)
         self.bits = nn.Buffer(torch.zeros(channels, dtype=torch.long))  # (C,), all 0: not chosen
@@ -79,15 +80,15 @@ class Rounding(nn.Module):
 def choose_bits(roundings: Sequence[Rounding], answers: Callable[[], Tensor], target: Tensor) -> None:
     """Choose the bits of textures by the change of `answers`, which should be `target`, if one channel is rounded.
 
-    `answers()` looks the textures up through their roundings, which want the same bits, and the same at least, and
-    share them. The squared error that a channel adds grows with the square of its rounding.
+    `answers()` looks the textures up through their roundings. These all want the same bits on average and have the same
+    least bits, and the bits of all are shared out together. The squared error that a channel adds grows with the square
+    of its rounding.
     """
     roundings = [each for each in roundings if each.undecided]
     if not roundings:
         return
     wanted, least = roundings[0].wanted, roundings[0].least
-    # A channel that may become its mean is tried as its mean: one of two values loses all by it, and nothing by 4 bits.
-    probed = PROBED if least else 0
+    # Look everything up once without any rounding, and note the texture of each.
     seen: dict[Rounding, Tensor] = {}
     for each in roundings:
         each.trial = partial(_noted, seen, each)
@@ -98,23 +99,11 @@ def choose_bits(roundings: Sequence[Rounding], answers: Callable[[], Tensor], ta
     sizes: list[int] = []  # numbers of each channel
     channels: list[int] = []  # of each texture
     for each, values in seen.items():
-        change = _change(values, probed)
-        felt: list[Tensor] = []
-        for channel in range(values.shape[-1]):
-            alone = torch.zeros_like(values)
-            alone[..., channel] = change[..., channel]  # no other channel is rounded
-            each.trial = partial(torch.add, alone)
-            felt.append((answers() - exact).square().mean())
-        each.trial = None
+        noise.append(_added_errors(each, values, answers, exact, least))
         flat = values.flatten(0, -2)
-        some = flat[:: -(-len(flat) // MEASURED)]  # at most so many, evenly
-        # (C, n): the mean squared change of each channel with each number of bits.
-        spread = torch.stack([_change(some, bits).square().mean(0) for bits in range(least, MOST_BITS + 1)], 1)
-        of_probed = spread[:, probed - least].clamp_min(1e-30)
-        noise.append(spread * (torch.stack(felt) / of_probed)[:, None])
-        sizes += [len(flat)] * len(felt)
-        channels.append(len(felt))
-    if wanted:
+        sizes += [len(flat)] * flat.shape[1]
+        channels.append(flat.shape[1])
+    if wanted:  # so many on average, else as many as it takes to keep the error bearable
         bearable = 0.0
         total = wanted * sum(sizes)
     else:
@@ -123,6 +112,32 @@ def choose_bits(roundings: Sequence[Rounding], answers: Callable[[], Tensor], ta
     bits = shared_out(torch.cat(noise).cpu(), torch.tensor(sizes), total, bearable, least)
     for (each, values), chosen in zip(seen.items(), bits.split(channels), strict=True):
         each.set(values, chosen)
+
+
+def _added_errors(
+    rounding: Rounding, values: Tensor, answers: Callable[[], Tensor], exact: Tensor, least: int
+) -> Tensor:
+    """The error (C, n) that each channel of a texture (…, C) adds, rounded alone, with `least` to `MOST_BITS` bits.
+
+    It is the mean squared change of `answers` from the `exact` ones. It is measured with one number of bits, and taken
+    to grow with the square of the change of the texture.
+    """
+    # A channel that may become its mean is tried as its mean: one of two values loses all by it, and nothing by 4 bits.
+    probed = PROBED if least else 0
+    change = _change(values, probed)
+    felt: list[Tensor] = []
+    for channel in range(values.shape[-1]):
+        alone = torch.zeros_like(values)
+        alone[..., channel] = change[..., channel]  # no other channel is rounded
+        rounding.trial = partial(torch.add, alone)
+        felt.append((answers() - exact).square().mean())
+    rounding.trial = None
+    flat = values.flatten(0, -2)
+    some = flat[:: -(-len(flat) // MEASURED)]  # at most so many, evenly: the step is rounded up
+    # (C, n): the mean squared change of each channel with each number of bits.
+    spread = torch.stack([_change(some, bits).square().mean(0) for bits in range(least, MOST_BITS + 1)], 1)
+    of_probed = spread[:, probed - least].clamp_min(1e-30)
+    return spread * (torch.stack(felt) / of_probed)[:, None]
 
 
 def round_after(
@@ -154,7 +169,7 @@ def steps_for(values: Tensor, bits: Tensor) -> tuple[Tensor, Tensor]:
     values = values.detach().flatten(0, -2)
     low, high = values.amin(0), values.amax(0)
     middle, half = (low + high) / 2, (high - low) / 2
-    top = (2**bits - 1).clamp_min(1)
+    top = (2**bits - 1).clamp_min(1)  # the highest code; 1 for 0 bits, because it divides
     least_error = torch.full_like(middle, torch.inf)
     best_low = low.clone()
     best_step = (2 * half / top).clamp_min(1e-12)
@@ -172,11 +187,12 @@ def steps_for(values: Tensor, bits: Tensor) -> tuple[Tensor, Tensor]:
 def shared_out(noise: Tensor, sizes: Tensor, total: int, bearable: float, least: int = 1) -> Tensor:
     """The bits (C,) of each channel, `least` to `MOST_BITS`, from the errors (C, n) that each of these adds.
 
-    Each bit goes to the channel that adds most error a number (C,), until all add a bearable error or `total` is spent.
+    Each bit goes to the channel that adds most error for each of its `sizes` (C,) numbers, until all together add a
+    bearable error, or `total` bits are spent.
     """
     bits = torch.full((len(noise),), least)
     while (bits * sizes).sum() < min(total, MOST_BITS * int(sizes.sum())):
-        added = noise.gather(1, bits[:, None] - least)[:, 0]  # (C,), of the bits so far
+        added = noise.gather(1, bits[:, None] - least)[:, 0]  # (C,): with the bits so far, each channel's column
         if added.sum() <= bearable:
             break
         worth = torch.where(bits < MOST_BITS, added / sizes, -torch.inf)
@@ -210,7 +226,8 @@ def store_texture(name: str, values: Tensor, rounding: Rounding, sizes: Sizes = 
 
 
 def store_alike(name: str, values: Tensor, other: dict[str, Tensor]) -> dict[str, Tensor]:
-    """A texture (…, C) as named tensors, with the bits a channel of another texture from `store_texture`."""
+    """A texture (…, C) as named tensors; each channel gets the bits that it has in another texture, `other`, which
+    `store_texture` stored under the same name."""
     if f"{name}.step" not in other:
         return pack(name, values, "half" if other[name].dtype == torch.float16 else "float32")
     rounding = Rounding(values.shape[-1], MOST_BITS)

@@ -58,43 +58,63 @@ def truncated_svd(
         scaled = truncated_svd(partial(_scaled, read, root), shape, rank, passes, generator, device)
         return Factors(scaled.mean / root, scaled.basis / root[:, None], scaled.coefficients)
     features, texels = shape
-    size = rank + OVERSAMPLE
+    size = rank + OVERSAMPLE  # rows of an image
     small = min(shape) <= EXACT_SIDE and 4 * features * texels <= EXACT_BYTES
     if small or size * (passes - 1) >= min(shape):
         return _exact(read, shape, rank, device)
     mean = torch.zeros(features, device=device)
-    depth = min(passes - 1, max(2, SPACE_BYTES // (4 * size * texels)))
-    space = torch.zeros(depth, size, texels, device=device)
-    image = torch.randn(size, texels, generator=generator).to(device)
-    for step in range(passes - 1):
-        power = space[step % depth].zero_()  # the oldest image gives way
-        for _, block in _centred(read(f"pass {step + 1} of {passes}"), mean, first=step == 0):
-            power.addmm_(image @ block.T, block)
-        _orthonormalise(power)
-        image = power
-    rows_of_space = space.flatten(0, 1)  # (depth · size, T)
-    _orthonormalise(rows_of_space)
+    rows_of_space = _krylov_space(read, shape, size, passes, mean, generator)
+    # The last pass projects the matrix on the space; the components of this smaller matrix are those wanted.
     projected = torch.empty(features, len(rows_of_space), device=device)
     energy = 0.0
     for rows, block in _centred(read(f"pass {passes} of {passes}"), mean, first=False):
         torch.mm(block, rows_of_space.T, out=projected[rows])
         energy += float(torch.linalg.vector_norm(block)) ** 2
     values, vectors = torch.linalg.eigh(_gram(projected.T))
+    # What is below the rounding error of the matrix as it was read says nothing. Its energy is that of the centred
+    # matrix and that of the means.
     floor = EPSILON * (energy + texels * float(mean.square().sum())) ** 0.5
     turn = vectors[:, _largest(values, rank, floor)].float()
     return _balanced(mean, projected @ turn, turn.T @ rows_of_space)
 
 
+def _krylov_space(
+    read: Blocks, shape: tuple[int, int], size: int, passes: int, mean: Tensor, generator: torch.Generator
+) -> Tensor:
+    """Orthonormal rows (n, T) in which the strongest components of a matrix of `shape` (F, T) lie, from all passes but
+    the last; the first writes the mean of each row to `mean` (F,).
+
+    They span the images of `size` random rows under AᵀA, under its square, and so on.
+    """
+    _, texels = shape
+    depth = min(passes - 1, max(2, SPACE_BYTES // (4 * size * texels)))  # images that are kept
+    space = torch.zeros(depth, size, texels, device=mean.device)
+    image = torch.randn(size, texels, generator=generator).to(mean.device)
+    for step in range(passes - 1):
+        power = space[step % depth].zero_()  # the oldest image gives way
+        for _, block in _centred(read(f"pass {step + 1} of {passes}"), mean, first=step == 0):
+            power.addmm_(image @ block.T, block)
+        _orthonormalise(power)
+        image = power
+    rows = space.flatten(0, 1)  # (depth · size, T)
+    _orthonormalise(rows)
+    return rows
+
+
 def strongest(factors: Factors, rank: int) -> Factors:
-    """The `rank` strongest components of a product of factors, whose rows need not be orthogonal."""
+    """The `rank` strongest components of a product of factors, whose rows need not be orthogonal.
+
+    The coefficients are (vectors · root) times orthonormal rows, and `inverse` makes these of them. So the product is
+    `whole` times orthonormal rows, and its strongest components are those of `whole`.
+    """
     if not len(factors.coefficients):
         return factors
     values, vectors = torch.linalg.eigh(_gram(factors.coefficients))
     root = values.clamp_min(0).sqrt()
-    whole = factors.basis.double() @ (vectors * root)  # times orthonormal rows of coefficients
+    inverse = (vectors / root.clamp_min(EPSILON * root.max())).T
+    whole = factors.basis.double() @ (vectors * root)
     energies, turn = torch.linalg.eigh(whole.T @ whole)
     turn = turn[:, _largest(energies, rank, 0.0)]
-    inverse = (vectors / root.clamp_min(EPSILON * root.max())).T
     rows = (turn.T @ inverse).float() @ factors.coefficients
     return _balanced(factors.mean, (whole @ turn).float(), rows)
 
@@ -119,7 +139,7 @@ def _exact(read: Blocks, shape: tuple[int, int], rank: int, device: torch.device
     floor = EPSILON * norm * (features**-0.5 + texels**-0.5)
     values, vectors = torch.linalg.eigh(_gram(matrix if features < texels else matrix.T))
     vectors = vectors[:, _largest(values, rank, floor)].float()
-    if features < texels:
+    if features < texels:  # they are the basis, else the coefficients
         return _balanced(mean, vectors, vectors.T @ matrix)
     return _balanced(mean, matrix @ vectors, vectors.T)
 
@@ -166,11 +186,12 @@ def _largest(values: Tensor, rank: int, floor: float) -> Tensor:
 
 
 def _balanced(mean: Tensor, basis: Tensor, coefficients: Tensor) -> Factors:
-    """Rescale to the same product with coefficients in [−1, 1], and a sign that does not depend on the solver."""
+    """The factors rescaled to the same product, so that the entry of largest magnitude in each row of coefficients is
+    1: then their sign does not depend on the solver."""
     if len(coefficients) == 0:
         return Factors(mean, basis, coefficients)
     low, high = coefficients.aminmax(dim=1, keepdim=True)
-    scale = torch.where(high + low < 0, low, high)  # (k, 1), that of the larger magnitude
+    scale = torch.where(high + low < 0, low, high)  # (k, 1): of the two, that of larger magnitude
     return Factors(mean, basis * scale.T, coefficients.div_(scale))
 
 
@@ -182,8 +203,8 @@ def blocks(btf: BTF, fit: Fit, label: str, gain: float | None, block_bytes: int 
     texels = btf.shape[0] * btf.shape[1]
     step = max(1, (block_bytes or BLOCK_BYTES) // (texels * 12))  # slices of three float32 a texel
     for pair, picture in enumerate(fit.progress(btf, label, len(btf))):
-        place = pair % step
-        if place == 0:
+        place = pair % step  # in the block
+        if place == 0:  # a new block; the last may be shorter
             block = np.empty((min(step, len(btf) - pair), 3, texels), np.float32)
         block[place] = picture.reshape(texels, 3).T
         if place == len(block) - 1:

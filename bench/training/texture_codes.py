@@ -45,8 +45,10 @@ def _shortest(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] |
     planes = np.ascontiguousarray(codes.cpu().numpy().astype(np.uint8).reshape(-1, len(bits)).T)  # (C, n)
     # At the high end of each byte, so that the high bits, which are LZMA's context, are those of the code.
     shifted = planes << (MOST_BITS - np.array(bits, np.uint8))[:, None]
-    # Of each channel (n, bits), the highest first; the other bits of a byte are 0.
-    flags = [np.unpackbits(plane[:, None], axis=1)[:, :each] for plane, each in zip(shifted, bits, strict=True)]
+    # Of each channel its bits (n, bits), the highest first; the other bits of a byte are 0.
+    flags = []
+    for plane, count in zip(shifted, bits, strict=True):
+        flags.append(np.unpackbits(plane[:, None], axis=1)[:, :count])
     ways = {
         PACKED: np.packbits(np.concatenate([each.reshape(-1) for each in flags])).tobytes(),
         PLAIN: lzma.compress(planes.tobytes(), lzma.FORMAT_RAW, filters=_coder(PLAIN, planes.size)),
@@ -56,7 +58,7 @@ def _shortest(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] |
         pictures = _pictures(codes.shape, sizes)
         if pictures:
             ways[PREDICTED] = predicted_codes.encode(planes.T, np.array(bits), pictures)
-    readable = [each for each, payload in ways.items() if codes.numel() <= _most(each, payload)]
+    readable = [each for each, payload in ways.items() if codes.numel() <= _most(each, payload)]  # by `expand`
     way = min(readable, key=lambda each: len(ways[each]))
     return way, ways[way]
 
@@ -64,6 +66,7 @@ def _shortest(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] |
 def _pictures(shape: Sequence[int], sizes: Sequence[tuple[int, int]] | None) -> Sequence[tuple[int, int]]:
     """The sizes of the pictures of codes (…, C); none if they are not known or take too many steps."""
     if sizes is None:
+        # Codes (…, H, W, C) are one picture, with all before W as its rows.
         sizes = [(math.prod(shape[:-2]), shape[-2])] if len(shape) > 2 else []
     fits = sum(height * width for height, width in sizes) == math.prod(shape[:-1])
     if sizes and fits and feasible(sizes, shape[-1]):
@@ -72,13 +75,15 @@ def _pictures(shape: Sequence[int], sizes: Sequence[tuple[int, int]] | None) -> 
 
 
 def _most(way: int, payload: bytes) -> int:
-    """The largest number of codes to which some bytes may expand."""
-    return max(MOST_PREDICTED if way == PREDICTED else MOST_CODES, 8 * len(payload))
+    """The largest number of codes to which a payload may expand: a fixed one, or eight a byte if that is more."""
+    fixed = MOST_PREDICTED if way == PREDICTED else MOST_CODES
+    return max(fixed, 8 * len(payload))
 
 
 def expand(data: Tensor, shape: Sequence[int], sizes: Sequence[tuple[int, int]] | None = None) -> Tensor:
     """The codes (…, C), as floats, from the bytes of `compress`; memory stays within that shape and `_most`."""
-    channels, count = shape[-1], math.prod(shape)
+    channels = shape[-1]
+    count = math.prod(shape)
     if not len(data) or data[0] > PREDICTED:
         raise InputError("a texture of this file does not say how it is stored: encode it again")
     way = int(data[0])
@@ -86,8 +91,9 @@ def expand(data: Tensor, shape: Sequence[int], sizes: Sequence[tuple[int, int]] 
     payload = data[1 + channels :].numpy().tobytes()
     if len(bits) < channels or (bits > MOST_BITS).any():
         raise InputError("a texture of this file does not say its bits: encode it again")
-    told = bits > 0
+    told = bits > 0  # the channels that have codes in the payload
     inner = (*shape[:-1], int(told.sum()))
+    # Channels of no bits take no bytes, so where there are some, a payload justifies only a fixed number of codes.
     most = _most(way, payload) if told.all() else MOST_CODES
     if min(shape) < 1 or count > most or math.prod(inner) > _most(way, payload):
         raise InputError(f"a texture of this file has {len(payload)} bytes for {count} codes: encode it again")
@@ -103,7 +109,8 @@ def _expanded(
     way: int, payload: bytes, bits: NDArray[np.uint8], shape: Sequence[int], sizes: Sequence[tuple[int, int]] | None
 ) -> Tensor:
     """The codes (…, C), as floats, of channels of one bit or more, stored in some way."""
-    channels, count = shape[-1], math.prod(shape)
+    channels = shape[-1]
+    count = math.prod(shape)
     size = count // channels
     pictures = _pictures(shape, sizes)
     if way == PREDICTED:
@@ -113,9 +120,9 @@ def _expanded(
         return torch.from_numpy(found.reshape(tuple(shape)).astype(np.float32))
     if way == PACKED:
         flags = np.unpackbits(np.frombuffer(payload, np.uint8))
-        ends = np.cumsum(bits.astype(int) * size)
-        parts = np.split(flags, ends)[:-1] if len(flags) >= ends[-1] else []  # the last only fills a byte
-        # At the high end of a byte each; below they are shifted down.
+        ends = np.cumsum(bits.astype(int) * size)  # where the bits of each channel end
+        parts = np.split(flags, ends)[:-1] if len(flags) >= ends[-1] else []  # the last part only fills a byte
+        # Each code is at the high end of a byte; below they are shifted down.
         each = [np.packbits(part.reshape(size, -1), axis=1)[:, 0] for part in parts]
         planes = np.concatenate(each) if each else np.empty(0, np.uint8)
     else:
@@ -135,6 +142,6 @@ def _expanded(
 def _coder(way: int, count: int) -> list[dict[str, int]]:
     """LZMA's filters for `count` bytes in some way: the context is the four high bits of the byte before, or none."""
     context = 4 if way == IN_CONTEXT else 0
-    size = min(max(4096, count), 1 << 24)
+    size = min(max(4096, count), 1 << 24)  # of its dictionary: no more than the bytes need
     preset = 9 | lzma.PRESET_EXTREME
     return [{"id": lzma.FILTER_LZMA2, "preset": preset, "lc": context, "lp": 0, "pb": 0, "dict_size": size}]

@@ -75,17 +75,18 @@ Fitted = TypeVar("Fitted", bound=Objective)
 
 
 def fitted(objective: Callable[[Samples, Any, torch.Generator], Fitted], settings: Any, btf: BTF, fit: Fit) -> Fitted:
-    """The objective of a class, with a codec's settings, once it is fitted to all samples of a BTF."""
+    """An objective that `objective` makes of samples, a codec's settings and a generator, fitted to a whole BTF."""
     made = objective(Samples(btf, gain_of(btf, fit), fit), settings, fit.generator())
     train(made, fit, settings.steps, settings.patience)
     return made
 
 
 class DirectedObjective(TextureObjective):
-    """The same with a `Decoder` of `settings.architecture`; inputs: a texel's numbers and `settings.directions`.
+    """A `TextureObjective` whose network is a `Decoder` of `settings.architecture`. Its inputs are a texel's numbers,
+    then those of the two directions, of the kind `settings.directions`.
 
-    The network starts at the mean of the data for any inputs, or `about` it, its last weights being random, too. Its
-    weights are the first numbers of the generator.
+    The network starts at the mean of the data for any inputs; with `about` its last weights are random, so it starts
+    near the mean. Its weights are the first numbers of the generator.
     """
 
     def __init__(self, samples: Samples, settings: Any, generator: torch.Generator, about: bool = False):
@@ -107,7 +108,10 @@ class TextureMaterial(Material):
         architecture = network.architecture
         cost = DecoderCost.of_texture(texture, architecture.parameters, architecture.flops)
         super().__init__((texture.shape[0], texture.shape[1]), cost)
-        self.network, self.texture, self.gain, self.directions = network, texture, gain, directions
+        self.network = network
+        self.texture = texture
+        self.gain = gain
+        self.directions = directions
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         view, light = direction_inputs(wo, wi, self.directions)

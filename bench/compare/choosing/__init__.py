@@ -102,7 +102,8 @@ def has_validation(job: Job) -> bool:
 
 
 def usable(choices: list[TradeChoice], material: str) -> list[Rung]:
-    """The choices of a material that have scores of validation pairs, as rungs with bytes and `longest_ns`."""
+    """The choices of a material that have scores of validation pairs, as rungs: sizes are in bytes, and times those of
+    `longest_ns`."""
     rungs = []
     for row in choices:
         validation = row.get("validation", {})
@@ -115,15 +116,16 @@ def usable(choices: list[TradeChoice], material: str) -> list[Rung]:
 def longest_ns(row: TradeChoice) -> float:
     """The upper end of the 95 % interval of a choice's time, in ns a sample: a choice fits a limit if this does.
 
-    The interval is of the ratio to the floor that was timed beside it.
+    The stored interval is of the ratio of this time to that of a floor, which was timed beside it. So its upper end
+    over the ratio itself says how far above the time the interval reaches.
     """
-    of_median: float = row["ratio_interval95"][1] / row["ratio_to_floor"]
-    return row["ns_per_sample"] * of_median
+    upper_share: float = row["ratio_interval95"][1] / row["ratio_to_floor"]
+    return row["ns_per_sample"] * upper_share
 
 
 @view
 def fused_times(run: Run) -> dict[str, TradeChoice]:
-    """The time of each job as one fused kernel in float32."""
+    """By job: the choice of the run's trade that was timed as one fused kernel in float32, with its time."""
     trade = load_trade(run.folder)
     choices = trade["choices"] if trade else []
     fused = (row for row in choices if (row["execution"], row["precision"]) == ("fused", "float32"))
@@ -131,7 +133,7 @@ def fused_times(run: Run) -> dict[str, TradeChoice]:
 
 
 def gpu_times(run: Run) -> dict[str, Timing]:
-    """The time of each setting on a GPU by label: in float32, by the quickest execution, in the usual batches."""
+    """By label: the timing of each setting on a GPU in float32, in the usual batches, by its quickest execution."""
     variants = [timing for timing in run.timings if is_gpu(timing["device"]) and "of_tolerance" in timing]
     if not variants:
         return {}
@@ -163,8 +165,10 @@ def answers(material: str, choices: list[TradeChoice]) -> Iterator[str]:
     yield f"{material}: the best is {choice_in_words(best.of)}."
     for word, key in (("fast", "ns_per_sample"), ("small", "bytes")):
         least = min(near, key=lambda rung: (rung.of[key], rung.of["ns_per_sample"]))
-        better = least.of[key] != best.of[key]
-        answer = f"the {word}est is {choice_in_words(least.of)}" if better else f"no other is {word}er"
+        if least.of[key] != best.of[key]:
+            answer = f"the {word}est is {choice_in_words(least.of)}"
+        else:
+            answer = f"no other is {word}er"
         yield f"{material}: within {NEAR_DB} dB of it, {answer}."
 
 
@@ -185,6 +189,7 @@ def choice_in_words(row: TradeChoice) -> str:
 
 
 def _decibels(value: float | None) -> str:
+    """A PSNR in words."""
     if value is None:
         return "no number"
     return "exact" if value >= MOST_DB else f"{value:.2f} dB"

@@ -35,6 +35,7 @@ class Budget(NamedTuple):
 
     @property
     def limits(self) -> Limits:
+        """This budget as limits of a rung."""
         return Limits(size=self.most) if self.kind == BYTES else Limits(time=self.most)
 
 
@@ -53,7 +54,10 @@ class Budgets:
     unlike: list[Job]  # jobs not comparable with the published ones of their material, or else with the newest
 
     def picks(self, budget: Budget, materials: Iterable[str]) -> dict[str, dict[str, Rung]]:
-        """By line: the best rung on each material that fits, of those measured on all; lines that have one on each."""
+        """By line and material: the best rung that fits the budget, of the settings measured on all of the materials.
+
+        Lines without such a rung on each material are left out.
+        """
         materials = list(materials)
         times = self.times.get(budget.kind, {})
         picked: dict[str, dict[str, Rung]] = {}
@@ -79,12 +83,16 @@ class Budgets:
             mean = average([capped(shown(rung, family), family) for rung in rungs.values()])
             if mean is not None:
                 known[line] = mean
-        sign = 1 if direction_of(family) == "lower" else -1
+        sign = 1 if direction_of(family) == "lower" else -1  # ascending where lower is better, else descending
         return dict(sorted(known.items(), key=lambda each: sign * each[1]))
 
     def fewest_bytes(self) -> tuple[Budget, dict[str, float]] | None:
-        """The smallest budget of bytes within `NEAR_DB` of the best of all, and its lines that are as near."""
-        ranked = {budget: self.ranked(budget, self.surfaces) for budget in self.limits if budget.kind == BYTES}
+        """The smallest budget of bytes at which a line is within `NEAR_DB` of the best of all budgets, and the mean
+        PSNR of its lines that are so near; None without any line."""
+        ranked = {}
+        for budget in self.limits:  # the budgets of bytes ascend
+            if budget.kind == BYTES:
+                ranked[budget] = self.ranked(budget, self.surfaces)
         every = chain.from_iterable(lines.values() for lines in ranked.values())
         best = max(every, default=0.0)
         for budget, lines in ranked.items():
@@ -135,7 +143,8 @@ def budgets(run: Run) -> Budgets:
     unlike = [job for job in judged if job["job"] in obstacle]
     found = Budgets({}, limits, rungs, times, without, unlike)
     surfaces = {}
-    for name, job in {job["material"]: job for job in alike}.items():
+    one_of_each = {job["material"]: job for job in alike}
+    for name, job in one_of_each.items():
         if any(found.picks(budget, [name]) for budget in limits):
             surfaces[name] = job
     return replace(found, surfaces=surfaces)
@@ -168,8 +177,10 @@ def rung_of(seeds: Sequence[Job], times: Times) -> Rung:
     """The rung of several seeds: the means of score, bits a texel and time."""
     height, width = seeds[0]["shape"]
     known = [times[job["job"]] for job in seeds if job["job"] in times]
+    time = fmean(known) if known else None
     score = fmean(cast(float, validation_of(job)["mean"]) for job in seeds)
-    return Rung(8 * mean_bytes(seeds) / (height * width), score, fmean(known) if known else None, seeds)
+    bits_a_texel = 8 * mean_bytes(seeds) / (height * width)
+    return Rung(bits_a_texel, score, time, seeds)
 
 
 def mean_bytes(seeds: Sequence[Job]) -> int:
@@ -186,12 +197,15 @@ def line_of(job: Job) -> str:
 
 def setting_of(job: Job) -> str:
     """The settings of a job in words, without those of its line."""
-    return " ".join(word for word in str(job["label"]).split()[1:] if word != "recipe=paper") or "default"
+    words = str(job["label"]).split()[1:]  # after the codec's name
+    return " ".join(word for word in words if word != "recipe=paper") or "default"
 
 
 def capped(value: float | None, family: str = PSNR) -> float | None:
     """A value as it counts in a mean over surfaces: PSNR at most `CAP_DB`."""
-    return value if value is None or family != PSNR else min(value, CAP_DB)
+    if value is None or family != PSNR:
+        return value
+    return min(value, CAP_DB)
 
 
 def shown(rung: Rung, family: str) -> float | None:

@@ -106,7 +106,7 @@ def _hull(rungs: Sequence[Rung]) -> list[Point]:
         if hull and candidate.score <= hull[-1].score:
             continue  # no better than a smaller one
         while len(hull) > 1 and _is_below(hull[-1], hull[-2], candidate):
-            hull.pop()
+            hull.pop()  # the new one hides those that it leaves below the hull
         hull.append(candidate)
     points = [Point(each.size, each.rung.of) for each in hull]
     largest = float(np.log2(max(rung.size for rung in rungs)))
@@ -116,7 +116,8 @@ def _hull(rungs: Sequence[Rung]) -> list[Point]:
 
 
 def _is_below(middle: _Candidate, first: _Candidate, last: _Candidate) -> bool:
-    """Whether a candidate lies on or below the line between its neighbours."""
+    """Whether a candidate lies on or below the line between its neighbours; sizes ascend from `first` to `last`."""
+    # Compares the slopes from `first` to the other two, each multiplied by both differences of size.
     rise = (middle.score - first.score) * (last.size - first.size)
     return rise <= (last.score - first.score) * (middle.size - first.size)
 
@@ -132,7 +133,7 @@ def curve_of(
     values = list[float]()
     for place, point in enumerate(points):
         jobs = point.jobs
-        if place and jobs is points[place - 1].jobs:  # the level end of a curve
+        if place and jobs is points[place - 1].jobs:  # the level end of a curve, so draws must be those before
             values.append(values[-1])
             continue
         if draw is not None and len(jobs) > 1:
@@ -169,13 +170,15 @@ def bd_rate(ours: Curve, theirs: Curve) -> float | None:
 
     A point of test pairs below that of a smaller file counts as high as this one. None if they share no values.
     """
-    lines = []
+    lines = []  # of log bytes over values
     for curve in (ours, theirs):
         highest = np.maximum.accumulate(curve.values).tolist()
         reached = highest.index(highest[-1]) + 1  # more bytes add nothing from here on
         lines.append(_Line(highest[:reached], curve.sizes[:reached]))
     gap = _mean_gap(*lines)
-    return None if gap is None else float(2**gap - 1)
+    if gap is None:
+        return None
+    return float(2**gap - 1)  # from log2 of the ratio of bytes
 
 
 def _mean_gap(ours: _Line, theirs: _Line) -> float | None:
@@ -184,6 +187,7 @@ def _mean_gap(ours: _Line, theirs: _Line) -> float | None:
     if low >= high:
         return None
     inner = sorted(x for x in (*ours.x, *theirs.x) if low < x < high)
+    # Both are linear between these places, so the trapezium rule is exact.
     places = np.array([low, *inner, high])
     gap = np.interp(places, ours.x, ours.y) - np.interp(places, theirs.x, theirs.y)
     areas = np.diff(places) * (gap[1:] + gap[:-1]) / 2
@@ -197,7 +201,8 @@ def mean_at(
     family: str = PSNR,
     footprint: str = "",
 ) -> float | None:
-    """The mean over surfaces of a line's curves at a size; None if one of them does not reach it. See `curve_of`."""
+    """The mean over surfaces of a line's curves at so many bits a texel; None if one of them does not reach that size,
+    or there is no surface. See `curve_of` for the metric and the footprint."""
     values = []
     for surface in surfaces:
         curve = curve_of(by_surface[surface], family, footprint=footprint) if surface in by_surface else None
@@ -222,7 +227,10 @@ def readings(result: Budgets, points: Points, budget: Budget, surfaces: Sequence
 
 
 def gaps_of_rungs(result: Budgets, line: str, anchor: Mapping[str, Sequence[Point]]) -> dict[str, list[float]]:
-    """As `differences`, of a line without curves: the mean gap of its rungs to the other's curve at their bytes."""
+    """As `differences`, of a line without curves: the mean gap of its rungs to the other's curve at their bytes.
+
+    Seeds are not drawn; the number is repeated in place of each draw.
+    """
     found: dict[str, list[float]] = {}
     for surface in sorted(anchor):
         curve = curve_of(anchor[surface])
@@ -239,7 +247,8 @@ def gaps_of_rungs(result: Budgets, line: str, anchor: Mapping[str, Sequence[Poin
 
 
 def differences(points: Mapping[str, Sequence[Point]], anchor: Mapping[str, Sequence[Point]]) -> dict[str, list[float]]:
-    """By surface: BD-PSNR of a line to another where both have curves in common, then `DRAWS` draws of their seeds."""
+    """By surface on which both lines have curves: BD-PSNR of one to the other, then the same for `DRAWS` draws of the
+    seeds of each."""
     found: dict[str, list[float]] = {}
     rng = np.random.default_rng(0)
     for surface in sorted(points.keys() & anchor.keys()):
@@ -265,9 +274,10 @@ def _difference(
 
 def summarised(by_surface: dict[str, list[float]]) -> Summary:
     """The summary of `differences`; the interval is of surfaces and seeds drawn with replacement."""
-    values = np.array(list(by_surface.values()))
+    values = np.array(list(by_surface.values()))  # (surfaces, 1 + DRAWS)
     measured, drawn = values[:, 0], values[:, 1:]
     rng = np.random.default_rng(0)
+    # Each resample draws as many surfaces as there are, and of each of these one draw of its seeds.
     surfaces = rng.integers(0, len(values), (RESAMPLES, len(values)))
     seeds = rng.integers(0, drawn.shape[1], surfaces.shape)
     low, high = np.percentile(drawn[surfaces, seeds].mean(1), [2.5, 97.5])

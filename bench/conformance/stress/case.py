@@ -154,6 +154,7 @@ def judge(case: Case, subject: Subject) -> CaseVerdict:
     """Try a case on a codec. Any exception that the codec raises is its failure."""
 
     def test() -> Measured | None:
+        """The test of the case, if it applies to the codec."""
         unreal = case.unphysical and subject.tested.codec.physical
         applicable(not unreal, "models reflectance: no surface looks like this")
         return case.test(subject)

@@ -58,7 +58,8 @@ def long_strip() -> BTF:
     """3 × 1,001 texels at 3 × 3 pairs: no side is a power of two, none a multiple of the pattern."""
     like = tiny_btf(views=3, lights=3)
     rows = np.stack(list(like))[:, :3]
-    return material(rows[:, :, np.arange(1001) % 8], like.wo, like.wi)
+    columns = np.arange(1001) % 8  # the pattern again and again
+    return material(rows[:, :, columns], like.wo, like.wi)
 
 
 def beyond_half() -> BTF:
@@ -103,7 +104,8 @@ def grazing_lights() -> BTF:
     """Nine views, and nine lights at 89°, whose cosine is 0.017."""
     low = from_degrees(np.full(9, 89.0), np.arange(9) * 40.0)
     wi = np.tile(low, (9, 1))
-    return material(values() * (wi[:, 2] / ordinary().wi[:, 2])[:, None, None, None], wo=None, wi=wi)
+    darker = wi[:, 2] / ordinary().wi[:, 2]  # (81,), because radiance contains the cosine of the light
+    return material(values() * darker[:, None, None, None], wo=None, wi=wi)
 
 
 def not_finite() -> BTF:
@@ -116,10 +118,11 @@ def not_finite() -> BTF:
 
 
 def mean_squares(encoded: Encoded, ours: Array) -> dict[str, tuple[float, float]]:
-    """By space, the mean squared error of slices (N, H, W, 3) and the square of the peak."""
+    """By space, `display` and `log`: the mean squared error of slices (N, H, W, 3), and the square of the peak."""
     exposure = exposure_of(encoded.truth)
+    display = display_error(ours, encoded.truth, exposure)
     log = float(np.square(to_log1p(ours, exposure) - to_log1p(encoded.truth, exposure)).mean())
-    return {"display": (display_error(ours, encoded.truth, exposure), 1.0), "log": (log, math.log1p(LOG_SCALE) ** 2)}
+    return {"display": (display, 1.0), "log": (log, math.log1p(LOG_SCALE) ** 2)}
 
 
 def quality(encoded: Encoded, ours: Array) -> dict[str, float]:
@@ -138,9 +141,11 @@ def sound(encoded: Encoded) -> None:
 def bound(encoded: Encoded) -> dict[str, float]:
     """The allowed mean squared error by space: that of mean-colour, or of half a step of 8 bits."""
     mean = np.broadcast_to(encoded.truth.mean(0, dtype=np.float64), encoded.truth.shape)
-    floor = mean_squares(encoded, mean)
-    # `peak` is squared; half a step is the 510th part of it.
-    return {space: max(mse * 10 ** (SAME_DB / 10), peak / 510**2) for space, (mse, peak) in floor.items()}
+    allowed = {}
+    for space, (mse, squared_peak) in mean_squares(encoded, mean).items():
+        half_a_step = squared_peak / 510**2  # squared, too: one of 255 steps is two halves
+        allowed[space] = max(mse * 10 ** (SAME_DB / 10), half_a_step)
+    return allowed
 
 
 def within(encoded: Encoded, allowed: dict[str, float]) -> Measured:
@@ -162,7 +167,8 @@ def no_worse(encoded: Encoded) -> Measured:
 def others_no_worse(encoded: Encoded) -> Measured:
     """Judge the texels without a firefly by themselves."""
     sound(encoded)
-    others = encoded.truth.max((0, 3)) < HALF_MAX
+    others = encoded.truth.max((0, 3)) < HALF_MAX  # (H, W)
+    # As one row of texels: (N, 1, texels, 3).
     truth, decoded = (slices[:, others][:, None] for slices in (encoded.truth, encoded.decoded))
     return no_worse(Encoded(material(truth, encoded.btf.wo, encoded.btf.wi), decoded))
 
@@ -178,7 +184,8 @@ def constants_hold(encoded: Encoded) -> Measured:
 
 def same_quality(factor: float, subject: Subject) -> None:
     """Check that the ordinary material times a factor is stored neither better nor worse than without it."""
-    unscaled, scaled = subject.usual, subject.encode(material(values() * np.float32(factor)))
+    unscaled = subject.usual
+    scaled = subject.encode(material(values() * np.float32(factor)))
     sound(scaled)
     before, after = quality(unscaled, unscaled.decoded), quality(scaled, scaled.decoded)
     for space, now in after.items():

@@ -54,6 +54,7 @@ def tilted(directions: Tensor, angle: float, seed: int) -> Tensor:
     """Unit directions (n, 3), each turned by an angle towards a random side."""
     generator = torch.Generator().manual_seed(seed)
     random = torch.randn(directions.shape, generator=generator, dtype=torch.float64)
+    # Its part across each direction.
     along = functional.normalize(random - directions * (random * directions).sum(1, keepdim=True), dim=1)
     return functional.normalize(directions + angle * along, dim=1).float()
 
@@ -127,7 +128,7 @@ def no_jump(subject: Subject) -> None:
     for _ in range(HALVINGS):
         middle = (low + high) / 2
         between = subject.answers(on_line(middle))
-        lower = (between - below).abs().amax(1) > (above - between).abs().amax(1)
+        lower = (between - below).abs().amax(1) > (above - between).abs().amax(1)  # the answer moves more below
         low, high = low.where(lower, middle), middle.where(lower, high)
         below, above = below.where(lower[:, None], between), between.where(lower[:, None], above)
     continuous(lambda: (on_line(low), on_line(high)), subject)
@@ -140,7 +141,7 @@ def near_double(name: str, subject: Subject) -> Measured:
     double = subject.decode(subject.parts).to(dtype=torch.float64).query(*queries).double()
     ours = subject.decode(subject.parts).to(dtype=SHORT_FLOATS[name]).query(*queries).double()
     r = SHORT_STEPS * torch.finfo(SHORT_FLOATS[name]).eps
-    excess = ((ours - double).abs() / (double.abs() + double.mean()) / r).amax(1)
+    excess = ((ours - double).abs() / (double.abs() + double.mean()) / r).amax(1)  # (n,), 1 is just allowed
     worst = int(excess.nan_to_num(torch.inf).argmax())  # NaN is the worst of all
     answer, exact = ours[worst].tolist(), double[worst].tolist()
     where = f"{answer}, {exact} in float64: {excess[worst]:.2f} of what is allowed, at {query_in_words(queries, worst)}"
@@ -222,8 +223,9 @@ def energy(subject: Subject) -> Measured:
     uv = torch.from_numpy(np.stack([place[:, 1] + 0.5, size - place[:, 0] - 0.5], 1) / size).float()
     wo = uniform(rng, VIEWS, theta_max_deg=89.9)
     wi = uniform(rng, LIGHTS, theta_max_deg=89.9)
-    row, col = place.T[:, :, None] / size
-    # Rows count from the top and v from below, hence `size` less the row above.
+    # Rows count from the top and v from below, hence `size` less the row above. `tiny_btf` has its values at whole rows
+    # and columns, the centres of texels in uv.
+    row, col = place.T[:, :, None] / size  # (views, 1) each, against (lights,)
     true = np.maximum(tiny_radiance(row, col, wo[:, None], wi[None]).mean(1) * 2 * np.pi, 1)
 
     def reflected(answer: Answer) -> Array:

@@ -31,7 +31,7 @@ def flat(value: float) -> Array:
 
 
 def hdr(seed: int) -> Array:
-    """Radiance from 1e-8 to 1e6."""
+    """A picture (SIDE, SIDE, 3) of radiance from 1e-8 to 1e6."""
     return 10 ** (np.random.default_rng(seed).random((SIDE, SIDE, 3)).astype(np.float32) * 14 - 8)
 
 
@@ -78,7 +78,7 @@ def scored(metric: SliceMetric, case: PictureCase) -> None:
 
 
 def _level(radiance: Array) -> Tensor:
-    """The log radiance that losses compare."""
+    """The log radiance (H, W, 3) that losses compare, of radiance (H, W, 3)."""
     return torch.from_numpy(np.maximum(radiance, 0)).mul(LOG_SCALE).log1p()
 
 

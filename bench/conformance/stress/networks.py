@@ -72,7 +72,10 @@ def constant_vector(subject: Subject) -> Material:
 def large_arguments(subject: Subject) -> Material:
     """Sines of arguments up to ±1e5, through the gain of the layer norm or the bias before them."""
     material = subject.decode(subject.parts)
-    sines = [d for d in of_kind(material, Decoder) if isinstance(d, Decoder) and d.architecture.activation == "sine"]
+    sines = []
+    for decoder in of_kind(material, Decoder):
+        if isinstance(decoder, Decoder) and decoder.architecture.activation == "sine":
+            sines.append(decoder)
     applicable(sines, "has no sine")
     for network in sines:
         before_sines = network.layers[:-1] if network.norms is None else network.norms
@@ -84,7 +87,7 @@ def large_arguments(subject: Subject) -> Material:
 
 @torch.no_grad()
 def overflowing_level(subject: Subject) -> Material:
-    """A last layer that gives a log radiance of 1,000, whose expm1 overflows a float."""
+    """A last layer whose bias gives a log radiance of about 1,000, whose expm1 overflows a float."""
     material = subject.decode(subject.parts)
     applicable(material.modules(), "has no network")
     last = _answering(material)
@@ -98,7 +101,7 @@ def _answering(material: Material) -> nn.Linear:
     ran: list[nn.Linear] = []
     layers = of_kind(material, nn.Linear)
     hooks = [layer.register_forward_hook(lambda layer, *_: ran.append(layer)) for layer in layers]
-    material.query(*spread(1))
+    material.query(*spread(1))  # each layer that it runs is noted in turn
     for hook in hooks:
         hook.remove()
     applicable(ran, "runs no linear layer")
@@ -181,11 +184,13 @@ def eight_bits(subject: Subject) -> None:
     """Try `all_sound` with the texture stored at eight bits, if the codec can."""
     applicable("bits" in vars(subject.tested.codec.settings), "cannot store a texture at eight bits")
     codec = subject.codec(bits=8)
-    all_sound(Subject(dataclasses.replace(subject.tested, codec=codec), subject.made(codec, ordinary())))
+    tested = dataclasses.replace(subject.tested, codec=codec)
+    all_sound(Subject(tested, stored=subject.made(codec, ordinary())))
 
 
 def gradients_at_zero(subject: Subject) -> None:
-    """Gradients of the answers if every stored number and every weight is exactly 0 and the view is at the zenith."""
+    """Check that gradients of the answers are finite where every stored number and weight is 0 and views are straight
+    from above."""
     material = subject.decode(subject.parts)
     leaves: list[Tensor] = []
     for network in material.modules():

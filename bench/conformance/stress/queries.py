@@ -54,7 +54,7 @@ def at(wo: Tensor | None = None, wi: Tensor | None = None) -> Callable[[], Queri
     if wo is not None:
         moved["wo"] = wo.expand(COUNT, 3).clone()
     if wi is not None:
-        moved["wi"] = wi.expand(COUNT, 3).roll(7, 0)  # else a view and its light would have one azimuth
+        moved["wi"] = wi.expand(COUNT, 3).roll(7, 0)  # else a view and its light could have the same azimuth
     return lambda: spread()._replace(**moved)
 
 
@@ -62,6 +62,7 @@ def light_of_view(*signs: float) -> Callable[[], Queries]:
     """Random queries whose light is the view with each coordinate multiplied by a sign."""
 
     def make() -> Queries:
+        """The queries; a new set each time."""
         queries = spread()
         return queries._replace(wi=queries.wo * torch.tensor(signs))
 
@@ -118,7 +119,7 @@ def far_uv(subject: Subject) -> None:
     """the answer at the same place of the first period"""
     queries = spread()
     there = torch.tensor([1e6, -1e6])
-    # At 1e6 a float32 has steps of 1/16: these places are exact there.
+    # At 1e6 a float32 has steps of 1/16: these places (n, 2), in sixteenths, are exact there.
     place = (torch.arange(COUNT)[:, None] * torch.tensor([1, 3]) % 16) / 16
     agree(subject, queries._replace(uv=there + place), queries._replace(uv=place))
 
@@ -169,7 +170,9 @@ def below() -> Queries:
     side = torch.arange(COUNT) % 2 == 0  # the view of even queries is moved, the light of odd ones
     flat = grazing(90.0)
     flat[:, 2] = torch.tensor([0.0, -0.0, -1e-30, 0.0]).repeat(COUNT // 4)
-    not_above = flat.where(torch.arange(COUNT)[:, None] % 4 < 3, queries.wo * torch.tensor([1.0, 1.0, -1.0]))
+    turned_down = queries.wo * torch.tensor([1.0, 1.0, -1.0])
+    is_flat = torch.arange(COUNT)[:, None] % 4 < 3  # every fourth one lies far below
+    not_above = flat.where(is_flat, turned_down)
     return queries._replace(
         wo=not_above.where(side[:, None], queries.wo), wi=not_above.where(~side[:, None], queries.wi)
     )

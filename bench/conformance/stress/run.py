@@ -42,7 +42,7 @@ def run(codecs: Sequence[str], cases: Sequence[Case], workers: Workers, show: Pr
             tasks += [(codec, group) for codec in codecs]
     waiting: set[Future[list[Stress]]] = set()
     for number, task in enumerate(tasks):
-        show("stress", number - len(waiting), len(tasks))
+        show("stress", number - len(waiting), len(tasks))  # those that have ended
         waiting.add(workers.executor.submit(attempt, *task))  # waits for a free worker
         for future in [future for future in waiting if future.done()]:
             waiting.remove(future)

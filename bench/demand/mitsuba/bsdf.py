@@ -54,11 +54,13 @@ class _Lobes:
     """The lobes of a file, drawn from by Mitsuba's own GGX; see `bench.demand.mitsuba.lobes`."""
 
     def __init__(self, stored: np.ndarray, repeat: tuple[float, float]):
-        self.cells, self.repeat = len(stored), repeat
+        self.cells = len(stored)  # along each side of the texture
+        self.repeat = repeat
         lobe = Lobe.from_stored(torch.from_numpy(stored).reshape(-1, stored.shape[2]))
+        # Twelve numbers of each cell: share, two roughnesses, then x, y and z of the three axes.
         columns = [lobe.share, lobe.along, lobe.across]
         for axis in lobe.axes:
-            columns += axis.T.unbind()  # x, y and z
+            columns += axis.T.unbind()
         self.columns = [mi.Float(column.numpy()) for column in columns]
 
     def _lobe_at(self, si: Any) -> tuple[Any, Any, Any, list[Any]]:
@@ -68,7 +70,8 @@ class _Lobes:
         row = dr.minimum(mi.UInt32((1 - uv.y) * self.cells), self.cells - 1)
         cell = row * self.cells + column
         share, along, across, *rest = (dr.gather(mi.Float, each, cell) for each in self.columns)
-        return share, along, across, [mi.Vector3f(*rest[k : k + 3]) for k in (0, 3, 6)]
+        axes = [mi.Vector3f(*rest[first : first + 3]) for first in (0, 3, 6)]
+        return share, along, across, axes
 
     def share(self, si: Any, view: Any) -> Any:
         """The probability of the lobe: 0 for a view from behind its normal."""
@@ -89,6 +92,7 @@ class _Lobes:
         view_in_frame, light_in_frame = _in_frame(axes, view), _in_frame(axes, light)
         half = dr.normalize(view_in_frame + light_in_frame)
         met = dr.dot(view_in_frame, half)
+        # From half vectors to the directions that they reflect to, solid angles grow by 4 cos of view and half vector.
         density = _ggx(along, across).pdf(view_in_frame, half) / (4 * met)
         return dr.select((view_in_frame.z > 1e-4) & (met > 1e-4) & (half.z > 0), density, 0)
 
@@ -99,7 +103,7 @@ def _in_frame(axes: list[Any], direction: Any) -> Any:
 
 
 def _wrapped(si: Any, repeat: tuple[float, float]) -> Any:
-    """The place in one period of the texture, for `periods` in a unit of the surface's u and v."""
+    """The place in one period of the texture, which fits `repeat` times in a unit of the surface's u and v."""
     uv = mi.Point2f(si.uv.x * repeat[0], si.uv.y * repeat[1])
     return uv - dr.floor(uv)
 
@@ -134,7 +138,8 @@ class _Answers:
         self.pixel_angle = float(props.get("pixel_angle", 0.0))
         side = mi.BSDFFlags.FrontSide | (mi.BSDFFlags.BackSide if self.two_sided else mi.BSDFFlags.Empty)
         flags = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.SpatiallyVarying | side
-        self.m_components, self.m_flags = [flags], flags
+        self.m_components = [flags]
+        self.m_flags = flags
         file = load(self.file)
         across, up = periods(file.material.size)
         self.periods = self.repeat * across, self.repeat * up
@@ -191,7 +196,9 @@ class _Answers:
             return side
         # A circle around the ray is an ellipse on the surface, longer by 1 / cosine away from the viewer.
         slant = dr.maximum(dr.hypot(si.wi.x, si.wi.y), 1e-6)
-        away, across = mi.Vector3f(si.wi.x, si.wi.y, 0) / slant, mi.Vector3f(-si.wi.y, si.wi.x, 0) / slant
+        away = mi.Vector3f(si.wi.x, si.wi.y, 0) / slant
+        across = mi.Vector3f(-si.wi.y, si.wi.x, 0) / slant
+        # A view from the zenith has no direction away from it: any two axes do.
         away = dr.select(slant > 1e-6, away, mi.Vector3f(1, 0, 0)) / dr.maximum(abs(si.wi.z), 1e-6)
         across = dr.select(slant > 1e-6, across, mi.Vector3f(0, 1, 0))
         for step in (away, across):
@@ -208,6 +215,7 @@ class _Answers:
         return dr.select(active & (view.z > 0) & (light.z > 0), density, 0)
 
     def eval_pdf(self, context: Any, si: Any, wo: Any, active: Any = True) -> Any:
+        """What `eval` and `pdf` give."""
         return self.eval(context, si, wo, active), self.pdf(context, si, wo, active)
 
     def traverse(self, callback: Any) -> None:

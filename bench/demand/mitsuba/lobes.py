@@ -55,12 +55,16 @@ class Lobe:
         return torch.stack([(directions * axis).sum(1) for axis in self.axes], 1)
 
     def density(self, wo: Tensor, wi: Tensor) -> Tensor:
-        """The density (n,) of drawing wi (n, 3) for wo (n, 3), both above the horizon, over solid angle."""
+        """The density (n,) of drawing wi (n, 3) for wo (n, 3), both above the horizon, over solid angle.
+
+        That of the lobe is GGX's D(half) · G₁(view) / (4 · height of the view), as visible normals are drawn.
+        """
         view, light = self._along_axes(wo), self._along_axes(wi)
         half = _unit(view + light)
         stretched = (half[:, 0] / self.along) ** 2 + (half[:, 1] / self.across) ** 2 + half[:, 2] ** 2
         normals = 1 / (math.pi * self.along * self.across * stretched**2)
-        height, met = view[:, 2].clamp_min(1e-4), (view * half).sum(1).clamp_min(1e-4)
+        height = view[:, 2].clamp_min(1e-4)
+        met = (view * half).sum(1).clamp_min(1e-4)
         slope = ((self.along * view[:, 0]) ** 2 + (self.across * view[:, 1]) ** 2) / height**2
         unshadowed = 2 / (1 + (1 + slope).sqrt())
         lobe = normals * unshadowed / (4 * height) * (half[:, 2] > 0)
@@ -69,6 +73,7 @@ class Lobe:
 
 
 def _unit(vectors: Tensor) -> Tensor:
+    """Vectors (n, 3) scaled to length 1."""
     return vectors / torch.linalg.vector_norm(vectors, dim=1, keepdim=True)
 
 
@@ -94,7 +99,8 @@ def fitted(
     lobes = raw.detach()
     cosine, mixed, _ = _variances(material, lobes, CHECKED, rng)
     # Over the views of each cell: (cells²,).
-    cosine, mixed = cosine.view(len(lobes), -1).sum(1), mixed.view(len(lobes), -1).sum(1)
+    cosine = cosine.view(len(lobes), -1).sum(1)
+    mixed = mixed.view(len(lobes), -1).sum(1)
     lobes[mixed > cosine, 0] = OFF  # the fit minimises entropy, not variance: some cells are better with the cosine
     return lobes.reshape(cells, cells, -1).half()
 
@@ -102,8 +108,8 @@ def fitted(
 def drawn(
     material: Material, cells: int, views: int, lights: int, rng: np.random.Generator
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Queries over all cells: for each its cell, wo, wi, uniform over the hemisphere; and the answers' means over RGB
-    (cells² · views, lights)."""
+    """Queries (n,) over all cells, n = cells² · views · lights: for each its cell (n,), and wo and wi (n, 3), uniform
+    over the hemisphere; and the answers' means over RGB (cells² · views, lights)."""
     cell = torch.arange(cells * cells).repeat_interleave(views)
     place = torch.from_numpy(rng.random((len(cell), 2), np.float32))
     uv = torch.stack([(cell % cells + place[:, 0]) / cells, 1 - (cell // cells + place[:, 1]) / cells], 1)

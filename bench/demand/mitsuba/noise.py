@@ -94,7 +94,8 @@ def reached(
         for number in range(len(drawn)):
             colours, short = render(number, picture.samples, seed)
             pictures[number].append(colours)
-            if seed % 4 == 1:  # subtract the fixed cost of a render
+            if seed % 4 == 1:  # a few timings are enough for a median
+                # Two renders have the same fixed cost, so their difference is the time of the further samples.
                 _, seconds = render(number, long, seed)
                 slopes[number].append((seconds - short) / picture.timed)
     figures = []

@@ -140,7 +140,8 @@ def shading(o: Values, base: Values, roughness: Values, metal: Values, specular:
 
 def reflect(here: Shading, i: Values) -> Values:
     """f_r · cos θ_i (mi.Color3f) toward the points' `o`; 0 from below the tangent plane."""
-    o, i_n = here.o, at_least(0, i.z)
+    o = here.o
+    i_n = at_least(0, i.z)
     between = at_least(1e-6, 0.5 + 0.5 * dr.dot(here.seen, i))  # (o·h)²
     h = (o + mi.Vector3f(i.x, i.y, i_n)) * (0.5 * dr.rsqrt(between))
     masking = i_n * _smith(here, o) + o.z * _smith(here, mi.Vector3f(i.x, i.y, i_n))
@@ -174,7 +175,8 @@ def _cosine(place: Values) -> Values:
 
 def _disc(place: Values) -> tuple[Values, Values]:
     """x and y drawn uniformly in the unit disc, from two numbers in [0, 1)."""
-    radius, phi = dr.sqrt(place.x), 2 * dr.pi * place.y
+    radius = dr.sqrt(place.x)
+    phi = 2 * dr.pi * place.y
     return radius * dr.cos(phi), radius * dr.sin(phi)
 
 
@@ -192,7 +194,11 @@ def _density(here: Shading, h: Values) -> Values:
 
 
 def _visible_normal(here: Shading, o: Values, place: Values) -> Values:
-    """A half vector drawn in proportion to D(h) · (o·h)⁺ (Heitz 2018, appendix A)."""
+    """A half vector drawn in proportion to D(h) · (o·h)⁺ (Heitz 2018, appendix A).
+
+    The view is stretched to a hemisphere of roughness 1, whose projection along the view is half a disc and half an
+    ellipse. A point drawn there gives a normal, which is stretched back.
+    """
     v = dr.normalize(mi.Vector3f(here.alpha_t * o.x, here.alpha_b * o.y, o.z))
     side = v.x * v.x + v.y * v.y
     scale = dr.rsqrt(at_least(1e-12, side))
@@ -217,7 +223,9 @@ class PathTracer:
     def __init__(
         self, maps: Maps, size: tuple[int, int], sub_points: int, view_z: float, light_z: float, seed: int = 0
     ):
-        self.size, self.sub_points, self.seed = size, sub_points, seed & 0xFFFFFFFF
+        self.size = size
+        self.sub_points = sub_points  # along each side of a texel
+        self.seed = seed & 0xFFFFFFFF  # Mitsuba takes 32 bits
         built_in = Renderer(maps, size, sub_points)
         self.field, self.aspect = built_in.field, built_in.aspect
         # The lookup table of the built-in renderer, so that both render the same surface.
@@ -240,14 +248,16 @@ class PathTracer:
     def _mesh(self, view_z: float, light_z: float) -> Any:
         """Two triangles a cell, with vertices at the centres of grid cells, around the tile as far as rays reach."""
         relief = self.field.top - self.field.bottom
+        # How far the lowest view and light go sideways for each unit of height: the tangents of their angles.
         slopes = sum(math.sqrt(max(1 / z**2 - 1, 0)) for z in (view_z, light_z))
         reach = relief * slopes + min(REACH * relief, 1)
         (H, W), cell = self.field.shape, self.field.cell
-        border = [math.ceil(reach / side) + 1 for side in cell]
+        border = [math.ceil(reach / side) + 1 for side in cell]  # in cells, down and across
         if (H + 2 * border[0]) * (W + 2 * border[1]) > MAX_CELLS:
             relief_reach = f"a relief of {relief:.2g} widths reaches {reach:.2g} widths: the mesh would be too large"
             raise InputError(f"at these grazing directions {relief_reach}: take a smaller --depth or --size")
-        rows, cols = np.arange(-border[0], H + border[0]), np.arange(-border[1], W + border[1])
+        rows = np.arange(-border[0], H + border[0])
+        cols = np.arange(-border[1], W + border[1])
         y, x = np.meshgrid((H - rows - 0.5) * cell[0], (cols + 0.5) * cell[1], indexing="ij")
         vertices = np.stack([x, y, self.field.height[np.ix_(rows % H, cols % W)]], -1)
         return _triangles(vertices.astype(np.float32))
@@ -273,8 +283,9 @@ class PathTracer:
         """Radiance (mi.Color3f) toward `wo` of numbered sub-points, those of a texel side by side, lit from `wi`."""
         (H, W), s = self.size, self.sub_points
         texel = point // (s * s)
-        number = point - texel * (s * s)
-        row, col = texel // W * s + number // s, texel % W * s + number % s
+        number = point - texel * (s * s)  # of the sub-point in its texel, row by row
+        row = texel // W * s + number // s
+        col = texel % W * s + number % s
         y = self.aspect * (1 - (mi.Float(row) + (0.5 + NUDGE[0])) / (H * s))
         x = (mi.Float(col) + (0.5 + NUDGE[1])) / (W * s)
         ray = mi.Ray3f(mi.Point3f(x, y, 0) + (self.field.top + 1e-3) / wo.z * wo, -wo)
@@ -316,6 +327,7 @@ def _three(generator: Values) -> Values:
 def _triangles(vertices: Array) -> Any:
     """A mesh of a grid of vertices (rows, columns, 3), seen from above counter-clockwise."""
     rows, cols = vertices.shape[:2]
+    # Vertices are numbered row by row; each that has one to the right and one below is the corner of two triangles.
     corner = (np.arange(rows - 1)[:, None] * cols + np.arange(cols - 1)).reshape(-1)
     right, below = corner + 1, corner + cols
     faces = np.stack([corner, below, right, right, below, below + 1], -1).astype(np.uint32)

@@ -32,7 +32,8 @@ class MitsubaScene:
         self.sensors = self.scene.sensors()
         self.bsdf = _chosen(self.scene, path, bsdf)
         width, height = self.sensors[0].film().crop_size()
-        self.frames, self.picture = len(self.sensors), (int(height), int(width))
+        self.frames = len(self.sensors)
+        self.picture = (int(height), int(width))
         self.emitters: list[tuple[Values, int]] = []  # and how many samples each takes at a point
         for emitter in self.scene.emitters():
             from_one_place = mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta)  # a point or a direction
@@ -56,7 +57,8 @@ class MitsubaScene:
         hit = self.scene.ray_intersect(rays)
         wanted = hit.is_valid() & (hit.bsdf() == mi.BSDFPtr(self.bsdf))
         some = np.flatnonzero(np.asarray(wanted))
-        position, normal = _rows(hit.p), _rows(hit.sh_frame.n)
+        position = _rows(hit.p)
+        normal = _rows(hit.sh_frame.n)
         eye = np.broadcast_to(np.asarray(sensor.world_transform().translation()).ravel(), position.shape)
         columns = [_rows(hit.uv), position, normal, _rows(hit.dp_du), _rows(hit.dp_dv), eye]
         columns += [_rows(right.d), _rows(below.d)]
