@@ -64,15 +64,18 @@ def standings(cells: Jobs) -> list[Standing]:
             values.setdefault(label, []).append(value)
     racing = [label for label in values if len(values[label]) == len(on_each)]
     places: dict[str, list[float]] = {label: [] for label in racing}
+    wins = dict.fromkeys(racing, 0)
     for qualities in on_each:
         for label, place in _places({label: qualities[label] for label in racing}).items():
             places[label].append(place)
+        best = max((qualities[label] for label in racing), default=0.0)
+        for label in racing:
+            wins[label] += qualities[label] + SAME_DB >= best
     every = []
     for label, of_label in values.items():
         standing = Standing(label, len(of_label), fmean(of_label))
         if label in places:
-            wins = sum(place < 2 for place in places[label])  # two that are best share the place 1.5
-            standing = replace(standing, rank=fmean(places[label]), wins=wins)
+            standing = replace(standing, rank=fmean(places[label]), wins=wins[label])
         every.append(standing)
     return sorted(every, key=lambda each: (each.rank is None, each.rank, -each.psnr))
 

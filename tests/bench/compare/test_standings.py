@@ -15,3 +15,13 @@ def test_ranks_are_means_over_materials_and_what_reads_alike_shares_one():
     assert (x.label, x.rank, x.wins, x.psnr, x.materials) == ("x", 1.25, 2, 28.0, 2)
     assert (y.label, y.rank, y.wins) == ("y", 2.25, 1)
     assert (z.label, z.rank, z.wins) == ("z", 2.5, 0)
+
+
+def test_each_of_several_that_none_is_better_than_has_won():
+    cells = {"a": {"x": jobs(30.0), "y": jobs(30.001), "z": jobs(30.002), "w": jobs(29.0)}}
+    assert {each.label: (each.rank, each.wins) for each in standings(cells)} == {
+        "x": (2.0, 1),
+        "y": (2.0, 1),
+        "z": (2.0, 1),
+        "w": (4.0, 0),
+    }
