@@ -53,8 +53,9 @@ def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
     decoders = grouped(finished, _decoder)
     if not decoders:
         return None
+    # By codec and recipe. Decoders that are equal in both stay in the order of the jobs, because sorting is stable.
     alike = [decoders[key] for key in sorted(decoders, key=lambda key: key[:2])]
-    chosen = [min(group, key=lambda job: len(job["label"])) for group in alike]  # the fewest settings
+    chosen = [min(group, key=lambda job: len(job["label"])) for group in alike]  # of each, the label of fewest settings
     counted = list(chain.from_iterable(alike))
     headers = [("method", ""), ("codec", "")]
     for what in ("param.", "channels"):
@@ -94,8 +95,10 @@ def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
 
 
 def _decoder(job: Job) -> tuple[int, bool, int, int]:
-    """What tells decoders apart, the order of their rows first: the codec, and whether the recipe is ours."""
-    ours = job.get("settings", {}).get("recipe", "paper") != "paper"  # and the codec has one as published
+    """What tells decoders apart: the place of the codec in `PUBLISHED`, whether the recipe is ours, the parameters, and
+    the channels of the texture. The first two also order the rows."""
+    # A codec without the setting `recipe` has only the one that was published.
+    ours = job.get("settings", {}).get("recipe", "paper") != "paper"
     order = list(PUBLISHED).index(job["codec"])
     return order, ours, cast(int, job["parameters"]), job["cost"]["texture_channels"]
 
@@ -107,7 +110,7 @@ def _beside(ours: int, published: int) -> list[str]:
 
 
 def _times(group: Iterable[TimedJob]) -> dict[str, float]:
-    """The ns of a sample by execution, of any settings of a decoder."""
+    """The ns of a sample by execution, of all jobs with one decoder; of several with a time, that of the last."""
     times: dict[str, float] = {}
     for job in group:
         times |= job.get("ns", {})
@@ -115,4 +118,5 @@ def _times(group: Iterable[TimedJob]) -> dict[str, float]:
 
 
 def _published(job: Job) -> Published:
+    """The numbers that belong beside a job: those of its codec's paper or, for that edition, of the authors' code."""
     return _ZELTNER_CODE if job.get("settings", {}).get("edition") == "code" else PUBLISHED[job["codec"]]
