@@ -4,7 +4,7 @@ Those of NeuBTF, NeuMIP and both of Rainer's are from Table 2 of Rodriguez-Pardo
 "NeuBTF", Computers & Graphics 114 (2023); the others follow from the layers in their papers or their authors' code.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 from typing import NamedTuple, cast
 
@@ -79,19 +79,29 @@ def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
     times = [_times(group) for group in alike]
     if any(times):
         gpus = sorted({job["gpu"] for job in counted if "gpu" in job})
-        headers += [("a sample", "ns eager"), ("a sample", "ns fused")]
-        if gpus:
-            headers.append(("a sample", "ns GPU"))
-        headers.append(("a sample", "ns paper"))
+        headers += _time_headers(gpus)
         for row, job, ns in zip(rows, chosen, times, strict=True):
-            row += [fixed(ns.get("eager"), 0), fixed(ns.get("fused"), 0)]
-            if gpus:
-                row.append(fixed(ns.get("gpu"), 1))
-            row.append(_published(job).ns)
+            row += _time_cells(job, ns, gpus)
         notes.append("Times: ours of one CPU thread (docs/trade.md); the paper's of a GPU that it does not name.")
         if gpus:
             notes.append(f"GPU: {', '.join(gpus)}; the quickest execution in float32, of batches of 2^20.")
     return Table("parameters", title, headers, rows, notes, words=2)
+
+
+def _time_headers(gpus: Sequence[str]) -> list[tuple[str, str]]:
+    """The headers of the times; that of a GPU only if one was measured."""
+    headers = [("a sample", "ns eager"), ("a sample", "ns fused")]
+    if gpus:
+        headers.append(("a sample", "ns GPU"))
+    return [*headers, ("a sample", "ns paper")]
+
+
+def _time_cells(job: TimedJob, ns: Mapping[str, float], gpus: Sequence[str]) -> list[str]:
+    """The cells below `_time_headers`, of the ns of a sample by execution."""
+    cells = [fixed(ns.get("eager"), 0), fixed(ns.get("fused"), 0)]
+    if gpus:
+        cells.append(fixed(ns.get("gpu"), 1))
+    return [*cells, _published(job).ns]
 
 
 def _decoder(job: Job) -> tuple[int, bool, int, int]:
