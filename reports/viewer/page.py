@@ -52,7 +52,7 @@ def _encoded(source: Shader, encode: Callable[[bytes], object]) -> dict[str, obj
 
 
 class Data(NamedTuple):
-    """An element of a page that holds data. Its text is JSON, made by `as_json`, or base64 if its type is `text/plain`."""
+    """An element of a page that holds data: JSON, made by `as_json`, or base64 where its type is `text/plain`."""
 
     id: str
     text: str
