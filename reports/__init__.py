@@ -62,11 +62,13 @@ def table_text(
 ) -> str:
     """The tables of a run, or of several together, as `text`, `markdown`, `latex`, `csv` or `raw`.
 
-    `kind` picks one kind of table in `KINDS`; by default all are given, and their text in a shorter form. A `choice`
-    selects and renames codecs, materials and columns; text then has whole tables, too. `csv` has the cells of the
-    tables. `raw`, also a CSV, has one row a job with every number of its record for any kind, except for `trade`: one
-    row a choice. Raises `InputError` if the folder holds no run, or not what is chosen, `ValueError` for an unknown
-    format or kind.
+    `kind` picks one kind of table in `KINDS`. By default all kinds are given; as text they are then in the shorter
+    form for a terminal, unless there is a `choice`. A `choice` selects and renames codecs, materials and columns.
+
+    `csv` has the cells of the tables. `raw` is a CSV with unrounded numbers: one row a job with every number of its
+    record, whatever the kind; but for the kind `trade`, one row a choice.
+
+    Raises `InputError` if the folder holds no run, or not what is chosen, `ValueError` for an unknown format or kind.
     """
     from bench.compare.choosing import has_validation
     from bench.records import load_together
@@ -85,6 +87,7 @@ def table_text(
         return trade.choices_csv(run.folder) if kind == "trade" else results_csv(run)
     if format == "text" and kind is None and not choice:
         return terminal(run)
+    # A page of LaTeX is too narrow for all columns of a main table; a reader who picks columns decides that alone.
     narrow = format == "latex" and not (choice and choice.columns)
     against = choice.against if choice else ""
     return _written(all_tables(run, narrow, kind, against), format, choice)
@@ -105,12 +108,15 @@ def paper_text(run: "Run", absent: Mapping[str, str], format: str = "text", choi
 
 
 def _written(tables: Iterable["Table | None"], format: str, choice: "Choice | None" = None) -> str:
-    """Tables in a format; their `raw` form, too, is their cells."""
+    """Tables in a format; without records to write out, `raw` is the cells of the tables, as `csv` is."""
     from reports import text
 
     writers = {"text": text.plain, "markdown": text.markdown, "latex": text.latex}
+    write = writers.get(format, text.table_csv)
     shown = [table for table in tables if table]
-    return writers.get(format, text.table_csv)(choice.of_tables(shown) if choice else shown)
+    if choice:
+        shown = choice.of_tables(shown)
+    return write(shown)
 
 
 def score_text(record: "Job") -> str:

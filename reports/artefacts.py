@@ -19,20 +19,27 @@ Arrays = Mapping[str, np.ndarray]
 def arrays(folder: Path, job: Job, name: str, names: Collection[str] | None = None) -> Arrays | None:
     """The arrays of a job's artefact (`slices`, `pictures`), all or those named; None if missing or unreadable."""
     try:
-        place = cast(str, dict(job)[name])  # types of records know no names that vary
+        place = cast(str, dict(job)[name])  # a dict, because the type of a record allows no variable as a key
         return read_arrays(folder / place, MAX_FILE, names)
     except (OSError, KeyError, ValueError, TypeError):
         return None  # the records of a run are useful without its large files
 
 
 def of_shown(run: Run, material: MaterialRows, name: str, needed: Collection[str] = ()) -> list[tuple[Row, Arrays]]:
-    """The shown rows of a material whose artefacts have all needed arrays, with these; nothing else is read."""
-    stored = ((row, arrays(run.folder, row.job, name, needed or None)) for row in material.shown)
-    return [(row, each) for row, each in stored if each and each.keys() >= set(needed)]
+    """The shown rows of a material whose artefact `name` has all `needed` arrays, each row with these arrays.
+
+    Without `needed`, every row that has the artefact, with all its arrays.
+    """
+    found: list[tuple[Row, Arrays]] = []
+    for row in material.shown:
+        stored = arrays(run.folder, row.job, name, needed or None)
+        if stored and stored.keys() >= set(needed):
+            found.append((row, stored))
+    return found
 
 
 def angular(folder: Path, job: Job) -> dict[str, Any] | None:
-    """A job's bins and polar maps; None if the file is missing or unreadable."""
+    """A job's scores by bin of direction, and its polar maps; None if the file is missing or unreadable."""
     try:
         bins: dict[str, Any] = json.loads((folder / job["angular"]).read_text(encoding="utf-8"))
     except (OSError, KeyError, ValueError, TypeError, RecursionError):

@@ -69,14 +69,7 @@ def budgets_table(run: Run) -> Iterator[Table]:
 
 def _budgets(run: Run, result: Budgets, points: Points, materials: Sequence[str], kind: str) -> Iterator[Table]:
     """The table of some materials, if a line has a value there; `kind` is their kind and a space, "" for all kinds."""
-    columns: dict[Budget, dict[str, Reading]] = {}
-    for budget in result.limits:
-        if budget.kind == BYTES:
-            columns[budget] = readings(result, points, budget, materials)
-        else:
-            columns[budget] = {
-                line: Reading(value, off_curves=True) for line, value in result.ranked(budget, materials).items()
-            }
+    columns = {budget: _column(result, points, budget, materials) for budget in result.limits}
     lines = list(dict.fromkeys(chain.from_iterable(columns.values())))
     if not lines:
         return
@@ -91,7 +84,10 @@ def _budgets(run: Run, result: Budgets, points: Points, materials: Sequence[str]
         values: list[float | None] = [None]
         for budget, column in columns.items():
             reading = column.get(line)
-            cells.append(_read(reading) + "*" * (line in told.get(budget, ())))
+            cell = _read(reading)
+            if line in told.get(budget, ()):
+                cell += "*"
+            cells.append(cell)
             values.append(reading.value if reading else None)
         rows.append(cells)
         scores.append(values)
@@ -106,8 +102,18 @@ def _budgets(run: Run, result: Budgets, points: Points, materials: Sequence[str]
     yield Table("budgets", title, headers, rows, notes, marks=best_cells(rows, scores))
 
 
+def _column(result: Budgets, points: Points, budget: Budget, materials: Sequence[str]) -> dict[str, Reading]:
+    """PSNR of each line within a budget, the mean over some materials: at a size off curves, within a time of rungs."""
+    if budget.kind == BYTES:
+        return readings(result, points, budget, materials)
+    ranked = result.ranked(budget, materials)
+    # A rung within a time is what the column is about, so no cell needs the mark of a value that is not off curves.
+    return {line: Reading(value, off_curves=True) for line, value in ranked.items()}
+
+
 def _by_size(columns: Mapping[Budget, Mapping[str, Reading]], line: str) -> list[float]:
-    """The key by which rows are sorted: the value at 32 bits, which most codecs reach, then at sizes ever further."""
+    """The key that sorts rows, the best first: the value at `ENOUGH`, a size that most codecs reach, then at the sizes
+    next to it, and so on to the smallest and the largest."""
     sizes = [budget for budget in columns if budget.kind == BYTES]
     sizes.sort(key=lambda budget: abs(log2(budget.most / ENOUGH.most)))
     key = []
@@ -126,17 +132,19 @@ def _read(reading: Reading | None) -> str:
 
 
 def _header(budget: Budget, shapes: set[tuple[int, int]]) -> tuple[str, str]:
-    """A budget; one of bytes with the size of the file, if all surfaces have one shape."""
+    """A budget as a header. If all surfaces have one shape (height, width), one of bytes has the size of the file."""
     if budget.kind != BYTES:
         return f"{budget.most:g} {_unit(budget.kind)}", budget.kind
     if len(shapes) > 1:
         return f"{budget.most:g} bits", "a texel"
     ((height, width),) = shapes
-    return f"{budget.most:g} bits", f"{significant(budget.most * height * width / 8000, 2)} kB"
+    kilobytes = budget.most * height * width / 8000  # of bits a texel
+    return f"{budget.most:g} bits", f"{significant(kilobytes, 2)} kB"
 
 
 def rung_tables(run: Run) -> Iterator[Table]:
-    """The rungs that were chosen on each material, with their budgets and quality; first their means."""
+    """A table a material of the rungs that were chosen on it, with their budgets and quality. If there are several
+    materials, a table of the means over them comes first."""
     result = budgets(run)
     at_budgets = ("at bits, times" if result.times else "at bits a texel", "")
     notes = [_CHOICE, *_common(run, result)]
@@ -154,7 +162,7 @@ def rung_tables(run: Run) -> Iterator[Table]:
 
 def _mean_rows(result: Budgets) -> Iterator[list[str]]:
     """Bytes, PSNR, SSIM and FLIP of each codec, means over the materials; budgets of equal numbers share a row."""
-    found: dict[str, dict[tuple[str, ...], list[Budget]]] = {}  # by line and its numbers
+    found: dict[str, dict[tuple[str, ...], list[Budget]]] = {}  # by line and its numbers as shown: their budgets
     for budget in result.limits:
         for line, by_surface in result.picks(budget, result.surfaces).items():
             rungs = list(by_surface.values())
@@ -170,7 +178,7 @@ def _mean_rows(result: Budgets) -> Iterator[list[str]]:
 
 def _rung_rows(result: Budgets, material: str) -> Iterator[list[str]]:
     """A row for each rung that was chosen on a material; those of a line follow each other."""
-    found: dict[str, dict[str, tuple[Rung, list[Budget]]]] = {}  # by line and first job
+    found: dict[str, dict[str, tuple[Rung, list[Budget]]]] = {}  # by line and the rung's first job: rung and budgets
     for budget in result.limits:
         for line, rungs in result.picks(budget, [material]).items():
             rung = rungs[material]
@@ -186,11 +194,11 @@ def _rung_rows(result: Budgets, material: str) -> Iterator[list[str]]:
 
 
 def _span(limits: list[Budget]) -> str:
-    """Budgets in words, budgets of bytes as a range: 32–128, 8 × eager."""
+    """Budgets in words, those of bytes as one range in bits a texel: 32–128, 8 × eager."""
     bits = [f"{budget.most:g}" for budget in limits if budget.kind == BYTES]
     parts = []
     if bits:
-        ends = dict.fromkeys([bits[0], bits[-1]])  # a single budget is both
+        ends = dict.fromkeys([bits[0], bits[-1]])  # a single budget is both ends, and stands once
         parts.append("–".join(ends))
     for budget in limits:
         if budget.kind != BYTES:
@@ -258,6 +266,7 @@ def front_table(run: Run) -> Iterator[Table]:
     kinds = by_kind(result.surfaces) | {"all": list(result.surfaces)}
     columns = [readings(result, points, ENOUGH, surfaces) for surfaces in kinds.values()]
     picks = result.picks(ENOUGH, result.surfaces)
+    # Rows stand in the order of the column of all surfaces, which is the last; lines without a value there follow.
     lines = list(dict.fromkeys(chain.from_iterable(reversed(columns))))
     if not lines:
         return
@@ -273,8 +282,9 @@ def front_table(run: Run) -> Iterator[Table]:
         time = _mean_time(result, [rung.of for rung in picks.get(line, {}).values()])
         rows.append([line, *map(_read, read), *_lead_cells(line, lead, line in points), significant(time)])
         means = [reading.value if reading else None for reading in read]
-        quickest = None if time is None else -time
-        scores.append([None, *means, lead.median if lead else None, None, None, quickest])
+        median_lead = lead.median if lead else None
+        time_score = None if time is None else -time
+        scores.append([None, *means, median_lead, None, None, time_score])  # as the headers; None is not compared
     headers = [("codec", ""), *((f"{kind}, {len(many)}", "dB ↑") for kind, many in kinds.items())]
     headers += [("lead, median", "dB ↑"), ("95 % interval", "of the mean"), ("ahead", "on"), ("time", "× floor ↓")]
     title = f"At {in_words(ENOUGH)}: test PSNR, means over {', '.join(result.surfaces)}"
@@ -283,8 +293,9 @@ def front_table(run: Run) -> Iterator[Table]:
 
 
 def _mean_time(result: Budgets, rungs: Sequence[Sequence[Job]]) -> float | None:
-    """The mean time of a query, × floor, over rungs that were timed."""
-    times = [result.times.get(EAGER, {}).get(jobs[0]["job"]) for jobs in rungs]
+    """The mean time of a query, × floor, over rungs that were timed. A rung is given by its jobs, one a seed."""
+    eager = result.times.get(EAGER, {})  # by the first job of a rung
+    times = [eager.get(jobs[0]["job"]) for jobs in rungs]
     return average([time for time in times if time is not None])
 
 
@@ -303,7 +314,7 @@ def _lead_cells(line: str, lead: Summary | None, has_curves: bool) -> list[str]:
 
 def _lead_notes(leads: Mapping[str, Summary], points: Points) -> Iterator[str]:
     """Notes on the marks beside leads: what ° and * mean, or why no lead is told apart."""
-    if leads.keys() - points.keys():
+    if leads.keys() - points.keys():  # a line without curves has a lead
         yield "°: of fewer than three rungs, each at its own bytes."
     if any(lead.apart for lead in leads.values()):
         yield "*: told apart."
@@ -313,11 +324,13 @@ def _lead_notes(leads: Mapping[str, Summary], points: Points) -> Iterator[str]:
 
 
 def _lead(result: Budgets, points: Points, line: str) -> Summary | None:
-    """The lead of a line over `AGAINST` at equal bytes; None of that line itself, and where they share no bytes."""
+    """The lead of a line over `AGAINST` at equal bytes; None for that line itself, and where they share no bytes."""
     if line == AGAINST:
         return None
     anchor = points.get(AGAINST, {})
-    gaps = differences(dict(points[line]), dict(anchor)) if line in points else gaps_of_rungs(result, line, anchor)
+    has_curves = line in points
+    # With too few rungs for a curve, each rung is set against the other's curve at the rung's own bytes.
+    gaps = differences(dict(points[line]), dict(anchor)) if has_curves else gaps_of_rungs(result, line, anchor)
     return summarised(gaps) if gaps else None
 
 
@@ -350,7 +363,7 @@ def _unit(kind: str) -> str:
 
 def _common(run: Run, result: Budgets) -> Iterator[str]:
     """Notes on times, and on excluded records."""
-    if result.times.keys() - {FIT}:
+    if result.times.keys() - {FIT}:  # there are times of queries, and not of fits alone
         machines = "; ".join(_machines(run))
         yield f"Times: upper ends of 95 % intervals, × floor, one bilinear fetch; {machines}."
     left = []
@@ -370,9 +383,10 @@ def _machines(run: Run) -> list[str]:
     """The processors and cores on which times were measured, each once."""
     found: dict[str, None] = {}
     of_settings = [timing for timing in run.timings if "rounds" in timing]
-    timings = of_settings or run.timings
+    timings = of_settings or run.timings  # budgets take times of settings, if there are any
     for timing in timings:
         name = timing.get("run", "")
+        # A timing that names no start of the run is taken to be of the last one.
         starts = [start for start in run.starts if not name or start.get("run") == name]
         machine = starts[-1].get("machine", Machine()) if starts else Machine()
         parts = []

@@ -91,12 +91,14 @@ class Choice:
         return table.of_columns([*range(table.words), *places])
 
     def _renamed(self, table: Table) -> Table:
-        """Words at the left, title and notes get the new names of codecs and materials, headers those of columns."""
+        """The table with new names: of codecs and materials in the words at the left, the title and the notes, and of
+        columns in the headers."""
         words: list[str] = []
         rows = []
         for row in table.rows:
             words += row[: table.words]
             rows.append([*map(self.said, row[: table.words]), *row[table.words :]])
+        # In notes only names that this table has are replaced: that of another codec may be a plain word there.
         inside = {old for old in self.names if old == table.material or any(old in word for word in words)}
         headers = [self._renamed_header(header) for header in table.headers]
         notes = [self.said(note, inside) for note in table.notes]
@@ -104,17 +106,19 @@ class Choice:
         return replace(table, headers=headers, rows=rows, title=self.said(table.title), notes=notes, material=material)
 
     def _renamed_header(self, header: tuple[str, str]) -> tuple[str, str]:
-        """A header whose name alone, or whose whole line, has a new name; what a deviation is over stays."""
+        """A header, renamed if its name alone or its name with its unit has a new name; what a deviation is over
+        stays."""
         name, unit = header
         line = _named(header)
         if line in self.names:
-            _, sign, over = unit.partition("± ")
+            _, sign, over = unit.partition("± ")  # of "dB ↑ ± seeds" keep "± seeds"
             return self.names[line], sign + over
         return self.names.get(name, name), unit
 
     def said(self, text: str, old: set[str] | None = None) -> str:
         """A text with new names in place of the old ones (all, or those in `old`) where they stand as whole words."""
-        words = sorted(self.names if old is None else old, key=len, reverse=True)
+        replaced = self.names if old is None else old
+        words = sorted(replaced, key=len, reverse=True)  # of two that begin alike, the longer one is tried first
         if not words:
             return text
         pattern = "|".join(rf"(?<![\w-]){re.escape(word)}(?![\w-])" for word in words)
@@ -134,9 +138,10 @@ def _called(job: Job) -> tuple[str, ...]:
 
 
 def _named(header: tuple[str, str]) -> str:
-    """A header on one line, without what its deviation is over."""
+    """A header on one line, name and unit, without what its deviation is over."""
     return " ".join(header).partition("±")[0].strip()
 
 
 def _matches(wanted: str, header: tuple[str, str]) -> bool:
+    """Whether a word names a column, in capitals or not: by the name alone, or by name and unit."""
     return wanted.lower() in (header[0].lower(), _named(header).lower())

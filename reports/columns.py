@@ -25,12 +25,12 @@ Value = float | tuple[float, ...] | str | None  # a number, several numbers of o
 
 
 def elementwise(several: Sequence[tuple[float, ...]]) -> tuple[float, ...]:
-    """The mean of each element of several tuples, such as (mean, deviation over slices)."""
+    """The tuple of the means of the first elements, of the second ones, and so on, such as of (mean, deviation)."""
     return tuple(map(fmean, zip(*several, strict=True)))
 
 
 def hull(several: Sequence[tuple[float, ...]]) -> tuple[float, ...]:
-    """The interval that contains all of them."""
+    """The smallest interval (low, high) that contains all of these intervals."""
     return min(low for low, _ in several), max(high for _, high in several)
 
 
@@ -38,9 +38,9 @@ def hull(several: Sequence[tuple[float, ...]]) -> tuple[float, ...]:
 class Column:
     """A column: its name, its unit with an arrow to the better end, and its number for a measured row.
 
-    `value` finds the number and `write` formats it. If it is a tuple, `pool` combines those of several seeds into one.
-    `native` finds that of the measured data's own file, given its rank, bytes and bits. A `sparse` column is left out
-    if no row has a number for it. A `starred` number has a star, and is never the best.
+    `value` finds the number and `write` formats it. If the number is a tuple, `pool` makes one tuple of those of
+    several seeds. `native` finds the number of the measured data's own file, given its rank, bytes and bits. A `sparse`
+    column is left out if no row has a number for it. A `starred` number has a star, and is never the best.
     """
 
     name: str
@@ -64,17 +64,17 @@ class Column:
         return "*" if any(self.starred(row) and self.value(row) is not None for row in seeds) else ""
 
     def _text(self, seeds: Sequence[Row]) -> str:
-        """The text of a cell without its star: the number, of tuples their `pool`, or mean ± std; a dash without
-        seeds."""
+        """The text of a cell without its star: the number, the `pool` of tuples, or mean ± std over seeds; a dash
+        without seeds."""
         values = [self.value(row) for row in seeds]
         texts = [self._one_text(value) for value in values]
-        if len(set(texts)) < 2:
+        if len(set(texts)) < 2:  # all seeds read the same, or there is none
             return texts[0] if texts else NONE
         together = [value for value in values if isinstance(value, tuple)]
         if together:
             return self.write(self.pool(together))
         numbers = [value for value in values if isinstance(value, int | float)]
-        if not numbers:
+        if not numbers:  # only words, such as "exact" and a dash: that of the first seed
             return texts[0]
         if len(numbers) == 1 or not self.deviation:  # a single number: other seeds are exact or were not measured
             return self.write(fmean(numbers))
@@ -148,7 +148,7 @@ def _spread(name: str, scale: str, family: str, digits: int = 2) -> Column:
 
 
 def bits(job: Job, size: int) -> float:
-    """The bits a texel of so many bytes."""
+    """The bits a texel of a file of `size` bytes."""
     height, width = job["shape"]
     return 8 * size / (height * width)
 
@@ -162,7 +162,7 @@ def _timed(name: str, unit: str, field: str, write: Callable[..., str] = signifi
             return None
         if row.timing_obstacle and not row.timed_apart:
             return NOT_COMPARABLE
-        measured = dict(row.timing)[field]
+        measured = dict(row.timing)[field]  # a dict, because the type of a record allows no variable as a key
         return tuple(measured) if isinstance(measured, list) else cast(float, measured)
 
     return Column(name, unit, value, write, pool=hull, starred=lambda row: row.timed_apart)
@@ -267,7 +267,7 @@ def scored(material: MaterialRows) -> list[Column]:
 
 
 def short(material: MaterialRows) -> list[Column]:
-    """Columns that fit a terminal."""
+    """Columns that fit into the width of a terminal."""
     return means([*scored(material), *_declared(), _NS, _FLOOR, _FUSED], HELDOUT)
 
 
@@ -278,7 +278,7 @@ def means(chosen: Sequence[Column], *whole: Column) -> list[Column]:
 
 def quality(material: MaterialRows) -> list[Column]:
     """PSNR of training and of held-out pairs, and every other metric."""
-    # A row has one kind of deviation: that over seeds, if there are several.
+    # All cells of a row show one kind of deviation: that over seeds, if there are several seeds, else that over slices.
     if len(material.seeds) > 1:
         return [_TRAIN, HELDOUT, _WORST, _POOLED, *_others(material, _mean)]
     return [_TRAIN, PER_SLICE, _WORST, _POOLED, *_others(material, _spread)]
@@ -296,7 +296,9 @@ def papers(material: MaterialRows) -> list[Column]:
 
 def summary(materials: Sequence[MaterialRows]) -> list[Column]:
     """Columns of a summary over materials besides PSNR: every other metric, size, time."""
-    metrics: dict[str, tuple[str, MetricFacts]] = {}  # by label, since a metric has variants of one label
+    metrics: dict[
+        str, tuple[str, MetricFacts]
+    ] = {}  # by label: the variants of a metric have one label, and one column
     for material in materials:
         for name, facts in material.metrics.items():
             metrics[label_of(name)] = name, facts
@@ -311,7 +313,7 @@ def summary(materials: Sequence[MaterialRows]) -> list[Column]:
 
 
 def _others(material: MaterialRows, make: Callable[..., Column] = _spread) -> Iterator[Column]:
-    """A column for each metric but PSNR, and the errors of radiance, which have their own table."""
+    """A column for each metric other than PSNR, without the errors of radiance, which have their own table."""
     for name, metric in material.metrics.items():
         if name != PSNR and not is_relative(name):
             yield make(label_of(name), _scale(metric), family=name, digits=_digits(name))
@@ -357,12 +359,16 @@ def footprints(job: Job) -> list[Column]:
 
 
 def _bands(job: Job) -> list[tuple[str, str, int]]:
-    """(name, group, slices) of the pairs that decide and their subsets, without subsets of subsets."""
+    """(name, group, number of slices) of the pairs that decide, then of their subsets, without subsets of subsets.
+
+    A group is named after what it is part of: "heldout", then "heldout, grazing view".
+    """
     decides = deciding_group(job["scores"])
     bands = []
     for group in job["scores"]:
         prefix, _, band = group.partition(", ")
-        if prefix == decides and band and ", " not in band:
+        is_subset_of_subset = ", " in band
+        if prefix == decides and band and not is_subset_of_subset:
             bands.append((_BAND_NAMES.get(band, band), group))
     bands.sort(key=lambda item: _band_place(item[0]))
     groups = [("held out" if decides == "heldout" else "all", decides), *bands]

@@ -57,7 +57,7 @@ def terminal(comparison: Comparison) -> str:
 
 
 def _legend(comparison: Comparison) -> list[str]:
-    """What words and numbers of the tables mean."""
+    """What the words and numbers of the tables mean: only of those that these tables have."""
     legend = []
     if any(row.deciding for row in comparison.rows):
         legend.append(_LEGEND)
@@ -123,7 +123,7 @@ def _deciding(material: str, rows: Sequence[ComparedRow]) -> Table:
 
 
 def _cells(quantity: Quantity, change: Change | None) -> list[str]:
-    """The cell of a change, after that of the value if it is PSNR."""
+    """The cells of a change: for PSNR the value, then the change with its margin; for others one cell."""
     with_value = quantity.name == "PSNR"
     if change is None:
         return [NONE, NONE] if with_value else [NONE]
@@ -138,9 +138,10 @@ def _cells(quantity: Quantity, change: Change | None) -> list[str]:
 
 
 def _others(material: str, rows: Sequence[ComparedRow]) -> list[Table]:
-    """The table of values that do not decide: changes, new − base, and times; None if there are none."""
+    """A list of the one table of values that do not decide, or empty: changes, new − base, and times."""
     rows = [row for row in rows if row.shown]
     every = list(chain.from_iterable(row.shown for row in rows))
+    # A quantity that is the same in all rows needs no column.
     changed = {change.quantity.name for change in every if _difference(change) != "="}
     quantities = [quantity for quantity in _quantities([every]) if quantity.name in changed]
     if not quantities and not any(row.timing for row in rows):
@@ -162,14 +163,15 @@ def _difference(change: Change | None) -> str:
 
 
 def _combined(rows: Sequence[ComparedRow], by_row: Sequence[list[Change]], name: str, last: list[str]) -> Table:
-    """Value, change and margin of each quantity in one cell, bold where it decides against or for the row."""
+    """The table of some rows: value, change and margin of each quantity in one cell, bold where it makes a row worse or
+    better. `by_row` has the changes of each row; `name` and `last` are the header and the cells of the last column."""
     quantities = _quantities(by_row)
     cells = []
     marks: dict[tuple[int, int], str] = {}
     for i, row in enumerate(rows):
         changes = [_find(by_row[i], quantity) for quantity in quantities]
         cells.append([row.material, row.label, *map(_cell, changes), last[i]])
-        for j, change in enumerate(changes, 2):
+        for j, change in enumerate(changes, 2):  # after the columns of material and codec
             if change and change.verdict in (Verdict.WORSE, Verdict.BETTER):
                 marks[i, j] = BOLD
     headers = [("material", ""), ("codec", "")]
@@ -208,6 +210,7 @@ def _quantities(by_row: Iterable[Sequence[Change]]) -> list[Quantity]:
 
 
 def _find(changes: Sequence[Change], quantity: Quantity) -> Change | None:
+    """The change of a quantity, by its name; None if it is not among them."""
     return next((change for change in changes if change.quantity.name == quantity.name), None)
 
 

@@ -18,8 +18,12 @@ from reports.figures.pairs import Inset, pairs_figure
 PAIRS = "pairs"
 KINDS = (*figures.ALL, PAIRS)
 CM = 1 / 2.54  # in inches
-# Of plots at a width of their own, in inches: the margins, with room for two lines of words, and the plot's height.
-LEFT, RIGHT, TITLE, LABELS, PLOT = 0.75, 0.1, 0.6, 0.55, 0.75  # the last as a share of its width
+# The margins of plots at a width of their own, in inches:
+LEFT = 0.75
+RIGHT = 0.1
+TITLE = 0.6  # above, with room for two lines of words
+LABELS = 0.55  # below, with room for two lines of words
+PLOT = 0.75  # the height of a plot as a share of its width
 LETTER = 0.55  # mean width of a letter, as a share of the size of its text
 
 
@@ -71,7 +75,7 @@ def _scale(drawing: Drawing, width: float, texts: Sequence[Text]) -> None:
     before, height = drawing.get_size_inches()
     scale = width / before
     drawing.set_size_inches(width, scale * height)
-    drawing.set_dpi(drawing.get_dpi() / scale)
+    drawing.set_dpi(drawing.get_dpi() / scale)  # as many pixels as before, on fewer or more inches
     for text in texts:
         text.set_fontsize(scale * float(text.get_fontsize()))
 
@@ -82,14 +86,16 @@ def _narrow(drawing: Drawing, width: float) -> None:
     legends = [box for box in boxes if box is not None]
     drawing.set_figwidth(width)
     renderer = drawing.canvas.get_renderer()  # type: ignore[attr-defined]
-    below = max((legend.get_window_extent(renderer).height / drawing.dpi for legend in legends), default=0.0)
-    plot = PLOT * (width - LEFT)
+    legend_heights = [legend.get_window_extent(renderer).height / drawing.dpi for legend in legends]  # in inches
+    below = max(legend_heights, default=0.0)
+    plot = PLOT * (width - LEFT)  # the height of the axes
     height = TITLE + plot + LABELS + below
     drawing.set_figheight(height)
-    bottom = (LABELS + below) / height
+    bottom = (LABELS + below) / height  # Matplotlib takes margins as shares of the whole drawing
     drawing.subplots_adjust(left=LEFT / width, right=1 - RIGHT / width, bottom=bottom, top=1 - TITLE / height)
     for legend in legends:
         legend.set_loc("upper left")
+        # In units of the first axes: at their left edge, and as far below them as their labels take.
         legend.set_bbox_to_anchor((0, -LABELS / plot), transform=drawing.axes[0].transAxes)
     for axes in drawing.axes:
         for text in axes.get_children():  # its titles, and words beside points, which are short
@@ -100,7 +106,8 @@ def _narrow(drawing: Drawing, width: float) -> None:
 
 def _folded(text: Text, room: float) -> str:
     """The words of a text on lines that fit into a width in inches."""
-    letters = max(8, int(room * 72 / (LETTER * float(text.get_fontsize()))))
+    letter_points = LETTER * float(text.get_fontsize())
+    letters = max(8, int(room * 72 / letter_points))  # 72 points an inch
     lines = []
     for line in text.get_text().split("\n"):
         lines += textwrap.wrap(line, letters)

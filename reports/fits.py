@@ -50,12 +50,12 @@ def fit_tables(run: Run) -> Iterator[Table]:
 
 
 def _cells(fit: FitCurve) -> list[str]:
-    """PSNR, steps and seconds at the end of a fit, then steps and seconds to each goal, dashes if it was not
-    reached."""
+    """PSNR, steps and seconds at the end of a fit, then steps and seconds to each goal; dashes for a goal that it did
+    not reach."""
     steps, seconds, psnr = fit.points[-1]
     cells = [fixed(psnr, 2), integer(steps), significant(seconds, 2)]
     for goal in GOALS_DB:
-        reached = [(step, second) for step, second, psnr in fit.points if psnr >= goal]
-        step, second = reached[0] if reached else (None, None)
+        reached = [(step, second) for step, second, quality in fit.points if quality >= goal]
+        step, second = reached[0] if reached else (None, None)  # where it was first reached
         cells += [integer(step), significant(second, 2)]
     return cells

@@ -18,7 +18,7 @@ def _sha256(text: str) -> str:
 
 
 def _webp(figure: Figure) -> str:
-    """The address of a figure as WebP: half as large as its PNG, without loss but where it shows slices or texels."""
+    """A figure as the data URL of a WebP, half as large as its PNG; without loss, except for maps of texels."""
     lossy = figure.kind == "abrdf"
     how = {"quality": 90, "method": 4} if lossy else {"lossless": True, "quality": 30, "method": 1}
     with Image.open(io.BytesIO(figure.png)) as picture:

@@ -20,8 +20,9 @@ from reports.viewer.page import Shown, model_data
 
 BUDGET = 11_000_000  # characters of all models in a page
 LARGEST = 2_500_000  # of one model: more than a network with its latents takes, less than most tables of all pairs
-# Characters of a packed model a byte of its stored drawing, at least: 0.90 to 2.68 of 20 drawings of 10 codecs. What
-# is surely too large is not packed to be thrown away, which of ten codecs on ten materials took half of a report.
+# The least that a packed model takes, in characters for each byte of its stored drawing: of 20 drawings of 10 codecs it
+# is 0.90 to 2.68. By it a model that is surely too large is left out without being packed, because packing takes long:
+# of ten codecs on ten materials, half the time of a report.
 PACKED = 0.75
 GAMMA = 2.2  # of the levels of a truth; the viewer undoes it
 _TRUTH = "truth: few of its training pairs, 8 bit, interpolated between directions"
@@ -37,10 +38,13 @@ class Live:
 
 
 def live(run: Run, materials: Sequence[MaterialRows], share: float = 1) -> dict[str, Live]:
-    """The models of each material, codecs at their best settings, the best first, until the page's share is spent."""
+    """The models of each material, until this share of `BUDGET` is spent: the truths, then codecs, the best first.
+
+    A codec is live at the setting of its highest PSNR alone, once for the whole material and once for its scene.
+    """
     by_material = {material.name: Live({}, {}) for material in materials}
     left = int(share * BUDGET)
-    done: dict[tuple[str, bool, str], str] = {}  # the label that is live, by codec, whether of a scene, and material
+    done: dict[tuple[str, bool, str], str] = {}  # by codec, whether of a scene, and material: the label that is live
     for material in materials:
         packed = _packed_truth(run, material)
         if packed:
@@ -71,9 +75,9 @@ def live(run: Run, materials: Sequence[MaterialRows], share: float = 1) -> dict[
 
 
 def _packed_truth(run: Run, material: MaterialRows) -> str:
-    """The truth that a run stored to be drawn live, its slices as one picture; "" where it stored none.
+    """The truth that a run stored to be drawn live, packed; "" where it stored none, or one that is too large.
 
-    In 8 bit and as WebP it takes a tenth of its halves, of which the viewer makes floats again.
+    Its slices are stored as 16-bit floats. As one WebP of 8 bits they take a tenth; the viewer makes floats of it.
     """
     job = next((row.job for row in material.shown if "drawing" in row.job), None)
     if not job:
@@ -91,11 +95,17 @@ def _packed_truth(run: Run, material: MaterialRows) -> str:
 
 
 def _painted(half: bytes, shape: Sequence[int]) -> tuple[float, bytes]:
-    """The brightest value that a picture of slices, (n · H, W), shows, and the picture of them as WebP."""
+    """Slices as one WebP, one below the other, (n · H, W), and the value that is white in it.
+
+    `half` are the bytes of rows of four 16-bit floats, linear RGB and one that is not used, texel after texel and slice
+    after slice; rows that pad the texture follow. `shape` is (H, W).
+    """
     values = np.frombuffer(half, np.float16).reshape(-1, 4)[:, :3].astype(np.float32)
     height, width = shape
     count = len(values) // (height * width)
-    white = max(float(np.quantile(values, 0.999)), 1e-6)
+    white = max(
+        float(np.quantile(values, 0.999)), 1e-6
+    )  # not the largest: a few highlights would leave few levels to the rest
     levels = 255 * np.clip(values[: count * height * width] / white, 0, 1) ** (1 / GAMMA)
     out = io.BytesIO()
     sheet = np.round(levels).astype(np.uint8).reshape(count * height, width, 3)
@@ -124,14 +134,19 @@ def by_psnr(row: Row) -> float:
 
 
 def pack(data: object) -> str:
-    """The length of the JSON, the JSON, then the bytes in it, which it names as {raw: [from, length]}.
+    """Data with bytes in them as text for a page, whose `unpacked` reads it.
 
-    Deflated, in base64, as the page's `unpacked` reads it: smaller than with the bytes in base64 inside the JSON.
+    It is the length of the JSON in four bytes, the JSON, then all bytes one after the other, deflated and in base64. In
+    the JSON, {raw: [from, length]} stands in place of bytes. With bytes in base64 inside the JSON it would be larger.
     """
-    places: dict[bytes, list[int]] = {}
+    places: dict[bytes, list[int]] = {}  # of all bytes so far, in order: where they begin, and how many they are
 
     def place(raw: bytes) -> object:
-        return {"raw": places.setdefault(raw, [sum(map(len, places)), len(raw)])}
+        """What stands for bytes in the JSON; equal bytes are stored once."""
+        start = sum(map(len, places))
+        return {"raw": places.setdefault(raw, [start, len(raw)])}
 
     text = json.dumps(data, default=place).encode()
-    return base64.b64encode(zlib.compress(len(text).to_bytes(4, "little") + text + b"".join(places), 9)).decode()
+    length = len(text).to_bytes(4, "little")
+    packed = zlib.compress(length + text + b"".join(places), 9)
+    return base64.b64encode(packed).decode()

@@ -46,11 +46,14 @@ def cost_notes(material: MaterialRows) -> list[str]:
     times = map(about_times, [*_timing(material), *height_notes([material]), *_programs(material)])
     shared = []  # a codec whose file also needs the file of a network
     having = [row for row in material.measured if "shared" in row.job["bytes"]]
-    for size, rows in grouped(having, lambda row: row.job["bytes"]["shared"]).items():
+    by_size = grouped(having, lambda row: row.job["bytes"]["shared"])
+    for size, rows in by_size.items():
         names = ", ".join(dict.fromkeys(row.label for row in rows))
         needs = f"the decoder also needs the shared network, {size:,} bytes for all materials, not in the total."
         shared.append(Note((f"{names}: {needs}", _BYTES.__contains__)))
-    return [bytes_note, *shared, *times, *_not_comparable(material)] if material.first else []
+    if material.first is None:
+        return []
+    return [bytes_note, *shared, *times, *_not_comparable(material)]
 
 
 def common_notes(material: MaterialRows) -> list[str]:
@@ -89,11 +92,12 @@ def run_notes(run: Run) -> list[str]:
 
 
 def _metrics(material: MaterialRows) -> Iterator[str]:
-    """Full names of the metrics of the columns, with unit, direction, space and version."""
+    """A note with the full names of the metrics of the columns, and their unit, direction, space and version."""
     parts: list[Part] = []
     for name, each in material.metrics.items():
         words = [word for word in (each["unit"], each.get("space")) if word and word != "1"]
         text = ", ".join([f"{name} version {each.get('version', '?')}", *words, f"{each['direction']} is better"])
+        # Several columns show PSNR under other names, and need its definition as well.
         derived = {"PSNR train", "train", "worst tenth", "PSNR pooled"} if name == PSNR else set()
         parts.append((text, {label_of(name), *derived}.__contains__))
     if parts:
@@ -120,7 +124,7 @@ def _timing(material: MaterialRows) -> Iterator[str]:
 
 
 def one_texel_notes(rows: Iterable[Row]) -> Iterator[str]:
-    """Gives the time of codecs that answer texels if one drawn texel, instead of four, answers a query."""
+    """Notes on codecs that answer at texels: their time where one texel, drawn at random, answers a query, not four."""
     by_label: dict[str, list[float]] = {}
     for row in rows:
         if row.timing and "ratio_at_one_texel" in row.timing:
@@ -130,8 +134,8 @@ def one_texel_notes(rows: Iterable[Row]) -> Iterator[str]:
 
 
 def height_notes(materials: Sequence[MaterialRows]) -> Iterator[str]:
-    """Says for which materials the timed files of a codec store a height; marching it takes most of their time."""
-    found: dict[str, dict[bool, dict[str, None]]] = {}
+    """Notes on the materials for which timed files of a codec store a height; marching it takes most of their time."""
+    found: dict[str, dict[bool, dict[str, None]]] = {}  # by label, and whether there is a height: the materials
     for material in materials:
         for row in material.measured:
             settings = row.job.get("settings", {})
@@ -169,7 +173,8 @@ def _older(run: Run) -> Iterator[str]:
     for job in run.jobs:
         fitted = job.get("fitted", {}).get("git")
         scored = job.get("scored", {}).get("git")
-        if job["status"] == "ok" and {fitted, scored} - {run.starts[-1].get("git"), None}:
+        others = {fitted, scored} - {run.starts[-1].get("git"), None}  # None: the record does not say
+        if job["status"] == "ok" and others:
             older.setdefault((str(fitted), str(scored)), []).append(job["job"])
     for (fitted, scored), jobs in older.items():
         listed = ", ".join(jobs[:5])
@@ -222,7 +227,7 @@ def missing_note(run: Run) -> str:
 
 
 def beside(run: Run) -> str:
-    """The jobs that say which data a material of a run has, in words."""
+    """With which jobs the others of a run must agree to be comparable, in words."""
     return "the published ones" if run.published else "the newest"
 
 
@@ -255,5 +260,5 @@ def _grouped(cells: list[tuple[str, str]]) -> str:
     lacking: dict[str, dict[str, None]] = {}
     for material, label in cells:
         lacking.setdefault(label, {})[material] = None
-    labels = grouped(lacking, lambda label: tuple(sorted(lacking[label])))
+    labels = grouped(lacking, lambda label: tuple(sorted(lacking[label])))  # by the materials that they lack
     return "; ".join(f"{', '.join(alike)} on {', '.join(lacks)}" for lacks, alike in labels.items())

@@ -27,16 +27,14 @@ def significant(value: float | None, digits: int = 3) -> str:
         return "0"
     if not 1e-5 <= abs(value) < 1e7:
         return f"{value:.{digits - 1}e}"
-    exponent = int(f"{value:e}".rpartition("e")[2])
+    exponent = int(f"{value:e}".rpartition("e")[2])  # of ten, after rounding: 9.9999999 is 1e1
     decimals = max(0, digits - 1 - exponent)
     return f"{value:,.{decimals}f}"
 
 
 def stated(stats: "Statistics", *names: str) -> Any:
-    """A number of a metric's statistics, such as `pooled`; of several names, a tuple of those that have numbers.
-
-    `exact` if no slice has an error, `n/a` if no number applies, None without statistics.
-    """
+    """The number that a metric's statistics hold under a name, such as `pooled`; for several names, a tuple of those
+    that have numbers. `exact` if no slice has an error, `n/a` if none of them has a number, None without statistics."""
     if not stats:
         return None
     if stats.get("exact") and stats["exact"] == stats.get("slices"):
@@ -48,7 +46,7 @@ def stated(stats: "Statistics", *names: str) -> Any:
 
 
 def plus_minus(numbers: tuple[float, ...], digits: int) -> str:
-    """A mean ± a standard deviation."""
+    """Of (mean, standard deviation): mean ± deviation. Of a mean alone: the mean."""
     return " ± ".join(fixed(number, digits) for number in numbers)
 
 
@@ -59,4 +57,5 @@ def signed(difference: float, digits: int = 2) -> str:
 
 def interval(delta: "Interval") -> str:
     """A mean difference with its interval, and a mark if the codecs are told apart: −1.50 (−1.62 to −1.41) *."""
-    return f"{signed(delta.mean)} ({signed(delta.low)} to {signed(delta.high)}){' *' * delta.apart}"
+    mark = " *" if delta.apart else ""
+    return f"{signed(delta.mean)} ({signed(delta.low)} to {signed(delta.high)}){mark}"

@@ -66,7 +66,8 @@ def document(
 
 
 def _drawn(codecs: series.Series, plots: Sequence[series.Plot]) -> Iterator[Data]:
-    """The plots, with five digits of each number."""
+    """The plots, with five digits of each number, and what the page's code needs to draw them."""
+    # Numbers lie at any depth: write all as JSON, and round each one when it is read back.
     rounded = json.loads(json.dumps(plots), parse_float=lambda text: float(f"{float(text):.5g}"))
     drawn = {"codecs": codecs, "plots": rounded, "width": WIDTH, "magma": MAGMA.tolist()}
     yield Data("data", as_json(drawn))
@@ -74,7 +75,7 @@ def _drawn(codecs: series.Series, plots: Sequence[series.Plot]) -> Iterator[Data
 
 @dataclass(frozen=True)
 class Scene:
-    """What a run for a scene is read for: the gain of its models of the scene, pictures of it, and its table."""
+    """What a page says of the scene of a run: the gains of models of the scene, strips of pictures, and tables."""
 
     name: str
     gains: list[str]
@@ -83,7 +84,7 @@ class Scene:
 
 
 class Page:
-    """What stands on the page of a run. `share` of the budgets of pictures is its own."""
+    """What stands on the page of a run. The page may take this `share` of the budgets of slices and live models."""
 
     unfolded = OPEN
 
@@ -100,7 +101,7 @@ class Page:
         self.measured = [material for material in self.materials if material.first]
         self.sentence = _sentence(self.measured) if self.measured else ""
         self.nothing_measured = not any(table.kind == "main" for table in tables)
-        # Whose plots open the page: the means, "", or where there are none the first material.
+        # Whose plots open the page: "" for the means over all materials or, where there are none, the first material.
         over_all = any(not plot["material"] for plot in self.plots)
         self.opening = self.measured[0].name if self.measured and not over_all else ""
         self.live = live(run, self.materials, share)
@@ -151,16 +152,18 @@ class Page:
                 best.setdefault(str(shown[label].job.get("codec")), shown[label])
         if not best:
             return []
-        rows = list(best.values())
-        best_own = [row for row in rows[3:] if is_own(row.label)][:1]
+        rows = list(best.values())  # the best first
+        leaders, others = rows[:3], rows[3:]
+        best_own = [row for row in others if is_own(row.label)][:1]
         pictures = [("", f"{material.name}, truth")]
-        for row in [*rows[:3], *best_own]:
+        for row in [*leaders, *best_own]:
             psnr = EXACT if row.psnr is None else f"{fixed(row.psnr, 1)} dB"
             pictures.append((row.label, f"{row.label}: {psnr}, {integer(row.job['bytes']['total'])} bytes"))
         return pictures
 
     def _ranking(self, material: MaterialRows) -> list[str]:
-        """The labels of the codecs that a strip shows, the best first: of the run, so that all strips show the same."""
+        """The labels from which a strip takes its codecs, the best of the whole run first, so that all strips show the
+        same codecs."""
         return [each.label for each in ranked(self.run)]
 
     def summary(self) -> list[Table]:
@@ -170,13 +173,18 @@ class Page:
         return [self._narrowed(table) for table in first]
 
     def _narrowed(self, table: Table) -> Table:
-        """The summary, its decibels first, where a narrow window shows them, without what the page says elsewhere."""
+        """The summary as the page shows it; other tables as they are.
+
+        Its decibels come first, because a narrow window cuts off the right. The number of materials comes last, and
+        only if rows differ in it. The note on missing jobs is left out, because the page says it elsewhere.
+        """
         if table.kind != "summary":
             return table
         names = [name for name, _ in table.headers]
         psnr = names.index("PSNR")
         count = names.index("materials")
-        late = [count] if len({row[count] for row in table.rows}) > 1 else []
+        rows_differ = len({row[count] for row in table.rows}) > 1
+        late = [count] if rows_differ else []
         rest = [i for i in range(1, len(names)) if i not in (psnr, count)]
         notes = [each for each in table.notes if each != missing_note(self.run)]
         return replace(table.of_columns([0, psnr, *rest, *late]), notes=notes)
@@ -269,10 +277,13 @@ class PageRecords:
                 self.records.append(record)
 
     def place(self, material: str, label: str) -> str:
-        """A link to a record's element, without a material to the codec's first one; "" where there is none."""
+        """A link to the element of a codec's record; "" where there is none. Without a material, to its first one."""
         if material:
             return self.places.get((material, label), "")
-        return next((place for (_, other), place in self.places.items() if other == label), "")
+        for (_, other), place in self.places.items():
+            if other == label:
+                return place
+        return ""
 
 
 def _shown_record(row: Row, without: Set[str]) -> dict[str, Any]:

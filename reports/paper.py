@@ -35,10 +35,10 @@ SUITE = "ablation"
 
 
 def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | None:
-    """Two rows for each codec and material of the paper's table, or nearest to it; None where the run has neither.
+    """Two rows for each codec on each material of the paper's table, or on one that is nearest to it; else None.
 
-    Where a material is not there its row says `none yet`, the paper's figures stand, and a note says where to get it.
-    `absent` holds that by material, for those that no run asked for.
+    A material that could not be had has one row with the paper's figures beside `none yet`, and a note says where to
+    get it. `absent` says where by material, for materials that no job of the run names.
     """
     jobs = [job for job in run.jobs if job["material"] in PUBLISHED]
     jobs += [job for job in of_suite(run, NEAREST_SUITE) if job["material"] in NEAREST]
@@ -67,13 +67,14 @@ def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | No
 
 
 def _rows(job: Job) -> Iterator[list[str]]:
-    """The rows of a job over all pairs, beside the paper's, and over those held out."""
+    """The rows of a job: over all pairs, beside the paper's figures, and over the held-out pairs."""
     material = str(job["material"])
     name = material if material in PUBLISHED else f"{material}, for {NEAREST[material]}"
     height, width = job.get("shape", (0, 0))
     if height != width:  # the paper's are square
         name += f", {height} × {width}"
-    figures = PUBLISHED[NEAREST.get(material, material)] if job["label"].split()[0] == METHOD else {}
+    of_method = job["label"].split()[0] == METHOD
+    figures = PUBLISHED[NEAREST.get(material, material)] if of_method else {}
     measured = job["status"] == "ok"
     shown = _PAIRS if measured else _PAIRS[:1]  # a job without numbers has one row, which says why
     for pairs, group in shown:
@@ -94,7 +95,8 @@ def _quality(job: Job, family: str, group: str, digits: int) -> str:
 
 
 def ablation_table(run: Run) -> Table | None:
-    """A row for each change; its quality on each material, a mean over seeds. None where the suite was not run."""
+    """A row for each change to a codec, with its quality on each material, a mean over seeds. None if the suite was not
+    run."""
     jobs = [job for job in of_suite(run, SUITE) if job["status"] == "ok"]
     if not jobs:
         return None
@@ -108,7 +110,7 @@ def ablation_table(run: Run) -> Table | None:
         "A change is told by the settings that differ from the row “as it is”.",
     ]
     firsts: dict[str, Job] = {}
-    base: dict[str, str] = {}  # of each codec the first label, which is the codec as it is
+    base: dict[str, str] = {}  # by codec: its first label in the suite, which is the codec as it is
     for job in jobs:
         firsts.setdefault(job["label"], job)
         base.setdefault(job["codec"], job["label"])

@@ -4,7 +4,7 @@ Those of NeuBTF, NeuMIP and both of Rainer's are from Table 2 of Rodriguez-Pardo
 "NeuBTF", Computers & Graphics 114 (2023); the others follow from the layers in their papers or their authors' code.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 from typing import NamedTuple, cast
 
@@ -53,8 +53,9 @@ def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
     decoders = grouped(finished, _decoder)
     if not decoders:
         return None
+    # By codec and recipe. Decoders that are equal in both stay in the order of the jobs, because sorting is stable.
     alike = [decoders[key] for key in sorted(decoders, key=lambda key: key[:2])]
-    chosen = [min(group, key=lambda job: len(job["label"])) for group in alike]  # the fewest settings
+    chosen = [min(group, key=lambda job: len(job["label"])) for group in alike]  # of each, the label of fewest settings
     counted = list(chain.from_iterable(alike))
     headers = [("method", ""), ("codec", "")]
     for what in ("param.", "channels"):
@@ -78,24 +79,36 @@ def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
     times = [_times(group) for group in alike]
     if any(times):
         gpus = sorted({job["gpu"] for job in counted if "gpu" in job})
-        headers += [("a sample", "ns eager"), ("a sample", "ns fused")]
-        if gpus:
-            headers.append(("a sample", "ns GPU"))
-        headers.append(("a sample", "ns paper"))
+        headers += _time_headers(gpus)
         for row, job, ns in zip(rows, chosen, times, strict=True):
-            row += [fixed(ns.get("eager"), 0), fixed(ns.get("fused"), 0)]
-            if gpus:
-                row.append(fixed(ns.get("gpu"), 1))
-            row.append(_published(job).ns)
+            row += _time_cells(job, ns, gpus)
         notes.append("Times: ours of one CPU thread (docs/trade.md); the paper's of a GPU that it does not name.")
         if gpus:
             notes.append(f"GPU: {', '.join(gpus)}; the quickest execution in float32, of batches of 2^20.")
     return Table("parameters", title, headers, rows, notes, words=2)
 
 
+def _time_headers(gpus: Sequence[str]) -> list[tuple[str, str]]:
+    """The headers of the times; that of a GPU only if one was measured."""
+    headers = [("a sample", "ns eager"), ("a sample", "ns fused")]
+    if gpus:
+        headers.append(("a sample", "ns GPU"))
+    return [*headers, ("a sample", "ns paper")]
+
+
+def _time_cells(job: TimedJob, ns: Mapping[str, float], gpus: Sequence[str]) -> list[str]:
+    """The cells below `_time_headers`, of the ns of a sample by execution."""
+    cells = [fixed(ns.get("eager"), 0), fixed(ns.get("fused"), 0)]
+    if gpus:
+        cells.append(fixed(ns.get("gpu"), 1))
+    return [*cells, _published(job).ns]
+
+
 def _decoder(job: Job) -> tuple[int, bool, int, int]:
-    """What tells decoders apart, the order of their rows first: the codec, and whether the recipe is ours."""
-    ours = job.get("settings", {}).get("recipe", "paper") != "paper"  # and the codec has one as published
+    """What tells decoders apart: the place of the codec in `PUBLISHED`, whether the recipe is ours, the parameters, and
+    the channels of the texture. The first two also order the rows."""
+    # A codec without the setting `recipe` has only the one that was published.
+    ours = job.get("settings", {}).get("recipe", "paper") != "paper"
     order = list(PUBLISHED).index(job["codec"])
     return order, ours, cast(int, job["parameters"]), job["cost"]["texture_channels"]
 
@@ -107,7 +120,7 @@ def _beside(ours: int, published: int) -> list[str]:
 
 
 def _times(group: Iterable[TimedJob]) -> dict[str, float]:
-    """The ns of a sample by execution, of any settings of a decoder."""
+    """The ns of a sample by execution, of all jobs with one decoder; of several with a time, that of the last."""
     times: dict[str, float] = {}
     for job in group:
         times |= job.get("ns", {})
@@ -115,4 +128,5 @@ def _times(group: Iterable[TimedJob]) -> dict[str, float]:
 
 
 def _published(job: Job) -> Published:
+    """The numbers that belong beside a job: those of its codec's paper or, for that edition, of the authors' code."""
     return _ZELTNER_CODE if job.get("settings", {}).get("edition") == "code" else PUBLISHED[job["codec"]]

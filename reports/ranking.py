@@ -28,12 +28,13 @@ def ranked(run: Run) -> list[Standing]:
 def against_one(run: Run, wanted: str = "") -> Against:
     """The paired differences of the ranked codecs to the row `wanted`, a label or the name of a codec with one row.
 
-    By default that is the first row of `AGAINST` or, without it, the suite's first: no result chooses it. Raises
-    `InputError` for a row that is not there, or not measured on all materials.
+    By default that is the first row of the codec `AGAINST` or, without one, the first row in the order of the suite, so
+    that no result decides which row it is. Raises `InputError` for a row that is not there, or that was not measured
+    on all materials.
     """
     ranking = [each.label for each in ranked(run) if each.rank is not None]
     order = dict.fromkeys(codec.label for material in materials(run) for codec in material.codecs)
-    racing = [label for label in order if label in ranking]
+    racing = [label for label in order if label in ranking]  # those with a rank, in the order of the suite
     if wanted:
         first = _row_named(wanted, racing)
     elif racing:
@@ -50,9 +51,10 @@ def rows_of(codec: str, run: Run) -> int:
 
 
 def _row_named(wanted: str, labels: Sequence[str]) -> str:
-    """The label of the row that a label, with or without "(our recipe)", or the name of a codec names."""
+    """The label of the one row that is meant by `wanted`: a label, which may lack "(our recipe)", or a codec's name."""
     named = [label for label in labels if wanted in (label, label.replace(" (our recipe)", ""))]
-    named = named or [label for label in labels if label.split()[0] == wanted]
+    if not named:
+        named = [label for label in labels if label.split()[0] == wanted]
     if len(named) != 1:
         why = "it has several rows" if named else "no row on all materials has this label"
         raise InputError(f"--against {wanted}: {why}: name one of {'; '.join(named or labels)}")

@@ -60,8 +60,10 @@ class Row:
     def psnr(self) -> float | None:
         """The mean display PSNR of the slices that decide, in dB; None if they have no error."""
         stats = self.stats(self.deciding_group, PSNR)
-        # Equal also where nothing was measured, and both are absent.
-        return None if stats.get("exact") == stats.get("slices") else stats.get("mean")
+        # No slice has an error. Where nothing was measured, both counts are absent, so equal: the answer is None, too.
+        if stats.get("exact") == stats.get("slices"):
+            return None
+        return stats.get("mean")
 
     def metric(self, family: str) -> str:
         """The full name of the metric of a family that scored this job (`ssim` → `ssim_periodic`), or ""."""
@@ -95,7 +97,7 @@ class CodecRows:
 
     @property
     def ladder(self) -> str:
-        """The name of the ladder of rates that a figure joins, for a codec at several settings; else the codec."""
+        """The name of the curve that a figure draws through several settings of a codec; else the codec's name."""
         job = self.measured[0].job
         return str(job.get("curve") or job.get("codec") or self.label)
 
@@ -133,7 +135,7 @@ class MaterialRows:
 
     @property
     def first(self) -> Job | None:
-        """The record that stands for what the comparable rows share: split, shape, metrics."""
+        """A record to read from what all comparable rows share: split, shape, metrics; None if nothing was measured."""
         return next((row.job for row in self.measured), None)
 
     @cached_property
@@ -171,7 +173,10 @@ def of_suite(run: Run, suite: str) -> list[Job]:
 
 
 def facts_of(job: Job, metric: str) -> MetricFacts:
-    """A metric as a record describes it, or else as it describes a variant, such as the periodic one of frames."""
+    """A metric as a record describes it or, if it does not, as it describes a variant of the metric.
+
+    Frames, for example, are scored by SSIM, while slices are scored by the periodic variant.
+    """
     known = job["metrics"]
     found = known.get(metric) or known.get(metric_of(known, metric))
     return found or MetricFacts(unit="1", direction="higher")  # an older record does not describe it
@@ -194,7 +199,8 @@ def _rows(run: Run, jobs: list[Job], unlike: dict[str, str]) -> Iterator[Row]:
     timings = {job["job"]: run.timing(job) for job in jobs if job["status"] == "ok"}
     timed = [timing for timing in timings.values() if timing]
     counts = Counter(timing["run"] for timing in timed)
-    # Of the start that timed most rows, of several the last: one codec timed again leaves the others' times as they are
+    # A timing of the start that timed most rows, against which the others are held; of several such starts, the last.
+    # So a single codec that is timed again is the one with a star, and the times of all others stay as they are.
     common = max(timed, key=lambda timing: (counts[timing["run"]], timing["run"]), default=Timing())
     seeds = {job.get("seed") for job in jobs}
     fused = fused_times(run)

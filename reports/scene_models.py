@@ -43,7 +43,10 @@ def gains(rows: Sequence[SceneModel]) -> list[str]:
 
 
 def gain(full_bytes: int, scene_bytes: int, qualities: Sequence[tuple[str, float | None, float | None]]) -> str:
-    """What a model of a scene saves in bytes, and gains in PSNR: by name, of the full model and of the scene's."""
+    """What a model of a scene saves in bytes, and gains in PSNR.
+
+    Each of `qualities` is where PSNR was measured, in words, that of the full model, and that of the scene's model.
+    """
     words = [f"{scene_bytes:,} instead of {full_bytes:,} bytes ({scene_bytes / full_bytes:.0%})"]
     for name, full, scene in qualities:
         if full is not None and scene is not None:
@@ -63,9 +66,12 @@ def in_pairs(material: MaterialRows) -> Iterator[tuple[Row, Row]]:
 def scene_gains(material: MaterialRows) -> Iterator[str]:
     """What each model of the scene saves in bytes and gains in PSNR against the whole model at the same settings."""
     for full, row in in_pairs(material):
-        held = [stats_of(each.job, PSNR, SCENE_HELDOUT).get("mean") for each in (full, row)]
-        frames = [each.job["scene"]["metrics"].get(PSNR) for each in (full, row)]
-        qualities = [("held-out pairs", held[0], held[1]), ("the pixels of its frames", frames[0], frames[1])]
+        full_held, scene_held = (stats_of(each.job, PSNR, SCENE_HELDOUT).get("mean") for each in (full, row))
+        full_frames, scene_frames = (each.job["scene"]["metrics"].get(PSNR) for each in (full, row))
+        qualities = [
+            ("held-out pairs", full_held, scene_held),
+            ("the pixels of its frames", full_frames, scene_frames),
+        ]
         yield f"{row.name}: {gain(full.job['bytes']['total'], row.job['bytes']['total'], qualities)}"
 
 
@@ -77,11 +83,11 @@ def scene_quality(codec: CodecRows) -> float:
         held = stats_of(row.job, PSNR, SCENE_HELDOUT)
         in_frames = row.job["scene"]["metrics"].get(PSNR) if "scene" in row.job else None
         value = held.get("mean") if held else in_frames
-        values.append(MOST_DB if value is None else value)
+        values.append(MOST_DB if value is None else value)  # None: there is no error
     return fmean(values) if values else float("-inf")
 
 
 def _but_scene(row: Row) -> str:
-    """The codec, settings and seed of a row, without whether it was fitted to the scene."""
+    """A key of a row's codec, settings and seed that leaves out whether it was fitted to the scene."""
     settings = {key: value for key, value in row.job["settings"].items() if key != "scene"}
     return json.dumps([row.job.get("codec"), settings, row.job.get("seed")], sort_keys=True)

@@ -23,7 +23,8 @@ def scene_strips(run: Run, material: MaterialRows) -> Iterator[list[tuple[str, s
     chosen = [stored[label] for label in _chosen(material) if label in stored]
     if not chosen:
         return
-    truth = chosen[0][1]["truth"]
+    _, first = chosen[0]
+    truth = first["truth"]  # (n, H, W, 3), the same for all
     for number, picture in enumerate(truth):
         pictures = [("the reference table", _webp(picture))]
         pictures += [(_caption(row), _webp(frames["decoded"][number])) for row, frames in _alike(chosen, truth)]
@@ -33,17 +34,17 @@ def scene_strips(run: Run, material: MaterialRows) -> Iterator[list[tuple[str, s
 def _chosen(material: MaterialRows) -> list[str]:
     """The labels of the shown models: each model of the scene after its whole one, or else the best whole models."""
     pairs = sorted(in_pairs(material), key=lambda pair: _psnr(pair[1]), reverse=True)
-    labels = {scene.label: [whole.label, scene.label] for whole, scene in pairs}  # once, whatever its seeds
-    if labels:
+    by_scene_model = {scene.label: [whole.label, scene.label] for whole, scene in pairs}  # the seeds of a model are one
+    if by_scene_model:
         shown: list[str] = []
-        for pair in list(labels.values())[:PAIRS]:
-            shown += pair
+        for labels in list(by_scene_model.values())[:PAIRS]:
+            shown += labels
         return shown
     return [row.label for row in sorted(material.shown, key=_psnr, reverse=True)[:WHOLE]]
 
 
 def _alike(chosen: list[tuple[Row, Arrays]], truth: np.ndarray) -> list[tuple[Row, Arrays]]:
-    """Those whose frames are as many and as large as the first one's."""
+    """The models whose decoded frames are as many and as large as those of the truth, (n, H, W, 3)."""
     return [(row, frames) for row, frames in chosen if frames["decoded"].shape == truth.shape]
 
 

@@ -19,7 +19,7 @@ Series = list[dict[str, Any]]
 QUALITY = "display PSNR, dB"
 MOST_LINES = 24  # of a plot
 _CROWDED = ("fits", "footprints", "slices")  # plots with a line or a row for each setting
-_MEANS = ("rate", "speed", "cost")  # of which there is a plot over all materials
+_MEANS = ("rate", "speed", "cost")  # plots of which there is also one of the means over all materials
 _DASHES = {"--": "6 3", ":": "2 3", "-.": "6 3 2 3"}  # lines of Matplotlib as SVG has them
 
 
@@ -53,14 +53,14 @@ def plots_of(run: Run) -> list[Plot]:
 def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -> Iterator[Plot]:
     """The plots of a material, which show scores of the whole of it: models of a scene stand in none."""
     whole = [codec for codec in material.codecs if not codec.of_scene]
-    best = whole
+    best = whole  # the codecs in crowded plots
     words = ""
     if len(whole) > MOST_LINES:
         best = _at_their_best(whole)
         words = ", each codec at its best setting"
 
     def plot(kind: str, title: str, x: dict[str, Any], y: str, series: Series) -> Plot:
-        """A plot as JSON can hold it; `missing` are the codecs that it is for and that have no point."""
+        """A plot as JSON can hold it. `missing` are the codecs that should be in it, but have no point."""
         drawn = {each["label"] for each in series}
         due = best if kind in _CROWDED else whole
         return {
@@ -113,14 +113,14 @@ def _at_their_best(codecs: Sequence[CodecRows]) -> list[CodecRows]:
 
 
 def _time(row: Row) -> list[float] | None:
-    """The ns of a sample, and their interval, where they may be compared."""
+    """The ns of a sample, and the low and high end of their interval; None where they must not be compared."""
     if not row.timing or (row.timing_obstacle and not row.timed_apart):
         return None
     return [row.timing["ns_per_sample"], *row.timing["interval95_ns"]]
 
 
 def _fit_seconds(row: Row) -> list[float] | None:
-    """The seconds of a fit, which nobody measured of a file that was handed in."""
+    """The seconds of a fit in a list; None if they are not known, as for a file that was handed in."""
     seconds = row.job.get("fit_seconds")
     return [seconds] if seconds else None
 
@@ -131,7 +131,10 @@ def _lines(curves: dict[str, list[list[float]]]) -> Series:
 
 
 def _points(codecs: Sequence[CodecRows], of_row: Callable[[Row], list[float] | None]) -> Series:
-    """One point a codec, [x, PSNR, low, high of all seeds], a mean over seeds; `curve` joins those of a ladder."""
+    """One point a codec, [x, PSNR] or [x, PSNR, low, high], means over seeds; a line joins points of the same `curve`.
+
+    `of_row` gives [x] or [x, low, high] of a seed. The point has the lowest low and the highest high of all seeds.
+    """
     series = []
     for codec in codecs:
         places = []
@@ -142,7 +145,7 @@ def _points(codecs: Sequence[CodecRows], of_row: Callable[[Row], list[float] | N
                 places.append(place)
                 qualities.append(row.psnr)
         if places:
-            x, *ends = zip(*places, strict=True)
+            x, *ends = zip(*places, strict=True)  # from a list a seed to a tuple a number
             point = [fmean(x), fmean(qualities)]
             if ends:
                 lows, highs = ends
@@ -152,7 +155,10 @@ def _points(codecs: Sequence[CodecRows], of_row: Callable[[Row], list[float] | N
 
 
 def _footprints(codec: CodecRows) -> list[list[float]]:
-    """[side in texels, mean display PSNR of slices in dB], means over seeds, where every seed has an error."""
+    """[side in texels, mean display PSNR of slices in dB] for each footprint, a mean over seeds.
+
+    A footprint is left out if a seed has no number for it, because it was not measured or has no error.
+    """
     stats = [row.job.get("footprints", {}) for row in codec.measured]
     sides = {int(side) for each in stats for side in each if side.isdecimal()}
     points = []
@@ -165,18 +171,21 @@ def _footprints(codec: CodecRows) -> list[list[float]]:
 
 
 def _mean(kind: str, by_material: Sequence[Plot], count: int) -> Plot:
-    """The mean over materials of each codec that has a point on all of them."""
+    """The plot of one kind over all materials: a point a codec, the mean of its points.
+
+    `count` is the number of materials. A codec without a point on one of them is among the `missing` ones.
+    """
     chosen = [plot for plot in by_material if plot["kind"] == kind]
     by_label: dict[str, Series] = {}
     for plot in chosen:
         for each in plot["series"]:
             by_label.setdefault(str(each["label"]), []).append(each)
     series = []
-    for all_of in by_label.values():
-        if len(all_of) == count:
-            points = [each["points"][0] for each in all_of]  # a codec has one on each material
+    for on_materials in by_label.values():
+        if len(on_materials) == count:
+            points = [each["points"][0] for each in on_materials]  # in these plots a codec has one point a material
             mean = [fmean(numbers) for numbers in zip(*points, strict=True)]
-            series.append(all_of[0] | {"points": [mean]})
+            series.append(on_materials[0] | {"points": [mean]})
     drawn = {each["label"] for each in series}
     labels = list(by_label)
     for plot in chosen:
@@ -187,7 +196,7 @@ def _mean(kind: str, by_material: Sequence[Plot], count: int) -> Plot:
 
 
 def _quantiles(run: Run, row: Row) -> list[float]:
-    """The PSNR of slices that decide at 5, 25, 50, 75 and 95 %, the best last; nothing where none has an error."""
+    """The 5, 25, 50, 75 and 95 % quantiles of the PSNR of slices that decide, in dB; empty where none has an error."""
     try:
         values = decibels(run.folder, row.job)
     except InputError:  # the records of a run are useful without its large files

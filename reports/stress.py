@@ -14,7 +14,8 @@ FOLD = 36  # columns of a terminal for the name of an extreme
 
 
 def stress_tables(run: Run) -> list[Table]:
-    """The tables of a run's own stress records, else of those beside it, for the codecs of the run."""
+    """The tables of a run's own stress records. Without any, those of the stress test in the folder beside the run,
+    of which only codecs of the run in the same version are shown."""
     if len(run.stress):
         return tables(run.stress)
     folder = run.folder.parent / STRESS
@@ -113,7 +114,8 @@ class _Cells:
         notes = [f"FAIL {record['subject']}, {record['extreme']}: {record['detail']}" for record in failed]
         if any(record["group"] != PICTURES for record in failed):
             notes.append('To try one cell again: neubtf-bench stress --codec CODEC --case "EXTREME"')
-        worst: dict[str, tuple[float, Stress]] = {}  # by extreme with a measured margin: what comes closest to it
+        # By extreme with a measured margin: the record that uses most of it, and what share of it that uses.
+        worst: dict[str, tuple[float, Stress]] = {}
         for record in self.records.values():
             used = record.get("used")
             extreme = record["extreme"]
@@ -127,5 +129,5 @@ class _Cells:
 
 
 def _reason(record: Stress) -> str:
-    """Why a case does not apply, without the sizes that differ from cell to cell."""
+    """Why a case does not apply, without the size of the reference, so that cells with one reason share a letter."""
     return re.sub(r"^reference is [^,]*, and ", "", record["detail"])

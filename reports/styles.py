@@ -13,7 +13,8 @@ COLOURS = (
     *("#FC6060", "#007800", "#9000FC", "#849C00", "#FC30F0", "#6C6090", "#486C60", "#CC0000", "#0054FC", "#A830A8"),
     "#B454FC",
 )
-# Colours of codecs from outside, alike apart from those. No two of 42 such codecs share both colour and marker.
+# Colours of codecs from outside, which differ as much from the ones above. There are 3 colours and 14 markers, so that
+# no two of 42 such codecs share both.
 OWN = ("#FC24B4", "#607830", "#CC7854")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*", "d", "8")
 LINES = ("-", "--", ":", "-.")
@@ -38,6 +39,7 @@ class Styles:
         """How `plot` draws a label, or a ladder of rates; markers are hollow at every second setting."""
         codec = _codec(label)
         variants = self.variants.get(codec, [])
+        # A ladder of rates is named after its codec and has no label of its own: it looks like the first setting.
         variant = variants.index(label) if label in variants else 0
         known: Sequence[str] = self.own if is_own(label) else KNOWN
         colours = OWN if is_own(label) else COLOURS
@@ -53,7 +55,7 @@ class Styles:
 
 
 def is_own(label: str) -> bool:
-    """Whether a codec is not one of the package: the reader's own, most likely."""
+    """Whether the codec of a label is not one of the package, so most likely the reader's own."""
     return _codec(label) not in KNOWN
 
 

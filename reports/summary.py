@@ -22,9 +22,9 @@ MANY = 10  # materials from which the interval of their mean is shown; on fewer,
 def summary_table(run: Run, intervals: bool = True, against: str = "") -> Table | None:
     """A row a codec; None if fewer than two codecs were measured. Without `intervals` no slice is read.
 
-    A codec that lacks a material has no means, because they would not be over the materials of the other rows, nor has
-    a model of a scene, which answers for its scene alone. The others are set `against` a row; see
-    `reports.ranking.against_one`, which raises `InputError`.
+    A codec that lacks a material has no means, because they would not be over the materials of the other rows. A model
+    of a scene has none either, because it answers for its scene alone. With `intervals`, the codecs are set `against`
+    one row; see `reports.ranking.against_one`, which raises `InputError`.
     """
     from reports.ranking import ranked  # loads NumPy, which a table of one material does not need
 
@@ -87,14 +87,17 @@ def _standing_cells(
         mean = _mean(column, codecs) if has_rank else None
         star = column.star(seeds)
         row.append(NONE if mean is None else column.write(mean) + star)
-        score.append(None if mean is None or star else column.sign * mean)  # a star is not ranked
+        if mean is None or star:  # a time that was measured apart is not ranked
+            score.append(None)
+        else:
+            score.append(column.sign * mean)
     if not has_rank:
         score = [None] * len(score)
     return row, score
 
 
 def _lacking(measured: Sequence[MaterialRows]) -> list[str]:
-    """A note on the codecs without means, with the materials that each lacks; none if there are no such codecs."""
+    """A list of one note on the codecs without means, with the materials that each lacks; empty without such codecs."""
     measured_on: dict[str, list[str]] = {}
     for material in measured:
         for codec in material.codecs:
@@ -114,14 +117,18 @@ def _lacking(measured: Sequence[MaterialRows]) -> list[str]:
 def _differences(
     run: Run, labels: Sequence[str], materials: Sequence[str], wanted: str
 ) -> tuple[list[tuple[str, str]], list[list[str]], list[Note]]:
-    """Headers, cells by row and notes of the paired differences to one row: the mean over materials and, on several
-    but fewer than `MANY` materials, whose mean says little of others, the difference on each with its interval."""
+    """Headers, cells by row and notes of the paired differences of PSNR to the row `wanted`, or to the usual one.
+
+    On `MANY` or more materials there is a column of the mean difference with its interval, and on a single material,
+    too. In between, such an interval would say little: the mean stands alone, and a column for each material has the
+    difference there with its interval.
+    """
     from reports.ranking import against_one, rows_of
 
     against = against_one(run, wanted)
     codec = against.first.partition(" ")[0]
     several = rows_of(codec, run) > 1
-    alone = 1 < len(materials) < MANY  # each material has a column of its own
+    alone = 1 < len(materials) < MANY  # whether each material has a column of its own
     headers = [("against", against.first if several else codec)]
     if alone:
         headers += [(f"on {name}", "dB") for name in materials]
@@ -131,7 +138,8 @@ def _differences(
         if whole is None:
             cells = [NONE]
         elif alone:
-            cells = [signed(whole.mean) + " *" * whole.apart]
+            mark = " *" if whole.apart else ""
+            cells = [signed(whole.mean) + mark]
         else:
             cells = [interval(whole)]
         if alone:
@@ -152,13 +160,16 @@ def _is_difference(name: str) -> bool:
 
 
 def _paired(against: "Against", first_of_several: bool, alone: bool) -> str:
-    """A note on the differences: to which row, what their intervals cover, and how many codecs are told apart."""
+    """A note on the differences: to which row, what their intervals cover, and how many codecs are told apart.
+
+    `first_of_several`: that row is the first of several of its codec, by default. `alone`: each material has a column.
+    """
     from bench.compare.paired import FEWEST
 
     every = against.over.values()
     materials = max(each.materials for each in every)
     seeds = max(each.seeds for each in every)
-    bootstrap = f"a bootstrap over {'seeds and ' * (seeds > 1)}pairs"
+    bootstrap = "a bootstrap over seeds and pairs" if seeds > 1 else "a bootstrap over pairs"
     which = " (its first row; --against LABEL picks another)" if first_of_several else ""
     text = f"Against {against.first}{which}: the mean paired difference of PSNR a slice in dB"
     if alone:

@@ -9,7 +9,7 @@ from itertools import chain
 from reports.numbers import NONE
 
 BOLD, UNDERLINED = "bold", "underlined"  # marks of a cell, if a format can show them
-FEW = 3
+FEW = 3  # rows that may share a mark; a value that more rows have marks out none of them
 DOT = "•"  # before the best of a column in plain text, which has no bold
 LEGEND = "Bold: the best of a column. Underlined: the second best."
 TERMS = {  # of headers, explained above the tables that have them
@@ -25,7 +25,10 @@ Part = tuple[str, Callable[[str], bool]]  # of a note: its text, and whether it 
 
 
 class Note(str):
-    """A note of parts, each about the columns whose names it accepts: the text of those about these columns."""
+    """A note as text, which also knows its parts, each about some columns.
+
+    `of` leaves out the parts about columns that a table does not have.
+    """
 
     parts: tuple[Part, ...]
     around: tuple[str, str, str]  # before, between and after the parts
@@ -76,7 +79,10 @@ class Table:
         return [(term, says) for term, says in TERMS.items() if term in words]
 
     def of_columns(self, kept: Sequence[int]) -> "Table":
-        """The table with these columns alone, in this order, the notes about them and the rows that say something."""
+        """The table with only the columns at these places, in this order, and the notes about them.
+
+        Rows without any number in these columns are left out.
+        """
         numbers = [i for i in kept if i >= self.words]
         rows: list[list[str]] = []
         places: dict[int, int] = {}  # of the kept rows: from the old to the new
@@ -98,8 +104,9 @@ class Table:
 def best_cells(rows: Sequence[Sequence[str]], scores: Sequence[Sequence[float | None]]) -> dict[tuple[int, int], str]:
     """The marks of cells by row and column, from a score of each cell (more is better); None gets no mark.
 
-    Cells with equal numbers as shown, whatever deviation follows, are equally good. A column has no mark if all its
-    cells are equal or only one has a score. A value shared by more than `FEW` rows is not marked, nor a second of zero.
+    Cells are equally good if their numbers read the same; a deviation or interval after the number does not count. A
+    column has no mark if all its cells are equal, or if only one has a score. A number that more than `FEW` rows share
+    is not marked, nor a second best of zero.
     """
     marks: dict[tuple[int, int], str] = {}
     for column in range(len(scores[0]) if scores else 0):
@@ -107,7 +114,7 @@ def best_cells(rows: Sequence[Sequence[str]], scores: Sequence[Sequence[float | 
         for i, row in enumerate(scores):
             score = row[column]
             if score is not None:
-                number = re.split(r" [±(]", rows[i][column])[0]
+                number, *_ = re.split(r" [±(]", rows[i][column])
                 raced.append((score, number, i))
         raced.sort(key=lambda item: -item[0])
         shared = Counter(number for _, number, _ in raced)
@@ -115,7 +122,8 @@ def best_cells(rows: Sequence[Sequence[str]], scores: Sequence[Sequence[float | 
         if len(numbers) < 2:
             continue
         look = {numbers[0]: BOLD}
-        if not re.fullmatch("[0.]+", numbers[1]):
+        is_zero = re.fullmatch("[0.]+", numbers[1])
+        if not is_zero:
             look[numbers[1]] = UNDERLINED
         for _, number, i in raced:
             if number in look and shared[number] <= FEW:

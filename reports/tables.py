@@ -29,9 +29,11 @@ _STALE = " †"  # after a codec whose records are of an older version than the 
 
 
 def all_tables(run: Run, narrow: bool = False, kind: str | None = None, against: str = "") -> list[Table]:
-    """Every table that has a row, or those of one kind, by kind and then by material; `narrow` halves the main ones.
+    """Every table that has a row, or those of one kind, by kind and then by material.
 
-    The summary sets the others `against` a row; by default see `reports.ranking`."""
+    With `narrow`, a main table is two: quality, and size and time. The summary sets codecs `against` a row; by default
+    the one that `reports.ranking` picks.
+    """
     rows = materials(run)
     makers = dict(_OF_KIND)
     makers["summary"] = lambda run, _: [summary_table(run, against=against)]
@@ -45,7 +47,7 @@ def all_tables(run: Run, narrow: bool = False, kind: str | None = None, against:
 
 
 def _marked(run: Run, tables: Iterable[Table]) -> Iterator[Table]:
-    """The tables, each row of a stale codec with a mark, and a note on it."""
+    """The tables, with a mark at each row whose numbers the installed version of its codec cannot make again."""
     reasons: dict[tuple[str, str], str] = {}  # by material and codec
     for job in run.jobs:
         why = stale(job) if job["status"] == "ok" else ""
@@ -55,16 +57,17 @@ def _marked(run: Run, tables: Iterable[Table]) -> Iterator[Table]:
         if table.kind == "times":  # settings are timed apart from any job: a stale job says nothing of them
             yield table
         else:
+            # By codec; a table over all materials is concerned by the reasons on any of them.
             here = {codec: why for (material, codec), why in reasons.items() if table.material in ("", material)}
             yield _with_stale(table, here)
 
 
 def _with_stale(table: Table, reasons: dict[str, str]) -> Table:
-    """The table, the rows of these codecs with a mark, and a note that gives the reasons."""
+    """The table with a mark at the rows of these codecs, and a note that gives the reasons, which are by codec."""
     rows = []
     marked: dict[str, str] = {}
     for row in table.rows:
-        codec = row[0].partition(" ")[0].rstrip(",")
+        codec = row[0].partition(" ")[0].rstrip(",")  # of a label "codec key=value", or of a line "codec, key=value"
         if codec in reasons:
             row = [row[0] + _STALE, *row[1:]]
             marked[codec] = reasons[codec]
@@ -135,7 +138,8 @@ def _table(kind: str, material: MaterialRows, about: str, chosen: Sequence[Colum
         scores.append([None, *(_score(kind, column, codec) for column in chosen)])
     headers = [("codec", "")]
     for i, column in enumerate(chosen, 1):  # the unit says what the deviation is over, if a cell shows one
-        over = f" ± {column.over}" if any(" ± " in row[i] for row in rows) else ""
+        has_deviation = any(" ± " in row[i] for row in rows)
+        over = f" ± {column.over}" if has_deviation else ""
         headers.append((column.name, (column.unit + over).strip()))
     native = _native_row(material.measured[0].job, chosen)
     if native:
@@ -147,11 +151,12 @@ def _table(kind: str, material: MaterialRows, about: str, chosen: Sequence[Colum
 
 
 def _has_number(column: Column, codecs: Iterable[CodecRows]) -> bool:
+    """Whether a column shows anything but dashes."""
     return any(column.cell(codec.measured) != NONE for codec in codecs)
 
 
 def _cells(codec: CodecRows, chosen: Sequence[Column]) -> list[str]:
-    """The cells of a codec's row after its label; why it has no numbers, if it has none."""
+    """The cells of a codec's row after its label. Without numbers they say why: `n/c` in all, or a first “failed”."""
     if not codec.measured and any(row.obstacle for row in codec.rows):
         return [NOT_COMPARABLE] * len(chosen)
     cells = [column.cell(codec.measured) for column in chosen]
@@ -161,7 +166,10 @@ def _cells(codec: CodecRows, chosen: Sequence[Column]) -> list[str]:
 
 
 def _native_row(job: Job, chosen: Sequence[Column]) -> list[str]:
-    """The row of the measured data's own file, if that is a factorisation itself: its bytes and rank, for reference."""
+    """The row of the file in which the measured data came, with its bytes and rank, for reference.
+
+    Empty unless that file is a factorisation, such as a codec makes, and a chosen column has a number for it.
+    """
     own = job.get("provenance", {}).get("native")
     if not own or not any(column.native for column in chosen):
         return []
@@ -171,8 +179,8 @@ def _native_row(job: Job, chosen: Sequence[Column]) -> list[str]:
 
 
 def _quality(codec: CodecRows) -> tuple[bool, float]:
-    """What tables are sorted by: whether it is a whole model, which come first, then the mean PSNR of a codec's seeds,
-    the least of all if nothing was measured."""
+    """What sorts a table, the greatest first: models of whole materials before those of a scene, each by the mean PSNR
+    of the codec's seeds. A codec without any number is the last of the models of whole materials."""
     if not codec.measured:
         return True, -inf
     qualities = []
@@ -182,8 +190,8 @@ def _quality(codec: CodecRows) -> tuple[bool, float]:
 
 
 def _score(kind: str, column: Column, codec: CodecRows) -> float | None:
-    """The number by which a cell is marked, more is better; None if it is not compared. Of a model of a scene only what
-    the table of the scene says about that scene is."""
+    """The number by which a cell is marked, more is better; None if the cell is not compared. A model of a scene is
+    compared only in the table of the scene, and there only in columns about the scene."""
     whole_only = kind != "scene" or column.whole_only
     if codec.of_scene and whole_only:
         return None
@@ -204,7 +212,7 @@ def _seeds(material: MaterialRows) -> Iterator[str]:
 def _each(
     kind: str, about: str, chosen: Chosen, notes: Callable[[MaterialRows], list[str]] = common_notes, note: str = ""
 ) -> "Maker":
-    """Makes a table for each material that was measured; a `note` comes before other notes."""
+    """A function that makes a table for each material that was measured; a `note` comes before other notes."""
     first = [note] if note else []
 
     def tables(_: Run, rows: list[MaterialRows]) -> Iterator[Table | None]:
@@ -216,7 +224,7 @@ def _each(
 
 
 def _by_budget(kind: str) -> "Maker":
-    """Makes the tables of `reports.budgets` of a kind; none if no job was scored at validation pairs."""
+    """A function that makes the tables of a kind in `BY_BUDGET`; none if no job was scored at validation pairs."""
 
     def tables(run: Run, _: list[MaterialRows]) -> Iterable[Table]:
         if not any(map(has_validation, run.jobs)):
@@ -232,7 +240,7 @@ def _by_budget(kind: str) -> "Maker":
 
 
 def _of_first(chosen: Callable[[Job], list[Column]]) -> Chosen:
-    """The columns of a material that its first job has numbers for."""
+    """Columns of a material, made from its first comparable job, which says which groups and footprints there are."""
     return lambda material: chosen(material.first) if material.first else []
 
 

@@ -42,11 +42,14 @@ def scored(run: Run) -> str:
 
 
 def _detail(material: MaterialRows) -> Table | None:
-    """One table instead of three: bands of directions and footprints."""
+    """One table of PSNR by direction and by footprint, and of the error of radiance; None if nothing was measured."""
     if material.first is None:
         return None
     job = material.first
+    # The first band, all pairs that decide, and the first footprint, one texel, are what `PER_SLICE` shows.
     chosen = [columns.PER_SLICE, *columns.bands(job)[1:], columns.RELATIVE_ERROR, *columns.footprints(job)[1:]]
     table = main_table(material, columns.means(chosen))
     note = "dB: display PSNR by direction (and number of slices) and by footprint. RMSE: of radiance, over its mean."
-    return table and replace(table, kind="detail", title=f"{material.name}: where the error lies", notes=[note])
+    if table is None:
+        return None
+    return replace(table, kind="detail", title=f"{material.name}: where the error lies", notes=[note])

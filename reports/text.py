@@ -45,7 +45,7 @@ _SPECIAL = {
 
 
 def plain(tables: Sequence[Table]) -> str:
-    """Tables for a terminal, as wide as their columns make them; a note of several stands below the last of them."""
+    """Tables for a terminal, as wide as their columns make them; a note of several stands once, below the last one."""
     blocks: list[str] = []
     below: set[str] = set()  # the notes of the tables after this one
     for table in reversed(tables):
@@ -71,9 +71,10 @@ def _shown(table: Table) -> Table:
 
 def _plain(table: Table) -> str:
     """One table for a terminal: title, headers, cells and notes; words are aligned left, and numbers right."""
-    # Words first, on lines of their own if the name is long, the unit last.
-    heads = [[*textwrap.wrap(name, 9, break_long_words=False), *textwrap.wrap(unit, 8)] for name, unit in table.headers]
-    top = list(zip_longest(*heads, fillvalue=""))
+    heads: list[list[str]] = []  # the lines of each header: its name, folded between words, then its unit
+    for name, unit in table.headers:
+        heads.append([*textwrap.wrap(name, 9, break_long_words=False), *textwrap.wrap(unit, 8)])
+    top = list(zip_longest(*heads, fillvalue=""))  # from a list a column to a tuple a line of the terminal
     body: list[tuple[str, ...]] = []
     for row in table.rows:
         body += _folded(row, table)
@@ -90,8 +91,8 @@ def _plain(table: Table) -> str:
 
 
 def _folded(row: list[str], table: Table) -> Iterator[tuple[str, ...]]:
-    """The lines of one row: long words are folded."""
-    # With the gaps between them, four columns of words fill a terminal.
+    """The lines of one row: the words at its left are folded, and its numbers stand on the first line."""
+    # Widths in characters. With the gaps between them, four columns of words fill a terminal.
     widths = (20, 24, 13, 57)[: table.words] if table.words > 1 else (table.fold,)
     words = [textwrap.wrap(cell, width) or [""] for cell, width in zip(row, widths, strict=False)]
     numbers = [[cell] for cell in row[table.words :]]
@@ -170,10 +171,12 @@ def table_csv(tables: Sequence[Table]) -> str:
 
 
 def _as_read(cell: str) -> str | None:
-    """A cell as programs read it: 42584 for 42,584, -1.5 for −1.5, and nothing without a number."""
+    """A cell as programs read it: 42584 for 42,584, -1.5 for −1.5, None for a dash, and any other text as it is."""
     if cell == NONE:
         return None
-    return cell.replace(",", "").replace("−", "-") if _NUMBER.fullmatch(cell) else cell
+    if _NUMBER.fullmatch(cell):
+        return cell.replace(",", "").replace("−", "-")
+    return cell
 
 
 def _csv(rows: Iterable[Sequence[Any]]) -> str:
@@ -186,14 +189,16 @@ def _csv(rows: Iterable[Sequence[Any]]) -> str:
 
 
 def _inert(cell: Any) -> Any:
-    """A cell that no program takes for a command: without control characters, an apostrophe before a formula's text.
+    """A cell that no program takes for a command: a text without control characters and, if a spreadsheet would run it
+    as a formula, after an apostrophe.
 
-    A number may begin with a sign, and "—" and words like "-" alone are no formula.
+    A number may begin with a sign. "—", or a sign alone, is no formula.
     """
     if not isinstance(cell, str):
         return cell
     cell = visible(cell)
-    return f"'{cell}" if _FORMULA.match(cell) and not _READ_NUMBER.fullmatch(cell) else cell
+    is_formula = _FORMULA.match(cell) and not _READ_NUMBER.fullmatch(cell)
+    return f"'{cell}" if is_formula else cell
 
 
 def latex(tables: Sequence[Table]) -> str:
@@ -224,14 +229,19 @@ def _not_in(labels: set[str], called: str) -> str:
 
 def latex_escaped(text: str) -> str:
     """Text escaped for LaTeX."""
+    # θ_o and θ_i are one symbol each: a mark, which no visible text has, keeps their parts from being escaped.
     text = " ".join(visible(text).split()).replace("θ_o", "\0o").replace("θ_i", "\0i")
     text = "".join(_SPECIAL.get(character, character) for character in text)
     text = text.replace("\0o", r"\ensuremath{\theta_o}").replace("\0i", r"\ensuremath{\theta_i}")
-    return f"{{}}{text}" if text.startswith(("[", "*")) else text  # `\\` and `\midrule` before it would take them
+    # `\\` or `\midrule` before a cell would take a "[" or "*" as its own argument; an empty group parts them.
+    return f"{{}}{text}" if text.startswith(("[", "*")) else text
 
 
 def _latex(table: Table, called: str) -> str:
-    """One table as a `table*`; `called` is its label. In a table of words alone the last column is folded."""
+    """One table as a `table*`; `called` is its label. In a table of words alone the last column is folded.
+
+    The table is set into a box first, so that `_FITTED` can measure its width.
+    """
     align = "l" * table.words + "r" * (len(table.headers) - table.words)
     if table.words == len(table.headers):
         align = align[:-1] + r"p{0.5\textwidth}"
@@ -257,7 +267,7 @@ def _latex_line(cells: Sequence[str]) -> str:
     return " & ".join(cells) + r" \\"
 
 
-# Scaled down to the width of the text, never up.
+# The box of the table, scaled down to the width of the text, never up.
 _FITTED = r"\ifdim\wd0>\linewidth\resizebox{\linewidth}{!}{\usebox0}\else\usebox0\fi"
 
 

@@ -54,7 +54,7 @@ def _row(timing: Timing) -> list[str]:
 
 
 def _variants(run: Run, timed: list[Timing]) -> Iterator[Table]:
-    """A row a setting, a column an execution and precision: ns a sample, and the share of what the machine allows."""
+    """A row a setting, a column an execution and precision: ns a sample, and the machine's limit as a share of it."""
     if not timed:
         return
     usual = usual_batch(timed)
@@ -88,8 +88,7 @@ def _variant(timing: Timing) -> str:
 
 
 def _share(timing: Timing) -> str:
-    """A cell: ns a sample, “!” if its answers are off, and the share that the machine's limit has of it, in per
-    cent."""
+    """A cell: ns a sample, “!” if its answers are off, and how many per cent of this time the machine's limit is."""
     share = 100 * timing["limit_ns"] / timing["ns_per_sample"]
     wrong = "!" if timing["of_tolerance"] > 1 else ""
     return f"{significant(timing['ns_per_sample'], 3)}{wrong}, {significant(share, 2)}"
@@ -102,7 +101,7 @@ def _batches(run: Run, timed: list[Timing]) -> Iterator[Table]:
     by_row: dict[tuple[str, str], dict[int, Timing]] = {}
     for timing in timed:
         by_row.setdefault((timing["label"], timing["execution"]), {})[timing["batch"]] = timing
-    swept = {row: known for row, known in by_row.items() if len(known) > 1}
+    swept = {row: known for row, known in by_row.items() if len(known) > 1}  # timed at several batches
     if not swept:
         return
     rows = []
@@ -126,7 +125,7 @@ def _fits(run: Run, timed: list[Timing]) -> Iterator[Table]:
 
 
 def _conditions(run: Run, timing: Timing) -> str:
-    """Where and how they were measured, in words."""
+    """Where and how a timing was measured, in words."""
     starts = [start for start in run.starts if start["run"] == timing["run"]]
     machine = starts[0].get("machine", Machine()) if starts else Machine()
     place = timing.get("gpu") or machine.get("processor") or timing["device"]

@@ -75,7 +75,7 @@ def _choices(material: str, rows: Sequence[TradeChoice], answers: list[str]) -> 
 
 
 def _noise_cells(row: TradeChoice) -> list[str]:
-    """Samples and seconds to equal noise, each by the cosine, and from lobes."""
+    """The cells of `_NOISE`: samples to equal noise, then seconds, both for directions by the cosine and from lobes."""
     noise = row.get("noise")
     if not noise:
         return [NONE] * len(_NOISE)
@@ -128,7 +128,8 @@ def _conditions(rows: Sequence[TradeChoice]) -> str:
 
 
 def _stability(material: str, rows: Sequence[TradeChoice]) -> Table:
-    """What each execution and precision changes of the answers of eager float32, and its time."""
+    """A row an execution and precision: its time, and how far its answers are from those of eager float32."""
+    # PSNR of eager float32 by label: only its choices are named by their label alone.
     plain = {row["label"]: row["psnr"] for row in rows if named(row) == row["label"] and "psnr" in row}
     cells = []
     for row in rows:
@@ -153,8 +154,9 @@ _CONDITION = ("part", "batch", "coherent", "footprint", "threads")
 def _profile(material: str, records: Sequence[Profile]) -> Table:
     """ns a sample: a row a condition, a column a codec."""
     names = list(dict.fromkeys(record["name"] for record in records))
+    by_condition = grouped(records, itemgetter(*_CONDITION))
     rows = []
-    for (part, batch, coherent, footprint, threads), alike in grouped(records, itemgetter(*_CONDITION)).items():
+    for (part, batch, coherent, footprint, threads), alike in by_condition.items():
         words = [part, integer(batch), "slice" if coherent else "random", significant(footprint), str(threads)]
         timed = {record["name"]: record["ns_per_sample"] for record in alike}
         rows.append([*words, *(significant(timed.get(name)) for name in names)])
@@ -171,10 +173,10 @@ def _profile(material: str, records: Sequence[Profile]) -> Table:
 def _ceilings(ceilings: Sequence[Ceiling], left_out: Sequence[str]) -> Table:
     """A row a ceiling, with what was left out; a flop a ns is a Gflop/s, and a byte a ns a GB/s."""
     headers = [("device", ""), ("threads", ""), ("numbers", ""), ("multiply-add", "Gflop/s"), ("copy", "GB/s")]
-    rows = [
-        [c["device"], str(c["threads"]), c["dtype"], significant(c["flops_per_ns"]), significant(c["bytes_per_ns"])]
-        for c in ceilings
-    ]
+    rows = []
+    for ceiling in ceilings:
+        rates = [significant(ceiling["flops_per_ns"]), significant(ceiling["bytes_per_ns"])]
+        rows.append([ceiling["device"], str(ceiling["threads"]), ceiling["dtype"], *rates])
     note = (
         f"Left out, because this processor only emulates their precision: {', '.join(left_out)}. "
         "`neubtf-bench trade --emulated` measures them too."

@@ -94,8 +94,8 @@ def write_history(runs: Sequence[Run], folder: Path) -> list[Path]:
 
 
 def _formats_there(folder: Path) -> list[str]:
-    """The vector formats in which an earlier report drew figures: a report draws them again, since it removes what is
-    of an earlier one."""
+    """The vector formats in which an earlier report drew figures. They are drawn again, because a report removes the
+    figures of an earlier one that it does not write anew."""
     there = {path.suffix for name in _figure_names() for path in folder.glob(f"{name}.*")}
     return [end for end in VECTOR if f".{end}" in there]
 

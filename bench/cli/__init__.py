@@ -126,8 +126,9 @@ def _same(given: str | os.PathLike[str], out: str | os.PathLike[str]) -> bool:
 
 
 def _read_in(folder: str | os.PathLike[str], out: str | os.PathLike[str]) -> bool:
-    """Whether a command that reads a folder may read this file of it, a picture of a BTF."""
-    inside, place = os.path.realpath(folder), os.path.realpath(out)
+    """Whether a command that reads a folder would read the file `out` in it, as a picture of a BTF."""
+    inside = os.path.realpath(folder)
+    place = os.path.realpath(out)
     if not os.path.isdir(inside) or os.path.isfile(os.path.join(inside, "records.jsonl")):
         return False  # pictures in the folder of a run are drawn from its records
     return os.path.commonpath([inside, place]) == inside and place.lower().endswith((".png", ".exr"))

@@ -31,11 +31,12 @@ class _TimeLeft(ProgressColumn):
         steps = task.completed - task.fields["start_at"]
         if task.description.endswith(" left") or steps <= 0 or task.elapsed is None or task.total is None:
             return Text("")
-        idle = time.monotonic() - task.fields["moved_at"]
-        pace = (task.elapsed - idle) / steps
+        idle = time.monotonic() - task.fields["moved_at"]  # seconds since the last step ended
+        pace = (task.elapsed - idle) / steps  # seconds a step
         more = task.total - task.completed
         # The running step may take longer than those before; never show less than the remaining whole steps need.
-        minutes, seconds = divmod(round(max(pace * more - idle, pace * (more - 1))), 60)
+        left = max(pace * more - idle, pace * (more - 1))
+        minutes, seconds = divmod(round(left), 60)
         return Text(f"{minutes}:{seconds:02} left")
 
 
@@ -149,9 +150,9 @@ def _material_lines(header: Header) -> list[str]:
     rows = [(name, kind, f"{count:,}") for name, kind, count in layers(material)]
     if rows:
         lines.append("layers of the decoder and their trainable parameters, counted by torchinfo:")
-        # The widths of the columns.
-        first, second, third = (max(map(len, column)) for column in zip(*rows, strict=True))
-        lines += [f"  {name:<{first}}  {kind:<{second}}  {count:>{third}}" for name, kind, count in rows]
+        name_width, kind_width, count_width = (max(map(len, column)) for column in zip(*rows, strict=True))
+        for name, kind, count in rows:
+            lines.append(f"  {name:<{name_width}}  {kind:<{kind_width}}  {count:>{count_width}}")
     if network:
         lines.append(f"shared network: {network.path}, {network.file_bytes:,} bytes, sha256 {network.sha256}")
     return lines

@@ -27,7 +27,7 @@ def guarded(words: Sequence[str]) -> bool:
 
 
 def _names(words: Sequence[str]) -> list[str]:
-    """The words of a command that may name a codec."""
+    """The words of a command that may name a codec: any after the first, since options are not parsed yet."""
     return [word.removeprefix("--codec=") for word in words[1:]]
 
 

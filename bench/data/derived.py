@@ -21,8 +21,8 @@ log = logging.getLogger(__name__)
 def thinned(btf: BTF, pairs: int) -> BTF:
     """About `pairs` of a BTF's pairs (0: all), evenly spread, so that a product of views and lights stays one.
 
-    If the data declare held-out pairs outside that product, training and held-out pairs keep their shares, and the
-    held-out ones are drawn by seed. Pairs that form no product are drawn by seed, too.
+    If the data declare held-out pairs outside that product, training and held-out pairs keep their shares of all, and
+    the held-out ones are a random draw, always the same one. Pairs that form no product are drawn in that way, too.
     """
     if not 0 < pairs < len(btf):
         return btf
@@ -67,7 +67,10 @@ class _Shrunk(Source):
 
 
 def shrunk(btf: BTF, texels: int) -> BTF:
-    """The BTF averaged in linear light over the largest boxes that leave `texels` of its shorter side; 0: as it is."""
+    """The BTF averaged in linear light over the largest boxes that leave at least `texels` texels on its shorter side.
+
+    0 leaves it as it is.
+    """
     factor = min(btf.shape) // texels if texels else 1
     if factor <= 1:
         return btf

@@ -64,8 +64,11 @@ class Joined(Source):
 
 
 def followed(btf: BTF, drawn: BTF, kind: str, words: str) -> BTF:
-    """A BTF, followed by another table of the surface, whose kind is `heldout` or `validation`: to choose settings.
-    `words` describe that table in the provenance. Held-out pairs follow a BTF that holds none out."""
+    """A BTF, followed by the pairs of another table of the surface. `words` describe that table in the provenance.
+
+    `kind` is what these pairs are for: `heldout`, which may only follow a BTF that holds none out, or `validation`, by
+    which settings are chosen.
+    """
     marks = {kind: np.arange(len(btf) + len(drawn)) >= len(btf)}
     if kind == "validation":
         marks["heldout"] = np.concatenate([btf.heldout, np.zeros(len(drawn), bool)])

@@ -6,6 +6,7 @@ whether the azimuths of views and of lights turn the same way: the answers of an
 but on φ_i + φ_o if one of the two was measured clockwise and the other counter-clockwise.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -40,15 +41,16 @@ CLEAR = (0.5, 2.0)  # a mirrored side explains at least this share, and this man
 
 @dataclass(frozen=True)
 class MeanLobe:
-    """The shares of the mean lobe at θ_o = θ_i that φ_i − φ_o and φ_i + φ_o explain, and the former's peak."""
+    """How the mean of slices depends on azimuths, at one θ of views and lights."""
 
     theta_deg: float
-    given: float
-    mirrored: float
-    peak_deg: float
+    given: float  # the share of it that φ_i − φ_o explains
+    mirrored: float  # the share of it that φ_i + φ_o explains
+    peak_deg: float  # the φ_i − φ_o at which it is brightest
 
     @property
     def looks_mirrored(self) -> bool:
+        """Whether φ_i + φ_o explains it so much better that one side seems to be mirrored."""
         share, times = CLEAR
         return self.theta_deg >= LOWEST and self.mirrored >= max(share, times * self.given)
 
@@ -82,13 +84,17 @@ class Look:
     def clipped(self) -> float:
         """The share of values that lie exactly at the maximum; 0 if they are few, or belong to a flat tile."""
         top = self.values == self.values.max()
+        # A few values at the maximum are no clipping, and if all are there the material is of one value.
         if not 10 <= top.sum() < top.size or self._alike(top.any(2)):
             return 0.0
         return top.mean()
 
     def _alike(self, top: Array) -> bool:
-        """Whether the texels at the maximum (slices, n) equal each other in most other slices too: a flat tile."""
-        where = top[top.sum(1).argmax()]
+        """Whether texels at the maximum equal each other in most other slices, too, so that they show a flat tile.
+
+        `top` (slices, n) is the mask of texels with a channel at the maximum.
+        """
+        where = top[top.sum(1).argmax()]  # (n,), of the slice that has most of them
         below = self.values[~top[:, where].any(1)][:, where]
         lit = below[below.any((1, 2))]
         if where.sum() <= 1 or not len(lit):
@@ -176,14 +182,19 @@ def look(btf: BTF) -> Look:
 
 
 def _nearest(index: Array, side: Array, other: Array) -> list[int]:
-    """The pairs at the direction of one side nearest the normal, at most `LIGHTS`, spread over the other side. `index`
-    (N,) tells the distinct directions of the side apart."""
+    """The pairs at that direction of one side which is nearest the normal: at most `LIGHTS`, spread over the other.
+
+    `side` and `other` are the directions (N, 3) of both; `index` (N,) tells the distinct directions of `side` apart.
+    """
     pairs = np.flatnonzero(index == index[int(np.argmax(side[:, 2]))])
     return [int(i) for i in pairs[thin(other[pairs], min(LIGHTS, len(pairs)))]]
 
 
 def _power(cos: Array, medians: Array) -> float | None:
-    """The power of cos θ (n,) as which the medians (n,) fall; None for too few slices, or too similar angles."""
+    """The power of cos θ (n,) with which the medians (n,) of slices fall; None for few slices or too similar angles.
+
+    It is the slope of a line through their logarithms.
+    """
     lit = medians > 0
     if lit.sum() < 4 or np.ptp(cos[lit]) < 0.2:
         return None
@@ -231,14 +242,15 @@ def mean_lobe(btf: BTF) -> MeanLobe | None:
     if means.min() <= 0:
         return None
     means /= layout.lights[lights, 2]
-    rest = means / means.mean(1, keepdims=True)  # (views, lights)
-    rest = rest / rest.mean(0) - 1
+    rest = means / means.mean(1, keepdims=True)  # (views, lights), each view at a mean of 1
+    rest = rest / rest.mean(0) - 1  # and each light, and then at a mean of 0
     total = float((rest**2).sum())
-    if not total > 1e-9 * rest.size:
+    if not total > 1e-9 * rest.size:  # it does not depend on both azimuths
         return None
     _, phi_o_deg = to_degrees(layout.views[views])
     _, phi_i_deg = to_degrees(layout.lights[lights])
-    phi_o, phi_i = np.radians(phi_o_deg), np.radians(phi_i_deg)
+    phi_o = np.radians(phi_o_deg)
+    phi_i = np.radians(phi_i_deg)
     share, coefficients = _explained(rest, phi_i - phi_o[:, None])
     mirrored_share, _ = _explained(rest, phi_i + phi_o[:, None])
     degrees = np.arange(360.0)
@@ -269,7 +281,7 @@ def _evenly_around(phi: Array) -> Array:
     if not len(phi):
         return np.zeros(0, int)
     wanted = phi.min() + np.arange(AZIMUTHS) * 360.0 / AZIMUTHS
-    apart = np.abs((phi[:, None] - wanted + 180) % 360 - 180)
+    apart = np.abs((phi[:, None] - wanted + 180) % 360 - 180)  # around the circle, at most 180°
     return np.unique(apart.argmin(0))
 
 
@@ -282,7 +294,10 @@ def _waves(angle: Array) -> Array:
 
 
 def _explained(rest: Array, angle: Array) -> tuple[float, Array]:
-    """The part of the squares of `rest` (views, lights) that harmonics of the angles explain, and their amplitudes."""
+    """How much of the sum of squares of `rest` harmonics of an angle explain, and their amplitudes (2 · HARMONICS,).
+
+    `rest` and `angle`, in radians, are (views, lights).
+    """
     waves = _waves(angle)
     # `rest` has no mean over a view or over a light, so the waves must have none either.
     waves = waves - waves.mean(0) - waves.mean(1, keepdims=True) + waves.mean((0, 1))
@@ -298,7 +313,7 @@ def draw(seen: Look, out: Path) -> None:
     from matplotlib.figure import Figure
 
     columns = SHEET[1]
-    rows = -(-len(seen.sheet) // columns)
+    rows = math.ceil(len(seen.sheet) / columns)
     figure = Figure(figsize=(2 * columns, 4 + 2.2 * rows), layout="constrained")
     height, width = seen.btf.shape
     figure.suptitle(f"{visible(seen.btf.name)}: {height} × {width} texels, {len(seen.btf):,} pairs")

@@ -29,7 +29,7 @@ Directions = Annotated[int, Range(1, 10_000)]
 
 
 class Table(NamedTuple):
-    """Pairs of one kind: their words in a provenance ("" of the product to train on), and `wo` and `wi` (N, 3)."""
+    """Pairs of one kind: what a provenance says of them, "" for the product to train on, and `wo` and `wi` (N, 3)."""
 
     kind: Literal["train", "heldout", "validation"]
     words: str
@@ -98,7 +98,8 @@ class Preparation:
         return f"{self.heldout} {which}, uniform in solid angle, theta_deg <= 75"
 
     def tables(self, material: str, seed: int, draw: int) -> list[Table]:
-        """All pairs to render, a table for each kind, so that another draw makes only its own table again."""
+        """All pairs to render, a table for each kind, so that for another draw only the table of test pairs is rendered
+        again."""
         tables = [Table("train", "", self.product())]
         if self.heldout:
             tables.append(Table("heldout", self.described(draw), self.drawn(material, seed, draw)))

@@ -48,9 +48,14 @@ from bench.runs.job import keep
 from bench.runs.provenance import machine, provenance, stamp
 from bench.runs.workbench import Opening, Workbench, opened
 
-MOST_BYTES, LEAST_BYTES, RATIO = 4 << 30, 256 << 20, 64  # limits of all unpacked files; RATIO: over the archive
+# All files of an archive may unpack to `RATIO` times its own bytes; any to `LEAST_BYTES`, none to over `MOST_BYTES`.
+MOST_BYTES = 4 << 30
+LEAST_BYTES = 256 << 20
+RATIO = 64
 MOST_BAKED = 4 << 30  # bytes of radiance that an archive may make us bake, before we know whether its data are the same
-DECIBELS, RELATIVE = 0.01, 1e-3  # the largest change by rounding on another processor
+# The largest change by rounding on another processor: of PSNR in dB, and of other numbers as a share.
+DECIBELS = 0.01
+RELATIVE = 1e-3
 SHOWN = 4  # reasons that a verdict lists
 _STARTED = ("kind", "run", "suite", "data", "materials", "jobs")  # fields taken from the start of a submitted run
 _OTHER = "the data of {} here differ from the submitted data"
@@ -75,8 +80,10 @@ def chosen(run: Run, codecs: list[str]) -> Run:
 
 def pack(run: Run, lines: str, path: Path) -> None:
     """Write the archive of a run's jobs, whose records are these lines. `InputError` if a file is gone."""
-    files = {_own(run, job["file"], str(job["score_key"].get("sha256"))): None for job in run.jobs}
+    files: dict[Path, None] = {}  # in order, each once
     for job in run.jobs:
+        files[_own(run, job["file"], str(job["score_key"].get("sha256")))] = None
+    for job in run.jobs:  # the networks that these files need
         if digest := job["fit_key"].get("shared"):
             files[_own(run, f"files/{shared.hashed_name(job['codec'], digest)}", digest)] = None
     with atomic.replacing(path) as unfinished, zipfile.ZipFile(unfinished, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -123,7 +130,10 @@ def unpack(path: Path, folder: Path) -> Run:
 
 def _belongs(name: str) -> bool:
     """Whether an archive may hold a file of this name: the records, or a file directly in `files/`."""
-    return name == FILE or (name.startswith("files/") and "/" not in name[6:] and name[6:] not in ("", ".", ".."))
+    if name == FILE:
+        return True
+    folder, _, inside_folder = name.partition("/")
+    return folder == "files" and "/" not in inside_folder and inside_folder not in ("", ".", "..")
 
 
 @dataclass(frozen=True)
@@ -137,8 +147,12 @@ class Verified:
 
 
 def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, str] | None = None) -> Iterator[Verified]:
-    """Decode and score the files of an unpacked archive, and write the measurements as a run's folder. Measured data
-    must be under `NEUBTF_DATA`, or at `places`, by material: an archive may not choose which paths here are opened."""
+    """Decode and score the files of an unpacked archive, write the measurements here as the folder `out` of a run, and
+    yield the verdict on each job.
+
+    Measured data must lie under `NEUBTF_DATA`, or where `places` says by material: an archive may not choose which
+    paths of this machine are opened.
+    """
     starts = {start["run"]: start for start in run.starts}
     for start in starts.values():
         here: RunStart = {"text": "", "device": "cpu", "threads": 1}
@@ -202,7 +216,10 @@ def _material(job: Job, start: RunStart, places: Mapping[str, str]) -> MaterialS
 
 
 def _other_data(job: Job, spec: MaterialSpec, data: Preparation) -> str:
-    """Why the data of a job are not prepared: they differ, or are too large to be baked for an unverified archive."""
+    """Why the data of a job are not to be prepared; "" if they may be.
+
+    Known before preparing them, they differ from the submitted ones; or else they are too large to be baked on trust.
+    """
     kind = kind_of(spec)
     known = kind.outline(spec, data, draw_of(spec, data, int(job["seed"])))
     if known is not None:
@@ -243,13 +260,16 @@ def _judged(job: Job, workbench: Workbench, folder: Path, out: Path, show: Progr
 
 def differences(claimed: Job, here: Job) -> Iterator[str]:
     """The claims that differ from the measurements here by more than rounding on another processor, in words."""
-    found = json.loads(json.dumps(here))
+    found = json.loads(json.dumps(here))  # with lists for tuples, as the claims were read from JSON, too
     for name, value in kept(claimed, CLAIM).items():
         yield from _unlike(name, value, found[name])
 
 
 def _unlike(place: str, claimed: Any, measured: Any) -> Iterator[str]:
-    """Where a measured value differs from the claimed one by more than machines differ, in words."""
+    """Where a measured value differs from the claimed one by more than machines differ, in words.
+
+    `place` is the path of the value in the record, such as `scores/heldout/metrics/psnr_display/mean`.
+    """
     if isinstance(claimed, dict) and isinstance(measured, dict):
         for name, value in claimed.items():
             if place in ("scores", "pairs") and name in ("scene", SCENE_HELDOUT, OUTSIDE):
@@ -277,7 +297,7 @@ def misnamed(claimed: Job, header: Header) -> Iterator[str]:
         settings = dict(word.split("=", 1) for word in words)
         named = settings_dict(make_codec(header.codec, own | settings))
         whole = settings_dict(make_codec(header.codec, header.settings))
-    except (InputError, ValueError):
+    except (InputError, ValueError):  # the label names no codec and settings: two that differ stand for a misfit
         named = {}
         whole = {"": None}
     if not label.startswith(called) or named != whole:

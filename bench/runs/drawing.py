@@ -14,8 +14,8 @@ from bench.program import Program
 from bench.program.recording import program_of
 
 QUERIES = 65_536
-SPARSE = 9  # directions a side, at most, of a truth that a page shows live
-SPARSE_FLOATS = 1_000_000  # of it, at most
+SPARSE = 9  # the most views, and the most lights, of a truth that a page shows live
+SPARSE_FLOATS = 1_000_000  # the most floats of such a truth
 BAKED = 13  # views, and lights, of a material that cannot be a program: 5.5 MB at 64² texels
 
 
@@ -42,9 +42,13 @@ def drawable_truth(btf: BTF, show: Progress = silent) -> tuple[Program, float]:
 
 
 def sparse_truth(btf: BTF) -> Program | None:
-    """A BTF as the interpolated table of few of its training views and lights, or pairs, that a page has room for; None
-    where fewer than three of each fit into `SPARSE_FLOATS`."""
+    """A BTF as an interpolated table small enough for a page; None if not even three views and three lights fit into
+    `SPARSE_FLOATS`.
+
+    The table has a product of few training views and lights or, if they form no product, as many training pairs.
+    """
     train = btf.subset(btf.split().train)
+    # count² slices of H · W · 3 floats fit.
     count = min(SPARSE, int((SPARSE_FLOATS / (3 * btf.shape[0] * btf.shape[1])) ** 0.5))
     if count < 3:
         return None

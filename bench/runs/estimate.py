@@ -28,11 +28,12 @@ class Effort(NamedTuple):
 
 
 class Estimate:
-    """How many jobs of a run are left, and for how long; `holds` are those whose records are expected to hold.
+    """How many jobs of a run are left, and how long they take.
 
-    A codec's jobs are expected to take as long a step as those of it that are done. While a codec is left of which none
-    is done, no time is told: a linear codec takes a second, a network many minutes. `at_once` jobs run side by side.
-    `then` says what follows the jobs: "about 2 min of timing".
+    A step of a codec's jobs is expected to take as long as in the codec's jobs that are done. While a codec is left of
+    which no job is done, no time is told: a linear codec takes a second, a network many minutes. `holds` names the jobs
+    whose earlier records are expected to hold, so that they take no time. `at_once` jobs run side by side. `then` says
+    what follows the jobs: "about 2 min of timing".
     """
 
     def __init__(self, efforts: Mapping[str, Effort], holds: Iterable[str], at_once: int = 1, then: str = ""):
@@ -53,6 +54,7 @@ class Estimate:
         self.waiting.discard(name)
         if record["status"] == "ok" and not cached:
             effort = self.efforts[name]
+            # Of `at_once` jobs side by side, each takes so many times as long as passes between two ends.
             self.seconds[effort.codec] += (now - self.last) * self.at_once
             self.steps[effort.codec] += effort.steps
         if cached != "record" and name in self.holds:  # code or data changed: the other records will not hold either
@@ -76,7 +78,7 @@ class Estimate:
         waiting = self.waiting - self.holds
         for name in waiting:
             effort = self.efforts[name]
-            if not self.steps[effort.codec]:
+            if not self.steps[effort.codec]:  # no job of this codec is done
                 return ""
             seconds += self.seconds[effort.codec] / self.steps[effort.codec] * effort.steps
         return f"about {duration(seconds / self.at_once)} left" if waiting else ""

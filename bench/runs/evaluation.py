@@ -63,6 +63,7 @@ def conditions(workbench: Workbench) -> ScoreKey:
         key["demand"] = workbench.demand.fingerprint
     if len(workbench.scored) < len(workbench.btf):
         key["scored"] = len(workbench.scored)
+    # Only some of the pairs that decide are scored: the mean depends on which.
     if len(workbench.deciding) < len(workbench.groups[deciding_group(workbench.groups)]):
         key["deciding"] = sha256(workbench.deciding.astype("<i8").tobytes()).hexdigest()[:16]
     return key
@@ -163,7 +164,7 @@ class Slices:
     show: Progress
 
     def slice(self, pair: int, factor: int = 1) -> np.ndarray:
-        """Linear radiance (H // factor, W // factor, 3) of one pair, over whole boxes of texels."""
+        """Linear radiance (H // factor, W // factor, 3) of one pair: means over whole boxes of factor² texels."""
         btf = self.workbench.btf
         return self.material.boxes(btf.wo[pair].tolist(), btf.wi[pair].tolist(), factor, btf.shape).numpy()
 
@@ -191,8 +192,11 @@ def _in_scene(workbench: Workbench, material: Material) -> _InScene | None:
 
 
 def _slices(workbench: Workbench, scores: scoring.Scores, coarse: dict[int, np.ndarray]) -> dict[str, np.ndarray]:
-    """The scores of every slice, with its directions in degrees; `footprint_2`, …: the errors at larger footprints, NaN
-    where none was measured."""
+    """The scores of every slice as arrays (n,), and its directions (n, 2) as (θ, φ) in degrees.
+
+    `footprint_2` and so on are the errors at larger footprints, which are measured at deciding pairs alone; NaN at
+    others. `coarse` has these errors by footprint, of the deciding pairs in order.
+    """
     heldout = np.isin(scores.pairs, workbench.groups.get("heldout", []))
     arrays = {"pairs": scores.pairs, "heldout": heldout, "abrdf": scores.abrdf} | scores.raw
     arrays["wo_deg"] = np.stack(to_degrees(workbench.btf.wo[scores.pairs]), 1)
@@ -205,8 +209,10 @@ def _slices(workbench: Workbench, scores: scoring.Scores, coarse: dict[int, np.n
 
 
 def _pictures(workbench: Workbench, decoder: Slices) -> dict[str, np.ndarray]:
-    """The shown slices, truth and decoded, display-transformed, 8 bit, and their FLIP maps in magma; `sheet` says which
-    of them a contact sheet holds."""
+    """The n shown slices as 8-bit pictures (n, H, W, 3): `truth` and `decoded` for a display, and FLIP maps in magma.
+
+    `sheet` (n,) is a mask of those that a contact sheet holds, and `pairs` (n,) are their pairs in the BTF.
+    """
     truth = np.stack([workbench.btf[i] for i in workbench.shown])
     decoded = np.stack([decoder.slice(i) for i in workbench.shown])
     pictures = {

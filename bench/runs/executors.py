@@ -153,7 +153,8 @@ class Processes(Executor):
             theirs, leash = context.Pipe(duplex=False)  # the worker ends when this process closes the leash
             heard, told = context.Pipe(duplex=False)  # the worker tells its progress, and a thread here hears it
             given = (self.threads, self.gpus[seat] if self.gpus else {}, theirs, told)
-            self.pools[seat] = ProcessPoolExecutor(1, context, _prepare, given), leash, told
+            pool = ProcessPoolExecutor(1, context, _prepare, given)
+            self.pools[seat] = (pool, leash, told)
             threading.Thread(target=_heard, args=(heard, self.show or _unshown), daemon=True).start()
         pool, _, told = self.pools[seat]
         # Worker processes ignore Ctrl-C: this one ends them and prints the message.
@@ -189,7 +190,8 @@ class Processes(Executor):
             self.free.put(seat)
 
     def _worker(self, seat: int) -> BaseProcess | None:
-        """The process of a seat; its pool has one. The pool forgets it when it dies, and with it how it died."""
+        """The one process of a seat's pool; None if it has none. It is asked for while it lives, because a pool forgets
+        a process that died, and with it how it died."""
         pool = self.pools[seat][0] if seat in self.pools else None
         workers = getattr(pool, "_processes", None) or {}
         return next(iter(workers.values()), None)
@@ -218,9 +220,14 @@ def _end_of(worker: BaseProcess | None) -> str:
 
 
 def tell(label: str, done: int, total: int) -> None:
-    """Tell the process that started this worker the progress of its job; does nothing elsewhere."""
+    """Tell the process that started this worker the progress of its job; does nothing elsewhere.
+
+    The first and the last step are told in any case, steps between them at most every `TELL_EVERY` seconds.
+    """
     now = time.monotonic()
-    if not _told or (0 < done < total and now - _told_at.get(label, -math.inf) < TELL_EVERY):
+    is_between = 0 < done < total
+    told_lately = now - _told_at.get(label, -math.inf) < TELL_EVERY
+    if not _told or (is_between and told_lately):
         return
     _told_at[label] = now
     with suppress(OSError):  # the other process has ended

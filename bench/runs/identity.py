@@ -57,7 +57,10 @@ def _identity(roots: frozenset[str]) -> FitKey:
 
 
 def _reached(roots: Iterable[str], own: set[str]) -> tuple[dict[str, str], set[str]]:
-    """A digest of each module that the roots import, directly or through others, and the libraries they import."""
+    """A digest of each module that the roots import, directly or through others, and the libraries they import.
+
+    `own` are the top-level packages whose modules are read even if they are installed.
+    """
     sources: dict[str, str] = {}
     libraries: set[str] = set()
     waiting = sorted(roots)
@@ -76,7 +79,7 @@ def _reached(roots: Iterable[str], own: set[str]) -> tuple[dict[str, str], set[s
         waiting += imported
         if "." in name:
             waiting.append(name.rpartition(".")[0])  # a package runs before its modules
-        if by_name and top != "bench":
+        if by_name and top != "bench":  # it may import any module of its package
             waiting += _everything_in(top)
     for root in roots:
         if root not in sources:

@@ -240,10 +240,11 @@ class Attempt:
         except (ContainerError, OSError, ValueError, RecursionError) as error:
             log.warning("%s is fitted again: %s", self.task.name, error)
             return None
-        stored = (header.codec, header.version, header.settings, header.sha256)
         settings = settings_dict(self.codec)
         version = self.codec.version_of(settings)
-        if same and stored == (self.codec.name, version, settings, facts.get("sha256")):
+        stored = (header.codec, header.version, header.settings, header.sha256)
+        wanted = (self.codec.name, version, settings, facts.get("sha256"))
+        if same and stored == wanted:
             return header, _facts_of_record(facts, cached=True)
         log.warning("%s is fitted again: %s is not the file that was fitted for it", self.task.name, path)
         return None

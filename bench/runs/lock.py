@@ -77,8 +77,8 @@ def _is_ours(folder: Path, run: str) -> bool:
 
 
 def _acquire(folder: Path, run: str) -> int:
-    """The lock's file, open, locked and signed."""
-    while True:
+    """The descriptor of the lock's file, which is open, locked and signed. `InputError` if another run has the lock."""
+    while True:  # again if the holder removed the file meanwhile
         file = os.open(folder / FILE, os.O_RDWR | os.O_CREAT, 0o644)
         try:
             kept_by_kernel = True
@@ -86,7 +86,7 @@ def _acquire(folder: Path, run: str) -> int:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:  # another process holds it
                 raise
-            except OSError:  # the file system cannot
+            except OSError:  # the file system cannot lock: what the file says must do
                 kept_by_kernel = False
             if is_still(file, folder / FILE):
                 _check(folder, kept_by_kernel)
@@ -106,14 +106,17 @@ def _acquire(folder: Path, run: str) -> int:
 
 
 def _check(folder: Path, kept_by_kernel: bool) -> None:
-    """Check that the process that signed the lock before is gone. `InputError` if it may still run."""
+    """Check that the process that signed the lock before is gone. `InputError` if it may still run.
+
+    `kept_by_kernel`: we hold the kernel's lock, so no process of this host does.
+    """
     holder = _holder(folder / FILE)
     if not holder:
         return
     if holder.get("host") == platform.node():
         alive = not kept_by_kernel and _runs(int(holder["process"]))
     else:
-        # Renewed by the clock of the file system, because the clocks of two hosts differ.
+        # How long ago it was renewed, both times by the clock of the file system, because clocks of two hosts differ.
         with tempfile.TemporaryFile(dir=folder) as now:
             alive = os.fstat(now.fileno()).st_mtime - os.stat(folder / FILE).st_mtime < STALE_AFTER
     if alive:

@@ -35,10 +35,14 @@ def revision() -> str | None:
 
 @cache
 def codec_revision(name: str) -> str | None:
-    """The git revision of the repository that holds the module of an outside codec, when first asked for; None without
-    one, for a codec of the suite's own repository, and for an installed copy, which no repository tracks."""
+    """The git revision, when first asked for, of the repository that holds the module of an outside codec.
+
+    None without a repository, for a codec of the suite's own one, and for an installed copy, which none tracks.
+    """
     entry = codec_entries().get(name)
-    spec = find_spec(entry.module.partition(".")[0]) if entry else None  # of the outermost package: it imports none
+    spec = (
+        find_spec(entry.module.partition(".")[0]) if entry else None
+    )  # of the outermost package, so nothing is imported
     places = [spec.origin, *(spec.submodule_search_locations or ())] if spec else []
     path = next((Path(place) for place in places if place and Path(place).exists()), None)
     if path is None:

@@ -113,7 +113,8 @@ def _networks(codecs: list[Codec], folder: Path) -> dict[str, str]:
     Writes the files into the run's folder, for its workers, and so that it can be decoded wherever it is copied.
     """
     networks: dict[str, str] = {}
-    for name, codec in {codec.name: codec for codec in codecs}.items():
+    by_name = {codec.name: codec for codec in codecs}  # the settings of a codec share one network
+    for name, codec in by_name.items():
         try:
             trained = shared.find_for(codec)
         except MissingDataError:
@@ -125,7 +126,8 @@ def _networks(codecs: list[Codec], folder: Path) -> dict[str, str]:
 
 
 def _tidy(folder: Path) -> None:
-    """Remove the temporary files of killed processes, and checkpoints that no fit resumes from."""
+    """Remove the temporary files of killed processes, and checkpoints that no fit resumes from: those of a run with
+    `fresh`, and those beside a finished file."""
     for left in (*folder.glob(f"*/*{atomic.SUFFIX}"), *folder.glob(f"files/*{FRESH_STATE}")):
         left.unlink(missing_ok=True)
     for state in folder.glob(f"files/*{STATE}"):
@@ -227,7 +229,8 @@ class _Session:
         yield from _watched(sound, self.workers, call)
 
     def time(self) -> None:
-        """Time the decoders of each material in turns: of one seed, because the time does not depend on it."""
+        """Time the decoders of each material in turns, each of the first seed that has a file, since the time does not
+        depend on the seed."""
         if not present(self.options.device):
             remedy = "run the same command on a machine with a GPU"
             log.warning("no decoder is timed, because there is no GPU here: %s", remedy)
@@ -286,7 +289,11 @@ def _outcome(task: Task, future: Future[Outcome]) -> Outcome:
 
 
 def timings(folder: Path, jobs: list[Job], device: str, threads: int, show: Progress = silent) -> list[Timing]:
-    """The timing of each job's decoder. If a decoder from outside crashes its process, the others are timed again."""
+    """The timing of each job's decoder.
+
+    If some decoders are from outside, all are timed in a worker process. If that dies, only those of the suite are
+    timed, in this process.
+    """
     ours = [job for job in jobs if not from_outside(job["codec"])]
     if len(ours) < len(jobs):
         with processes(count=1, threads=threads) as workers:
@@ -307,7 +314,7 @@ def measured(folder: Path, jobs: list[Job], device: str, threads: int, show: Pro
             materials[job["job"]] = material
     if not materials:
         return []
-    ones = {}
+    ones = {}  # the same decoders, where they can answer a query by one texel
     for name, material in materials.items():
         at_one_texel = material.at_one_texel()
         if at_one_texel:

@@ -160,16 +160,18 @@ def surfaces_of(suite: Suite) -> list[MaterialSpec]:
 
 
 def short(spec: CodecSpec) -> Codec:
-    """The codec of a setting, with one step if it takes any."""
+    """The codec of a setting; with a single step if it is fitted in steps."""
     codec = make_codec(spec.codec, spec.settings)
-    return make_codec(spec.codec, spec.settings | {"steps": 1}) if "steps" in settings_dict(codec) else codec
+    if "steps" not in settings_dict(codec):
+        return codec
+    return make_codec(spec.codec, spec.settings | {"steps": 1})
 
 
 def _round(materials: Contestants, entries: dict[tuple[str, int], Entry], threads: int, show: Progress) -> None:
-    """Time all contestants in turns, and add what was measured to their entries.
+    """Time all contestants in turns, and add what was measured to their entries, which are by label and operations.
 
-    The quality of a codec that answers texels is that of texels: where a query between them takes longer, the time at
-    one texel is the entry's.
+    A codec that answers at texels is scored at texels, while a query between them blends several and takes longer. Its
+    entry has the time at one texel, and the time between texels beside it.
     """
     timed: dict[str, Material] = {}
     for (surface, label), material in materials.items():
@@ -180,7 +182,8 @@ def _round(materials: Contestants, entries: dict[tuple[str, int], Entry], thread
     for (surface, label), material in materials.items():
         flops = material.cost.flops_per_sample
         entry = entries.setdefault((label, flops), Entry(label, flops))
-        whole, at_one = found[f"{surface}/{label}"], found.get(f"{surface}/{label} at one texel")
+        whole = found[f"{surface}/{label}"]
+        at_one = found.get(f"{surface}/{label} at one texel")
         decides = at_one or whole
         entry.ratios.append(decides.ratios)
         entry.samples.append(decides.samples)

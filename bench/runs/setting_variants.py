@@ -43,7 +43,9 @@ CHECKED = 4_096  # random samples whose answers are compared with float64's
 BATCHES = tuple(1 << power for power in range(14, 23, 2))
 LARGEST_ON_CPU = 1 << 18  # of them: larger ones take minutes there, and no longer a sample
 SWEPT = 6  # settings that are timed in each of `BATCHES`, one a codec
-TRIED, GIVEN_UP = "tried.txt", "given-up.txt"  # in the folder: the variant that is being tried, and those that failed
+# Files in the folder: the variant that is being tried, and those that ended a process.
+TRIED = "tried.txt"
+GIVEN_UP = "given-up.txt"
 FIT_STEPS = 100  # that are timed of a fit, beyond its first
 PRECISIONS = {"eager": tuple(DTYPES), "compiled": ("float32", "float16"), "fused": tuple(DTYPES)}
 
@@ -92,6 +94,7 @@ class _Measuring:
     def everything(self) -> None:
         """One setting of each codec, steps of fits, batches of some of these settings, then all other settings."""
         usual = timing.batch_on(self.device)
+        # Of one codec the last setting replaces the others: suites list the largest last.
         last_of_each = tuple({spec.codec: spec for spec in self.suite.codecs}.values())
         others = tuple(spec for spec in self.suite.codecs if spec not in last_of_each)
         swept: list[CodecSpec] = []
@@ -172,9 +175,10 @@ class _Measuring:
 
     def given_up(self) -> set[str]:
         """The variants that ended earlier processes, as a fault of a GPU does: none is tried again."""
-        tried, list_of_them = self.folder / TRIED, self.folder / GIVEN_UP
+        tried = self.folder / TRIED
+        list_of_them = self.folder / GIVEN_UP
         names = list_of_them.read_text(encoding="utf-8").splitlines() if list_of_them.exists() else []
-        if tried.exists():
+        if tried.exists():  # a process that goes on removes it after each variant
             names.append(tried.read_text(encoding="utf-8"))
             atomic.write(list_of_them, "".join(f"{name}\n" for name in names).encode())
             tried.unlink()
@@ -192,7 +196,8 @@ class _Measuring:
 
 
 def _possible(material: Material) -> list[Variant]:
-    """The variants that this kind of device has; without a network those of whole materials alone."""
+    """The variants that the material's device has and computes in natively. Of a material without a network, only those
+    of eager execution, and those that change a whole material instead of its networks."""
     there = []
     for execution, precisions in PRECISIONS.items():
         for precision in precisions:
@@ -217,9 +222,10 @@ def finish(device: torch.device) -> None:
 
 @torch.no_grad()
 def difference(ready: Material, exact: Material, precision: str) -> float:
-    """The largest difference of answers from float64's, over the largest that the precision may have."""
+    """The largest difference of answers from float64's, as a multiple of the largest that the precision may have."""
     queries = Queries(CHECKED).draw(exact.size, exact.device)
-    answers, truth = ready.query(*queries).double(), exact.query(*queries).double()
+    answers = ready.query(*queries).double()
+    truth = exact.query(*queries).double()
     absolute, relative = TOLERANCES[precision]
     allowed = absolute + relative * float(truth.abs().max())
     return float((answers - truth).abs().max()) / allowed
@@ -268,7 +274,8 @@ def _fits(suite: Suite, device: str, clock: Clock, done: set[str], show: Progres
         except InputError as error:
             log.warning("%s: its fit is not timed: %s", spec.label, error)
             continue
-        step = max(1.0, 1e9 * (long - short) / FIT_STEPS)  # ns
+        # In ns. The difference leaves out what a fit takes besides its steps; noise must not make it negative.
+        step = max(1.0, 1e9 * (long - short) / FIT_STEPS)
         row: Timing = {
             "kind": "timing",
             "job": name,

@@ -95,9 +95,12 @@ class Suite:
 
     @property
     def cells(self) -> list[tuple[MaterialSpec, CodecSpec, int]]:
-        """Material, codec and seed of each job, in order."""
-        every = itertools.product(self.materials, self.codecs, self.seeds)
-        return [cell for cell in every if not cell[1].materials or cell[0].name in cell[1].materials]
+        """Material, codec and seed of each job, in order. A codec that names materials runs on these alone."""
+        chosen = []
+        for material, codec, seed in itertools.product(self.materials, self.codecs, self.seeds):
+            if not codec.materials or material.name in codec.materials:
+                chosen.append((material, codec, seed))
+        return chosen
 
 
 @dataclass(frozen=True)
@@ -213,9 +216,12 @@ def _metrics(key: str, names: Iterable[str]) -> tuple[str, ...]:
 def with_changes(
     suite: Suite, materials: list[str], codecs: list[str], changes: dict[str, str], seed: int | None
 ) -> Suite:
-    """The suite with the choices of the command line: only these materials, which every codec then runs on, only these
-    codecs, with defaults where the suite does not name them, this seed, and these changes of settings: `data.KEY`,
-    `CODEC.KEY`, or `KEY` alone for every codec of the suite that has it."""
+    """The suite with the choices of the command line; an empty choice, and no `seed`, leave it as it is.
+
+    With `materials`, every codec runs on these alone. With `codecs`, only these run, by default settings if the suite
+    does not name them. `changes` are values of settings by `data.KEY`, by `CODEC.KEY`, or by `KEY` for every codec that
+    has it. With `seed`, it is the only one.
+    """
     if materials:
         known = {spec.name: spec for spec in suite.materials}
         everywhere = tuple(dataclasses.replace(spec, materials=()) for spec in suite.codecs)
@@ -242,6 +248,7 @@ def told_apart(materials: list[MaterialSpec]) -> tuple[MaterialSpec, ...]:
     if twice:
         raise InputError(f"--material {twice}: it is given twice")
     names = [spec.name for spec in materials]
+    # Names that are still equal get one folder more in each turn, until no path has any left.
     for folders in range(1, max(len(Path(path).parts) for path in paths)):
         ambiguous = {name for name, count in Counter(names).items() if count > 1}
         for place, path in enumerate(paths):
@@ -284,8 +291,9 @@ def changed_settings(spec: CodecSpec) -> dict[str, Any]:
     recipe = {key: value for key, value in spec.settings.items() if key == RECIPE}
     try:
         codec = make_codec(spec.codec, spec.settings)
-        given, default = settings_dict(codec), settings_dict(make_codec(spec.codec, recipe))
-        if recipe:
+        given = settings_dict(codec)
+        default = settings_dict(make_codec(spec.codec, recipe))
+        if recipe:  # the recipe itself is a setting, whose default is not the recipe that is given
             default |= {RECIPE: codec.Settings.recipe}  # type: ignore[attr-defined]
     except CodecError:  # its jobs fail with this error
         return spec.settings
@@ -316,8 +324,8 @@ def _change(suite: Suite, key: str, value: str) -> Suite:
 
 
 def _hint(suite: Suite, scope: str, name: str) -> str:
-    """The end of a message on an unknown setting: that its codec does not run, or the setting, of a codec or of the
-    data, that was probably meant."""
+    """The end of a message on an unknown setting: that the suite does not run its codec, or else which setting of a
+    codec or of the data was probably meant."""
     from bench.codec import setting_names
 
     codecs = {spec.codec for spec in suite.codecs}
@@ -387,7 +395,7 @@ def _swept(where: str, entries: list[Any]) -> Iterator[CodecSpec]:
         codec = converted(f"{where}.codec", str, settings.pop("codec", None))
         materials = converted(f"{where}.materials", Words, settings.pop("materials", []))
         swept = {key: value for key, value in settings.items() if isinstance(value, list)}
-        lists = [swept.get(key, [value]) for key, value in settings.items()]
+        lists = [swept.get(key, [value]) for key, value in settings.items()]  # a single value is a list of one
         for key, values in zip(settings, lists, strict=True):
             for each in values:  # the codec checks more
                 converted(f"{where}.{key}", type(each) if isinstance(each, str | bool) else float, each)

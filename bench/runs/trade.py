@@ -141,6 +141,7 @@ def measure(
             result["choices"] += choices
             if not profiles:
                 continue
+            # Each codec in its entry without a sweep or, if no entry is without, the first job alone.
             plain = {job["label"]: recorded(run.folder, job, device) for job in jobs if _plain(suite, job)}
             profiled = plain or {jobs[0]["label"]: recorded(run.folder, jobs[0], device)}
             result["profiles"] += profile(spec.name, profiled, cores, batches)
@@ -162,7 +163,10 @@ def _announced(suite: Suite, run: Run, device: str) -> str:
 
 
 def _timing(suite: Suite, run: Run, device: str, names: Collection[str]) -> str:
-    """About how long timing takes of the jobs that a run timed already, and of others, at the time of most codecs."""
+    """About how long it takes to time these jobs, in words.
+
+    A query is expected to take what a run measured before or, where it did not, what it takes with most codecs.
+    """
     target = torch.device(device)
     entries = _timed_jobs(suite)
     batch = timing.batch_on(target, BATCH)
@@ -174,7 +178,7 @@ def _timing(suite: Suite, run: Run, device: str, names: Collection[str]) -> str:
         job = run.job(name)
         known = run.timing(job) if job else None
         ns = known["ns_per_sample"] if known else usual
-        turn_ns = max(timing.SPAN_NS, batch * ns) + timing.SPAN_NS  # and the floor's turn
+        turn_ns = max(timing.SPAN_NS, batch * ns) + timing.SPAN_NS  # a turn of the job, and one of the floor
         count = 1 if entries[name].swept else 1 + len(more)  # a sweep is timed in eager float32 alone
         seconds += 1e-9 * timing.TURNS * turn_ns * count
     return f"about {duration(seconds)} of timing"
@@ -182,12 +186,20 @@ def _timing(suite: Suite, run: Run, device: str, names: Collection[str]) -> str:
 
 def _timed_jobs(suite: Suite) -> dict[str, CodecSpec]:
     """The entries of a suite by the names of the jobs that are timed: those of its first seed."""
-    first = [(material, codec) for material, codec, seed in suite.cells if seed == suite.seeds[0]]
-    return {f"{material.name}/{codec.label}/{suite.seeds[0]}": codec for material, codec in first}
+    first_seed = suite.seeds[0]
+    entries = {}
+    for material, codec, seed in suite.cells:
+        if seed == first_seed:
+            entries[f"{material.name}/{codec.label}/{seed}"] = codec
+    return entries
 
 
 def merged(earlier: Trade | None, result: Trade) -> Trade:
-    """A result, extended by the materials and settings of codecs that only an earlier result holds."""
+    """A result, extended by the choices and profiles that only an earlier result holds.
+
+    A choice of the earlier result is dropped if the new one has its material, label and device; a profile, if the new
+    one has any of its material.
+    """
     choices = result["choices"]
     profiles = result["profiles"]
     if earlier:
@@ -243,7 +255,11 @@ def _choices(
     ceilings: list[Ceiling],
     show: Progress,
 ) -> list[TradeChoice]:
-    """Every choice of one material: quality, bytes, time in turns with all others, and whether it is on a front."""
+    """Every choice of one material: quality, bytes, time in turns with all others, and whether it is on a front.
+
+    First each file is scored in each variant, a row each; then all that could be are timed together, and the times join
+    the rows. The last row is the floor.
+    """
     rows: list[TradeChoice] = []
     timed: dict[int, Material] = {}  # by the number of the row
     unfinished = Unfinished(run.folder)
@@ -267,7 +283,7 @@ def _choices(
                 row["emulated"] = True
             try:
                 ready = prepared(material, variant)
-                if variant == Variant():
+                if variant == Variant():  # the run has scored it
                     slices = read_arrays(run.folder / job["slices"], MAX_FILE)
                     decide = slices["heldout"] if deciding_group(job["scores"]) == "heldout" else slice(None)
                     row |= _figures(job, slices[PSNR][decide])
@@ -287,6 +303,7 @@ def _choices(
     conditions: TradeChoice = {"batch": batch, "threads": suite.threads, "device": device}
     if is_gpu(device):
         conditions["gpu"] = device_name(device)
+    # Turns of an interrupted timing count again only if the same contestants were timed under the same conditions.
     whose = [[rows[i]["sha256"], rows[i]["execution"], rows[i]["precision"]] for i in timed]
     kept = unfinished.turns(json.dumps([workbench.name, conditions, machine(), whose]))
     here = [each for each in ceilings if each["threads"] == suite.threads]
@@ -320,10 +337,13 @@ def _timed(
     calls: dict[str, Callable[[], Any]] = {name: partial(each.query, *queries) for name, each in materials.items()}
     for ceiling in ceilings:
         dtype = ceiling["dtype"]
-        calls[f"product {dtype}"], calls[f"copy {dtype}"] = ceiling_calls(first.device, getattr(torch, dtype))
+        product_call, copy_call = ceiling_calls(first.device, getattr(torch, dtype))
+        calls[f"product {dtype}"] = product_call
+        calls[f"copy {dtype}"] = copy_call
     measured = timing.in_turns(calls, batch, first.size, ceilings[0]["threads"], first.device, show, kept)
     for ceiling in ceilings:
         dtype = ceiling["dtype"]
+        # `samples` are ns of a turn over the batch: times the batch, they are ns of the whole product or copy.
         product = batch * float(measured[f"product {dtype}"].samples.min())
         copied = batch * float(measured[f"copy {dtype}"].samples.min())
         flops, read = rates(product, copied, first.device)
@@ -342,11 +362,16 @@ def _variants(suite: Suite, job: Job, material: Material) -> list[Variant]:
 
 def _limit(material: Material, ceilings: list[Ceiling]) -> float:
     """The machine's lower bound in ns per sample: short types read fewer bytes, and may multiply faster."""
+    # `cost` counts bytes of float32. A short type may be widened to float32, so the rates of both count.
     short = material.dtype.itemsize / 4
     cost = replace(material.cost, bytes_per_sample=round(material.cost.bytes_per_sample * short))
     usable = ("float32", str(material.dtype).removeprefix("torch."))
     threads = ceilings[0]["threads"]
-    return min(limit_ns(cost, c) for c in ceilings if c["threads"] == threads and c["dtype"] in usable)
+    limits = []
+    for ceiling in ceilings:
+        if ceiling["threads"] == threads and ceiling["dtype"] in usable:
+            limits.append(limit_ns(cost, ceiling))
+    return min(limits)
 
 
 def _changed(workbench: Workbench, ours: Material, plain: Material, threads: int, show: Progress) -> TradeChoice:
@@ -355,14 +380,13 @@ def _changed(workbench: Workbench, ours: Material, plain: Material, threads: int
 
 
 def _score(workbench: Workbench, material: Material, threads: int, show: Progress) -> TradeChoice:
-    """The figures of a material in another execution or precision, scored now."""
-    groups = {deciding_group(workbench.groups): workbench.deciding} | {
-        name: np.intersect1d(workbench.scored, pairs) for name, pairs in workbench.groups.items() if name == VALIDATION
-    }
+    """The figures of a material in another execution or precision, scored now at deciding and validation pairs."""
+    groups = {deciding_group(workbench.groups): workbench.deciding}
+    if VALIDATION in workbench.groups:
+        groups[VALIDATION] = np.intersect1d(workbench.scored, workbench.groups[VALIDATION])
+    pairs = np.unique(np.concatenate([*groups.values()]))
     with torch_threads(threads):
-        scores = workbench.scorer.score(
-            np.unique(np.concatenate([*groups.values()])), Slices(workbench, material, show).slice
-        )
+        scores = workbench.scorer.score(pairs, Slices(workbench, material, show).slice)
     summary = summarise(scores, workbench.btf.wo, workbench.btf.wi, groups)
     return _figures({"scores": summary}, scores.raw[PSNR][np.isin(scores.pairs, workbench.deciding)])
 
@@ -377,7 +401,10 @@ def _deviation(workbench: Workbench, ours: Material, plain: Material, show: Prog
 
 
 def _figures(job: Job, squared: np.ndarray) -> TradeChoice:
-    """PSNR, FLIP and worst-slice PSNR of the deciding pairs, and PSNR of validation pairs, if a record has them."""
+    """PSNR, FLIP and worst-slice PSNR of the deciding pairs, and PSNR of validation pairs, if a record has them.
+
+    `squared` (n,) are the mean squared display errors of the deciding pairs.
+    """
     metrics = metrics_of(job)
     validation = validation_of(job)
     flip = metric_of(metrics, FLIP)
@@ -440,4 +467,6 @@ def _on_front(quality: Sequence[float], costs: Sequence[float]) -> list[bool]:
 
 def _beats(other: tuple[float, float], place: tuple[float, float]) -> bool:
     """Whether another place of quality and cost is at least as good and as cheap, and better in one."""
-    return other[0] >= place[0] and other[1] <= place[1] and other != place
+    its_quality, its_cost = other
+    quality, cost = place
+    return its_quality >= quality and its_cost <= cost and other != place

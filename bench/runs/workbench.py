@@ -136,14 +136,15 @@ class Workbench:
 
     @cached_property
     def sheet(self) -> np.ndarray:
-        """The few pairs that a contact sheet shows; held-out pairs if there are any."""
+        """The few pairs (n,) that a contact sheet shows: of those that decide, the nearest to each of `SHOWN`."""
         theta = np.stack([to_degrees(self.btf.wo[self.deciding])[0], to_degrees(self.btf.wi[self.deciding])[0]], 1)
         nearest = [int(np.linalg.norm(theta - wanted, axis=1).argmin()) for wanted in np.array(SHOWN)]
         return self.deciding[np.unique(nearest)]
 
     @cached_property
     def shown(self) -> np.ndarray:
-        """The pairs whose slices are stored as pictures: those of `sheet`, and others far from them and each other."""
+        """The pairs (n,) whose slices are stored as pictures: those of `sheet`, then in each step the one that is
+        farthest from all before, up to `STORED`."""
         places = np.concatenate([self.btf.wo[self.deciding], self.btf.wi[self.deciding]], 1)
         chosen = [int(i) for i in np.flatnonzero(np.isin(self.deciding, self.sheet))]
         distance = np.linalg.norm(places[:, None] - places[chosen], axis=2).min(1)

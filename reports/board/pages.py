@@ -22,7 +22,7 @@ from reports.table import Table
 from reports.tables import all_tables
 
 FRONT = "index.html"
-PAGES = 2.2  # budgets of pictures of a run's page, some 20 MB each, for all pages of materials together
+PAGES = 2.2  # all pages of materials together may have so many times the pictures of a run's page, which take 20 MB
 _KINDS = "rate speed cost"  # of plots over all materials
 _FITS = "as published and ours"  # the name of a codec's plots of fits
 _NO_PICTURES = "No pictures: this page was made without the files of the run."
@@ -64,11 +64,12 @@ class Board:
         values: Mapping[str, object],
         more: Sequence[series.Plot] = (),
     ) -> Iterator[str]:
-        """A page in pieces: a template with these values, the plots of its sources and `more`, and the looks of their
-        codecs."""
+        """A page in pieces: a template with these values, the plots of its sources, `more` plots, and how their codecs
+        look."""
         plots: list[series.Plot] = []
-        # Colours and markers are given to the codecs of a run in order: of one run of all sources, each codec has one
-        # look on the whole page. Its materials are named after their sources, since these may share names.
+        # Colours and markers are given to the codecs of a run in order. All sources are joined to one run for that, so
+        # that a codec has one look on the whole page. Materials of two sources may share a name, so in the joined run
+        # each is named after its source, too.
         parts: list[tuple[str, Publication, str]] = []
         for source in sources:
             plots += self.plots[source.name]
@@ -112,7 +113,7 @@ class Board:
         return Table("list", "Codecs", headers, rows, ["Best of: the comparisons on its page."], words=2)
 
     def to_codec(self, _: str, label: str) -> str:
-        """The page of a row's codec, if it has one."""
+        """The page of the codec that a row's label names; "" if it has none. Templates also give the material."""
         if not label.strip():
             return ""
         name = label.replace(",", " ").split(maxsplit=1)[0]
@@ -203,7 +204,7 @@ def _codecs(source: Publication) -> set[str]:
 
 
 def _place(source: Publication) -> tuple[bool, int]:
-    """Where a source stands on the front: those with budgets first, then by the first kind of their truth."""
+    """The key that sorts sources on the front: those with budgets first, then by the first kind of their truth."""
     first_kind = _kind(source).partition(",")[0]
     return not source.has_budgets, kind_order(first_kind)
 
@@ -227,8 +228,8 @@ def _recipes(codec: Codec) -> Table:
 def _plots(source: Publication) -> Iterator[series.Plot]:
     """The plots over all materials of a source, or those of its only one, under the name of the source."""
     every = series.plots_of(source.run)
-    over = [plot for plot in every if not plot["material"]] or every
-    for plot in over:
+    over_all = [plot for plot in every if not plot["material"]]
+    for plot in over_all or every:
         if plot["kind"] in _KINDS.split():
             yield plot | {"material": source.name}
 
@@ -280,7 +281,8 @@ def _section(source: Publication) -> dict[str, Any]:
 
 
 def _leads(run: Run) -> list[str]:
-    """Who leads on each kind of surface."""
+    """Words for each kind of surface: which codec leads, and by how much before `AGAINST` or, where that leads itself
+    or is missing, before the second."""
     result = budgets(run)
     points = hulls(result, result.surfaces)
     told: list[str] = []

@@ -70,10 +70,10 @@ class Publication:
 
 
 def may_be_shown(job: Job, run: Run) -> bool:
-    """Whether pictures of a material may be published: it is built in, made of maps whose suite states CC0, or of a
-    kind of surface that permits it.
+    """Whether pictures of a job's material may be published: it is rendered by this suite, it is baked from maps whose
+    suite states CC0, or its provenance says that it is free.
 
-    What an archive says of a licence is nobody's word, so of verified jobs built-in materials alone are shown.
+    A verified job comes from an archive, which may claim any licence: of those, only rendered materials are shown.
     """
     stated: list[str] = []  # by the suites, where the material is from
     for start in run.starts:
@@ -89,9 +89,10 @@ def may_be_shown(job: Job, run: Run) -> bool:
 
 
 def with_files(records: Sequence[Publication], runs: Sequence[Publication]) -> list[Publication]:
-    """The sources, each job with those files of runs at hand that may be shown, and with no other path.
+    """The sources, each job with the paths of those files of runs at hand that may be shown, and with no other path.
 
-    A run follows as a source of its own unless all its jobs are in the records.
+    A run at hand follows as a source of its own, unless all its jobs are in records that are not claimed. A name that
+    several sources have is followed by a number.
     """
     at_hand: dict[tuple[str, ...], tuple[Run, Job]] = {}
     for source in runs:
@@ -118,8 +119,10 @@ def with_files(records: Sequence[Publication], runs: Sequence[Publication]) -> l
 
 
 def _placed(run: Run, at_hand: dict[tuple[str, ...], tuple[Run, Job]]) -> Run:
-    """The run, each job with the absolute paths of files at hand that may be shown, and no other paths; `at_hand` is by
-    `_key`. Codec files are not shown."""
+    """The run, each job with the absolute paths of files at hand that may be shown, and no other paths.
+
+    `at_hand` has, by `_key`, the run and the job whose files are at hand. Codec files are never shown.
+    """
     names = set(field_names(ARTEFACT))
     jobs: Records[Job] = Records()
     for job in run.jobs:
@@ -140,7 +143,7 @@ def _key(job: Job) -> tuple[str, ...]:
 
 
 def joined(parts: Sequence[tuple[str, Publication, str]]) -> Run:
-    """One run of parts: each the name that a material gets, its source, and its own name there."""
+    """One run of some materials. A part is the name that a material gets in it, its source, and its name there."""
     run = Run(Path())
     for name, source, material in parts:
         for job in source.run.jobs:

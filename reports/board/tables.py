@@ -19,7 +19,7 @@ Entry = tuple[str, int, float]  # settings, bytes and test PSNR (dB; infinite if
 
 @dataclass(frozen=True)
 class Place:
-    """A codec against the best of the others on a material: both at some settings."""
+    """A codec against the best of the other codecs on a material, each by the entry of one of its settings."""
 
     material: str
     results: str  # the name of its source, and the budget where that chose
@@ -28,8 +28,10 @@ class Place:
 
     @property
     def gap(self) -> float:
-        """By how many dB the codec is better; 0 where both are exact."""
-        return 0.0 if self.mine[2] == self.best[2] else self.mine[2] - self.best[2]
+        """By how many dB the codec is better; 0 where both are exact, because infinity less infinity is no number."""
+        mine = _quality(self.mine)
+        best = _quality(self.best)
+        return 0.0 if mine == best else mine - best
 
 
 def origins(source: Publication, material: MaterialRows, name: str) -> Table:
@@ -79,7 +81,7 @@ def all_rows(name: str, sources: Sequence[Publication]) -> Table | None:
 
 
 def codec_of(row: Row) -> str:
-    """The name of a row's codec: a program's is its own."""
+    """The name of a row's codec, the first word of its label; of an external program this is the program's own name."""
     return row.label.split(maxsplit=1)[0]
 
 
@@ -93,8 +95,8 @@ def places(name: str, sources: Sequence[Publication]) -> list[Place]:
 
 
 def _places(name: str, source: Publication) -> Iterator[Place]:
-    """Where a codec stands in one source: at each budget, or where it has none, of all settings whatever their
-    bytes."""
+    """Where a codec stands in one source, on each material: at each budget or, if the source has no budgets, by the
+    best of all its settings, whatever their bytes."""
     if source.has_budgets:
         yield from _at_budgets(name, source)
         return
@@ -111,7 +113,10 @@ def _places(name: str, source: Publication) -> Iterator[Place]:
 
 
 def _place(material: str, results: str, name: str, known: Sequence[tuple[str, Entry]]) -> Iterator[Place]:
-    """The best of a codec and the best of the others, given by codec; none if either is missing."""
+    """The best entry of a codec beside the best of the others; nothing if either is missing.
+
+    `known` has the entries of one comparison, each after the name of its codec.
+    """
     mine = [entry for codec, entry in known if codec == name]
     others = [entry for codec, entry in known if codec != name]
     if mine and others:
@@ -139,7 +144,7 @@ def _at_budgets(name: str, source: Publication) -> Iterator[Place]:
 
 
 def standing(name: str, found: Sequence[Place]) -> Table | None:
-    """A row a place."""
+    """The table of where a codec stands, a row a place; None without any."""
     rows = []
     for place in found:
         (mine, size, quality), (best, its_size, its_quality) = place.mine, place.best

@@ -2,6 +2,7 @@
 
 import hashlib
 import io
+import math
 import re
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -104,27 +105,29 @@ class Sheet:
         self.pixels = np.full((height, width, 3), 255, np.uint8)
 
     def picture(self, left: int, top: int, picture: np.ndarray) -> None:
-        """Put a picture (H, W, 3), or (H, W, 4) over earlier content, uint8; parts outside are cut off."""
+        """Put a picture, uint8, on the sheet: (H, W, 3), or (H, W, 4) to be blended in. Parts outside are cut off."""
         place = self.pixels[top : top + picture.shape[0], left : left + picture.shape[1]]
         picture = picture[: place.shape[0], : place.shape[1]]
         alpha = picture[..., 3:] / 255 if picture.shape[-1] == 4 else 1
         place[:] = np.round(picture[..., :3] * alpha + place * (1 - alpha)).astype(np.uint8)
 
     def text(self, x: float, y: float, text: str, **look: Any) -> None:
-        """Write a text; `y` is its middle unless `look` says otherwise."""
+        """Write a text at pixels from the top left corner; `y` is its middle unless `look` says otherwise."""
         merged: dict[str, Any] = {"fontsize": 8, "va": "center"} | look
         self.drawing.text(x / self.width, 1 - y / self.height, text, **merged)
 
     def scale(self, left: int, top: int, size: tuple[int, int], colours: str, **look: Any) -> Any:
-        """Draw the colours of a scale as upright axes of that width and height; returns its colour bar."""
-        box = (left / self.width, 1 - (top + size[1]) / self.height, size[0] / self.width, size[1] / self.height)
+        """Draw the colours of a scale as upright axes; `size` is their width and height. Returns its colour bar."""
+        width, height = size
+        # Matplotlib takes left, bottom, width and height as shares of the sheet, from its bottom left corner.
+        box = (left / self.width, 1 - (top + height) / self.height, width / self.width, height / self.height)
         return self.drawing.colorbar(ScalarMappable(cmap=colours, **look), cax=self.drawing.add_axes(box))
 
     def png(self, mode: str = "RGB") -> bytes:
         """The sheet as PNG, grey in mode "L"; the same sheet gives the same bytes."""
         self.drawing.patch.set_alpha(0)
         self.drawing.canvas.draw()
-        drawn = np.asarray(self.drawing.canvas.buffer_rgba())  # type: ignore[attr-defined]
+        drawn = np.asarray(self.drawing.canvas.buffer_rgba())  # type: ignore[attr-defined]  # texts and scales
         used = drawn[..., 3] > 0
         pixels = self.pixels.copy()
         alpha = drawn[used][:, 3:] / 255
@@ -142,13 +145,13 @@ class Sheet:
 
 
 def coloured(values: np.ndarray, colours: str, norm: Any) -> np.ndarray:
-    """Values as a picture (H, W, 4), uint8; values that are not finite are transparent."""
+    """Values (H, W) as a picture (H, W, 4), uint8, by a colour map and a norm; those that are not finite are clear."""
     masked = np.ma.masked_invalid(values)
     return matplotlib.colormaps[colours](norm(masked), bytes=True)
 
 
 def enlarged(picture: np.ndarray, factor: int) -> np.ndarray:
-    """A picture with every pixel enlarged to a square."""
+    """A picture (H, W, …) with every pixel enlarged to a square of `factor` pixels a side."""
     return picture.repeat(factor, 0).repeat(factor, 1)
 
 
@@ -166,15 +169,17 @@ def short(label: str, length: int = 38) -> str:
 
 
 def grid_of(count: int, columns: int) -> tuple[int, int]:
-    """The (rows, columns) for a number of small pictures."""
+    """The (rows, columns) of a grid for so many small pictures, with at most `columns` columns."""
     columns = min(columns, max(1, count))
-    return -(-count // columns), columns
+    rows = math.ceil(count / columns)
+    return rows, columns
 
 
 def log_ticks(axis: Any, unit: str = "") -> None:
-    """Ticks of a logarithmic axis, `20 kB`: at 1, 2 and 5 of each decade, at 1 and 3 where more than two are shown."""
+    """Ticks of a logarithmic axis, `20 kB`: at 1, 2 and 5 of each decade, at 1 and 3 if it spans more than two."""
     low, high = axis.get_view_interval()
-    axis.set_major_locator(LogLocator(10, (1, 3) if high > 100 * low else (1, 2, 5), numticks=9))
+    digits = (1, 3) if high > 100 * low else (1, 2, 5)
+    axis.set_major_locator(LogLocator(10, digits, numticks=9))
     axis.set_major_formatter(EngFormatter(unit) if unit else FuncFormatter(lambda value, _: f"{value:,g}"))
     axis.set_minor_formatter(NullFormatter())
 
@@ -183,7 +188,7 @@ def legend(axes: Any, handles: Sequence[Any], labels: Sequence[str]) -> None:
     """A legend beside the last axes of `plots`, which make room for it."""
     box = axes.legend(handles, list(map(short, labels)), loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0)
     drawing = axes.figure
-    wide = box.get_window_extent(drawing.canvas.get_renderer()).width / drawing.dpi + 0.3
+    wide = box.get_window_extent(drawing.canvas.get_renderer()).width / drawing.dpi + 0.3  # inches, with its margins
     drawing.subplots_adjust(right=max(0.4, 1 - wide / drawing.get_figwidth()))
 
 
@@ -191,6 +196,7 @@ def plots(width: float, height: float, count: int = 1) -> tuple[Drawing, list[An
     """A figure of that size in inches, and `count` axes side by side that share their y axis."""
     drawing = new(width, height)
     axes = drawing.subplots(1, count, sharey=True, squeeze=False)[0]
-    # Matplotlib's layouts measure all texts, which takes longer than drawing them.
+    # Margins in inches, as shares of the figure. Matplotlib would find them by measuring all texts, which takes longer
+    # than drawing them.
     drawing.subplots_adjust(left=0.7 / width, top=1 - 0.5 / height, bottom=0.65 / height, wspace=0.1)
     return drawing, list(axes)

@@ -1,5 +1,6 @@
 """Contact sheets: a few slices, true and decoded, beside their FLIP maps; a strip of one slice by a few codecs."""
 
+import math
 import textwrap
 from collections.abc import Sequence
 from itertools import chain
@@ -17,32 +18,39 @@ from reports.numbers import fixed
 from reports.rows import MaterialRows, Row
 
 CELL = 128  # the least side of a picture in pixels; smaller slices are enlarged by a whole factor
-_GAP, _LEFT, _TOP, _BOTTOM = 6, 150, 76, 22
+# In pixels: between pictures, and the margins.
+_GAP = 6
+_LEFT = 150
+_TOP = 76
+_BOTTOM = 22
 
 
 @of_each_material
 def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
-    """A row a codec below the truth; a pair of columns (slice, FLIP map) for each marked slice, or for all."""
+    """A row a codec below the truth; for each slice that the run marked for the sheet two columns, slice and FLIP map.
+
+    Of a run that marked none, all stored slices are shown.
+    """
     rows = []
     for row, stored in of_shown(run, material, "pictures"):
         pictures = stored
-        if "sheet" in stored:
+        if "sheet" in stored:  # a mask of the slices that the sheet shows
             pictures = {name: array[stored["sheet"]] for name, array in stored.items()}
         rows.append((row, pictures))
     if not rows:
         return None
     _, first = rows[0]
     count, height, width = first["truth"].shape[:3]
-    factor = max(1, -(-CELL // max(height, width)))
+    factor = max(1, math.ceil(CELL / max(height, width)))
     cell = (width * factor, height * factor)
-    pair = 2 * cell[0] + 2 * _GAP
+    pair = 2 * cell[0] + 2 * _GAP  # the width of two columns
     title = f"{material.name}: slices as decoded, and FLIP maps"
     sheet = Sheet(_LEFT + count * pair, _TOP + (len(rows) + 1) * (cell[1] + _GAP) + _BOTTOM)
     sheet.text(_GAP, 14, f"{title} ({material.split})", fontsize=10)
     for k in range(count):
         left = _LEFT + k * pair
-        for up, side, (theta, phi) in ((34, "view", first["wo_deg"][k]), (18, "light", first["wi_deg"][k])):
-            sheet.text(left, _TOP - up, f"{side}: θ {theta:.0f}°, φ {phi:.0f}°")
+        sheet.text(left, _TOP - 34, _angles("view", first["wo_deg"][k]))
+        sheet.text(left, _TOP - 18, _angles("light", first["wi_deg"][k]))
         sheet.picture(left, _TOP, enlarged(first["truth"][k], factor))
     _label(sheet, "truth", _TOP + cell[1] / 2)
     for number, (row, pictures) in enumerate(rows, 1):
@@ -54,18 +62,26 @@ def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
             sheet.picture(left, top, enlarged(pictures["decoded"][k], factor))
             if "flip" in pictures:
                 sheet.picture(left + cell[0] + 2, top, enlarged(pictures["flip"][k], factor))
-                if means[k]:
-                    right, bottom = left + 2 * cell[0], top + cell[1]
+                if means[k]:  # its mean on a shade in the lower right corner of the map
+                    right = left + 2 * cell[0]
+                    bottom = top + cell[1]
                     sheet.picture(right - 34, bottom - 17, _SHADE)
                     sheet.text(right - 4, bottom - 9, means[k], color="white", fontsize=7.5, ha="right")
     flip_scale(sheet, _LEFT + cell[0] + 2, _TOP + cell[1] // 2, cell[0])
     return Figure(material.name, "contact", title, sheet.png(), sheet)
 
 
-def strip(run: Run, budget: Budget) -> Figure | None:
-    """One slice of the first surface with pictures, path-traced before rendered: truth and the three best in a budget.
+def _angles(side: str, direction: np.ndarray) -> str:
+    """A direction (θ, φ) in degrees, in words."""
+    theta, phi = direction
+    return f"{side}: θ {theta:.0f}°, φ {phi:.0f}°"
 
-    Of the slices that pictures show, it is the one with the median PSNR of the best codec.
+
+def strip(run: Run, budget: Budget) -> Figure | None:
+    """One slice of a surface: the truth, and the answers of the three best codecs within a budget.
+
+    The surface is the first with pictures of three codecs, in the order of the kinds of surfaces. Of its stored slices
+    the one is shown at which the best codec has its median PSNR.
     """
     result = budgets(run)
     for material in chain.from_iterable(by_kind(result.surfaces).values()):
@@ -83,26 +99,32 @@ def strip(run: Run, budget: Budget) -> Figure | None:
 
 
 def _of_same_pairs(run: Run, jobs: Sequence[Job]) -> list[tuple[Job, Arrays]]:
-    """The jobs with pictures of the same pairs as the first that has some, and these pictures."""
+    """The jobs with pictures of the same pairs as the first job that has any, each with its pictures."""
     known: list[tuple[Job, Arrays]] = []
+    first: Arrays | None = None
     for job in jobs:
         pictures = arrays(run.folder, job, "pictures")
         if not pictures:
             continue
-        if not known or np.array_equal(pictures["pairs"], known[0][1]["pairs"]):
+        if first is None:
+            first = pictures
+        if np.array_equal(pictures["pairs"], first["pairs"]):
             known.append((job, pictures))
     return known
 
 
 def _strip(material: str, known: Sequence[tuple[Job, Arrays]], scores: Arrays) -> Figure:
-    """Truth and decoded of one slice side by side; `known` begins with the best codec, whose errors `scores` holds."""
+    """The truth and the decoded pictures of one slice side by side, at which the best codec has its median error.
+
+    `known` has three jobs with their pictures, the best first; `scores` are the errors of that one.
+    """
     _, first = known[0]
     truth = first["truth"]
     pairs = first["pairs"]
     errors = dict(zip(scores["pairs"].tolist(), scores[PSNR].tolist(), strict=True))
     from_best = sorted(range(len(pairs)), key=lambda place: errors[pairs[place]])
     shown = from_best[len(pairs) // 2]
-    factor = -(-2 * CELL // max(truth.shape[1:3]))
+    factor = math.ceil(2 * CELL / max(truth.shape[1:3]))
     words = [f"{material}, truth"]
     for job, _ in known:
         bits = round(8 * job["bytes"]["total"] / prod(job["shape"]))
@@ -116,7 +138,7 @@ def _strip(material: str, known: Sequence[tuple[Job, Arrays]], scores: Arrays) -
 
 
 def _flip_means(run: Run, row: Row, pictures: Arrays) -> list[str]:
-    """The FLIP of each shown slice, from the stored numbers."""
+    """The mean FLIP of each shown slice as text, from the stored scores; "" for each if they are missing."""
     name = row.metric(FLIP)
     scores = arrays(run.folder, row.job, "slices", ("pairs", name))
     if not scores or not name or "pairs" not in pictures:
@@ -142,4 +164,4 @@ def flip_scale(sheet: Sheet, left: int, middle: int, width: int) -> None:
     sheet.text(left + width, middle + 20, "1", ha="right", fontsize=7.5)
 
 
-_SHADE = np.array([[[0, 0, 0, 140]]], np.uint8).repeat(16, 0).repeat(34, 1)
+_SHADE = np.array([[[0, 0, 0, 140]]], np.uint8).repeat(16, 0).repeat(34, 1)  # (16, 34, 4), black, half transparent

@@ -1,5 +1,6 @@
 """Maps of a codec's error, of each texel's ABRDF and over the hemispheres of views and of lights; quality by angle."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ _READ = {PSNR, "heldout", "wo_deg", "wi_deg"}
 
 @of_each_material
 def abrdf_maps(run: Run, material: MaterialRows) -> Figure | None:
-    """The squared log1p error of each texel over all pairs, one logarithmic scale for all codecs."""
+    """A map a codec of the mean squared error of log1p at each texel over all pairs, on one logarithmic scale."""
     maps = [(row.label, scores["abrdf"]) for row, scores in of_shown(run, material, "slices", ("abrdf",))]
     if not maps:
         return None
@@ -43,8 +44,8 @@ def abrdf_maps(run: Run, material: MaterialRows) -> Figure | None:
     rows, columns = grid_of(len(maps), 5)
     height = max(error.shape[0] for _, error in maps)
     width = max(error.shape[1] for _, error in maps)
-    factor = max(1, -(-_ABRDF_CELL // max(height, width)))
-    cell = (width * factor + 14, height * factor + 26)
+    factor = max(1, math.ceil(_ABRDF_CELL / max(height, width)))
+    cell = (width * factor + 14, height * factor + 26)  # with a gap, and a line of text above
     scale = LogNorm(1e-6, 1)
     positive = np.concatenate([error[error > 0] for _, error in maps])
     if len(positive):
@@ -76,7 +77,7 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
     if not maps:
         return None
     title = f"{material.name}: FLIP over the hemispheres"
-    values = {}
+    values = {}  # by side and number of the codec: FLIP by cell, (rings of θ, sectors of φ)
     for side in _SIDES:
         for i, (_, each) in enumerate(maps):
             values[side, i] = np.array(each[side]["value"], float)
@@ -93,7 +94,7 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
         line = _TOP + i // per_line * _BLOCK
         if side == "view":
             sheet.text(left, line - 20, short(label, 24))
-        else:
+        else:  # lights stand below views
             line += _BLOCK // 2 - 10
         sheet.text(left, line - 6, _SIDES[side], color="0.35")
         sheet.picture(left, line + 4, _disc(polar[side], value, scale))
@@ -109,17 +110,22 @@ _TOP = 76
 
 
 def _disc(stored: dict[str, Any], value: np.ndarray, scale: Normalize) -> np.ndarray:
-    """The cells as a picture of the disc, (H, W, 4), with its rings; sector 0 is centred on +x, row 0 is φ = 90°."""
-    x, y = np.meshgrid(_AXIS_DEG, -_AXIS_DEG)
+    """The cells of a hemisphere as a picture of its disc, (H, W, 4), with rings; θ grows outwards, φ from the right.
+
+    `value` is (rings, sectors). Sector 0 is centred on the right, and φ = 90° is on top. NaN, and what lies outside the
+    hemisphere, are transparent.
+    """
+    x, y = np.meshgrid(_AXIS_DEG, -_AXIS_DEG)  # of each pixel, in degrees of θ from the centre; y grows upwards
     sectors = len(stored["phi_centres_deg"])
     sector = np.round(np.degrees(np.arctan2(y, x)) * sectors / 360).astype(int) % sectors
     radius = np.hypot(x, y)
     ring = np.searchsorted(stored["theta_edges_deg"], radius, side="right") - 1
     inside = ring < len(value)
-    shown = value[np.where(inside, ring, 0), sector]
+    shown = value[np.where(inside, ring, 0), sector]  # ring 0 stands in for none, and is masked below
     picture = coloured(np.where(inside, shown, np.nan), "cividis", scale)
+    pixel = _AXIS_DEG[1] - _AXIS_DEG[0]
     for edge in (30, 60, 90):
-        picture[abs(radius - edge) < _AXIS_DEG[1] - _AXIS_DEG[0]] = (128, 128, 128, 255)
+        picture[abs(radius - edge) < pixel] = (128, 128, 128, 255)
     return picture
 
 
@@ -149,15 +155,21 @@ def angle_curves(run: Run, material: MaterialRows) -> Figure | None:
 
 
 def _rings(row: Row, scores: Arrays, side: str) -> tuple[np.ndarray, np.ndarray]:
-    """Centres of the rings that hold a pair, and PSNR of the mean squared error there; no point if the error is 0."""
-    chosen = scores["heldout"] if row.deciding_group == "heldout" else np.ones(len(scores["heldout"]), bool)
+    """Centres in degrees of the rings of θ that hold a pair, and PSNR in dB of the mean squared error there, both (n,).
+
+    `side` is "wo_deg" or "wi_deg". A ring without any error has no point.
+    """
+    heldout = scores["heldout"]  # a mask of pairs
+    chosen = heldout if row.deciding_group == "heldout" else np.ones(len(heldout), bool)
     error = scores[PSNR][chosen]
     theta = scores[side][chosen, 0]
-    ring = np.clip(np.searchsorted(EDGES_DEG, theta + 1e-4, side="right") - 1, 0, len(EDGES_DEG) - 2)
-    centres, means = [], []
+    edges_below = np.searchsorted(EDGES_DEG, theta + 1e-4, side="right")  # θ just below an edge by rounding lies on it
+    ring = np.clip(edges_below - 1, 0, len(EDGES_DEG) - 2)  # 90° lies in the last ring
+    centres = []
+    means = []
     for i in np.unique(ring):
         mean = error[ring == i].mean()
         if mean > 0:
-            centres.append(EDGES_DEG[i] + 7.5)
+            centres.append(EDGES_DEG[i] + 7.5)  # half the width of a ring
             means.append(mean)
     return np.array(centres), psnr(np.array(means))

@@ -35,24 +35,27 @@ def fronts(run: Run) -> Iterator[Figure]:
 
 
 def _drawn(result: Budgets, surfaces: Sequence[str], kind: str, styles: Styles) -> Any:
-    """Means over the surfaces: curves over bytes, as far as they reach on each, and rungs within budgets of time."""
+    """Means over the surfaces: curves over bytes, as far as they reach on each, and rungs within budgets of time.
+
+    Lines that are far below the best everywhere are left out of both.
+    """
     drawing, (by_size, by_time) = plots(11.5, 5.4, 2)
     handles: dict[str, Any] = {}
     means = {line: _mean_curve(curves, surfaces) for line, curves in hulls(result, surfaces).items()}
-    best = [max(curve.get(bits, 0.0) for curve in means.values()) for bits in _SIZES]
+    best = {bits: max(curve.get(bits, 0.0) for curve in means.values()) for bits in _SIZES}
     most_first = sorted(means, key=lambda line: -max(means[line].values(), default=0.0))
     for line in most_first:
         curve = means[line]
-        near = [curve[bits] > most - FAR_DB for bits, most in zip(_SIZES, best, strict=True) if bits in curve]
-        if not any(near):
+        is_near = any(value > best[bits] - FAR_DB for bits, value in curve.items())
+        if not is_near:
             continue
-        look = styles.of_codec(line.partition(",")[0]) | {"linestyle": "-", "linewidth": 1.2}
+        look = _look(styles, line)
         marked = [place for place, bits in enumerate(curve) if bits in BITS]
         (handles[line],) = by_size.plot(curve.keys(), curve.values(), **look, markersize=5, markevery=marked)
     ranked = {budget.most: result.ranked(budget, surfaces) for budget in result.limits if budget.kind == EAGER}
     for line in handles:
         by_limit = {most: lines[line] for most, lines in ranked.items() if line in lines}
-        look = styles.of_codec(line.partition(",")[0]) | {"linestyle": "-", "linewidth": 1.2}
+        look = _look(styles, line)
         by_time.plot(by_limit.keys(), by_limit.values(), **look, markersize=5)
     labels = {by_size: (BITS, "bits of the file a texel"), by_time: (TIMES, "budget: time of a query, × floor")}
     for axes, (ticks, label) in labels.items():
@@ -63,6 +66,12 @@ def _drawn(result: Budgets, surfaces: Sequence[str], kind: str, styles: Styles) 
     by_size.set_title(f"{kind} surfaces: {', '.join(surfaces)}; within {FAR_DB:g} dB of the best", loc="left")
     legend(by_time, list(handles.values()), list(handles))
     return drawing
+
+
+def _look(styles: Styles, line: str) -> dict[str, Any]:
+    """How a line of budgets, "codec" or "codec, key=value", is drawn: as its codec, and not dashed."""
+    codec = line.partition(",")[0]
+    return styles.of_codec(codec) | {"linestyle": "-", "linewidth": 1.2}
 
 
 def _mean_curve(curves: Mapping[str, Sequence[Point]], surfaces: Sequence[str]) -> dict[float, float]:
@@ -88,7 +97,7 @@ def trade_fronts(run: Run) -> Iterator[Figure]:
 
 
 def _fronts(material: str, rows: Sequence[TradeChoice], styles: Styles) -> Any:
-    """PSNR over time and over bytes: a mark for each choice; white ones are not of the default execution."""
+    """PSNR over time and over bytes, a mark a choice. White marks are of another execution or precision than usual."""
     groups = grouped(rows, lambda row: row["codec"] + _how(row))
     drawing, (speed, rate) = plots(11.5, max(5.0, 1.4 + 0.2 * len(groups)), 2)
     handles = []
@@ -119,7 +128,10 @@ def _how(row: TradeChoice) -> str:
 
 
 def _front(axes: Any, best: Sequence[tuple[float, float | None]], label: str, unit: str) -> None:
-    """The front, by cost and PSNR, as a stair, and the axis of its cost."""
+    """Draw a front, points of cost and PSNR, as a stair, and label the axis of its cost.
+
+    A step stays level to the next point, because more cost buys nothing until there.
+    """
     stair = sorted(best)
     axes.plot([x for x, _ in stair], [y for _, y in stair], color="0.4", linewidth=1, drawstyle="steps-post", zorder=0)
     axes.set_xscale("log")
@@ -149,7 +161,7 @@ def _figure(plot: Plot, material: MaterialRows, styles: Styles) -> Figure:
     look = {"markersize": 3} if fits else {"markersize": 6, "alpha": 0.9}
     handles = []
     for name, points in curves.items():
-        x, y, *ends = zip(*sorted(points), strict=True)
+        x, y, *ends = zip(*sorted(points), strict=True)  # from a list a point to a tuple a number
         drawn = styles.of_codec(name) | look
         if ends:
             axes.hlines(y, *ends, color=drawn["color"], linewidth=1)

@@ -22,7 +22,7 @@ _QUANTITIES: dict[str, Callable[[Job, Timing], float | None]] = {  # of a job an
 
 def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
     """One figure a material, its starts in the order of their times; a point is a mean over seeds."""
-    jobs: dict[Any, Job] = {}
+    jobs: dict[Any, Job] = {}  # of all runs together, so that a codec looks alike in every figure
     starts: dict[str, RunStart] = {}
     for number, run in enumerate(runs):
         for job in run.jobs:
@@ -31,19 +31,14 @@ def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
             starts[start["run"]] = start
     styles = Styles(Run(Path(), jobs=Records(jobs)))
     for material, codecs in _materials(runs).items():
-        order = sorted(set().union(*codecs.values()))
+        order = sorted(set().union(*codecs.values()))  # a start is named after its time
         several_kinds = len({pairs for _, pairs in codecs}) > 1
         with style():
             title = f"{material}: from revision to revision"
             drawing = new(8.2, 7.5)
-            for axes, (name, quantity) in zip(drawing.subplots(3, 1, sharex=True), _QUANTITIES.items(), strict=True):
-                handles = []
-                for (label, pairs), by_start in codecs.items():
-                    values = [_mean(quantity, by_start.get(when, [])) for when in order]
-                    look = styles.of_codec(label)
-                    if pairs == "validation":
-                        look = look | {"linestyle": ":"}
-                    handles += axes.plot(range(len(order)), values, **look, markersize=4, linewidth=1)
+            panels = drawing.subplots(3, 1, sharex=True)
+            for axes, (name, quantity) in zip(panels, _QUANTITIES.items(), strict=True):
+                handles = _lines(axes, quantity, codecs, order, styles)
                 axes.set_ylabel(name, fontsize=8)
                 if axes.get_subplotspec().is_first_row():
                     axes.set_title(title, loc="left")
@@ -54,8 +49,26 @@ def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
                 else:
                     axes.set_yscale("log")
                     log_ticks(axes.yaxis, "B" if name.startswith("bytes") else "")
-            axes.set_xticks(range(len(order)), _ticks(order, starts), rotation=30, ha="right")
+            panels[-1].set_xticks(range(len(order)), _ticks(order, starts), rotation=30, ha="right")
             yield Figure(material, "history", title, png(drawing), drawing)
+
+
+def _lines(
+    axes: Any,
+    quantity: Callable[[Job, Timing], float | None],
+    codecs: Codecs,
+    order: Sequence[str],
+    styles: Styles,
+) -> list[Any]:
+    """Draw a quantity of each codec over the starts; returns the lines. Those of validation pairs are dotted."""
+    handles = []
+    for (label, pairs), by_start in codecs.items():
+        values = [_mean(quantity, by_start.get(when, [])) for when in order]
+        look = styles.of_codec(label)
+        if pairs == "validation":
+            look = look | {"linestyle": ":"}
+        handles += axes.plot(range(len(order)), values, **look, markersize=4, linewidth=1)
+    return handles
 
 
 def _mean(quantity: Callable[[Job, Timing], float | None], seeds: Sequence[Measured]) -> float:
@@ -81,8 +94,12 @@ def _materials(runs: Sequence[Run]) -> dict[str, Codecs]:
 
 
 def _ticks(order: Sequence[str], starts: dict[str, RunStart]) -> list[str]:
-    """The names of starts on an axis: the revision, or the day, with the time of day if several are equal."""
-    names = [str(starts.get(when, RunStart()).get("git") or when[:8])[:12] for when in order]
+    """The names of starts on an axis: the revision, or the day where it is not known. Equal names are followed by the
+    time of the start."""
+    names = []
+    for when in order:
+        revision = starts.get(when, RunStart()).get("git")
+        names.append(str(revision or when[:8])[:12])
     times = []
     for when in order:  # 11-23 09:31 of a start named 20251123T093106
         digits = "".join(filter(str.isdigit, when[:16]))

@@ -1,5 +1,6 @@
 """The channels of each codec's texture, as pictures of the texels."""
 
+import math
 from itertools import accumulate
 
 import numpy as np
@@ -36,7 +37,7 @@ def latent_channels(run: Run, material: MaterialRows) -> Figure | None:
         return None
     title = f"{material.name}: channels of each codec's texture"
     cell = max(max(cells.shape[1:]) for *_, cells in blocks) + _GAP
-    lines = [-(-len(cells) // _LINE) for *_, cells in blocks]
+    lines = [math.ceil(len(cells) / _LINE) for *_, cells in blocks]
     sheet = Sheet(_LEFT + _LINE * cell + _GAP, _TOP + sum(lines) * (cell + _GAP))
     sheet.text(_GAP, 14, f"{title} ({material.split})", fontsize=10)
     sheet.text(_GAP, 34, "each channel at mean 0 and variance 1, through a sigmoid: black to white", color="0.35")
@@ -68,11 +69,16 @@ def _stored(run: Run, job: Job) -> Textures:
 
 
 def textures(program: Program) -> Textures:
-    """The textures (H, W, D) of a program: the tables that it interpolates at `uv`, of a pyramid the finest level."""
+    """The textures (H, W, D) of a program: the tables that it looks up at places, of a pyramid the finest level.
+
+    A table (rows, D) is a texture if it has a row for each texel of one level, or of several levels of a pyramid, the
+    finest first, and if `uv` decides which rows are read. A table of directions may have as many rows by chance.
+    """
     height, width = program.size
+    # Each level of a pyramid halves both sides, down to a single texel.
     levels = [max(1, height >> k) * max(1, width >> k) for k in range(max(height, width).bit_length())]
     texels = list(accumulate(levels))  # of the finest level, of the two finest, and so on
-    by_place = {"uv"}  # a table of directions may have a row for each texel, too, but is read without uv
+    by_place = {"uv"}  # the names of values that depend on uv, so far
     found: Textures = []
     for step in program.steps:
         names = step.names()
@@ -92,7 +98,8 @@ def textures(program: Program) -> Textures:
 
 
 def _standardised(texture: np.ndarray) -> np.ndarray:
-    """A texture with each channel at mean 0 and variance 1, through a sigmoid, as the NeuBTF paper shows it; uint8."""
+    """A texture (H, W, D) as grey levels, uint8, as the NeuBTF paper shows it: each channel at mean 0 and variance 1,
+    through a sigmoid."""
     flat = texture.reshape(-1, texture.shape[-1]).astype(np.float64)
     deviation = flat.std(0)
     deviation[deviation <= 1e-6 * abs(flat).max(0)] = np.inf  # a constant channel is grey
@@ -101,7 +108,10 @@ def _standardised(texture: np.ndarray) -> np.ndarray:
 
 
 def _cells(texture: np.ndarray) -> np.ndarray:
-    """The channels (n, h, w) as pictures of about `_CELL` pixels: means over squares of texels, or enlarged."""
+    """The first channels of a texture (H, W, D) as pictures (n, h, w), uint8, of about `_CELL` pixels a side.
+
+    A large texture is averaged over squares of texels, without a rest at its edges, and a small one is enlarged.
+    """
     shown = _standardised(texture[..., :_MOST])
     height, width, count = shown.shape
     factor = max(height, width) // _CELL
@@ -110,4 +120,5 @@ def _cells(texture: np.ndarray) -> np.ndarray:
         rows, columns = height // factor, width // factor
         whole = shown[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor, count)
         shown = whole.mean((1, 3)).astype(np.uint8)
-    return enlarged(shown, max(1, -(-_CELL // max(shown.shape[:2])))).transpose(2, 0, 1)
+    enlargement = max(1, math.ceil(_CELL / max(shown.shape[:2])))
+    return enlarged(shown, enlargement).transpose(2, 0, 1)

@@ -1,5 +1,6 @@
 """A figure of chosen pairs for a paper: the truth and decoded slices with magnified insets, and FLIP maps below."""
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -35,8 +36,8 @@ def pairs_figure(run: Run, name: str, pairs: Sequence[int], inset: Inset | None 
     """The slices of some pairs of a material by its first seed: the truth, then every codec, with their FLIP maps.
 
     `pairs` are indices of pairs of the BTF; without any, those of the contact sheet are shown. Without an inset, the
-    quarter of the sides is magnified where the FLIP of all codecs together is largest. `InputError` if the material or
-    a pair has no stored slices; it lists those that have.
+    square of a quarter of the shorter side is magnified in which the FLIP of all codecs together is largest.
+    `InputError` if the material or a pair has no stored slices; it lists the pairs that have some.
     """
     material = next((each for each in materials(run) if each.name == name), None)
     stored = of_shown(run, material, "pictures") if material else []
@@ -51,7 +52,7 @@ def pairs_figure(run: Run, name: str, pairs: Sequence[int], inset: Inset | None 
 
 
 def _places(stored: Arrays, pairs: Sequence[int]) -> list[int]:
-    """Where the slices of some pairs stand in the stored arrays."""
+    """The indices into the stored arrays of the slices of some pairs, or by default of those to show."""
     known = stored["pairs"].tolist()
     if not pairs and "sheet" in stored:
         return np.flatnonzero(stored["sheet"]).tolist()
@@ -72,10 +73,10 @@ def _drawn(
     _, first = rows[0]
     truth = first["truth"]
     height, width = truth.shape[1:3]
-    factor = max(1, -(-CELL // max(height, width)))
+    factor = max(1, math.ceil(CELL / max(height, width)))
     cell = (height * factor, width * factor)
     with_flip = all("flip" in stored for _, stored in rows)
-    block = LINE + cell[0] + GAP
+    block = LINE + cell[0] + GAP  # the height of all that is shown of one pair
     if with_flip:
         block += GAP // 2 + cell[0]
     columns = 1 + len(rows)
@@ -93,24 +94,26 @@ def _drawn(
         for column, picture in enumerate(pictures):
             left = column * (cell[1] + GAP)
             sheet.picture(left, top + LINE, _with_inset(picture, zoomed, factor))
-            if column:
+            if column:  # the first column is the truth
                 row, stored = rows[column - 1]
                 text = _decibels(run, row, int(stored["pairs"][place]))
                 sheet.text(left + cell[1], top + LINE / 2, text, ha="right")
                 if with_flip:
                     below = top + LINE + cell[0] + GAP // 2
                     sheet.picture(left, below, enlarged(stored["flip"][place], factor))
-        if with_flip and number == 0:
+        if with_flip and number == 0:  # below the first truth, which has no FLIP map
             flip_scale(sheet, 0, top + LINE + cell[0] + cell[0] // 2, cell[1])
     return sheet
 
 
 def _worst(rows: list[tuple[Row, Arrays]], place: int, size: tuple[int, int]) -> Inset:
-    """The square of a quarter of the shorter side in which the FLIP maps are brightest together; or the centre."""
+    """The square of a quarter of the shorter side in which the FLIP maps of one slice are brightest together; without
+    maps, the one in the centre. `size` is (height, width) in texels."""
     side = max(2, min(size) // 4)
     maps = [stored["flip"][place].astype(float).sum(2) for _, stored in rows if "flip" in stored]
     if not maps:
         return Inset((size[0] - side) // 2, (size[1] - side) // 2, side)
+    # The sum over each such square, by its first row and column.
     windows = np.lib.stride_tricks.sliding_window_view(sum(maps), (side, side)).sum((2, 3))
     row, col = np.unravel_index(int(windows.argmax()), windows.shape)
     return Inset(int(row), int(col), side)
@@ -125,17 +128,18 @@ def _check(inset: Inset, size: tuple[int, int]) -> None:
 
 
 def _with_inset(picture: np.ndarray, inset: Inset, factor: int) -> np.ndarray:
-    """A slice enlarged, with a frame around the inset's place, and the inset in the corner that is farthest from it."""
+    """A slice (H, W, 3) enlarged by `factor`, with a frame around the inset's place, and the magnified inset, also in a
+    frame, in the corner that is farthest from that place."""
     large = enlarged(picture, factor)
     row, col, side = inset
     framed(large, row * factor, col * factor, side * factor)
     half = min(large.shape[:2]) // 2
-    zoom = max(1, min(ZOOM * factor, half // side))
+    zoom = max(1, min(ZOOM * factor, half // side))  # at most half a side of the picture
     crop = enlarged(picture[row : row + side, col : col + side], zoom)
-    low = row + side / 2 < picture.shape[0] / 2
-    right = col + side / 2 < picture.shape[1] / 2
-    top = large.shape[0] - len(crop) if low else 0
-    left = large.shape[1] - crop.shape[1] if right else 0
+    in_upper_half = row + side / 2 < picture.shape[0] / 2
+    in_left_half = col + side / 2 < picture.shape[1] / 2
+    top = large.shape[0] - len(crop) if in_upper_half else 0
+    left = large.shape[1] - crop.shape[1] if in_left_half else 0
     large[top : top + len(crop), left : left + crop.shape[1]] = crop
     framed(large, top, left, len(crop))
     return large
@@ -151,12 +155,14 @@ def framed(picture: np.ndarray, top: int, left: int, side: int) -> None:
 
 
 def _decibels(run: Run, row: Row, pair: int) -> str:
-    """The display PSNR of one slice, from the stored numbers."""
+    """The display PSNR of one slice as text, from the stored errors; "exact" without error, "" if it is not known."""
     scores = arrays(run.folder, row.job, "slices", ("pairs", PSNR))
     if not scores:
         return ""
     errors = dict(zip(scores["pairs"].tolist(), scores[PSNR].tolist(), strict=True))
     error = errors.get(pair)
-    if not error:
-        return "exact" if error == 0 else ""
+    if error is None:
+        return ""
+    if error == 0:
+        return "exact"
     return f"{fixed(float(psnr(error)), 1)} dB"

@@ -75,7 +75,8 @@ def _caption(differences: Differences) -> str:
 
 
 def critical_differences(run: Run) -> Iterator[Figure]:
-    """The diagram of Demšar (2006), if there are ranks: a row a codec, and a bar of the critical difference."""
+    """The diagram of Demšar (2006), if there are ranks: a row a codec at its mean rank, with a bar as long as the
+    critical difference, which covers the codecs of worse rank from which it is not told apart."""
     ranking = budgets(run).ranks()
     if not ranking:
         return

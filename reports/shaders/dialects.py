@@ -28,7 +28,11 @@ class Dialect:
         return self.vec4 if kind == "vec4" else self.types[kind]
 
     def loops(self, name: str, first: int, product: str, inputs: list[str], outputs: list[str]) -> list[str]:
-        """Statements of a product with weights in the texture, from row `first` on: from `NAMEin` into `NAMEout`."""
+        """Statements of a matrix times a vector, with the weights in the texture from row `first` on.
+
+        `inputs` are the vectors of four that the array `NAMEin` begins with, and `outputs` those of `NAMEout`, to which
+        products are added. `product` is the text of one: a block of 4 × 4 weights at `row`, times `NAMEin[i]`.
+        """
         return [
             self.array.format(name=f"{name}in", count=len(inputs), values=", ".join(inputs)),
             self.array.format(name=f"{name}out", count=len(outputs), values=", ".join(outputs)),

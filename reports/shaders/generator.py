@@ -70,7 +70,8 @@ def shader(program: Program, dialect: Dialect, weights: WeightStore | None = Non
 
 
 def fallback(program: Program, dialect: Dialect) -> Shader | None:
-    """The same shader with its weights in a uniform buffer, or else in the texture; None if they already are."""
+    """The shader for compilers that cannot handle literals: with its weights in a uniform buffer or, if they are too
+    many for that, in the texture. None if the usual shader has no weights as literals."""
     if not 0 < _weights(program) <= LITERALS:
         return None
     try:
@@ -80,7 +81,7 @@ def fallback(program: Program, dialect: Dialect) -> Shader | None:
 
 
 def _weights(program: Program) -> int:
-    """Floats of the matrices that a program multiplies by."""
+    """How many floats the constant matrices have by which a program multiplies."""
     count = 0
     for step in program.steps:
         if step.operation in ("addmm", "mm"):

@@ -4,6 +4,7 @@ The constants that a shader looks up by number are rows of four floats in two te
 """
 
 import hashlib
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -32,21 +33,23 @@ class Tables:
     _placed: dict[tuple[bytes, tuple[int, ...], bool], tuple[str, int]] = field(default_factory=dict)
 
     def place(self, table: Array, exact: bool = False) -> tuple[str, int, int]:
-        """The place of a table (rows, channels): the function that reads it, its first number, and numbers a row.
+        """Store a table (rows, channels). Returns the function that reads it, the number that this function takes for
+        the first row, and how many numbers a row takes.
 
         `exactRow` and `halfRow` read four floats. `exactOne` reads one float of a table with one channel, which stores
-        four rows in a texel; such tables hold positions such as heights, which need more precision than halves.
+        four rows in a texel; such tables hold positions such as heights, which need more precision than halves. An
+        equal table is stored once.
         """
         rows, channels = table.shape
         single = channels == 1
-        stride = -(-channels // 4)
+        stride = math.ceil(channels / 4)
         small = exact or single or table.dtype.kind != "f" or table.size < HALF_FROM or np.abs(table).max() > HALF_MOST
         key = (hashlib.sha256(table.tobytes()).digest(), table.shape, small)
         blocks = self.exact if small else self.half
         if key not in self._placed:
-            start = sum(map(len, blocks))
+            start = sum(map(len, blocks))  # texels so far
             if single:
-                padded = np.zeros((-(-rows // 4) * 4, 1), np.float32)
+                padded = np.zeros((math.ceil(rows / 4) * 4, 1), np.float32)
                 place = "exactOne", 4 * start
             else:
                 padded = np.zeros((rows, 4 * stride), np.float32)
@@ -60,7 +63,7 @@ class Tables:
         """One of the textures, (height, WIDTH, 4), with at least one row."""
         blocks = self.half if half else self.exact
         values = np.concatenate([np.zeros((0, 4), np.float32), *blocks])
-        height = max(1, -(-len(values) // WIDTH))
+        height = max(1, math.ceil(len(values) / WIDTH))
         padded = np.zeros((height * WIDTH, 4), np.float16 if half else np.float32)
         padded[: len(values)] = values
         return padded.reshape(height, WIDTH, 4)
@@ -98,19 +101,19 @@ class Writer(Backend):
         return str(int(value)) if kind == "int" else literal(float(value))
 
     def vector(self, four: list[Any]) -> str:
-        """Up to four floats as one vector: its name if the floats already form one."""
+        """Up to four floats as one vector; its name if they already form one, as `t7.x`, `t7.y`, `t7.z`, `t7.w` do."""
         head = str(four[0]).split(".")[0]
-        # The unused part of a vector may be NaN.
+        # Fewer than all four of its floats do not stand for a vector: the others may be NaN.
         if head.isidentifier() and four == [f"{head}.{c}" for c in SWIZZLE]:
             return head
         texts = [self.scalar(x, "float") for x in four]
-        texts += texts[-1:] * (4 - len(texts))  # not 0, because it may be a divisor
-        if len(set(texts)) == 1 and self.dialect.name != "hlsl":
+        texts += texts[-1:] * (4 - len(texts))  # repeat the last float: 0 would not do, because it may be a divisor
+        if len(set(texts)) == 1 and self.dialect.name != "hlsl":  # one float makes a vector of four equal ones
             texts = texts[:1]
         return f"{self.dialect.vec4}({', '.join(texts)})"
 
     def floats(self, flat: list[str]) -> list[str]:
-        """Vector expressions, four floats each, as named scalars."""
+        """Name vectors, given as expressions of four floats each, and return the names of all their floats in order."""
         scalars = []
         for text in flat:
             name = self.name("vec4", text)
@@ -146,7 +149,7 @@ class Writer(Backend):
         return self.name(kind, text.format(condition=self.scalar(condition, "bool"), yes=yes, no=no))
 
     def total(self, row: list[Scalar], formula: str) -> str:
-        """Dot products of four at a time, if they stand in vectors."""
+        """The sum of a row, put into a formula. Four floats that form a vector are added by a dot product with ones."""
         ones = f"{self.dialect.vec4}(1.0)" if self.dialect.name != "hlsl" else "float4(1.0, 1.0, 1.0, 1.0)"
         terms = []
         whole = len(row) - len(row) % 4
@@ -166,11 +169,14 @@ class Writer(Backend):
         return [self.total(row, "sqrt({0})") for row in rows(as_array(squares).reshape(items.shape))]
 
     def product(self, left: Array, right: Array, bias: list[Scalar] | None) -> list[str]:
-        """One row times a constant matrix by blocks of four, others number by number; `bias` is of the outputs."""
+        """left (n, k) @ right (k, m) + bias (m,), or for each of several such pairs, as scalars.
+
+        One row times a constant matrix is computed by blocks of four, anything else number by number.
+        """
         if left.ndim == 2:
             if len(left) != 1:
                 raise self.cannot("multiply these matrices")
-            if right.dtype != object:
+            if right.dtype != object:  # a matrix of numbers, not of expressions
                 return self._weighted(right.T, listed(left), bias)
             left, right = left[None], right[None]
         totals = []
@@ -206,13 +212,13 @@ class Writer(Backend):
         return self.floats(packs)[:count]
 
     def blend(self, table: Array, indices: list[Scalar], shares: list[Scalar]) -> list[str]:
-        """The channels of the sum of share · table[index]; a row of the table is `stride` vectors of four."""
+        """The channels of the sum of share · table[index] over all indices, each with its share."""
         channels = table.shape[1]
         if channels == 0:
             return []
         reader, start, stride = self.tables.place(table)
         firsts = [self.name("int", f"{self.scalar(i, 'int')} * {stride} + {start}") for i in indices]
-        sums = []  # of each vector of the row
+        sums = []  # of each of the `stride` vectors of a row
         for k in range(stride):
             rows = zip(shares, firsts, strict=True)
             terms = [f"{self._float(share)} * {reader}({first} + {k})" for share, first in rows]
@@ -222,7 +228,7 @@ class Writer(Backend):
     def _weighted(self, weights: Array, inputs: list[Scalar], bias: list[Scalar] | None) -> list[str]:
         """weights (outputs, inputs) @ inputs + bias, as scalars; the weights are constants."""
         outputs, count = weights.shape
-        padded = np.zeros((-(-outputs // 4) * 4, -(-count // 4) * 4), np.float32)
+        padded = np.zeros((math.ceil(outputs / 4) * 4, math.ceil(count / 4) * 4), np.float32)
         padded[:outputs, :count] = weights
         packs = []
         for i in range(0, count, 4):
@@ -238,7 +244,11 @@ class Writer(Backend):
         return self.floats(written)[:outputs]
 
     def _line_by_line(self, weights: Array, packs: list[str], starts: list[str]) -> list[str]:
-        """The product as straight-line code, the weights in its text or read from the uniform buffer."""
+        """The product as straight-line code, the weights in its text or read from the uniform buffer.
+
+        `weights` is (4 · outputs, 4 · inputs), `packs` are the inputs as vectors of four, `starts` what is added to the
+        outputs. Returns the outputs as vectors of four.
+        """
         results = []
         for j, start in enumerate(starts):
             terms = [start]
@@ -254,7 +264,7 @@ class Writer(Backend):
         return results
 
     def _in_a_loop(self, weights: Array, packs: list[str], starts: list[str]) -> list[str]:
-        """The product as two loops over weights in the texture: slower, but the text stays short."""
+        """As `_line_by_line`, as two loops over weights in the texture: slower, but the text stays short."""
         # Row by row of blocks: the four columns of block (j, i) are rows 4 · (j · inputs + i) and on of the table.
         blocks = weights.reshape(len(starts), 4, len(packs), 4).transpose(0, 2, 3, 1).reshape(-1, 4)
         reader, first, _ = self.tables.place(np.ascontiguousarray(blocks), exact=True)

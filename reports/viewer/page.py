@@ -36,7 +36,8 @@ class Shown:
 
 def model_data(model: Shown, encode: Callable[[bytes], object]) -> dict[str, object]:
     """What the page needs of a model, its arrays encoded. `InputError` where no shader can do its program."""
-    full, spare = shader(model.program, GLSL), fallback(model.program, GLSL)
+    full = shader(model.program, GLSL)
+    spare = fallback(model.program, GLSL)
     data: dict[str, object] = {"label": model.label, "note": model.note, "exposure": model.exposure}
     data |= {"periods": model.program.periods, **_encoded(full, encode)}
     if spare:  # for compilers that choke on literals; textures that are the same are not written twice
@@ -51,7 +52,7 @@ def _encoded(source: Shader, encode: Callable[[bytes], object]) -> dict[str, obj
 
 
 class Data(NamedTuple):
-    """An element that holds data: its text is of `as_json`, or base64 of the type `text/plain`."""
+    """An element of a page that holds data: JSON, made by `as_json`, or base64 where its type is `text/plain`."""
 
     id: str
     text: str
