@@ -103,9 +103,8 @@ def _painted(half: bytes, shape: Sequence[int]) -> tuple[float, bytes]:
     values = np.frombuffer(half, np.float16).reshape(-1, 4)[:, :3].astype(np.float32)
     height, width = shape
     count = len(values) // (height * width)
-    white = max(
-        float(np.quantile(values, 0.999)), 1e-6
-    )  # not the largest: a few highlights would leave few levels to the rest
+    # Not the largest value: a few highlights would leave few levels to the rest.
+    white = max(float(np.quantile(values, 0.999)), 1e-6)
     levels = 255 * np.clip(values[: count * height * width] / white, 0, 1) ** (1 / GAMMA)
     out = io.BytesIO()
     sheet = np.round(levels).astype(np.uint8).reshape(count * height, width, 3)

@@ -165,9 +165,8 @@ def compared(
     verdict, why = _unfinished(base, after, declared)
     if not base or not new:
         return ComparedRow(*name, verdict or Verdict.NEW, why)
-    base = [
-        job for job in base if not fitted_unlike(base[0], job)
-    ]  # others, say of an older version, tell nothing of its scatter
+    # Others, say of an older version, tell nothing of its scatter.
+    base = [job for job in base if not fitted_unlike(base[0], job)]
     ours, theirs = _paired(base, new)  # of base, and of new
     # Each job of new against the base's of its seed; against its first one if they share no seed.
     partner = {job["seed"]: job for job in ours}
