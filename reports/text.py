@@ -13,7 +13,6 @@ from dataclasses import replace
 from itertools import chain, count, zip_longest
 from typing import Any
 
-from rich.cells import cell_len  # the columns that a text takes in a terminal
 from tabulate import tabulate
 
 from bench.inputs.errors import visible
@@ -78,16 +77,25 @@ def _plain(table: Table) -> str:
     body: list[tuple[str, ...]] = []
     for row in table.rows:
         body += _folded(row, table)
-    widths = [max(map(cell_len, column)) for column in zip(*top, *body, strict=True)]
+    widths = [max(map(_width, column)) for column in zip(*top, *body, strict=True)]
     rule = ["-" * width for width in widths]
     text = []
     for cells in (*top, rule, *body):
         padded = []
         for i, (cell, width) in enumerate(zip(cells, widths, strict=True)):
-            gap = " " * (width - cell_len(cell))
+            gap = " " * (width - _width(cell))
             padded.append(cell + gap if i < table.words else gap + cell)
         text.append("  ".join(padded).rstrip())
     return "\n".join([table.title, "", *text, *map(wrapped, table.notes)])
+
+
+def _width(text: str) -> int:
+    """The columns that a text takes in a terminal: wide characters take two, combining accents none.
+
+    As `rich.cells.cell_len`, without the import, which commands that draw nothing would wait for.
+    """
+    wide = sum(unicodedata.east_asian_width(character) in "WF" for character in text)
+    return len(text) + wide - sum(bool(unicodedata.combining(character)) for character in text)
 
 
 def _folded(row: list[str], table: Table) -> Iterator[tuple[str, ...]]:
