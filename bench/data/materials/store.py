@@ -45,8 +45,10 @@ def load_or_render(
     show: "Progress | None" = None,
     outline: bool = False,
 ) -> BTF:
-    """The BTF of a recipe, from the cache or rendered into it. See `bench.data.materials.load`. An `outline` has
-    everything but the values, which are 0: its fingerprint is known before anything is rendered."""
+    """The BTF of a recipe, from the cache or rendered into it; see `bench.data.materials.load`.
+
+    An `outline` renders nothing: its values are 0, but its fingerprint is that of the rendering.
+    """
     if data.size < 1:
         raise InputError(f"size must be at least 1, not {data.size}")
     directions: dict[str, Any] = {"directions": data.directions, "views": data.views, "lights": data.lights}
@@ -64,7 +66,7 @@ def load_or_render(
         values = np.broadcast_to(np.float16(0), shape) if outline else _read(path, shape)
         if values is None:
             with atomic.locked(path):
-                values = _read(path, shape)
+                values = _read(path, shape)  # another process may have rendered it meanwhile
                 if values is None:
                     _write(path, recipe.maps(seed), table, described, show)
                     values = _read(path, shape)
