@@ -86,7 +86,7 @@ _SCALARS = ("height", "roughness", "metalness", "specular", "anisotropy", "angle
 
 
 def _common_shape(given: dict[str, Any]) -> tuple[int, ...]:
-    """The (H', W') of the first map that is a picture; (1, 1) if all are numbers."""
+    """The (H', W') of the first map that is a picture; (1, 1) if all are numbers or single colours."""
     for name, value in given.items():
         shape = np.shape(value)
         axes = 2 if name in _SCALARS else 3

@@ -286,6 +286,7 @@ def render(
         raise InputError("wo and wi must have the same number of directions, all above the horizon (z > 0)")
     renderer = Renderer(maps, size, sub_points)
     result = np.empty((len(wo), *size, 3), np.float32) if out is None else out
+    # The different views and lights, and for each pair the index of its own.
     views, view_of = np.unique(wo, axis=0, return_inverse=True)
     lights, light_of, uses = np.unique(wi, axis=0, return_inverse=True, return_counts=True)
     view_of, light_of = view_of.reshape(-1), light_of.reshape(-1)  # only numpy 2.0 gives (N, 1)

@@ -55,10 +55,7 @@ def load_or_render(
 
     def rendered(table: Table) -> BTF:
         """The BTF of one table of pairs, rendered into the cache if it is not there."""
-        # Everything that determines the values. Its hash is the cache key, and `BTF.provenance` contains it.
-        described: dict[str, Any] = {"source": RENDERED, "renderer_version": RENDERER_VERSION, "material": name}
-        described |= {"recipe": type(recipe).__name__, "parameters": asdict(recipe)}  # type: ignore[call-overload]
-        described |= {"seed": seed, "size": data.size, "sub_points": SUB_POINTS} | DESCRIBED
+        described = _described(name, recipe, seed, data.size)
         described |= {"heldout": table.words} if table.words else directions
         key = hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
         path = cache_dir() / "materials" / f"{name}-{data.size}-{key[:24]}.npy"
@@ -78,6 +75,14 @@ def load_or_render(
         return BTF(name, wo, wi, source, heldout=nothing, periodic=True, provenance=described)
 
     return joined(data.tables(name, seed, draw), rendered)
+
+
+def _described(name: str, recipe: Recipe, seed: int, size: int) -> dict[str, Any]:
+    """Everything that determines the values, but the directions. The hash of all is the cache key, and `BTF.provenance`
+    contains it."""
+    described: dict[str, Any] = {"source": RENDERED, "renderer_version": RENDERER_VERSION, "material": name}
+    described |= {"recipe": type(recipe).__name__, "parameters": asdict(recipe)}  # type: ignore[call-overload]
+    return described | {"seed": seed, "size": size, "sub_points": SUB_POINTS} | DESCRIBED
 
 
 def _read(path: Path, shape: tuple[int, ...]) -> Array | None:

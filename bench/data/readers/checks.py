@@ -33,7 +33,7 @@ def provenance_of(
 
 
 def told(angles: str) -> dict[str, str]:
-    """What a provenance says of angles whose unit the user told; {} if nothing was told."""
+    """What a provenance says of the unit of angles if the user named it; {} for any other value of `angles`."""
     if angles not in ("degrees", "radians"):
         return {}
     return {"angles": f"taken as {angles}, as the user says"}
@@ -86,7 +86,8 @@ def pairs_in_degrees(angles: Array, label: Callable[[int], str], kinds: tuple[st
     """
     for side, what in zip((0, 2), kinds, strict=True):
         angles_in_range(np.radians(angles[:, side]), np.radians(angles[:, side + 1]), label, what)
-    one, other = from_degrees(angles[:, 0], angles[:, 1]), from_degrees(angles[:, 2], angles[:, 3])
+    one = from_degrees(angles[:, 0], angles[:, 1])
+    other = from_degrees(angles[:, 2], angles[:, 3])
     no_duplicates(one, other, label)
     return one, other
 
@@ -98,7 +99,8 @@ def angles_in_range(theta: Array, phi: Array, label: Callable[[int], str], what:
     """
     # Each test is written as the negation of what is right, so that NaN fails it, too.
     with np.errstate(over="ignore", invalid="ignore"):
-        theta_deg, phi_deg = np.degrees(np.asarray(theta, np.float64)), np.degrees(np.asarray(phi, np.float64))
+        theta_deg = np.degrees(np.asarray(theta, np.float64))
+        phi_deg = np.degrees(np.asarray(phi, np.float64))
         steep = ~((theta_deg >= -1e-4) & (np.cos(np.radians(theta_deg)) > HORIZON) & (theta_deg < 90.0))
         wound = ~(np.abs(phi_deg) <= 360.001)
     for bad, symbol, value, bounds in ((steep, "theta", theta_deg, "[0, 90)"), (wound, "phi", phi_deg, "[-360, 360]")):

@@ -66,7 +66,8 @@ def file_digest(path: Path) -> str:
     """Hex digest of a file: of all its bytes up to 64 MiB, else of its size and 256 spread blocks of 64 KiB."""
     size = path.stat().st_size
     digest = hashlib.sha256(str(size).encode())
-    _update(digest, path, size, None if size <= WHOLE else 256 * BLOCK)
+    budget = None if size <= WHOLE else 256 * BLOCK
+    _update(digest, path, size, budget)
     return digest.hexdigest()
 
 

@@ -54,7 +54,7 @@ def opened(seen: Candidate) -> BTF | None:
 
 
 def _read_list(path: Path) -> tuple[list[str], list[str], np.ndarray]:
-    """Image names, the lines that they stand on and the vectors (N, 3) float64 of a list."""
+    """The image names of a list, a label with the line of each, and the vectors to the lights (N, 3) float64."""
     with readable(str(path), "save it as plain text"):
         if path.stat().st_size > MAX_LIST:
             raise InputError(f"{path}: it is larger than {MAX_LIST >> 20} MiB, too large for a list of lights")
@@ -116,11 +116,11 @@ def _pictures(files: FolderFiles, names: list[str], labels: list[str]) -> list[s
         several = [by_folded[_folded(name)] for name in wanted if _folded(name) in by_folded]
         alike = several[0] if several else []
         if len(alike) != 1:
-            bare = listed.replace("\\", "/").rsplit("/", 1)[-1][:100]
+            _, _, bare = listed.replace("\\", "/").rpartition("/")
             remedy = "add the picture, or leave the line out and correct the count"
             if alike:
                 remedy = f"it may be {' or '.join(alike)}: correct the name"
-            raise InputError(f"{label}: {bare} is missing: {remedy}")
+            raise InputError(f"{label}: {bare[:100]} is missing: {remedy}")
         found.append(alike[0])
     return found
 
@@ -139,7 +139,7 @@ def _possible(listed: str) -> list[str]:
     They are its path, if it stays in the folder, and its bare name, because paths are often those of another machine.
     """
     tidy = listed.replace("\\", "/")
-    bare = tidy.rsplit("/", 1)[-1]
+    _, _, bare = tidy.rpartition("/")
     # A colon at the second place is a drive letter's, as in C:/.
     direct = ".." not in tidy.split("/") and not tidy.startswith("/") and tidy[1:2] != ":"
     possible = [tidy, bare] if direct else [bare]

@@ -294,13 +294,15 @@ class FactorSource(Source):
         """As `Source.texels`; `block` texels are multiplied at once, in buffers that are used again."""
         index = self._index(rows, cols)
         out = np.empty((len(index), len(pairs), 3), np.float32)
+        # Of each channel (K, pairs).
         factors = [np.ascontiguousarray(matrix.rows(pairs).T) for matrix in self.material.pairs]
         buffers = np.empty((3, block, len(pairs)), np.float32)
         for start in range(0, len(index), block):
-            some, part = index[start : start + block], out[start : start + block]
+            some = index[start : start + block]
             for matrix, factor, buffer in zip(self.material.texels, factors, buffers, strict=True):
                 np.matmul(matrix.rows(some), factor, out=buffer[: len(some)])
-            finite(self._decode(buffers[:, : len(some)], part), f"{self.path}: texels from {start}")
+            decoded = self._decode(buffers[:, : len(some)], out[start : start + block])
+            finite(decoded, f"{self.path}: texels from {start}")
         return out
 
     @np.errstate(over="ignore", invalid="ignore")
