@@ -94,7 +94,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _workers(options: argparse.Namespace, threads: int) -> "Seats | None":
-    """The workers that run jobs; None if the runner decides."""
+    """The workers that run jobs with `threads` threads each, here or on Dask; None if the runner decides."""
     if options.resource and not options.scheduler:
         raise InputError("--resource: only for the workers of a Dask --scheduler: give it, or leave --resource out")
     if options.max_seconds is not None and options.scheduler:

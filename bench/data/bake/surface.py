@@ -119,12 +119,15 @@ class _Reader:
             return None
         name = self.roles[role]
         height, width = picture_size(self.files, name)
+        # Sizes are rounded to pixels, so proportions may differ a little.
         if abs(height * self.full[1] / (width * self.full[0]) - 1) > 0.01:
             other = f"the {self.full[1]} x {self.full[0]} of {self.files.label(self.roles['albedo'])}"
             fault = f"{width} x {height} pixels have another proportion than {other}"
             raise InputError(f"{self.files.label(name)}: {fault}: give both the same")
         picture = read_picture(self.files, name, is_colour=False)
-        return picture if self.is_stored(role) else encode_srgb(picture).astype(np.float32)
+        if self.is_stored(role):
+            return picture
+        return encode_srgb(picture).astype(np.float32)  # the codes again, which `read_picture` decoded
 
     def is_stored(self, role: str) -> bool:
         """Whether a map holds values instead of codes: EXR and `.hdr`."""
@@ -156,7 +159,7 @@ class _Reader:
 
 
 def _fitted(shape: tuple[int, ...], longest: int) -> tuple[int, int]:
-    """The (H, W) of the same proportion with longer side `longest`."""
+    """The (H, W) with the proportion of `shape` (H, W) whose longer side is `longest`; each side is at least 1."""
     height, width = shape[:2]
     largest = max(shape)
     return max(1, round(height * longest / largest)), max(1, round(width * longest / largest))
