@@ -52,6 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         code = _run(words)
     except SystemExit as end:  # of argparse, or of rich where nobody reads the output any more
         if argv is None:
+            # As Python itself does: no code means 0, and a text means 1.
             guard.report(end.code if isinstance(end.code, int) else int(end.code is not None))
         raise
     if argv is None:
@@ -94,8 +95,8 @@ def _run(words: list[str]) -> int:
     except KeyboardInterrupt:
         print("\nneubtf-bench: interrupted; finished work is kept", file=sys.stderr)
         return INTERRUPTED
-    except BrokenPipeError:
-        sys.stderr.close()
+    except BrokenPipeError:  # nobody reads the output any more, as after `| head`
+        sys.stderr.close()  # else Python complains about it at its end
         return FINE
     except Exception as error:
         why = unwritable(error) if isinstance(error, OSError) else ""
@@ -147,9 +148,11 @@ def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:
     """The parser of the wanted command; the others are only listed, not imported. `InputError` if there is none."""
     known = commands.modules()
     about = "Compares neural codecs of bidirectional texture functions: real bytes, error, time per sample."
+    if not (wanted and wanted[0] in known):  # the list of commands is shown where none is wanted
+        about += f"\n\n{commands.grouped(known)}"
     top = argparse.ArgumentParser(
         prog="neubtf-bench",
-        description=about if wanted and wanted[0] in known else f"{about}\n\n{commands.grouped(known)}",
+        description=about,
         epilog=EVERYDAY,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -163,10 +166,11 @@ def parser(wanted: Sequence[str]) -> argparse.ArgumentParser:
             continue
         loaded = importlib.import_module(module)
         text, _, examples = (loaded.__doc__ or "").partition(EXAMPLES)
+        wrapped = [textwrap.fill(paragraph, WIDTH) for paragraph in text.split("\n\n")]
         command = listing.add_parser(
             name,
             help=text.split("\n")[0],
-            description="\n\n".join(textwrap.fill(paragraph, WIDTH) for paragraph in text.split("\n\n")),
+            description="\n\n".join(wrapped),
             epilog=f"examples:\n{examples}" if examples else None,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )

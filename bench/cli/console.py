@@ -62,7 +62,7 @@ class Console:
         label = visible(label)
         from bench.codec import REMARK  # here, since `list` and `compare` start without PyTorch
 
-        bar = label.partition(REMARK)[0]
+        bar, _, _ = label.partition(REMARK)
         if bar not in self.tasks:
             self.tasks[bar] = self.bars.add_task(label, total=total, start_at=done)
         task = self.tasks[bar]
@@ -183,7 +183,7 @@ def btf_lines(portrait: "Look") -> str:
 
 
 def _frame_lines(portrait: "Look") -> list[str]:
-    """Say whether the mean lobe fits the azimuths of views and lights, or that there is only one view."""
+    """Say how well differences and sums of azimuths explain the mean lobe, or why that is not known."""
     if len(portrait.layout.views) < 2:
         return ["one view: a codec's answers from other views are not measured"]
     if not portrait.lobe:

@@ -36,7 +36,8 @@ def run(words: Sequence[str]) -> int:
     read_end, write_end = os.pipe()
     command = [sys.executable, "-m", "bench.cli", *words]
     child = subprocess.Popen(command, pass_fds=(write_end,), env=os.environ | {REPORT: str(write_end)})
-    os.close(write_end)  # else reading would not end where the other process ends without an answer
+    # Reading ends only when nobody can write any more, even if the other process ends without an answer.
+    os.close(write_end)
     # Ctrl-C reaches the other process, too, which says what became of its work; a scheduler's SIGTERM is passed on.
     with handling(signal.SIGINT, signal.SIG_IGN), handling(signal.SIGTERM, lambda *_: child.terminate()):
         code = child.wait()

@@ -47,7 +47,7 @@ def modules() -> dict[str, str]:
 
 
 def grouped(known: dict[str, str]) -> str:
-    """The commands of `modules` in groups; a line each says what it does."""
+    """The commands of `modules` in groups, each with a line that says what it does."""
     ours: set[str] = set().union(*GROUPS.values())
     others = tuple(name for name in known if name not in ours)
     groups = GROUPS | {"of methods": others} if others else GROUPS
@@ -59,7 +59,7 @@ def grouped(known: dict[str, str]) -> str:
 
 
 def assignments(words: list[str], option: str = "--set", form: str = "KEY=VALUE") -> dict[str, str]:
-    """The words of an option, `KEY=VALUE`, as a dictionary."""
+    """The words `KEY=VALUE` that an option was given, as a dictionary; `form` is how errors write the words."""
     for word in words:
         if "=" not in word:
             raise InputError(f"{option} {word}: write {form}")
@@ -67,12 +67,12 @@ def assignments(words: list[str], option: str = "--set", form: str = "KEY=VALUE"
 
 
 def several(parser: argparse.ArgumentParser, option: str, words: str, form: str | None = None) -> None:
-    """An option that may be given again and again."""
+    """Add an option that may be given again and again; `words` are its help, `form` stands for its value there."""
     parser.add_argument(option, action="append", default=[], metavar=form, help=words)
 
 
 def reading_options(parser: argparse.ArgumentParser) -> None:
-    """The options that say how measured data are read; `read_as` gives their settings."""
+    """Add the options that say how measured data are read; `read_as` gives their settings."""
     parser.add_argument("--repair", action="store_true", help="mask measured values that are NaN or infinite")
     unit = parser.add_mutually_exclusive_group()
     unit.add_argument("--radians", action="store_true", help="angles that should be degrees are radians: convert them")
@@ -80,7 +80,7 @@ def reading_options(parser: argparse.ArgumentParser) -> None:
 
 
 def read_as(options: argparse.Namespace) -> dict[str, str]:
-    """The settings `data.KEY` of `reading_options`."""
+    """The settings `data.KEY` that the options of `reading_options` ask for."""
     changes = {"data.repair": "true"} if options.repair else {}
     for unit in ("radians", "degrees"):
         if getattr(options, unit):
@@ -89,7 +89,7 @@ def read_as(options: argparse.Namespace) -> dict[str, str]:
 
 
 def suite_options(parser: argparse.ArgumentParser, default: str) -> None:
-    """The options that choose a suite, parts of it, changes of its settings, and the folder of its run."""
+    """Add the options that choose a suite, parts of it, changes of its settings, and the folder of its run."""
     add = parser.add_argument
     add("suite", nargs="?", default=default, help=f"a built-in suite or a TOML file (default: {default})")
     add("--out", type=Path, help="the run's folder (default: runs/SUITE)")
@@ -100,7 +100,7 @@ def suite_options(parser: argparse.ArgumentParser, default: str) -> None:
 
 
 def _number(what: str, kind: Any) -> Callable[[str], int]:
-    """The type of an option that is a number of a kind of setting; `what` names it in errors."""
+    """The `type` of an option for argparse: it converts a word as a setting of that kind; `what` names it in errors."""
 
     def converted_word(word: str) -> int:
         try:
@@ -142,11 +142,14 @@ def usable_device(name: str) -> str:
 
 
 def workers(jobs: int, threads: int, device: str, limit: float | None = None) -> "Seats | None":
-    """The workers for so many jobs at once (0: one a core); None if the runner decides."""
+    """The workers that run `jobs` jobs at once, each with `threads` threads; None if the runner decides.
+
+    0 jobs means as many as the cores allow. A job that takes longer than `limit` seconds fails.
+    """
     from bench.machine.threads import cores
     from bench.runs import executors
 
-    count = jobs or max(1, cores() // threads)
-    if count == 1 and limit is None:
+    count = jobs if jobs else max(1, cores() // threads)
+    if count == 1 and limit is None:  # only another process can be ended after a limit
         return None
     return partial(executors.processes, count, threads, device, limit)

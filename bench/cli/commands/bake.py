@@ -51,9 +51,13 @@ def _given(words: list[str]) -> dict[str, str]:
     """The files of `--map MAP=FILE` by map."""
     given: dict[str, str] = {}
     for word in words:
-        role, equals, file = word.partition("=")
-        if not (role and equals and file) or role in given:
-            fault = "it is given twice" if role in given else "it is not MAP=FILE"
+        role, _, file = word.partition("=")
+        fault = ""
+        if role in given:
+            fault = "it is given twice"
+        elif not (role and file):
+            fault = "it is not MAP=FILE"
+        if fault:
             raise InputError(f"--map {word}: {fault}: give one like albedo=photo.png")
         given[role] = file
     return given

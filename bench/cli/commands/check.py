@@ -27,8 +27,10 @@ def run(options: argparse.Namespace) -> int:
             if result.failure:
                 failed += 1
                 word = "FAIL"
+            elif result.reason:
+                word = "n/a "  # as wide as the others
             else:
-                word = "n/a " if result.reason else "pass"
+                word = "pass"
             remarks = [text for text in (result.failure, result.reason, result.note) if text]
             console.say(": ".join([f"{word}  {result.name}", *remarks]))
         rest = planned() - tried

@@ -85,15 +85,20 @@ def run(options: argparse.Namespace) -> int:
         say_line(f"{material}: no setting meets that; the nearest is {choice_in_words(close)}{time}")
         return NO
     say_line(f"{material}: {choice_in_words(best.of)}")
-    held = _gpu_bytes(folder, best.of.get("job", ""))
-    on_a_gpu = f"{held:,} bytes of textures, as `export` writes them" if held else "not exported"
-    longest = f"up to {longest_ns(best.of):,.0f} ns a sample by its 95 % interval"
-    print(f"time: {timed_on(best.of)}, {longest}; on a GPU: {on_a_gpu}")
+    _say_cost(folder, best.of)
     _offer(folder, best.of, options.copy)
     command = _command(suite, best.of, options.device)
     if command:
         say_line(command)
     return FINE
+
+
+def _say_cost(folder: Path, row: "TradeChoice") -> None:
+    """Print the time of the chosen setting, and the bytes of its textures on a GPU."""
+    held = _gpu_bytes(folder, row.get("job", ""))
+    on_a_gpu = f"{held:,} bytes of textures, as `export` writes them" if held else "not exported"
+    longest = f"up to {longest_ns(row):,.0f} ns a sample by its 95 % interval"
+    print(f"time: {timed_on(row)}, {longest}; on a GPU: {on_a_gpu}")
 
 
 def _gpu_bytes(folder: Path, name: str) -> int | None:
@@ -119,7 +124,7 @@ def _offer(folder: Path, row: "TradeChoice", copy: Path | None) -> None:
     file = folder / job["file"]
     try:
         header = container.read_header(file)
-    except ContainerError:
+    except ContainerError:  # the file is gone or damaged, which matters only if it is to be copied
         if copy:
             raise
         return
@@ -145,8 +150,9 @@ def _command(suite: "Suite", row: "TradeChoice", device: str) -> str:
     words = ["encode", spec.path or spec.name, "--codec", row["codec"]]
     for key, value in row["settings"].items():
         words += ["--set", f"{key}={value}"]
+    # Only what differs from the defaults is given.
     defaults = asdict(type(data)())
-    for key, value in asdict(data).items():  # as they differ from the defaults; validation pairs leave the training
+    for key, value in asdict(data).items():
         if value != defaults[key] and not kind.ignores(spec, f"data.{key}"):
             word = "true" if value is True else value
             words += ["--set", f"data.{key}={word}"]
@@ -167,7 +173,8 @@ def parse_bytes(options: argparse.Namespace, word: str) -> int | None:
     match = re.fullmatch(r"(\d+(?:\.\d+)?)([kM]?)B?", text)
     if not match or float(match[1]) <= 0:
         raise InputError(f"--{word.replace('_', '-')} {text}: write a number, or a number with k or M, such as 300k")
-    return round(float(match[1]) * {"": 1, "k": 1_000, "M": 1_000_000}[match[2]])
+    number, unit = match.groups()
+    return round(float(number) * {"": 1, "k": 1_000, "M": 1_000_000}[unit])
 
 
 def _suite(options: argparse.Namespace) -> "Suite":
@@ -182,13 +189,17 @@ def _suite(options: argparse.Namespace) -> "Suite":
 
 
 def _measured(folder: Path, suite: "Suite", options: argparse.Namespace) -> tuple[list["Rung"], list[str]]:
-    """The choices of a suite's material that were measured on a device, and the labels that were not tried."""
+    """The settings of the suite that were measured on the device for its material, and the labels of those not tried.
+
+    With --max-gpu-bytes, each knows the bytes of its textures on a GPU.
+    """
     codecs = {codec.codec for codec in suite.codecs}
     material = suite.materials[0].name
     trade = load_trade(folder)
     every = trade["choices"] if trade else []
     of_device = [row for row in every if (row["material"], row["device"]) == (material, options.device)]
     rows = [row for row in of_device if row.get("codec") in codecs]
+    # A setting that failed is not tried again.
     tried = {row["label"] for row in rows if "validation" in row or "error" in row}
     rungs = usable(rows, material)
     if options.max_gpu_bytes:

@@ -9,7 +9,7 @@ examples:
 import argparse
 from pathlib import Path
 
-from bench.btf import BTF
+from bench.btf import BTF, Array
 from bench.cli.commands import say_line, usable_device
 from bench.cli.console import Console
 from bench.codecs.loading import DecodedSource, load
@@ -17,6 +17,7 @@ from bench.data.convert import write_btf, write_maps
 from bench.data.open import open_named
 from bench.directions.hemisphere import DIRECTION_SETS, thinned_product
 from bench.inputs.errors import FINE, InputError, did_you_mean
+from bench.material import Material
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,28 +34,36 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     header, material, _ = load(options.file, usable_device(options.device))
     if options.maps:
-        maps, factor = material.maps()
-        if options.like or not maps:
-            why = "not with --like" if options.like else f"{options.file} is of codec {header.codec}, which has no maps"
-            raise InputError(f"--maps: {why}")
-        write_maps({f"{options.file.stem}_{name}": picture for name, picture in maps.items()}, options.out)
-        say_line(
-            f"{', '.join(maps)} in {options.out}; the radiance of the file is {factor:.6g} times what they reflect"
-        )
-        return FINE
+        return _decode_maps(options, material, header.codec)
     with Console() as console:
         if options.like:
             like = open_named(options.like, {}, console.show)
             wo, wi = like.wo, like.wi
         else:
-            if options.directions not in DIRECTION_SETS:
-                hint = did_you_mean(options.directions, DIRECTION_SETS)
-                raise InputError(f"--directions {options.directions}: no such set{hint}")
-            directions = DIRECTION_SETS[options.directions]()
-            if not 1 <= options.count <= len(directions):
-                raise InputError(f"--count {options.count}: must be between 1 and {len(directions)}")
-            wo, wi = thinned_product(directions, options.count, options.count)
+            wo, wi = _pairs(options)
         source = DecodedSource(material, wo, wi, header.sha256)
         write_btf(BTF(options.file.stem, wo, wi, source), options.out)
     console.say(f"{len(wo)} slices of {material.size[0]} × {material.size[1]} in {options.out}")
     return FINE
+
+
+def _decode_maps(options: argparse.Namespace, material: Material, codec: str) -> int:
+    """Write the maps of a material of svbrdf as pictures; returns the exit code."""
+    maps, factor = material.maps()
+    if options.like or not maps:
+        why = "not with --like" if options.like else f"{options.file} is of codec {codec}, which has no maps"
+        raise InputError(f"--maps: {why}")
+    write_maps({f"{options.file.stem}_{name}": picture for name, picture in maps.items()}, options.out)
+    say_line(f"{', '.join(maps)} in {options.out}; the radiance of the file is {factor:.6g} times what they reflect")
+    return FINE
+
+
+def _pairs(options: argparse.Namespace) -> tuple[Array, Array]:
+    """Directions wo and wi (N, 3) of --count views × --count lights of the set --directions."""
+    if options.directions not in DIRECTION_SETS:
+        hint = did_you_mean(options.directions, DIRECTION_SETS)
+        raise InputError(f"--directions {options.directions}: no such set{hint}")
+    directions = DIRECTION_SETS[options.directions]()
+    if not 1 <= options.count <= len(directions):
+        raise InputError(f"--count {options.count}: must be between 1 and {len(directions)}")
+    return thinned_product(directions, options.count, options.count)

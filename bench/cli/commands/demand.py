@@ -30,20 +30,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     checked(options.queries, options.out)
-    path = Path(options.scene)
-    if path.suffix != ".xml":
-        if options.bsdf:
-            raise InputError(f"--bsdf: only for a Mitsuba scene, an .xml file: {path} has one material")
-
-        scene: Caster = TextScene(named_scene(options.scene))
-    elif not path.is_file():
-        raise InputError(f"{path}: there is no such file: check the path")
-    elif not options.bsdf:
-        raise InputError(f"{path}: say which BSDF is the material, with --bsdf ID")
-    else:
-        with installed(f"{path}: needs Mitsuba 3: pip install 'neubtf-bench[mitsuba]', or describe the scene in TOML"):
-            from bench.demand.mitsuba.scene import MitsubaScene
-        scene = MitsubaScene(path, options.bsdf)
+    scene = _scene(options)
     with Console() as console:
         demand = collect(scene, options.queries, options.seed, console.show)
         demand.save(options.out)
@@ -52,3 +39,19 @@ def run(options: argparse.Namespace) -> int:
         console.say(overview.summarise(demand).text())
         console.say(f"wrote {options.out} ({options.out.stat().st_size / 1e6:.1f} MB) and {picture}")
     return FINE
+
+
+def _scene(options: argparse.Namespace) -> Caster:
+    """The scene that the options name: one of the suite or of a TOML file, or one of Mitsuba by its ending .xml."""
+    path = Path(options.scene)
+    if path.suffix != ".xml":
+        if options.bsdf:
+            raise InputError(f"--bsdf: only for a Mitsuba scene, an .xml file: {path} has one material")
+        return TextScene(named_scene(options.scene))
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file: check the path")
+    if not options.bsdf:
+        raise InputError(f"{path}: say which BSDF is the material, with --bsdf ID")
+    with installed(f"{path}: needs Mitsuba 3: pip install 'neubtf-bench[mitsuba]', or describe the scene in TOML"):
+        from bench.demand.mitsuba.scene import MitsubaScene
+    return MitsubaScene(path, options.bsdf)

@@ -40,16 +40,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    if not options.out.parent.is_dir():
-        raise InputError(f"{options.out}: there is no such folder: make it first")
-    for word in ("target_psnr", "target_flip", "uniform"):
-        if getattr(options, word) is not None and not options.demand:
-            raise InputError(f"--{word.replace('_', '-')}: only for a fit to a scene: give its --demand")
-    if options.uniform is not None and not 0 <= options.uniform <= 1:
-        raise InputError(f"--uniform {options.uniform}: must be between 0 and 1")
-    container.refuse_other_file(options.out)
+    _check(options)
     changes = assignments(options.set) | read_as(options)
-    settings = {k: v for k, v in changes.items() if not k.startswith("data.")}
+    settings = {key: value for key, value in changes.items() if not key.startswith("data.")}
     codec = make_codec(options.codec, settings)
     demand = load_demand(options.demand) if options.demand else None
     require_demand(codec, demand)
@@ -71,9 +64,22 @@ def run(options: argparse.Namespace) -> int:
     try:
         console.say(file_lines(container.read_header(options.out)))
     except ContainerError as error:
+        # An exception that is no `InputError` comes from the codec's own code.
         if error.__cause__ is None or isinstance(error.__cause__, InputError):
             raise
         raise EncodeError(
             f"codec {codec.name} cannot decode {options.out}, its own file: {raised(error, codec)}"
         ) from error
     return code
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Raise an `InputError` for options that do not fit together, and for a place that cannot be written."""
+    if not options.out.parent.is_dir():
+        raise InputError(f"{options.out}: there is no such folder: make it first")
+    for word in ("target_psnr", "target_flip", "uniform"):
+        if getattr(options, word) is not None and not options.demand:
+            raise InputError(f"--{word.replace('_', '-')}: only for a fit to a scene: give its --demand")
+    if options.uniform is not None and not 0 <= options.uniform <= 1:
+        raise InputError(f"--uniform {options.uniform}: must be between 0 and 1")
+    container.refuse_other_file(options.out)

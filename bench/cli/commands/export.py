@@ -30,7 +30,7 @@ def run(options: argparse.Namespace) -> int:
     source = f"`{options.file.name}`: codec {header.codec}, version {header.version}, file format {FORMAT}"
     source += f", sha256 {header.sha256}"
     try:
-        program = drawable(loaded.material)[0]
+        program, _ = drawable(loaded.material)  # without the exposure
         files, held = export(program, options.file.stem, options.format, options.out, source)
     except InputError as error:
         raise InputError(f"{options.file}: {error}") from error

@@ -53,7 +53,7 @@ def run(options: argparse.Namespace) -> int:
         if len(figures) > 1:
             material = Path(figure.name).stem.removeprefix(f"{figure.kind}-")
             place = place.with_name(f"{place.stem}-{material}{place.suffix}")
-        content = figure.png if ending == ".png" else figure.vector(ending[1:])
+        content = figure.png if ending == ".png" else figure.vector(ending.removeprefix("."))
         with writable(place):
             atomic.write(place, content)
         print(f"wrote {visible(str(place))}: {visible(figure.title)}")
@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _inset(words: str | None) -> tuple[int, int, int] | None:
-    """Row, column and side of `--inset`."""
+    """Row, column and side of `--inset`, in texels; None if it is not given."""
     if words is None:
         return None
     if not re.fullmatch(r"\d{1,6},\d{1,6},\d{1,6}", words):

@@ -85,10 +85,10 @@ def _table(frame: "pd.DataFrame") -> str:
     rows = []
     for values, jobs in frame.groupby(keys, sort=False, dropna=False):
         material, label, folder, started, git, codec = values
-        is_known = started == started  # pandas' NaT is not
+        is_known = started == started  # pandas' NaT, a missing time, is not equal to itself
         when = f"{started:%Y-%m-%d %H:%M}" if is_known else "—"
         cells = [visible(str(material)), visible(str(label)), visible(str(folder)), when]
-        cells.append(git if isinstance(git, str) else "—")
+        cells.append(git if isinstance(git, str) else "—")  # a missing text is NaN
         if several:
             cells.append(codec if isinstance(codec, str) else "—")
         cells.append(f"{(jobs['status'] == 'ok').sum()} of {len(jobs)}")
@@ -103,13 +103,19 @@ def _table(frame: "pd.DataFrame") -> str:
 
 
 def _heldout(frame: "pd.DataFrame") -> "tuple[dict[str, pd.Series[float]], set[str]]":
-    """The numbers of held-out pairs by the metric's label, for whichever variant was measured; and the labels of those
-    in decibels."""
-    chosen: dict[str, str] = {}  # the mean over slices where a metric has one
+    """The scores of held-out pairs by the metric's label, and the labels of those in decibels.
+
+    A label may stand for several variants of a metric; each job has a score of the variant that it measured.
+    """
+    # The column of each metric: the mean over slices where a metric has one, else the score of all pairs pooled.
+    chosen: dict[str, str] = {}
     for column in map(str, frame.columns):
         match = re.fullmatch("scores/heldout/metrics/(.*)/(mean|pooled)", column)
-        if match and not is_relative(match[1]) and (match[2] == "mean" or match[1] not in chosen):
-            chosen[match[1]] = column
+        if not match:
+            continue
+        name, kind = match.groups()
+        if not is_relative(name) and (kind == "mean" or name not in chosen):
+            chosen[name] = column
     numbers = {}
     for label, names in grouped(chosen, label_of).items():
         variants = frame[[chosen[name] for name in names]]

@@ -40,7 +40,13 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _is_codec_file(path: Path) -> bool:
-    """A safetensors file begins with its header's length and an opening brace."""
+    """Whether a file is a codec file, by its name or by its first bytes.
+
+    It is a safetensors file, which begins with the length of its header, a little-endian u64, and an opening brace.
+    """
     with open(path, "rb") as file:
         start = file.read(9)
-    return path.suffix == ".nbtf" or (len(start) == 9 and start[8:] == b"{" and start[4:8] == b"\0" * 4)
+    if path.suffix == ".nbtf":
+        return True
+    upper_half = start[4:8]  # of the length: 0 for any header below 4 GiB
+    return len(start) == 9 and start[8:] == b"{" and upper_half == b"\0" * 4

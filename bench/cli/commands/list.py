@@ -31,7 +31,8 @@ def run(options: argparse.Namespace) -> int:
         entries = sorted(registry.codec_entries().items())
         outside = [name for name, _ in entries if registry.from_outside(name)]
         for name, entry in entries:
-            if name in outside:  # each is tried in a process of its own, which imports PyTorch
+            # Each is tried in a process of its own, which imports PyTorch and so takes a while.
+            if name in outside:
                 console.show("trying codecs of other packages", outside.index(name), len(outside))
             codecs[name] = registry.listed(entry)
         if outside:

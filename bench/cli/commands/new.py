@@ -74,12 +74,7 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(f"new {what} {name}: a {what} of this name is installed: choose another")
     if options.neural and what != "codec":
         raise InputError("--neural: only `new codec` has it")
-    words = {"name": name, "what": what, "entry": entry, "module": f"{name.replace('-', '_')}_{what}"}
-    words["class_name"] = "".join(part.capitalize() for part in name.split("-"))
-    words["group"] = f"neubtf_bench.{what}s"
-    words["place"] = _PLACES.get(what, "").format(**words)
-    folder = f"{name}-codec"  # where `new codec` puts the package
-    words["package"] = f"./{folder}" if (options.out / folder / "pyproject.toml").is_file() else "."
+    words = _words(what, name, entry, options.out)
     places: dict[Path, str] = {}
     for place, template in _FILES[what].items():
         if options.neural and template == "codec":
@@ -93,6 +88,17 @@ def run(options: argparse.Namespace) -> int:
         write_text(path, Template(text).substitute(words), "choose another --out")
     print(f"next:\n{_NEXT[what].format(**words)}")
     return FINE
+
+
+def _words(what: str, name: str, entry: str, out: Path) -> dict[str, str]:
+    """The words that the templates and the names of their files leave open."""
+    words = {"name": name, "what": what, "entry": entry, "module": f"{name.replace('-', '_')}_{what}"}
+    words["class_name"] = "".join(part.capitalize() for part in name.split("-"))
+    words["group"] = f"neubtf_bench.{what}s"
+    words["place"] = _PLACES.get(what, "").format(**words)
+    folder = f"{name}-codec"  # where `new codec` puts the package
+    words["package"] = f"./{folder}" if (out / folder / "pyproject.toml").is_file() else "."
+    return words
 
 
 def _is_taken(what: str, name: str) -> bool:

@@ -17,7 +17,7 @@ from bench.compare.comparison import check_whole, compare
 from bench.compare.reference import committed, few_seeds, pairs_by_seed, reference, seeds_of, smallest_losses
 from bench.files.atomic import write
 from bench.inputs.errors import FINE, InputError, writable
-from bench.records import FILE, load_run
+from bench.records import FILE, Run, load_run
 from bench.runs.suite import builtin_suites
 from reports.comparison import terminal
 
@@ -34,16 +34,7 @@ def run(options: argparse.Namespace) -> int:
     measured = load_run(options.run)
     if not all("run" in start for start in measured.starts):
         raise InputError(f"{options.run}: it is a reference, not a run: give the folder of a run")
-    path = options.out
-    if path is None:
-        suite = measured.starts[-1]["suite"] if measured.starts else ""
-        if suite not in builtin_suites():
-            raise InputError(f"{options.run}: not a run of a built-in suite: give --out FILE")
-        path = committed(suite)
-    if path.suffix != ".jsonl":
-        raise InputError(f"{path}: the name of a reference ends in .jsonl")
-    if path.name == FILE:  # of this run or of another: its measurements would be lost
-        raise InputError(f"{path}: the records of a run have this name: give --out another one")
+    path = _place(options, measured)
     before = load_run(path) if path.is_file() else None
     if before:
         check_whole(before)
@@ -53,6 +44,27 @@ def run(options: argparse.Namespace) -> int:
     after = load_run(path)
     print(terminal(compare(before or after, after)))
     say_line(f"wrote {path}: {len(after.jobs)} jobs, {len(text.encode()):,} bytes")
+    _say_limits(after, measured, options.run)
+    return FINE
+
+
+def _place(options: argparse.Namespace, measured: Run) -> Path:
+    """The file to write: --out, else the committed reference of the run's suite."""
+    path: Path | None = options.out
+    if path is None:
+        suite = measured.starts[-1]["suite"] if measured.starts else ""
+        if suite not in builtin_suites():
+            raise InputError(f"{options.run}: not a run of a built-in suite: give --out FILE")
+        path = committed(suite)
+    if path.suffix != ".jsonl":
+        raise InputError(f"{path}: the name of a reference ends in .jsonl")
+    if path.name == FILE:  # of this run or of another: its measurements would be lost
+        raise InputError(f"{path}: the records of a run have this name: give --out another one")
+    return path
+
+
+def _say_limits(after: Run, measured: Run, run: str) -> None:
+    """Print what the reference cannot tell: losses within chance, and codecs whose scatter is not known."""
     drawn = pairs_by_seed(after)
     losses = smallest_losses(after, seeds_of(measured))
     if losses:
@@ -63,11 +75,10 @@ def run(options: argparse.Namespace) -> int:
             say_line(f"  {name:<{width}}  {listed}")
     few = [name for name in few_seeds(after) if name not in drawn]
     if few:
-        say_line(f"too few seeds to tell a spread; add some with `run --seed N --out {options.run}`: {', '.join(few)}")
+        say_line(f"too few seeds to tell a spread; add some with `run --seed N --out {run}`: {', '.join(few)}")
     if drawn:
         say_line(
             "warning: each seed is scored at its own test pairs, so only seeds that a run shares with this reference "
             'show a change, and margins are wide; write split = "validation" into [data] of the suite, and run it '
             f"again: {', '.join(drawn)}"
         )
-    return FINE

@@ -75,7 +75,8 @@ def run(options: argparse.Namespace) -> int:
         if options.truth:
             truth = open_named(options.truth, assignments(options.set), console.show)
             sides.insert(0, still.of_btf(table_of(truth)))
-        pictures = still.render(scene, sides, options.frame, options.rays or 2, show=console.show)
+        rays = 2 if options.rays is None else options.rays
+        pictures = still.render(scene, sides, options.frame, rays, show=console.show)
         exposure = still.exposure_for(pictures[0]) if options.exposure is None else options.exposure
         still.write(options.out, np.concatenate(list(pictures), 1), exposure)
         names = [file.name for file in options.files]
@@ -98,6 +99,7 @@ def _path_traced(options: argparse.Namespace) -> int:
         "--rays": "give --samples",
         "--device": "Mitsuba's variant gives it",
     }
+    # None of these has a useful value that counts as false: frame 0 is the default, and the least width is 1.
     for name, reason in own.items():
         if getattr(options, name.removeprefix("--")):
             raise InputError(f"{name}: not with a Mitsuba scene: {reason}")

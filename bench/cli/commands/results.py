@@ -103,7 +103,12 @@ def _written(path: Path, writes: bool) -> bool:
         text = path.read_text(encoding="utf-8")
     if not _BLOCK.search(text):
         raise InputError(f"{path}: it has no table made by a command: see `neubtf-bench results --help`")
-    new = _BLOCK.sub(lambda match: match["start"] + _table(path, match["words"]) + match["end"], text)
+
+    def made_again(block: re.Match[str]) -> str:
+        """The block with the table that its command makes now."""
+        return block["start"] + _table(path, block["words"]) + block["end"]
+
+    new = _BLOCK.sub(made_again, text)
     if writes and new != text:
         write(path, new.encode())
         say_line(f"wrote {path}")
@@ -111,7 +116,7 @@ def _written(path: Path, writes: bool) -> bool:
 
 
 def _table(path: Path, words: str) -> str:
-    """What a command prints, as Markdown: plain text in a fence, or a Markdown table as it is."""
+    """What the command `words` of a document prints, as Markdown: text in a fence, or a Markdown table as it is."""
     command, *rest = shlex.split(words)
     parser = argparse.ArgumentParser(add_help=False, exit_on_error=False)
     table.arguments(parser)

@@ -55,7 +55,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     changes = assignments(options.set)
     if options.all_pairs:
-        changes["data.pairs"] = "0"
+        changes["data.pairs"] = "0"  # no limit
     changes |= read_as(options)
     suite = with_changes(load_suite(options.suite), options.material, options.codec, changes, options.seed)
     suite = with_metrics(suite, options.metric)
@@ -83,7 +83,8 @@ def run(options: argparse.Namespace) -> int:
         console.show("drawing tables, figures and pages", 1, 1)
     console.say(written.text)
     measured = load_run(folder)
-    timed = any(timing.get("run") == measured.starts[-1]["run"] for timing in measured.timings)
+    this_start = measured.starts[-1]["run"]
+    timed = any(timing.get("run") == this_start for timing in measured.timings)
     console.say(_summary(outcomes, timed))
     console.say(f"records, files, tables and pictures: {folder}")
     states = {outcome.record["status"] for outcome in outcomes}
@@ -93,7 +94,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _workers(options: argparse.Namespace, threads: int) -> "Seats | None":
-    """The workers that run jobs; None if the runner decides."""
+    """The workers that run jobs with `threads` threads each, here or on Dask; None if the runner decides."""
     if options.resource and not options.scheduler:
         raise InputError("--resource: only for the workers of a Dask --scheduler: give it, or leave --resource out")
     if options.max_seconds is not None and options.scheduler:
@@ -113,7 +114,10 @@ def _workers(options: argparse.Namespace, threads: int) -> "Seats | None":
 
 
 def _summary(outcomes: list[Any], timed: bool) -> str:
-    """How many jobs ended how, and how many were reused, in one line; `timed`: whether times were measured."""
+    """How many jobs ended in which state, and how many were reused, in one line.
+
+    `timed` says whether this start of the run measured times.
+    """
     cached = [outcome.cached for outcome in outcomes]
     status = [outcome.record["status"] for outcome in outcomes]
     others = {"failed": "failed (see the records; --retry-failed tries them again)", "unavailable": "not available"}

@@ -51,7 +51,9 @@ def run(options: argparse.Namespace) -> int:
         place = {"threads": options.threads, "device": usable_device(options.device)}
         scores = score(options.file, btf, demand=options.demand, show=console.show, **place)
     spec = CodecSpec(scores["codec"], scores["settings"])
-    label = replace(spec, settings=changed_settings(spec)).label if spec.settings else spec.label
+    label = spec.label
+    if spec.settings:  # as a run writes it: only the settings that differ from the codec's defaults
+        label = replace(spec, settings=changed_settings(spec)).label
     job: Job = {
         "kind": "job",
         "job": str(options.file),

@@ -63,7 +63,8 @@ def run(options: argparse.Namespace) -> int:
     records.append(options.out, start | provenance())
     tried: list[records.Stress] = []
     count = min(options.jobs, 2 * len(codecs))
-    with Console() as console, in_process() if count == 1 else processes(count, threads=1) as workers:
+    seats = in_process() if count == 1 else processes(count, threads=1)
+    with Console() as console, seats as workers:
         pictures = () if options.case else stress.picture_records()
         for record in chain(stress.run(codecs, cases, workers, console.show), pictures):
             records.append(options.out, record)

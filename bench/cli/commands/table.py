@@ -84,11 +84,14 @@ def choice(options: argparse.Namespace) -> "Choice | None":
 
 
 def parameters_table(folders: list[Path], format: str, choice: "Choice | None" = None) -> str:
-    """The table of parameters: of every codec as published, and of the records of runs, whatever their data; with times
-    of a sample, where a run has some."""
+    """The table of parameters: a row for every codec as published, and one for each job of the runs.
+
+    Without folders it is of the newest run, if there is one. A job has the times of a sample that its run measured.
+    """
     jobs: list[TimedJob] = []
     folders = folders or _runs()[-1:]
-    runs = [load_together([folder], wanted=lambda job: False) for folder in folders]  # none replaced
+    # Each folder is loaded alone, so that no job takes the place of another one of the same name.
+    runs = [load_together([folder], wanted=lambda job: False) for folder in folders]
     on_gpu: dict[str, Timing] = {}
     for run in runs:
         on_gpu |= gpu_times(run)
@@ -111,7 +114,10 @@ def parameters_table(folders: list[Path], format: str, choice: "Choice | None" =
 
 
 def _paper(folders: list[Path], format: str, choice: "Choice | None") -> str:
-    """The table beside the paper's quality: of runs, and what they lack with where to get it."""
+    """The table of quality beside the paper's, and for each material that is not measured what is to be done.
+
+    Without folders it is of runs/paper and runs/paper-nearest, as far as they are there.
+    """
     folders = folders or [folder for folder in (Path("runs/paper"), Path("runs/paper-nearest")) if folder.is_dir()]
     # As in the table of parameters, none takes another's place: of other suites, the same names have other data.
     run = load_together(folders, wanted=lambda job: False) if folders else Run(Path())
@@ -119,7 +125,9 @@ def _paper(folders: list[Path], format: str, choice: "Choice | None") -> str:
     for spec in load_suite("paper").materials:
         there = f"{spec.path} is there: `neubtf-bench run paper` measures it"
         absent[spec.name] = there if spec.existing() else f"{spec.path} is not there: {spec.where}"
-    return paper_text(choice.of_run(run) if choice else run, absent, format, choice)
+    if choice:
+        run = choice.of_run(run)
+    return paper_text(run, absent, format, choice)
 
 
 def _newest_run(kind: str | None) -> Path:

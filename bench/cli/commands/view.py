@@ -48,7 +48,8 @@ def run(options: argparse.Namespace) -> int:
             models = [Shown(f"{btf.name}, truth", program, shown, note)]
         for file in map(load, options.files):
             (program, exposure), note = _drawn(file, console.show)
-            shown = shown or exposure  # one exposure for all, so that brightness can be compared
+            if not shown:  # one exposure for all, the first one, so that brightness can be compared
+                shown = exposure
             label = f"{file.header.path.stem}: {file.header.codec}, {file.header.file_bytes:,} bytes"
             models.append(Shown(label, program, shown, note))
         title = models[0].label.removesuffix(", truth") if options.truth else options.files[0].stem
@@ -62,7 +63,10 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _drawn(file: "Loaded", show: "Progress") -> "tuple[tuple[Program, float], str]":
-    """The material of a file, its exposure, and a note on it; its baked slices if no shader can evaluate it."""
+    """The program of a file's material with its exposure, and a note for the reader of the page.
+
+    If no shader can evaluate the material, the program interpolates slices that were decoded from it.
+    """
     try:
         program, exposure = drawable(file.material)
         shader(program, GLSL)

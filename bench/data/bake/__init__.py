@@ -93,8 +93,11 @@ def bake(
     """
     check_place(out)
     wo, wi = data.everything(surface.name, seed)
-    heldout = np.arange(len(wo)) >= data.views * data.lights if data.heldout else None
-    _bake(surface, (wo, wi), heldout, _sampled(data) | {"heldout": data.described()}, out, show, seed, path_tracer)
+    heldout = None
+    if data.heldout:  # the held-out pairs come after the product
+        heldout = np.arange(len(wo)) >= data.views * data.lights
+    sampled = _sampled(data) | {"heldout": data.described()}
+    _bake(surface, (wo, wi), heldout, sampled, out, show, seed, path_tracer)
 
 
 def _bake(
@@ -107,7 +110,10 @@ def _bake(
     seed: int,
     path_tracer: PathTracer | None,
 ) -> None:
-    """Render a surface at some pairs, which `sampled` describes, into a file or folder; see `bake`."""
+    """Render a surface at pairs wo, wi (N, 3), which `sampled` describes, into a file or folder; see `bake`.
+
+    `heldout` is the mask (N,) of the held-out pairs; None if there are none, or if the caller marks them.
+    """
     wo, wi = pairs
     label = f"baking {surface.name}"
     described = {"source": BAKED, "maps": surface.notes, "bake_version": BAKE_VERSION}
@@ -116,6 +122,7 @@ def _bake(
         described |= path_tracer.provenance()
 
     def write(values: Array) -> None:
+        """Write the slices (N, H, W, 3) with all that is said of them."""
         source = ArraySource(values)
         write_btf(BTF(surface.name, wo, wi, source, heldout=heldout, periodic=True, provenance=described), out)
 
@@ -177,8 +184,11 @@ def open_svbrdf(
 
 
 def _read_anew(maps: MapFiles) -> list[str]:
-    """What version 2 may have read otherwise, for the key of a cached bake: colour spaces, drawn flat normals, and EXR
-    normals and heights."""
+    """The maps that an earlier program with the same `BAKE_VERSION` may have read otherwise, for the key of a bake.
+
+    They are an albedo of another colour space, normals in PNG, which may be drawn flat, and normals and heights in EXR
+    or `.hdr`.
+    """
     files = FolderFiles(maps.folder)
     kinds = {role: picture_format(files.head(name, 8)) for role, name in maps.files.items()}
     anew = [colour_note(files, maps.files["albedo"])]

@@ -122,19 +122,29 @@ def recognise(folder: Path, given: dict[str, str] | None = None) -> MapFiles:
             remedy = f"keep one in the folder, or give bake --map {role}=FILE"
             raise InputError(f"{folder}: {' and '.join(several)} are all {role} by name: {remedy}")
     files = {role: several[0] for role, several in by_role.items()} | chosen
+    unused |= _drop_second_choices(files, chosen)
+    return MapFiles(folder, files, unused, tuple(doubtful))
+
+
+def _drop_second_choices(files: dict[str, str], chosen: dict[str, str]) -> dict[str, str]:
+    """Remove from `files` (role → file) those whose map a better file gives; returns each with the reason.
+
+    `chosen` are those of the files that the user gave.
+    """
+    dropped = {}
     for choice in _CHOICES:
         held = [role for role in choice if role in files]
         held.sort(key=lambda role: role not in chosen)  # a file that is given comes before one that is found
         for role in held[1:]:
-            unused[files.pop(role)] = "another file gives the same map"
+            dropped[files.pop(role)] = "another file gives the same map"
     for role in _PACKED:
         if role not in files:
             continue
         apart = "metalness" in files and ("roughness" in files or "smoothness" in files)
         better_packed = role == _PACKED[1] and _PACKED[0] in files
         if apart or better_packed:
-            unused[files.pop(role)] = "the folder has separate roughness and metalness"
-    return MapFiles(folder, files, unused, tuple(doubtful))
+            dropped[files.pop(role)] = "the folder has separate roughness and metalness"
+    return dropped
 
 
 def _given(folder: Path, role: str, file: str) -> str:
@@ -150,14 +160,14 @@ def _given(folder: Path, role: str, file: str) -> str:
 
 
 def _roles(names: list[str]) -> dict[str, str]:
-    """The role of each picture among files; empty if its name gives none."""
+    """The role of each picture among files, by its name; "" if the name gives none."""
     words = {name: _words(name) for name in names if has_pictures([name])}
     # The asset's name is what the maps share; a preview or another stray picture does not hide it.
     maps = [found for found in words.values() if _role(found) or _letter(found)]
     if len(maps) > 1:
         shared = _shared_start(maps)
         words = {name: _without(found, shared) for name, found in words.items()}
-    # Pictures that end in any letter are numbered, not named.
+    # Last letters mean roles only if each of them is known: pictures a, b, c are numbered, not named.
     last = {_letter(found) for found in words.values() if not _role(found)}
     letters = _LETTERS if last <= {"", *_LETTERS} else {}
     return {name: _role(found) or letters.get(_letter(found), "") for name, found in words.items()}
@@ -165,6 +175,7 @@ def _roles(names: list[str]) -> dict[str, str]:
 
 def _words(name: str) -> list[str]:
     """The words of a file's name: `Bricks102_1K_NormalGL` → bricks, 102, 1, k, normal, gl."""
+    # Capitals up to the one that begins a word (in GLNormal: GL), a word with or without a capital, or digits.
     found = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", Path(name).stem)
     return [word.lower() for word in found]
 
@@ -187,7 +198,7 @@ def _without(words: list[str], shared: list[str]) -> list[str]:
 
 
 def _letter(words: list[str]) -> str:
-    """The last word if it is one letter, but for a size such as 2K; else ""."""
+    """The last word if it is a single letter; else "". A size at the end, such as 2K, is passed over."""
     end = len(words)
     while end and (words[end - 1].isdigit() or words[end - 1] == "k"):
         end -= 1

@@ -119,12 +119,15 @@ class _Reader:
             return None
         name = self.roles[role]
         height, width = picture_size(self.files, name)
+        # Sizes are rounded to pixels, so proportions may differ a little.
         if abs(height * self.full[1] / (width * self.full[0]) - 1) > 0.01:
             other = f"the {self.full[1]} x {self.full[0]} of {self.files.label(self.roles['albedo'])}"
             fault = f"{width} x {height} pixels have another proportion than {other}"
             raise InputError(f"{self.files.label(name)}: {fault}: give both the same")
         picture = read_picture(self.files, name, is_colour=False)
-        return picture if self.is_stored(role) else encode_srgb(picture).astype(np.float32)
+        if self.is_stored(role):
+            return picture
+        return encode_srgb(picture).astype(np.float32)  # the codes again, which `read_picture` decoded
 
     def is_stored(self, role: str) -> bool:
         """Whether a map holds values instead of codes: EXR and `.hdr`."""
@@ -156,15 +159,17 @@ class _Reader:
 
 
 def _fitted(shape: tuple[int, ...], longest: int) -> tuple[int, int]:
-    """The (H, W) of the same proportion with longer side `longest`."""
+    """The (H, W) with the proportion of `shape` (H, W) whose longer side is `longest`; each side is at least 1."""
     height, width = shape[:2]
     largest = max(shape)
     return max(1, round(height * longest / largest)), max(1, round(width * longest / largest))
 
 
 def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tuple[Array | None, Array | None]:
-    """Mean normals (H, W, 3), which are shorter if they vary more, and displacement (H, W) in units of the width; each
-    is None without a map."""
+    """Mean normals (H, W, 3) and displacement (H, W) in widths of the picture; None for each without a map.
+
+    A mean normal is the shorter the more the normals vary within its texel. `depth` is that of `read_surface`.
+    """
     normal_role = next((role for role in ("normal_gl", "normal_dx", "normal") if role in reader.roles), "")
     height_role = next((role for role in ("displacement", "depth") if role in reader.roles), "")
     normal = _normals(reader, normal_role, notes)
@@ -176,31 +181,38 @@ def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tupl
         agreed = agreement(resize(normal, judged), resize(height, judged))
     inverted, downward = agreed.verdict(height_role == "depth", normal_role)
     if normal is not None:
-        notes[normal_role] += f": green {'down (DX)' if downward else 'up (GL)'}, {agreed.evidence(normal_role)}"
+        green = "down (DX)" if downward else "up (GL)"
+        notes[normal_role] += f": green {green}, {agreed.evidence(normal_role)}"
         if downward:
             normal[..., 1] *= -1
         normal = reader.shrunk(normal)
     if height is not None:
         fitted = depth is None and agreed.depth is not None
         height, depth = _scaled(reader, height_role, height, depth, agreed.depth)
-        notes[height_role] += f": {'dark' if inverted else 'bright'} is high, depth {depth:.4f} of the width"
+        high = "dark" if inverted else "bright"
+        notes[height_role] += f": {high} is high, depth {depth:.4f} of the width"
         if fitted:
             notes[height_role] += ", fitted to the normal map"
-        height = reader.shrunk(height) * np.float32(-depth if inverted else depth)
+        signed = -depth if inverted else depth
+        height = reader.shrunk(height) * np.float32(signed)
     return normal, height
 
 
 def _scaled(
     reader: _Reader, role: str, height: Array, depth: float | None, implied: float | None
 ) -> tuple[Array, float]:
-    """A displacement (H, W) and the factor that makes it widths of the picture: `depth` if it is given, else the one
-    that the normals imply. EXR may hold any unit: heights beyond [0, 1] are first brought there."""
+    """A displacement (H, W), and the factor that turns it into widths of the picture.
+
+    The factor is `depth` if that is given, else `implied`, by which the slopes fit the normals best, else the default.
+    EXR may hold any unit: heights beyond [0, 1] are first brought there.
+    """
     label = reader.files.label(reader.roles[role])
     if depth is not None and not 0 <= depth <= 1:
         raise InputError(f"depth must be between 0 and 1 widths of the picture, not {depth:g}")
     if reader.is_stored(role):
         low, high = float(height.min()), float(height.max())
-        if high > low and (low < 0 or high > 1 or (implied or 0) > 1):
+        too_deep = implied is not None and implied > 1  # in such a unit
+        if high > low and (low < 0 or high > 1 or too_deep):
             height = (height - np.float32(low)) / np.float32(high - low)
             implied = None if implied is None else implied * (high - low)
         if depth is None and implied is None:
@@ -231,15 +243,19 @@ def _normals(reader: _Reader, role: str, notes: dict[str, str]) -> Array | None:
 
 
 def _is_signed(values: Array) -> bool:
-    """Whether stored values (H, W, 3) are the normals' own, not halved and moved to [0, 1]. Then some are negative, but
-    for a map that is flat; its values have length 1."""
+    """Whether stored values (H, W, 3) are the normals' own, from −1 to 1, and not (n + 1) / 2.
+
+    Their own have negative values. Only a map that is nearly flat may have none; then the lengths tell, which are 1.
+    """
     if values.min() < -0.01:  # lossy compression leaves noise below 0
         return True
 
     def off_unit(vectors: Array) -> float:
+        """How far the lengths of vectors (H, W, 3) are from 1, on average."""
         return np.abs(np.linalg.norm(vectors, axis=-1) - 1).mean()
 
-    as_they_are, decoded = off_unit(values), off_unit(2 * values - 1)
+    as_they_are = off_unit(values)
+    decoded = off_unit(2 * values - 1)
     return bool(as_they_are < 0.02 and as_they_are < decoded)
 
 
@@ -263,16 +279,21 @@ def _drawn_flat(codes: Array) -> Array:
 
 
 def _unit(normal: Array) -> Array:
+    """Normals (H, W, 3) at length 1."""
     return normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
 
 
 def _anisotropy(reader: _Reader) -> tuple[Array | float, Array | float]:
-    """Strength and direction. A coloured map packs both (glTF KHR_materials_anisotropy: direction in red and green,
-    strength in blue); a grey angle map goes once around, counter-clockwise (Substance)."""
+    """Strength in [0, 1] and angle in radians, as in `Maps`; 0 without a map.
+
+    A coloured map packs both (glTF KHR_materials_anisotropy: direction in red and green, strength in blue). A grey one
+    is the strength; the angle then has a map of its own, where white is one turn counter-clockwise (Substance).
+    """
     picture = reader.codes("anisotropy")
     if picture is None:
         return 0.0, 0.0
-    if np.ptp(picture, axis=-1).max() > 0.02:
+    is_coloured = np.ptp(picture, axis=-1).max() > 0.02
+    if is_coloured:
         x, y = 2 * picture[..., 0] - 1, 2 * picture[..., 1] - 1
         return np.clip(reader.shrunk(picture[..., 2]), 0, 1), _mean_angle(reader, np.arctan2(y, x))
     turns = reader.codes("anisotropy_angle")
@@ -297,12 +318,20 @@ class Agreement:
     depth: float | None = None
 
     def verdict(self, named_depth: bool, normal_role: str) -> tuple[bool, bool]:
-        """Whether the displacement is inverted (dark is high), and whether green points down; by names if unclear."""
+        """Whether the displacement is inverted (dark is high), and whether green points down.
+
+        Where the correlations are unclear the names decide: `named_depth` is whether the displacement's name says depth
+        (dark is high), and `normal_role` is the role by the normal map's name.
+        """
         named_down = normal_role == "normal_dx"
         y = -self.y if named_down else self.y  # with green turned up, if the name is right
-        if abs(self.x) >= CLEAR:  # x does not depend on the direction of green, y depends on both mistakes
+        # Only an inverted displacement changes the sign of x. It changes that of y, too, and so does green that points
+        # down: with both, y is positive again.
+        if abs(self.x) >= CLEAR:
             inverted = self.x < 0
-            down = (self.y < 0) != inverted if abs(self.y) >= CLEAR else named_down
+            down = named_down
+            if abs(self.y) >= CLEAR:
+                down = (self.y < 0) != inverted
             return inverted, down
         if abs(y) >= CLEAR and normal_role != "normal":  # ridges only along x: use the normal map's name
             return y < 0, named_down
@@ -316,16 +345,18 @@ class Agreement:
 
 
 def agreement(normal: Array, height: Array) -> Agreement:
-    """Compare unit normals (H, W, 3) with a displacement (H, W), periodic, of square texels, row 0 at the top."""
+    """Compare normals (H, W, 3) with a displacement (H, W); periodic, square texels, row 0 at the top."""
     cell = 1 / height.shape[1]
     # Toward +x the column grows, toward +y the row falls.
     slope_x = (np.roll(height, -1, 1) - np.roll(height, 1, 1)) / (2 * cell)
     slope_y = (np.roll(height, 1, 0) - np.roll(height, -1, 0)) / (2 * cell)
+    # The slopes (H, W, 2) that the normals state: −n_x / n_z and −n_y / n_z.
     lean = -normal[..., :2] / np.maximum(normal[..., 2:], 0.1)
-    x, y = _correlation(lean[..., 0], slope_x), _correlation(lean[..., 1], slope_y)
+    x = _correlation(lean[..., 0], slope_x)
+    y = _correlation(lean[..., 1], slope_y)
     if max(abs(x), abs(y)) < CLEAR:
         return Agreement(x, y)
-    # Least squares of lean = depth · slope over both axes, whatever their signs.
+    # Least squares of lean = depth · slope over both axes; either sign may be wrong, so absolute values are added.
     fit = abs((lean[..., 0] * slope_x).mean()) + abs((lean[..., 1] * slope_y).mean())
     return Agreement(x, y, float(fit / (slope_x**2 + slope_y**2).mean()))
 

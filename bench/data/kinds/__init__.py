@@ -64,7 +64,8 @@ class Kind(ABC):
 
 def kind_of(spec: MaterialSpec) -> Kind:
     """The kind of a material."""
-    every = dict(_kinds(tuple(__path__)))  # found once for these folders, to which a test adds one
+    # The folders are the key of the cache, because a folder may be added to the package.
+    every = dict(_kinds(tuple(__path__)))
     otherwise = every.pop(OTHERWISE)
     for kind in every.values():
         if kind.knows(spec):
@@ -74,6 +75,9 @@ def kind_of(spec: MaterialSpec) -> Kind:
 
 @cache
 def _kinds(folders: tuple[str, ...]) -> tuple[tuple[str, Kind], ...]:
-    """Each kind by the name of its module, of all modules of this package."""
-    names = sorted(module.name for module in pkgutil.iter_modules(folders))
-    return tuple((name, importlib.import_module(f"{__name__}.{name}").KIND) for name in names)
+    """The name of each module in the folders of this package, sorted, and its kind."""
+    found = []
+    for name in sorted(module.name for module in pkgutil.iter_modules(folders)):
+        module = importlib.import_module(f"{__name__}.{name}")
+        found.append((name, module.KIND))
+    return tuple(found)

@@ -27,20 +27,25 @@ MIN_ALPHA = 1e-3  # keeps the peak 1 / (π α²) inside float16
 
 @dataclass(frozen=True)
 class Points:
-    """Shading points seen from one direction; each field is an array over points, colours (3, ...) linear Rec. 709. `o`
-    is the view direction and `alpha` the GGX widths in the tangent frame (t, b, n) and (t, b)."""
+    """Shading points seen from one direction.
 
-    o: tuple[Array, Array, Array]
-    alpha: tuple[Array, Array]
-    diffuse: Array  # (1 − metalness) · base / π · (1 − F_d(o_n))
-    f0: Array
+    Each field is an array over the points, (...); colours are linear Rec. 709, (3, ...).
+    """
+
+    o: tuple[Array, Array, Array]  # the view direction along t, b and n
+    alpha: tuple[Array, Array]  # the GGX widths along t and b
+    diffuse: Array  # a colour: (1 − metalness) · base / π · (1 − F_d(o_n))
+    f0: Array  # a colour
     f90: Array
     dielectric_f90: Array
-    smith_o: Array
+    smith_o: Array  # Λ(o)
 
 
 def points(o: tuple[Array, Array, Array], maps: dict[str, Array]) -> Points:
-    """Prepare points for one view; `maps` holds `base` (3, ...), `roughness`, `metalness`, `specular`, `anisotropy`."""
+    """Prepare points for one view, whose direction `o` has components along t, b and n, each (...).
+
+    `maps` holds `base` (3, ...), and `roughness`, `metalness`, `specular` and `anisotropy`, each (...).
+    """
     alpha = _at_least(MIN_ALPHA, maps["roughness"] ** 2)
     stretch = _root(1 - 0.9 * maps["anisotropy"])
     alpha_t, alpha_b = alpha / stretch, _at_least(MIN_ALPHA, alpha * stretch)
@@ -51,15 +56,20 @@ def points(o: tuple[Array, Array, Array], maps: dict[str, Array]) -> Points:
     reflected = fresnel(DIELECTRIC_F0 * specular, specular, o_n)
     diffuse = maps["base"] * ((1 - metal) * (1 - reflected) / np.pi)
     f0 = DIELECTRIC_F0 * dielectric + metal * maps["base"]
+    f90 = dielectric + metal
     seen = (o[0], o[1], o_n)
     alphas = (alpha_t, alpha_b)
-    return Points(seen, alphas, diffuse, f0, dielectric + metal, specular, _smith(alphas, seen))
+    return Points(seen, alphas, diffuse, f0, f90, specular, _smith(alphas, seen))
 
 
 def reflect(here: Points, i: tuple[Array, Array, Array], cos_between: Values) -> tuple[Array, Array]:
-    """The two scalar parts of f · cos θ_i, each over points: multiply by `diffuse` and by F (see `specular_colour`).
-    `i` is the light in the tangent frame, `cos_between` is ω_o · ω_i. Below the tangent plane both are 0."""
+    """The diffuse and the specular part of f · cos θ_i, each over the points (...) and without its colour.
+
+    The first is to be multiplied by `diffuse`, the second by F (see `specular_colour`). `i` is the light's direction
+    along t, b and n, each (...); `cos_between` is ω_o · ω_i. Both are 0 for a light below the tangent plane.
+    """
     i_n = _at_least(0, i[2])
+    # The half vector is (o + i) / |o + i|, with |o + i|² = 2 + 2 ω_o · ω_i.
     inverse_half = 1 / _root(_at_least(1e-12, 2 + 2 * cos_between))
     (o_t, o_b, o_n), (alpha_t, alpha_b) = here.o, here.alpha
     h_t, h_b, h_n = o_t + i[0], o_b + i[1], o_n + i_n
@@ -67,6 +77,7 @@ def reflect(here: Points, i: tuple[Array, Array, Array], cos_between: Values) ->
     h_b /= alpha_b
     stretched = h_t * h_t + h_b * h_b + h_n * h_n
     stretched *= inverse_half * inverse_half
+    # The specular part is D V i_n = i_n · (0.5 / π) / density.
     masking = i_n * here.smith_o + o_n * _smith(here.alpha, (i[0], i[1], i_n))
     density = stretched * stretched * masking * (alpha_t * alpha_b)
     specular = i_n * (0.5 / np.pi) / density
@@ -76,25 +87,28 @@ def reflect(here: Points, i: tuple[Array, Array, Array], cos_between: Values) ->
 
 def specular_colour(here: Points, cos_between: Values) -> Values:
     """F (3, ...) of each point for one pair: every point shares the angle between view and half vector."""
+    # Half of the angle between view and light: cos(x / 2) = √((1 + cos x) / 2).
     return fresnel(here.f0, here.f90, _root(_at_least(0, (1 + cos_between) / 2)))
 
 
 def fresnel(f0: Values, f90: Values, cos: Values) -> Values:
-    """Schlick's Fresnel term at the cosine of the angle to the (half) normal."""
+    """Schlick's Fresnel term at the cosine of the angle to the normal or half vector; colours (3, ...) or numbers."""
     grazing = 1 - cos
     squared = grazing * grazing
     return f0 + (f90 - f0) * (squared * squared * grazing)
 
 
 def _smith(alpha: tuple[Array, Array], x: tuple[Array, Array, Array]) -> Array:
-    """Heitz's Λ-like length √(α_t² x_t² + α_b² x_b² + x_n²)."""
+    """Λ(x) of the module's docstring, over points: √(α_t² x_t² + α_b² x_b² + x_n²)."""
     t, b = alpha[0] * x[0], alpha[1] * x[1]
     return _root(t * t + b * b + x[2] * x[2])
 
 
 def _at_least(low: float, values: Values) -> Values:
+    """Values raised to `low`, of NumPy or PyTorch."""
     return values.clamp_min(low) if hasattr(values, "clamp_min") else np.maximum(values, low)
 
 
 def _root(values: Values) -> Values:
+    """Square roots, of NumPy or PyTorch."""
     return values.sqrt() if hasattr(values, "sqrt") else np.sqrt(values)

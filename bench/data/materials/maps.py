@@ -63,7 +63,7 @@ class Maps:
         are averaged as directions modulo π. Heights stay in units of the picture's width."""
         if shape == self.shape:
             return self
-        # `angle` and `normal` are averaged as vectors below.
+        # `angle` and `normal` are averaged as vectors below, an angle by twice its value, because it has a period of π.
         averaged = [name for name in (*_SCALARS, "base_colour") if name != "angle"]
         maps = {name: resize(getattr(self, name), shape) for name in averaged}
         double = resize(np.stack([np.cos(2 * self.angle), np.sin(2 * self.angle)], -1), shape)
@@ -86,7 +86,7 @@ _SCALARS = ("height", "roughness", "metalness", "specular", "anisotropy", "angle
 
 
 def _common_shape(given: dict[str, Any]) -> tuple[int, ...]:
-    """The (H', W') of the first map that is a picture; (1, 1) if all are numbers."""
+    """The (H', W') of the first map that is a picture; (1, 1) if all are numbers or single colours."""
     for name, value in given.items():
         shape = np.shape(value)
         axes = 2 if name in _SCALARS else 3
@@ -96,7 +96,7 @@ def _common_shape(given: dict[str, Any]) -> tuple[int, ...]:
 
 
 def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """The map as a float32 array of the common shape."""
+    """The map as a float32 array of the common shape (H', W'), or (H', W', 3) for colours and normals."""
     array = np.asarray(value, np.float32)
     wanted = shape if name in _SCALARS else (*shape, 3)
     try:
@@ -112,23 +112,34 @@ def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
 
 def resize(picture: Array, shape: tuple[int, int]) -> Array:
     """A periodic picture (H, W, ...) at another size: linear interpolation to enlarge, area averages to shrink."""
-    for axis, (size, old) in enumerate(zip(shape, picture.shape, strict=False)):  # not over the channels
+    for axis, size in enumerate(shape):  # the first two axes, not the channels
+        old = picture.shape[axis]
         if size == old:
             continue
-        row = np.arange(size)  # of the matrix (size, old) that this axis is multiplied by
-        cells = np.arange(old)  # its columns
-        if size > old:  # a triangle, else a box, that keeps the texel centres aligned
-            weights = np.zeros((size, old))
-            place = (row + 0.5) * old / size - 0.5
-            low = np.floor(place).astype(int)
-            np.add.at(weights, (row, low % old), 1 - (place - low))
-            np.add.at(weights, (row, (low + 1) % old), place - low)
-        else:
-            edges = np.arange(size + 1) * old / size
-            overlap = np.minimum(edges[1:, None], cells + 1) - np.maximum(edges[:-1, None], cells)
-            weights = np.maximum(overlap, 0) * size / old
-        picture = np.moveaxis(np.tensordot(weights, picture.astype(np.float64), (1, axis)), 0, axis)
+        weights = _enlarging(size, old) if size > old else _shrinking(size, old)
+        resized = np.tensordot(weights, picture.astype(np.float64), (1, axis))  # puts the new axis first
+        picture = np.moveaxis(resized, 0, axis)
     return picture.astype(np.float32)
+
+
+def _enlarging(size: int, old: int) -> Array:
+    """The weights (size, old) of linear interpolation between the centres of `old` periodic texels."""
+    weights = np.zeros((size, old))
+    row = np.arange(size)
+    place = (row + 0.5) * old / size - 0.5  # of a new centre, counted in old texels from the first centre
+    low = np.floor(place).astype(int)
+    # `add.at` adds twice where both neighbours are the same texel.
+    np.add.at(weights, (row, low % old), 1 - (place - low))
+    np.add.at(weights, (row, (low + 1) % old), place - low)
+    return weights
+
+
+def _shrinking(size: int, old: int) -> Array:
+    """The weights (size, old) of area averages: the share of each new texel that each old one covers."""
+    cells = np.arange(old)
+    edges = np.arange(size + 1) * old / size  # of the new texels, counted in old ones
+    overlap = np.minimum(edges[1:, None], cells + 1) - np.maximum(edges[:-1, None], cells)
+    return np.maximum(overlap, 0) * size / old
 
 
 def make_periodic(picture: Array, overlap: tuple[int, int]) -> Array:
@@ -137,32 +148,35 @@ def make_periodic(picture: Array, overlap: tuple[int, int]) -> Array:
     The blend's deviation from the mean is scaled by 1 / √(w² + (1 − w)²), which keeps the contrast of texture; it may
     leave the range of the picture. Raises `InputError` if a margin is more than half of a side.
     """
-    if any(not 0 <= 2 * width <= side for width, side in zip(overlap, picture.shape[:2], strict=True)):
-        margins, sides = (f"{width} × {height}" for height, width in (overlap, picture.shape[:2]))
-        raise InputError(f"margins of {margins} do not fit twice into a picture of {sides}")
+    rows, cols = overlap
+    height, width = picture.shape[:2]
+    if not (0 <= 2 * rows <= height and 0 <= 2 * cols <= width):
+        raise InputError(f"margins of {cols} × {rows} do not fit twice into a picture of {width} × {height}")
     mean = picture.mean((0, 1))
-    for axis, width in enumerate(overlap):
+    for axis, margin in enumerate(overlap):
         moved = np.moveaxis(picture - mean, axis, 0)
-        size = len(moved) - width
-        weight = 0.5 - 0.5 * np.cos(np.pi * (np.arange(width) + 0.5) / max(width, 1))
-        weight = weight.reshape(-1, *(1,) * (moved.ndim - 1))
-        blend = weight * moved[:width] + (1 - weight) * moved[size:]
+        size = len(moved) - margin
+        # From 0 at the border to 1; without a margin the array is empty, and `max` avoids a division by 0.
+        weight = 0.5 - 0.5 * np.cos(np.pi * (np.arange(margin) + 0.5) / max(margin, 1))
+        weight = weight.reshape(-1, *(1,) * (moved.ndim - 1))  # (margin, 1, …)
+        blend = weight * moved[:margin] + (1 - weight) * moved[size:]
         blend /= np.sqrt(weight**2 + (1 - weight) ** 2)
-        picture = np.moveaxis(np.concatenate([blend, moved[width:size]]), 0, axis) + mean
+        cut = np.concatenate([blend, moved[margin:size]])
+        picture = np.moveaxis(cut, 0, axis) + mean
     return picture
 
 
 def seams(picture: Array) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """The seams at the left–right and the top–bottom border of a picture (H, W, C): three gradients each.
+    """The seams of a picture (H, W, C) repeated from left to right, and from top to bottom: three numbers each.
 
-    They are the mean |difference| across the border, the mean |difference| of neighbours inside, and the largest mean
-    inside between two whole columns (or rows). A side below 4 is too short to measure, and gives (0, 1, 1).
+    They are means of |difference| between neighbours: across the border, over all neighbours inside, and the largest
+    mean inside between two whole columns (or rows). A side below 4 is too short to measure, and gives (0, 1, 1).
     """
     return _seam(picture), _seam(picture.swapaxes(0, 1))
 
 
 def _seam(picture: Array) -> tuple[float, float, float]:
-    """The three gradients of `seams` at the left–right border."""
+    """The three numbers of `seams` at the left–right border."""
     if picture.shape[1] < 4:
         return 0.0, 1.0, 1.0
     steps = np.abs(np.diff(picture, axis=1)).mean((0, 2))

@@ -12,7 +12,11 @@ from bench.data.materials.procedural import mix, normalised, smooth, srgb
 
 
 def _detail(photograph: Array, margin: int, resolution: int, sigma: float) -> Array:
-    """A photograph made periodic and smoothed, without its low frequencies, with zero mean and unit deviation."""
+    """A photograph (H, W) of codes as a periodic (resolution, resolution): smoothed, without its low frequencies.
+
+    It has zero mean and unit deviation, but is clipped at 2.5. `margin` is in pixels of the photograph; `sigma`, of the
+    smoothing, in texels of the result.
+    """
     grey = resize(make_periodic(photograph / 255.0, (margin, margin)), (resolution, resolution))
     soft = gaussian_filter(grey, sigma, mode="wrap")
     detail = soft - gaussian_filter(soft, 30, mode="wrap")
@@ -35,7 +39,7 @@ class Brick:
         wall = make_periodic(_rectified(data.brick() / 255.0), (16, 24))
         grey = resize(wall, (self.resolution, self.resolution))
         mortar = np.clip((grey - 0.45) / 0.12, 0, 1)
-        mortar = mortar * mortar * (3 - 2 * mortar)
+        mortar = mortar * mortar * (3 - 2 * mortar)  # a smooth step from clay, 0, to mortar, 1
         grain = smooth(rng, self.resolution, 0.004, 0.004)
         tone = smooth(rng, self.resolution, 0.06, 0.1)
         face = gaussian_filter(1 - mortar, 1.2, mode="wrap") + 0.025 * grain + 0.04 * tone
@@ -45,8 +49,10 @@ class Brick:
 
 
 def _rectified(picture: Array) -> Array:
-    """The wall with its long joints made parallel and turned flat, cut in two joints eight courses apart: (324, 400).
-    The numbers were chosen so that the mean along the courses varies most."""
+    """The wall (324, 400) with its long joints made parallel and level, cut at two joints that lie eight courses apart.
+
+    The numbers were found by trying: with these, the mean along the courses varies most from course to joint.
+    """
     y, x = np.mgrid[0:400, 0:400] / 399.0
     row = 30 + 475 * y
     column = 223.4 + (x - 0.5) * 440 * (0.706 + 0.294 * row / 511)
@@ -69,7 +75,8 @@ class Gravel:
         detail = _detail(part, margin=40, resolution=self.resolution, sigma=2)
         warm = 0.06 * smooth(rng, self.resolution, 0.02, 0.02)
         shade = 0.75 + 0.2 * detail  # dark between the stones
-        colour = srgb(*self.stone_srgb) * shade[..., None] * (1 + warm[..., None] * [1, 0, -1])  # redder, bluer
+        tint = 1 + warm[..., None] * [1, 0, -1]  # redder where warm, else bluer
+        colour = srgb(*self.stone_srgb) * shade[..., None] * tint
         return Maps(self.height * normalised(detail), np.clip(colour, 0.02, 1), self.roughness, specular=0.5)
 
 
@@ -89,5 +96,5 @@ class Grass:
         height = normalised(_detail(data.grass()[20:276, 200:456], 48, self.resolution, 1.5))
         dry = 0.12 * smooth(rng, self.resolution, 0.05, 0.05)
         colour = mix(srgb(*self.soil_srgb), srgb(*self.blade_srgb), np.clip(1.6 * height, 0, 1))
-        colour = colour * (1 + dry[..., None] * [1, 0.2, -0.5])
+        colour = colour * (1 + dry[..., None] * [1, 0.2, -0.5])  # yellower where dry
         return Maps(self.height * height, np.clip(colour, 0, 1), self.roughness, specular=0.3)

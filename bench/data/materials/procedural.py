@@ -17,23 +17,29 @@ Colour = tuple[float, float, float]  # sRGB codes
 
 
 def grid(size: int) -> tuple[Array, Array]:
-    """u and v of every texel centre, v upwards."""
+    """u and v in [0, 1] of every texel centre, (size, size) each; u to the right, v upwards."""
     centre = (np.arange(size) + 0.5) / size
     u, v = np.meshgrid(centre, 1 - centre)
     return u, v
 
 
 def smooth(rng: np.random.Generator, size: int, sigma_v: float, sigma_u: float) -> Array:
-    """Gaussian-filtered white noise, zero mean and unit deviation; sigmas in texture units, down the rows (v) and along
-    them (u), periodic."""
+    """Periodic white noise (size, size) after a Gaussian filter, with zero mean and unit deviation.
+
+    `sigma_v` is the filter's width from row to row, `sigma_u` along a row, as shares of the tile's side.
+    """
     field = gaussian_filter(rng.normal(size=(size, size)), (sigma_v * size, sigma_u * size), mode="wrap")
     return (field - field.mean()) / field.std()
 
 
 def to_scattered(rng: np.random.Generator, size: int, cells: int, jitter: float) -> tuple[Array, Array]:
-    """Distances to the nearest and the second nearest of cells² points, one scattered in each cell by up to `jitter` of
-    a cell around its middle; in texture units, periodic."""
+    """Distances, each (size, size), from every texel to the nearest and to the second nearest of cells² points.
+
+    One point lies in each cell, at random up to `jitter` of a cell beside its middle along each axis. Distances are
+    shares of the tile's side, and periodic.
+    """
     corner = np.stack(np.meshgrid(np.arange(cells), np.arange(cells)), -1).reshape(-1, 2)
+    # A point pushed over the tile's border comes in again at the other side.
     points = (corner + 0.5 + rng.uniform(-jitter, jitter, corner.shape)) / cells % 1.0
     nearest, _ = cKDTree(points, boxsize=1.0).query(np.stack(grid(size), -1), k=2)
     return nearest[..., 0], nearest[..., 1]
@@ -78,7 +84,7 @@ class Satin:
         warp_top = self._ride(warp, across_v, 2) + _bulge(across_u)
         weft_top = -self._ride(weft, across_u, 3) + _bulge(across_v)
         is_warp = warp_top >= weft_top
-        thread = np.where(is_warp, warp, weft + self.threads)
+        thread = np.where(is_warp, warp, weft + self.threads)  # warp threads have the first numbers, weft the others
         tint = rng.normal(1, 0.06, 2 * self.threads)[thread]
         fibre = np.where(is_warp, smooth(rng, self.resolution, 0.05, 0.004), smooth(rng, self.resolution, 0.004, 0.05))
         colour = mix(srgb(*self.weft_srgb), srgb(*self.warp_srgb), is_warp.astype(float))
@@ -96,13 +102,18 @@ class Satin:
         )
 
     def _ride(self, thread: Array, along: Array, step: int) -> Array:
-        """Height of a thread's axis: +0.5 over, −0.5 in the middle of the thread it dips under, smooth between."""
+        """Height of a thread's axis: +0.5 over, −0.5 in the middle of the thread it dips under, smooth between.
+
+        `thread` is the number of the thread at each texel, `along` the place on it, counted in crossed threads. Each
+        thread dips `step` crossed threads further than its neighbour.
+        """
+        # Crossed threads to the nearest dip; dips are five apart.
         away = np.abs((along - 0.5 - step * thread + 2.5) % 5 - 2.5)
         return 0.5 - np.where(away < 1, 0.5 + 0.5 * np.cos(np.pi * away), 0)
 
 
 def _bulge(across: Array) -> Array:
-    """The round cross-section of a thread, 0 at its edge and 1 at its middle."""
+    """The round cross-section of threads that are one unit wide: 0 at an edge and 1 in the middle."""
     x = 2 * (across % 1) - 1
     return np.sqrt(np.maximum(1 - x * x, 0))
 
@@ -142,13 +153,16 @@ class CableKnit:
         """A round strand that winds about the other, covered by V stitches; below everything outside its width."""
         turn = 2 * np.pi * v
         centre = 0.5 + side * self.sway * np.sin(turn)
-        lean = side * self.sway * 2 * np.pi * np.cos(turn)
+        lean = side * self.sway * 2 * np.pi * np.cos(turn)  # the slope of the centre, d centre / d v
+        # 0 on the strand's axis, −1 and 1 at its edges; a leaning strand is wider along u.
         across = (u - centre) / (self.radius * np.sqrt(1 + lean * lean))
         body = np.sqrt(np.maximum(1 - across * across, 0))
         leg = np.abs(across)
+        # The yarns of a stitch lie along lines that rise from the axis to both edges: a V.
         ridge = np.abs(np.cos(np.pi * (v * self.stitches - 0.9 * leg)))
         edge = np.sin(np.pi * np.clip(leg, 0, 1)) ** 0.5
         yarn = self.yarn * (np.sqrt(ridge) * edge - 1)
+        # The strand of side 1 is over the other where cos(turn) > 0, and under it elsewhere.
         lifted = 0.55 + 0.3 * side * np.cos(turn) + 0.6 * body + yarn
         return np.where(leg < 1, lifted, -1)
 
@@ -177,13 +191,15 @@ class Wicker:
         rng = np.random.default_rng(seed)
         u, v = grid(self.resolution)
         rod, stake = np.floor(v * self.rods).astype(int), np.floor(u * self.stakes).astype(int)
-        sway = np.cos(np.pi * (u * self.stakes - 0.5)) * (-1.0) ** rod  # over and under; neighbours do the other
+        # Over one stake and under the next; the sign makes neighbouring rods do the other.
+        sway = np.cos(np.pi * (u * self.stakes - 0.5)) * (-1.0) ** rod
         rod_top = 0.45 * sway + 0.5 * _round(v * self.rods, 0.46)
         stake_top = 0.55 * _round(u * self.stakes, 0.22)
         is_rod = rod_top >= stake_top
         top = np.maximum(np.maximum(rod_top, stake_top), -0.6)
         fibre = np.where(is_rod, smooth(rng, self.resolution, 0.003, 0.08), smooth(rng, self.resolution, 0.08, 0.003))
-        shade = rng.normal(0, 0.25, self.rods + self.stakes)[np.where(is_rod, rod, stake + self.rods)]
+        piece = np.where(is_rod, rod, stake + self.rods)  # rods have the first numbers, stakes the others
+        shade = rng.normal(0, 0.25, self.rods + self.stakes)[piece]
         bark = np.clip(0.35 + shade + 0.2 * fibre, 0, 1)
         colour = mix(srgb(*self.willow_srgb), srgb(*self.bark_srgb), bark)
         return Maps(
@@ -196,7 +212,7 @@ class Wicker:
 
 
 def _round(across: Array, half_width: float) -> Array:
-    """The profile of a row of cylinders, one a unit: 1 on top, −1 in the gaps."""
+    """The profile of a row of cylinders, one in each unit of `across`: 1 on top, 0 at the edges, −1 in the gaps."""
     x = (across % 1 - 0.5) / half_width
     return np.where(np.abs(x) < 1, np.sqrt(np.maximum(1 - x * x, 0)), -1.0)
 
@@ -276,7 +292,8 @@ class HammeredCopper:
     def maps(self, seed: int) -> Maps:
         """Copper that tarnishes toward the middle of each dent, where it is rougher and less of a metal."""
         rng = np.random.default_rng(seed)
-        away = to_scattered(rng, self.resolution, self.dents, 0.35)[0] * self.dents
+        nearest, _ = to_scattered(rng, self.resolution, self.dents, 0.35)
+        away = nearest * self.dents  # from the middle of the dent, as a share of the mean width of a dent
         tarnish = smooth(rng, self.resolution, 0.08, 0.08)
         grain = smooth(rng, self.resolution, 0.006, 0.006)
         low = np.clip(1.1 - 1.6 * away + 0.5 * tarnish, 0, 1) * 0.6

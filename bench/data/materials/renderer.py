@@ -63,18 +63,20 @@ class HeightField:
         (unit, z > 0). It meets the surface at that centre + z · `offset(wo)`.
         """
         per_height = self.offset(wo)
+        # So many that no step moves the rays by more than one grid cell along either axis.
         steps = math.ceil((self.top - self.bottom) * max(map(abs, per_height)))
         if steps == 0:
             return self._heights_at((0.0, 0.0), 0.0, stride)
         step = (self.top - self.bottom) / steps
         before = self._heights_at(per_height, self.top, stride) - np.float32(self.top)
         hit = np.full(before.shape, self.bottom, np.float32)
-        alive = np.ones(before.shape, bool)
+        alive = np.ones(before.shape, bool)  # rays that have not met the surface yet
         for k in range(1, steps + 1):
             z = self.top - k * step
             above = self._heights_at(per_height, z, stride) - np.float32(z)
             crossed = np.flatnonzero((above >= 0) & alive)
             if len(crossed):
+                # The surface's height above the ray went from b ≤ 0 to a ≥ 0; on a line between both it is 0 at this z.
                 a, b = above.flat[crossed], before.flat[crossed]
                 hit.flat[crossed] = z + step * a / np.maximum(a - b, 1e-20)
                 alive.flat[crossed] = False
@@ -89,12 +91,13 @@ class HeightField:
         return -y / z / self.cell[0], x / z / self.cell[1]  # rows go down, y goes up
 
     def _heights_at(self, per_height: tuple[float, float], z: float, stride: tuple[int, int]) -> Array:
-        """Bilinear heights under the whole bundle of rays at height z of the march."""
+        """Bilinear heights (H / stride, W / stride) of the surface below the whole bundle of rays at height z."""
         H, W = self.shape
         sr, sc = stride
         # The first ray passes through the centre of its block of cells.
         row = ((sr - 1) / 2 + z * per_height[0]) % H
         col = ((sc - 1) / 2 + z * per_height[1]) % W
+        # Whole cells, and the fractions by which the four cells around are weighted.
         r, c = int(row) % H, int(col) % W
         fr, fc = np.float32(row % 1), np.float32(col % 1)
         tiles = self._tiled
@@ -113,10 +116,11 @@ class HeightField:
         """
         rows, cols = self.offset(wi)
         longest = max(abs(rows), abs(cols))
+        # A ray that climbs over the whole relief within one cell meets nothing.
         if (self.top - self.bottom) * longest <= 1:
             return np.full(self.shape, 255, np.uint8)
         rise = 1 / longest
-        rows, cols = rows * rise, cols * rise
+        rows, cols = rows * rise, cols * rise  # of one step δ
         horizon = shift(self.height, rows, cols) - np.float32(rise)
         reached = 1
         while reached * rise < self.top - self.bottom:
@@ -124,7 +128,7 @@ class HeightField:
             np.maximum(horizon, further, out=horizon)
             reached *= 2
         lit = 1 + (self.height - horizon) / np.float32(0.5 * rise)
-        return (np.clip(lit, 0, 1) * 255 + 0.5).astype(np.uint8)
+        return (np.clip(lit, 0, 1) * 255 + 0.5).astype(np.uint8)  # rounded to the nearest code
 
 
 def shift(field: Array, rows: float, cols: float) -> Array:
@@ -148,7 +152,7 @@ class View:
 
     wo: Array
     points: brdf.Points
-    frame: Array  # (3 components, 3 axes t b n, s, H · W)
+    frame: Array  # (3 components x y z, 3 axes t b n, s, H · W)
     cell: Array  # (s, H · W) grid cell of each point, for visibility
 
 
@@ -170,7 +174,8 @@ class Renderer:
         self.aspect = maps.shape[0] / maps.shape[1]
         maps = maps.resized((rays[0] * stride[0], rays[1] * stride[1]))
         self.field = HeightField(maps.height, self.aspect)
-        # All values of a surface point in one table, (H' · W', 12), so that one read fetches a whole point.
+        # All values of a surface point in one table, (H' · W', 12), so that one read fetches a whole point: normal (3),
+        # base colour (3), roughness, metalness, specular, anisotropy, and cosine and sine of twice the angle.
         normal = self.field.normals() if maps.normal is None else np.moveaxis(maps.normal, -1, 0)
         base = np.moveaxis(maps.base_colour, -1, 0)
         rest = [maps.roughness, maps.metalness, maps.specular, maps.anisotropy]
@@ -180,10 +185,8 @@ class Renderer:
     def view(self, wo: Array) -> View:
         """Trace the rays toward `wo` (3,) and look up the surface where they meet it."""
         z = self.field.trace(wo, self.stride)
-        first_rows, first_cols = (
-            np.arange(count, dtype=np.float32) * step + (step - 1) / 2
-            for count, step in zip(z.shape, self.stride, strict=True)
-        )
+        first_rows = _block_centres(z.shape[0], self.stride[0])
+        first_cols = _block_centres(z.shape[1], self.stride[1])
         rows, cols = self.field.offset(wo)
         # Fractional grid row and column where the ray of each sub-point ends.
         row = self._by_sub_point(first_rows[:, None] + z * np.float32(rows))
@@ -212,17 +215,25 @@ class Renderer:
         return picture.reshape(H, s, W, s).transpose(1, 3, 0, 2).reshape(s * s, H * W)
 
     def slice(self, view: View, wi: Array, light: Array) -> Array:
-        """The picture (H, W, 3) float32 of one pair, linear Rec. 709, f_r · cos θ_i · V; V is `light`, see
-        `HeightField.visibility`."""
+        """The picture (H, W, 3) float32 of one pair: linear Rec. 709, f_r · cos θ_i · V.
+
+        `wi` is the light's direction (3,). V is `light`, the uint8 codes that `HeightField.visibility` gives for it.
+        """
         points = view.points
         cos_between = np.float32(view.wo @ wi)
         through, specular = brdf.reflect(points, _project(view.frame, wi), cos_between)
+        # V from its codes, divided by the number of sub-points, so that the sum below is a mean.
         visible = light.take(view.cell) * np.float32(1 / 255 / self.sub_points**2)
         through *= visible
         specular *= visible
         colour = points.diffuse * through
         colour += brdf.specular_colour(points, cos_between) * specular
         return np.moveaxis(colour.sum(1), 0, -1).reshape(*self.size, 3)
+
+
+def _block_centres(count: int, stride: int) -> Array:
+    """The centres (count,) float32 of blocks of `stride` cells, in cells from the centre of the first cell."""
+    return np.arange(count, dtype=np.float32) * stride + (stride - 1) / 2
 
 
 def _project(frame: Array, direction: Array) -> tuple[Array, Array, Array]:
@@ -233,12 +244,17 @@ def _project(frame: Array, direction: Array) -> tuple[Array, Array, Array]:
 
 
 def _bilinear(table: Array, shape: tuple[int, ...], row: Array, col: Array) -> Array:
-    """Rows of a table (H · W, C) blended at fractional grid places (...), periodic; (C, ...) contiguous."""
+    """The rows of a table (H · W, C) blended at fractional grid places `row`, `col` (...): (C, ...), contiguous.
+
+    The grid of `shape` (H, W) is periodic.
+    """
     H, W = shape
     r, c = np.floor(row), np.floor(col)
     fr, fc = (row - r)[..., None], (col - c)[..., None]
     r, c = r.astype(np.intp) % H, c.astype(np.intp) % W
-    below, right = (r + 1) % H * W, (c + 1) % W
+    right = (c + 1) % W
+    # Where the row of each place, and the one below it, begin in the table.
+    below = (r + 1) % H * W
     r *= W
     top = table.take(r + c, axis=0)
     top += (table.take(r + right, axis=0) - top) * fc
@@ -270,6 +286,7 @@ def render(
         raise InputError("wo and wi must have the same number of directions, all above the horizon (z > 0)")
     renderer = Renderer(maps, size, sub_points)
     result = np.empty((len(wo), *size, 3), np.float32) if out is None else out
+    # The different views and lights, and for each pair the index of its own.
     views, view_of = np.unique(wo, axis=0, return_inverse=True)
     lights, light_of, uses = np.unique(wi, axis=0, return_inverse=True, return_counts=True)
     view_of, light_of = view_of.reshape(-1), light_of.reshape(-1)  # only numpy 2.0 gives (N, 1)

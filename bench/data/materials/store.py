@@ -45,18 +45,17 @@ def load_or_render(
     show: "Progress | None" = None,
     outline: bool = False,
 ) -> BTF:
-    """The BTF of a recipe, from the cache or rendered into it. See `bench.data.materials.load`. An `outline` has
-    everything but the values, which are 0: its fingerprint is known before anything is rendered."""
+    """The BTF of a recipe, from the cache or rendered into it; see `bench.data.materials.load`.
+
+    An `outline` renders nothing: its values are 0, but its fingerprint is that of the rendering.
+    """
     if data.size < 1:
         raise InputError(f"size must be at least 1, not {data.size}")
     directions: dict[str, Any] = {"directions": data.directions, "views": data.views, "lights": data.lights}
 
     def rendered(table: Table) -> BTF:
         """The BTF of one table of pairs, rendered into the cache if it is not there."""
-        # Everything that determines the values. Its hash is the cache key, and `BTF.provenance` contains it.
-        described: dict[str, Any] = {"source": RENDERED, "renderer_version": RENDERER_VERSION, "material": name}
-        described |= {"recipe": type(recipe).__name__, "parameters": asdict(recipe)}  # type: ignore[call-overload]
-        described |= {"seed": seed, "size": data.size, "sub_points": SUB_POINTS} | DESCRIBED
+        described = _described(name, recipe, seed, data.size)
         described |= {"heldout": table.words} if table.words else directions
         key = hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
         path = cache_dir() / "materials" / f"{name}-{data.size}-{key[:24]}.npy"
@@ -64,7 +63,7 @@ def load_or_render(
         values = np.broadcast_to(np.float16(0), shape) if outline else _read(path, shape)
         if values is None:
             with atomic.locked(path):
-                values = _read(path, shape)
+                values = _read(path, shape)  # another process may have rendered it meanwhile
                 if values is None:
                     _write(path, recipe.maps(seed), table, described, show)
                     values = _read(path, shape)
@@ -76,6 +75,14 @@ def load_or_render(
         return BTF(name, wo, wi, source, heldout=nothing, periodic=True, provenance=described)
 
     return joined(data.tables(name, seed, draw), rendered)
+
+
+def _described(name: str, recipe: Recipe, seed: int, size: int) -> dict[str, Any]:
+    """Everything that determines the values, but the directions. The hash of all is the cache key, and `BTF.provenance`
+    contains it."""
+    described: dict[str, Any] = {"source": RENDERED, "renderer_version": RENDERER_VERSION, "material": name}
+    described |= {"recipe": type(recipe).__name__, "parameters": asdict(recipe)}  # type: ignore[call-overload]
+    return described | {"seed": seed, "size": size, "sub_points": SUB_POINTS} | DESCRIBED
 
 
 def _read(path: Path, shape: tuple[int, ...]) -> Array | None:

@@ -54,8 +54,10 @@ class Patchwork:
         hills = smooth(rng, n, v, u) + self.detail * smooth(rng, n, v / 4, u / 4)
         relief = normalised((1 - self.plateau) * hills + 2 * self.plateau * np.tanh(4 * hills))
         strewn = normalised(smooth(rng, n, v, u))
+        # 1/2 where the mixed height is `cover`, from 0 to 1 within 0.15 about it.
         mask = np.clip((self.low * relief + (1 - self.low) * strewn - self.cover) / 0.15 + 0.5, 0, 1)
-        tone, scratch = smooth(rng, n, 0.03, 0.03), smooth(rng, n, 0.01, 0.01)
+        tone = smooth(rng, n, 0.03, 0.03)
+        scratch = smooth(rng, n, 0.01, 0.01)
         colour = mix(srgb(*self.srgb[0]), srgb(*self.srgb[1]), mask)
         return Maps(
             height=self.height * (relief + 0.02 * scratch),
@@ -77,6 +79,7 @@ def variation(number: int) -> tuple[str, Recipe]:
     """The kind and the recipe of surface `number`: four built-in ones and four patchworks in turn."""
     kinds = [*_KINDS.items(), *[("patchwork", _patchwork)] * len(_KINDS)]
     kind, draw = kinds[number % len(kinds)]
+    # The second number is arbitrary; it keeps these draws apart from generators that are seeded by a number alone.
     return kind, draw(np.random.default_rng([number, 0x7A12]))
 
 

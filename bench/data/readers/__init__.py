@@ -31,8 +31,8 @@ def open_btf(path: str | Path, angles: str = "") -> BTF:
     """Open a file or folder as a BTF, lazily: cheap checks are made now, values are read on demand. Raises `InputError`
     that names the file, the fault and the remedy.
 
-    `angles`, "degrees" or "radians", says what the angles of a file are that should be degrees, if the file may be
-    wrong; it is an `InputError` for a file that states no such angles.
+    Some formats state angles in degrees. `angles`, "degrees" or "radians", says which unit such a file really has; for
+    a file that states no angles it is an `InputError`.
     """
     path = Path(path)
     others = outside.entries(READERS)
@@ -56,8 +56,11 @@ def open_btf(path: str | Path, angles: str = "") -> BTF:
 
 
 def listed() -> dict[str, str]:
-    """The format that each reader opens, those of other packages last; one that cannot be used with what is wrong."""
-    lines = {name.rpartition(".")[2]: opens for name, opens in READERS.items()}
+    """The format that each reader opens, by the reader's name, or what is wrong with it; other packages come last."""
+    lines = {}
+    for name, opens in READERS.items():
+        _, _, own_name = name.rpartition(".")  # without the package of a module elsewhere
+        lines[own_name] = opens
     try:
         for name, entry in outside.entries(READERS).items():
             lines[name] = outside.listed(entry)
@@ -69,7 +72,8 @@ def listed() -> dict[str, str]:
 def _opened(seen: Candidate) -> BTF | None:
     """The BTF of the first built-in reader that knows the format; None if none does."""
     for name in READERS:
-        reader = importlib.import_module(name if "." in name else f"{__name__}.{name}")
+        module = name if "." in name else f"{__name__}.{name}"
+        reader = importlib.import_module(module)
         btf: BTF | None = reader.opened(seen)
         if btf is not None:
             return btf
@@ -77,7 +81,7 @@ def _opened(seen: Candidate) -> BTF | None:
 
 
 def _unknown(seen: Candidate, supported: str) -> str:
-    """Why no reader opens it; of a folder of pictures without a list, what `bake` says of its names."""
+    """Why no reader opens it; for a folder of pictures without a list, what `bake` would say of their names."""
     if seen.is_folder:
         from bench.data.bake.naming import has_pictures, no_albedo
 

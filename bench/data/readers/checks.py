@@ -33,14 +33,17 @@ def provenance_of(
 
 
 def told(angles: str) -> dict[str, str]:
-    """What a provenance says of angles whose unit the user told; {} if nothing was told."""
+    """What a provenance says of the unit of angles if the user named it; {} for any other value of `angles`."""
     if angles not in ("degrees", "radians"):
         return {}
     return {"angles": f"taken as {angles}, as the user says"}
 
 
 def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: float = 1e-3) -> Array:
-    """Unit vectors (N, 3) float32 from finite vectors above the horizon, whose length is 1 within `tolerance`."""
+    """Unit vectors (N, 3) float32 from finite vectors above the horizon, whose length is 1 within `tolerance`.
+
+    `InputError` names the first row that is none, with `label(row)`, and the likely reason if many are none.
+    """
     with np.errstate(over="ignore", invalid="ignore"):
         vectors = np.asarray(vectors, np.float64)
         length = np.linalg.norm(vectors, axis=1)
@@ -53,6 +56,7 @@ def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: floa
         row = int(np.argmin(above))
         below = int((~above).sum())
         remedy = ": leave this entry out"
+        # Many below the surface mean other axes, and all of them a wrong sign.
         if below > max(1, MANY_BELOW * len(above)):
             remedy = f"; so are {below:,} of {len(above):,}: is y up in your data? z must be the normal"
         if below > 1 and (vectors[:, 2] < -HORIZON).all():
@@ -64,8 +68,10 @@ def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: floa
 
 
 def different_directions(theta: Array, phi: Array, label: Callable[[int], str], what: str = "") -> Array:
-    """Unit vectors (N, 3) of angles (radians), which must all be in range and different, or `InputError` names one.
-    `what` follows "theta" and "phi" there, like `_deg`."""
+    """Unit vectors (N, 3) of angles θ, φ (N,) in radians, which must all be in range and different.
+
+    `InputError` names the first fault by `label(row)`; `what` follows "theta" and "phi" in its text, like `_deg`.
+    """
     angles_in_range(theta, phi, label, what)
     directions = from_angles(theta, phi)
     no_duplicates(directions, directions, label)
@@ -73,20 +79,28 @@ def different_directions(theta: Array, phi: Array, label: Callable[[int], str], 
 
 
 def pairs_in_degrees(angles: Array, label: Callable[[int], str], kinds: tuple[str, str]) -> tuple[Array, Array]:
-    """The directions (N, 3) of angles θ, φ, θ, φ (N, 4) of two sides, in degrees and in range; no pair twice. `kinds`
-    follow "theta" and "phi" of each side in errors, like `_o_deg`."""
+    """The directions, (N, 3) for each of two sides, of angles (N, 4) in degrees: θ, φ of one side and of the other.
+
+    `InputError` if an angle is out of range or a pair stands twice. `kinds` are what follows "theta" and "phi" of each
+    side in its text, like `_o_deg`.
+    """
     for side, what in zip((0, 2), kinds, strict=True):
         angles_in_range(np.radians(angles[:, side]), np.radians(angles[:, side + 1]), label, what)
-    one, other = from_degrees(angles[:, 0], angles[:, 1]), from_degrees(angles[:, 2], angles[:, 3])
+    one = from_degrees(angles[:, 0], angles[:, 1])
+    other = from_degrees(angles[:, 2], angles[:, 3])
     no_duplicates(one, other, label)
     return one, other
 
 
 def angles_in_range(theta: Array, phi: Array, label: Callable[[int], str], what: str = "") -> None:
-    """Raise `InputError` unless every θ (radians) lies in [0°, 90°) and every φ in [−360°, 360°]. `what` follows
-    "theta" or "phi" in the error."""
+    """Raise `InputError` unless every θ lies in [0°, 90°) and every φ in [−360°, 360°]; both are (N,) in radians.
+
+    The error names the row by `label(row)`; `what` follows "theta" or "phi" in its text.
+    """
+    # Each test is written as the negation of what is right, so that NaN fails it, too.
     with np.errstate(over="ignore", invalid="ignore"):
-        theta_deg, phi_deg = np.degrees(np.asarray(theta, np.float64)), np.degrees(np.asarray(phi, np.float64))
+        theta_deg = np.degrees(np.asarray(theta, np.float64))
+        phi_deg = np.degrees(np.asarray(phi, np.float64))
         steep = ~((theta_deg >= -1e-4) & (np.cos(np.radians(theta_deg)) > HORIZON) & (theta_deg < 90.0))
         wound = ~(np.abs(phi_deg) <= 360.001)
     for bad, symbol, value, bounds in ((steep, "theta", theta_deg, "[0, 90)"), (wound, "phi", phi_deg, "[-360, 360]")):
@@ -97,8 +111,11 @@ def angles_in_range(theta: Array, phi: Array, label: Callable[[int], str], what:
 
 
 def in_degrees(theta: Array, phi: Array, label: str, angles: str) -> tuple[Array, Array]:
-    """θ and φ in degrees, arrays of any shape that a file gives in degrees. `angles` is what the user says that they
-    are: degrees, radians, or anything else for nothing: then what seems to be radians is an `InputError`."""
+    """θ and φ in degrees, from arrays of any shape that a file states as degrees.
+
+    `angles` is the unit that the user names: "radians" converts them, "degrees" takes them as they are. If the user
+    names neither, angles that seem to be radians are an `InputError`.
+    """
     if angles == "radians":
         return np.degrees(theta), np.degrees(phi)
     if angles != "degrees" and _seem_radians(theta, phi):
@@ -108,14 +125,18 @@ def in_degrees(theta: Array, phi: Array, label: str, angles: str) -> tuple[Array
 
 
 def warn_of_radians(wo: Array, wi: Array, label: str) -> None:
-    """Warn where directions (N, 3) are all as near the normal as if radians had been taken for degrees."""
+    """Warn if directions (N, 3) all lie so near the normal that radians seem to have been taken for degrees."""
     if _seem_radians(*to_degrees(np.concatenate([wo, wi]))):
         fault = "every theta is below 1.6 degrees and every phi below 6.3, as if from radians taken for degrees"
         log.warning("%s: %s: multiply the angles by 180 / pi before you make vectors of them", label, fault)
 
 
 def _seem_radians(theta: Array, phi: Array) -> bool:
-    """Whether angles said to be degrees all lie within π / 2 and 2 π, in numbers; not if every θ is 0."""
+    """Whether angles stated as degrees may be radians: no θ exceeds π / 2 as a number, and no φ 2 π.
+
+    False if every θ is 0, which means the same in both units.
+    """
+    # φ brought to [−180, 180), because 359 degrees are as near 0 as 1 degree is.
     around_0 = np.abs((phi + 180) % 360 - 180)
     return bool(0 < theta.max() < 1.6 and around_0.max() < 6.3)
 
@@ -125,7 +146,8 @@ def radiance_fault(shape: tuple[int, ...], dtype: np.dtype) -> str:
     if len(shape) == 4 and shape[-1] == 3 and 0 not in shape and dtype.kind == "f":
         return ""
     remedy = ""
-    if len(shape) == 4 and shape[1] == 3 != shape[-1]:
+    channels_come_second = len(shape) == 4 and shape[1] == 3 and shape[-1] != 3
+    if channels_come_second:
         remedy = ": give radiance.transpose(0, 2, 3, 1)"
     elif dtype.kind in "iu":
         # Wider integers hold codes of fewer bits, as NumPy's arithmetic makes them.
@@ -149,12 +171,13 @@ def refuse_extremes(btf: BTF) -> None:
     sampled = []
     for picture in some_slices(btf):
         largest = max(largest, float(picture.max()))
-        step = -(-picture.size // VALUES)
+        step = -(-picture.size // VALUES)  # rounded up, so that at most `VALUES` values are taken
         sampled.append(picture.reshape(-1)[::step])
-    # The largest value, where so little is lit that the percentile is 0.
-    bright = float(np.percentile(np.maximum(np.concatenate(sampled), 0), 99)) or largest
+    bright = float(np.percentile(np.maximum(np.concatenate(sampled), 0), 99))
+    if bright == 0:  # hardly anything is lit
+        bright = largest
     what = ""
-    extreme = bright
+    extreme = bright  # the value that the proposed factor brings near 1
     if largest > LARGEST:
         what = f"its largest value is {largest:.3g}, above {LARGEST:g}"
         extreme = largest
@@ -193,4 +216,5 @@ def view_major(wo: Array, wi: Array) -> Array:
 
 
 def _listed(vector: Array) -> str:
+    """A vector in words: `(0, 0.6, 0.8)`."""
     return "(" + ", ".join(f"{value:g}" for value in vector) + ")"

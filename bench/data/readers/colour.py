@@ -46,8 +46,10 @@ class Colour:
     chromaticities: tuple[float, ...] = REC709
 
     def linear(self, codes: Array, curve: Array) -> Array:
-        """Linear Rec. 709 (…, 3) float32 in [0, 1] of integer codes (…, 3); `curve` holds the value of each code in
-        sRGB. Not for a profile."""
+        """Linear Rec. 709 (…, 3) float32 in [0, 1] of integer codes (…, 3). Not for a profile.
+
+        `curve` (levels,) holds the linear value of each code in sRGB; an exponent replaces it.
+        """
         if self.exponent:
             curve = (np.arange(len(curve)) / (len(curve) - 1)) ** (1 / self.exponent)
         light = curve[codes]
@@ -112,12 +114,17 @@ def _by_chunks(chunks: dict[bytes, bytes], label: str) -> Colour | None:
     exponent = 0.0
     chromaticities: tuple[float, ...] = REC709
     if b"gAMA" in chunks:
-        exponent = struct.unpack(">I", chunks[b"gAMA"])[0] / 1e5  # 0 means nothing
+        (in_units,) = struct.unpack(">I", chunks[b"gAMA"])
+        exponent = in_units / 1e5  # 0 states nothing
     if b"cHRM" in chunks:
         white_first = np.array(struct.unpack(">8I", chunks[b"cHRM"])) / 1e5
         chromaticities = tuple(float(value) for value in np.roll(white_first, -2))
-        # No y may be 0, which is divided by, and the primaries must not lie on a line.
-        if min(chromaticities[1::2]) < 1e-3 or abs(np.linalg.det(_to_xyz(chromaticities, scaled=False))) < 1e-3:
+        # Every second number is a y. None may be 0, because x and 1 − x − y are divided by it.
+        spans_colours = min(chromaticities[1::2]) >= 1e-3
+        if spans_colours:
+            # Primaries on one line have the determinant 0.
+            spans_colours = abs(np.linalg.det(_to_xyz(chromaticities, scaled=False))) >= 1e-3
+        if not spans_colours:
             raise InputError(f"{label}: the primaries of its cHRM chunk span no colours: save it without that chunk")
     others = not _alike(chromaticities, REC709)
     if not others and (exponent == 0 or abs(exponent - SRGB_EXPONENT) < 1e-4):
@@ -149,7 +156,7 @@ def _by_exif(data: bytes, kind: str) -> Colour | None:
 
 
 def _profile_parts(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Number and content of the parts of a JPEG's profile (ICC.1:2010, B.4)."""
+    """Number and content of each part of a JPEG's profile, in the order of the file (ICC.1:2010, B.4)."""
     mark = b"ICC_PROFILE\0"
     for name, content in before_pixels(data):
         if name == b"\xe2" and content.startswith(mark) and len(content) > len(mark) + 2:
@@ -168,8 +175,10 @@ def _foreign(profile: bytes, mode: str, label: str) -> str:
 
 @lru_cache(16)
 def _name_unless_srgb(profile: bytes, mode: str) -> str:
-    """The name of a profile; "" if it is sRGB, whose versions differ by a code at most: so a profile is judged by what
-    it does to a grid of colours."""
+    """The name of a profile; "" if it is sRGB.
+
+    A profile is judged by what it does to a grid of colours: the many versions of sRGB change a code by 1 at most.
+    """
     from PIL import Image, ImageCms
 
     if mode == "L":
@@ -205,20 +214,31 @@ def _transform(profile: bytes, mode: str) -> Any:
 
 
 def _alike(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
+    """Whether two sets of chromaticities are the same but for rounding."""
     return bool(np.allclose(a, b, atol=2e-3))
 
 
 def _to_rec709(chromaticities: tuple[float, ...]) -> Array:
-    """From linear RGB of some primaries and white to linear Rec. 709, (3, 3); white is adapted by Bradford's cones."""
+    """The matrix (3, 3) from linear RGB of some primaries and white to linear Rec. 709.
+
+    One white is adapted to the other by Bradford's cones.
+    """
     source, target = _to_xyz(chromaticities), _to_xyz(REC709)
+    # The sum over the primaries is white.
     cones = (_BRADFORD @ target.sum(1)) / (_BRADFORD @ source.sum(1))
     adapted: Array = np.linalg.inv(_BRADFORD) @ np.diag(cones) @ _BRADFORD @ source
     return np.linalg.inv(target) @ adapted
 
 
 def _to_xyz(chromaticities: tuple[float, ...], scaled: bool = True) -> Array:
-    """From linear RGB to CIE XYZ (3, 3), with Y of white 1; not `scaled` to the white, with Y of each primary 1."""
+    """The matrix (3, 3) from linear RGB to CIE XYZ: its columns add up to the white, whose Y is 1.
+
+    Without `scaled`, each column is a primary with Y = 1.
+    """
     xy = np.reshape(chromaticities, (4, 2))
+    # X, Y and Z of each: x / y, 1 and (1 − x − y) / y.
     columns = np.stack([xy[:, 0] / xy[:, 1], np.ones(4), (1 - xy.sum(1)) / xy[:, 1]])
     primaries, white = columns[:, :3], columns[:, 3]
-    return primaries * np.linalg.solve(primaries, white) if scaled else primaries
+    if not scaled:
+        return primaries
+    return primaries * np.linalg.solve(primaries, white)

@@ -18,31 +18,40 @@ XYZ_TO_REC709 = np.array(
 
 
 def size(data: bytes, label: str) -> tuple[int, int] | None:
-    """(H, W) from the header of an EXR, whose form `read` can read; None if the data end before it does."""
+    """(H, W) from the header of an EXR; None if the data end before the header does.
+
+    Raises `InputError` for a form that `read` does not read.
+    """
     attributes, _ = _attributes(data, label)
     if attributes is None:
         return None
     missing = [name for name in ("channels", "dataWindow", "displayWindow") if name not in attributes]
     if missing:
         raise InputError(f"{label}: this EXR lacks {', '.join(missing)}: save it again")
-    # First column and row, last column and row.
+    # First column and row, last column and row (both are part of the picture).
     window = struct.unpack("<4i", attributes["dataWindow"])
     if window != struct.unpack("<4i", attributes["displayWindow"]):
         raise InputError(f"{label}: its data window differs from its display window: save it uncropped")
     if "tiles" in attributes and max(struct.unpack_from("<II", attributes["tiles"])) > 4096:
         raise InputError(f"{label}: this EXR has tiles above 4096 pixels: save it in scan lines")
     _choice(attributes, label)
-    return window[3] - window[1] + 1, window[2] - window[0] + 1
+    left, top, right, bottom = window
+    return bottom - top + 1, right - left + 1
 
 
 def _attributes(data: bytes, label: str) -> tuple[dict[str, bytes] | None, int]:
-    """The header of a single-part EXR by attribute name, and its bytes; None if the data end before the header does."""
-    version = struct.unpack_from("<I", data, 4)[0]
+    """The header of a single-part EXR, each attribute's bytes by its name, and the offset at which the header ends.
+
+    None and 0 if the data end before the header does.
+    """
+    (version,) = struct.unpack_from("<I", data, 4)
+    # The low byte is the version; the bits of 0x1800 say deep and multi-part.
     if version & 0xFF != 2 or version & 0x1800:
         fault = f"this EXR is deep or multi-part (version field {version:#x})"
         raise InputError(f"{label}: {fault}: save it as a single flat part")
     attributes: dict[str, bytes] = {}
     offset = 8
+    # An attribute is its name, its type (each ends with a zero byte), its size (4 bytes) and that many bytes.
     while offset < len(data):
         if data[offset] == 0:
             return attributes, offset + 1
@@ -50,7 +59,7 @@ def _attributes(data: bytes, label: str) -> tuple[dict[str, bytes] | None, int]:
         type_end = data.find(b"\0", name_end + 1, name_end + 257)
         if min(name_end, type_end) < 0 or type_end + 5 > len(data):
             return None, 0
-        size = struct.unpack_from("<i", data, type_end + 1)[0]
+        (size,) = struct.unpack_from("<i", data, type_end + 1)
         start = type_end + 5
         if size < 0 or start + size > len(data):
             return None, 0
@@ -66,35 +75,42 @@ def _choice(attributes: dict[str, bytes], label: str) -> tuple[str, ...]:
     offset = 0
     while offset < len(data) and data[offset]:
         end = data.index(b"\0", offset)
-        # Pixel type (0 uint, 1 half, 2 float) and samplings of a channel.
+        # Pixel type (0 uint, 1 half, 2 float) and the samplings along x and y; 16 bytes after the name's zero byte.
         channels[data[offset:end].decode("latin-1")] = struct.unpack_from("<i4xii", data, end + 1)
         offset = end + 17
+    has_chroma = bool({"RY", "BY"} & set(channels))  # Y is then the luminance of a coloured picture
     for choice in (("R", "G", "B"), ("X", "Y", "Z"), ("Y",)):
-        if set(choice) <= set(channels) and not (choice == ("Y",) and {"RY", "BY"} & set(channels)):
+        is_coloured_y = choice == ("Y",) and has_chroma
+        if set(choice) <= set(channels) and not is_coloured_y:
             break
     else:
         missing = ", ".join(name for name in "RGB" if name not in channels)
         held = ", ".join(sorted(channels)) or "none"
         raise InputError(f"{label}: no channel {missing} (it holds {held}): save it with channels R, G, B")
     for name in choice:
+        # Half or float, with a sample for every pixel.
         if channels[name] not in ((1, 1, 1), (2, 1, 1)):
             raise InputError(f"{label}: channel {name} is not full-size half or float: save it as half or float RGB")
     return choice
 
 
 def _refuse_truncated(data: bytes, end: int, attributes: dict[str, bytes], label: str) -> None:
-    """Raise an `InputError` if a chunk of scan lines lies beyond the end of the file, before the library reports it in
-    words of its own. The table of the chunks' places follows the header, which ends at `end`."""
+    """Raise an `InputError` if a chunk of scan lines does not lie within the file, before the library fails in words of
+    its own.
+
+    The header ends at `end`. There the table begins: the place of each chunk in the file, 8 bytes each.
+    """
     _, top, _, bottom = struct.unpack("<4i", attributes["dataWindow"])
     compression = attributes.get("compression", b"\0")[0]
     if compression >= len(_LINES):
         return  # newer than this table; the library checks it
-    count = -(-(bottom - top + 1) // _LINES[compression])
+    count = -(-(bottom - top + 1) // _LINES[compression])  # rounded up: the last chunk may have fewer lines
     table = data[end : end + 8 * count]
     places = np.frombuffer(table, "<u8", len(table) // 8)
     whole = len(places) == count
     for place in places.tolist():
-        # Before the first chunk the table is not filled in; a chunk is its line, its size and that many bytes.
+        # A place before the end of the header was never filled in. A chunk is its line and its size (4 bytes each), and
+        # that many bytes.
         if not end <= place <= len(data) - 8:
             whole = False
             break

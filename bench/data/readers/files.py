@@ -66,12 +66,16 @@ def file_digest(path: Path) -> str:
     """Hex digest of a file: of all its bytes up to 64 MiB, else of its size and 256 spread blocks of 64 KiB."""
     size = path.stat().st_size
     digest = hashlib.sha256(str(size).encode())
-    _update(digest, path, size, None if size <= WHOLE else 256 * BLOCK)
+    budget = None if size <= WHOLE else 256 * BLOCK
+    _update(digest, path, size, budget)
     return digest.hexdigest()
 
 
 def _update(digest: "hashlib._Hash", path: Path, size: int, budget: int | None) -> None:
-    """Feed a file into a digest: whole, or `budget` bytes of it in evenly spread blocks with both ends."""
+    """Feed a file into a digest: whole, or about `budget` bytes of it in evenly spread blocks that include both ends.
+
+    A `budget` of None reads the whole file.
+    """
     with open(path, "rb") as stream:
         if budget is None or size <= budget:
             while block := stream.read(1 << 20):
@@ -80,6 +84,7 @@ def _update(digest: "hashlib._Hash", path: Path, size: int, budget: int | None) 
         length = min(BLOCK, budget // 4)  # at least four blocks
         count = budget // length
         for index in range(count):
+            # The first block begins at 0, and the last one ends with the file.
             stream.seek((size - length) * index // (count - 1))
             digest.update(stream.read(length))
 
@@ -129,7 +134,7 @@ class Candidate:
 
     @property
     def described(self) -> str:
-        """The reason why it is not a known BTF, and the start of a remedy."""
+        """Why it is not a known BTF, and the start of a remedy, which the caller completes."""
         if self.is_folder:
             held = ", ".join(sorted(p.name for p in self.path.iterdir())[:3]) or "nothing"
             return f"it is not a BTF folder (it holds {held}): add pairs.csv, or names of maps like NAME_albedo.png, or"
@@ -156,6 +161,6 @@ def list_folder(path: Path) -> list[str]:
     for place, folders, files in os.walk(path):
         inner = Path(place).relative_to(path)
         if len(inner.parts) + 1 >= MAX_DEPTH:
-            folders.clear()
+            folders.clear()  # `os.walk` then goes no deeper
         names += [(inner / name).as_posix() for name in files]
     return sorted(names)

@@ -42,7 +42,8 @@ def opened(seen: Candidate) -> BTF | None:
     rows = _read_rows(path / LIST)
     notes = _notes(path / NOTES)
     stated = np.array([_angles(path, number, row) for number, row in rows])
-    # A folder that the suite wrote holds degrees, however small.
+    # What the user says comes first. A folder that the suite wrote says itself that its angles are degrees, so they may
+    # be small.
     unit = seen.angles or str(notes.get("angles", ""))
     # The columns are θ_o, φ_o, θ_i, φ_i; the unit is judged by all θ and all φ together.
     thetas, phis = in_degrees(stated[:, ::2], stated[:, 1::2], str(path / LIST), unit)
@@ -54,8 +55,9 @@ def opened(seen: Candidate) -> BTF | None:
     order = view_major(wo, wi)
     source = PictureSource(FolderFiles(path), [names[i] for i in order], [labels[i] for i in order])
     colour = "8- and 16-bit codes decoded as sRGB to linear Rec. 709; EXR and .hdr as stored"
-    provenance = provenance_of("folder", colour, AS_STORED) | notes.get("provenance", {}) | source.conversions()
-    provenance |= told(seen.angles)
+    provenance = provenance_of("folder", colour, AS_STORED)
+    # What the folder says of itself replaces these words.
+    provenance |= notes.get("provenance", {}) | source.conversions() | told(seen.angles)
     name = str(notes.get("name", path.resolve().name))
     periodic = bool(notes.get("periodic", False))
     mask = None if heldout is None else heldout[order]
@@ -162,5 +164,9 @@ def write_exr(path: Path, picture: Array) -> None:
     try:
         OpenEXR.File(header, channels).write(str(path))
     except RuntimeError as error:  # the library passes on only the text of the system's error
-        number = next((n for n in NO_PLACE if os.strerror(n) in str(error)), errno.EIO)
+        number = errno.EIO
+        for full in NO_PLACE:
+            if os.strerror(full) in str(error):
+                number = full
+                break
         raise OSError(number, os.strerror(number), str(path)) from error

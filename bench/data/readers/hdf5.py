@@ -73,7 +73,7 @@ def _open(path: Path) -> BTF:
             raise InputError(f"{path}: {COLOUR} of {colour.shape} is too large: the limit is {MAX_PAIRS} pairs")
         wo = _directions(path, VIEW, view, count)
         wi = _directions(path, LIGHT, light, count)
-        pictures_a_chunk = colour.chunks[0] if colour.chunks else 1
+        pictures_a_chunk = colour.chunks[0] if colour.chunks else 1  # without chunks each picture is read alone
         source = HDF5Source(path, colour.shape[:3], (0, 0, height, width), pictures_a_chunk)
     no_duplicates(wo, wi, lambda row: f"{path}: pair {row}")
     frame = "rows from the bottom up, directions away from the surface, as the code that reads these files"
@@ -110,6 +110,7 @@ def _stored(path: Path, file: Any, key: str) -> Any:
         raise InputError(f"{path}: {key} is {data.shape} {data.dtype}: it must hold floats")
     claimed = math.prod(data.shape) * data.dtype.itemsize
     chunk = math.prod(data.chunks or ()) * data.dtype.itemsize
+    # Compression may shrink values `RATIO` times at most; what claims more would fill the memory.
     if claimed > max(LEAST, RATIO * data.id.get_storage_size()) or chunk > MAX_FILE:
         raise InputError(f"{path}: {key} of {data.shape} in chunks of {data.chunks} is more than its bytes can hold")
     _refuse_unwritten(path, key, data)
@@ -132,6 +133,7 @@ def _refuse_unwritten(path: Path, key: str, data: Any) -> None:
         raise InputError(f"{path}: {key} was made, but no value was ever written to it: write the file again")
     if data.chunks:
         sides = zip(data.shape, data.chunks, strict=True)
+        # Along each side the number is rounded up: the last chunk may be cut.
         due = math.prod(-(-length // chunk) for length, chunk in sides)
         missing = due - data.id.get_num_chunks()
         if missing:
@@ -140,7 +142,7 @@ def _refuse_unwritten(path: Path, key: str, data: Any) -> None:
 
 
 def _directions(path: Path, key: str, data: Any, count: int) -> Array:
-    """Unit vectors (N, 3) float32 from a data set of x and y."""
+    """Unit vectors (count, 3) float32 from a data set (count, 2) of x and y; z follows from the length 1."""
     if data.ndim == 4:
         raise InputError(
             f"{path}: {key} is {data.shape}, a direction for each pixel, as NeuMIP's own files have: a BTF needs one "
@@ -165,7 +167,8 @@ class HDF5Source(Source):
         self.chunk = chunk
         self.count = stored[0]
         self.shape = (window[2], window[3])
-        self.at_once = max(1, min(chunk, AT_ONCE // (12 * window[2] * window[3])))
+        bytes_of_a_picture = 12 * window[2] * window[3]  # three float32 values a texel
+        self.at_once = max(1, min(chunk, AT_ONCE // bytes_of_a_picture))
 
     def slices(self, pairs: Array) -> list[Array]:
         """As `Source.slices`: (H, W, 3) float32 each, row 0 on top; `InputError` where a value is not finite."""

@@ -42,7 +42,10 @@ def opened(seen: Candidate) -> BTF | None:
     """
     # Some archivers add hidden copies, `._name`.
     shown = sorted(name for name in seen.names if not name.rsplit("/", 1)[-1].startswith("."))
-    return _opened(seen, shown, PRAGUE, UTIA, rgb_is_xyz=True) or _opened(seen, shown, BONN, UBO2003)
+    utia = _opened(seen, shown, PRAGUE, UTIA, rgb_is_xyz=True)
+    if utia is not None:
+        return utia
+    return _opened(seen, shown, BONN, UBO2003)
 
 
 def _opened(
@@ -60,6 +63,7 @@ def _opened(
     files: Files = FolderFiles(path) if seen.is_folder else ZipFiles(path)
     names = [match.string for match in matches]
     degrees = np.array([match.groups() for match in matches], np.float64)
+    # The light stands first in a name.
     wi, wo = pairs_in_degrees(degrees, lambda index: files.label(names[index]), (" of the light", " of the view"))
     order = view_major(wo, wi)
     source = PictureSource(files, [names[i] for i in order], **options)

@@ -82,7 +82,10 @@ def opened(seen: Candidate) -> BTF | None:
 
 
 def _mean_abrdf(path: Path, unit: str) -> BTF:
-    """The BTF (1 × 1 texel) of a mean ABRDF: view-major, linear Rec. 709, including the cosine of the light."""
+    """The BTF (1 × 1 texel) of a mean ABRDF: view-major, linear Rec. 709, including the cosine of the light.
+
+    `unit` is what the user says of the angles: "degrees", "radians", or "" for nothing.
+    """
     files = ZipFiles(path)
     table = stored(files, MEAN)
     sides = [stored(files, "theta_deg"), stored(files, "phi_deg")]
@@ -96,6 +99,7 @@ def _mean_abrdf(path: Path, unit: str) -> BTF:
     directions = different_directions(
         np.radians(theta), np.radians(phi), lambda row: f"{path}: direction {row}", "_deg"
     )
+    # (V, V, 3) becomes V² pictures of one texel; the light changes fastest.
     source = NpzSource(finite(table.values(), f"{path}: {MEAN}").reshape(-1, 1, 1, 3), path)
     texels = "one: the geometric mean over the measured texels"
     provenance = provenance_of("mean ABRDF", "linear Rec. 709 as stored", IN_THE_DATA, texels=texels) | told(unit)
@@ -117,8 +121,8 @@ def _heldout(files: ZipFiles, count: int) -> Array | None:
         return None
     array = stored(files, "heldout")
     is_mask = array.shape == (count,) and array.dtype.kind == "b"
-    mask = array.values() if is_mask else np.ones(1, bool)  # all True, which is refused below
-    if mask.all():
+    mask = array.values() if is_mask else None
+    if mask is None or mask.all():
         raise InputError(f"{files.path}: heldout must be a mask ({count},) of booleans that leaves pairs to train on")
     return np.array(mask) if mask.any() else None
 

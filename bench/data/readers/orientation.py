@@ -58,13 +58,15 @@ def exif(data: bytes, kind: str | None) -> Any:
 
 
 def upright(picture: Array, noted: int) -> Array:
-    """The upright picture of a stored one, (H, W, …), which 5 to 8 turn on its side."""
-    return np.ascontiguousarray(_TURNS[noted](picture)) if noted in _TURNS else picture
+    """The upright picture of a stored one (H, W, …); orientations 5 to 8 swap its height and width."""
+    if noted not in _TURNS:
+        return picture
+    return np.ascontiguousarray(_TURNS[noted](picture))
 
 
 def upright_size(size: tuple[int, int], noted: int) -> tuple[int, int]:
-    """(H, W) of the upright picture of a stored one."""
-    return size[::-1] if noted >= 5 else size  # 5 to 8 lie on their side
+    """(H, W) of the upright picture of a stored one, and the other way round; 5 to 8 lie on their side."""
+    return size[::-1] if noted >= 5 else size
 
 
 def before_pixels(data: bytes) -> Iterator[tuple[bytes, bytes]]:
@@ -74,16 +76,18 @@ def before_pixels(data: bytes) -> Iterator[tuple[bytes, bytes]]:
         yield from takewhile(lambda chunk: chunk[0] != b"IDAT", png_chunks(data))
         return
     offset = 2
+    # A segment is 0xFF, its marker, its size (two bytes, which count themselves) and its content.
     # 0xC0 to 0xC2 begin a frame, 0xDA its pixels, and 0xD9 ends the picture.
     while offset + 4 <= len(data) and data[offset] == 0xFF and data[offset + 1] not in (0xC0, 0xC1, 0xC2, 0xDA, 0xD9):
-        size = struct.unpack_from(">H", data, offset + 2)[0]
+        (size,) = struct.unpack_from(">H", data, offset + 2)
         yield data[offset + 1 : offset + 2], data[offset + 4 : offset + 2 + size]
-        offset += 2 + max(2, size)
+        offset += 2 + max(2, size)  # a damaged size below 2 still moves on
 
 
 def png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
     """Name and content of the chunks of a PNG, as far as the data contain them."""
     offset = PNG_START
+    # A chunk is the size of its content, its name, its content and a checksum; all but the content have 4 bytes.
     while offset + 8 <= len(data):
         size, name = struct.unpack_from(">I4s", data, offset)
         yield name, data[offset + 8 : offset + 8 + size]

@@ -67,7 +67,7 @@ class _Header:
 
 
 def _header(files: Files, name: str, is_colour: bool = True) -> _Header:
-    """What the header of a picture says; without `is_colour` not of its colour space."""
+    """What the header of a picture says; without `is_colour` its colour space is not looked at."""
     label = files.label(name)
     total = files.size(name)
     data = files.head(name, 4096)
@@ -76,7 +76,7 @@ def _header(files: Files, name: str, is_colour: bool = True) -> _Header:
         raise InputError(f"{label}: it begins with {data[:8]!r}, like no known picture: {SUPPORTED}")
     with readable(label, "the picture is damaged; get it again"):
         size = _SIZES[kind](data, label)
-        if not size and len(data) < total:
+        if not size and len(data) < total:  # a long header, as with a large profile
             data = files.read(name)
             size = _SIZES[kind](data, label)
     if not size:
@@ -130,6 +130,7 @@ def read_alpha(files: Files, name: str) -> Array:
 
         kind = picture_format(files.head(name, 8))
         picture = Image.open(io.BytesIO(files.read(name)), formats=["PNG"]) if kind == "png" else None
+        # A PNG has alpha as a channel, or as a list of transparent colours.
         has_alpha = picture is not None and ("A" in picture.getbands() or "transparency" in picture.info)
         if picture is None or not has_alpha:
             raise InputError(f"{label}: it has no alpha, which holds the smoothness: save it as PNG with alpha")
@@ -154,6 +155,7 @@ class PictureSource(Source):
         for index, (name, label) in enumerate(zip(self.names, labels, strict=True)):
             if not files.has(name):
                 raise InputError(f"{label}: {name} is missing: add the picture or leave the entry out")
+            # `setdefault` gives the first entry that lists the picture.
             if listed.setdefault(name, label) != label:
                 fault = f"{name} already stands in {listed[name]}, for other directions"
                 raise InputError(f"{label}: {fault}: give each pair its own picture")
@@ -203,9 +205,11 @@ def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
                 f"{label}: there is no JPEG marker at offset {offset}: the picture is damaged; get it again"
             )
         marker = data[offset + 1]
-        # 0xFF fills up; 0x01 and 0xD0 to 0xD8 stand alone; 0xC4, 0xC8 and 0xCC are no frames.
-        if marker in (0xFF, 0x01) or 0xD0 <= marker <= 0xD8:
-            offset += 1 if marker == 0xFF else 2
+        # 0xFF fills up; 0x01 and 0xD0 to 0xD8 have no content; 0xC4, 0xC8 and 0xCC are no frames.
+        if marker == 0xFF:
+            offset += 1
+        elif marker == 0x01 or 0xD0 <= marker <= 0xD8:
+            offset += 2
         elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             # Two bytes of the marker and two of the length come first.
             bits, height, width, channels = struct.unpack_from(">BHHB", data, offset + 4)
@@ -218,13 +222,16 @@ def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
                 raise InputError(f"{label}: this JPEG has {channels} channels (CMYK?): save it as RGB")
             return height, width
         else:
-            offset += 2 + max(2, struct.unpack_from(">H", data, offset + 2)[0])
+            (length,) = struct.unpack_from(">H", data, offset + 2)
+            offset += 2 + max(2, length)  # a damaged length below 2 still moves on
     return None
 
 
 def _png_size(data: bytes, label: str) -> tuple[int, int] | None:
-    """(H, W) from the header of a PNG; None if the data end before the pixels, since the camera's notes and the colour
-    space stand before them."""
+    """(H, W) from the header of a PNG; None if the data end before the pixels do begin.
+
+    The caller then reads more of the file, because the camera's notes and the colour space stand before the pixels.
+    """
     if data[12:16] != b"IHDR":
         raise InputError(f"{label}: this PNG has no header: the picture is damaged; get it again")
     width, height = struct.unpack_from(">II", data, 16)
@@ -233,13 +240,14 @@ def _png_size(data: bytes, label: str) -> tuple[int, int] | None:
 
 
 def _hdr_size(data: bytes, label: str) -> tuple[int, int] | None:
-    """(H, W) from the header of a Radiance picture, whose columns may come first; None if the data end before it
-    does."""
+    """(H, W) from the header of a Radiance picture, which may be stored by columns; None if the data end before the
+    header does."""
     header = _hdr_header(data)
     if header is None:
         return None
     _, axes, counts, _ = header
-    return counts if axes[0][1] == "Y" else counts[::-1]
+    by_rows = axes[0][1] == "Y"  # an axis is a sign and a letter
+    return counts if by_rows else counts[::-1]
 
 
 _SIZES = {"jpeg": _jpeg_size, "png": _png_size, "exr": exr.size, "hdr": _hdr_size}
@@ -270,7 +278,9 @@ def _png16(data: bytes, size: tuple[int, int], label: str) -> Array:
     import png
 
     packed = b"".join(content for name, content in png_chunks(data) if name == b"IDAT")
-    limit = 2 * size[0] * (size[1] * 8 + 1) + 4096  # of (H, W) of 16-bit RGBA
+    height, width = size
+    # A row of 16-bit RGBA has 8 bytes a pixel and one for its filter. Twice that leaves room for interlacing.
+    limit = 2 * height * (width * 8 + 1) + 4096
     inflated = zlib.decompressobj().decompress(packed, limit + 1)
     if len(inflated) > limit:
         raise InputError(f"{label}: its pixels inflate beyond {limit} bytes: the picture is damaged; get it again")
@@ -287,8 +297,11 @@ _HDR_AXES = ({"-Y", "+X"}, {"-Y", "-X"}, {"+Y", "+X"}, {"+Y", "-X"})
 
 
 def _hdr_header(data: bytes) -> tuple[int, tuple[str, str], tuple[int, int], float] | None:
-    """Where the pixels of a Radiance picture begin (Ward, "Real Pixels", Graphics Gems II), axes with signs, counts
-    along them, and total exposure; None if the data end before the header does."""
+    """The header of a Radiance picture (Ward, "Real Pixels", Graphics Gems II); None if the data end before it does.
+
+    It gives the offset at which the pixels begin, the two axes with their signs (like -Y, +X), the counts along them,
+    and the product of all exposures.
+    """
     end = data.find(b"\n\n")
     line_end = data.find(b"\n", end + 2)
     if end < 0 or line_end < 0:
@@ -315,7 +328,8 @@ def _read_hdr(data: bytes) -> Array:
         raise ValueError("the header ends early")
     start, axes, counts, exposure = header
     rgbe = _hdr_pixels(data, start, *counts)
-    # m · 2^(e − 136) as in rgbe.c and OpenCV, so black stays black; Ward's own reader adds half a code.
+    # m · 2^(e − 136) as in rgbe.c and OpenCV, so black stays black; Ward's own reader adds half a code. Of the 136, 128
+    # make e signed, and 8 make m a fraction.
     scale = np.ldexp(np.float32(1 / exposure), rgbe[..., 3].astype(np.int32) - 136)
     with np.errstate(over="ignore"):
         picture = rgbe[..., :3] * scale[..., None]
@@ -323,14 +337,15 @@ def _read_hdr(data: bytes) -> Array:
     # Upright, rows go down (-Y) and columns to the right (+X).
     backward = [axis for axis, name in enumerate(axes) if name in ("-X", "+Y")]
     picture = np.flip(picture, tuple(backward))
-    return np.ascontiguousarray(picture if axes[0][1] == "Y" else picture.swapaxes(0, 1))
+    by_rows = axes[0][1] == "Y"
+    return np.ascontiguousarray(picture if by_rows else picture.swapaxes(0, 1))
 
 
 def _hdr_pixels(data: bytes, offset: int, lines: int, length: int) -> Array:
     """RGBE codes (lines, length, 4) uint8: flat, or run-length coded line by line."""
-    # A coded line begins with two bytes 2, and its length in two more.
+    # A coded line begins with two bytes 2, and its length in two more, the higher byte first.
     first = data[offset : offset + 4]
-    is_coded = 8 <= length < 32768 and first[:2] == b"\2\2" and first[2] << 8 | first[3] == length
+    is_coded = 8 <= length < 32768 and first[:2] == b"\2\2" and (first[2] << 8 | first[3]) == length
     if not is_coded:
         flat = np.frombuffer(data, np.uint8, lines * length * 4, offset).reshape(lines, length, 4)
         if (flat[..., :3] == 1).all(-1).any():

@@ -54,7 +54,7 @@ def opened(seen: Candidate) -> BTF | None:
 
 
 def _read_list(path: Path) -> tuple[list[str], list[str], np.ndarray]:
-    """Image names, the lines that they stand on and the vectors (N, 3) float64 of a list."""
+    """The image names of a list, a label with the line of each, and the vectors to the lights (N, 3) float64."""
     with readable(str(path), "save it as plain text"):
         if path.stat().st_size > MAX_LIST:
             raise InputError(f"{path}: it is larger than {MAX_LIST >> 20} MiB, too large for a list of lights")
@@ -89,50 +89,63 @@ def _entry(label: str, line: str) -> tuple[str, list[float]]:
     """Image name (it may hold spaces) and vector of one line."""
     cells = line.rsplit(None, 3)
     try:
-        missing = [""] * (4 - len(cells))  # a coordinate that is missing raises as one that is no number
+        # Empty texts for missing coordinates: they raise the same error as one that is no number.
+        missing = [""] * (4 - len(cells))
         return cells[0], [float(cell) for cell in cells[1:4] + missing]
     except ValueError as error:
         raise InputError(f"{label}: {line[:60]!r} is not `image-name x y z`: mend the line") from error
 
 
 def _pictures(files: FolderFiles, names: list[str], labels: list[str]) -> list[str]:
-    """The pictures of the lines of a list. Where a name differs in case or in the form of its accents from the only
-    file that it can mean, as after a copy from another system, that file is taken."""
-    # The folder's files by folded name; they are listed only if a name is not there.
-    by_folded: dict[str, list[str]] | None = None
+    """The file of each line of a list, by its name in the folder.
+
+    After a copy from another system a name may differ from its file in case, or in the form of its accents. If there is
+    only one such file, it is taken.
+    """
+    by_folded: dict[str, list[str]] | None = None  # made only if a name is not there
     found = []
     for listed, label in zip(names, labels, strict=True):
         wanted = _possible(listed)
         with readable(label):
             there = [name for name in wanted if files.has(name)]
-        picture = there[0] if there else ""
-        if not picture and by_folded is None:
-            by_folded = {}
-            for name in list_folder(files.root):
-                by_folded.setdefault(_folded(name), []).append(name)
-        if not picture:
-            assert by_folded is not None
-            several = [by_folded[_folded(name)] for name in wanted if _folded(name) in by_folded]
-            alike = several[0] if several else []
-            if len(alike) != 1:
-                bare = listed.replace("\\", "/").rsplit("/", 1)[-1][:100]
-                remedy = "add the picture, or leave the line out and correct the count"
-                if alike:
-                    remedy = f"it may be {' or '.join(alike)}: correct the name"
-                raise InputError(f"{label}: {bare} is missing: {remedy}")
-            picture = alike[0]
-        found.append(picture)
+        if there:
+            found.append(there[0])
+            continue
+        if by_folded is None:
+            by_folded = _by_folded(files)
+        several = [by_folded[_folded(name)] for name in wanted if _folded(name) in by_folded]
+        alike = several[0] if several else []
+        if len(alike) != 1:
+            _, _, bare = listed.replace("\\", "/").rpartition("/")
+            remedy = "add the picture, or leave the line out and correct the count"
+            if alike:
+                remedy = f"it may be {' or '.join(alike)}: correct the name"
+            raise InputError(f"{label}: {bare[:100]} is missing: {remedy}")
+        found.append(alike[0])
     return found
 
 
+def _by_folded(files: FolderFiles) -> dict[str, list[str]]:
+    """The files of a folder by folded name; several may share one."""
+    by_folded: dict[str, list[str]] = {}
+    for name in list_folder(files.root):
+        by_folded.setdefault(_folded(name), []).append(name)
+    return by_folded
+
+
 def _possible(listed: str) -> list[str]:
-    """The names of a listed picture in the folder: its path there, else (paths are often foreign) its bare name."""
+    """The names that a listed picture may have in the folder, the likelier first.
+
+    They are its path, if it stays in the folder, and its bare name, because paths are often those of another machine.
+    """
     tidy = listed.replace("\\", "/")
-    bare = tidy.rsplit("/", 1)[-1]
+    _, _, bare = tidy.rpartition("/")
+    # A colon at the second place is a drive letter's, as in C:/.
     direct = ".." not in tidy.split("/") and not tidy.startswith("/") and tidy[1:2] != ":"
     possible = [tidy, bare] if direct else [bare]
     return [name for name in possible if name not in ("", ".", "..")]
 
 
 def _folded(name: str) -> str:
+    """A name without the differences of case and of composed or separate accents."""
     return unicodedata.normalize("NFC", name).casefold()

@@ -120,7 +120,8 @@ class LocalPCA(Source):
             if not files.has(name):
                 raise InputError(f"{label}: it is missing: the material has {', '.join(self.names)}; get it again")
             height, width = picture_size(files, name)
-            if files.head(name, 26)[24:] != b"\x08\x06":
+            bits_and_colour = files.head(name, 26)[24:]
+            if bits_and_colour != b"\x08\x06":  # 8 bits, and type 6: RGBA
                 raise InputError(f"{label}: it is not a PNG of 8 bits with red, green, blue and alpha: get it again")
             if name == WEIGHTS and height * width < PIXELS:
                 raise InputError(f"{label}: {width} x {height} pixels are too few: {PIXELS} hold the weights")
@@ -138,14 +139,17 @@ class LocalPCA(Source):
     def weights(self) -> Array:
         """Weights times singular values (blocks, views in block · lights, components, 3) float32."""
         data = self._bytes(WEIGHTS)
-        end = BLOCKS * COLUMNS * COMPONENTS  # of the weights; the singular values follow, a coarse and a fine byte each
+        end = BLOCKS * COLUMNS * COMPONENTS  # of the weights; a pixel has 4 bytes
         columns = _signed(data[:end]).reshape(BLOCKS, TOGETHER * LIGHTS, 3, COMPONENTS)
-        coarse, fine = data[end : 4 * PIXELS].reshape(BLOCKS, COMPONENTS, 2).astype(np.float32).transpose(2, 0, 1)
+        # The singular values follow, a coarse and a fine byte each.
+        stored = data[end : 4 * PIXELS].reshape(BLOCKS, COMPONENTS, 2).astype(np.float32)
+        coarse, fine = stored[..., 0], stored[..., 1]
         singular = 10 * coarse + np.float32(0.1) * fine
-        return np.ascontiguousarray((columns * singular[:, None, None]).swapaxes(2, 3))
+        scaled = columns * singular[:, None, None]
+        return np.ascontiguousarray(scaled.swapaxes(2, 3))
 
     def _bytes(self, name: str) -> Array:
-        """The bytes of a picture in order; `InputError` if it is damaged or was changed."""
+        """The bytes (4 · H · W,) of a picture in order; `InputError` if it is damaged or was changed."""
         from PIL import Image
 
         size = picture_size(self.files, name)
@@ -159,7 +163,8 @@ class LocalPCA(Source):
             return pixels.reshape(-1)
 
     def codes(self, pair: int) -> Array:
-        """The sRGB codes of a pair (H, W, 3) float32 over 255, before they are clipped."""
+        """The sRGB codes of a pair (H, W, 3) float32, divided by 255 and not yet clipped."""
+        # Pairs are view-major, so those of a block's views follow each other.
         block, column = divmod(int(pair), TOGETHER * LIGHTS)
         return (_signed(self.components[block]) @ self.weights[block, column]).reshape(*self.shape, 3)
 
@@ -198,6 +203,7 @@ def _check_sums(data: bytes) -> None:
     """Raise if a chunk of a PNG does not match its checksum, or if the end is missing; Pillow accepts both."""
     offset = PNG_START
     name = b""
+    # A chunk is the size of its content, its name, its content and the checksum of the latter two.
     while name != b"IEND":
         size, name = struct.unpack_from(">I4s", data, offset)
         (stated,) = struct.unpack_from(">I", data, offset + 8 + size)
@@ -207,7 +213,7 @@ def _check_sums(data: bytes) -> None:
 
 
 def _signed(codes: Array) -> Array:
-    """Numbers in [−1, 1] float32 from bytes."""
+    """Numbers in [−1, 1] float32 from bytes of any shape: 0 is −1, and 255 is 1."""
     return codes.astype(np.float32) * np.float32(2 / 255) - 1
 
 

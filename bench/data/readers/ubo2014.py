@@ -71,7 +71,7 @@ class Cursor:
         return text.decode("utf-8", "replace").strip()
 
     def floats(self, shape: tuple[int, ...], scalar: int, what: str) -> Array:
-        """An array of floats, as an (unaligned) view of the file."""
+        """An array of floats of `scalar` bytes each, as a view of the file, which need not be aligned."""
         return self.take(math.prod((scalar, *shape)), what).view(SCALARS[scalar]).reshape(shape)
 
 
@@ -88,13 +88,13 @@ class Matrix:
         return np.ascontiguousarray(self.stored, np.float32)
 
     def rows(self, index: Array | slice) -> Array:
-        """Some rows in float32."""
+        """Some rows (n, K) in float32."""
         if self.expand:
             return self.dense[index]
         return np.asarray(self.stored[index], np.float32)
 
     def times(self, factors: Array) -> Array:
-        """The products (n, rows) with some vectors (n, K)."""
+        """The products (n, rows) of some vectors (n, K) with every row."""
         if self.expand:
             return factors @ self.dense.T
         parts = []
@@ -140,19 +140,29 @@ def opened(seen: Candidate) -> BTF | None:
     if not width or not height:
         raise cursor.fail(f"a size of {width} x {height} texels")
     material.shape = (height, width)
-    cursor.floats((notes["rotations"], 3, 3), 4, f"{notes['rotations']} rotations")
-    notes |= _dfmf(cursor, material) if signature == DFMF else _fmf(cursor, material)
-    left = DENSE_BYTES  # of the float32 copies of all factors; pairs go first, because they are small
-    different = {id(matrix): matrix for matrix in [*material.pairs, *material.texels]}  # channels may share one
-    for matrix in different.values():
-        left -= 4 * matrix.stored.size
-        matrix.expand = left >= 0
+    cursor.floats((notes["rotations"], 3, 3), 4, f"{notes['rotations']} rotations")  # passed over
+    body = _dfmf if signature == DFMF else _fmf
+    notes |= body(cursor, material)
+    _share_memory(material)
     ranks = [matrix.stored.shape[1] for matrix in material.pairs]
     native = {"bytes": path.stat().st_size, "rank": max(ranks), "ranks": ranks}
     provenance = provenance_of("UBO2014", notes.pop("colour"), IN_THE_DATA, signature=signature.decode(), **notes)
     provenance |= {"native": native}
     wo, wi = product(from_angles(*material.views.T), from_angles(*material.lights.T))
     return BTF(path.stem, wo, wi, FactorSource(path, material), provenance=provenance)
+
+
+def _share_memory(material: Factorisation) -> None:
+    """Let factors be copied to float32 until the copies fill `DENSE_BYTES`; the others are read row by row.
+
+    The factors of pairs come first, because they are small.
+    """
+    left = DENSE_BYTES
+    # By identity, since channels may share a matrix, which is then counted once.
+    different = {id(matrix): matrix for matrix in [*material.pairs, *material.texels]}
+    for matrix in different.values():
+        left -= 4 * matrix.stored.size
+        matrix.expand = left >= 0
 
 
 def _header(cursor: Cursor) -> dict[str, Any]:
@@ -191,7 +201,7 @@ def _directions(cursor: Cursor) -> Factorisation:
         raise cursor.fail(f"{views} views of {lights} lights")
     # A view is its θ and φ (8 bytes), the number of its lights (4), and θ and φ of each light.
     block = cursor.take(views * (12 + 8 * lights), f"{views} views of {lights} lights").reshape(views, -1)
-    differs = (block[:, 8:] != block[0, 8:]).any(1)
+    differs = (block[:, 8:] != block[0, 8:]).any(1)  # the number of lights, or a light
     if differs.any():
         view = int(np.argmax(differs))
         raise cursor.fail(f"the lights of view {view} differ from those of view 0", "only a product grid is read")
@@ -199,7 +209,7 @@ def _directions(cursor: Cursor) -> Factorisation:
 
 
 def _side(path: Path, side: str, stored: Array) -> Array:
-    """θ, φ (n, 2) float64 of the views or the lights, all in range and different."""
+    """θ, φ (n, 2) float64 in radians, from the bytes of the views or the lights; all in range and different."""
     with np.errstate(invalid="ignore"):
         angles = np.ascontiguousarray(stored).view("<f4").reshape(-1, 2).astype(np.float64)
     different_directions(angles[:, 0], angles[:, 1], lambda index: f"{path}: {side} {index}")
@@ -230,11 +240,12 @@ def _fmf(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
         raise cursor.fail(f"FMF version {version}", "versions 0 to 2 are read")
     reduction = cursor.count("the dynamic range reduction") if version >= 1 else 0
     width, height = cursor.numbers("2I", "the size of the height map") if version >= 2 else (0, 0)
-    cursor.floats((width, height), 2, "the height map")
-    cursor.count("the rank")
+    cursor.floats((width, height), 2, "the height map")  # passed over
+    cursor.count("the rank")  # stated again with the factors
     rows = 3 * len(material.views) * len(material.lights)
     pairs, texels = _factors(cursor, material, rows, "the factors")
-    material.pairs = [Matrix(channel) for channel in pairs.reshape(-1, 3, pairs.shape[1]).swapaxes(0, 1)]
+    by_channel = pairs.reshape(-1, 3, pairs.shape[1]).swapaxes(0, 1)  # (3, V · L, K)
+    material.pairs = [Matrix(channel) for channel in by_channel]
     material.texels = [Matrix(texels)] * 3
     material.model = 12 if reduction else 0
     colour = "log RGB, converted to RGB" if reduction else COLOUR_MODELS[0]
@@ -261,7 +272,7 @@ class FactorSource(Source):
         self.material = material
         self.shape = material.shape
         self.count = len(material.views) * len(material.lights)
-        # 12 bytes of a texel are its products, and 12 its RGB.
+        # A texel takes 12 bytes for its products in three channels, and 12 for its RGB.
         self.at_once = max(1, MULTIPLIED // (24 * self.shape[0] * self.shape[1]))
 
     @np.errstate(over="ignore", invalid="ignore")
@@ -283,13 +294,15 @@ class FactorSource(Source):
         """As `Source.texels`; `block` texels are multiplied at once, in buffers that are used again."""
         index = self._index(rows, cols)
         out = np.empty((len(index), len(pairs), 3), np.float32)
+        # Of each channel (K, pairs).
         factors = [np.ascontiguousarray(matrix.rows(pairs).T) for matrix in self.material.pairs]
         buffers = np.empty((3, block, len(pairs)), np.float32)
         for start in range(0, len(index), block):
-            some, part = index[start : start + block], out[start : start + block]
+            some = index[start : start + block]
             for matrix, factor, buffer in zip(self.material.texels, factors, buffers, strict=True):
                 np.matmul(matrix.rows(some), factor, out=buffer[: len(some)])
-            finite(self._decode(buffers[:, : len(some)], part), f"{self.path}: texels from {start}")
+            decoded = self._decode(buffers[:, : len(some)], out[start : start + block])
+            finite(decoded, f"{self.path}: texels from {start}")
         return out
 
     @np.errstate(over="ignore", invalid="ignore")
@@ -306,7 +319,7 @@ class FactorSource(Source):
         return out
 
     def _index(self, rows: Array, cols: Array) -> Array:
-        """Rows of S·V of texels; the file counts from the bottom row."""
+        """The rows of S·V that hold the texels (rows, cols); the file counts from the bottom row."""
         return (self.shape[0] - 1 - np.asarray(rows)) * self.shape[1] + np.asarray(cols)
 
     def _decode(self, channels: Sequence[Array] | Array, out: Array | None = None) -> Array:
