@@ -16,7 +16,7 @@ from pathlib import Path
 
 import torch
 
-from bench.cli.commands import assignments, several, threads, usable_device
+from bench.cli.commands import assignments, seed_option, several, threads, usable_device
 from bench.cli.console import Console, file_lines
 from bench.codec import Fit
 from bench.codecs import shared
@@ -33,7 +33,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     several(parser, "--set", "a setting of the network", "KEY=VALUE")
     parser.add_argument("--materials", type=int, help="how many procedural surfaces to train on, 0 for none")
     several(parser, "--add", "train on this BTF or folder of maps too; repeatable", "BTF")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=seed_option, default=0)
     parser.add_argument("--threads", type=threads, default=1)
     parser.add_argument("--device", default="cpu")
 

@@ -10,7 +10,6 @@ examples:
 """
 
 import argparse
-import os
 import tempfile
 from itertools import chain
 from pathlib import Path
@@ -27,6 +26,7 @@ from bench.conformance.stress.case import subject_of
 from bench.conformance.stress.properties import data_hold, query_holds
 from bench.conformance.stress.run import chosen
 from bench.inputs.errors import FINE, NO, InputError, writable
+from bench.machine.threads import cores
 from bench.records import STRESS
 from bench.runs.executors import in_process, processes
 from bench.runs.provenance import provenance
@@ -40,7 +40,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--cheap", action="store_true", help="only the extremes that `check` tries too")
     add("--list", action="store_true", help="only list the extremes and what must hold in each")
     add("--out", type=Path, default=Path("runs") / STRESS, help="the folder of the records (default: runs/stress)")
-    add("--jobs", type=int, default=os.cpu_count(), metavar="N", help="how many processes to use (default: one a core)")
+    add("--jobs", type=int, default=cores(), metavar="N", help="how many processes to use (default: one a core)")
     add("--format", default="text", choices=["text", "markdown"], help="format of the printed tables")
     add("--query", metavar="NUMBERS", help='ask one query: "u v ω_o ω_i footprint", nine numbers')
     add("--data", metavar="NUMBERS", help='try one drawn material: "height width views lights exponent seed"')

@@ -76,9 +76,12 @@ def before_pixels(data: bytes) -> Iterator[tuple[bytes, bytes]]:
         yield from takewhile(lambda chunk: chunk[0] != b"IDAT", png_chunks(data))
         return
     offset = 2
-    # A segment is 0xFF, its marker, its size (two bytes, which count themselves) and its content.
-    # 0xC0 to 0xC2 begin a frame, 0xDA its pixels, and 0xD9 ends the picture.
+    # A segment is 0xFF, its marker, its size (two bytes, which count themselves) and its content; further 0xFF may
+    # stand before the marker. 0xC0 to 0xC2 begin a frame, 0xDA its pixels, and 0xD9 ends the picture.
     while offset + 4 <= len(data) and data[offset] == 0xFF and data[offset + 1] not in (0xC0, 0xC1, 0xC2, 0xDA, 0xD9):
+        if data[offset + 1] == 0xFF:
+            offset += 1
+            continue
         (size,) = struct.unpack_from(">H", data, offset + 2)
         yield data[offset + 1 : offset + 2], data[offset + 4 : offset + 2 + size]
         offset += 2 + max(2, size)  # a damaged size below 2 still moves on

@@ -79,6 +79,16 @@ def test_a_picture_is_turned_as_its_exif_notes_say(tmp_path, name, noted):
     assert (PictureSource(files, [name]).fingerprint() == files.digest([name])) == (noted == 1)
 
 
+def test_notes_behind_bytes_that_fill_up_are_read(tmp_path):
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    Image.fromarray(CODES).save(tmp_path / "a.jpg", exif=exif)
+    plain = (tmp_path / "a.jpg").read_bytes()
+    at = plain.index(b"\xff\xe1")  # the segment of the notes
+    (tmp_path / "b.jpg").write_bytes(plain[:at] + b"\xff\xff" + plain[at:])
+    np.testing.assert_array_equal(read(tmp_path / "b.jpg"), read(tmp_path / "a.jpg"))
+
+
 def with_notes(content, payload):
     at = content.index(b"IDAT") - 4
     return content[:at] + chunk(b"eXIf", payload) + content[at:]
