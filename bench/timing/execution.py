@@ -185,7 +185,10 @@ class _Compiled(Wrapped):
         self.rest = compiled(inner.evaluate, dynamic=True)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        """By the kernel for whole chunks or for the rest, compiled at the first call. `InputError` if that fails."""
+        """RGB (n, 3) by the kernel for whole chunks or by that for the rest, each compiled at its first call.
+
+        `InputError` if compiling fails.
+        """
         # `slice` expands one direction to all texels (stride 0): torch.compile would make another kernel for it.
         queries = [x.contiguous() for x in (uv, wo, wi, footprint)]
         compute = self.whole if len(uv) == self.chunk else self.rest
