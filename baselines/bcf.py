@@ -78,7 +78,7 @@ class BCF(Codec):
 
 
 def across(size: tuple[int, ...]) -> tuple[int, int]:
-    """The numbers of rows and columns of blocks that cover a picture (H, W)."""
+    """The numbers of rows and columns of blocks that cover a picture (H, W): its sides over 4, rounded up."""
     return -(-size[0] // bc1.SIDE), -(-size[1] // bc1.SIDE)
 
 
@@ -111,7 +111,8 @@ class BCFObjective(DirectedObjective):
         self.ends = nn.Parameter(ends)
         block = torch.empty(samples.texels, dtype=torch.long)
         share = torch.empty(samples.texels, settings.textures)
-        # Backwards, so that a repeated texel keeps its first place.
+        # The block of each texel, and its share there. Backwards: a texel that several blocks hold is set by each in
+        # turn, so the first block stays.
         places = within.flatten().flip(0)  # (B · 16,)
         order = torch.arange(within.numel()).flip(0)
         block[places] = order // within.shape[1]

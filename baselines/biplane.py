@@ -227,6 +227,7 @@ class BiplaneObjective(TextureObjective):
         """The loss of one step, plus that of an equal share of the texels that the decoder does not learn from."""
         trained, texels, settings = self.samples.trained, self.samples.texels, self.settings
         loss = super().loss(generator, progress)
+        # As many more samples as there are more texels; none in the fit of one material.
         if count := math.ceil(settings.batch * (texels / trained - 1)):
             batch = self.samples.draw_unseen(count, generator)
             self.network.requires_grad_(False)
@@ -240,7 +241,9 @@ class BiplaneObjective(TextureObjective):
     def answers(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """The decoder's answers (n, 3) to a batch, and the matrices and offsets (n, 12) that colour them, rounded."""
         material = self.material[batch.texel]
-        row = batch.pair + material * PAIRS  # (n,), of `self.corner` and others
+        # (n,): the row of the pair in `self.corner`, `self.weight` and `self.d`, which hold the materials one after
+        # the other. A single material is number 0.
+        row = batch.pair + material * PAIRS
         corner = self.corner[row] + (material * SIDE**2)[:, None]  # (n, 4) texels of all materials' planes
         texels = self.rounded_texels(torch.cat([self.texture, self.colours], 1)).index_select(0, batch.texel)
         features, colours = texels.tensor_split([FEATURES], dim=1)
@@ -251,10 +254,12 @@ class BiplaneObjective(TextureObjective):
 
     @torch.no_grad()
     def stored_texture(self) -> Tensor:
-        """The texture (texels, 18) for the file; texels that their mean is nearer to hold it instead of colours.
+        """The texture (texels, 18) for the file: features, matrices and offsets.
 
-        Both are judged as the file holds them, in the steps that the fit has learned to bear: new steps for the means
-        would round every other texel anew. Only where the means of all texels are nearer do they get their own steps.
+        A texel keeps its colours, that is matrix and offset, unless its mean is nearer to its ABRDF; then it gets a
+        matrix of 0 and the mean as offset. Both are judged as rounded in the file, in the steps that the fit has
+        learned to bear: new steps for the means would round every other texel anew. Only if the exact means of all
+        texels are nearer are the means of all stored, in steps of their own.
         """
         pairs, device = self.samples.pairs, self.samples.device
         checked = torch.linspace(0, pairs - 1, min(pairs, CHECKED)).round().long().to(device)

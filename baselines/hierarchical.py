@@ -56,7 +56,7 @@ class Inception(nn.Module):
         return torch.cat([convolved(outer, point), small, large, highest], 1)
 
     def flops(self, side: int) -> int:
-        """Operations of an answer of side × side."""
+        """Operations of an answer of side × side texels, a fused multiply-add counted as two."""
         counts = (side, side + 2, side, side + 4, side, side)  # a side of each kernel's answer, in their order
         return sum(2 * n * n * int(layer.weight.numel()) for n, layer in zip(counts, self.kernels, strict=True))
 

@@ -49,13 +49,14 @@ class LocalPCA(Codec):
         # The mean of each cluster is its first component, whose coefficient is 1.
         own = torch.cat([torch.from_numpy(found.means)[..., None], torch.from_numpy(found.axes)], 2)
         table = directions @ own.movedim(0, 1).flatten(1)  # (3 · pairs, clusters · (components + 1))
-        table[:, :: components + 1] += mean[:, None]  # to the first component of each cluster
+        table[:, :: components + 1] += mean[:, None]  # to the first component of each cluster, its mean
         table = table.unflatten(0, (-1, 3))  # (pairs, 3, clusters · (components + 1))
         texture = torch.from_numpy(found.coefficients).unflatten(0, btf.shape)  # (H, W, components)
 
         label = torch.from_numpy(found.label)
         pairs, values = probed(btf, fit, gain)
-        some = slice(None, None, -(-len(label) // PROBED_TEXELS))  # at most so many, evenly
+        # Every so many texels, rounded up, so that at most `PROBED_TEXELS` are taken, evenly.
+        some = slice(None, None, -(-len(label) // PROBED_TEXELS))
         mine = label[some]  # (n,)
         seen = texture.flatten(0, 1)[some]  # (n, k)
         target = values[:, some].cpu()  # (3 · P, n)
@@ -101,6 +102,7 @@ def local_components(points: np.ndarray, clusters: int, components: int, seed: i
     label = clustered(points, clusters, seed)
     for _ in range(ROUNDS):
         means, axes = _fitted(points, label, components)
+        # Errors (clusters, n), of which each point takes the least.
         moved = np.stack([_error(points - mean, axis) for mean, axis in zip(means, axes, strict=True)]).argmin(0)
         moved = np.unique(moved, return_inverse=True)[1]  # numbered without gaps
         if np.array_equal(moved, label):
@@ -110,6 +112,7 @@ def local_components(points: np.ndarray, clusters: int, components: int, seed: i
     coefficients = np.einsum("nk,nkc->nc", points - means[label], axes[label])
     peak = np.abs(coefficients).max(0, initial=0)
     peak[peak == 0] = 1
+    # Coefficients are divided by the largest of their component, which is multiplied by it instead.
     return LocalComponents(means, axes * peak, label, coefficients / peak)
 
 
@@ -120,12 +123,14 @@ def _fitted(points: np.ndarray, label: np.ndarray, components: int) -> tuple[np.
         members = points[label == cluster].astype(np.float64)
         means.append(members.mean(0))
         members -= means[-1]
-        axes.append(np.linalg.eigh(members.T @ members)[1][:, ::-1][:, :components])  # the last is the strongest
+        _, directions = np.linalg.eigh(members.T @ members)
+        axes.append(directions[:, ::-1][:, :components])  # reversed, because the last is the strongest
     return np.stack(means).astype(np.float32), np.stack(axes).astype(np.float32)
 
 
 def _error(points: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """The squared distance (n,) of points (n, k) from the span of some directions (k, components)."""
+    """The squared distance (n,) of points (n, k) from the span of orthonormal directions (k, components)."""
+    # Pythagoras: the squared length without that within the span.
     return np.square(points).sum(1) - np.square(points @ axes).sum(1)
 
 

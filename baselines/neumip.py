@@ -32,8 +32,11 @@ WIDTHS = (25, 25, 25)  # of the offset network
 OFFSET_SCALE = 0.05  # texture units; the authors' 0.1 counts in uv from −1 to 1
 LOWEST_COSINE = 0.6  # least z of the view: below it, the offset stops growing
 COARSE_SHARE = 4  # one of this many samples is of a coarser level
-# Gaussian blur, σ in texels: of the latents at first, its fading over the fit, its end; the least of the offset.
-FIRST_BLUR, FADING, LAST_BLUR, OFFSET_BLUR = 8.0, 3 * math.log(8), 0.1, 1.0
+# Gaussian blur, σ in texels. That of the latents falls exponentially from the first to the last.
+FIRST_BLUR = 8.0
+FADING = 3 * math.log(8)  # the exponent's rate, over the whole fit
+LAST_BLUR = 0.1
+OFFSET_BLUR = 1.0  # the least of the offset's texture
 SHUT = 0.1  # share of the colour that a mask of 0 leaves
 HALF_OPEN = SHUT + 0.5
 YUV_TO_RGB = ((1.0, 0.0, 1.13983), (1.0, -0.39465, -0.58060), (1.0, 2.03211, 0.0))
@@ -66,7 +69,7 @@ class Pyramid(Levels):
 
     def __init__(self, size: tuple[int, int], levels: int | None = None):
         super().__init__(size, levels or level_count(size))
-        # (2,), of an offset of 1 along u and v: equally far on the surface.
+        # (2,): how far in uv an offset of 1 moves a place along u and along v, equally far on the surface.
         self.reach = nn.Buffer(OFFSET_SCALE * torch.tensor(periods(size)), persistent=False)
 
     def fetch(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
@@ -92,6 +95,7 @@ class Networks(nn.Module):
 
     def start_at(self, level: Tensor) -> None:
         """Set the networks to answer one log radiance (3,) for any latents, with the mask half open."""
+        # Three outputs are the colour; further ones are the mask.
         outputs = torch.zeros(len(self.decoder.layers[-1].bias))
         rgb = (level.cpu().expm1() / (HALF_OPEN if len(outputs) > 3 else 1)).log1p()
         outputs[:3] = torch.linalg.solve(self.to_rgb.T, rgb)  # as YUV
@@ -116,7 +120,8 @@ def answer(
     """gain · radiance (n, 3) of queries (uv, wo, wi, level); `offset` (H · W, 7) is of the finest level."""
     uv, wo, wi, level = queries
     if offset is not None:
-        uv = networks.move(uv, pyramid.fetch(offset, uv, torch.zeros_like(level, dtype=torch.long)), wo, pyramid.reach)
+        finest = torch.zeros_like(level, dtype=torch.long)
+        uv = networks.move(uv, pyramid.fetch(offset, uv, finest), wo, pyramid.reach)
     return networks.colour(pyramid.fetch(table, uv, level), wo, wi)
 
 

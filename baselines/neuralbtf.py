@@ -93,15 +93,17 @@ class NeuralBTF(Codec):
 
 def names(settings: NeuralBTF.Settings, size: tuple[int, int] = (1, 1)) -> dict[str, tuple[int, int]]:
     """The size of each texture of a picture (H, W) by name: the levels, the finest first, then the offset's."""
-    factors = {f"level{level}": 1 << level for level in range(settings.levels)}
+    factors = {f"level{level}": 1 << level for level in range(settings.levels)}  # 2^level texels a point
     if settings.reduction:
         factors["offset"] = settings.reduction
+    # Sides are rounded up.
     return {name: (-(-size[0] // factor), -(-size[1] // factor)) for name, factor in factors.items()}
 
 
 def harmonics(w: Tensor) -> Tensor:
     """The real spherical harmonics (n, 9) of degrees 0 to 2 of vectors (n, 3), as polynomials of x, y, z."""
     x, y, z = w.unbind(1)
+    # The factors that make them orthonormal over the sphere.
     root = [math.sqrt(share / math.pi) for share in (1 / 4, 3 / 4, 15 / 4, 5 / 16, 15 / 16)]
     second = [root[2] * x * y, -root[2] * y * z, root[3] * (3 * z * z - 1), -root[2] * x * z]
     first = [torch.full_like(x, root[0]), -root[1] * y, root[1] * z, -root[1] * x]

@@ -99,17 +99,18 @@ class NTC(Codec):
 
 
 def sizes(size: tuple[int, ...], reduction: int) -> tuple[tuple[int, int], ...]:
-    """The sizes of the finer and of the coarser grid of a picture."""
+    """The sizes (rows, columns) of the finer and of the coarser grid of a picture (H, W)."""
+    # Rounded up, so that the grid covers the picture.
     return tuple((-(-size[0] // each), -(-size[1] // each)) for each in (reduction, 2 * reduction))
 
 
 def codes_of(values: Tensor, bits: int) -> Tensor:
-    """Codes, int64, of values from −1 to 1."""
+    """Codes of `bits` bits, int64, of values from −1 to 1, any shape; values beyond are clamped."""
     return ((values.detach().clamp(-1, 1) + 1) / 2 * (2**bits - 1)).round().long()
 
 
 def values_of(codes: Tensor, bits: int) -> Tensor:
-    """The values, from −1 to 1, of codes."""
+    """The values, from −1 to 1, of codes of `bits` bits, any shape."""
     return codes.float() * (2 / (2**bits - 1)) - 1
 
 
@@ -117,6 +118,7 @@ def encoded_places(size: tuple[int, ...]) -> Tensor:
     """The tiled encoding (H · W, 12) of each texel's place: triangle waves of 8, 4 and 2 texels, at two phases."""
     row, col = torch.meshgrid(*(torch.arange(side) + 0.5 for side in size), indexing="ij")
     place = torch.stack([col, row], 2).flatten(0, 1)[:, None, :, None] / TILE  # (H · W, octave, axis, phase)
+    # In turns of each wave; the second phase is a quarter of a turn later. A wave is 1 in the middle of its turn.
     turns = place * 2.0 ** torch.arange(OCTAVES)[:, None, None] + torch.tensor([0.0, 0.25])
     return (1 - 4 * (turns - turns.floor() - 0.5).abs()).flatten(1)
 

@@ -58,11 +58,11 @@ class Encoder(nn.Module):
         for out, kernel in CONVOLUTIONS:
             self.convolutions.append(nn.Conv1d(channels, out, kernel, stride=STRIDE, padding=kernel // 2))
             channels = out
-            length = (length - 1) // STRIDE + 1
+            length = (length - 1) // STRIDE + 1  # of the convolution's answer: length / STRIDE, rounded up
         self.linear = nn.Linear(channels * length, latents)
         with torch.no_grad():
             for layer in (*self.convolutions, self.linear):
-                fan = layer.weight[0].numel()
+                fan = layer.weight[0].numel()  # inputs of one output; the spread is that of He et al. 2015
                 layer.weight.normal_(0, (2 / fan) ** 0.5, generator=generator)
                 layer.bias.zero_()
 
@@ -160,7 +160,7 @@ class Autoencoder(Fitted):
         return torch.cat([self.latents(block) for block in texel.split(BLOCK)])
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        """Each texel of the batch is encoded once, without a gradient."""
+        """Log radiance (n, 3) at a batch; each of its texels is encoded once, without a gradient."""
         texel, place = batch.texel.unique(return_inverse=True)
         return self.decode(self.encode(texel)[place], batch)
 

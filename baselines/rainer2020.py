@@ -91,6 +91,7 @@ class Rainer2020(Codec):
         where = rainer.coordinates(samples.wo, samples.wi)[batch.pair]
 
         def answers(texture: Tensor) -> Tensor:
+            """Log radiance (n, 3) of a texture (H · W, D + 6) at the samples of `batch`."""
             return rainer.radiance(coder.decoder, texture.index_select(0, batch.texel), where)
 
         rounding = round_after(texture, self.settings.bits, answers, batch.target)
@@ -142,8 +143,8 @@ class Coder(torch.nn.Module):
     def forward(self, abrdfs: Tensor) -> Tensor:
         """Channels (n, D + 6) of log ABRDFs (n, N, 3): latents, then mean and deviation of each colour channel.
 
-        These are of the canonical pairs, where answers with them are nearer than the mean and not far too bright; else
-        the mean of the pairs themselves and 0.
+        In each colour channel, mean and deviation are those of the canonical pairs if the decoder's answers with them
+        are nearer to the ABRDF than its mean, and not far too bright; else the mean of the material's own pairs, and 0.
         """
         canonical = self.resampled(abrdfs)  # (n, C, 3)
         own = rainer.statistics(abrdfs)  # (n, 2, 3): mean and deviation

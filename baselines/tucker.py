@@ -70,7 +70,7 @@ class Tucker(Codec):
         # Coefficients in [−1, 1], as in `pca`, so that eight bits suit all slices of the core equally.
         scale = coefficients.abs().amax(0).clamp_min(torch.finfo(torch.float32).tiny)  # (K,)
         core[1:] *= scale[:, None, None, None]
-        core[0] /= len(coefficients) ** 0.5  # which `_tensor` multiplied the mean with
+        core[0] /= len(coefficients) ** 0.5  # √texels, by which `_tensor` multiplied the mean
         core = core.permute(1, 2, 3, 0).contiguous()  # (J, M, 3, K + 1)
         coefficients = (coefficients / scale).reshape(*btf.shape, -1)  # (H, W, K)
         bits = settings.bits
@@ -116,7 +116,10 @@ def _ranks(settings: Tucker.Settings, layout: Layout) -> tuple[int, int]:
 
 
 def _tensor(factors: Factors, layout: Layout) -> tuple[Tensor, Tensor]:
-    """The table on an orthonormal basis of texels: tensor (k + 1, V, L, 3), the mean first, and basis (k, T)."""
+    """The table on an orthonormal basis of T texels: the tensor (k + 1, V, L, 3), the mean first, and the basis (k, T).
+
+    The mean is multiplied by √T, the length of its coefficients, which are 1 at each texel.
+    """
     length = torch.linalg.vector_norm(factors.coefficients, dim=1, keepdim=True)
     texels = factors.coefficients.shape[1]
     rows = torch.cat([factors.mean[:, None] * texels**0.5, factors.basis * length.T], 1)  # (3 · N, k + 1)
@@ -128,7 +131,7 @@ def _tensor(factors: Factors, layout: Layout) -> tuple[Tensor, Tensor]:
 
 def leading(tensor: Tensor, mode: int, rank: int) -> Tensor:
     """The orthonormal basis (size, ≤ rank) of a mode that keeps most of the tensor's energy."""
-    rows = tensor.movedim(mode, 0).flatten(1).double()
+    rows = tensor.movedim(mode, 0).flatten(1).double()  # (size, all others)
     return torch.linalg.eigh(rows @ rows.T)[1].flip(1)[:, :rank].to(tensor.dtype)  # the last is the strongest
 
 

@@ -80,7 +80,7 @@ class Zeltner2024(Codec):
 
 
 def sigmoid(outputs: Tensor) -> Tensor:
-    """gain · radiance of the network's outputs x, at least in float32: s eˣ / (eˣ + s)."""
+    """gain · radiance of the network's outputs x, any shape, at least in float32: s eˣ / (eˣ + s), s = `BRIGHTEST`."""
     raised = outputs.to(at_least_float32(outputs.dtype)).clamp(max=HIGHEST_LEVEL).exp()
     return raised / (1 + raised / BRIGHTEST)
 
@@ -144,6 +144,7 @@ class Zeltner2024Objective(TextureObjective):
             return super().loss(generator, progress)
         batch = self.samples.draw(self.settings.batch, generator)
         outputs = self.outputs(batch)
+        # log x = output − log(1 + eᵒᵘᵗᵖᵘᵗ / s), from `sigmoid`; a third of it is the logarithm of the cube root.
         ours = (outputs - functional.softplus(outputs - math.log(BRIGHTEST))) / 3
         return distance(3 * ours.exp(), 3 * batch.target.expm1() ** (1 / 3), self.settings.loss)
 

@@ -117,6 +117,7 @@ class Pyramids(nn.Module):
         found = []
         for name, pyramid in self.each.items():
             if name != "offset":
+                # A grid of half the resolution is one level coarser, so its own level is one less.
                 coarser = int(math.log2(FACTORS[name]))
                 own = (level - coarser).clamp(0, len(pyramid.levels) - 1)
                 found.append(pyramid.fetch(tables[name], uv, own))

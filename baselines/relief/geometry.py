@@ -73,7 +73,10 @@ class Surface(nn.Module):
         return found
 
     def _nearest(self, u: Tensor, v: Tensor) -> Tensor:
-        """Heights at u and v, of any one shape, within the margin around [0, 1)."""
+        """The nearest heights at u and v, of any one shape, within the margin around [0, 1); or anywhere, if it wraps.
+
+        The copy is read as one flat row, at row · columns + column.
+        """
         (rows, cols), (above, left) = self.fine, self.margin
         if self.wraps:
             row, col = ((1 - v) * rows).floor().int().remainder(rows), (u * cols).floor().int().remainder(cols)
@@ -95,13 +98,14 @@ class Surface(nn.Module):
         z = (self.high - step * torch.arange(VIEW_STEPS + 1, device=uv.device, dtype=uv.dtype))[:, None]  # (steps, 1)
         # How far the surface is above the ray, (steps, n): negative before the hit.
         over = self._nearest(*_along(uv, along, z)) - z  # queries last: reductions over steps are fast
-        # The first step that is not above the surface has the highest rank of all such steps.
+        # The first step at which the ray is not above the surface has the highest rank of all such steps.
         rank = torch.arange(VIEW_STEPS, 0, -1, device=uv.device, dtype=torch.uint8)[:, None]
         # The last step is at the lowest height, where only rounding can keep a ray from the surface.
         first = (VIEW_STEPS - ((over[1:] >= 0) * rank).amax(0, keepdim=True).long()).clamp_max(VIEW_STEPS - 1)
         upper, lower = z[first[0]], z[first[0] + 1]  # (n, 1), as their gaps; `first` is (1, n)
         upper_gap, lower_gap = over.gather(0, first).T.clamp_max(0), over.gather(0, first + 1).T.clamp_min(0)
         for _ in range(SECANTS):
+            # Where the gap would be 0 if it were a line between both; this point replaces the end on its own side.
             middle = lower + (upper - lower) * lower_gap / (lower_gap - upper_gap).clamp_min(1e-9)
             gap = sample_texture(self.height, wrapped(uv + along * middle)).to(uv.dtype) - middle
             inside = gap >= 0
@@ -118,6 +122,7 @@ class Surface(nn.Module):
         along = slope(wo, self.shape)
         rise = sample_texture(height[..., None], uv)  # (n, 1)
         with torch.no_grad():
+            # The change of height over one texel's width along the ray's direction on the plane.
             half = along / (2 * self.shape[1])
             ahead, behind = (sample_texture(self.height, wrapped(uv + move)) for move in (half, -half))
             facing = (1 - (ahead - behind) * self.shape[1]).clamp_min(LEAST_FACING)
@@ -151,7 +156,8 @@ def stepped(height: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     step = torch.maximum(height.new_tensor(STEP * LOWEST / height.shape[1]), (high - low) / (MOST_CODES - 2))
     codes = (height / step).round()
     least = codes.min()
-    codes, extent = codes - least, torch.stack([least * step, step])
+    codes = codes - least
+    extent = torch.stack([least * step, step])
     return codes, extent, restored(codes, extent)
 
 
@@ -203,5 +209,6 @@ def refined(costs: Tensor, heights: Tensor) -> Tensor:
     best = least(costs).clamp(1, len(heights) - 2)  # (1, H, W)
     below, at, above = (costs.gather(0, best + step)[0] for step in (-1, 0, 1))  # (H, W) each
     bend = (below - 2 * at + above).clamp_min(1e-9)
+    # The lowest place of the parabola, in steps of height, at most half a step from the cheapest.
     place = best[0] + (0.5 * (below - above) / bend).clamp(-0.5, 0.5)
     return (heights[0] + place * (heights[1] - heights[0])).cpu()

@@ -46,6 +46,7 @@ def refine(height: Tensor, slices: Tensor, views: Tensor) -> Tensor:
     for z in heights.tolist():
         moved = torch.cat([shifted(each, view, z) for each, view in zip(slices, views, strict=True)])
         left = moved.flatten(1) * weight - mean  # (N, H · W)
+        # What the components do not explain: the vectors without their projections on the orthonormal basis.
         costs.append((left - basis @ (basis.T @ left)).abs_().mean(0).reshape(height.shape))
     return refined(blurred(torch.stack(costs)), heights)
 
@@ -126,7 +127,10 @@ def find(btf: BTF, gain: float, fit: Fit) -> SweptHeight | None:
 
 
 def _swept(slices: Tensor, views: Tensor) -> Tensor:
-    """The height (H, W) at which views (V, 3) of slices (V, L, H, W) agree: a coarse sweep, a fine one, and a third."""
+    """The height (H, W) at which views (V, 3) of slices (V, L, H, W) agree.
+
+    A coarse sweep over all heights, a fine one over the range that it found, and `refine`.
+    """
     heights = torch.linspace(-REACH, REACH, HEIGHTS)
     low, high = (float(heights[int(i)]) for i in least(_costs(slices, views, heights)).aminmax())
     step = float(heights[1] - heights[0])
@@ -144,6 +148,7 @@ def _grid(layout: Layout) -> np.ndarray | None:
     """Pairs (V, L) of some views, the most frontal first, each with the same lights; None if there are too few."""
     pairs = np.full((len(layout.views), len(layout.lights)), -1)  # −1: not measured
     pairs[layout.view, layout.light] = np.arange(len(layout.view))
+    # The most frontal of the views that have two lights or more.
     front = int(np.argmax(np.where((pairs >= 0).sum(1) > 1, layout.views[:, 2], -1)))
     lights = np.flatnonzero(pairs[front] >= 0)
     lights = lights[thin(layout.lights[lights], min(MOST_LIGHTS, len(lights)))]
