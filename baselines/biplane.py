@@ -71,7 +71,8 @@ class BiplaneNetwork(SharedNetwork):
         weights: WeightPrecision = "half"  # precision of the stored decoder
 
     def train(self, btfs: Sequence[BTF], fit: Fit) -> Parts:
-        pool, decoder = Pool(btfs, self.settings.kept, fit), BiplaneDecoder(fit.generator())
+        pool = Pool(btfs, self.settings.kept, fit)
+        decoder = BiplaneDecoder(fit.generator())
         train(BiplaneObjective(pool, decoder, self.settings, fit.generator()), fit, self.settings.steps)
         return Parts(decoder=store_network(decoder, self.settings.weights))
 
@@ -99,7 +100,8 @@ class Biplane(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Fit planes and colours under the shared decoder. The file's part `decoder` is the plane over half vectors."""
-        network, gain = fit.shared(self.name), gain_of(btf, fit)
+        network = fit.shared(self.name)
+        gain = gain_of(btf, fit)
         decoder = load_network(BiplaneDecoder(), network.parts.decoder).requires_grad_(False)
         fitting = BiplaneObjective(Samples(btf, gain, fit), decoder, self.settings, fit.generator())
         train(fitting, fit, self.settings.steps)
@@ -115,7 +117,8 @@ class Biplane(Codec):
         if parts.network is None:
             raise ValueError("it names no shared network")
         decoder = load_network(BiplaneDecoder(), parts.network.parts.decoder)
-        texture, half = load_texture("texels", parts.texture), load_texture("half", parts.decoder)
+        texture = load_texture("texels", parts.texture)
+        half = load_texture("half", parts.decoder)
         if texture.shape[2] != FEATURES + COLOURS or half.shape[2] != FEATURES:
             raise ValueError(f"planes of {half.shape[2]} and {texture.shape[2]} channels")
         return BiplaneMaterial(decoder, texture, half, float(parts.other["gain"]), self.settings.difference).to(device)
@@ -180,7 +183,8 @@ class Pool(Samples):
             material += [number] * len(texel)
         self.device = fit.device
         self.table = torch.cat(abrdfs)  # (texels, PAIRS, 3)
-        self.texels, self.pairs = len(material), PAIRS
+        self.texels = len(material)
+        self.pairs = PAIRS
         self.material = torch.tensor(material, device=fit.device)
         self.trained = int((self.material < len(btfs)).sum())
         self.wo, self.wi = torch.cat(wo), torch.cat(wi)
@@ -202,7 +206,8 @@ class BiplaneObjective(TextureObjective):
         colours[:, MATRIX:] = torch.cat([samples.abrdfs(block).mean(1) for block in blocks]).cpu() - 0.5
         self.colours = nn.Parameter(colours)
         bits = getattr(settings, "bits", 32)  # nothing of a pool is stored
-        self.rounded_texels, self.rounded_planes = Rounding(FEATURES + COLOURS, bits), Rounding(FEATURES, bits)
+        self.rounded_texels = Rounding(FEATURES + COLOURS, bits)
+        self.rounded_planes = Rounding(FEATURES, bits)
         h, d = half_and_difference(samples.wo, samples.wi, settings.difference)
         corner, weight = texel_corners((SIDE, SIDE), places(h, SIDE))
         held = (material, corner, weight, d[:, :2], blurring(SIDE, settings.blur))
@@ -302,8 +307,11 @@ class BiplaneMaterial(Material):
         cost = DecoderCost.of_texture(texture, count, flops)
         cost = replace(cost, table_floats=half.numel())
         super().__init__((texture.shape[0], texture.shape[1]), cost)
-        self.decoder, self.texture, self.half = decoder, texture, half
-        self.gain, self.difference = gain, difference
+        self.decoder = decoder
+        self.texture = texture
+        self.half = half
+        self.gain = gain
+        self.difference = difference
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         h, d = half_and_difference(wo, wi, self.difference)

@@ -51,7 +51,9 @@ class ComponentsMaterial(Material):
 
     def __init__(self, texture: Tensor, interpolator: PairInterpolator, gain: float | None, cost: DecoderCost):
         super().__init__((texture.shape[0], texture.shape[1]), cost)
-        self.texture, self.interpolator, self.gain = texture, interpolator, gain
+        self.texture = texture
+        self.interpolator = interpolator
+        self.gain = gain
 
     def combined(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
         """Σ weight · components of pair · coefficients: (n, P), (n, P), (n, k + 1) → (n, 3)."""

@@ -58,7 +58,8 @@ class HSH(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Solve for all texels at once: the coefficients of a texel are those of red, then of green and of blue."""
-        gain, settings = gain_of(btf, fit), self.settings
+        gain = gain_of(btf, fit)
+        settings = self.settings
         counts = len(btf.layout.lights), len(btf.layout.views)
         # n bands are n² harmonics, of which there should be no more than directions.
         bands = [min(n, math.isqrt(count)) for n, count in zip((settings.lights, settings.views), counts, strict=True)]
@@ -107,7 +108,8 @@ class HSH(Codec):
         return torch.linalg.solve(normal, (weight * terms).T).float()
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        texture, bands = load_texture("coefficients", parts.texture), parts.other["bands"].tolist()
+        texture = load_texture("coefficients", parts.texture)
+        bands = parts.other["bands"].tolist()
         if texture.shape[2] != 3 * math.prod(n * n for n in bands) or max(bands) > MOST_BANDS:
             raise ValueError(f"{texture.shape[2]} coefficients a texel for {bands} bands")
         gain = float(parts.other["gain"]) if self.settings.domain == "log" else None
@@ -171,7 +173,10 @@ class HSHMaterial(Material):
         # Multiply and add each coefficient; a harmonic takes about six operations.
         flops = 2 * channels + channels // 3 + 6 * sum(n * n for n in bands)
         super().__init__((height, width), DecoderCost.of_texture(texture, flops=flops))
-        self.texture, self.bands, self.gain, self.cosine = texture, bands, gain, cosine
+        self.texture = texture
+        self.bands = bands
+        self.gain = gain
+        self.cosine = cosine
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         coefficients = sample_texture(self.texture, uv).to(wi.dtype).unflatten(1, (3, -1))

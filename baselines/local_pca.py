@@ -42,10 +42,12 @@ class LocalPCA(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Coefficients (H, W, k), each texel's cluster, and components (N, 3, clusters · (k + 1)), each mean first."""
-        gain, settings = gain_of(btf, fit), self.settings
+        gain = gain_of(btf, fit)
+        settings = self.settings
         mean, directions, points = reduced(btf, gain, max(SPANNED, settings.components), fit)
         found = local_components(points, settings.clusters, settings.components, fit.seed)
-        count, components = len(found.means), found.axes.shape[2]
+        count = len(found.means)
+        components = found.axes.shape[2]
         # The mean of each cluster is its first component, whose coefficient is 1.
         own = torch.cat([torch.from_numpy(found.means)[..., None], torch.from_numpy(found.axes)], 2)
         table = directions @ own.movedim(0, 1).flatten(1)  # (3 · pairs, clusters · (components + 1))
@@ -76,7 +78,8 @@ class LocalPCA(Codec):
         )
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        texture, table = load_texture("coefficients", parts.texture), load_texture("components", parts.decoder)
+        texture = load_texture("coefficients", parts.texture)
+        table = load_texture("components", parts.decoder)
         count = int(parts.other["count"])
         height, width, components = texture.shape
         if count < 1 or table.ndim != 3 or table.shape[2] != count * (components + 1):
@@ -141,7 +144,8 @@ class LocalPCAMaterial(Material):
     """
 
     def __init__(self, label: Tensor, texture: Tensor, table: Tensor, interpolator: PairInterpolator, gain: float):
-        pairs, components = len(table), texture.shape[2]
+        pairs = len(table)
+        components = texture.shape[2]
         row = 3 * (components + 1)  # numbers that a cluster has of a pair
         cost = DecoderCost(
             texture_channels=components + 1,
@@ -151,10 +155,13 @@ class LocalPCAMaterial(Material):
             bytes_per_sample=4 * (4 * (components + interpolator.reads * row) + label.element_size()),
         )
         super().__init__((texture.shape[0], texture.shape[1]), cost)
-        self.label, self.coefficients, self.pairs = label, texture.flatten(0, 1), pairs
+        self.label = label
+        self.coefficients = texture.flatten(0, 1)
+        self.pairs = pairs
         # (clusters · N, 3 · (k + 1)): a row for each pair of a cluster, one cluster after the other.
         self.table = table.unflatten(2, (-1, components + 1)).permute(2, 0, 1, 3).flatten(0, 1).flatten(1).contiguous()
-        self.interpolator, self.gain = interpolator, gain
+        self.interpolator = interpolator
+        self.gain = gain
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """Each of the four texels is decoded by its own cluster; their log radiances are mixed."""

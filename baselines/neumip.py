@@ -147,7 +147,8 @@ class NeuMIPObjective(Objective):
     def _levels(self, finest: Tensor, generator: torch.Generator) -> Tensor:
         """The first latents of all levels: box averages of the finest ones, or random as they are."""
         if self.settings.start == "random":
-            count, channels = sum(self.pyramid.counts[1:]), finest.shape[1]
+            count = sum(self.pyramid.counts[1:])
+            channels = finest.shape[1]
             return torch.cat([finest, RANDOM_SPREAD * torch.randn(count, channels, generator=generator)])
         picture = finest.T.unflatten(1, self.samples.shape)  # (C, H, W)
         levels = (functional.adaptive_avg_pool2d(picture, size) for size in self.pyramid.levels)
@@ -164,8 +165,13 @@ class NeuMIPObjective(Objective):
         return [*networks, {"params": textures, "lr": settings.rate}]
 
     def blurred(self, progress: float) -> tuple[Tensor, Tensor | None]:
-        """The table and the offset texture as they are looked up at some progress of the fit."""
-        sigma = max(LAST_BLUR, FIRST_BLUR * math.exp(-FADING * progress)) if self.settings.blur else LAST_BLUR
+        """The table and the offset texture as they are looked up at some progress of the fit, from 0 to 1.
+
+        A level of half as many texels a side is blurred by half as many of them.
+        """
+        sigma = LAST_BLUR
+        if self.settings.blur:
+            sigma = max(LAST_BLUR, FIRST_BLUR * math.exp(-FADING * progress))
         table: Tensor = self.table
         if self.settings.blur:
             levels = zip(table.split(self.pyramid.counts), self.pyramid.levels, strict=True)
@@ -190,7 +196,7 @@ class NeuMIPObjective(Objective):
         ours = answer(self.networks, self.pyramid, *self.textures(progress), queries)
         if self.settings.loss == "display":
             return self.distance(_log(ours), target, pair, progress)
-        squared, log, linear = LOSSES[self.settings.loss]
+        squared, log, linear = LOSSES[self.settings.loss]  # weights
         loss = squared * functional.mse_loss(_log(ours), target) + log * functional.l1_loss(_log(ours), target)
         return loss + linear * functional.l1_loss(ours, target.expm1()) / LOG_SCALE
 
@@ -229,7 +235,11 @@ class NeuMIPMaterial(Material):
             bytes_per_sample=reads * table.element_size(),
         )
         super().__init__(size, cost)
-        self.networks, self.pyramid, self.table, self.offset, self.gain = networks, pyramid, table, offset, gain
+        self.networks = networks
+        self.pyramid = pyramid
+        self.table = table
+        self.offset = offset
+        self.gain = gain
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         if self.offset is not None:
@@ -275,6 +285,7 @@ class NeuMIP(Codec):
                 raise InputError(f"codec neumip has 3 or 6 outputs, not {self.outputs}")
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Fit all levels, and store the pyramid and the offset's texture as they are looked up at the fit's end."""
         gain = gain_of(btf, fit)
         count = fitted_levels(btf, fit, level_count(btf.shape))
         levels = Samples.levels(btf, count, gain, fit)

@@ -75,6 +75,7 @@ class NeuralBTF(Codec):
             return Architecture(self.levels * self.channels + directions, (self.width,) * self.layers)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Fit the textures and the networks, and store each texture under its own name."""
         fitting = fitted(NeuralBTFObjective, self.settings, btf, fit)
         texture: dict[str, Tensor] = {}
         for name, values in fitting.free.items():
@@ -161,7 +162,8 @@ class NeuralBTFObjective(TextureObjective):
     def answer(self, batch: Batch) -> Tensor:
         """The network's output at the texels and pairs of a batch."""
         textures = [self.roundings[name](values) for name, values in self.free.items()]
-        uv, wo = self.samples.centres(batch.texel), self.samples.wo[batch.pair]
+        uv = self.samples.centres(batch.texel)
+        wo = self.samples.wo[batch.pair]
         return self.network(textures, uv, wo, self.directions.index_select(0, batch.pair))
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
@@ -172,7 +174,8 @@ class NeuralBTFObjective(TextureObjective):
         if not self.settings.relative:
             return super().loss(generator, progress)
         batch = self.samples.draw(self.settings.batch, generator)
-        ours, target = self.answer(batch), batch.target.expm1() / LOG_SCALE
+        ours = self.answer(batch)
+        target = batch.target.expm1() / LOG_SCALE
         return ((ours - target).square() / (ours.detach().square() + DARK)).mean()
 
 
@@ -181,7 +184,8 @@ def first_textures(samples: Samples, settings: NeuralBTF.Settings, generator: to
 
     Further components are at the coarser levels. As published: nearly 0, and 0 in the offset.
     """
-    sizes, channels = names(settings, samples.shape), settings.channels
+    sizes = names(settings, samples.shape)
+    channels = settings.channels
     if settings.start == "random":
         textures = {}
         for name, size in sizes.items():
@@ -213,7 +217,8 @@ class NeuralBTFMaterial(Material):
             bytes_per_sample=4 * channels * textures[0].element_size(),
         )
         super().__init__(size, cost)
-        self.networks, self.gain = networks, gain
+        self.networks = networks
+        self.gain = gain
         for place, texture in enumerate(textures):  # as attributes, which `Material.to` finds
             setattr(self, f"texture{place}", texture)
         self.count = len(textures)

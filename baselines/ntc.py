@@ -78,6 +78,7 @@ class NTC(Codec):
             )
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Fit both grids and the network, and store the grids' codes, row by row, a few bits each."""
         bits = self.settings.bits
         fitting = fitted(NTCObjective, self.settings, btf, fit)
         packed = (pack_bits(codes_of(grid, bits).flatten(), bits) for grid in fitting.free)
@@ -85,13 +86,15 @@ class NTC(Codec):
         return fitting.parts(texture, size=torch.tensor(btf.shape, dtype=torch.int32))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        settings, bits = self.settings, self.settings.bits
+        settings = self.settings
+        bits = self.settings.bits
         network = load_network(Decoder(settings.architecture), parts.decoder)
         size = tuple(parts.other["size"].tolist())
         grids = []
         for name, (rows, cols) in zip(GRIDS, sizes(size, settings.reduction), strict=True):
             packed = parts.texture[name]
             count = rows * cols * getattr(settings, name)
+            # The bytes of all codes, rounded up.
             if min(size) < 1 or packed.shape != ((count * bits + 7) // 8,):
                 raise InputError(f"its {name} grid does not fit {size[0]} × {size[1]} texels: encode it again")
             grids.append(values_of(unpack_bits(packed, count, bits), bits).reshape(rows * cols, -1))
@@ -221,7 +224,8 @@ class NTCMaterial(Material):
     ):
         architecture = network.architecture
         fine, coarse = grids
-        channels, floats = fine.shape[1] + coarse.shape[1], fine.numel() + coarse.numel()
+        channels = fine.shape[1] + coarse.shape[1]
+        floats = fine.numel() + coarse.numel()
         # Of four texels: the network, four points of the coarser grid, and three colours to be mixed.
         flops = 4 * (architecture.flops + 2 * 4 * coarse.shape[1] + 6)
         cost = DecoderCost(
@@ -232,8 +236,12 @@ class NTCMaterial(Material):
             bytes_per_sample=4 * 4 * channels * fine.element_size(),
         )
         super().__init__((size[0], size[1]), cost)
-        self.network, self.fine, self.coarse, self.gain = network, fine, coarse, gain
-        self.reader, self.directions = Reader(size, settings.reduction), settings.directions
+        self.network = network
+        self.fine = fine
+        self.coarse = coarse
+        self.gain = gain
+        self.reader = Reader(size, settings.reduction)
+        self.directions = settings.directions
 
     def at_one_texel(self) -> Material:
         """As published: one network a query, by stochastic filtering."""

@@ -123,7 +123,8 @@ class PCAMaterial(ComponentsMaterial):
     """Coefficients (H, W, k) bilinear over texels, eigen-ABRDFs (N, 3, k + 1) interpolated over directions."""
 
     def __init__(self, texture: Tensor, table: Tensor, interpolator: PairInterpolator, gain: float | None):
-        components, row = texture.shape[2], table[0].numel()
+        components = texture.shape[2]
+        row = table[0].numel()
         cost = DecoderCost(
             texture_channels=components,
             texture_floats=texture.numel(),

@@ -86,7 +86,8 @@ class Levels(nn.Module):
         first = first.long()
         (top, left), (bottom, right) = first.remainder(size).unbind(1), (first + 1).remainder(size).unbind(1)
         down, across = shares.unbind(1)
-        start, width = self.starts[level], size[:, 1]
+        start = self.starts[level]
+        width = size[:, 1]
         upper, lower = start + top * width, start + bottom * width
         index = torch.stack([upper + left, upper + right, lower + left, lower + right], 1)
         upper_share, left_share = 1 - down, 1 - across

@@ -182,7 +182,10 @@ class RainerMaterial(Material):
         flops = shape.flops + 6  # and three multiply-adds with mean and deviation
         cost = DecoderCost.of_texture(texture, shape.parameters, flops)
         super().__init__((texture.shape[0], texture.shape[1]), cost)
-        self.decoder, self.texture, self.gain, self.directions = decoder, texture, gain, directions
+        self.decoder = decoder
+        self.texture = texture
+        self.gain = gain
+        self.directions = directions
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         rows = sample_texture(self.texture, uv)

@@ -47,6 +47,7 @@ class SVBRDF(Codec):
         loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Fit the maps, and store their codes (H, W, 7), eight bits each, and the factor on the radiance."""
         fitting = fitted(MapsObjective, self.settings, btf, fit)
         codes = codes_of(fitting.maps(fitting.free.detach())).reshape(*btf.shape, STORED)
         other = {"scale": fitting.scale.detach().exp().cpu(), "size": torch.tensor(btf.shape, dtype=torch.int32)}
@@ -144,7 +145,9 @@ class MapsMaterial(Material):
 
     def __init__(self, codes: Tensor, scale: float):
         size = (codes.shape[0], codes.shape[1])
-        self.codes, self.pyramid, self.scale = codes.to(torch.uint8), Pyramid(size), scale
+        self.codes = codes.to(torch.uint8)
+        self.pyramid = Pyramid(size)
+        self.scale = scale
         self.table = table = self.pyramid.table(maps_of(codes.flatten(0, 1)))
         read = 8 * CHANNELS  # of four texels at two levels
         cost = DecoderCost(

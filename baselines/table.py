@@ -46,7 +46,9 @@ class TableMaterial(Material):
             bytes_per_sample=reads * values.element_size(),
         )
         super().__init__((height, width), cost)
-        self.values, self.interpolator, self.scale = values.reshape(-1, channels), interpolator, scale
+        self.values = values.reshape(-1, channels)
+        self.interpolator = interpolator
+        self.scale = scale
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """The weighted sum of four texels at each of P pairs.

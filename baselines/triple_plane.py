@@ -78,7 +78,8 @@ class TriplePlane(Codec):
     def decode(self, parts: Parts, device: torch.device) -> Material:
         network = load_network(Decoder(self.settings.architecture), parts.decoder)
         planes = list(load_texture("planes", parts.decoder))
-        texture, gain = load_texture("latents", parts.texture), float(parts.other["gain"])
+        texture = load_texture("latents", parts.texture)
+        gain = float(parts.other["gain"])
         return TriplePlaneMaterial(network, texture, planes, gain, self.settings.difference).to(device)
 
 
@@ -126,14 +127,18 @@ class TriplePlaneMaterial(Material):
     """A texture (H, W, C) of latents, planes (S, S, C) over half and difference vector, and the network."""
 
     def __init__(self, network: Decoder, texture: Tensor, planes: list[Tensor], gain: float, difference: Difference):
-        architecture, channels = network.architecture, texture.shape[2]
+        architecture = network.architecture
+        channels = texture.shape[2]
         if any(plane.shape[2] != channels for plane in planes) or 3 * channels != architecture.inputs:
             raise ValueError(f"planes of {channels} channels for a network of {architecture.inputs} inputs")
         flops = architecture.flops + 2 * 8 * channels  # and four texels of each plane over directions
         cost = DecoderCost.of_texture(texture, architecture.parameters, flops)
         cost = replace(cost, table_floats=sum(plane.numel() for plane in planes))
         super().__init__((texture.shape[0], texture.shape[1]), cost)
-        self.network, self.texture, self.gain, self.difference = network, texture, gain, difference
+        self.network = network
+        self.texture = texture
+        self.gain = gain
+        self.difference = difference
         self.half, self.diff = planes
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:

@@ -59,7 +59,8 @@ class Tucker(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Coefficients (H, W, K), bases of views and lights, and the core (J, M, 3, K + 1), the mean's slice first."""
-        settings, layout = self.settings, btf.layout
+        settings = self.settings
+        layout = btf.layout
         gain = gain_of(btf, fit)
         level = gain if settings.domain == "log" else None
         factors = principal(btf, fit, level, OVERSAMPLED * settings.components, PASSES)
@@ -89,7 +90,8 @@ class Tucker(Codec):
         )
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        texture, core = load_texture("coefficients", parts.texture), load_texture("core", parts.decoder)
+        texture = load_texture("coefficients", parts.texture)
+        core = load_texture("core", parts.decoder)
         view, light = unpack("view", parts.decoder), unpack("light", parts.decoder)
         layout = unpack_layout(parts.other)
         index = _modes(layout)
@@ -166,9 +168,10 @@ def rounding_with_zero(values: Tensor, bits: int) -> Rounding:
     """
     rounding = Rounding(values.shape[-1], max(8, bits)).to(values.device)
     low, high = torch.aminmax(values.flatten(0, -2), dim=0)
-    step = ((high - low) / 254).clamp_min(1e-12)  # of 255 steps, one is left for `low` to move
-    for ours, chosen in ((rounding.low, (low / step).floor() * step), (rounding.step, step)):
-        ours.copy_(chosen)
+    # `low` becomes a multiple of the step, so that 0 is a level, too. It may fall by up to a step: of 255, one is left.
+    step = ((high - low) / 254).clamp_min(1e-12)
+    rounding.low.copy_((low / step).floor() * step)
+    rounding.step.copy_(step)
     rounding.bits.fill_(8)
     return rounding
 
@@ -179,7 +182,8 @@ class TuckerMaterial(ComponentsMaterial):
     def __init__(
         self, texture: Tensor, core: Tensor, modes: Sequence[Tensor], interpolator: PairInterpolator, gain: float | None
     ):
-        components, joined = texture.shape[2], core.shape[0] * core.shape[1]
+        components = texture.shape[2]
+        joined = core.shape[0] * core.shape[1]
         directions = interpolator.reads * (core.shape[0] + core.shape[1])
         cost = DecoderCost(
             texture_channels=components,

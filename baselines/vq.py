@@ -91,7 +91,8 @@ class VQ(Codec):
         index = [unpack_index(parts.texture[f"index{s}"], height * width, count) for s, count in enumerate(counts)]
         starts = torch.tensor(counts).cumsum(0) - torch.tensor(counts)
         rows = torch.stack(index, 1) + starts  # (texels, stages)
-        codebook, gain = load_texture("codebook", parts.decoder), float(parts.other["gain"])
+        codebook = load_texture("codebook", parts.decoder)
+        gain = float(parts.other["gain"])
         if min(counts) < 1 or len(codebook) != sum(counts):
             raise ValueError(f"a codebook of {len(codebook)} entries for stages of {counts}")
         interpolator = PairInterpolator(unpack_layout(parts.other, codebook.shape[1]))
@@ -114,9 +115,11 @@ class VQMaterial(Material):
             bytes_per_sample=4 * stages * rows.element_size() + values * codebook.element_size(),
         )
         super().__init__(size, cost)
-        self.rows, self.pairs = rows, codebook.shape[1]
+        self.rows = rows
+        self.pairs = codebook.shape[1]
         self.codebook = codebook.flatten(0, 1)  # (codes · N, 3)
-        self.interpolator, self.gain = interpolator, gain
+        self.interpolator = interpolator
+        self.gain = gain
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """The weighted sum of log radiance over four texels, all stages and some pairs, in one look-up."""

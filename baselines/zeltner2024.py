@@ -75,7 +75,8 @@ class Zeltner2024(Codec):
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         network = load_network(FramedNetwork(self.settings), parts.decoder)
-        texture, gain = load_texture("latents", parts.texture), float(parts.other["gain"])
+        texture = load_texture("latents", parts.texture)
+        gain = float(parts.other["gain"])
         return Zeltner2024Material(network, texture, gain).to(device)
 
 
@@ -159,7 +160,9 @@ class Zeltner2024Material(Material):
         flops = architecture.flops + (frames.flops(network.directions) if frames else 0)
         count = sum(p.numel() for p in network.parameters())
         super().__init__((texture.shape[0], texture.shape[1]), DecoderCost.of_texture(texture, count, flops))
-        self.network, self.texture, self.gain = network, texture, gain
+        self.network = network
+        self.texture = texture
+        self.gain = gain
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         outputs = self.network(sample_texture(self.texture, uv), wo, wi)

@@ -62,7 +62,8 @@ class Material:
 
     def __repr__(self) -> str:
         height, width = self.size
-        cost, dtype = self.cost, str(self.dtype).removeprefix("torch.")
+        cost = self.cost
+        dtype = str(self.dtype).removeprefix("torch.")
         numbers = f"{cost.texture_channels} texture channels, {cost.parameters:,} parameters"
         return f"<{type(self).__name__}: {height} × {width} texels, {numbers}, {dtype}, {self.device}>"
 

@@ -64,7 +64,8 @@ class Surface(nn.Module):
         v = 1 - (torch.arange(-above, rows + above, device=device) + 0.5) / rows
         u = (torch.arange(-left, cols + left, device=device) + 0.5) / cols
         found = self.height.new_empty(len(v), len(u))
-        tall, wide = max(1, BLOCK // len(u)), min(BLOCK, len(u))
+        tall = max(1, BLOCK // len(u))
+        wide = min(BLOCK, len(u))
         for row, col in itertools.product(range(0, len(v), tall), range(0, len(u), wide)):
             part = found[row : row + tall, col : col + wide]
             # (rows, columns, 2); reversed, because v goes with the rows, but u comes first.
@@ -79,7 +80,8 @@ class Surface(nn.Module):
         """
         (rows, cols), (above, left) = self.fine, self.margin
         if self.wraps:
-            row, col = ((1 - v) * rows).floor().int().remainder(rows), (u * cols).floor().int().remainder(cols)
+            row = ((1 - v) * rows).floor().int().remainder(rows)
+            col = (u * cols).floor().int().remainder(cols)
             return self.padded.flatten().take((row * cols + col).long())
         col = (u * cols + left).int()
         row = ((1 - v) * rows + above).int()
@@ -162,12 +164,13 @@ def stepped(height: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
 
 def restored(codes: Tensor, extent: Tensor) -> Tensor:
-    """The height (H, W) of its codes, and of its lowest value and step (2,)."""
+    """The height (H, W) of codes (H, W), given the lowest height and the step, `extent` (2,)."""
     return codes * extent[1] + extent[0]
 
 
 def smoothed(picture: Tensor) -> Tensor:
     """A periodic picture (H, W) blurred with σ = 1 texel: neighbours share the few samples that move a height."""
+    # Twice (1, 2, 1) / 4 along each side, whose variance is ½ texel² each time.
     for axis in (0, 1, 0, 1):
         picture = (picture.roll(1, axis) + 2 * picture + picture.roll(-1, axis)) / 4
     return picture
@@ -176,8 +179,9 @@ def smoothed(picture: Tensor) -> Tensor:
 def shifted(slices: Tensor, view: Tensor, z: float) -> Tensor:
     """The values of surface points in slices (L, H, W) of a view (3,), if all points have the height z."""
     x, y, up = view.tolist()
-    # In texels, which are square; rows count downwards, y upwards.
-    cols, rows = -z * x / up * slices.shape[2], z * y / up * slices.shape[2]
+    # In texels, which are square: a unit of height is W of them. Rows count downwards, y upwards.
+    cols = -z * x / up * slices.shape[2]
+    rows = z * y / up * slices.shape[2]
     return _moved(_moved(slices, rows, axis=1), cols, axis=2)
 
 

@@ -29,7 +29,8 @@ from bench.files.atomic import cache_dir
 from bench.inputs.errors import InputError
 
 # The `source` of a provenance. These words are part of fingerprints, so they stay, however our packages are called.
-RENDERED, BAKED = "rendered by bench.materials", "baked from maps by bench.bake"
+RENDERED = "rendered by bench.materials"
+BAKED = "baked from maps by bench.bake"
 MANY_TEXELS = 4_096  # that are read at once: more are picked out of whole slices
 Array = np.ndarray
 

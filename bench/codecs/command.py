@@ -175,7 +175,8 @@ class ProgramMaterial(Material):
                 raise CodecError(f"{words[0]}: cannot be started ({error.strerror})") from error
         assert self.process.stdin
         assert self.process.stdout
-        self.asks, self.answers = self.process.stdin, self.process.stdout
+        self.asks = self.process.stdin
+        self.answers = self.process.stdout
         # The program ends when nothing refers to this material any more, or when Python ends.
         weakref.finalize(self, _end, self.process, scratch)
 

@@ -96,6 +96,7 @@ def naming_faults(codec: Codec, encode: Encode | None = None) -> Encode:
     """
 
     def named(btf: BTF, fit: Fit) -> Parts:
+        """Make the parts of a file as the codec does, or raise the error that names it."""
         try:
             make_parts = encode or codec.encode
             return make_parts(btf, fit)

@@ -147,9 +147,9 @@ def first_line(module: str, class_name: str = "") -> str:
 
 
 def current_versions(codec: str, recipe: str = "") -> dict[str, int]:
-    """The installed version of a codec, or of its recipe if that has its own, and of the store of textures, as a fit
-    key names them; read from the source.
+    """The installed `version` of a codec, and that of the `store` of textures, as a fit key names them.
 
+    If the recipe has a version of its own, `version` is that. Both are read from the source.
     Empty if no such codec is installed, or if its source does not state its version as a number.
     """
     entry = codec_entries().get(codec)

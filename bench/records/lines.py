@@ -212,10 +212,7 @@ def load_together(
                 # Under a name that no other job has.
                 together.jobs.put((number, job["job"]), job)
                 continue
-            known = together.job(job["job"]) or {}
-            mine = job.get("score_key", {}).get("btf")
-            theirs = known.get("score_key", {}).get("btf")
-            if mine and theirs and mine != theirs:
+            if _of_other_data(job, together.job(job["job"])):
                 if beside and job["job"] in together.published and paths[number].suffix != ".jsonl":
                     aside.add(job["job"])
                     other = f"{job['job']}, other data of {run.folder.name}"
@@ -231,6 +228,13 @@ def load_together(
                 together.timings.put(timing["job"], timing)
         together.unreadable.extend(run.unreadable)
     return together
+
+
+def _of_other_data(job: Job, known: Job | None) -> bool:
+    """Whether a job and the known one of its name were measured on different data; False if either does not say."""
+    mine = job.get("score_key", {}).get("btf")
+    theirs = known.get("score_key", {}).get("btf") if known else None
+    return bool(mine and theirs and mine != theirs)
 
 
 def _with_whole_paths(job: Job, folder: Path) -> Job:

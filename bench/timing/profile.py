@@ -81,7 +81,7 @@ def _call(material: Material, condition: Condition) -> Callable[[], Any] | None:
             return partial(material.query, *queries)
         case "evaluate":
             return partial(_chunks, material.evaluate, queries, material.chunk)
-    decoders = networks(material)
+    decoders = networks(material)  # of the part `decoder`
     inputs = [torch.randn(condition.batch, net.architecture.inputs, device=material.device) for net in decoders]
     if not decoders:
         return None
