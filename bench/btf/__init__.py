@@ -48,6 +48,7 @@ def finite(values: Array, label: str) -> Array:
     good = np.isfinite(values)
     if good.all():
         return values
+    # The indices of the first bad value, one for each axis.
     place = ", ".join(str(int(i)) for i in np.argwhere(~good)[0])
     count = int(good.size - np.count_nonzero(good))
     raise NotFiniteError(
@@ -110,7 +111,7 @@ class Source:
 
     @cached_property
     def _scratch(self) -> Array:
-        """The memory-mapped copy for scattered reads; it is made at the first use."""
+        """The memory-mapped copy (blocks, H · W, pairs of a block, 3) for scattered reads, made at the first use."""
         # Files named `…-blocks.npy` are older, and may hold dim values in too few bits.
         path = cache_dir() / "scratch" / f"{self.digest[:32]}-copy.npy"
         return scratch.opened(path, self.slice, self.count, self.shape)

@@ -59,6 +59,7 @@ class Programs(Codec):
     def digest(self) -> str:
         """A hash of the programs and of every file that their command lines name: their files depend on these."""
         digest = hashlib.sha256()
+        # Words of a command line may be names of files, or of programs that the system finds; others count by name.
         for word in shlex.split(f"{self.settings.encode} {self.settings.decode}"):
             digest.update(word.encode() + b"\0")
             place = Path(shutil.which(word) or word)

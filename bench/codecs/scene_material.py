@@ -28,6 +28,7 @@ class SceneMaterial(Wrapped):
         if inner.size != tuple(side // window.factor for side in window.sides):
             raise ValueError(f"a window of {window.sides} texels over {window.factor} is not {inner.size}")
         super().__init__(inner)
+        # Of the whole texture, in boxes of texels, since queries are for the whole.
         self.size = height // window.factor, width // window.factor
         self.window = window
         self.name = name

@@ -17,10 +17,11 @@ import numpy as np
 from bench.inputs.errors import InputError, readable, refuse_pipe
 
 Array = np.ndarray
-MAX_FILE = 1 << 29
-LEAST = 1 << 26  # an inflated entry may have so many bytes, or
-RATIO = 64  # so many times its compressed bytes
-STEP = 1 << 16
+MAX_FILE = 1 << 29  # the most bytes of an inflated entry: 512 MiB
+# Below that, an inflated entry may have `LEAST` bytes, or `RATIO` times its compressed bytes if that is more.
+LEAST = 1 << 26
+RATIO = 64
+STEP = 1 << 16  # compressed bytes inflated at once
 _LOCAL = 30  # bytes before an entry's name
 
 

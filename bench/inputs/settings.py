@@ -63,7 +63,8 @@ BatchSize = Annotated[int, Range(1, 1 << 22)]
 # later has it, so that files without the new feature stay what they were.
 IF_SET = {"written": "if set"}
 
-WORD, TOML = 1 << 12, 1 << 20  # the most characters of a word, and bytes of a file of settings
+WORD = 1 << 12  # the most characters of a word
+TOML = 1 << 20  # the most bytes of a file of settings
 WHOLE = 1 << 53  # larger whole numbers are not exact as floats
 
 _WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
@@ -201,7 +202,7 @@ def _require(condition: bool) -> None:
 
 def _parts(kind: Any) -> tuple[Any, Range]:
     """The type of a field without None, and its range."""
-    if get_origin(kind) is UnionType:
+    if get_origin(kind) is UnionType:  # `X | None`
         kind = next(each for each in get_args(kind) if each is not NoneType)
     if get_origin(kind) is not Annotated:
         return kind, Range()

@@ -131,6 +131,7 @@ OPERATIONS |= {name: _decides(formula) for name, formula in TRUTHS.items()}
 
 @operation("relu", "leaky_relu")
 def _relu(m: Backend, step: Step, source: Value, slope: float = 0.01) -> Array:
+    """Numbers below 0 times a slope, or 0 for `relu`; others unchanged."""
     # The larger of x and slope · x (of x and 0 for `relu`): x where it is positive, for a slope of at most 1.
     lower = _each(m, step, FORMULAS["mul"], source, slope) if step.operation == "leaky_relu" else 0
     return _each(m, step, FORMULAS["maximum"], source, lower).items
@@ -205,7 +206,7 @@ def _slice(
 def _pad(m: Backend, step: Step, source: Value, pads: list[int], value: float = 0.0) -> Array:
     """A tensor with constants around it; `pads` has the counts before and after it, for the last axis first."""
     sides = [(0, 0)] * source.items.ndim
-    for k in range(len(pads) // 2):
+    for k in range(len(pads) // 2):  # counted from the last axis on
         sides[-1 - k] = (pads[2 * k], pads[2 * k + 1])
     return np.pad(source.items.astype(object), sides, constant_values=value)
 
@@ -252,11 +253,14 @@ def _sum(m: Backend, step: Step, source: Value, axes: Any = None, *_: Any) -> li
 
 @operation("mean")
 def _mean(m: Backend, step: Step, source: Value, axes: Any = None, *_: Any) -> list[Scalar]:
+    """Means over some axes, or over all."""
+    # The formula is "({0}) / COUNT": doubled braces stand for single ones here.
     return [m.total(row, f"({{0}}) / {float(len(row))}") for row in _rows(source.items, axes)]
 
 
 @operation("linalg_vector_norm")
 def _norm(m: Backend, step: Step, source: Value, order: float, axes: Any = None, *_: Any) -> list[Scalar]:
+    """Euclidean lengths over some axes, or over all."""
     if order != 2:
         raise m.cannot(f"do a norm of order {order}")
     return m.lengths(source.items, lambda items: _rows(items, axes))
@@ -264,6 +268,7 @@ def _norm(m: Backend, step: Step, source: Value, order: float, axes: Any = None,
 
 @operation("amin", "amax")
 def _extreme(m: Backend, step: Step, source: Value, axes: Any = None, *_: Any) -> list[Scalar]:
+    """The smallest or the largest number over some axes, or over all."""
     formula = FORMULAS["minimum" if step.operation == "amin" else "maximum"]
     return [_folded(m, formula, row, step.kind) for row in _rows(source.items, axes)]
 
@@ -275,6 +280,7 @@ def _any_or_all(m: Backend, step: Step, source: Value, axes: Any = None, *_: Any
         raise m.cannot("ask whether any or all of some numbers are other than 0")
     rows = _rows(source.items, axes)
     sign = " || " if step.operation == "any" else " && "
+    # "{0} || {1} || {2} …", with as many arguments as a row has numbers.
     formula = sign.join(f"{{{k}}}" for k in range(len(rows[0])))
     # `each` takes all first arguments, then all second ones.
     columns = [list(column) for column in zip(*rows, strict=True)]

@@ -61,7 +61,10 @@ def field_kind(hint: Any) -> Kind:
 
 
 def fault(record: Mapping[str, Any]) -> str:
-    """The first wrong field of a record, and what it must be; "" if all are right."""
+    """The first wrong field of a record, and what it must be; "" if all are right.
+
+    A job with a result needs its numbers, and one that failed its error.
+    """
     needed: tuple[str, ...] = ()
     if record["kind"] == "job" and "status" in record:
         needed = _MEASURED if record["status"] == "ok" else ("error",)

@@ -43,7 +43,7 @@ def shown_label(job: Job) -> str:
     label = str(job.get("label", job["job"]))
     if job.get("settings", {}).get("recipe") != "ours" or "recipe=" in label:
         return label
-    words = label.split()
+    words = label.split()  # the codec, then settings
     return " ".join([*words[:1], "(our recipe)", *words[1:]])
 
 

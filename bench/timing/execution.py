@@ -114,6 +114,7 @@ def _replaced(material: Material, make: Callable[[Decoder], nn.Module]) -> int:
         for module in root.modules():
             for name, child in module.named_children():
                 held.append((module, name, child))
+    # Replaced only now, since a loop over modules must not change them.
     count = 0
     for holder, name, value in held:
         if isinstance(value, Decoder):

@@ -48,6 +48,7 @@ def conditions(batches: tuple[int, ...], all_threads: int, batch: int = BATCH) -
     others += [replace(common, coherent=True)]
     others += [replace(common, footprint=side) for side in FOOTPRINTS]
     others += [replace(common, threads=all_threads)]
+    # Each once: one of the others may equal the common one.
     return list(dict.fromkeys([common, *others]))
 
 
