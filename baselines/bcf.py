@@ -84,6 +84,7 @@ def across(size: tuple[int, ...]) -> tuple[int, int]:
 
 def members(size: tuple[int, int]) -> Tensor:
     """The texel (B, 16) of each place in each block of a picture (H, W), which repeats beyond its borders."""
+    # Rows and columns that whole blocks cover; those beyond the border are the first ones again.
     row, col = (torch.arange(count * bc1.SIDE) % side for count, side in zip(across(size), size, strict=True))
     texel = row[:, None] * size[1] + col  # (rows · 4, columns · 4)
     blocks = texel.unflatten(1, (-1, bc1.SIDE)).unflatten(0, (-1, bc1.SIDE))  # (rows, 4, columns, 4)

@@ -162,7 +162,11 @@ def coloured(answer: Tensor, colours: Tensor) -> Tensor:
 
 
 class Pool(Samples):
-    """Some texels of many BTFs, t of `material[t]`, which has `PAIRS` rows of `wo` and `wi`; `fit.unseen` come last."""
+    """Some texels of many BTFs; those of `fit.unseen` come last.
+
+    Texel t is of the material number `material[t]`. `wo` and `wi` have `PAIRS` rows for each material, one after the
+    other.
+    """
 
     def __init__(self, btfs: Sequence[BTF], most: int, fit: Fit):
         # `Samples.__init__` reads one BTF; this holds parts of several, of the same form.
@@ -174,7 +178,7 @@ class Pool(Samples):
         for number, btf in enumerate(fit.progress([*btfs, *fit.unseen], "materials")):
             texel = torch.randperm(btf.shape[0] * btf.shape[1], generator=generator)[:most].to(fit.device)
             order = torch.randperm(len(btf), generator=generator)
-            pair = order[torch.arange(PAIRS) % len(btf)]  # some twice, where there are fewer
+            pair = order[torch.arange(PAIRS) % len(btf)]  # repeated in turns, where there are fewer
             gain = gain_of(btf.subset(btf.split().train), fit)  # as when the material itself is encoded
             samples = Samples(btf, gain, fit)
             abrdfs += [samples.abrdfs(block)[:, pair].half() for block in texel.split(BLOCK)]

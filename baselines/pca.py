@@ -61,6 +61,7 @@ class PCA(Codec):
         texture = factors.coefficients.T.unflatten(0, btf.shape)  # (H, W, k)
         mean = factors.mean.reshape(-1, 3)  # (N, 3)
         basis = factors.basis.unflatten(0, (-1, 3))  # (N, 3, k)
+        # Some values, which tell how finely coefficients and components must be rounded.
         pairs, values = probed(btf, fit, level)
         known = mean[pairs].reshape(-1, 1)  # (3 · P, 1)
         rows = basis[pairs].flatten(0, 1)  # (3 · P, k)
@@ -93,6 +94,7 @@ class PCA(Codec):
         are kept. Against a reading of everything the error of a row grows by 0.6 %.
         """
         counts = ((len(btf), PART_PAIRS), (btf.shape[0] * btf.shape[1], PART_TEXELS))
+        # Some pairs and some texels at random, each in order.
         orders = (torch.randperm(count, generator=fit.generator())[:most] for count, most in counts)
         pairs, texels = (order.sort().values for order in orders)
         factors = self._of_all(btf.subset(pairs.numpy()), fit, gain, SPARE)
@@ -104,6 +106,7 @@ class PCA(Codec):
         for start in fit.progress(range(0, len(btf), PAIRS_AT_ONCE), "fitting each pair"):
             some = btf.subset(np.arange(start, min(start + PAIRS_AT_ONCE, len(btf))))
             values = torch.from_numpy(some.texels(*place)).flatten(1).to(fit.device)  # (texels, 3 · pairs)
+            # (k + 1, 3 · pairs), of radiance or of its logarithm.
             rows.append(solve @ (values if gain is None else values.clamp_min_(0).mul_(gain).log1p_()))
         table = torch.cat(rows, 1)  # (k + 1, 3 · N), the mean first
         return strongest(Factors(table[0], table[1:].T, factors.coefficients), self.settings.components)

@@ -111,7 +111,7 @@ class RainerSettings(NetworkSettings):
 
 
 class Fitted(TextureObjective):
-    """A decoder and the source of its latents; each texel's statistics are taken from the data."""
+    """The fit of a decoder, whatever makes its latents; each texel's statistics are taken from the data."""
 
     network: Decoder
     coordinates: Tensor  # (pairs, k): the decoder's inputs of each pair

@@ -103,6 +103,7 @@ class TriplePlaneObjective(TextureObjective):
         self.free = nn.Parameter(first)
         self.rounded_texture, self.rounded_planes = (Rounding(channels, settings.bits) for _ in range(2))
         uv = [places(w, side).cpu() for w in half_and_difference(samples.wo, samples.wi, settings.difference)]
+        # The indices of both planes, and the weights of both; then one tensor (N, 2, 4) of each.
         corners = zip(*(texel_corners((side, side), each) for each in uv), strict=True)
         texel, weight = (torch.stack(both, 1) for both in corners)
         texel += torch.tensor([[0], [side * side]])  # the second plane's rows follow those of the first

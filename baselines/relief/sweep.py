@@ -115,10 +115,12 @@ def find(btf: BTF, gain: float, fit: Fit) -> SweptHeight | None:
     grid = _grid(btf.layout)
     if grid is None:
         return None
+    # The view of each row of the grid is that of its first pair: (V, 3).
     views = torch.from_numpy(btf.layout.views[[int(btf.layout.view[row[0]]) for row in grid]]).float()
     slices = _read(btf, grid, gain, fit)
     halves = [[0, *range(start, len(views), 2)] for start in (1, 2)]  # the most frontal view is in both
     heights = [_swept(slices[half], views[half]) for half in halves]
+    # Each half's height is tested on the other half of the views.
     gains = []
     for height, half in zip(heights, halves[::-1], strict=True):
         plane, relief = (unexplained(each, slices[half], views[half]) for each in (torch.zeros_like(height), height))
@@ -132,6 +134,7 @@ def _swept(slices: Tensor, views: Tensor) -> Tensor:
     A coarse sweep over all heights, a fine one over the range that it found, and `refine`.
     """
     heights = torch.linspace(-REACH, REACH, HEIGHTS)
+    # The lowest and the highest of the texels' cheapest heights.
     low, high = (float(heights[int(i)]) for i in least(_costs(slices, views, heights)).aminmax())
     step = float(heights[1] - heights[0])
     heights = torch.linspace(low - step, high + step, HEIGHTS)
@@ -180,6 +183,7 @@ def _costs(slices: Tensor, views: Tensor, heights: Tensor) -> Tensor:
     weights = (views[1:, 2] / views[1:, 2].sum()).tolist()
     for i, z in enumerate(heights.tolist()):
         front = shifted(slices[0], views[0], z)
+        # Each (L, H, W); views count by their cosine, the sum of all weights being 1.
         for view, each, weight in zip(views[1:], slices[1:], weights, strict=True):
             apart = (shifted(each, view, z) - front).abs_().clamp_max_(TRUNCATION)
             costs[i].add_(apart.mean(0), alpha=weight)

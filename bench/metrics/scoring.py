@@ -137,8 +137,10 @@ class Scorer:
                 for start in range(0, len(pairs), step):
                     block = tuple(pairs[start : start + step].tolist())
                     test = np.stack([_decoded(decode_slice(i), (*self.btf.shape, 3), f"pair {i}") for i in block])
+                    # A cached reference stays, so the worker will find it.
                     truth = None if block in self._cached else np.stack([self.btf[i] for i in block])
                     waiting.append(pool.submit(self._compare, block, truth, test))
+                    # One stack more than workers may wait; then the oldest is waited for.
                     if len(waiting) > self.threads:
                         yield self._finish(waiting.popleft())
                 while waiting:

@@ -88,7 +88,7 @@ class Timing:
 
 def interval95(samples: np.ndarray) -> list[float]:
     """The bootstrap 95 % interval of the median of some samples (n,): its lower and upper end."""
-    # A thousand times as many samples are drawn from them, with repetition; the medians of these spread as the median.
+    # A thousand new sets of n are drawn from the samples, with repetition. Their medians spread as the median itself.
     drawn = np.random.default_rng(0).choice(samples, (1000, len(samples)))
     resampled = np.median(drawn, axis=1)
     return [float(x) for x in np.percentile(resampled, [2.5, 97.5])]
