@@ -16,11 +16,13 @@ PLACES = (11, 5, 0)  # lowest bit of each channel
 
 def widened(ends: Tensor) -> Tensor:
     """Colours (…, 3) of 5, 6, 5 bits as eight bits, int64."""
+    # The b bits move to the top of eight, and the highest 8 − b of them repeat below.
     return torch.stack([(c << (8 - b)) | (c >> (2 * b - 8)) for c, b in zip(ends.unbind(-1), BITS, strict=True)], -1)
 
 
 def between(first: Tensor, second: Tensor, step: Tensor) -> Tensor:
     """The colour (…, 3) of eight bits, int64, at steps (…,) 0 … 3 from `first` to `second` (…, 3)."""
+    # A third of the sum in whole numbers, rounded to the nearest by the + 1.
     step = step[..., None]
     return ((3 - step) * first + step * second + 1) // 3
 
@@ -28,13 +30,15 @@ def between(first: Tensor, second: Tensor, step: Tensor) -> Tensor:
 def write(ends: Tensor, steps: Tensor) -> Tensor:
     """Blocks (n, 8), uint8, of colours (n, 2, 3) of 5, 6, 5 bits and steps (n, 16), int64.
 
-    A block has four colours only if its first is the larger number, so they may change places; if equal, all take it.
+    A block has four colours only if its first is the larger number. So where it is the smaller, both change places and
+    steps run backwards; where both are equal, every texel takes the first.
     """
     colours = (ends << torch.tensor(PLACES)).sum(2)  # (n, 2): the bits of all channels in one number
     swapped = colours[:, :1] < colours[:, 1:]
     colours = torch.where(swapped, colours.flip(1), colours)
     steps = torch.where(swapped, 3 - steps, steps).masked_fill(colours[:, :1] == colours[:, 1:], 0)
-    bits = (torch.tensor(CODES)[steps] << (2 * torch.arange(16))).sum(1, keepdim=True)  # (n, 1), the first lowest
+    # (n, 1): two bits a texel in one number, those of the first texel lowest.
+    bits = (torch.tensor(CODES)[steps] << (2 * torch.arange(16))).sum(1, keepdim=True)
     words = torch.cat([colours, bits & 0xFFFF, bits >> 16], 1)  # (n, 4) of 16 bits
     return torch.stack([words & 255, words >> 8], 2).flatten(1).to(torch.uint8)  # (n, 4, 2), then (n, 8)
 
@@ -47,6 +51,7 @@ def read(blocks: Tensor) -> Tensor:
     low, high = blocks.long().unflatten(1, (4, 2)).unbind(2)  # (n, 4) each
     words = low | (high << 8)  # (n, 4) of 16 bits: two colours, then the codes of the texels
     colours = words[:, :2]
+    # Each channel shifted to the bottom, and its own 5 or 6 bits kept.
     ends = (colours[..., None] >> torch.tensor(PLACES)) & (2 ** torch.tensor(BITS) - 1)  # (n, 2, 3)
     first, second = widened(ends).unbind(1)  # (n, 3)
     # Eight codes a word, the lowest bits first: (n, 2, 8), then (n, 16).

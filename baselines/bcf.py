@@ -78,12 +78,13 @@ class BCF(Codec):
 
 
 def across(size: tuple[int, ...]) -> tuple[int, int]:
-    """The numbers of rows and columns of blocks that cover a picture (H, W)."""
+    """The numbers of rows and columns of blocks that cover a picture (H, W): its sides over 4, rounded up."""
     return -(-size[0] // bc1.SIDE), -(-size[1] // bc1.SIDE)
 
 
 def members(size: tuple[int, int]) -> Tensor:
     """The texel (B, 16) of each place in each block of a picture (H, W), which repeats beyond its borders."""
+    # Rows and columns that whole blocks cover; those beyond the border are the first ones again.
     row, col = (torch.arange(count * bc1.SIDE) % side for count, side in zip(across(size), size, strict=True))
     texel = row[:, None] * size[1] + col  # (rows · 4, columns · 4)
     blocks = texel.unflatten(1, (-1, bc1.SIDE)).unflatten(0, (-1, bc1.SIDE))  # (rows, 4, columns, 4)
@@ -111,7 +112,8 @@ class BCFObjective(DirectedObjective):
         self.ends = nn.Parameter(ends)
         block = torch.empty(samples.texels, dtype=torch.long)
         share = torch.empty(samples.texels, settings.textures)
-        # Backwards, so that a repeated texel keeps its first place.
+        # The block of each texel, and its share there. Backwards: a texel that several blocks hold is set by each in
+        # turn, so the first block stays.
         places = within.flatten().flip(0)  # (B · 16,)
         order = torch.arange(within.numel()).flip(0)
         block[places] = order // within.shape[1]

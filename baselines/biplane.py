@@ -71,7 +71,8 @@ class BiplaneNetwork(SharedNetwork):
         weights: WeightPrecision = "half"  # precision of the stored decoder
 
     def train(self, btfs: Sequence[BTF], fit: Fit) -> Parts:
-        pool, decoder = Pool(btfs, self.settings.kept, fit), BiplaneDecoder(fit.generator())
+        pool = Pool(btfs, self.settings.kept, fit)
+        decoder = BiplaneDecoder(fit.generator())
         train(BiplaneObjective(pool, decoder, self.settings, fit.generator()), fit, self.settings.steps)
         return Parts(decoder=store_network(decoder, self.settings.weights))
 
@@ -99,7 +100,8 @@ class Biplane(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Fit planes and colours under the shared decoder. The file's part `decoder` is the plane over half vectors."""
-        network, gain = fit.shared(self.name), gain_of(btf, fit)
+        network = fit.shared(self.name)
+        gain = gain_of(btf, fit)
         decoder = load_network(BiplaneDecoder(), network.parts.decoder).requires_grad_(False)
         fitting = BiplaneObjective(Samples(btf, gain, fit), decoder, self.settings, fit.generator())
         train(fitting, fit, self.settings.steps)
@@ -115,7 +117,8 @@ class Biplane(Codec):
         if parts.network is None:
             raise ValueError("it names no shared network")
         decoder = load_network(BiplaneDecoder(), parts.network.parts.decoder)
-        texture, half = load_texture("texels", parts.texture), load_texture("half", parts.decoder)
+        texture = load_texture("texels", parts.texture)
+        half = load_texture("half", parts.decoder)
         if texture.shape[2] != FEATURES + COLOURS or half.shape[2] != FEATURES:
             raise ValueError(f"planes of {half.shape[2]} and {texture.shape[2]} channels")
         return BiplaneMaterial(decoder, texture, half, float(parts.other["gain"]), self.settings.difference).to(device)
@@ -159,7 +162,11 @@ def coloured(answer: Tensor, colours: Tensor) -> Tensor:
 
 
 class Pool(Samples):
-    """Some texels of many BTFs, t of `material[t]`, which has `PAIRS` rows of `wo` and `wi`; `fit.unseen` come last."""
+    """Some texels of many BTFs; those of `fit.unseen` come last.
+
+    Texel t is of the material number `material[t]`. `wo` and `wi` have `PAIRS` rows for each material, one after the
+    other.
+    """
 
     def __init__(self, btfs: Sequence[BTF], most: int, fit: Fit):
         # `Samples.__init__` reads one BTF; this holds parts of several, of the same form.
@@ -171,7 +178,7 @@ class Pool(Samples):
         for number, btf in enumerate(fit.progress([*btfs, *fit.unseen], "materials")):
             texel = torch.randperm(btf.shape[0] * btf.shape[1], generator=generator)[:most].to(fit.device)
             order = torch.randperm(len(btf), generator=generator)
-            pair = order[torch.arange(PAIRS) % len(btf)]  # some twice, where there are fewer
+            pair = order[torch.arange(PAIRS) % len(btf)]  # repeated in turns, where there are fewer
             gain = gain_of(btf.subset(btf.split().train), fit)  # as when the material itself is encoded
             samples = Samples(btf, gain, fit)
             abrdfs += [samples.abrdfs(block)[:, pair].half() for block in texel.split(BLOCK)]
@@ -180,7 +187,8 @@ class Pool(Samples):
             material += [number] * len(texel)
         self.device = fit.device
         self.table = torch.cat(abrdfs)  # (texels, PAIRS, 3)
-        self.texels, self.pairs = len(material), PAIRS
+        self.texels = len(material)
+        self.pairs = PAIRS
         self.material = torch.tensor(material, device=fit.device)
         self.trained = int((self.material < len(btfs)).sum())
         self.wo, self.wi = torch.cat(wo), torch.cat(wi)
@@ -202,7 +210,8 @@ class BiplaneObjective(TextureObjective):
         colours[:, MATRIX:] = torch.cat([samples.abrdfs(block).mean(1) for block in blocks]).cpu() - 0.5
         self.colours = nn.Parameter(colours)
         bits = getattr(settings, "bits", 32)  # nothing of a pool is stored
-        self.rounded_texels, self.rounded_planes = Rounding(FEATURES + COLOURS, bits), Rounding(FEATURES, bits)
+        self.rounded_texels = Rounding(FEATURES + COLOURS, bits)
+        self.rounded_planes = Rounding(FEATURES, bits)
         h, d = half_and_difference(samples.wo, samples.wi, settings.difference)
         corner, weight = texel_corners((SIDE, SIDE), places(h, SIDE))
         held = (material, corner, weight, d[:, :2], blurring(SIDE, settings.blur))
@@ -227,6 +236,7 @@ class BiplaneObjective(TextureObjective):
         """The loss of one step, plus that of an equal share of the texels that the decoder does not learn from."""
         trained, texels, settings = self.samples.trained, self.samples.texels, self.settings
         loss = super().loss(generator, progress)
+        # As many more samples as there are more texels; none in the fit of one material.
         if count := math.ceil(settings.batch * (texels / trained - 1)):
             batch = self.samples.draw_unseen(count, generator)
             self.network.requires_grad_(False)
@@ -240,7 +250,9 @@ class BiplaneObjective(TextureObjective):
     def answers(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """The decoder's answers (n, 3) to a batch, and the matrices and offsets (n, 12) that colour them, rounded."""
         material = self.material[batch.texel]
-        row = batch.pair + material * PAIRS  # (n,), of `self.corner` and others
+        # (n,): the row of the pair in `self.corner`, `self.weight` and `self.d`, which hold the materials one after
+        # the other. A single material is number 0.
+        row = batch.pair + material * PAIRS
         corner = self.corner[row] + (material * SIDE**2)[:, None]  # (n, 4) texels of all materials' planes
         texels = self.rounded_texels(torch.cat([self.texture, self.colours], 1)).index_select(0, batch.texel)
         features, colours = texels.tensor_split([FEATURES], dim=1)
@@ -251,10 +263,12 @@ class BiplaneObjective(TextureObjective):
 
     @torch.no_grad()
     def stored_texture(self) -> Tensor:
-        """The texture (texels, 18) for the file; texels that their mean is nearer to hold it instead of colours.
+        """The texture (texels, 18) for the file: features, matrices and offsets.
 
-        Both are judged as the file holds them, in the steps that the fit has learned to bear: new steps for the means
-        would round every other texel anew. Only where the means of all texels are nearer do they get their own steps.
+        A texel keeps its colours, that is matrix and offset, unless its mean is nearer to its ABRDF; then it gets a
+        matrix of 0 and the mean as offset. Both are judged as rounded in the file, in the steps that the fit has
+        learned to bear: new steps for the means would round every other texel anew. Only if the exact means of all
+        texels are nearer are the means of all stored, in steps of their own.
         """
         pairs, device = self.samples.pairs, self.samples.device
         checked = torch.linspace(0, pairs - 1, min(pairs, CHECKED)).round().long().to(device)
@@ -297,8 +311,11 @@ class BiplaneMaterial(Material):
         cost = DecoderCost.of_texture(texture, count, flops)
         cost = replace(cost, table_floats=half.numel())
         super().__init__((texture.shape[0], texture.shape[1]), cost)
-        self.decoder, self.texture, self.half = decoder, texture, half
-        self.gain, self.difference = gain, difference
+        self.decoder = decoder
+        self.texture = texture
+        self.half = half
+        self.gain = gain
+        self.difference = difference
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         h, d = half_and_difference(wo, wi, self.difference)

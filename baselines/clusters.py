@@ -17,7 +17,11 @@ MOST_CODES = 65_536
 
 
 def reduced(btf: BTF, gain: float, components: int, fit: Fit) -> tuple[Tensor, Tensor, Array]:
-    """The mean (3 · pairs,) of log ABRDFs, principal directions (3 · pairs, k), and the texels (H · W, k) there."""
+    """The mean (3 · pairs,) of log ABRDFs, principal directions (3 · pairs, k), and the texels' places (H · W, k).
+
+    Distances between places are those of the ABRDFs, as far as the directions show them: the directions, weighted by
+    the scene's demand if there is one, have length 1.
+    """
     factors = principal(btf, fit, gain, components, PASSES, BLOCK_BYTES)
     weight = 1 if fit.row_weights is None else fit.row_weights.to(fit.device).sqrt()[:, None]  # (3 · pairs, 1), or 1
     lengths = torch.linalg.vector_norm(factors.basis * weight, dim=0)  # (k,)
@@ -31,18 +35,24 @@ def clustered(points: Array, codes: int, seed: int) -> Array:
 
     if codes == 1 or points.shape[1] == 0:
         return np.zeros(len(points), np.int64)
-    step = 2.0**-12 * np.abs(points).max(initial=0) or 1.0  # 1 if all points are 0
+    # Points are equal if they are in steps of 2⁻¹² of the largest number, about the precision of a half. If all points
+    # are 0, any step will do: `or` makes it 1.
+    step = 2.0**-12 * np.abs(points).max(initial=0) or 1.0
     distinct, label = np.unique(np.round(points / step), axis=0, return_inverse=True)
     if len(distinct) <= codes:
         return label.reshape(-1)
     means = MiniBatchKMeans(codes, batch_size=CLUSTERING_BATCH, n_init=3, random_state=seed % 2**32)
-    return np.unique(means.fit_predict(points), return_inverse=True)[1]
+    # A cluster may be empty; the inverse numbers the others without gaps.
+    _, without_gaps = np.unique(means.fit_predict(points), return_inverse=True)
+    return without_gaps
 
 
 def pack_index(label: Array, codes: int) -> Tensor:
     """Labels (n,) below `codes` as bytes: the low eight bits of each, and the high ones if there are more."""
     bits = _bits(codes)
-    return compress(torch.from_numpy(label)[:, None] >> 8 * torch.arange(len(bits)) & 255, bits)  # (n, bytes)
+    # (n, bytes): shifted right by no bits and by 8; & 255 keeps the lowest eight.
+    planes = torch.from_numpy(label)[:, None] >> 8 * torch.arange(len(bits)) & 255
+    return compress(planes, bits)
 
 
 def _bits(codes: int) -> list[int]:
@@ -56,7 +66,7 @@ def unpack_index(packed: Tensor, count: int, codes: int) -> Tensor:
     if count < 1 or codes > MOST_CODES:
         raise ValueError(f"an index of {count} texels and {codes} codes")
     planes = expand(packed, (count, len(_bits(codes)))).long()  # (n, bytes)
-    label = (planes << 8 * torch.arange(planes.shape[1])).sum(1)
+    label = (planes << 8 * torch.arange(planes.shape[1])).sum(1)  # each byte back in its place
     if label.amax() >= codes:
         raise ValueError(f"it has an index beyond the codebook of {codes}")
     return label

@@ -17,7 +17,10 @@ PROBED_PAIRS, PROBED_TEXELS = 32, 1_024  # samples that measure the error of rou
 
 
 def principal(btf: BTF, fit: Fit, gain: float | None, count: int, passes: int, block_bytes: int = 0) -> Factors:
-    """The `count` strongest principal components of the texels' ABRDFs, read as by `blocks`, in some passes."""
+    """The `count` strongest principal components of the texels' ABRDFs, found in `passes` passes over the data.
+
+    With a `gain` of log1p(gain · radiance), else of radiance, as `bench.training.svd.blocks` reads it.
+    """
     read = partial(blocks, btf, fit, gain=gain, block_bytes=block_bytes)
     shape = (3 * len(btf), btf.shape[0] * btf.shape[1])
     return truncated_svd(read, shape, count, passes, fit.generator(), fit.device, fit.row_weights)
@@ -37,7 +40,8 @@ def rounded_coefficients(
     Each channel takes `least` bits or more.
     """
     flat = texture.flatten(0, 1)
-    some = slice(None, None, -(-len(flat) // PROBED_TEXELS))  # at most so many, evenly
+    # Every so many texels, rounded up, so that at most `PROBED_TEXELS` are taken, evenly.
+    some = slice(None, None, -(-len(flat) // PROBED_TEXELS))
     rounding = round_after(flat[some], bits, lambda each: mean + rows @ each.T, values[:, some], least)
     return rounding.fit_to(texture)
 
@@ -47,14 +51,20 @@ class ComponentsMaterial(Material):
 
     def __init__(self, texture: Tensor, interpolator: PairInterpolator, gain: float | None, cost: DecoderCost):
         super().__init__((texture.shape[0], texture.shape[1]), cost)
-        self.texture, self.interpolator, self.gain = texture, interpolator, gain
+        self.texture = texture
+        self.interpolator = interpolator
+        self.gain = gain
 
     def combined(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
         """Σ weight · components of pair · coefficients: (n, P), (n, P), (n, k + 1) → (n, 3)."""
         raise NotImplementedError
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        """The mean's coefficient, 1, comes first. Logarithms are interpolated, then brought to the query's cosine."""
+        """The mean's coefficient, 1, comes first. Log radiance is interpolated between pairs.
+
+        Radiance includes the cosine of the light. So it is divided by the mean cosine of the pairs' lights, and
+        multiplied by the cosine of the query's.
+        """
         coefficients = functional.pad(sample_texture(self.texture, uv), (1, 0), value=1.0)  # (n, k + 1)
         if self.gain is None:
             pair, weight = self.interpolator(wo, wi)

@@ -51,12 +51,14 @@ class Inception(nn.Module):
         """The branches' answers, one after the other in the channels, for the inner S − 4 texels a side."""
         point, to_three, three, to_five, five, pooled = self.kernels
         inner, outer = x[..., 1:-1, 1:-1], x[..., 2:-2, 2:-2]  # S − 2, S − 4 texels a side
-        small, large = convolved(convolved(inner, to_three), three), convolved(convolved(x, to_five), five)
+        # Each kernel takes (k − 1) / 2 texels from every border, so smaller ones start from smaller pictures.
+        small = convolved(convolved(inner, to_three), three)
+        large = convolved(convolved(x, to_five), five)
         highest = convolved(functional.max_pool2d(inner, kernel_size=3, stride=1), pooled)
         return torch.cat([convolved(outer, point), small, large, highest], 1)
 
     def flops(self, side: int) -> int:
-        """Operations of an answer of side × side."""
+        """Operations of an answer of side × side texels, a fused multiply-add counted as two."""
         counts = (side, side + 2, side, side + 4, side, side)  # a side of each kernel's answer, in their order
         return sum(2 * n * n * int(layer.weight.numel()) for n, layer in zip(counts, self.kernels, strict=True))
 
@@ -187,7 +189,8 @@ class HierarchicalObjective(NeuMIPObjective):
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss of patches: of log radiance, or of fourth roots of radiance × exposure; later of gradients, too."""
-        settings, patch = self.settings, self.settings.patch
+        settings = self.settings
+        patch = self.settings.patch
         count = max(1, settings.batch // patch**2)
         coarse = count // COARSE_SHARE if len(self.levels) > 1 else 0
         drawn = [self._patches(0, count - coarse, generator)]
@@ -207,7 +210,8 @@ class HierarchicalObjective(NeuMIPObjective):
 
     def _patches(self, level: int, count: int, generator: torch.Generator) -> tuple[Tensor, ...]:
         """Middles, directions, level and log radiance (count, S, S, 3) of random patches of a level, which wrap."""
-        samples, patch = self.levels[level], self.settings.patch
+        samples = self.levels[level]
+        patch = self.settings.patch
         height, width = samples.shape
         corner = samples.draw(count, generator)
         uv, wo, wi, levels = queries_of(self.levels, level, corner)
@@ -251,7 +255,11 @@ class HierarchicalMaterial(Material):
             bytes_per_sample=SIDE**2 * reads * table.element_size(),
         )
         super().__init__(pyramid.levels[0], cost)
-        self.networks, self.pyramid, self.table, self.offset, self.gain = networks, pyramid, table, offset, gain
+        self.networks = networks
+        self.pyramid = pyramid
+        self.table = table
+        self.offset = offset
+        self.gain = gain
         self.chunk = ANSWERED
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:

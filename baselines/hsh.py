@@ -58,14 +58,16 @@ class HSH(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Solve for all texels at once: the coefficients of a texel are those of red, then of green and of blue."""
-        gain, settings = gain_of(btf, fit), self.settings
+        gain = gain_of(btf, fit)
+        settings = self.settings
         counts = len(btf.layout.lights), len(btf.layout.views)
+        # n bands are n² harmonics, of which there should be no more than directions.
         bands = [min(n, math.isqrt(count)) for n, count in zip((settings.lights, settings.views), counts, strict=True)]
         cosine = _cosine(torch.from_numpy(btf.wi), settings.cosine)
         solve = self._solution(btf, bands, cosine, fit).to(fit.device)
         texels = btf.shape[0] * btf.shape[1]
         coefficients = torch.zeros(len(solve), texels * 3, device=fit.device)
-        step = max(1, BLOCK_BYTES // (texels * 12))  # pictures of three float32 a texel
+        step = max(1, BLOCK_BYTES // (texels * 12))  # pictures read at once, of three float32 a texel
         pictures = fit.progress(btf, total=len(btf))
         for rows in torch.arange(len(btf)).split(step):
             # The next pictures, (rows, texels · 3): `rows` ends first, so that no picture is taken and lost.
@@ -96,16 +98,18 @@ class HSH(Codec):
 
     def _solution(self, btf: BTF, bands: list[int], cosine: Tensor, fit: Fit) -> Tensor:
         """The matrix (K, N) from the values of the pairs to the coefficients: weighted, regularised least squares."""
-        terms = basis(torch.from_numpy(btf.wo).double(), torch.from_numpy(btf.wi).double(), bands)
+        terms = basis(torch.from_numpy(btf.wo).double(), torch.from_numpy(btf.wi).double(), bands)  # (N, K)
         # An error of radiance is one of radiance / cosine times the cosine.
         weight = cosine.double().square() * (1 if fit.density is None else fit.density.weights.double()[:, None])
         light, view = (torch.tensor(_roughness(count)) for count in bands)
+        # The normal equations: (terms' weighted products + ridge) · solution = (weighted terms)'.
         rough = (light[:, None] + view).flatten().double().square()  # (K,)
         normal = terms.T @ (weight * terms) + len(btf) * torch.diag(self.settings.smoothness * rough + RIDGE)
         return torch.linalg.solve(normal, (weight * terms).T).float()
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        texture, bands = load_texture("coefficients", parts.texture), parts.other["bands"].tolist()
+        texture = load_texture("coefficients", parts.texture)
+        bands = parts.other["bands"].tolist()
         if texture.shape[2] != 3 * math.prod(n * n for n in bands) or max(bands) > MOST_BANDS:
             raise ValueError(f"{texture.shape[2]} coefficients a texel for {bands} bands")
         gain = float(parts.other["gain"]) if self.settings.domain == "log" else None
@@ -113,7 +117,7 @@ class HSH(Codec):
 
 
 def _roughness(bands: int) -> list[float]:
-    """How much each harmonic varies, the eigenvalue of its Laplacian: l (l + 1), of the 2l + 1 of a band."""
+    """How much each harmonic varies: l (l + 1), minus its Laplacian's eigenvalue, for each of the 2l + 1 of band l."""
     found = []
     for band in range(bands):
         found += [band * (band + 1.0)] * (2 * band + 1)
@@ -126,7 +130,7 @@ def _cosine(wi: Tensor, used: bool) -> Tensor:
 
 
 def basis(wo: Tensor, wi: Tensor, bands: list[int]) -> Tensor:
-    """The products (n, L² · V²) of L bands of harmonics of the light and V bands of the view."""
+    """The products (n, L² · V²) of L bands of harmonics of the light and V of the view; `bands` is [L, V]."""
     light, view = harmonics(wi, bands[0]), harmonics(wo, bands[1])
     return (light[:, :, None] * view[:, None]).flatten(1)
 
@@ -143,6 +147,7 @@ def harmonics(directions: Tensor, bands: int) -> Tensor:
     real, imaginary = torch.ones_like(t), torch.zeros_like(t)
     terms: dict[tuple[int, int], Tensor] = {}
     for m in range(bands):
+        # P_m^m without its (1 − t²)^(m/2) is 1 · 3 · 5 · … · (2m − 1). Higher bands follow from the two before them.
         before, legendre = torch.zeros_like(t), torch.full_like(t, math.prod(range(1, 2 * m, 2)))
         for band in range(m, bands):
             if band > m:
@@ -152,6 +157,7 @@ def harmonics(directions: Tensor, bands: int) -> Tensor:
             terms[band, m] = scaled * real
             if m:
                 terms[band, -m] = scaled * imaginary
+        # (a + ib)^(m + 1) = (a + ib) · (a + ib)^m.
         real, imaginary = a * real - b * imaginary, a * imaginary + b * real
     ordered = []
     for band in range(bands):
@@ -167,7 +173,10 @@ class HSHMaterial(Material):
         # Multiply and add each coefficient; a harmonic takes about six operations.
         flops = 2 * channels + channels // 3 + 6 * sum(n * n for n in bands)
         super().__init__((height, width), DecoderCost.of_texture(texture, flops=flops))
-        self.texture, self.bands, self.gain, self.cosine = texture, bands, gain, cosine
+        self.texture = texture
+        self.bands = bands
+        self.gain = gain
+        self.cosine = cosine
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         coefficients = sample_texture(self.texture, uv).to(wi.dtype).unflatten(1, (3, -1))

@@ -42,20 +42,23 @@ class LocalPCA(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Coefficients (H, W, k), each texel's cluster, and components (N, 3, clusters · (k + 1)), each mean first."""
-        gain, settings = gain_of(btf, fit), self.settings
+        gain = gain_of(btf, fit)
+        settings = self.settings
         mean, directions, points = reduced(btf, gain, max(SPANNED, settings.components), fit)
         found = local_components(points, settings.clusters, settings.components, fit.seed)
-        count, components = len(found.means), found.axes.shape[2]
+        count = len(found.means)
+        components = found.axes.shape[2]
         # The mean of each cluster is its first component, whose coefficient is 1.
         own = torch.cat([torch.from_numpy(found.means)[..., None], torch.from_numpy(found.axes)], 2)
         table = directions @ own.movedim(0, 1).flatten(1)  # (3 · pairs, clusters · (components + 1))
-        table[:, :: components + 1] += mean[:, None]  # to the first component of each cluster
+        table[:, :: components + 1] += mean[:, None]  # to the first component of each cluster, its mean
         table = table.unflatten(0, (-1, 3))  # (pairs, 3, clusters · (components + 1))
         texture = torch.from_numpy(found.coefficients).unflatten(0, btf.shape)  # (H, W, components)
 
         label = torch.from_numpy(found.label)
         pairs, values = probed(btf, fit, gain)
-        some = slice(None, None, -(-len(label) // PROBED_TEXELS))  # at most so many, evenly
+        # Every so many texels, rounded up, so that at most `PROBED_TEXELS` are taken, evenly.
+        some = slice(None, None, -(-len(label) // PROBED_TEXELS))
         mine = label[some]  # (n,)
         seen = texture.flatten(0, 1)[some]  # (n, k)
         target = values[:, some].cpu()  # (3 · P, n)
@@ -75,7 +78,8 @@ class LocalPCA(Codec):
         )
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        texture, table = load_texture("coefficients", parts.texture), load_texture("components", parts.decoder)
+        texture = load_texture("coefficients", parts.texture)
+        table = load_texture("components", parts.decoder)
         count = int(parts.other["count"])
         height, width, components = texture.shape
         if count < 1 or table.ndim != 3 or table.shape[2] != count * (components + 1):
@@ -101,6 +105,7 @@ def local_components(points: np.ndarray, clusters: int, components: int, seed: i
     label = clustered(points, clusters, seed)
     for _ in range(ROUNDS):
         means, axes = _fitted(points, label, components)
+        # Errors (clusters, n), of which each point takes the least.
         moved = np.stack([_error(points - mean, axis) for mean, axis in zip(means, axes, strict=True)]).argmin(0)
         moved = np.unique(moved, return_inverse=True)[1]  # numbered without gaps
         if np.array_equal(moved, label):
@@ -110,6 +115,7 @@ def local_components(points: np.ndarray, clusters: int, components: int, seed: i
     coefficients = np.einsum("nk,nkc->nc", points - means[label], axes[label])
     peak = np.abs(coefficients).max(0, initial=0)
     peak[peak == 0] = 1
+    # Coefficients are divided by the largest of their component, which is multiplied by it instead.
     return LocalComponents(means, axes * peak, label, coefficients / peak)
 
 
@@ -120,12 +126,14 @@ def _fitted(points: np.ndarray, label: np.ndarray, components: int) -> tuple[np.
         members = points[label == cluster].astype(np.float64)
         means.append(members.mean(0))
         members -= means[-1]
-        axes.append(np.linalg.eigh(members.T @ members)[1][:, ::-1][:, :components])  # the last is the strongest
+        _, directions = np.linalg.eigh(members.T @ members)
+        axes.append(directions[:, ::-1][:, :components])  # reversed, because the last is the strongest
     return np.stack(means).astype(np.float32), np.stack(axes).astype(np.float32)
 
 
 def _error(points: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """The squared distance (n,) of points (n, k) from the span of some directions (k, components)."""
+    """The squared distance (n,) of points (n, k) from the span of orthonormal directions (k, components)."""
+    # Pythagoras: the squared length without that within the span.
     return np.square(points).sum(1) - np.square(points @ axes).sum(1)
 
 
@@ -136,7 +144,8 @@ class LocalPCAMaterial(Material):
     """
 
     def __init__(self, label: Tensor, texture: Tensor, table: Tensor, interpolator: PairInterpolator, gain: float):
-        pairs, components = len(table), texture.shape[2]
+        pairs = len(table)
+        components = texture.shape[2]
         row = 3 * (components + 1)  # numbers that a cluster has of a pair
         cost = DecoderCost(
             texture_channels=components + 1,
@@ -146,10 +155,13 @@ class LocalPCAMaterial(Material):
             bytes_per_sample=4 * (4 * (components + interpolator.reads * row) + label.element_size()),
         )
         super().__init__((texture.shape[0], texture.shape[1]), cost)
-        self.label, self.coefficients, self.pairs = label, texture.flatten(0, 1), pairs
+        self.label = label
+        self.coefficients = texture.flatten(0, 1)
+        self.pairs = pairs
         # (clusters · N, 3 · (k + 1)): a row for each pair of a cluster, one cluster after the other.
         self.table = table.unflatten(2, (-1, components + 1)).permute(2, 0, 1, 3).flatten(0, 1).flatten(1).contiguous()
-        self.interpolator, self.gain = interpolator, gain
+        self.interpolator = interpolator
+        self.gain = gain
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """Each of the four texels is decoded by its own cluster; their log radiances are mixed."""

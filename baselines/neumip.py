@@ -32,8 +32,11 @@ WIDTHS = (25, 25, 25)  # of the offset network
 OFFSET_SCALE = 0.05  # texture units; the authors' 0.1 counts in uv from −1 to 1
 LOWEST_COSINE = 0.6  # least z of the view: below it, the offset stops growing
 COARSE_SHARE = 4  # one of this many samples is of a coarser level
-# Gaussian blur, σ in texels: of the latents at first, its fading over the fit, its end; the least of the offset.
-FIRST_BLUR, FADING, LAST_BLUR, OFFSET_BLUR = 8.0, 3 * math.log(8), 0.1, 1.0
+# Gaussian blur, σ in texels. That of the latents falls exponentially from the first to the last.
+FIRST_BLUR = 8.0
+FADING = 3 * math.log(8)  # the exponent's rate, over the whole fit
+LAST_BLUR = 0.1
+OFFSET_BLUR = 1.0  # the least of the offset's texture
 SHUT = 0.1  # share of the colour that a mask of 0 leaves
 HALF_OPEN = SHUT + 0.5
 YUV_TO_RGB = ((1.0, 0.0, 1.13983), (1.0, -0.39465, -0.58060), (1.0, 2.03211, 0.0))
@@ -66,7 +69,7 @@ class Pyramid(Levels):
 
     def __init__(self, size: tuple[int, int], levels: int | None = None):
         super().__init__(size, levels or level_count(size))
-        # (2,), of an offset of 1 along u and v: equally far on the surface.
+        # (2,): how far in uv an offset of 1 moves a place along u and along v, equally far on the surface.
         self.reach = nn.Buffer(OFFSET_SCALE * torch.tensor(periods(size)), persistent=False)
 
     def fetch(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
@@ -92,6 +95,7 @@ class Networks(nn.Module):
 
     def start_at(self, level: Tensor) -> None:
         """Set the networks to answer one log radiance (3,) for any latents, with the mask half open."""
+        # Three outputs are the colour; further ones are the mask.
         outputs = torch.zeros(len(self.decoder.layers[-1].bias))
         rgb = (level.cpu().expm1() / (HALF_OPEN if len(outputs) > 3 else 1)).log1p()
         outputs[:3] = torch.linalg.solve(self.to_rgb.T, rgb)  # as YUV
@@ -116,7 +120,8 @@ def answer(
     """gain · radiance (n, 3) of queries (uv, wo, wi, level); `offset` (H · W, 7) is of the finest level."""
     uv, wo, wi, level = queries
     if offset is not None:
-        uv = networks.move(uv, pyramid.fetch(offset, uv, torch.zeros_like(level, dtype=torch.long)), wo, pyramid.reach)
+        finest = torch.zeros_like(level, dtype=torch.long)
+        uv = networks.move(uv, pyramid.fetch(offset, uv, finest), wo, pyramid.reach)
     return networks.colour(pyramid.fetch(table, uv, level), wo, wi)
 
 
@@ -142,7 +147,8 @@ class NeuMIPObjective(Objective):
     def _levels(self, finest: Tensor, generator: torch.Generator) -> Tensor:
         """The first latents of all levels: box averages of the finest ones, or random as they are."""
         if self.settings.start == "random":
-            count, channels = sum(self.pyramid.counts[1:]), finest.shape[1]
+            count = sum(self.pyramid.counts[1:])
+            channels = finest.shape[1]
             return torch.cat([finest, RANDOM_SPREAD * torch.randn(count, channels, generator=generator)])
         picture = finest.T.unflatten(1, self.samples.shape)  # (C, H, W)
         levels = (functional.adaptive_avg_pool2d(picture, size) for size in self.pyramid.levels)
@@ -159,8 +165,13 @@ class NeuMIPObjective(Objective):
         return [*networks, {"params": textures, "lr": settings.rate}]
 
     def blurred(self, progress: float) -> tuple[Tensor, Tensor | None]:
-        """The table and the offset texture as they are looked up at some progress of the fit."""
-        sigma = max(LAST_BLUR, FIRST_BLUR * math.exp(-FADING * progress)) if self.settings.blur else LAST_BLUR
+        """The table and the offset texture as they are looked up at some progress of the fit, from 0 to 1.
+
+        A level of half as many texels a side is blurred by half as many of them.
+        """
+        sigma = LAST_BLUR
+        if self.settings.blur:
+            sigma = max(LAST_BLUR, FIRST_BLUR * math.exp(-FADING * progress))
         table: Tensor = self.table
         if self.settings.blur:
             levels = zip(table.split(self.pyramid.counts), self.pyramid.levels, strict=True)
@@ -185,7 +196,7 @@ class NeuMIPObjective(Objective):
         ours = answer(self.networks, self.pyramid, *self.textures(progress), queries)
         if self.settings.loss == "display":
             return self.distance(_log(ours), target, pair, progress)
-        squared, log, linear = LOSSES[self.settings.loss]
+        squared, log, linear = LOSSES[self.settings.loss]  # weights
         loss = squared * functional.mse_loss(_log(ours), target) + log * functional.l1_loss(_log(ours), target)
         return loss + linear * functional.l1_loss(ours, target.expm1()) / LOG_SCALE
 
@@ -224,7 +235,11 @@ class NeuMIPMaterial(Material):
             bytes_per_sample=reads * table.element_size(),
         )
         super().__init__(size, cost)
-        self.networks, self.pyramid, self.table, self.offset, self.gain = networks, pyramid, table, offset, gain
+        self.networks = networks
+        self.pyramid = pyramid
+        self.table = table
+        self.offset = offset
+        self.gain = gain
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         if self.offset is not None:
@@ -270,6 +285,7 @@ class NeuMIP(Codec):
                 raise InputError(f"codec neumip has 3 or 6 outputs, not {self.outputs}")
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Fit all levels, and store the pyramid and the offset's texture as they are looked up at the fit's end."""
         gain = gain_of(btf, fit)
         count = fitted_levels(btf, fit, level_count(btf.shape))
         levels = Samples.levels(btf, count, gain, fit)

@@ -75,6 +75,7 @@ class NeuralBTF(Codec):
             return Architecture(self.levels * self.channels + directions, (self.width,) * self.layers)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Fit the textures and the networks, and store each texture under its own name."""
         fitting = fitted(NeuralBTFObjective, self.settings, btf, fit)
         texture: dict[str, Tensor] = {}
         for name, values in fitting.free.items():
@@ -93,15 +94,17 @@ class NeuralBTF(Codec):
 
 def names(settings: NeuralBTF.Settings, size: tuple[int, int] = (1, 1)) -> dict[str, tuple[int, int]]:
     """The size of each texture of a picture (H, W) by name: the levels, the finest first, then the offset's."""
-    factors = {f"level{level}": 1 << level for level in range(settings.levels)}
+    factors = {f"level{level}": 1 << level for level in range(settings.levels)}  # 2^level texels a point
     if settings.reduction:
         factors["offset"] = settings.reduction
+    # Sides are rounded up.
     return {name: (-(-size[0] // factor), -(-size[1] // factor)) for name, factor in factors.items()}
 
 
 def harmonics(w: Tensor) -> Tensor:
     """The real spherical harmonics (n, 9) of degrees 0 to 2 of vectors (n, 3), as polynomials of x, y, z."""
     x, y, z = w.unbind(1)
+    # The factors that make them orthonormal over the sphere.
     root = [math.sqrt(share / math.pi) for share in (1 / 4, 3 / 4, 15 / 4, 5 / 16, 15 / 16)]
     second = [root[2] * x * y, -root[2] * y * z, root[3] * (3 * z * z - 1), -root[2] * x * z]
     first = [torch.full_like(x, root[0]), -root[1] * y, root[1] * z, -root[1] * x]
@@ -159,7 +162,8 @@ class NeuralBTFObjective(TextureObjective):
     def answer(self, batch: Batch) -> Tensor:
         """The network's output at the texels and pairs of a batch."""
         textures = [self.roundings[name](values) for name, values in self.free.items()]
-        uv, wo = self.samples.centres(batch.texel), self.samples.wo[batch.pair]
+        uv = self.samples.centres(batch.texel)
+        wo = self.samples.wo[batch.pair]
         return self.network(textures, uv, wo, self.directions.index_select(0, batch.pair))
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
@@ -170,7 +174,8 @@ class NeuralBTFObjective(TextureObjective):
         if not self.settings.relative:
             return super().loss(generator, progress)
         batch = self.samples.draw(self.settings.batch, generator)
-        ours, target = self.answer(batch), batch.target.expm1() / LOG_SCALE
+        ours = self.answer(batch)
+        target = batch.target.expm1() / LOG_SCALE
         return ((ours - target).square() / (ours.detach().square() + DARK)).mean()
 
 
@@ -179,7 +184,8 @@ def first_textures(samples: Samples, settings: NeuralBTF.Settings, generator: to
 
     Further components are at the coarser levels. As published: nearly 0, and 0 in the offset.
     """
-    sizes, channels = names(settings, samples.shape), settings.channels
+    sizes = names(settings, samples.shape)
+    channels = settings.channels
     if settings.start == "random":
         textures = {}
         for name, size in sizes.items():
@@ -211,7 +217,8 @@ class NeuralBTFMaterial(Material):
             bytes_per_sample=4 * channels * textures[0].element_size(),
         )
         super().__init__(size, cost)
-        self.networks, self.gain = networks, gain
+        self.networks = networks
+        self.gain = gain
         for place, texture in enumerate(textures):  # as attributes, which `Material.to` finds
             setattr(self, f"texture{place}", texture)
         self.count = len(textures)

@@ -78,6 +78,7 @@ class NTC(Codec):
             )
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Fit both grids and the network, and store the grids' codes, row by row, a few bits each."""
         bits = self.settings.bits
         fitting = fitted(NTCObjective, self.settings, btf, fit)
         packed = (pack_bits(codes_of(grid, bits).flatten(), bits) for grid in fitting.free)
@@ -85,13 +86,15 @@ class NTC(Codec):
         return fitting.parts(texture, size=torch.tensor(btf.shape, dtype=torch.int32))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        settings, bits = self.settings, self.settings.bits
+        settings = self.settings
+        bits = self.settings.bits
         network = load_network(Decoder(settings.architecture), parts.decoder)
         size = tuple(parts.other["size"].tolist())
         grids = []
         for name, (rows, cols) in zip(GRIDS, sizes(size, settings.reduction), strict=True):
             packed = parts.texture[name]
             count = rows * cols * getattr(settings, name)
+            # The bytes of all codes, rounded up.
             if min(size) < 1 or packed.shape != ((count * bits + 7) // 8,):
                 raise InputError(f"its {name} grid does not fit {size[0]} × {size[1]} texels: encode it again")
             grids.append(values_of(unpack_bits(packed, count, bits), bits).reshape(rows * cols, -1))
@@ -99,17 +102,18 @@ class NTC(Codec):
 
 
 def sizes(size: tuple[int, ...], reduction: int) -> tuple[tuple[int, int], ...]:
-    """The sizes of the finer and of the coarser grid of a picture."""
+    """The sizes (rows, columns) of the finer and of the coarser grid of a picture (H, W)."""
+    # Rounded up, so that the grid covers the picture.
     return tuple((-(-size[0] // each), -(-size[1] // each)) for each in (reduction, 2 * reduction))
 
 
 def codes_of(values: Tensor, bits: int) -> Tensor:
-    """Codes, int64, of values from −1 to 1."""
+    """Codes of `bits` bits, int64, of values from −1 to 1, any shape; values beyond are clamped."""
     return ((values.detach().clamp(-1, 1) + 1) / 2 * (2**bits - 1)).round().long()
 
 
 def values_of(codes: Tensor, bits: int) -> Tensor:
-    """The values, from −1 to 1, of codes."""
+    """The values, from −1 to 1, of codes of `bits` bits, any shape."""
     return codes.float() * (2 / (2**bits - 1)) - 1
 
 
@@ -117,6 +121,7 @@ def encoded_places(size: tuple[int, ...]) -> Tensor:
     """The tiled encoding (H · W, 12) of each texel's place: triangle waves of 8, 4 and 2 texels, at two phases."""
     row, col = torch.meshgrid(*(torch.arange(side) + 0.5 for side in size), indexing="ij")
     place = torch.stack([col, row], 2).flatten(0, 1)[:, None, :, None] / TILE  # (H · W, octave, axis, phase)
+    # In turns of each wave; the second phase is a quarter of a turn later. A wave is 1 in the middle of its turn.
     turns = place * 2.0 ** torch.arange(OCTAVES)[:, None, None] + torch.tensor([0.0, 0.25])
     return (1 - 4 * (turns - turns.floor() - 0.5).abs()).flatten(1)
 
@@ -219,7 +224,8 @@ class NTCMaterial(Material):
     ):
         architecture = network.architecture
         fine, coarse = grids
-        channels, floats = fine.shape[1] + coarse.shape[1], fine.numel() + coarse.numel()
+        channels = fine.shape[1] + coarse.shape[1]
+        floats = fine.numel() + coarse.numel()
         # Of four texels: the network, four points of the coarser grid, and three colours to be mixed.
         flops = 4 * (architecture.flops + 2 * 4 * coarse.shape[1] + 6)
         cost = DecoderCost(
@@ -230,8 +236,12 @@ class NTCMaterial(Material):
             bytes_per_sample=4 * 4 * channels * fine.element_size(),
         )
         super().__init__((size[0], size[1]), cost)
-        self.network, self.fine, self.coarse, self.gain = network, fine, coarse, gain
-        self.reader, self.directions = Reader(size, settings.reduction), settings.directions
+        self.network = network
+        self.fine = fine
+        self.coarse = coarse
+        self.gain = gain
+        self.reader = Reader(size, settings.reduction)
+        self.directions = settings.directions
 
     def at_one_texel(self) -> Material:
         """As published: one network a query, by stochastic filtering."""

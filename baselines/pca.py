@@ -53,13 +53,15 @@ class PCA(Codec):
         """Coefficients (H, W, k), components (N, 3, k + 1), the mean first; of radiance k, the mean apart as floats."""
         log = self.settings.domain == "log"
         gain = LOG_GAIN * exposure(btf, fit.seed) if log else 1.0
-        large = 12 * len(btf) * btf.shape[0] * btf.shape[1] > LARGE and not fit.density  # three float32
+        # 12 bytes: three float32 a texel and pair. A fit to a scene always reads all.
+        large = 12 * len(btf) * btf.shape[0] * btf.shape[1] > LARGE and not fit.density
         level = gain if log else None
         factors = self._of_part(btf, fit, level) if large else self._of_all(btf, fit, level)
         bits = self.settings.bits
         texture = factors.coefficients.T.unflatten(0, btf.shape)  # (H, W, k)
         mean = factors.mean.reshape(-1, 3)  # (N, 3)
         basis = factors.basis.unflatten(0, (-1, 3))  # (N, 3, k)
+        # Some values, which tell how finely coefficients and components must be rounded.
         pairs, values = probed(btf, fit, level)
         known = mean[pairs].reshape(-1, 1)  # (3 · P, 1)
         rows = basis[pairs].flatten(0, 1)  # (3 · P, k)
@@ -87,20 +89,24 @@ class PCA(Codec):
     def _of_part(self, btf: BTF, fit: Fit, gain: float | None) -> Factors:
         """The components of a whole measurement, for which four readings would take a quarter of an hour.
 
-        More components than requested are found in some pairs; then all pairs are fitted by them at some texels, which
-        shows the strongest ones; the error of a row grows by 0.6 %.
+        First more components than requested are found in some of the pairs, at all texels. Then each pair is fitted by
+        their coefficients at some texels, by least squares, which gives components of all pairs. The strongest of these
+        are kept. Against a reading of everything the error of a row grows by 0.6 %.
         """
         counts = ((len(btf), PART_PAIRS), (btf.shape[0] * btf.shape[1], PART_TEXELS))
+        # Some pairs and some texels at random, each in order.
         orders = (torch.randperm(count, generator=fit.generator())[:most] for count, most in counts)
         pairs, texels = (order.sort().values for order in orders)
         factors = self._of_all(btf.subset(pairs.numpy()), fit, gain, SPARE)
-        known = functional.pad(factors.coefficients[:, texels].double(), (0, 0, 1, 0), value=1.0)  # the mean's is 1
+        # (k + 1, texels): the mean is the first component, whose coefficient is 1. `solve` is (k + 1, texels), too.
+        known = functional.pad(factors.coefficients[:, texels].double(), (0, 0, 1, 0), value=1.0)
         solve = torch.linalg.pinv(known).T.float()
         place = np.divmod(texels.numpy(), btf.shape[1])  # rows and columns
         rows = []
         for start in fit.progress(range(0, len(btf), PAIRS_AT_ONCE), "fitting each pair"):
             some = btf.subset(np.arange(start, min(start + PAIRS_AT_ONCE, len(btf))))
             values = torch.from_numpy(some.texels(*place)).flatten(1).to(fit.device)  # (texels, 3 · pairs)
+            # (k + 1, 3 · pairs), of radiance or of its logarithm.
             rows.append(solve @ (values if gain is None else values.clamp_min_(0).mul_(gain).log1p_()))
         table = torch.cat(rows, 1)  # (k + 1, 3 · N), the mean first
         return strongest(Factors(table[0], table[1:].T, factors.coefficients), self.settings.components)
@@ -120,7 +126,8 @@ class PCAMaterial(ComponentsMaterial):
     """Coefficients (H, W, k) bilinear over texels, eigen-ABRDFs (N, 3, k + 1) interpolated over directions."""
 
     def __init__(self, texture: Tensor, table: Tensor, interpolator: PairInterpolator, gain: float | None):
-        components, row = texture.shape[2], table[0].numel()
+        components = texture.shape[2]
+        row = table[0].numel()
         cost = DecoderCost(
             texture_channels=components,
             texture_floats=texture.numel(),
@@ -132,7 +139,7 @@ class PCAMaterial(ComponentsMaterial):
         self.table = table.flatten(1)
 
     def combined(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
-        """Σ weight · table row · coefficients, (n, 3), without allocating the rows (n, pairs, 3, k)."""
+        """Σ weight · table row · coefficients, (n, 3), without allocating the rows (n, pairs, 3, k + 1)."""
         rows = functional.embedding_bag(pair, self.table, per_sample_weights=weight.to(self.table.dtype), mode="sum")
         rows = saturated(rows)  # shares in halves may add up to slightly more than 1
         # Products of halves may overflow a half with either sign, so they are added in float32.

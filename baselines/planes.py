@@ -10,9 +10,10 @@ Difference = Literal["rusinkiewicz", "nearest"]
 
 
 def half_and_difference(wo: Tensor, wi: Tensor, kind: Difference) -> tuple[Tensor, Tensor]:
-    """The half vector, and the light in a frame about it: unit vectors (n, 3) of the upper hemisphere.
+    """The half vector h, and the light as h sees it, the difference vector: unit vectors (n, 3), z ≥ 0.
 
-    As published (Rusinkiewicz 1998) h is turned to z about z and then y, which jumps at z; the shortest turn does not.
+    The difference vector is the light after a turn that takes h to z. "rusinkiewicz" turns about z and then about y, as
+    published (1998), which jumps where h is z; "nearest" is the shortest turn, which does not.
     """
     h = functional.normalize(wo + wi, dim=1)
     if kind == "nearest":
@@ -20,6 +21,7 @@ def half_and_difference(wo: Tensor, wi: Tensor, kind: Difference) -> tuple[Tenso
         z = torch.cat([torch.zeros_like(h[:, :2]), torch.ones_like(h[:, :1])], 1)
         along = (wi * (h + z)).sum(1, keepdim=True) / (1 + h[:, 2:])
         return h, wi - along * (h + z) + 2 * (wi * h).sum(1, keepdim=True) * z
+    # The turn about z by −φ, then about y by −θ, of h = (sin θ cos φ, sin θ sin φ, cos θ). Where h is z, φ is 0.
     sine = torch.linalg.vector_norm(h[:, :2], dim=1, keepdim=True)
     zenith = torch.cat([torch.ones_like(sine), torch.zeros_like(sine)], 1)
     cos_phi, sin_phi = torch.where(sine > 0, h[:, :2] / sine, zenith).unbind(1)  # (n,) each
@@ -29,19 +31,22 @@ def half_and_difference(wo: Tensor, wi: Tensor, kind: Difference) -> tuple[Tenso
 
 
 def places(directions: Tensor, resolution: int) -> Tensor:
-    """The uv (n, 2) of unit directions (n, 3) in a plane: −1 … 1 from its first texel to its last, so nothing wraps."""
+    """The uv (n, 2) of unit directions (n, 3) in a plane of `resolution` texels a side, by their x and y.
+
+    −1 is the centre of the first texel and 1 that of the last, so that nothing wraps around.
+    """
     return (directions[:, :2].clamp(-1, 1) * (1 - 1 / resolution) + 1) / 2
 
 
 def blurring(side: int, sigma: float) -> Tensor:
     """The kernel (side, side) that blurs one side of a plane by a Gaussian of σ texels; nothing wraps."""
-    apart = torch.arange(side)[:, None] - torch.arange(side)
+    apart = torch.arange(side)[:, None] - torch.arange(side)  # (side, side), in texels
     kernel = (-0.5 * (apart / max(sigma, 1e-3)) ** 2).exp()
     return kernel / kernel.sum(1, keepdim=True)
 
 
 def blurred(planes: Tensor, kernel: Tensor) -> Tensor:
-    """Planes (p, side, side, C) blurred along both sides."""
+    """Planes (p, side, side, C) blurred along both sides by a kernel (side, side) of `blurring`."""
     # One side after the other, because einsum would first expand all four indices of both kernels.
     rows = torch.einsum("ia,pabc->pibc", kernel, planes)
     return torch.einsum("jb,pibc->pijc", kernel, rows)

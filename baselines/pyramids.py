@@ -46,7 +46,11 @@ def drawn(
 
 
 def queries_of(levels: Sequence[Samples], level: int, batch: Batch) -> Queries:
-    """uv, wo, wi and level of a batch of a level. Its texels are boxes of finest texels, which may be incomplete."""
+    """The queries of a batch of samples of a level.
+
+    A texel of the level is a box of finest texels. The finest picture may end with texels that fill no box, so places
+    are counted in boxes from its top left corner.
+    """
     samples = levels[level]
     factor = 2**level  # finest texels a side of one of the level
     height, width = levels[0].shape
@@ -64,7 +68,7 @@ class Levels(nn.Module):
         self.levels = [(size[0] >> level, size[1] >> level) for level in range(levels)]
         self.counts = counts = [height * width for height, width in self.levels]
         self.side = max(size)
-        starts = [sum(counts[:i]) for i in range(levels)]
+        starts = [sum(counts[:i]) for i in range(levels)]  # the row of each level's first texel
         self.sizes = nn.Buffer(torch.tensor(self.levels), persistent=False)
         self.starts = nn.Buffer(torch.tensor(starts), persistent=False)
 
@@ -82,7 +86,8 @@ class Levels(nn.Module):
         first = first.long()
         (top, left), (bottom, right) = first.remainder(size).unbind(1), (first + 1).remainder(size).unbind(1)
         down, across = shares.unbind(1)
-        start, width = self.starts[level], size[:, 1]
+        start = self.starts[level]
+        width = size[:, 1]
         upper, lower = start + top * width, start + bottom * width
         index = torch.stack([upper + left, upper + right, lower + left, lower + right], 1)
         upper_share, left_share = 1 - down, 1 - across
@@ -108,7 +113,8 @@ def mixed(table: Tensor, index: Tensor, weight: Tensor) -> Tensor:
 
 def sampled(levels: Levels, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
     """Values (n, C) of a table at uv (n, 2), without a gradient: one bilinear fetch if all levels are the finest."""
-    if not (torch.compiler.is_exporting() or is_gpu(uv.device) or level.any()):  # these two take no branches
+    # A recording and a GPU take no branch: the first cannot, the second would have to wait for `level.any()`.
+    if not (torch.compiler.is_exporting() or is_gpu(uv.device) or level.any()):
         return sample_texture(table[: levels.counts[0]].unflatten(0, levels.levels[0]), uv)
     index, weight = levels.around(uv, level)
     return functional.embedding_bag(index, table, per_sample_weights=weight.to(table.dtype), mode="sum")

@@ -58,11 +58,11 @@ class Encoder(nn.Module):
         for out, kernel in CONVOLUTIONS:
             self.convolutions.append(nn.Conv1d(channels, out, kernel, stride=STRIDE, padding=kernel // 2))
             channels = out
-            length = (length - 1) // STRIDE + 1
+            length = (length - 1) // STRIDE + 1  # of the convolution's answer: length / STRIDE, rounded up
         self.linear = nn.Linear(channels * length, latents)
         with torch.no_grad():
             for layer in (*self.convolutions, self.linear):
-                fan = layer.weight[0].numel()
+                fan = layer.weight[0].numel()  # inputs of one output; the spread is that of He et al. 2015
                 layer.weight.normal_(0, (2 / fan) ** 0.5, generator=generator)
                 layer.bias.zero_()
 
@@ -111,7 +111,7 @@ class RainerSettings(NetworkSettings):
 
 
 class Fitted(TextureObjective):
-    """A decoder and the source of its latents; each texel's statistics are taken from the data."""
+    """The fit of a decoder, whatever makes its latents; each texel's statistics are taken from the data."""
 
     network: Decoder
     coordinates: Tensor  # (pairs, k): the decoder's inputs of each pair
@@ -160,7 +160,7 @@ class Autoencoder(Fitted):
         return torch.cat([self.latents(block) for block in texel.split(BLOCK)])
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        """Each texel of the batch is encoded once, without a gradient."""
+        """Log radiance (n, 3) at a batch; each of its texels is encoded once, without a gradient."""
         texel, place = batch.texel.unique(return_inverse=True)
         return self.decode(self.encode(texel)[place], batch)
 
@@ -182,7 +182,10 @@ class RainerMaterial(Material):
         flops = shape.flops + 6  # and three multiply-adds with mean and deviation
         cost = DecoderCost.of_texture(texture, shape.parameters, flops)
         super().__init__((texture.shape[0], texture.shape[1]), cost)
-        self.decoder, self.texture, self.gain, self.directions = decoder, texture, gain, directions
+        self.decoder = decoder
+        self.texture = texture
+        self.gain = gain
+        self.directions = directions
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         rows = sample_texture(self.texture, uv)

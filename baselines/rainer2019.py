@@ -71,7 +71,8 @@ class Rainer2019(Codec):
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         decoder = load_network(Decoder(self.settings.architecture), parts.decoder)
-        texture, gain = load_texture("latents", parts.texture), float(parts.other["gain"])
+        texture = load_texture("latents", parts.texture)
+        gain = float(parts.other["gain"])
         return rainer.RainerMaterial(decoder, texture, gain, self.settings.directions).to(device)
 
 

@@ -91,6 +91,7 @@ class Rainer2020(Codec):
         where = rainer.coordinates(samples.wo, samples.wi)[batch.pair]
 
         def answers(texture: Tensor) -> Tensor:
+            """Log radiance (n, 3) of a texture (H · W, D + 6) at the samples of `batch`."""
             return rainer.radiance(coder.decoder, texture.index_select(0, batch.texel), where)
 
         rounding = round_after(texture, self.settings.bits, answers, batch.target)
@@ -103,7 +104,8 @@ class Rainer2020(Codec):
     def decode(self, parts: Parts, device: torch.device) -> Material:
         if parts.network is None:
             raise ValueError("it names no shared network")
-        texture, gain = load_texture("latents", parts.texture), float(parts.other["gain"])
+        texture = load_texture("latents", parts.texture)
+        gain = float(parts.other["gain"])
         return rainer.RainerMaterial(decoder_of(parts.network), texture, gain).to(device)
 
 
@@ -142,8 +144,8 @@ class Coder(torch.nn.Module):
     def forward(self, abrdfs: Tensor) -> Tensor:
         """Channels (n, D + 6) of log ABRDFs (n, N, 3): latents, then mean and deviation of each colour channel.
 
-        These are of the canonical pairs, where answers with them are nearer than the mean and not far too bright; else
-        the mean of the pairs themselves and 0.
+        In each colour channel, mean and deviation are those of the canonical pairs if the decoder's answers with them
+        are nearer to the ABRDF than its mean, and not far too bright; else the mean of the material's own pairs, and 0.
         """
         canonical = self.resampled(abrdfs)  # (n, C, 3)
         own = rainer.statistics(abrdfs)  # (n, 2, 3): mean and deviation
@@ -172,7 +174,10 @@ class Resampler(torch.nn.Module):
         self.sample, self.weight = nn.Buffer(taps.sample), nn.Buffer(taps.weight)
 
     def forward(self, abrdfs: Tensor) -> Tensor:
-        """Log ABRDFs (n, N, 3) at the target's pairs, (n, C, 3)."""
+        """Log ABRDFs (n, N, 3) at the target's C pairs: (n, C, 3).
+
+        `sample` and `weight` are (C, k): the k pairs around each target. One after the other is added, in radiance.
+        """
         radiance = abrdfs.expm1()
         each = zip(self.sample.unbind(1), self.weight.unbind(1), strict=True)
         return sum(radiance[:, sample] * weight[:, None] for sample, weight in each).log1p()  # type: ignore[union-attr]
@@ -185,14 +190,16 @@ class Pool(Samples):
     """
 
     def __init__(self, btfs: Sequence[BTF], canonical: Layout, most: int, fit: Fit):
-        generator, device = fit.generator(), fit.device
+        generator = fit.generator()
+        device = fit.device
         every = fit.progress([*btfs, *fit.unseen], "materials")
         drawn = [_drawn(btf, canonical, most, generator, fit) for btf in every]
         inputs, targets, where = zip(*drawn, strict=True)
         self.device = device
         self.inputs = torch.cat(inputs)  # (texels, C, 3)
         self.table = torch.cat(targets)  # (texels, TARGETS, 3)
-        self.texels, self.pairs = len(self.inputs), TARGETS
+        self.texels = len(self.inputs)
+        self.pairs = TARGETS
         self.where = torch.stack(where)  # (materials, TARGETS, 4)
         counts = torch.tensor([len(texels) for texels in inputs], device=device)
         self.trained = int(counts[: len(btfs)].sum())
@@ -208,7 +215,8 @@ def _drawn(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """For some texels: inputs of the encoder (n, C, 3), targets (n, TARGETS, 3) and their coordinates (TARGETS, 4)."""
     texel = torch.randperm(btf.shape[0] * btf.shape[1], generator=generator)[:most].to(fit.device)
-    given, queried = btf.subset(btf.split().train), btf.subset(_target_pairs(btf, generator))
+    given = btf.subset(btf.split().train)
+    queried = btf.subset(_target_pairs(btf, generator))
     gain = gain_of(given, fit)
     resampled = Resampler(given.layout, canonical).to(fit.device)
     samples = Samples(given, gain, fit)
@@ -220,6 +228,7 @@ def _drawn(
 def _target_pairs(btf: BTF, generator: torch.Generator) -> np.ndarray:
     """`TARGETS` pairs: held-out ones if the BTF declares them, else any; repeated in turns if there are fewer."""
     pairs = np.arange(len(btf)) if btf.heldout is None else np.flatnonzero(btf.heldout)
+    # `resize` cuts the random order to `TARGETS`, or repeats it.
     return pairs[np.resize(torch.randperm(len(pairs), generator=generator).numpy(), TARGETS)]
 
 

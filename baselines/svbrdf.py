@@ -47,6 +47,7 @@ class SVBRDF(Codec):
         loss: Loss = "both"  # error of log radiance: absolute, squared, or their sum
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Fit the maps, and store their codes (H, W, 7), eight bits each, and the factor on the radiance."""
         fitting = fitted(MapsObjective, self.settings, btf, fit)
         codes = codes_of(fitting.maps(fitting.free.detach())).reshape(*btf.shape, STORED)
         other = {"scale": fitting.scale.detach().exp().cpu(), "size": torch.tensor(btf.shape, dtype=torch.int32)}
@@ -62,7 +63,7 @@ def shaded(maps: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
     """f_r · cos θ_i (n, 3) of texels' maps (n, `CHANNELS`); their normals are normalised here."""
     normal = maps[:, 3:6] / maps[:, 3:6].square().sum(1, keepdim=True).clamp_min(1e-12).sqrt()
     x, y, z = normal.unbind(1)
-    side = (1 - x * x).clamp_min(1e-6).sqrt()
+    side = (1 - x * x).clamp_min(1e-6).sqrt()  # the length of the x axis without its part along the normal
 
     def local(w: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """A direction along the tangent, x dropped onto the surface, the bitangent and the normal."""
@@ -83,6 +84,7 @@ class MapsObjective(Objective):
     def __init__(self, samples: Samples, settings: Any, generator: torch.Generator):
         super().__init__(samples, settings)
         albedo = _albedo(samples, generator)
+        # `or`: the maximum if the percentile is 0.
         bright = float(np.percentile(albedo.cpu().numpy(), 90)) or float(albedo.max())
         # Measured data may have any unit, so a factor on the reflected radiance is fitted with the maps.
         self.scale = nn.Parameter(torch.tensor([max(bright, DARK) / WHITE]).log())
@@ -111,6 +113,7 @@ def _albedo(samples: Samples, generator: torch.Generator) -> Tensor:
     # In the order of `CHANNELS`.
     white = torch.tensor([1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0], device=samples.device).expand(len(pairs), CHANNELS)
     seen = shaded(white, samples.wo[pairs], samples.wi[pairs])[:, 0]  # (pairs,): white in each colour
+    # The least squares of radiance = factor · seen: Σ seen · radiance / Σ seen².
     total = torch.zeros(samples.texels, 3, device=samples.device)
     for pair, weight in zip(pairs.split(READ), (seen / seen.square().sum()).split(READ), strict=True):
         total += (samples.slices(pair).expm1() * weight[:, None]).sum(1)  # of (texels, READ, 3)
@@ -118,7 +121,10 @@ def _albedo(samples: Samples, generator: torch.Generator) -> Tensor:
 
 
 def codes_of(maps: Tensor) -> Tensor:
-    """The codes (n, `STORED`), whole numbers up to 255, of maps (n, `CHANNELS`): base colour as sRGB."""
+    """The codes (n, `STORED`), whole numbers from 0 to 255, of maps (n, `CHANNELS`): base colour as sRGB.
+
+    x and y of the normal, from −1 to 1, become shares from 0 to 1.
+    """
     normal = nn.functional.normalize(maps[:, 3:6], dim=1)
     colour = torch.from_numpy(encode_srgb(maps[:, :3].cpu().numpy()))
     shares = torch.cat([colour, (normal[:, :2].cpu() + 1) / 2, maps[:, 6:].cpu()], 1)
@@ -139,7 +145,9 @@ class MapsMaterial(Material):
 
     def __init__(self, codes: Tensor, scale: float):
         size = (codes.shape[0], codes.shape[1])
-        self.codes, self.pyramid, self.scale = codes.to(torch.uint8), Pyramid(size), scale
+        self.codes = codes.to(torch.uint8)
+        self.pyramid = Pyramid(size)
+        self.scale = scale
         self.table = table = self.pyramid.table(maps_of(codes.flatten(0, 1)))
         read = 8 * CHANNELS  # of four texels at two levels
         cost = DecoderCost(

@@ -46,12 +46,18 @@ class TableMaterial(Material):
             bytes_per_sample=reads * values.element_size(),
         )
         super().__init__((height, width), cost)
-        self.values, self.interpolator, self.scale = values.reshape(-1, channels), interpolator, scale
+        self.values = values.reshape(-1, channels)
+        self.interpolator = interpolator
+        self.scale = scale
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        """The weighted sum of four texels at each of some pairs; weights of pairs include the ratio of cosines."""
+        """The weighted sum of four texels at each of P pairs.
+
+        A pair's weight includes the cosine of the query's light over that of the pair's.
+        """
         texel, texel_weight = texel_corners(self.size, uv)
         pair, pair_weight = self.interpolator(wo, wi)
+        # Rows of the flat table: H · W texels of the first pair, then of the second, and so on.
         row = pair[:, :, None] * (self.size[0] * self.size[1]) + texel[:, None, :]  # (n, P, 4)
         weight = (pair_weight[:, :, None] * texel_weight[:, None, :].to(wo.dtype)).flatten(1)  # (n, P · 4)
         if self.values.dtype == weight.dtype:

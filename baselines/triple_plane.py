@@ -78,7 +78,8 @@ class TriplePlane(Codec):
     def decode(self, parts: Parts, device: torch.device) -> Material:
         network = load_network(Decoder(self.settings.architecture), parts.decoder)
         planes = list(load_texture("planes", parts.decoder))
-        texture, gain = load_texture("latents", parts.texture), float(parts.other["gain"])
+        texture = load_texture("latents", parts.texture)
+        gain = float(parts.other["gain"])
         return TriplePlaneMaterial(network, texture, planes, gain, self.settings.difference).to(device)
 
 
@@ -102,6 +103,7 @@ class TriplePlaneObjective(TextureObjective):
         self.free = nn.Parameter(first)
         self.rounded_texture, self.rounded_planes = (Rounding(channels, settings.bits) for _ in range(2))
         uv = [places(w, side).cpu() for w in half_and_difference(samples.wo, samples.wi, settings.difference)]
+        # The indices of both planes, and the weights of both; then one tensor (N, 2, 4) of each.
         corners = zip(*(texel_corners((side, side), each) for each in uv), strict=True)
         texel, weight = (torch.stack(both, 1) for both in corners)
         texel += torch.tensor([[0], [side * side]])  # the second plane's rows follow those of the first
@@ -126,14 +128,18 @@ class TriplePlaneMaterial(Material):
     """A texture (H, W, C) of latents, planes (S, S, C) over half and difference vector, and the network."""
 
     def __init__(self, network: Decoder, texture: Tensor, planes: list[Tensor], gain: float, difference: Difference):
-        architecture, channels = network.architecture, texture.shape[2]
+        architecture = network.architecture
+        channels = texture.shape[2]
         if any(plane.shape[2] != channels for plane in planes) or 3 * channels != architecture.inputs:
             raise ValueError(f"planes of {channels} channels for a network of {architecture.inputs} inputs")
         flops = architecture.flops + 2 * 8 * channels  # and four texels of each plane over directions
         cost = DecoderCost.of_texture(texture, architecture.parameters, flops)
         cost = replace(cost, table_floats=sum(plane.numel() for plane in planes))
         super().__init__((texture.shape[0], texture.shape[1]), cost)
-        self.network, self.texture, self.gain, self.difference = network, texture, gain, difference
+        self.network = network
+        self.texture = texture
+        self.gain = gain
+        self.difference = difference
         self.half, self.diff = planes
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:

@@ -59,7 +59,8 @@ class Tucker(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Coefficients (H, W, K), bases of views and lights, and the core (J, M, 3, K + 1), the mean's slice first."""
-        settings, layout = self.settings, btf.layout
+        settings = self.settings
+        layout = btf.layout
         gain = gain_of(btf, fit)
         level = gain if settings.domain == "log" else None
         factors = principal(btf, fit, level, OVERSAMPLED * settings.components, PASSES)
@@ -70,7 +71,7 @@ class Tucker(Codec):
         # Coefficients in [−1, 1], as in `pca`, so that eight bits suit all slices of the core equally.
         scale = coefficients.abs().amax(0).clamp_min(torch.finfo(torch.float32).tiny)  # (K,)
         core[1:] *= scale[:, None, None, None]
-        core[0] /= len(coefficients) ** 0.5  # which `_tensor` multiplied the mean with
+        core[0] /= len(coefficients) ** 0.5  # √texels, by which `_tensor` multiplied the mean
         core = core.permute(1, 2, 3, 0).contiguous()  # (J, M, 3, K + 1)
         coefficients = (coefficients / scale).reshape(*btf.shape, -1)  # (H, W, K)
         bits = settings.bits
@@ -89,7 +90,8 @@ class Tucker(Codec):
         )
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        texture, core = load_texture("coefficients", parts.texture), load_texture("core", parts.decoder)
+        texture = load_texture("coefficients", parts.texture)
+        core = load_texture("core", parts.decoder)
         view, light = unpack("view", parts.decoder), unpack("light", parts.decoder)
         layout = unpack_layout(parts.other)
         index = _modes(layout)
@@ -116,7 +118,10 @@ def _ranks(settings: Tucker.Settings, layout: Layout) -> tuple[int, int]:
 
 
 def _tensor(factors: Factors, layout: Layout) -> tuple[Tensor, Tensor]:
-    """The table on an orthonormal basis of texels: tensor (k + 1, V, L, 3), the mean first, and basis (k, T)."""
+    """The table on an orthonormal basis of T texels: the tensor (k + 1, V, L, 3), the mean first, and the basis (k, T).
+
+    The mean is multiplied by √T, the length of its coefficients, which are 1 at each texel.
+    """
     length = torch.linalg.vector_norm(factors.coefficients, dim=1, keepdim=True)
     texels = factors.coefficients.shape[1]
     rows = torch.cat([factors.mean[:, None] * texels**0.5, factors.basis * length.T], 1)  # (3 · N, k + 1)
@@ -128,7 +133,7 @@ def _tensor(factors: Factors, layout: Layout) -> tuple[Tensor, Tensor]:
 
 def leading(tensor: Tensor, mode: int, rank: int) -> Tensor:
     """The orthonormal basis (size, ≤ rank) of a mode that keeps most of the tensor's energy."""
-    rows = tensor.movedim(mode, 0).flatten(1).double()
+    rows = tensor.movedim(mode, 0).flatten(1).double()  # (size, all others)
     return torch.linalg.eigh(rows @ rows.T)[1].flip(1)[:, :rank].to(tensor.dtype)  # the last is the strongest
 
 
@@ -163,9 +168,10 @@ def rounding_with_zero(values: Tensor, bits: int) -> Rounding:
     """
     rounding = Rounding(values.shape[-1], max(8, bits)).to(values.device)
     low, high = torch.aminmax(values.flatten(0, -2), dim=0)
-    step = ((high - low) / 254).clamp_min(1e-12)  # of 255 steps, one is left for `low` to move
-    for ours, chosen in ((rounding.low, (low / step).floor() * step), (rounding.step, step)):
-        ours.copy_(chosen)
+    # `low` becomes a multiple of the step, so that 0 is a level, too. It may fall by up to a step: of 255, one is left.
+    step = ((high - low) / 254).clamp_min(1e-12)
+    rounding.low.copy_((low / step).floor() * step)
+    rounding.step.copy_(step)
     rounding.bits.fill_(8)
     return rounding
 
@@ -176,7 +182,8 @@ class TuckerMaterial(ComponentsMaterial):
     def __init__(
         self, texture: Tensor, core: Tensor, modes: Sequence[Tensor], interpolator: PairInterpolator, gain: float | None
     ):
-        components, joined = texture.shape[2], core.shape[0] * core.shape[1]
+        components = texture.shape[2]
+        joined = core.shape[0] * core.shape[1]
         directions = interpolator.reads * (core.shape[0] + core.shape[1])
         cost = DecoderCost(
             texture_channels=components,

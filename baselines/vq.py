@@ -53,20 +53,23 @@ class VQ(Codec):
         bits: Bits = 0  # bits of a number of the stored codebook on average; 0: chosen by the data; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """The codebooks of all stages, one after the other, and an index of each stage."""
+        """The codebooks (codes of all stages, N, 3), one after the other, and an index (H · W) of each stage."""
         gain = gain_of(btf, fit)
         points = reduced(btf, gain, self.settings.components, fit)[2]
         labels = []
         for stage in fit.progress(range(self.settings.stages), "clustering"):
+            # A stage sees what is left after the earlier ones: each point without the mean of its cluster.
             labels.append(clustered(points, self.settings.codes, fit.seed + stage))
             points = points - _means(points, labels[-1])[labels[-1]]
         counts = [int(label.max()) + 1 for label in labels]
         books = _codebooks(btf, gain, labels, fit)
-        starts = torch.tensor(counts).cumsum(0) - torch.tensor(counts)  # of each stage's entries
-        rows = torch.from_numpy(np.stack(labels, 1)) + starts  # (texels, stages)
+        # Where each stage's entries start: the sum of all counts before its own.
+        starts = torch.tensor(counts).cumsum(0) - torch.tensor(counts)
+        rows = torch.from_numpy(np.stack(labels, 1)) + starts  # (texels, stages), rows of the codebook
         codebook = torch.cat(books)
         pairs, values = probed(btf, fit, gain)
-        some = slice(None, None, -(-len(rows) // PROBED_TEXELS))  # at most so many, evenly
+        # Every so many texels, rounded up, so that at most `PROBED_TEXELS` are taken, evenly.
+        some = slice(None, None, -(-len(rows) // PROBED_TEXELS))
         target = values[:, some].T.cpu()  # (n, 3 · P)
         bits = self.settings.bits
         # The lambda looks up (n, stages, P, 3).
@@ -82,12 +85,14 @@ class VQ(Codec):
         height, width = parts.other["size"].tolist()
         counts = parts.other["codes"].tolist()
         stored = sum(packed.numel() for name, packed in parts.texture.items() if name.startswith("index"))
+        # A label takes at least a bit, but for the labels of a stage of one code: an altered file could ask for any.
         if height * width * len(counts) > max(MOST_LABELS, 8 * stored):
             raise ValueError(f"an index of {stored} bytes for {height} × {width} texels and {len(counts)} stages")
         index = [unpack_index(parts.texture[f"index{s}"], height * width, count) for s, count in enumerate(counts)]
         starts = torch.tensor(counts).cumsum(0) - torch.tensor(counts)
         rows = torch.stack(index, 1) + starts  # (texels, stages)
-        codebook, gain = load_texture("codebook", parts.decoder), float(parts.other["gain"])
+        codebook = load_texture("codebook", parts.decoder)
+        gain = float(parts.other["gain"])
         if min(counts) < 1 or len(codebook) != sum(counts):
             raise ValueError(f"a codebook of {len(codebook)} entries for stages of {counts}")
         interpolator = PairInterpolator(unpack_layout(parts.other, codebook.shape[1]))
@@ -110,9 +115,11 @@ class VQMaterial(Material):
             bytes_per_sample=4 * stages * rows.element_size() + values * codebook.element_size(),
         )
         super().__init__(size, cost)
-        self.rows, self.pairs = rows, codebook.shape[1]
+        self.rows = rows
+        self.pairs = codebook.shape[1]
         self.codebook = codebook.flatten(0, 1)  # (codes · N, 3)
-        self.interpolator, self.gain = interpolator, gain
+        self.interpolator = interpolator
+        self.gain = gain
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         """The weighted sum of log radiance over four texels, all stages and some pairs, in one look-up."""

@@ -75,12 +75,13 @@ class Zeltner2024(Codec):
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         network = load_network(FramedNetwork(self.settings), parts.decoder)
-        texture, gain = load_texture("latents", parts.texture), float(parts.other["gain"])
+        texture = load_texture("latents", parts.texture)
+        gain = float(parts.other["gain"])
         return Zeltner2024Material(network, texture, gain).to(device)
 
 
 def sigmoid(outputs: Tensor) -> Tensor:
-    """gain · radiance of the network's outputs x, at least in float32: s eˣ / (eˣ + s)."""
+    """gain · radiance of the network's outputs x, any shape, at least in float32: s eˣ / (eˣ + s), s = `BRIGHTEST`."""
     raised = outputs.to(at_least_float32(outputs.dtype)).clamp(max=HIGHEST_LEVEL).exp()
     return raised / (1 + raised / BRIGHTEST)
 
@@ -144,6 +145,7 @@ class Zeltner2024Objective(TextureObjective):
             return super().loss(generator, progress)
         batch = self.samples.draw(self.settings.batch, generator)
         outputs = self.outputs(batch)
+        # log x = output − log(1 + eᵒᵘᵗᵖᵘᵗ / s), from `sigmoid`; a third of it is the logarithm of the cube root.
         ours = (outputs - functional.softplus(outputs - math.log(BRIGHTEST))) / 3
         return distance(3 * ours.exp(), 3 * batch.target.expm1() ** (1 / 3), self.settings.loss)
 
@@ -158,7 +160,9 @@ class Zeltner2024Material(Material):
         flops = architecture.flops + (frames.flops(network.directions) if frames else 0)
         count = sum(p.numel() for p in network.parameters())
         super().__init__((texture.shape[0], texture.shape[1]), DecoderCost.of_texture(texture, count, flops))
-        self.network, self.texture, self.gain = network, texture, gain
+        self.network = network
+        self.texture = texture
+        self.gain = gain
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         outputs = self.network(sample_texture(self.texture, uv), wo, wi)

@@ -54,12 +54,16 @@ class Material:
     opaque: ClassVar[bool] = False  # whether another program answers, whose parameters and time cannot be measured
 
     def __init__(self, size: tuple[int, int], cost: DecoderCost):
-        self.size, self.cost = size, cost
-        self.device, self.dtype, self.chunk = torch.device("cpu"), torch.float32, CHUNK
+        self.size = size
+        self.cost = cost
+        self.device = torch.device("cpu")
+        self.dtype = torch.float32
+        self.chunk = CHUNK
 
     def __repr__(self) -> str:
         height, width = self.size
-        cost, dtype = self.cost, str(self.dtype).removeprefix("torch.")
+        cost = self.cost
+        dtype = str(self.dtype).removeprefix("torch.")
         numbers = f"{cost.texture_channels} texture channels, {cost.parameters:,} parameters"
         return f"<{type(self).__name__}: {height} × {width} texels, {numbers}, {dtype}, {self.device}>"
 
@@ -72,17 +76,22 @@ class Material:
 
     def modules(self) -> Sequence[nn.Module]:
         """The networks whose parameters are counted as the decoder's, each once; none for tables."""
+        # A dictionary keeps each network once, in order; modules without parameters are left out.
         networks = dict.fromkeys(value for value in vars(self).values() if isinstance(value, nn.Module))
         return [network for network in networks if next(network.parameters(), None) is not None]
 
     def maps(self) -> tuple[dict[str, np.ndarray], float]:
-        """PBR pictures by name, if the codec stores any, uint8 (H, W) or (H, W, 3), row 0 on top, and a factor on what
-        they reflect."""
+        """PBR pictures by name, if the codec stores any, and a factor on the radiance that they reflect.
+
+        A picture is uint8 (H, W) or (H, W, 3), row 0 on top.
+        """
         return {}, 1.0
 
     def at_one_texel(self) -> "Material | None":
-        """The same, but a query is answered by one texel, drawn by its bilinear weight: noisy, with the same mean. None
-        but for a codec whose network answers texels, which is timed both ways."""
+        """The same material, which answers a query by one texel, drawn by its bilinear weight: noisy, of the same mean.
+
+        Only a codec whose network answers texels has one, and is timed both ways; others give None.
+        """
         return None
 
     def to(self, device: torch.device | str | None = None, dtype: torch.dtype | None = None) -> "Material":
@@ -97,7 +106,8 @@ class Material:
             elif isinstance(value, Tensor):
                 moved = value.to(device=device, dtype=dtype if value.is_floating_point() else None)
                 setattr(self, name, moved if moved.dtype == value.dtype else saturated(moved))
-        if device is not None:  # the two factors cancel unless one of the devices is a GPU and the other is not
+        if device is not None:
+            # A chunk is longer on a GPU. The two factors cancel, unless one device is a GPU and the other is not.
             self.chunk *= GPU_CHUNKS if is_gpu(device) else 1
             self.chunk //= GPU_CHUNKS if is_gpu(self.device) else 1
             self.device = torch.device(device)
@@ -117,12 +127,16 @@ class Material:
         Directions must be of unit length within 1e-3 and every number finite; otherwise an `InputError` names the first
         bad row. Memory beyond inputs and outputs is bounded.
         """
+        footprint = 0.0 if footprint is None else footprint
         if not isinstance(uv, Tensor):
-            return self.query(*map(_tensor, (uv, wo, wi, 0.0 if footprint is None else footprint))).cpu().numpy()
+            tensors = map(_tensor, (uv, wo, wi, footprint))
+            return self.query(*tensors).cpu().numpy()
         keep_buffers()
-        footprint = torch.as_tensor(0.0 if footprint is None else footprint, device=uv.device)
+        footprint = torch.as_tensor(footprint, device=uv.device)
         _check_shapes(uv, wo, wi, footprint)
-        wo, wi, footprint = wo.to(uv.device), wi.to(uv.device), footprint.expand(len(uv))
+        wo = wo.to(uv.device)
+        wi = wi.to(uv.device)
+        footprint = footprint.expand(len(uv))
         out = torch.empty(len(uv), 3, device=uv.device)
         for start in range(0, len(uv), self.chunk):
             rows = slice(start, start + self.chunk)
@@ -137,12 +151,16 @@ class Material:
         # Wrap in double precision: float32 would lose the position of uv = ±1e6.
         uv = uv.double()
         uv = uv - uv.floor()
-        if is_gpu(below.device) or below.any():  # a GPU would have to wait for the answer
+        # On a GPU always: whether any is below would first have to be waited for.
+        if is_gpu(below.device) or below.any():
             zenith = torch.eye(3, dtype=wo.dtype, device=wo.device)[2]
-            wo, wi = torch.where(below[:, None], zenith, wo), torch.where(below[:, None], zenith, wi)
+            wo = torch.where(below[:, None], zenith, wo)
+            wi = torch.where(below[:, None], zenith, wi)
         dtype = at_least_float32(self.dtype)
-        ahead = is_gpu(self.device)  # a CPU's tensor is read before `to` returns; only what comes down is waited for
-        rgb = self.evaluate(*(x.to(self.device, dtype, non_blocking=ahead) for x in (uv, wo, wi, footprint)))
+        # Without waiting for a copy to a GPU: the CPU's tensor is read before `to` returns, and the GPU works in order.
+        ahead = is_gpu(self.device)
+        moved = (x.to(self.device, dtype, non_blocking=ahead) for x in (uv, wo, wi, footprint))
+        rgb = self.evaluate(*moved)
         if not isinstance(rgb, Tensor) or rgb.shape != (len(uv), 3):
             what = f"a tensor {tuple(rgb.shape)}" if isinstance(rgb, Tensor) else rgb
             raise answered(self.evaluate, what, f"a tensor ({len(uv)}, 3)")
@@ -155,12 +173,15 @@ class Material:
     def boxes(
         self, wo: Sequence[float], wi: Sequence[float], factor: int, size: tuple[int, int] | None = None
     ) -> Tensor:
-        """The picture (H // factor, W // factor, 3) of one pair over the whole boxes of factor × factor texels of
-        `size`, each queried at the place of its texels, as in `bench.btf.box_filter`."""
+        """The picture (H // factor, W // factor, 3) of one pair, of `size` (H, W) averaged over factor × factor texels.
+
+        Each box is one query at its centre, with the box as footprint. Boxes are those of `bench.btf.box_filter`.
+        """
         height, width = size or self.size
         uv = box_centres((height, width), factor)
         view, light = (torch.as_tensor(w, dtype=torch.float32).expand(len(uv), 3) for w in (wo, wi))
-        return self.query(uv, view, light, factor / max(height, width)).reshape(height // factor, width // factor, 3)
+        footprint = factor / max(height, width)
+        return self.query(uv, view, light, footprint).reshape(height // factor, width // factor, 3)
 
 
 class Wrapped(Material):
@@ -168,7 +189,10 @@ class Wrapped(Material):
 
     def __init__(self, inner: Material):
         super().__init__(inner.size, inner.cost)
-        self.inner, self.device, self.dtype, self.chunk = inner, inner.device, inner.dtype, inner.chunk
+        self.inner = inner
+        self.device = inner.device
+        self.dtype = inner.dtype
+        self.chunk = inner.chunk
 
     def modules(self) -> list[nn.Module]:
         return list(self.inner.modules())
@@ -181,17 +205,19 @@ def parameters(material: Material) -> int:
 
 def resident_bytes(material: Material) -> int:
     """Bytes of a decoder in memory: textures with their levels and copies, tables, networks."""
-    held, storages = [*vars(material).values()], {}
+    held = [*vars(material).values()]
+    storages = {}  # bytes by address: tensors that share memory count once
     for value in held:
-        if isinstance(value, Material):  # a wrapped one: the list grows while it is walked
+        if isinstance(value, Material):  # a wrapped one: its attributes join the list, which this loop still walks
             held += vars(value).values()
         tensors: list[Tensor] = []
         if isinstance(value, nn.Module):
             tensors = [*value.parameters(), *value.buffers()]
         elif isinstance(value, Tensor):
             tensors = [value]
-        for tensor in tensors:  # those that share memory count once, by its address
-            storages[tensor.untyped_storage().data_ptr()] = tensor.untyped_storage().nbytes()
+        for tensor in tensors:
+            storage = tensor.untyped_storage()
+            storages[storage.data_ptr()] = storage.nbytes()
     return sum(storages.values())
 
 
@@ -204,7 +230,8 @@ def layers(material: Material) -> list[tuple[str, str, int]]:
     """
     from torchinfo import summary
 
-    rows, counted = [], set[int]()
+    rows = []
+    counted = set[int]()  # the identities of parameters
     place = list[str]()  # the names of a layer and of those around it, from the outermost
 
     def uncounted(held: Iterable[nn.Parameter]) -> int:
@@ -215,6 +242,7 @@ def layers(material: Material) -> list[tuple[str, str, int]]:
 
     for network in material.modules():
         for layer in summary(network, depth=DEEPEST, verbose=0).summary_list:
+            # Names of layers that are as deep or deeper end; this layer's takes their place.
             place[layer.depth :] = [layer.var_name]
             if own := uncounted(layer.module.parameters(recurse=False)):
                 rows.append((".".join(place), layer.class_name, own))
@@ -258,7 +286,7 @@ def _check(uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor, start: int) ->
     # A sum is not finite if any of its terms is not, and it is far cheaper than a mask.
     sums = torch.stack([values.sum(dtype=torch.float64) for values in (uv, wo, wi, footprint)])
     off = [(torch.linalg.vector_norm(values, dim=1) - 1).abs() > UNIT_TOLERANCE for values in (wo, wi)]
-    # One number, because a GPU is waited for each time that the host asks for one.
+    # `&`, not `and`, makes one answer of three: a GPU is waited for each time that the host asks for one.
     if sums.isfinite().all() & ~(off[0] | off[1]).any() & (footprint.min() >= 0):
         return
     for name, values in (("uv", uv), ("wo", wo), ("wi", wi), ("footprint", footprint[:, None])):
@@ -286,8 +314,11 @@ def saturated(x: Tensor) -> Tensor:
 
 
 def to_radiance(level: Tensor, gain: float) -> Tensor:
-    """Radiance of level = log1p(gain · radiance), at least in float32, since a half would overflow at 65,504 / gain.
-    The level, which may be any, is clamped to `HIGHEST_LEVEL`, so that the result is always finite."""
+    """Radiance of level = log1p(gain · radiance), of any shape.
+
+    At least in float32, since a half would overflow at 65,504 / gain. A level above `HIGHEST_LEVEL` counts as that, so
+    that the result is always finite.
+    """
     return level.to(at_least_float32(level.dtype)).clamp(max=HIGHEST_LEVEL).expm1() / gain
 
 
@@ -300,6 +331,7 @@ def box_centres(size: tuple[int, int], factor: int) -> Tensor:
     """uv (n, 2) of the centres of all whole boxes of factor × factor texels of a picture (H, W), row by row from the
     top."""
     height, width = size
+    # The centres in texels from the top and from the left.
     row, col = (factor * (torch.arange(side // factor) + 0.5) for side in size)
     v, u = torch.meshgrid(1 - row / height, col / width, indexing="ij")
     return torch.stack([u, v], -1).reshape(-1, 2)
@@ -315,12 +347,13 @@ def texel_corners(size: tuple[int, int], uv: Tensor) -> tuple[Tensor, Tensor]:
 def _corners(size: tuple[int, int], uv: Tensor) -> tuple[Tensor, Tensor]:
     """As `texel_corners`, with int32 indices, which take half the time to compute and read."""
     height, width = size
-    # Half precision cannot resolve texels, so positions are float32 for any dtype of the codec.
+    # Half precision cannot resolve texels, so positions are float32 for any dtype of the codec. They count from the
+    # centre of the first texel, half a texel inside the picture.
     col, row = uv[:, 0].float() * width - 0.5, (1 - uv[:, 1].float()) * height - 0.5
     first_col, first_row = col.floor(), row.floor()
-    right, below = col - first_col, row - first_row
+    right, below = col - first_col, row - first_row  # shares of the right and of the lower texels
     west, north = first_col.int().remainder(width), first_row.int().remainder(height)
-    # A comparison is far cheaper than a second remainder.
+    # The next column and row; after the last comes the first. A comparison is far cheaper than a second remainder.
     east, south = (torch.where(x == side - 1, 0, x + 1) for x, side in ((west, width), (north, height)))
     north, south = north * width, south * width  # now flat indices of the first texels of these rows
     index = torch.stack([north + west, north + east, south + west, south + east], 1)
@@ -331,7 +364,8 @@ def _corners(size: tuple[int, int], uv: Tensor) -> tuple[Tensor, Tensor]:
 def sample_texture(texture: Tensor, uv: Tensor) -> Tensor:
     """A texture (H, W, C) at uv (n, 2), bilinear and periodic: (n, C), in the texture's dtype."""
     index, weight = _corners((texture.shape[0], texture.shape[1]), uv)
-    rows, weight = texture.flatten(0, 1), weight.to(texture.dtype)
+    rows = texture.flatten(0, 1)  # (H · W, C)
+    weight = weight.to(texture.dtype)
     if texture.shape[2] and not (texture.requires_grad or uv.requires_grad):
         return functional.embedding_bag(index, rows, per_sample_weights=weight, mode="sum")
     # The gradient of an embedding bag is slower than that of the explicit sum.

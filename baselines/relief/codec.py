@@ -100,7 +100,8 @@ class Pyramids(nn.Module):
 
     def __init__(self, settings: Any, size: tuple[int, int], relief: bool):
         super().__init__()
-        self.side, self.coarsest = max(size), level_count(size) - 1
+        self.side = max(size)
+        self.coarsest = level_count(size) - 1
         names = channels(settings, offset=not relief)
         self.each: Any = nn.ModuleDict({name: Pyramid(size_of(name, size)) for name in names})
 
@@ -117,6 +118,7 @@ class Pyramids(nn.Module):
         found = []
         for name, pyramid in self.each.items():
             if name != "offset":
+                # A grid of half the resolution is one level coarser, so its own level is one less.
                 coarser = int(math.log2(FACTORS[name]))
                 own = (level - coarser).clamp(0, len(pyramid.levels) - 1)
                 found.append(pyramid.fetch(tables[name], uv, own))
@@ -183,7 +185,10 @@ class ReliefMaterial(Material):
         )
         super().__init__(size, cost)
         # The relief is separate from the network: it holds places, which stay float32 even if the network is shorter.
-        self.network, self.pyramids, self.relief, self.gain = network, pyramids, relief, gain
+        self.network = network
+        self.pyramids = pyramids
+        self.relief = relief
+        self.gain = gain
         self.names = list(tables)
         for name, table in tables.items():  # attributes, since `to` moves the tensors that are
             setattr(self, f"table_{name}", table)
@@ -210,7 +215,8 @@ class ReliefObjective(Objective):
 
     def __init__(self, levels: list[Samples], height: Tensor | None, settings: Any, fit: Fit):
         super().__init__(levels[0], settings)
-        self.levels, self.fit = levels, fit
+        self.levels = levels
+        self.fit = fit
         generator = fit.generator()
         self.network = Network(settings, height is not None, generator)
         self.network.start_at(self.samples.mean(generator))

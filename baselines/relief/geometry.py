@@ -64,7 +64,8 @@ class Surface(nn.Module):
         v = 1 - (torch.arange(-above, rows + above, device=device) + 0.5) / rows
         u = (torch.arange(-left, cols + left, device=device) + 0.5) / cols
         found = self.height.new_empty(len(v), len(u))
-        tall, wide = max(1, BLOCK // len(u)), min(BLOCK, len(u))
+        tall = max(1, BLOCK // len(u))
+        wide = min(BLOCK, len(u))
         for row, col in itertools.product(range(0, len(v), tall), range(0, len(u), wide)):
             part = found[row : row + tall, col : col + wide]
             # (rows, columns, 2); reversed, because v goes with the rows, but u comes first.
@@ -73,10 +74,14 @@ class Surface(nn.Module):
         return found
 
     def _nearest(self, u: Tensor, v: Tensor) -> Tensor:
-        """Heights at u and v, of any one shape, within the margin around [0, 1)."""
+        """The nearest heights at u and v, of any one shape, within the margin around [0, 1); or anywhere, if it wraps.
+
+        The copy is read as one flat row, at row · columns + column.
+        """
         (rows, cols), (above, left) = self.fine, self.margin
         if self.wraps:
-            row, col = ((1 - v) * rows).floor().int().remainder(rows), (u * cols).floor().int().remainder(cols)
+            row = ((1 - v) * rows).floor().int().remainder(rows)
+            col = (u * cols).floor().int().remainder(cols)
             return self.padded.flatten().take((row * cols + col).long())
         col = (u * cols + left).int()
         row = ((1 - v) * rows + above).int()
@@ -95,13 +100,14 @@ class Surface(nn.Module):
         z = (self.high - step * torch.arange(VIEW_STEPS + 1, device=uv.device, dtype=uv.dtype))[:, None]  # (steps, 1)
         # How far the surface is above the ray, (steps, n): negative before the hit.
         over = self._nearest(*_along(uv, along, z)) - z  # queries last: reductions over steps are fast
-        # The first step that is not above the surface has the highest rank of all such steps.
+        # The first step at which the ray is not above the surface has the highest rank of all such steps.
         rank = torch.arange(VIEW_STEPS, 0, -1, device=uv.device, dtype=torch.uint8)[:, None]
         # The last step is at the lowest height, where only rounding can keep a ray from the surface.
         first = (VIEW_STEPS - ((over[1:] >= 0) * rank).amax(0, keepdim=True).long()).clamp_max(VIEW_STEPS - 1)
         upper, lower = z[first[0]], z[first[0] + 1]  # (n, 1), as their gaps; `first` is (1, n)
         upper_gap, lower_gap = over.gather(0, first).T.clamp_max(0), over.gather(0, first + 1).T.clamp_min(0)
         for _ in range(SECANTS):
+            # Where the gap would be 0 if it were a line between both; this point replaces the end on its own side.
             middle = lower + (upper - lower) * lower_gap / (lower_gap - upper_gap).clamp_min(1e-9)
             gap = sample_texture(self.height, wrapped(uv + along * middle)).to(uv.dtype) - middle
             inside = gap >= 0
@@ -118,6 +124,7 @@ class Surface(nn.Module):
         along = slope(wo, self.shape)
         rise = sample_texture(height[..., None], uv)  # (n, 1)
         with torch.no_grad():
+            # The change of height over one texel's width along the ray's direction on the plane.
             half = along / (2 * self.shape[1])
             ahead, behind = (sample_texture(self.height, wrapped(uv + move)) for move in (half, -half))
             facing = (1 - (ahead - behind) * self.shape[1]).clamp_min(LEAST_FACING)
@@ -151,17 +158,19 @@ def stepped(height: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     step = torch.maximum(height.new_tensor(STEP * LOWEST / height.shape[1]), (high - low) / (MOST_CODES - 2))
     codes = (height / step).round()
     least = codes.min()
-    codes, extent = codes - least, torch.stack([least * step, step])
+    codes = codes - least
+    extent = torch.stack([least * step, step])
     return codes, extent, restored(codes, extent)
 
 
 def restored(codes: Tensor, extent: Tensor) -> Tensor:
-    """The height (H, W) of its codes, and of its lowest value and step (2,)."""
+    """The height (H, W) of codes (H, W), given the lowest height and the step, `extent` (2,)."""
     return codes * extent[1] + extent[0]
 
 
 def smoothed(picture: Tensor) -> Tensor:
     """A periodic picture (H, W) blurred with σ = 1 texel: neighbours share the few samples that move a height."""
+    # Twice (1, 2, 1) / 4 along each side, whose variance is ½ texel² each time.
     for axis in (0, 1, 0, 1):
         picture = (picture.roll(1, axis) + 2 * picture + picture.roll(-1, axis)) / 4
     return picture
@@ -170,8 +179,9 @@ def smoothed(picture: Tensor) -> Tensor:
 def shifted(slices: Tensor, view: Tensor, z: float) -> Tensor:
     """The values of surface points in slices (L, H, W) of a view (3,), if all points have the height z."""
     x, y, up = view.tolist()
-    # In texels, which are square; rows count downwards, y upwards.
-    cols, rows = -z * x / up * slices.shape[2], z * y / up * slices.shape[2]
+    # In texels, which are square: a unit of height is W of them. Rows count downwards, y upwards.
+    cols = -z * x / up * slices.shape[2]
+    rows = z * y / up * slices.shape[2]
     return _moved(_moved(slices, rows, axis=1), cols, axis=2)
 
 
@@ -203,5 +213,6 @@ def refined(costs: Tensor, heights: Tensor) -> Tensor:
     best = least(costs).clamp(1, len(heights) - 2)  # (1, H, W)
     below, at, above = (costs.gather(0, best + step)[0] for step in (-1, 0, 1))  # (H, W) each
     bend = (below - 2 * at + above).clamp_min(1e-9)
+    # The lowest place of the parabola, in steps of height, at most half a step from the cheapest.
     place = best[0] + (0.5 * (below - above) / bend).clamp(-0.5, 0.5)
     return (heights[0] + place * (heights[1] - heights[0])).cpu()

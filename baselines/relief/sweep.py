@@ -46,6 +46,7 @@ def refine(height: Tensor, slices: Tensor, views: Tensor) -> Tensor:
     for z in heights.tolist():
         moved = torch.cat([shifted(each, view, z) for each, view in zip(slices, views, strict=True)])
         left = moved.flatten(1) * weight - mean  # (N, H · W)
+        # What the components do not explain: the vectors without their projections on the orthonormal basis.
         costs.append((left - basis @ (basis.T @ left)).abs_().mean(0).reshape(height.shape))
     return refined(blurred(torch.stack(costs)), heights)
 
@@ -114,10 +115,12 @@ def find(btf: BTF, gain: float, fit: Fit) -> SweptHeight | None:
     grid = _grid(btf.layout)
     if grid is None:
         return None
+    # The view of each row of the grid is that of its first pair: (V, 3).
     views = torch.from_numpy(btf.layout.views[[int(btf.layout.view[row[0]]) for row in grid]]).float()
     slices = _read(btf, grid, gain, fit)
     halves = [[0, *range(start, len(views), 2)] for start in (1, 2)]  # the most frontal view is in both
     heights = [_swept(slices[half], views[half]) for half in halves]
+    # Each half's height is tested on the other half of the views.
     gains = []
     for height, half in zip(heights, halves[::-1], strict=True):
         plane, relief = (unexplained(each, slices[half], views[half]) for each in (torch.zeros_like(height), height))
@@ -126,8 +129,12 @@ def find(btf: BTF, gain: float, fit: Fit) -> SweptHeight | None:
 
 
 def _swept(slices: Tensor, views: Tensor) -> Tensor:
-    """The height (H, W) at which views (V, 3) of slices (V, L, H, W) agree: a coarse sweep, a fine one, and a third."""
+    """The height (H, W) at which views (V, 3) of slices (V, L, H, W) agree.
+
+    A coarse sweep over all heights, a fine one over the range that it found, and `refine`.
+    """
     heights = torch.linspace(-REACH, REACH, HEIGHTS)
+    # The lowest and the highest of the texels' cheapest heights.
     low, high = (float(heights[int(i)]) for i in least(_costs(slices, views, heights)).aminmax())
     step = float(heights[1] - heights[0])
     heights = torch.linspace(low - step, high + step, HEIGHTS)
@@ -144,6 +151,7 @@ def _grid(layout: Layout) -> np.ndarray | None:
     """Pairs (V, L) of some views, the most frontal first, each with the same lights; None if there are too few."""
     pairs = np.full((len(layout.views), len(layout.lights)), -1)  # −1: not measured
     pairs[layout.view, layout.light] = np.arange(len(layout.view))
+    # The most frontal of the views that have two lights or more.
     front = int(np.argmax(np.where((pairs >= 0).sum(1) > 1, layout.views[:, 2], -1)))
     lights = np.flatnonzero(pairs[front] >= 0)
     lights = lights[thin(layout.lights[lights], min(MOST_LIGHTS, len(lights)))]
@@ -175,6 +183,7 @@ def _costs(slices: Tensor, views: Tensor, heights: Tensor) -> Tensor:
     weights = (views[1:, 2] / views[1:, 2].sum()).tolist()
     for i, z in enumerate(heights.tolist()):
         front = shifted(slices[0], views[0], z)
+        # Each (L, H, W); views count by their cosine, the sum of all weights being 1.
         for view, each, weight in zip(views[1:], slices[1:], weights, strict=True):
             apart = (shifted(each, view, z) - front).abs_().clamp_max_(TRUNCATION)
             costs[i].add_(apart.mean(0), alpha=weight)

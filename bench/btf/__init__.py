@@ -29,7 +29,8 @@ from bench.files.atomic import cache_dir
 from bench.inputs.errors import InputError
 
 # The `source` of a provenance. These words are part of fingerprints, so they stay, however our packages are called.
-RENDERED, BAKED = "rendered by bench.materials", "baked from maps by bench.bake"
+RENDERED = "rendered by bench.materials"
+BAKED = "baked from maps by bench.bake"
 MANY_TEXELS = 4_096  # that are read at once: more are picked out of whole slices
 Array = np.ndarray
 
@@ -47,6 +48,7 @@ def finite(values: Array, label: str) -> Array:
     good = np.isfinite(values)
     if good.all():
         return values
+    # The indices of the first bad value, one for each axis.
     place = ", ".join(str(int(i)) for i in np.argwhere(~good)[0])
     count = int(good.size - np.count_nonzero(good))
     raise NotFiniteError(
@@ -57,8 +59,10 @@ def finite(values: Array, label: str) -> Array:
 
 
 class Source:
-    """Where the values of a BTF come from. A reader implements `fingerprint`, and `slice` or `slices`: the latter if it
-    reads several slices faster than one by one, in `at_once` of them; the rest has defaults.
+    """Where the values of a BTF come from.
+
+    A reader implements `fingerprint`, and `slice`; or, if it reads several slices faster together than one by one,
+    `slices` instead, and sets `at_once` to how many. The rest has defaults.
 
     The default `texels` (of few texels) and `gather` are for sources that can only read whole slices cheaply: they read
     a scratch file of halves (`bench.btf.scratch`), which is made once and cached under the fingerprint.
@@ -73,7 +77,7 @@ class Source:
         return self.slices(np.array([pair]))[0]
 
     def slices(self, pairs: Array) -> list[Array]:
-        """The pictures of some pairs, at best `at_once`."""
+        """The pictures of some pairs, (H, W, 3) float32 each; it is fastest with `at_once` pairs."""
         return [self.slice(int(pair)) for pair in pairs]
 
     def fingerprint(self) -> str:
@@ -85,10 +89,11 @@ class Source:
         if len(rows) > MANY_TEXELS:
             return np.stack([self.slice(int(pair))[rows, cols] for pair in pairs], 1)
         flat = rows * self.shape[1] + cols
-        return scratch.scattered(self._scratch, pairs, flat[:, None])  # texels down, pairs across
+        # (len(pairs),) and (n, 1) broadcast to (n, len(pairs)).
+        return scratch.scattered(self._scratch, pairs, flat[:, None])
 
     def gather(self, pair: Array, row: Array, col: Array) -> Array:
-        """Single values (n, 3) float32 at n places."""
+        """Single values (n, 3) float32 at n places: `pair`, `row` and `col` are (n,)."""
         return scratch.scattered(self._scratch, pair, row * self.shape[1] + col)
 
     def window(self, top: int, left: int, height: int, width: int) -> "Source":
@@ -106,7 +111,7 @@ class Source:
 
     @cached_property
     def _scratch(self) -> Array:
-        """The memory-mapped copy for scattered reads; it is made at the first use."""
+        """The memory-mapped copy (blocks, H · W, pairs of a block, 3) for scattered reads, made at the first use."""
         # Files named `…-blocks.npy` are older, and may hold dim values in too few bits.
         path = cache_dir() / "scratch" / f"{self.digest[:32]}-copy.npy"
         return scratch.opened(path, self.slice, self.count, self.shape)
@@ -119,7 +124,8 @@ class ArraySource(Source):
         if values.ndim != 4 or values.shape[-1] != 3:
             raise ValueError(f"values must be (pairs, H, W, 3), not {values.shape}")
         self.values = values
-        self.count, self.shape = len(values), (values.shape[1], values.shape[2])
+        self.count = len(values)
+        self.shape = (values.shape[1], values.shape[2])
 
     def slice(self, pair: int) -> Array:
         return np.asarray(self.values[pair], np.float32)
@@ -142,7 +148,10 @@ class _BoxFiltered(Source):
     """Another source averaged over factor × factor texels; rows and columns that do not fill a box are left out."""
 
     def __init__(self, source: Source, factor: int):
-        self.source, self.factor, self.count, self.at_once = source, factor, source.count, source.at_once
+        self.source = source
+        self.factor = factor
+        self.count = source.count
+        self.at_once = source.at_once
         self.shape = (source.shape[0] // factor, source.shape[1] // factor)
 
     def _box(self, rows: Array, cols: Array) -> tuple[Array, Array]:
@@ -150,6 +159,7 @@ class _BoxFiltered(Source):
         inside = np.arange(self.factor)
         fine_rows = rows[:, None] * self.factor + inside
         fine_cols = cols[:, None] * self.factor + inside
+        # From (n, factor) each to (n, factor, factor): rows down, columns across.
         fine_rows, fine_cols = np.broadcast_arrays(fine_rows[:, :, None], fine_cols[:, None, :])
         return fine_rows.reshape(-1), fine_cols.reshape(-1)
 
@@ -179,7 +189,11 @@ class _Cropped(Source):
     """A window of another source, which may reach around its border."""
 
     def __init__(self, source: Source, top: int, left: int, height: int, width: int):
-        self.source, self.count, self.shape, self.at_once = source, source.count, (height, width), source.at_once
+        self.source = source
+        self.count = source.count
+        self.shape = (height, width)
+        self.at_once = source.at_once
+        # The source's row of each row of the window, and its column of each column.
         self.rows = (top + np.arange(height)) % source.shape[0]
         self.cols = (left + np.arange(width)) % source.shape[1]
 
@@ -198,7 +212,7 @@ class _Cropped(Source):
 
 
 def periods(size: tuple[int, int]) -> tuple[float, float]:
-    """How many periods of a picture (H, W) its longer side is along u and along v: 1 and 1 of a square one."""
+    """The length of the longer side of a picture (H, W), in periods along u and along v: 1 and 1 of a square one."""
     height, width = size
     return max(size) / width, max(size) / height
 
@@ -231,7 +245,7 @@ class Layout:
         """Pair indices (V, L) where every view is combined with every light exactly once, else None."""
         if len(self.view) != len(self.views) * len(self.lights):
             return None
-        grid = np.full((len(self.views), len(self.lights)), -1)
+        grid = np.full((len(self.views), len(self.lights)), -1)  # −1: no pair
         grid[self.view, self.light] = np.arange(len(self.view))
         return None if (grid < 0).any() else grid
 
@@ -269,7 +283,8 @@ class BTF:
 
     def __post_init__(self) -> None:
         """Convert what was given to arrays of the stated types, and check their shapes; `pairs` default to all."""
-        self.wo, self.wi = np.asarray(self.wo, np.float32), np.asarray(self.wi, np.float32)
+        self.wo = np.asarray(self.wo, np.float32)
+        self.wi = np.asarray(self.wi, np.float32)
         self.pairs = np.arange(self.source.count) if self.pairs is None else self.pairs
         self.heldout = None if self.heldout is None else np.asarray(self.heldout, bool)
         self.provenance = dict(self.provenance or {})
@@ -323,6 +338,7 @@ class BTF:
         """The BTF with validation pairs besides its test pairs: whole views and lights of the rest."""
         train = self.split().train
         rest = self.without_test().split()  # its indices count the pairs of `train` alone
+        # The pairs of `train` that the second split holds out are those that choose settings.
         chosen_by = np.delete(train, rest.train)
         return replace(self, validation=np.isin(np.arange(len(self)), chosen_by))
 
@@ -357,6 +373,7 @@ class BTF:
         digest = hashlib.sha256(self.source.digest.encode())
         digest.update(self.pairs.astype(np.int64).tobytes())
         digest.update(self.wo.tobytes() + self.wi.tobytes())
+        # False stands for no declared mask.
         digest.update(json.dumps([self.heldout is not None and self.heldout.tolist(), self.periodic]).encode())
         # A mask without a pair says the same as no mask, and so adds nothing.
         digest.update(self.validation.tobytes() if self.validation is not None and self.validation.any() else b"")
@@ -375,6 +392,7 @@ class BTF:
             train = everything[~self.heldout & ~chosen_by]
             return Split(train, {"heldout": everything[self.heldout]}, everything[chosen_by])
         rng = np.random.default_rng(seed)
+        # Masks (N,) of the pairs whose view, or whose light, is held out.
         new_view = _held(rng, len(self.layout.views), fraction)[self.layout.view]
         new_light = _held(rng, len(self.layout.lights), fraction)[self.layout.light]
         groups = {
@@ -383,7 +401,8 @@ class BTF:
             "both new": everything[new_view & new_light],
         }
         train = everything[~new_view & ~new_light & ~chosen_by]
-        return Split(train, {k: v for k, v in groups.items() if len(v)}, everything[chosen_by])
+        heldout = {name: pairs for name, pairs in groups.items() if len(pairs)}
+        return Split(train, heldout, everything[chosen_by])
 
 
 def _held(rng: np.random.Generator, count: int, fraction: float) -> Array:

@@ -13,6 +13,7 @@ def write_npz(btf: BTF, path: str | Path) -> None:
     """Write a BTF as an uncompressed `.npz` with `radiance` in float32, slice by slice, so memory stays small."""
     with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
         with archive.open("radiance.npy", "w", force_zip64=True) as stream:
+            # "<f4" is little-endian float32.
             header = {"descr": "<f4", "fortran_order": False, "shape": (len(btf), *btf.shape, 3)}
             np.lib.format.write_array_header_1_0(stream, header)
             for picture in btf:

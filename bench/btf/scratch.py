@@ -34,8 +34,10 @@ def opened(path: Path, read: Callable[[int], Array], count: int, shape: tuple[in
 
 
 def scattered(copy: Array, pair: Array, texel: Array) -> Array:
-    """Values (..., 3) float32 at pairs and texels, row · W + column, of shapes that broadcast, out of a copy (blocks,
-    H · W, pairs of a block, 3)."""
+    """Values (..., 3) float32 from a copy (blocks, H · W, pairs of a block, 3).
+
+    `pair` and `texel`, row · W + column, are whole numbers of shapes that broadcast to (...).
+    """
     block, place = np.divmod(pair, copy.shape[2])
     return np.asarray(copy[block, texel, place], np.float32)
 
@@ -43,16 +45,19 @@ def scattered(copy: Array, pair: Array, texel: Array) -> Array:
 def _written(
     path: Path, partial: Path, read: Callable[[int], Array], count: int, shape: tuple[int, int], dtype: type
 ) -> bool:
-    """Fill (blocks, H · W, pairs of a block, 3) from front to back, with each slice read once and one block in memory:
-    written by texel, a whole measurement would bring every page back into memory hundreds of times. Return False where
-    halves do not hold a value, or where a share above `DIM` of the values is too small for their precision."""
+    """Write the copy (blocks, H · W, pairs of a block, 3) in a dtype; return False if halves lose too much.
+
+    They do if a value is beyond their range, or if more than the share `DIM` of the values is too small for their
+    precision. Blocks are written from front to back: each slice is read once, and one block is in memory. Written
+    slice by slice, a whole measurement would bring every page back into memory hundreds of times.
+    """
     texels = shape[0] * shape[1]
     together = max(1, min(TOGETHER, count, BLOCK // (3 * texels * np.dtype(dtype).itemsize)))
     starts = range(0, count, together)
     block: Array = np.zeros((texels, together, 3), dtype)
     log.warning("writing a scratch file of %.1f MB for scattered reads: %s", block.nbytes * len(starts) / 1e6, path)
     out = atomic.mapped(partial, dtype, (len(starts), *block.shape))
-    dim = 0
+    dim = 0  # values so far that are too small for halves
     for number, start in enumerate(starts):
         for place in range(min(together, count - start)):
             picture = read(start + place)

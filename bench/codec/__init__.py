@@ -18,7 +18,9 @@ from bench.machine.threads import processor_seconds
 from bench.material import Material
 
 T = TypeVar("T")
-ZSTD, SCENE = COMMON = ("zstd", "scene")  # boolean settings that every codec has
+ZSTD = "zstd"
+SCENE = "scene"
+COMMON = (ZSTD, SCENE)  # boolean settings that every codec has
 RECIPE = "recipe"  # the setting that chooses the defaults of others
 COMMON_MEANINGS = {
     ZSTD: "store each part compressed by Zstandard, without loss (extra neubtf-bench[zstd])",
@@ -79,8 +81,10 @@ class Terminal(Protocol):
 
 
 class Drawn(NamedTuple):
-    """Random samples: texel (n,) as row · W + column, and direction (n,): a pair or, counted after the pairs, a
-    query."""
+    """Random samples: `texel` (n,) is row · W + column, `direction` (n,) the number of a pair or of a query.
+
+    Queries are those of a scene; they are counted after the N pairs, so query q is N + q.
+    """
 
     texel: Tensor
     direction: Tensor
@@ -88,8 +92,10 @@ class Drawn(NamedTuple):
 
 @dataclass(frozen=True)
 class Density:
-    """A scene's demand over the pairs of one layout and a window of texels: a fit draws samples by it and
-    weights pairs with it. The share `uniform` of it is spread evenly."""
+    """A scene's demand over the pairs of one layout and a window of texels.
+
+    A fit draws samples by it and weights pairs with it. A share of it, `uniform`, is spread evenly over all pairs.
+    """
 
     uv: Tensor  # (n, 2) within the window
     footprint: Tensor  # (n,) in units of the window's longer side
@@ -102,7 +108,7 @@ class Density:
     uniform: float
 
     def to(self, device: torch.device) -> "Density":
-        """The same, which tells the pairs around directions of a device; it still draws on the CPU."""
+        """The same, whose `around` answers for directions on a device; it still draws on the CPU."""
         return dataclasses.replace(self, pair=self.pair.to(device), weight=self.weight.to(device))
 
     @property
@@ -115,8 +121,11 @@ class Density:
     def levels(self, side: int) -> int:
         """The number of levels of detail, from the finest, that the demand uses of a texture of `side` texels."""
         # A hundred thousand footprints tell the quantile well enough; PyTorch refuses to sort very many.
-        coarsest = torch.quantile(self.footprint[:: max(1, len(self.footprint) // 100_000)], COVERED)
-        return max(0, math.ceil(math.log2(max(1.0, float(coarsest) * side)))) + 1
+        apart = max(1, len(self.footprint) // 100_000)
+        coarsest = torch.quantile(self.footprint[::apart], COVERED)
+        # A footprint of 2ⁱ texels needs level i, counted from 0.
+        texels = max(1.0, float(coarsest) * side)
+        return max(0, math.ceil(math.log2(texels))) + 1
 
     def draw(self, count: int, shape: tuple[int, int], generator: torch.Generator) -> Drawn:
         """`count` random samples of the window at a resolution.
@@ -127,6 +136,7 @@ class Density:
         height, width = shape
         # Of each sample: which query, where in its footprint along u and v, and whether it is one of the even share.
         chance = torch.rand(count, 4, generator=generator, dtype=torch.float64)
+        # A query is drawn by its importance: the first whose running sum reaches a random part of the total.
         query = torch.searchsorted(self.cumulative, chance[:, 0] * self.cumulative[-1]).clamp_max(len(self.uv) - 1)
         side = self.footprint[query, None].clamp_min(1 / max(shape)) * torch.tensor(periods(shape))
         place = self.uv[query] + (chance[:, 1:3].float() - 0.5) * side
@@ -134,16 +144,22 @@ class Density:
         row = ((1 - place[:, 1]) * height).floor().long().remainder(height)
         pairs = len(self.per_pair)
         anywhere = torch.randint(math.prod(shape) * pairs, (count,), generator=generator)
-        texel, pair = anywhere.div(pairs, rounding_mode="floor"), anywhere.remainder(pairs)
+        # One number for a texel and a pair: texel · pairs + pair.
+        texel = anywhere.div(pairs, rounding_mode="floor")
+        pair = anywhere.remainder(pairs)
         even = chance[:, 3] < self.uniform
         return Drawn(torch.where(even, texel, row * width + col), torch.where(even, pair, pairs + query))
 
     def around(self, direction: Tensor) -> tuple[Tensor, Tensor]:
-        """The pairs that directions (n,), counted as in `Drawn`, are interpolated from, and their weights, both (n, k):
-        radiance is the sum of weight × radiance of the pair."""
-        pairs, corners = len(self.per_pair), self.pair.shape[1]
+        """The pairs that directions (n,), counted as in `Drawn`, are interpolated from, and their weights: (n, k) each.
+
+        The radiance of a direction is the sum of weight × radiance of the pair.
+        """
+        pairs = len(self.per_pair)
+        corners = self.pair.shape[1]
         # A pair itself fills all k places with equal weights, so that both kinds have one shape.
-        query, exact = (direction - pairs).clamp_min(0), (direction < pairs)[:, None]
+        query = (direction - pairs).clamp_min(0)  # 0 where it is a pair, and then not used
+        exact = (direction < pairs)[:, None]
         pair = torch.where(exact, direction[:, None], self.pair[query].long())
         return pair, torch.where(exact, 1 / corners, self.weight[query])
 

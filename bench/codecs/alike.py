@@ -21,9 +21,13 @@ def obstacles(jobs: Iterable[Job], published: Collection[str] = ()) -> dict[str,
 
     Where some jobs are `published`, they say which data and pairs a material has, whatever newer jobs have.
     """
+    # The runs' names begin with their time, so the newest job comes last.
     finished = sorted((job for job in jobs if job["status"] == "ok"), key=lambda job: str(job["run"]))
-    ordered = sorted(finished, key=lambda job: job["job"] in published)  # the last one says what the others need
-    scored = {(job["material"], job.get("seed")): job["score_key"] for job in ordered}  # pairs differ by seed
+    # Published jobs after all others; among themselves both stay in order of time.
+    ordered = sorted(finished, key=lambda job: job["job"] in published)
+    # Of jobs with the same key, the last one stays in these dictionaries, and says what the others need.
+    # Scores are kept by seed too, because the scored pairs differ by seed.
+    scored = {(job["material"], job.get("seed")): job["score_key"] for job in ordered}
     shapes = {job["material"]: job.get("shape") for job in ordered}
     fitted = {_recipe_of(job): job.get("fit_key", {}) for job in finished}
     coded = {row_of(job): job.get("fit_key", {}).get("code") for job in finished}
@@ -34,7 +38,8 @@ def obstacles(jobs: Iterable[Job], published: Collection[str] = ()) -> dict[str,
         reasons = _scored(job["score_key"], scored[job["material"], job.get("seed")])
         shape = job.get("shape")
         due = shapes[job["material"]]
-        if not reasons and shape and due and shape != due:  # a seed that no other job has
+        # If no other job has this seed, the scores above were compared with themselves: the size still tells.
+        if not reasons and shape and due and shape != due:
             reasons.append(f"other data ({shape[0]} × {shape[1]} texels instead of {due[0]} × {due[1]})")
         other_version = _differences(key, fitted[_recipe_of(job)])
         if other_version:
@@ -58,7 +63,7 @@ def row_of(job: Job) -> tuple[Any, ...]:
 
 
 def _differences(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> str:
-    """The versions in `mine` that are not those in `theirs`, in words; "" if all are, or if `mine` is empty."""
+    """Which versions in `mine` differ from those in `theirs`, in words; "" if none does, or if `mine` is empty."""
     differ = [key for key in ("version", "store") if mine and key in theirs and mine.get(key) != theirs[key]]
     names = {"version": "codec", "store": "store"}
     return ", ".join(f"{names[key]} version {mine.get(key)} instead of {theirs[key]}" for key in differ)
@@ -69,7 +74,8 @@ def _scored(key: ScoreKey, newest: ScoreKey) -> list[str]:
     reasons = scored_unlike(key, newest)
     if key.get("demand") != newest.get("demand"):
         reasons.append("another demand")
-    mine, theirs = key.get("metrics", {}), newest.get("metrics", {})
+    mine = key.get("metrics", {})
+    theirs = newest.get("metrics", {})
     both = sorted(mine.keys() & theirs.keys())  # if only one has a metric, they are still comparable
     differ = [name for name in both if mine[name] != theirs[name]]
     return reasons + [f"{name} version {mine[name]} instead of version {theirs[name]}" for name in differ]

@@ -59,6 +59,7 @@ class Programs(Codec):
     def digest(self) -> str:
         """A hash of the programs and of every file that their command lines name: their files depend on these."""
         digest = hashlib.sha256()
+        # Words of a command line may be names of files, or of programs that the system finds; others count by name.
         for word in shlex.split(f"{self.settings.encode} {self.settings.decode}"):
             digest.update(word.encode() + b"\0")
             place = Path(shutil.which(word) or word)
@@ -81,6 +82,7 @@ class Programs(Codec):
             files = Path(scratch) / "files"
             files.mkdir()
             write_npz(btf, btf_file)
+            # 31 bits of the seed, because many programs keep a seed in a signed int32.
             given = {"btf": btf_file, "files": files, "seed": fit.seed % 2**31, "threads": fit.threads}
             self._run(_words(self.settings.encode, given))
             return _stored(files, btf.shape, self.settings.encode)
@@ -131,7 +133,11 @@ def _words(command: str, given: dict[str, object]) -> list[str]:
 
 
 def _stored(folder: Path, size: tuple[int, int], command: str) -> Parts:
-    """The files of a folder as tensors, by number in the order of their names, which `other` lists as JSON."""
+    """The files of a folder as parts: the bytes of each as one tensor (bytes,) uint8 of `texture`.
+
+    A tensor is named by the number of its file in the order of the files' names; `other` lists these names as JSON,
+    and holds the `size` (H, W) of the texture.
+    """
     files = sorted(folder.iterdir())
     if not files:
         raise CodecError(f"{command}: it wrote no file into {{files}}")
@@ -170,13 +176,16 @@ class ProgramMaterial(Material):
                 raise CodecError(f"{words[0]}: cannot be started ({error.strerror})") from error
         assert self.process.stdin
         assert self.process.stdout
-        self.asks, self.answers = self.process.stdin, self.process.stdout
+        self.asks = self.process.stdin
+        self.answers = self.process.stdout
+        # The program ends when nothing refers to this material any more, or when Python ends.
         weakref.finalize(self, _end, self.process, scratch)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        """Write the queries, ask the program, and read its answers."""
+        """Write the queries to a file, ask the program, and read its answers (n, 3) from another file."""
         self.batches += 1
-        queries, answers = (self.folder / f"{what}-{self.batches}.npy" for what in ("queries", "answers"))
+        queries = self.folder / f"queries-{self.batches}.npy"
+        answers = self.folder / f"answers-{self.batches}.npy"
         rows = torch.cat([uv, wo, wi, footprint[:, None]], 1).float().cpu().numpy()
         np.save(queries, rows)
         start = time.perf_counter()
@@ -194,8 +203,8 @@ class ProgramMaterial(Material):
         return torch.from_numpy(values.astype(np.float32)).to(uv.device)
 
     def _ask(self, queries: Path, answers: Path) -> None:
-        """Send one line, and wait for one line."""
-        line = b""
+        """Send the line that names the two files, and wait for the program's line. `CodecError` if none comes."""
+        line = b""  # stays empty if the program has ended: writing to it breaks the pipe, or it sends nothing
         with suppress(BrokenPipeError):
             self.asks.write(f"{queries}\t{answers}\n".encode())
             self.asks.flush()

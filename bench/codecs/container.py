@@ -35,9 +35,12 @@ MATERIAL, SHARED = "material", "shared"  # kinds of file: a material, or a netwo
 ZEROS = b"0" * 64
 HEADER_LIMIT = 1 << 24
 LEVEL = 19  # of Zstandard
-MOST_EXPANSION, LEAST_EXPANDED = 16, 64 << 20  # limits of all expanded parts: × the file, or bytes
+# All expanded parts of a file together may have this multiple of the file's bytes, or this many bytes if that is more.
+MOST_EXPANSION = 16
+LEAST_EXPANDED = 64 << 20  # 64 MiB
 PARTS = ("decoder", "texture", "encoder", "sampling", "other")
-# The dtypes that a codec may write: as safetensors names them, their bytes a number, and as PyTorch names them.
+# The dtypes that a codec may write. `ITEM_BYTES`: by safetensors' name, the bytes of one number. `HELD`: PyTorch's
+# names of the same dtypes, in the same order.
 ITEM_BYTES = {"F64": 8, "F32": 4, "F16": 2, "BF16": 2, "I64": 8, "I32": 4, "I16": 2, "I8": 1, "U8": 1, "BOOL": 1}
 HELD = ("float64", "float32", "float16", "bfloat16", "int64", "int32", "int16", "int8", "uint8", "bool")
 
@@ -114,6 +117,8 @@ def to_bytes(codec: "Encoder", parts: "Parts", provenance: dict[str, Any] | None
     if provenance:
         metadata["provenance"] = provenance
     data = serialise(tensors, {KEY: json.dumps(metadata, sort_keys=True, separators=(",", ":"))})
+    # The hash of the file with zeros in place of the hash; its 64 digits then replace the zeros. The header precedes
+    # the tensors, so the first such zeros are those of the header.
     return data.replace(ZEROS, hashlib.sha256(data).hexdigest().encode(), 1)
 
 
@@ -152,11 +157,12 @@ def _check_parts(codec: "Encoder", parts: object) -> None:
 
 def _encodable(name: str) -> bool:
     """Whether a file can hold a name: a byte that is not UTF-8, as in some file names, cannot be written."""
+    # Encoding with "ignore" drops every character that UTF-8 cannot write, so such a name comes back shorter.
     return name == name.encode("utf-8", "ignore").decode()
 
 
 def _overlap(tensor: "Tensor", other: "Tensor") -> bool:
-    """Whether two contiguous tensors lie in the same memory; others are copied before they are written."""
+    """Whether two contiguous tensors overlap in memory. Any other tensor is copied before it is written, so False."""
     if not (tensor.is_contiguous() and other.is_contiguous() and tensor.numel() and other.numel()):
         return False
     first, second = tensor.data_ptr(), other.data_ptr()
@@ -197,7 +203,7 @@ def read_parts(path: Path) -> "tuple[Header, Parts]":
     data = _read(Path(path))
     header = _parse(Path(path), data)
     parts = Parts()
-    left = max(LEAST_EXPANDED, MOST_EXPANSION * len(data))
+    left = max(LEAST_EXPANDED, MOST_EXPANSION * len(data))  # bytes that the remaining parts may still expand to
     try:
         stored = deserialise(data)
     except (SafetensorError, ValueError) as error:
@@ -235,6 +241,7 @@ def _parse(path: Path, data: bytes) -> Header:
     header = _json_header(path, data)
     metadata = _metadata(path, header)
     digits = str(metadata["sha256"]).encode()
+    # The file was hashed with zeros in place of the digits: see `to_bytes`.
     if hashlib.sha256(data.replace(digits, ZEROS, 1)).hexdigest().encode() != digits:
         raise ContainerError(f"{path}: altered or damaged since it was written (its hash differs): copy it again")
     tensors = {name: _tensor(path, name, entry) for name, entry in header.items()}
@@ -255,7 +262,9 @@ def _parse(path: Path, data: bytes) -> Header:
 
 def _json_header(path: Path, data: bytes) -> dict[str, Any]:
     """The safetensors header: 8 bytes of length, then JSON of name → {dtype, shape, data_offsets}."""
-    length = struct.unpack("<Q", data[:8])[0] if len(data) >= 8 else 0
+    length = 0
+    if len(data) >= 8:
+        (length,) = struct.unpack("<Q", data[:8])  # a little-endian unsigned integer
     if not 2 <= length <= HEADER_LIMIT or data[8:9] != b"{":
         raise ContainerError(f"{path}: not a codec file (no safetensors header)")
     if 8 + length > len(data):
@@ -263,7 +272,7 @@ def _json_header(path: Path, data: bytes) -> dict[str, Any]:
         raise ContainerError(f"{path}: truncated: {short}: copy it again")
     try:
         header = json.loads(data[8 : 8 + length])
-        end = 0
+        end = 0  # where the last tensor ends, in bytes after the header
         for name, entry in header.items():
             if name == "__metadata__":
                 continue
@@ -295,12 +304,15 @@ def _metadata(path: Path, header: dict[str, Any]) -> FileMetadata:
 
 
 def _whole(value: object) -> bool:
-    """Whether a value of JSON is a whole number that can be a size, or a place in a file."""
+    """Whether a value of JSON is a whole number that can be a size, or a place in a file: from 0 to below 2^48."""
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 48
 
 
 def _tensor(path: Path, name: str, entry: dict[str, Any]) -> tuple[str, tuple[int, ...], int]:
-    """The dtype, shape and bytes of a tensor from its entry in the header. `ContainerError` if they contradict."""
+    """The dtype, shape and number of bytes of a tensor, from its entry in the header.
+
+    `ContainerError` if they contradict each other, or if the name is not that of a part and a tensor.
+    """
     try:
         begin, end = entry["data_offsets"]
         shape = tuple(entry["shape"])
@@ -338,7 +350,7 @@ def expanded(payload: "Tensor", path: Path, most: int) -> "dict[str, Tensor]":
 
 
 def _library(what: str) -> ModuleType:
-    """The package zstandard, which is optional; `what` needs it, in the error if it is missing."""
+    """The package zstandard, which is optional. The error if it is missing says that `what` needs it."""
     with installed(f"{what}: needs the package zstandard: pip install 'neubtf-bench[zstd]'"):
         import zstandard
     return zstandard

@@ -28,10 +28,11 @@ def described_codecs() -> dict[str, dict[str, Any]]:
             about += " It cannot be imported here."
         else:
             paper = codec.recipes.get("paper")
-            published = {}
+            published = {}  # the settings of the recipe `paper`, if the codec has one
             if paper is not None:
                 published = {"recipe": "paper"} | dict(paper)
             for each in described_settings(codec):
+                # A setting that the recipe does not name has its default there.
                 theirs = str(published.get(each.name, each.default)) if published else ""
                 settings.append((each.name, each.meaning, each.default, theirs))
         cited = registry.reference(entry)

@@ -96,8 +96,10 @@ def naming_faults(codec: Codec, encode: Encode | None = None) -> Encode:
     """
 
     def named(btf: BTF, fit: Fit) -> Parts:
+        """Make the parts of a file as the codec does, or raise the error that names it."""
         try:
-            return (encode or codec.encode)(btf, fit)
+            make_parts = encode or codec.encode
+            return make_parts(btf, fit)
         except (InputError, KeyboardInterrupt):
             raise
         except BaseException as error:  # also `sys.exit` and a cancelled task of asyncio
@@ -142,7 +144,8 @@ def raised(error: BaseException, codec: Codec) -> str:
         code = 0 if error.code is None else error.code
         how = f"exit code {code}" if isinstance(code, int) else f"the message {shown(code)}"
         what = f"it ends the process with {how}: raise an error instead"
-    if "Half" in what and "float" in what.lower():  # networks and tables have the material's dtype, queries do not
+    # PyTorch's error where a product mixes the two dtypes: networks and tables have the material's, queries do not.
+    if "Half" in what and "float" in what.lower():
         what += ": queries are at least float32; convert what meets them by .to(wi.dtype)"
     place = _own_line(error, codec)
     return f"{what} ({place})" if place else what
@@ -152,10 +155,10 @@ def _own_line(error: BaseException, codec: Codec) -> str:
     """The file and line of a codec's own package where an error was raised; "" if the traceback shows none."""
     try:
         own = Path(inspect.getfile(type(codec))).parent
-    except (TypeError, OSError):  # typed into a shell
+    except (TypeError, OSError):  # a class typed into a shell has no file
         return ""
     suite = Path(__file__).parents[1]
-    place = ""
+    place = ""  # of the last frame that fits, which is the innermost
     for frame in traceback.extract_tb(error.__traceback__):
         file = Path(frame.filename)
         if file.is_relative_to(own) and not file.is_relative_to(suite):

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from bench.btf import Source
-from bench.codec import Parts, TrainedNetwork
+from bench.codec import Codec, Parts, TrainedNetwork
 from bench.codecs import registry, shared
 from bench.codecs.container import PARTS, SHARED, Header, read_parts
 from bench.codecs.scene_material import SceneMaterial
@@ -17,9 +17,10 @@ from bench.inputs.errors import CodecError, ContainerError, answered, said_by
 from bench.material import Material
 from bench.training.decoder import decoding
 
-# Limits of a picture's texels, absolute and relative to the numbers in its file: no codec exceeds them, and slices of
-# such a picture still fit into memory.
-LEAST_TEXELS, MOST_TEXELS = 1 << 24, 64
+# A picture may have `LEAST_TEXELS` texels, or `MOST_TEXELS` for each number in its file if that is more. No codec
+# exceeds both, and slices of such a picture still fit into memory.
+LEAST_TEXELS = 1 << 24
+MOST_TEXELS = 64
 
 
 class Loaded(NamedTuple):
@@ -46,11 +47,7 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
             f"{path}: written by version {header.version} of codec {header.codec}, but installed is version "
             f"{installed}: encode it again, or install the version that wrote it"
         )
-    if not header.network:
-        network = None
-    elif network is None or network.sha256 != header.network:
-        shipped = codec_class.network.shipped if codec_class.network else None
-        network = shared.named_by(header, shipped)
+    network = _needed_network(header, codec_class, network)
     parts = dataclasses.replace(parts, network=network)
     numbers = _numbers(parts) + (_numbers(network.parts) if network else 0)
     try:
@@ -76,6 +73,16 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
     return Loaded(header, material, network)
 
 
+def _needed_network(header: Header, codec_class: type[Codec], network: TrainedNetwork | None) -> TrainedNetwork | None:
+    """The shared network that a file names: `network` if its hash agrees, else the one found; None if it names none."""
+    if not header.network:
+        return None
+    if network is not None and network.sha256 == header.network:
+        return network
+    shipped = codec_class.network.shipped if codec_class.network else None
+    return shared.named_by(header, shipped)
+
+
 def _numbers(parts: Parts) -> int:
     """The count of numbers in the tensors."""
     count = 0
@@ -85,7 +92,10 @@ def _numbers(parts: Parts) -> int:
 
 
 def _try(material: Material) -> None:
-    """Query each corner of the picture, so that inconsistent tensors are found at once. Raises a `ValueError`."""
+    """Query each corner of the picture, so that inconsistent tensors are found at once.
+
+    Raises `ValueError` if the picture's size is not two positive numbers, or if an answer is not finite.
+    """
     if not all(isinstance(side, int) and side > 0 for side in material.size):
         raise ValueError(f"a picture of {material.size} texels")
     uv = torch.tensor([[0.0, 0.0], [0.0, 0.999], [0.999, 0.0], [0.999, 0.999]], device=material.device)

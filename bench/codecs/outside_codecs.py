@@ -25,7 +25,7 @@ def check(entry: EntryPoint, called: str, make: Make, settings: dict[str, Any] |
     """
     if EXPENDABLE in os.environ or not plugins.is_outside(entry):
         return
-    pairs = None if settings is None else tuple(sorted(settings.items()))
+    pairs = None if settings is None else tuple(sorted(settings.items()))  # hashable, for the cache of `_tried`
     error = _tried(entry.name, called, make, pairs)
     if error is not None:
         raise error
@@ -33,14 +33,14 @@ def check(entry: EntryPoint, called: str, make: Make, settings: dict[str, Any] |
 
 @cache
 def _tried(name: str, called: str, make: Make, settings: tuple[tuple[str, Any], ...] | None) -> InputError | None:
-    """What is wrong with a codec, or None."""
+    """Make a codec in another process, or import it if `settings` is None; the error that this shows, or None."""
     import json  # imported here, since listing codecs should be instant
     import subprocess
     import sys
 
     # A bare interpreter, because `multiprocessing` would run the calling script again.
     request = json.dumps([sys.path, name, None if settings is None else dict(settings)], default=str)
-    there, here = os.pipe()
+    there, here = os.pipe()  # where this process reads, and where the other one writes its answer
     script = CHILD.format(module=make.__module__, make=make.__name__)
     command = [sys.executable, "-c", script, request, str(here)]
     child = subprocess.Popen(command, pass_fds=(here,), stdin=subprocess.DEVNULL, env=os.environ | {EXPENDABLE: "1"})
@@ -63,6 +63,7 @@ def _tried(name: str, called: str, make: Make, settings: tuple[tuple[str, Any], 
     return CodecError(message) if kind == CodecError.__name__ else InputError(message)
 
 
+# The script of the other process: it gets this process's import path, then calls `answer`.
 CHILD = """
 import json, sys
 sys.path[:], name, settings = json.loads(sys.argv[1])
@@ -86,5 +87,5 @@ def answer(make: Make, name: str, settings: dict[str, Any] | None, place: int) -
 
 
 def ending(code: int | None) -> str:
-    """How a process ended, in words."""
+    """How a process ended, in words, from its return code: a negative one is the number of a signal."""
     return f"exit code {code}" if code is None or code >= 0 else f"killed by {signal.Signals(-code).name}"

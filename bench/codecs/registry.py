@@ -121,8 +121,8 @@ def listed(entry: EntryPoint) -> str:
 def reference(entry: EntryPoint) -> dict[str, str]:
     """What a codec's docstring says of its origin: `bibtex`, one entry, the link of its `paper`, and of its `code`.
 
-    The paper's link is the entry's doi or url; the code's follows "Code: ". "" where there is none. Of a codec that is
-    "Cited as" another one they are that one's.
+    The paper's link is the entry's doi or url; the code's follows "Code: ". Each is "" where there is none. If the
+    docstring says "Cited as `NAME`.", all three are those of the codec of that name.
     """
 
     def found(pattern: str, text: str) -> str:
@@ -147,9 +147,9 @@ def first_line(module: str, class_name: str = "") -> str:
 
 
 def current_versions(codec: str, recipe: str = "") -> dict[str, int]:
-    """The installed version of a codec, or of its recipe if that has its own, and of the store of textures, as a fit
-    key names them; read from the source.
+    """The installed `version` of a codec, and that of the `store` of textures, as a fit key names them.
 
+    If the recipe has a version of its own, `version` is that. Both are read from the source.
     Empty if no such codec is installed, or if its source does not state its version as a number.
     """
     entry = codec_entries().get(codec)
@@ -164,9 +164,10 @@ def current_versions(codec: str, recipe: str = "") -> dict[str, int]:
 
 
 def _assigned(module: str, class_name: str, wanted: str) -> Any:
-    """The literal that a module or a class assigns to a name, alone or among others: `name, version = "pca", 4`.
+    """The literal that a module or a class assigns to a name; None if it assigns none to it.
 
-    None if there is none: the value of an expression is not known without importing the module.
+    The name may stand alone or among others, as in `name, version = "pca", 4`. An expression is no literal: its value
+    is not known without importing the module.
     """
     node = _definition(module, class_name)
     if node is None:
@@ -185,12 +186,16 @@ def _assigned(module: str, class_name: str, wanted: str) -> Any:
             value = ast.literal_eval(statement.value)
         except ValueError:  # an expression
             continue
+        # In `name, version = "pca", 4` the value has the same place on its side as the name on its own.
         return value[names.index(wanted)] if isinstance(value, tuple) else value
     return None
 
 
 def _docstring(module: str, class_name: str = "") -> str:
-    """The docstring of a module, or of a class in it, from the source; "" if it has none, or no such class."""
+    """The docstring of a module, or of a class in it, from the source; "" if it has none, or no such class.
+
+    If the module itself is not found, a line that says so, because lists show this text.
+    """
     node = _definition(module, class_name)
     if node is None and _definition(module, "") is None:
         return f"not importable: {module}"

@@ -28,14 +28,17 @@ class SceneMaterial(Wrapped):
         if inner.size != tuple(side // window.factor for side in window.sides):
             raise ValueError(f"a window of {window.sides} texels over {window.factor} is not {inner.size}")
         super().__init__(inner)
+        # Of the whole texture, in boxes of texels, since queries are for the whole.
         self.size = height // window.factor, width // window.factor
         self.window = window
         self.name = name
         self.finest = float(scene["finest"]) / FINER
+        # Whether each cell of the map of directions was demanded: (CELLS²,) bool, indexed by `cell_of`.
         self.views = torch.from_numpy(from_hex(scene["views"])).flatten()
         self.lights = torch.from_numpy(from_hex(scene["lights"])).flatten()
-        self.queried = self.outside = 0
-        self.reports = True
+        self.queried = 0
+        self.outside = 0
+        self.reports = True  # until the first warning
 
     def to(self, device: torch.device | str | None = None, dtype: torch.dtype | None = None) -> Material:
         self.inner.to(device, dtype)
@@ -51,6 +54,7 @@ class SceneMaterial(Wrapped):
         inside = self.views.index_select(0, cell_of(wo)) & self.lights.index_select(0, cell_of(wi))
         if not self.window.full:
             inside &= self.window.holds(uv)
+        # Without boxes of texels the file is as fine as the texture, so no footprint is too small for it.
         if self.window.factor > 1:
             inside &= footprint >= self.finest
         count = len(uv) - int(inside.count_nonzero())

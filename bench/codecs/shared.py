@@ -118,11 +118,13 @@ def make(network: SharedNetwork, btfs: Sequence[BTF], fit: Fit, path: Path) -> c
     origins = [origin(btf) for btf in btfs]
     seen = [*fingerprints, *(btf.fingerprint for btf in fit.unseen)]
     known = [network.name, network.version, settings_dict(network), fit.seed, fit.device.type]
-    known += [fit.threads, torch.__version__, seen]  # what determines the file
+    known += [fit.threads, torch.__version__, seen]
+    # A state is resumed only if everything that determines the file is the same, so its name has a hash of that.
     key = hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()[:12]
     state = path.with_name(f"{path.stem}-{key}.state")
     parts = network.train(btfs, dataclasses.replace(fit, checkpoint=state))
     for name, digests in (("fingerprints", fingerprints), ("origins", origins)):
+        # One row of 32 bytes for each BTF.
         parts.other[name] = torch.tensor([list(bytes.fromhex(digest)) for digest in digests], dtype=torch.uint8)
     if replaced:
         shutil.copyfile(path, path.with_name(hashed_name(replaced.codec, replaced.sha256)))

@@ -26,6 +26,7 @@ class SlicesMaterial(Material):
     def __init__(self, decoded: BTF, truth: BTF):
         super().__init__(decoded.shape, DecoderCost())
         self.decoded = decoded
+        # Pairs as points (N, 6), whose distances are angles in radians where they are small.
         have = np.concatenate([decoded.wo, decoded.wi], 1)
         wanted = np.concatenate([truth.wo, truth.wi], 1)
         distance, nearest = cKDTree(have).query(wanted)

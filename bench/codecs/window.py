@@ -25,9 +25,10 @@ class Window:
     @classmethod
     def whole(cls, size: tuple[int, int], factor: int = 1) -> "Window":
         """The window of the whole texture, without texels that do not fill a box."""
-        return cls(
-            size, top=0, left=0, height=size[0] // factor * factor, width=size[1] // factor * factor, factor=factor
-        )
+        # Each side rounded down to a multiple of `factor`.
+        height = size[0] // factor * factor
+        width = size[1] // factor * factor
+        return cls(size, top=0, left=0, height=height, width=width, factor=factor)
 
     @property
     def all(self) -> bool:
@@ -41,11 +42,11 @@ class Window:
 
     @property
     def stretch(self) -> float:
-        """The factor that converts a footprint to units of the window, for the same number of texels."""
+        """The factor that converts a footprint, as a share of the texture's longer side, to one of the window's."""
         return max(self.size) / max(self.height, self.width)
 
     def cut(self, btf: BTF) -> BTF:
-        """The BTF of the window."""
+        """The part of a BTF in the window, as means over its boxes of factor × factor texels."""
         whole = btf if self.full else btf.crop(self.top, self.left, self.height, self.width)
         return whole.downsample(self.factor)
 
@@ -56,24 +57,29 @@ class Window:
 
     def within(self, uv: Tensor) -> Tensor:
         """uv (n, 2) of the whole texture in units of the window; beyond its border, the nearest texel."""
+        # v points up, but rows count down from the top.
         u = self._along(uv[:, 0], self.left, self.width, self.size[1])
         v = self._along(1 - uv[:, 1], self.top, self.height, self.size[0])
         return torch.stack([u, 1 - v], 1)
 
     def _along(self, place: Tensor, start: int, length: int, side: int) -> Tensor:
-        """Places (n,) along one axis in units of the window, from units of a side of `side` texels, of which the window
-        has `length` from `start` on."""
+        """Places (n,) along one axis, from shares of the texture's side to shares of the window's side.
+
+        The texture's side has `side` texels, of which the window has `length` from texel `start` on.
+        """
         if length == side:
             return place
-        texels = (place * side - start).remainder(side)
+        texels = (place * side - start).remainder(side)  # after the window's start, around the texture's border
         half = self.factor / 2
-        # Positions that are nearer to the start around the border are clamped to the start.
+        # Those beyond the middle of the gap, from `length` to `side`, are nearer to the window's start than to its
+        # end. As negative places they are clamped to the start.
         texels = torch.where(texels > (length + side) / 2, texels - side, texels)
         # Between centres of boxes, because a look-up nearer to a border would mix in the opposite one.
         return texels.clamp(half, length - half) / length
 
     def holds(self, uv: Tensor) -> Tensor:
         """Mask (n,) of the uv (n, 2) that lie in the window."""
+        # Texels after the window's start, around the texture's border, are in it up to its width or height.
         across = (uv[:, 0] * self.size[1] - self.left).remainder(self.size[1]) <= self.width
         down = ((1 - uv[:, 1]) * self.size[0] - self.top).remainder(self.size[0]) <= self.height
         rest = Window.whole(self.size, self.factor)  # texels that do not fill a box do not count as left out
@@ -82,13 +88,14 @@ class Window:
 
 def cell_of(directions: Tensor) -> Tensor:
     """The number row · CELLS + column (n,) int32 of directions (n, 3) in a map of the stereographic plane."""
+    # (x, y) / (1 + z) maps the upper hemisphere onto the unit disc; scaled and shifted, it spans 0 to CELLS.
     scale = CELLS / 2 / (1 + directions[:, 2])
     col, row = ((directions[:, axis] * scale + CELLS / 2).int() for axis in (0, 1))
     return (row * CELLS + col).clamp_(0, CELLS**2 - 1)
 
 
 def to_hex(cells: Array) -> str:
-    """A map (CELLS, CELLS) as a file records it."""
+    """A map (CELLS, CELLS) bool as a file records it: one bit a cell, row by row, in hexadecimal digits."""
     return np.packbits(cells).tobytes().hex()
 
 

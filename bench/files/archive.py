@@ -17,10 +17,11 @@ import numpy as np
 from bench.inputs.errors import InputError, readable, refuse_pipe
 
 Array = np.ndarray
-MAX_FILE = 1 << 29
-LEAST = 1 << 26  # an inflated entry may have so many bytes, or
-RATIO = 64  # so many times its compressed bytes
-STEP = 1 << 16
+MAX_FILE = 1 << 29  # the most bytes of an inflated entry: 512 MiB
+# Below that, an inflated entry may have `LEAST` bytes, or `RATIO` times its compressed bytes if that is more.
+LEAST = 1 << 26
+RATIO = 64
+STEP = 1 << 16  # compressed bytes inflated at once
 _LOCAL = 30  # bytes before an entry's name
 
 
@@ -48,6 +49,7 @@ class ZipFiles:
         # Entries that share bytes would expand them again and again.
         held.sort(key=lambda entry: entry.header_offset)
         for entry, after in itertools.pairwise(held):
+            # An entry takes at least this header and its bytes; a name and an extra field only add to them.
             if entry.header_offset + _LOCAL + entry.compress_size > after.header_offset:
                 raise InputError(f"{self.label(after.filename)}: it overlaps {entry.filename}: zip the files again")
 
@@ -67,7 +69,7 @@ class ZipFiles:
         """The entry and the offset of its bytes in the archive, checked against the archive's length."""
         entry = self.entries[name]
         label = self.label(name)
-        if entry.flag_bits & 1:
+        if entry.flag_bits & 1:  # the lowest bit says so
             raise InputError(f"{label}: it is encrypted: extract it with its password first")
         if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise InputError(f"{label}: compression method {entry.compress_type} is not read: zip it with deflate")
@@ -198,6 +200,7 @@ def _header(head: bytes) -> tuple[tuple[int, int], tuple[int, ...], bool, np.dty
     text = io.BytesIO(head)
     version = np.lib.format.read_magic(text)
     read = np.lib.format.read_array_header_2_0 if version == (2, 0) else np.lib.format.read_array_header_1_0
+    # Of another version nothing is read: the caller refuses it.
     shape, fortran, dtype = read(text) if version in ((1, 0), (2, 0)) else ((), False, np.dtype("O"))
     return version, shape, fortran, dtype, text.tell()
 
@@ -218,4 +221,5 @@ def _read(files: ZipFiles, name: str) -> Array:
     data = files.read(name)
     header = _described(files, name, data[:_HEAD])
     flat = np.frombuffer(data, header.dtype, math.prod(header.shape), header.begin)
+    # The bytes cannot be written to, so the array is copied, in its own order in memory.
     return flat.reshape(header.shape, order="F" if header.fortran else "C").copy(order="K")

@@ -42,7 +42,8 @@ def temporary(path: Path) -> Iterator[Path]:
     finally:
         if partial.is_dir():
             shutil.rmtree(partial)
-        if os.path.lexists(partial):  # on a read-only file system, removing nothing would be an error of its own
+        # Asked first: on a read-only file system, removing what does not exist would be an error of its own.
+        if os.path.lexists(partial):
             partial.unlink(missing_ok=True)
 
 
@@ -128,8 +129,10 @@ def cache_dir() -> Path:
 
 def clear_cache() -> tuple[int, int]:
     """Remove every cached file; return their number and their bytes."""
-    count = total = 0
-    for path in sorted(cache_dir().rglob("*"), reverse=True):  # reversed, what is in a folder comes before it
+    count = 0
+    total = 0
+    # In reverse order what is in a folder comes before the folder, which is then empty.
+    for path in sorted(cache_dir().rglob("*"), reverse=True):
         if path.is_dir():
             path.rmdir()
         else:

@@ -51,6 +51,7 @@ def visible(text: str) -> str:
     """
     if not text.isprintable():
         text = "".join(map(_written_out, text))
+    # Of the two characters the first is written out in hexadecimal digits.
     return _COMMAND.sub(lambda found: f"\\x{ord(found[0][0]):02x}{found[0][1]}", text)
 
 

@@ -35,7 +35,9 @@ class Range:
     above: bool = False
 
     def __contains__(self, value: float) -> bool:
-        return (self.low < value or (self.low == value and not self.above)) and value <= self.high
+        """Whether a value lies in the range."""
+        high_enough = self.low < value or (self.low == value and not self.above)
+        return high_enough and value <= self.high
 
     def __str__(self) -> str:
         """As messages and lists show it: `≥ 1`, `> 0`, `from 0 to 1` or `above 0 and up to 1`."""
@@ -61,7 +63,8 @@ BatchSize = Annotated[int, Range(1, 1 << 22)]
 # later has it, so that files without the new feature stay what they were.
 IF_SET = {"written": "if set"}
 
-WORD, TOML = 1 << 12, 1 << 20  # the most characters of a word, and bytes of a file of settings
+WORD = 1 << 12  # the most characters of a word
+TOML = 1 << 20  # the most bytes of a file of settings
 WHOLE = 1 << 53  # larger whole numbers are not exact as floats
 
 _WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
@@ -93,8 +96,10 @@ def convert(owner: str, name: str, kind: Any, value: Any) -> Any:
 
 
 def converted(what: str, kind: Any, value: Any, words: bool = False) -> Any:
-    """Convert a value, called `what` in errors; with `words`, strings may be numbers, as on a command line. An
-    `InputError` says which values are allowed."""
+    """Convert a value, which errors call `what`. With `words`, a number may be given as a string, as on a command line.
+
+    An `InputError` says which values are allowed.
+    """
     try:
         return _converted(what, kind, value, words)
     except InputError:
@@ -168,7 +173,8 @@ def _converted(what: str, kind: Any, value: Any, words: bool) -> Any:
             value = int(value)
         _require(type(value) in (str, int) and value in choices)
         return value
-    if get_origin(plain) is tuple:  # of a list: all values of one type, or each of its own
+    if get_origin(plain) is tuple:
+        # From a list. `tuple[X, ...]` has any number of values of one type, `tuple[X, Y]` one value of each type.
         _require(isinstance(value, list) and (choices[-1] is ... or len(value) == len(choices)))
         each = [choices[0]] * len(value) if choices[-1] is ... else choices
         return tuple(converted(what, kind, item, words) for kind, item in zip(each, value, strict=True))
@@ -180,6 +186,7 @@ def _converted(what: str, kind: Any, value: Any, words: bool) -> Any:
     if plain is str:
         _require(isinstance(value, str) and len(value) <= WORD)
         return str(value)
+    # What is left is an int or a float. true and false are no numbers, and an int must not lose digits.
     _require(not isinstance(value, bool) and (words or not isinstance(value, str)))
     _require(plain is not int or int(value) == float(value))
     number = plain(value)
@@ -195,7 +202,7 @@ def _require(condition: bool) -> None:
 
 def _parts(kind: Any) -> tuple[Any, Range]:
     """The type of a field without None, and its range."""
-    if get_origin(kind) is UnionType:
+    if get_origin(kind) is UnionType:  # `X | None`
         kind = next(each for each in get_args(kind) if each is not NoneType)
     if get_origin(kind) is not Annotated:
         return kind, Range()
@@ -232,6 +239,7 @@ def descriptions(settings: type) -> list[Setting]:
 def _comments(settings: type) -> dict[str, str]:
     """The comment beside each field of a class and of those it derives from."""
     comments: dict[str, str] = {}
+    # From the outermost base class on, without `object`, so that a class's own comments replace inherited ones.
     for owner in reversed(settings.__mro__[:-1]):
         try:
             source = inspect.getsource(owner)

@@ -87,6 +87,7 @@ def _found(name: str) -> tuple[Metric, dict[str, str | None]]:
 def _built_in(name: str) -> tuple[Metric, dict[str, str | None]] | None:
     """As `_found`, of the metrics of this suite alone; None if the name is of none of them."""
     for metric in REGISTERED:
+        # Pixels per degree: a number without needless zeros, so that each distance has one name.
         pattern = re.escape(metric.name).replace(re.escape("{ppd}"), r"(?P<ppd>[1-9]\d{0,3}(?:\.\d*[1-9])?)")
         if metric.periodic:
             pattern += f"(?P<ending>{PERIODIC})?"
@@ -151,6 +152,7 @@ def label_of(name: str) -> str:
     if metric is None:
         return words
     label = metric.label or words
+    # An option `ppd` of another package's metric need not be the distance of a FLIP.
     ppd = None if metric.called else metric.options.get("ppd")
     return f"{label} {ppd:g}ppd" if ppd else label
 
@@ -175,7 +177,7 @@ def _member(names: tuple[str, ...], family: str) -> str:
     """As `metric_of`, remembered for each tuple of names."""
 
     def place(name: str) -> tuple[bool, bool, str]:
-        """The order of preference: the very name, then a default metric, then by name."""
+        """The order of preference: the very name, then a default metric, then by name. False sorts before True."""
         return name != family, name.removesuffix(PERIODIC) not in DEFAULTS, name
 
     def is_member(name: str) -> bool:

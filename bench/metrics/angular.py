@@ -26,9 +26,12 @@ def grazing(directions: Array) -> Array:
 
 
 def bins(wo: Array, wi: Array, raw: Array, pool: Pool) -> list[list[float | None]]:
-    """Pool one number for each θ_o × θ_i bin of 15°: rows are views, columns lights; None for an empty bin. `wo`, `wi`
-    are (N, 3), `raw` is (N,), and `pool` combines the raw numbers of a bin. A bin includes its lower edge."""
-    view_ring, light_ring = _ring(wo), _ring(wi)
+    """Pool one number for each θ_o × θ_i bin of 15°: rows are views, columns lights; None for an empty bin.
+
+    `wo` and `wi` are (N, 3), `raw` is (N,), and `pool` combines the raw numbers of a bin, which has its lower edge.
+    """
+    view_ring = _ring(wo)
+    light_ring = _ring(wi)
     rows = []
     for view in range(RINGS):
         of_view = view_ring == view
@@ -39,6 +42,8 @@ def bins(wo: Array, wi: Array, raw: Array, pool: Pool) -> list[list[float | None
 def polar_map(directions: Array, raw: Array, pool: Pool) -> dict[str, Any]:
     """One number for each cell of a hemisphere, pooled over all pairs whose direction falls there.
 
+    `directions` are (N, 3), `raw` (N,), the numbers of the pairs; `pool` combines those of a cell.
+
     Cells are rings of 15° in θ by sectors of 30° in φ, the first sector centred on +x; the innermost ring is one
     cell, the same number in each sector. Gives `theta_edges_deg`, `phi_centres_deg`, `value` (rings × sectors, None
     where empty) and `count`.
@@ -46,6 +51,7 @@ def polar_map(directions: Array, raw: Array, pool: Pool) -> dict[str, Any]:
     width = 360 / SECTORS
     _, phi = to_degrees(directions)
     ring_of = _ring(directions)
+    # Shifted by half a sector, because the first is centred on φ = 0, and counted around the circle.
     sector_of = np.floor((phi + width / 2) / width).astype(int) % SECTORS
     values: list[list[float | None]] = []
     counts: list[list[int]] = []

@@ -26,6 +26,7 @@ class Picture:
             raise InputError(f"exposure must be a positive number, not {exposure}")
         self.shape = radiance.shape[:-1]
         self.exposure = float(exposure)
+        # Channels first, negative values 0, contiguous.
         self.linear = np.maximum(np.moveaxis(radiance, -1, 0), 0, order="C", dtype=np.float64)
 
     @cached_property
@@ -130,6 +131,7 @@ class SliceMetric:
         picture = Picture(test, state.exposure, "test")
         if picture.shape == state.shape:
             return self.compare(state.side, picture)
+        # A stack of tests (n, H, W, 3) against one reference (H, W, 3): one after the other.
         if picture.shape[1:] == state.shape:
             return np.stack([self.error_map(state, one) for one in test])
         raise InputError(f"test is {picture.shape}, but reference is {state.shape}")

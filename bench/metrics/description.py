@@ -44,6 +44,7 @@ class Metric:
         return guarded(self._made, self.called)
 
     def _made(self) -> "SliceMetric":
+        """Import the class that `target` names, and make it with `options`."""
         module, _, name = self.target.partition(":")
         instance: SliceMetric = getattr(importlib.import_module(module), name)(**self.options)
         return instance

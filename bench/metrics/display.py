@@ -14,6 +14,7 @@ def exposure_of(values: Array) -> float:
     """The exposure of a material from a sample of its radiance, of any shape. It is 0.8 over the 99th percentile; if
     that is 0, over the maximum; if that is 0 too, 1. Negative values count as 0."""
     values = np.maximum(values, 0)
+    # `or`: the maximum if the percentile is 0.
     bright = float(np.percentile(values, 99)) or float(values.max())
     return 0.8 / bright if bright > 0 else 1.0
 
@@ -24,7 +25,7 @@ def sample(btf: BTF, seed: int = 0) -> Array:
     if len(btf) * height * width * 3 <= SAMPLE_VALUES:
         return np.concatenate([picture.reshape(-1, 3) for picture in btf])
     rng = np.random.default_rng(seed)
-    count = -(-SAMPLE_VALUES // 3)
+    count = -(-SAMPLE_VALUES // 3)  # of three values each, rounded up
     pair, row, col = (rng.integers(0, limit, count) for limit in (len(btf), height, width))
     return btf.gather(pair, row, col)
 
@@ -39,6 +40,7 @@ def encode_srgb(linear: Array) -> Array:
     encoded = np.power(linear, 1 / 2.4, dtype=np.float64)
     encoded *= 1.055
     encoded -= 0.055
+    # Near 0 the curve is a line, which replaces the power.
     np.multiply(linear, 12.92, out=encoded, where=linear <= 0.0031308)
     return encoded
 
@@ -47,6 +49,7 @@ def decode_srgb(encoded: Array) -> Array:
     """sRGB in [0, 1] → linear values in [0, 1] (IEC 61966-2-1), float64, any shape."""
     encoded = np.asarray(encoded, np.float64)
     linear = ((encoded + 0.055) / 1.055) ** 2.4
+    # Near 0 the curve is a line, which replaces the power.
     np.divide(encoded, 12.92, out=linear, where=encoded <= 0.04045)
     return linear
 

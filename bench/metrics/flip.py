@@ -75,6 +75,7 @@ class LDR(SliceMetric):
         return perceive(reference.exposed, self.ppd, self.periodic)
 
     def compare(self, side: Perceived, test: Picture) -> Array:
+        """The FLIP map (..., H, W) of the reference and a test."""
         return difference(side, perceive(test.exposed, self.ppd, self.periodic))
 
 
@@ -91,6 +92,8 @@ def perceive(planes: Array, ppd: float, periodic: bool) -> Perceived:
     opponents = _mix(_OPPONENT, planes)
     gaussian, first, second = _feature_filters(ppd)
     luminance = opponents[0]
+    # Edges and points are the lengths of the first and of the second derivatives along rows and along columns, each
+    # smoothed by the Gaussian along the other axis.
     smooth = correlate1d(luminance, gaussian, -2, mode=mode)
     edge = np.hypot(correlate1d(smooth, first, -1, mode=mode), _separable(luminance, first, gaussian, mode))
     point = np.hypot(correlate1d(smooth, second, -1, mode=mode), _separable(luminance, second, gaussian, mode))
@@ -103,15 +106,16 @@ def perceive(planes: Array, ppd: float, periodic: bool) -> Perceived:
 def difference(one: Perceived, other: Perceived) -> Array:
     """The FLIP map (..., H, W) in [0, 1] of two pictures; symmetric."""
     colour = _redistribute(_hyab(one.lab, other.lab))
-    edge, point = np.abs(one.edge - other.edge), np.abs(one.point - other.point)
+    edge = np.abs(one.edge - other.edge)
+    point = np.abs(one.point - other.point)
     feature = (np.maximum(edge, point) / math.sqrt(2)) ** _FEATURE_POWER
     return colour ** (1 - feature)
 
 
 def _mix(matrix: Array, planes: Array | list[Array]) -> Array:
-    """A 3 × 3 matrix applied to the channels of planar pictures."""
+    """A 3 × 3 matrix applied to the three channels of planar pictures (3, ..., H, W); the same shape, float64."""
     out = np.empty((3, *planes[0].shape))
-    term = np.empty(planes[0].shape)
+    term = np.empty(planes[0].shape)  # memory for one product, used again
     for row, weights in zip(out, matrix, strict=True):
         np.multiply(planes[0], weights[0], out=row)
         for plane, weight in zip(planes[1:], weights[1:], strict=True):
@@ -136,11 +140,13 @@ def _weighted_sum(plane: Array, terms: tuple[tuple[float, Array], ...], mode: st
 @lru_cache(maxsize=16)
 def _sensitivity_filters(ppd: float) -> tuple[tuple[tuple[float, Array], ...], ...]:
     """For each opponent, (weight, 1-D kernel) whose weighted outer squares make its filter; weights sum to 1."""
+    # Three standard deviations of the widest Gaussian: exp(−π² d² / b) has σ² = b / (2 π²).
     radius = math.ceil(3 * math.sqrt(_WIDEST / (2 * math.pi**2)) * ppd)
     degrees = np.arange(-radius, radius + 1) / ppd
     filters = []
     for gaussians in _SENSITIVITY:
         kernels = [np.exp(-(math.pi**2) * degrees**2 / b) for _, b in gaussians]
+        # What each Gaussian adds to the sum of the whole 2-D filter, before that sum is made 1.
         mass = [a * math.sqrt(math.pi / b) * k.sum() ** 2 for (a, b), k in zip(gaussians, kernels, strict=True)]
         terms = [(m / sum(mass), k / k.sum()) for m, k in zip(mass, kernels, strict=True)]
         filters.append(tuple(terms))
@@ -149,24 +155,27 @@ def _sensitivity_filters(ppd: float) -> tuple[tuple[tuple[float, Array], ...], .
 
 @lru_cache(maxsize=16)
 def _feature_filters(ppd: float) -> tuple[Array, Array, Array]:
-    """1-D kernels: a Gaussian, its first and its second derivative, the signs of which sum to ±1 each."""
+    """1-D kernels: a Gaussian that sums to 1, its first and its second derivative, balanced as by `_balance`."""
     sigma = 0.5 * _FEATURE_WIDTH * ppd
     x = np.arange(-math.ceil(3 * sigma), math.ceil(3 * sigma) + 1)
     gaussian = np.exp(-(x**2) / (2 * sigma**2))
+    # The derivatives but for factors, which `_balance` replaces.
     return gaussian / gaussian.sum(), _balance(-x * gaussian), _balance((x**2 / sigma**2 - 1) * gaussian)
 
 
 def _balance(kernel: Array) -> Array:
     """A kernel whose positive numbers are scaled to the sum 1, and its negative ones to the sum −1."""
-    positive, negative = np.maximum(kernel, 0), np.minimum(kernel, 0)
+    positive = np.maximum(kernel, 0)
+    negative = np.minimum(kernel, 0)
     return positive / positive.sum() - negative / negative.sum()
 
 
 def _hunt_lab(planes: Array) -> Array:
-    """Linear RGB → CIELab with a and b scaled by 0.01 · L (the Hunt effect), planar."""
+    """Linear RGB (3, ..., H, W) → CIELab of the same shape, with a and b scaled by 0.01 · L (the Hunt effect)."""
     delta = 6 / 29
     linear = _mix(_XYZ_OVER_WHITE, planes)
     root = np.cbrt(linear)
+    # CIELab replaces the cube root by a line near 0.
     low = linear <= delta**3
     root[low] = linear[low] / (3 * delta**2) + 4 / 29
     x, y, z = root
@@ -176,7 +185,7 @@ def _hunt_lab(planes: Array) -> Array:
 
 
 def _hyab(one: Array, other: Array) -> Array:
-    """HyAB distance of planar CIELab pictures: city block between lightness and chroma."""
+    """HyAB distance (..., H, W) of planar CIELab pictures: |difference of L| plus the Euclidean distance of a and b."""
     return np.abs(one[0] - other[0]) + np.hypot(one[1] - other[1], one[2] - other[2])
 
 
@@ -192,7 +201,8 @@ def _redistribute(distance: Array) -> Array:
 @lru_cache(maxsize=1)
 def _greatest() -> float:
     """The power of the distance from green to blue, the greatest in the gamut: 41.27610."""
-    green, blue = np.array([0.0, 1, 0]).reshape(3, 1), np.array([0.0, 0, 1]).reshape(3, 1)
+    green = np.array([0.0, 1, 0]).reshape(3, 1)
+    blue = np.array([0.0, 0, 1]).reshape(3, 1)
     return float(_hyab(_hunt_lab(green), _hunt_lab(blue))[0] ** _COLOUR_POWER)
 
 
@@ -242,11 +252,13 @@ class HDR(SliceMetric):
 
     def range_of(self, luminance: Array) -> Range:
         """The published range for luminances of any shape; raises `InputError` if their median is 0."""
+        # Of an even count the upper of both in the middle, not their mean.
         middle = np.sort(luminance, axis=None)[luminance.size // 2]
         if not middle > 0:
             fault = "reference is black over half of it or more, so FLIP has no exposures"
             raise InputError(f"{fault}: give start and stop")
         k = self.curve
+        # The curve is `_BRIGHT` where its numerator − `_BRIGHT` · its denominator, a polynomial of x, is 0.
         roots = np.roots([k[i] - _BRIGHT * k[i + 3] for i in range(3)])
         white = float(roots.real.max())  # the larger root of a quadratic, or the root of a line
         return Range(math.log2(white / luminance.max()), math.log2(white / middle))
@@ -303,11 +315,13 @@ def magma(error_map: Array) -> Array:
     error_map = np.asarray(error_map)
     if not (np.issubdtype(error_map.dtype, np.floating) and ((error_map >= 0) & (error_map <= 1)).all()):
         raise InputError("error_map must hold floating-point values in [0, 1]")
-    return _colours()[np.floor(error_map * 255 + 0.5).astype(np.intp)]
+    nearest = np.floor(error_map * 255 + 0.5).astype(np.intp)
+    return _colours()[nearest]
 
 
 @lru_cache(maxsize=1)
 def _colours() -> Array:
+    """The 256 colours of magma, (256, 3) float32 sRGB."""
     import matplotlib  # its table is the published one; imported late because that is slow
 
     return np.array(matplotlib.colormaps["magma"](np.arange(256))[:, :3], np.float32)

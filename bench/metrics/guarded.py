@@ -114,4 +114,5 @@ def _are_numbers(values: Any) -> bool:
 
 
 def _is_finite(value: Any) -> bool:
+    """Whether a value is one finite number."""
     return np.shape(value) == () and _are_numbers(value) and bool(np.isfinite(value))

@@ -24,6 +24,7 @@ def entries() -> dict[str, EntryPoint]:
 
 @lru_cache(maxsize=4)  # tables ask for every cell
 def _entries(path: tuple[str, ...]) -> dict[str, EntryPoint]:
+    """As `entries`, remembered for each import path."""
     del path  # only part of the key: with another path, other packages are installed
     return plugins.entries(GROUP, KIND)
 

@@ -21,7 +21,8 @@ from bench.records import MOST_DB
 def psnr(mse: Array | float, peak: float = 1.0) -> Array:
     """Decibels of a mean squared error, of any shape; ∞ where it is 0."""
     mse = np.asarray(mse, np.float64)
-    safe = np.where(mse > 0, mse, 1)
+    safe = np.where(mse > 0, mse, 1)  # without a logarithm of 0
+    # The index () makes a scalar of an array without axes.
     return np.where(mse > 0, 20 * math.log10(peak) - 10 * np.log10(safe), np.inf)[()]
 
 

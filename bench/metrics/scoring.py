@@ -93,12 +93,14 @@ class Scorer:
                 raise InputError(f"{name} is only for materials that repeat, and {btf.name} does not")
         self.metrics = {name: metric.load() for name, metric in described.items()}
         self.exposure = exposure if exposure is not None else 1.0
+        # The data are sampled only if something is measured of them: the exposure, or constants of a metric.
         if exposure is None or any(metric.per_material for metric in self.metrics.values()):
             values = sample(btf if sampled is None else sampled)
             self.exposure = exposure_of(values) if exposure is None else exposure
             self.metrics = {name: metric.for_material(values) for name, metric in self.metrics.items()}
+        # The metrics whose window fits into the picture; the others give NaN.
         self._apply = {name: m for name, m in self.metrics.items() if min(btf.shape) >= m.smallest}
-        self._cached: dict[tuple[int, ...], _Reference] = {}
+        self._cached: dict[tuple[int, ...], _Reference] = {}  # by the pairs of a stack
         self._cached_bytes = 0
 
     def score(self, pairs: Sequence[int] | Array, decode_slice: Decode) -> Scores:
@@ -135,8 +137,10 @@ class Scorer:
                 for start in range(0, len(pairs), step):
                     block = tuple(pairs[start : start + step].tolist())
                     test = np.stack([_decoded(decode_slice(i), (*self.btf.shape, 3), f"pair {i}") for i in block])
+                    # A cached reference stays, so the worker will find it.
                     truth = None if block in self._cached else np.stack([self.btf[i] for i in block])
                     waiting.append(pool.submit(self._compare, block, truth, test))
+                    # One stack more than workers may wait; then the oldest is waited for.
                     if len(waiting) > self.threads:
                         yield self._finish(waiting.popleft())
                 while waiting:
@@ -146,17 +150,22 @@ class Scorer:
                     future.cancel()
 
     def _compare(self, block: tuple[int, ...], truth: Array | None, test: Array) -> tuple[Any, ...]:
-        """In a worker: compute the raw numbers of a stack, and the reference if it is not cached."""
+        """In a worker: compute the raw numbers of a stack, and the reference if it is not cached.
+
+        `block` are the n pairs of the stack, `truth` and `test` (n, H, W, 3); `truth` is None if the reference is
+        cached. Returns the pairs, the reference, and the result as `_blocks` yields it.
+        """
         name = f"reference slices of pairs {block[0]} to {block[-1]}"
         if truth is None:
             reference = self._cached[block]
         else:
             wanted = Picture(truth, self.exposure, name)
             sides = {name: metric.reference_side(wanted) for name, metric in self._apply.items()}
+            # Pictures are planar, (3, n, H, W): the mean over all axes but that of the slices.
             reference = _Reference(sides, wanted.log1p, wanted.linear.mean((0, -2, -1)))
         picture = Picture(test, self.exposure, "test")
         means = {name: m.compare(reference.sides[name], picture).mean((-2, -1)) for name, m in self._apply.items()}
-        abrdf = LogPSNR().compare(reference.log1p, picture).sum(0)
+        abrdf = LogPSNR().compare(reference.log1p, picture).sum(0)  # (n, H, W), summed over the pairs
         return block, reference, (means, reference.radiance, abrdf)
 
     def _finish(self, future: Future[Any]) -> tuple[dict[str, Array], Array, Array]:
@@ -169,7 +178,7 @@ class Scorer:
 
 
 def _decoded(picture: Array, shape: tuple[int, ...], what: str) -> Array:
-    """A decoded slice, once it is a finite float picture of that shape; `InputError` names `what` it is of if not."""
+    """Return a decoded slice if it is a finite float picture of that shape; else an `InputError` names `what`."""
     picture = check_radiance(picture, f"decoded slice of {what}")
     if picture.shape != shape:
         raise InputError(f"decoded slice of {what} is {picture.shape}, not {shape}")
@@ -192,8 +201,11 @@ def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) ->
 
     None stands for no slice to measure.
     """
-    loaded = {name: (registry.get(name), registry.get(name).load()) for name in scores.raw}
-    view, light = grazing(wo[scores.pairs]), grazing(wi[scores.pairs])
+    descriptions = {name: registry.get(name) for name in scores.raw}
+    loaded = {name: (description, description.load()) for name, description in descriptions.items()}
+    # Masks (n,) of the scored pairs.
+    view = grazing(wo[scores.pairs])
+    light = grazing(wi[scores.pairs])
     masks = {"grazing view": view, "grazing light": light}
     for name, members in groups.items():
         chosen = np.isin(scores.pairs, members)
@@ -228,7 +240,8 @@ def _weighted(metric: SliceMetric, raw: Array, share: Array) -> Statistics:
     """As `_statistics`, with means weighted by the shares (n,) of raw numbers (n,), which have no NaN."""
     values = metric.values(raw)
     finite = np.isfinite(values)
-    mean = spread = None
+    mean = None
+    spread = None
     if finite.any():
         mean = float(np.average(values[finite], weights=share[finite]))
         variance = float(np.average((values[finite] - mean) ** 2, weights=share[finite]))
@@ -303,7 +316,7 @@ def worst(values: Array) -> float | None:
     """The mean of the least tenth of some values (n,), at least of one; None if there are none."""
     if not len(values):
         return None
-    tenth = -(-len(values) // 10)
+    tenth = -(-len(values) // 10)  # rounded up
     return float(np.sort(values)[:tenth].mean())
 
 

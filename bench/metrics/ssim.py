@@ -39,7 +39,7 @@ class SSIM(SliceMetric):
         return x, mean, self._local_mean(x * x) - mean * mean
 
     def compare(self, side: tuple[Array, Array, Array], test: Picture) -> Array:
-        """The map of similarity: without the five outer texels of each side, unless periodic."""
+        """The map of similarity (..., H, W); unless periodic, without the five outer texels at each border."""
         x, mean_x, variance_x = side
         y = test.luma
         mean_y = self._local_mean(y)

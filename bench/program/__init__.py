@@ -30,7 +30,8 @@ class Step:
 
     def names(self) -> set[str]:
         """The inputs, constants and results that its arguments name."""
-        found, waiting = set(), list(self.arguments)
+        found = set()
+        waiting = list(self.arguments)
         while waiting:
             match waiting.pop():
                 case {"of": name}:
@@ -55,12 +56,14 @@ class Program:
         return periods(self.size)
 
     def products(self) -> int:
-        """Multiply-adds of its matrix products."""
+        """The number of multiply-adds in its matrix products, for one query."""
         shapes = {step.name: step.shape for step in self.steps}
         shapes |= {name: each.shape for name, each in self.constants.items()}
         count = 0
         for step in self.steps:
             if step.operation in ("mm", "addmm", "bmm"):
+                # The last argument is the right factor (..., summands, columns). Each element of the result is a sum
+                # of as many products as that factor has rows.
                 right = step.arguments[-1]["of"]
                 summands = shapes[right][-2]
                 count += math.prod(step.shape) * summands
@@ -78,7 +81,8 @@ class Program:
         steps = []
         for step in header["steps"]:
             shape = tuple(step["shape"])  # JSON knows lists alone
-            steps.append(Step(**step | {"shape": shape}))
+            fields = step | {"shape": shape}
+            steps.append(Step(**fields))
         constants = {name: array for name, array in arrays.items() if name != "program"}
         height, width = header["size"]
         return cls(tuple(steps), constants, header["result"], (height, width))

@@ -38,7 +38,10 @@ class Backend(ABC):
 
     @abstractmethod
     def each(self, formula: str, arguments: Rows, from_kind: str, kind: str) -> list[Scalar]:
-        """A formula for each element of its arguments, which are all of `from_kind`; the results are of `kind`."""
+        """A formula for each element of its arguments; the results, in order, are of `kind`.
+
+        `arguments` has one row for each argument of the formula: a list of n scalars of `from_kind`. n results.
+        """
 
     @abstractmethod
     def as_kind(self, scalar: Scalar, from_kind: str, kind: str) -> Scalar:
@@ -50,19 +53,23 @@ class Backend(ABC):
 
     @abstractmethod
     def choose(self, condition: Scalar, yes: Scalar, no: Scalar, kind: str) -> Scalar:
-        """One of two scalars."""
+        """`yes` where the condition holds, else `no`; both, and the result, are of `kind`."""
 
     @abstractmethod
     def total(self, row: list[Scalar], formula: str) -> Scalar:
-        """A formula of the sum of some floats."""
+        """The sum of some floats, put into a formula as its only argument {0}."""
 
     @abstractmethod
     def lengths(self, items: Array, rows: Callable[[Array], Rows]) -> list[Scalar]:
-        """The roots of the sums of squares of the rows of some floats."""
+        """The Euclidean length of each row of some floats; `rows` divides such an array into its rows."""
 
     @abstractmethod
     def product(self, left: Array, right: Array, bias: list[Scalar] | None) -> list[Scalar]:
-        """The elements of the product of two matrices, or of each two of a batch, plus a bias."""
+        """The elements, row by row, of the product of two matrices, or of each two of a batch, plus a bias.
+
+        `left` is (rows, summands) or (batch, rows, summands), `right` (summands, columns) or (batch, summands,
+        columns); the bias has one float for each element of the product.
+        """
 
     @abstractmethod
     def look_up(self, table: Array, index: Scalar, kind: str) -> list[Scalar]:
@@ -109,7 +116,10 @@ def _resolved(argument: Any, values: dict[str, Value]) -> Any:
 
 
 def as_array(values: Any) -> Array:
-    """An array of objects; scalars of a back end become elements unchanged."""
+    """An array of objects, from a scalar, an array, or nested lists; scalars of a back end become elements unchanged.
+
+    `np.array` cannot do this: it would take a back end's scalar, itself an array over the queries, apart.
+    """
     if isinstance(values, np.ndarray):
         return values.astype(object)
     if not isinstance(values, list):
@@ -120,7 +130,8 @@ def as_array(values: Any) -> Array:
     shape = inner[0].shape if inner else ()
     array = np.empty((len(inner), *shape), object)
     for number, each in enumerate(inner):
-        array[number] = each[()] if each.ndim == 0 else each  # not as an array in an array
+        # `each[()]` takes the scalar out of an array without axes, which would else be stored as an array.
+        array[number] = each[()] if each.ndim == 0 else each
     return array
 
 
@@ -130,5 +141,5 @@ def is_number(scalar: Scalar) -> bool:
 
 
 def listed(items: Array) -> list[Scalar]:
-    """Elements, numbers as Python's own."""
+    """The elements of an array in order, as a list; numbers become Python's own."""
     return list(items.astype(object).reshape(-1))

@@ -17,8 +17,9 @@ from bench.program import INPUTS, Program
 from bench.program.backend import Array, Backend, Operation, Rows, Scalar, listed
 from bench.program.operations import OPERATIONS, looked_up
 
-# The most products in line. 36,000 of them take minutes to compile; as functions of `BLOCK` outputs, 4 s, and as one
-# function a layer, 13 s. Weights read from memory take eleven times as long a sample in a render.
+# The most products that a kernel has in line. 36,000 of them in line take minutes to compile; as functions of `BLOCK`
+# outputs each they take 4 s, as one function for each layer 13 s. If weights were read from memory instead, a sample of
+# a render would take eleven times as long.
 MOST_LITERALS = 10_000
 BLOCK = 24
 
@@ -75,7 +76,9 @@ class Kernel(Backend):
     def __init__(self, program: Program, kind: ModuleType, more: dict[str, Operation] | None = None):
         self.operations = OPERATIONS | (more or {})
         self.check(program)
-        self.program, self.kind = program, kind
+        self.program = program
+        self.kind = kind
+        # Whether products become functions that the kernel calls.
         self.calls = program.products() > MOST_LITERALS
         self.tables: dict[tuple[int, int], tuple[Array, Scalar]] = {}  # by place and size in memory
 
@@ -96,11 +99,14 @@ class Kernel(Backend):
     def as_kind(self, scalar: Scalar, from_kind: str, kind: str) -> Scalar:
         """As `Backend.as_kind`: a number of Python stays one; as a number, a mask is 1 or 0."""
         if isinstance(scalar, bool | int | float):
-            return {"float": float, "int": int, "bool": bool}[kind](scalar)  # a number stays one
+            python_type = {"float": float, "int": int, "bool": bool}[kind]
+            return python_type(scalar)
         if kind == "bool":
             return scalar if dr.is_mask_v(scalar) else scalar != 0
         array = self.kind.Float if kind == "float" else self.kind.Int
-        return dr.select(scalar, array(1), array(0)) if dr.is_mask_v(scalar) else array(scalar)
+        if dr.is_mask_v(scalar):
+            return dr.select(scalar, array(1), array(0))
+        return array(scalar)
 
     convert = as_kind
 
@@ -122,6 +128,7 @@ class Kernel(Backend):
         elements: list[Scalar] = []
         for rows, matrix in zip(left, right, strict=True):
             for row in rows:
+                # The bias of this row: as many floats, after those of the elements that are done.
                 starts = bias[len(elements) : len(elements) + width]
                 if self.calls and matrix.dtype != object:
                     sums = called_product(self.kind, listed(row), matrix)
@@ -137,7 +144,9 @@ class Kernel(Backend):
         key = (table.__array_interface__["data"][0], table.size)
         if key not in self.tables:
             array = self.kind.Float if kind == "float" else self.kind.Int
-            self.tables[key] = table, array(np.ascontiguousarray(table).reshape(-1))  # keeps memory and key alive
+            flat = array(np.ascontiguousarray(table).reshape(-1))
+            # The table is kept too, so that its memory stays alive and no other table gets the same key.
+            self.tables[key] = table, flat
         _, stored = self.tables[key]  # row by row
         rows, channels = table.shape
         row = dr.minimum(self.kind.UInt(index), rows - 1)  # an altered file must not read other memory
@@ -150,7 +159,7 @@ class Kernel(Backend):
 
 
 def _not_zero(divisor: Scalar) -> Scalar:
-    """A whole divisor with 1 in place of 0; a plain number is taken as it is."""
+    """An integer divisor with 1 in place of 0; a plain number is taken as it is."""
     return divisor if isinstance(divisor, int) else dr.select(divisor == 0, 1, divisor)
 
 
@@ -170,7 +179,8 @@ def called_product(kind: ModuleType, inputs: Sequence[Scalar], matrix: Array) ->
     """
     given = [kind.Float(value) for value in inputs]
     backend = dr.backend_v(kind.Float)
-    # A switch with one case; its number, 0, must not be a constant, else LLVM would inline the function.
+    # A switch with one case, number 0. That number must not be a constant, else LLVM would inline the function. So it
+    # depends on an input: 1 or 0, shifted right by one bit, is 0.
     zero = dr.select(given[0] > 0, kind.UInt32(1), kind.UInt32(0)) >> 1
     outputs: list[Scalar] = []
     for first in range(0, matrix.shape[1], BLOCK):

@@ -19,6 +19,8 @@ CHOICE = "DRJIT_LIBLLVM_PATH"
 EXAMPLE = "/usr/lib/x86_64-linux-gnu/libLLVM-19.so"
 REMEDY = f"install LLVM 19 (Debian: apt-get install libllvm19), or name another LLVM's library in {CHOICE} ({EXAMPLE})"
 LIMIT = 120.0  # seconds; a trial usually takes one
+# Each trial prints its name if it passes. For x = 0.5, 1.5, … 9.5, `one` gives ⌊x⌋ · (⌊x⌋ + 1) plus 1 / x above 4 and x
+# below; `off` is how far each result is from that. `row >> 31` is 0 everywhere: see `bench.program.kernel`.
 _TRIAL = """
 import drjit as dr
 if not dr.has_backend(dr.JitBackend.LLVM):
@@ -64,13 +66,20 @@ def unusable(plugins: bool = False) -> str:
     version, passed, end = _tried(os.environ.get(CHOICE, ""))
     if not version:
         return f"Dr.Jit finds no usable LLVM ({end}): {REMEDY}"
+    # Trials run in order until one ends the process, so the last one that matters tells of all before it.
     last = "arctangent" if plugins else "kernels"
-    return "" if last in passed else f"Dr.Jit cannot use {version}, which ended a trial process ({end}): {REMEDY}"
+    if last in passed:
+        return ""
+    return f"Dr.Jit cannot use {version}, which ended a trial process ({end}): {REMEDY}"
 
 
 @cache
 def _tried(choice: str) -> tuple[str, tuple[str, ...], str]:
-    """The version of LLVM ("" without one), the names of the trials that it passed, and how the trial ended."""
+    """The version of LLVM ("" without one), the names of the trials that it passed, and how the process ended.
+
+    `choice` is the value of the environment variable `CHOICE`, which the process inherits: a result is remembered for
+    each.
+    """
     try:
         # Dr.Jit caches kernels, and would load those that another LLVM compiled for the same processor.
         with TemporaryDirectory() as empty:

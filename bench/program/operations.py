@@ -54,7 +54,7 @@ FORMULAS = {
     "maximum": "max({0}, {1})",
     "remainder": "{0} - {1} * floor({0} / {1})",
 }
-# For whole numbers; the sign of a remainder is the divisor's.
+# For integers. `%` of GLSL may give a remainder with the dividend's sign; PyTorch's has the divisor's, as this formula.
 WHOLE = {name: FORMULAS[name] for name in ("neg", "abs", "add", "sub", "mul", "minimum", "maximum")}
 WHOLE["remainder"] = "({0} % {1} + {1}) % {1}"
 TRUTHS = {
@@ -75,7 +75,7 @@ KINDS = {"bool": bool, "int": int, "float": float}  # each contains those before
 
 
 def _as_kind(m: Backend, argument: Any, kind: str) -> Array:
-    """The scalars of an argument, as those of some kind."""
+    """The scalars of an argument, which is a tensor or a plain number, converted to some kind."""
     if not isinstance(argument, Value):
         return as_array(KINDS[kind](argument))
     if argument.kind == kind:
@@ -85,7 +85,7 @@ def _as_kind(m: Backend, argument: Any, kind: str) -> Array:
 
 
 def _flat(m: Backend, argument: Any, kind: str, shape: tuple[int, ...]) -> list[Scalar]:
-    """The scalars of an argument as those of some kind, repeated to a shape, in the order of its elements."""
+    """The scalars of an argument, converted to some kind and broadcast to a shape, as one list."""
     return listed(np.broadcast_to(_as_kind(m, argument, kind), shape))
 
 
@@ -131,7 +131,8 @@ OPERATIONS |= {name: _decides(formula) for name, formula in TRUTHS.items()}
 
 @operation("relu", "leaky_relu")
 def _relu(m: Backend, step: Step, source: Value, slope: float = 0.01) -> Array:
-    # The larger of x and slope · x, which is x itself where it is positive.
+    """Numbers below 0 times a slope, or 0 for `relu`; others unchanged."""
+    # The larger of x and slope · x (of x and 0 for `relu`): x where it is positive, for a slope of at most 1.
     lower = _each(m, step, FORMULAS["mul"], source, slope) if step.operation == "leaky_relu" else 0
     return _each(m, step, FORMULAS["maximum"], source, lower).items
 
@@ -205,7 +206,7 @@ def _slice(
 def _pad(m: Backend, step: Step, source: Value, pads: list[int], value: float = 0.0) -> Array:
     """A tensor with constants around it; `pads` has the counts before and after it, for the last axis first."""
     sides = [(0, 0)] * source.items.ndim
-    for k in range(len(pads) // 2):
+    for k in range(len(pads) // 2):  # counted from the last axis on
         sides[-1 - k] = (pads[2 * k], pads[2 * k + 1])
     return np.pad(source.items.astype(object), sides, constant_values=value)
 
@@ -234,7 +235,7 @@ def _rows(items: Array, axes: Any) -> Rows:
 
 
 def _folded(m: Backend, formula: str, row: list[Scalar], kind: str) -> Scalar:
-    """A formula of two numbers for a row, from the first number on."""
+    """A row reduced by a formula of two numbers: of the first two, then of that result and the third, and so on."""
     result = row[0]
     for other in row[1:]:
         (result,) = m.each(formula, [[result], [other]], kind, kind)
@@ -252,11 +253,14 @@ def _sum(m: Backend, step: Step, source: Value, axes: Any = None, *_: Any) -> li
 
 @operation("mean")
 def _mean(m: Backend, step: Step, source: Value, axes: Any = None, *_: Any) -> list[Scalar]:
+    """Means over some axes, or over all."""
+    # The formula is "({0}) / COUNT": doubled braces stand for single ones here.
     return [m.total(row, f"({{0}}) / {float(len(row))}") for row in _rows(source.items, axes)]
 
 
 @operation("linalg_vector_norm")
 def _norm(m: Backend, step: Step, source: Value, order: float, axes: Any = None, *_: Any) -> list[Scalar]:
+    """Euclidean lengths over some axes, or over all."""
     if order != 2:
         raise m.cannot(f"do a norm of order {order}")
     return m.lengths(source.items, lambda items: _rows(items, axes))
@@ -264,6 +268,7 @@ def _norm(m: Backend, step: Step, source: Value, order: float, axes: Any = None,
 
 @operation("amin", "amax")
 def _extreme(m: Backend, step: Step, source: Value, axes: Any = None, *_: Any) -> list[Scalar]:
+    """The smallest or the largest number over some axes, or over all."""
     formula = FORMULAS["minimum" if step.operation == "amin" else "maximum"]
     return [_folded(m, formula, row, step.kind) for row in _rows(source.items, axes)]
 
@@ -275,6 +280,7 @@ def _any_or_all(m: Backend, step: Step, source: Value, axes: Any = None, *_: Any
         raise m.cannot("ask whether any or all of some numbers are other than 0")
     rows = _rows(source.items, axes)
     sign = " || " if step.operation == "any" else " && "
+    # "{0} || {1} || {2} …", with as many arguments as a row has numbers.
     formula = sign.join(f"{{{k}}}" for k in range(len(rows[0])))
     # `each` takes all first arguments, then all second ones.
     columns = [list(column) for column in zip(*rows, strict=True)]
@@ -341,11 +347,15 @@ def _index(m: Backend, step: Step, table: Value, indices: list[Value | None]) ->
 
 
 def _row_of(m: Backend, place: Sequence[Scalar], lead: Sequence[int]) -> Scalar:
-    """The number of a row, counted over several axes."""
+    """The number of a row in a table whose leading axes, of lengths `lead`, were made one; `place` is an index of each.
+
+    Axis by axis, the number so far is multiplied by the axis' length, and the index is added.
+    """
     flat: Scalar = 0
     for number, length in zip(place, lead, strict=True):
         if length == 1:  # its only index is 0
             continue
+        # Python computes with numbers, and where the number so far is 0; only the rest becomes a formula.
         if is_number(flat) and (is_number(number) or flat == 0):
             flat = flat * length + number if flat else number
         else:
@@ -365,11 +375,12 @@ def _bag(m: Backend, step: Step, table: Value, index: Value, bags: int, shares: 
 
 @operation("gather")
 def _gather(m: Backend, step: Step, source: Value, axis: int, index: Value, *_: Any) -> list[Scalar]:
-    """For each place of `index`, the element of `source` there, but at that index along the axis."""
+    """For each place in `index`, the element of `source` at the same place, but along the axis at the index there."""
     results = []
     for place in np.ndindex(*index.items.shape):
         where: list[Any] = list(place)
         where[axis % source.items.ndim] = slice(None)
+        # All elements along the axis, as rows of one channel.
         options = source.items[tuple(where)].reshape(-1, 1)
         results += looked_up(m, options, index.items[place], step.kind)
     return results

@@ -56,7 +56,8 @@ def _exported(material: Material) -> torch.export.ExportedProgram:
     # Only the shapes of this query matter: what depends on its values cannot be recorded.
     zenith = torch.tensor([[0.0, 0.0, 1.0]])
     query = torch.full((1, 2), 0.5), zenith, zenith.clone(), torch.full((1,), 0.01)
-    plain = torch.export.default_decompositions()  # how operations are taken apart; two more are added
+    # How operations are taken apart into those of the core set; two more are added.
+    plain = torch.export.default_decompositions()
     plain[torch.ops.aten._cdist_forward.default] = _distances
     plain[torch.ops.aten.topk.default] = _first
     with torch.no_grad(), _quiet():
@@ -76,13 +77,15 @@ def _distances(left: Tensor, right: Tensor, order: float, mode: int | None) -> T
 
 
 def _first(source: Tensor, count: int, axis: int = -1, largest: bool = True, ranked: bool = True) -> list[Tensor]:
-    """`topk` as plain operations: one number after the other is found, then put last."""
+    """`topk` as plain operations: the extreme number is found, then replaced by one that comes last, `count` times."""
     rows = source.shape[axis]
     if rows > MOST_RANKED:
         raise InputError(f"it ranks {rows:,} numbers, but the limit is {MOST_RANKED}")
-    last = torch.finfo(source.dtype).max / (-2 if largest else 2)  # it comes after every number there may be
+    # Half of the largest float, with the sign that puts it after every number that a material computes.
+    last = torch.finfo(source.dtype).max / (-2 if largest else 2)
     axes_after = source.ndim - 1 - axis % source.ndim
-    numbers = torch.arange(rows).unflatten(0, [rows] + [1] * axes_after)  # (rows, 1, …)
+    # (rows, 1, …), so that it broadcasts along `axis` of the source.
+    numbers = torch.arange(rows).unflatten(0, [rows] + [1] * axes_after)
     places, values = [], []
     for _ in range(count):
         find = source.argmax if largest else source.argmin
@@ -139,9 +142,11 @@ class _Recorder:
             return
         arguments = [self._argument(value) for value in node.args]
         if operation in SAME:
-            value = arguments[0]  # a view that follows a copy may need its order in memory
+            # A constant is made contiguous, since a view that follows a copy may need the copy's order in memory.
+            value = arguments[0]
             self.values[node.name] = value.contiguous() if isinstance(value, Tensor) else value
         elif operation == "getitem":
+            # Several results are known as a list of values, or by one name, with a point and the number of each.
             source, number = arguments
             is_several = isinstance(source, (list, tuple))
             self.values[node.name] = source[number] if is_several else f"{source}.{number}"
@@ -209,7 +214,7 @@ class _Recorder:
         return value
 
     def _keep(self, tensor: Tensor) -> str:
-        """Store a constant and return its name; equal objects share one."""
+        """Store a constant and return its name; the same object keeps the name that it has."""
         for known, value in self.values.items():
             if value is tensor:
                 return known
@@ -221,6 +226,7 @@ class _Recorder:
         """The program, reduced to the steps and constants that the result needs."""
         last = self.values[result]
         needed = {last}
+        # From the last step back, so that everything that needs a step is seen before the step itself.
         steps: list[Step] = []
         for step in reversed(self.steps):
             if step.name in needed:
@@ -236,6 +242,7 @@ class _Recorder:
 
 
 def _kind_of(tensor: Tensor) -> str:
+    """The kind of a tensor in a program: "float", "int" or "bool"."""
     if tensor.dtype.is_floating_point:
         return "float"
     return "bool" if tensor.dtype == torch.bool else "int"

@@ -30,7 +30,11 @@ _CHOSEN = ("codec", "settings", "psnr", "worst", "flip", "of_limit", "fastest", 
 
 @cache
 def field_kind(hint: Any) -> Kind:
-    """The kind of values that a type describes."""
+    """The kind of values that a type describes.
+
+    A type that is marked with a kind is of that kind. Other marks, and `Required` or `NotRequired`, stand around the
+    type that counts.
+    """
     marks = getattr(hint, "__metadata__", ())
     for mark in marks:
         if isinstance(mark, Kind):
@@ -40,23 +44,27 @@ def field_kind(hint: Any) -> Kind:
     if is_typeddict(hint):
         each_kind = {name: field_kind(each) for name, each in get_type_hints(hint, include_extras=True).items()}
         must = {*hint.__required_keys__, *field_names(Use.MUST, hint)}
+        # The needed fields in the order of their descriptions, as faults are told in this order.
         return Fields(each_kind, tuple(name for name in each_kind if name in must), hint)
     arguments = get_args(hint)
     match get_origin(hint):
         case kind if kind is Literal:
             return Plain(" or ".join(map(repr, arguments)), lambda value: isinstance(value, str) and value in arguments)
         case kind if kind is dict:
-            return Each(field_kind(arguments[1]))
+            return Each(field_kind(arguments[1]))  # of the values; names are texts
         case kind if kind is list:
             return Several(field_kind(arguments[0]))
-    if type(None) in arguments:
+    if type(None) in arguments:  # `X | None`
         plain: Any = field_kind(arguments[0])
         return Plain(f"{plain.words} or null", lambda value: value is None or plain.test(value))
     return {bool: kinds.FLAG, Any: kinds.ANYTHING}[hint]
 
 
 def fault(record: Mapping[str, Any]) -> str:
-    """The first wrong field of a record, and what it must be; "" if all are right."""
+    """The first wrong field of a record, and what it must be; "" if all are right.
+
+    A job with a result needs its numbers, and one that failed its error.
+    """
     needed: tuple[str, ...] = ()
     if record["kind"] == "job" and "status" in record:
         needed = _MEASURED if record["status"] == "ok" else ("error",)

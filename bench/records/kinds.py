@@ -61,10 +61,12 @@ def _is_number(value: Any) -> bool:
 
 
 def _is_count(value: Any) -> bool:
+    """Whether a value is a whole number from 0 to `WHOLE`; true and false are none."""
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= WHOLE
 
 
 def _is_text(value: Any) -> bool:
+    """Whether a value is a text of at most `LONGEST` characters."""
     return isinstance(value, str) and len(value) <= LONGEST
 
 
@@ -103,7 +105,11 @@ def missing(value: Mapping[str, Any], needed: tuple[str, ...], place: str = "") 
 
 
 def fault_of(kind: Kind, value: Any, place: str = "", depth: int = 0) -> str:
-    """The first fault of a value at a place, in words: `scores/heldout must be …`; "" for none."""
+    """The first fault of a value at a place, in words: `scores/heldout must be …`; "" for none.
+
+    What has no kind of its own, `ANYTHING`, is still checked inside: objects and lists part by part, and the rest must
+    be what a setting may be.
+    """
     known: Mapping[str, Kind] = kind.known if isinstance(kind, Fields) else {}
     others = kind.item if isinstance(kind, Each | Several) else ANYTHING
     wrong = ""
@@ -122,8 +128,9 @@ def fault_of(kind: Kind, value: Any, place: str = "", depth: int = 0) -> str:
             return absent
         for name, item in value.items():
             each = known.get(name, others)
+            # The common case is tested here, without a call: it occurs thousands of times a run.
             if each.__class__ is Plain and each is not ANYTHING and each.test(item):
-                continue  # the common case, tested thousands of times a run
+                continue
             fault = fault_of(each, item, f"{place}/{name:.60}", depth + 1)
             if fault:
                 return fault

@@ -44,15 +44,17 @@ def append(folder: Path, record: Record) -> None:
     """Append one record to a run and sync it to disk. `InputError` if it cannot be written."""
     content = dict(record)
     head = {key: content[key] for key in ("kind", "job") if key in content}
+    # The kind and the name come first, then all fields by name; [1:] leaves out the brace, which the checksum follows.
     text = json.dumps(head | dict(sorted(content.items())), allow_nan=False)[1:].encode()
     line = b'{"crc32": "%08x", %b\n' % (zlib.crc32(text), text)
     remedy = "make room, then give the same command again: finished work is kept"
     with writable(folder / FILE, remedy), open(folder / FILE, "ab", buffering=0) as file:
-        if start := file.tell():
+        if start := file.tell():  # the file's length; 0 if it is new
             with open(folder / FILE, "rb") as written:
                 written.seek(-1, os.SEEK_END)
                 if written.read(1) != b"\n":  # an earlier process was killed while writing its line
                     line = b"\n" + line
+        # Whole or not at all: a write may take only a part of the bytes, and what a failed one left is cut off.
         try:
             rest = memoryview(line)
             while rest:
@@ -94,6 +96,7 @@ class Records(Sequence[Found]):
         return record
 
     def _of(self, name: object) -> Found:
+        """The latest record of a name that is known; empty if its line holds no record."""
         return self.latest(name) or cast(Found, {})
 
     def __len__(self) -> int:
@@ -169,6 +172,7 @@ def load_run(folder: str | Path) -> Run:
     run = Run(path.parent)
     try:
         with open(path, "rb") as file:
+            # Line by line up to the end, where `readline` gives b"".
             for number, text in enumerate(iter(lambda: file.readline(_LONGEST_LINE), b""), 1):
                 if text.strip() and not _add_line(run, Line(path, number, text)):
                     run.unreadable.append(number)
@@ -201,15 +205,14 @@ def load_together(
     together = Run(runs[-1].folder)
     for number, run in enumerate(runs):
         together.starts.extend(run.starts)
+        # The names of this run's jobs that must not replace those of other runs; nor may their timings.
         aside = {job["job"] for job in run.jobs if job["status"] == "ok" and not wanted(job)}
         for job in run.jobs:
             if job["job"] in aside:
+                # Under a name that no other job has.
                 together.jobs.put((number, job["job"]), job)
                 continue
-            known = together.job(job["job"]) or {}
-            mine = job.get("score_key", {}).get("btf")
-            theirs = known.get("score_key", {}).get("btf")
-            if mine and theirs and mine != theirs:
+            if _of_other_data(job, together.job(job["job"])):
                 if beside and job["job"] in together.published and paths[number].suffix != ".jsonl":
                     aside.add(job["job"])
                     other = f"{job['job']}, other data of {run.folder.name}"
@@ -225,6 +228,13 @@ def load_together(
                 together.timings.put(timing["job"], timing)
         together.unreadable.extend(run.unreadable)
     return together
+
+
+def _of_other_data(job: Job, known: Job | None) -> bool:
+    """Whether a job and the known one of its name were measured on different data; False if either does not say."""
+    mine = job.get("score_key", {}).get("btf")
+    theirs = known.get("score_key", {}).get("btf") if known else None
+    return bool(mine and theirs and mine != theirs)
 
 
 def _with_whole_paths(job: Job, folder: Path) -> Job:
@@ -265,7 +275,8 @@ def load_trade(folder: Path) -> Trade | None:
     for row in trade["choices"]:
         job = run.job(row.get("job", "")) or {}
         recorded = job.get("score_key", {}).get("sha256")
-        if row.get("sha256", recorded) == recorded:  # a failed choice and the floor name no file, and stay
+        # A failed choice and the floor name no file; the default makes them agree, so they stay.
+        if row.get("sha256", recorded) == recorded:
             choices.append(row)
     return trade | {"choices": choices}
 
@@ -276,6 +287,7 @@ def _add_line(run: Run, line: Line) -> bool:
     sealed = _SEALED.match(text)
     if sealed and int(sealed[1], 16) != zlib.crc32(text[sealed.end() :].rstrip(b"\n")):
         return False
+    # The checksum is right, so a job or a timing is known by its name alone, and its line is parsed when it is used.
     named = _NAMED.match(text) if sealed else None
     if named:
         with suppress(ValueError):  # not a name

@@ -43,7 +43,7 @@ def shown_label(job: Job) -> str:
     label = str(job.get("label", job["job"]))
     if job.get("settings", {}).get("recipe") != "ours" or "recipe=" in label:
         return label
-    words = label.split()
+    words = label.split()  # the codec, then settings
     return " ".join([*words[:1], "(our recipe)", *words[1:]])
 
 
@@ -130,7 +130,10 @@ def flattened(job: Job, timing: Timing | None) -> Iterator[tuple[str, Any]]:
 
 
 def _flat(prefix: str, values: Mapping[str, Any], fields: list[tuple[str, Any]]) -> list[tuple[str, Any]]:
-    """Add the fields to those found; nested generators would pass each number through every level."""
+    """Add the fields of `values`, named with a prefix, to the list `fields`, and return it.
+
+    A list, because nested generators would pass each number through every level.
+    """
     for name, value in values.items():
         if isinstance(value, dict):
             _flat(f"{prefix}{name}/", value, fields)

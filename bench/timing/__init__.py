@@ -53,7 +53,9 @@ class Queries:
         rng = np.random.default_rng(0)
         if self.coherent:
             centres = texel_centres(*size)
-            uv = centres.repeat(-(-self.batch // len(centres)), 1)[: self.batch]
+            # The slice as often as it takes to fill the batch, rounded up; then cut to the batch.
+            slices = -(-self.batch // len(centres))
+            uv = centres.repeat(slices, 1)[: self.batch]
             pair = from_degrees([40, 20], [30, 200])  # a view and a light
             wo, wi = (torch.from_numpy(w).expand(self.batch, 3) for w in pair)
         else:
@@ -85,8 +87,10 @@ class Timing:
 
 
 def interval95(samples: np.ndarray) -> list[float]:
-    """The bootstrap 95 % interval of the median of some samples."""
-    resampled = np.median(np.random.default_rng(0).choice(samples, (1000, len(samples))), axis=1)
+    """The bootstrap 95 % interval of the median of some samples (n,): its lower and upper end."""
+    # A thousand new sets of n are drawn from the samples, with repetition. Their medians spread as the median itself.
+    drawn = np.random.default_rng(0).choice(samples, (1000, len(samples)))
+    resampled = np.median(drawn, axis=1)
     return [float(x) for x in np.percentile(resampled, [2.5, 97.5])]
 
 
@@ -107,7 +111,7 @@ def batch_on(device: torch.device | str, cpu: int = BATCH) -> int:
 
 
 def hardware(device: torch.device | str) -> records.Timing:
-    """What a record of times on a GPU says of it; the CPU stands in the record of its run."""
+    """The name of a GPU, for a record of times on it; nothing for a CPU, which the record of the run names."""
     return {"gpu": device_name(device)} if is_gpu(device) else {}
 
 
@@ -160,11 +164,12 @@ def in_turns(
     floors = np.empty((turns, len(calls) + 1))  # before the first call of a turn and after each, in its own order
     ratios = np.empty_like(samples)
     measured = {"samples": samples, "floors": floors, "ratios": ratios}
-    done = kept.read(measured) if kept else 0
+    done = kept.read(measured) if kept else 0  # turns that an earlier process measured
     with torch_threads(threads):
         everyone: Iterator[Callable[[], Any]] = followed(show, [floor, *calls.values()], "warming up", len(calls) + 1)
         floored, *timed = [calibrated(call, device, clock) for call in everyone]
         for turn in followed(show, range(done, turns), "timing decoders", turns - done):
+            # In one turn: floor, call, floor, call, … floor. Each call is divided by the mean of the two around it.
             floors[turn, 0] = floored()
             for place, i in enumerate(orders[turn]):
                 samples[turn, i] = timed[i]()
@@ -184,11 +189,15 @@ def clock_of(threads: int) -> Clock:
 def calibrated(
     call: Callable[[], Any], device: torch.device, clock: Clock = perf_counter_ns, wall: Clock = perf_counter_ns
 ) -> Callable[[], float]:
-    """A function that times one turn by `clock`, in ns a call; the call is warm, and repeated until a turn is long
-    enough by `wall`: one that waits for another process takes no time of this one."""
+    """A function that times one turn of a call by `clock` and returns ns a call.
+
+    First the call is warmed up. A turn repeats it often enough to last about `SPAN_NS` by `wall`, not by `clock`: while
+    a call waits for another process, the clock of this process stands still.
+    """
     last = elapsed(call, 1, device, wall)
     for _ in range(MOST_WARM_UPS):
-        before, last = last, elapsed(call, 1, device, wall)
+        before = last
+        last = elapsed(call, 1, device, wall)
         if abs(last - before) < STABLE * before:
             break
     repeat = max(1, round(SPAN_NS / max(last, 1)))
@@ -196,17 +205,19 @@ def calibrated(
 
 
 def elapsed(call: Callable[[], Any], repeat: int, device: torch.device, clock: Clock = perf_counter_ns) -> float:
-    """ns that `repeat` calls take."""
+    """The time in ns that `repeat` calls take: on a GPU by its own events, else by `clock`."""
     if is_gpu(device):
         module = torch.get_device_module(device)
-        with module.device(device) if device.index else nullcontext():  # `cuda:1` has a queue of its own
+        # Events belong to the current GPU's queue. The current one is number 0, so only another must be made current.
+        with module.device(device) if device.index else nullcontext():
             start, end = module.Event(enable_timing=True), module.Event(enable_timing=True)
             start.record()
             for _ in range(repeat):
                 call()
             end.record()
             end.synchronize()
-        return float(1e6 * start.elapsed_time(end))  # which is in ms
+        milliseconds = start.elapsed_time(end)
+        return float(1e6 * milliseconds)
     begun = clock()
     for _ in range(repeat):
         call()

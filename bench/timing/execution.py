@@ -114,6 +114,7 @@ def _replaced(material: Material, make: Callable[[Decoder], nn.Module]) -> int:
         for module in root.modules():
             for name, child in module.named_children():
                 held.append((module, name, child))
+    # Replaced only now, since a loop over modules must not change them.
     count = 0
     for holder, name, value in held:
         if isinstance(value, Decoder):
@@ -185,7 +186,10 @@ class _Compiled(Wrapped):
         self.rest = compiled(inner.evaluate, dynamic=True)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        """By the kernel for whole chunks or for the rest, compiled at the first call. `InputError` if that fails."""
+        """RGB (n, 3) by the kernel for whole chunks or by that for the rest, each compiled at its first call.
+
+        `InputError` if compiling fails.
+        """
         # `slice` expands one direction to all texels (stride 0): torch.compile would make another kernel for it.
         queries = [x.contiguous() for x in (uv, wo, wi, footprint)]
         compute = self.whole if len(uv) == self.chunk else self.rest

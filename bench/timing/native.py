@@ -41,4 +41,5 @@ def features() -> set[str] | None:
 
 
 def _x86() -> bool:
+    """Whether this machine's processor is an x86 of 64 bits."""
     return platform.machine().lower() in ("x86_64", "amd64")

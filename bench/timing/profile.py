@@ -20,8 +20,12 @@ from bench.timing.execution import networks
 
 BATCHES = (1, 64, 1024, BATCH, 1 << 18, 1 << 20, 1 << 22)
 FOOTPRINTS = (1, 2, 4, 8)  # in texels
-SIDE, GPU_SIDE = 1024, 8192  # side of the multiplied matrices: a GPU multiplies small ones slowly
-COPIED, GPU_COPIED = 64 << 20, 1 << 30  # bytes: far beyond any cache
+# The side of the multiplied matrices: a GPU multiplies small ones slowly.
+SIDE = 1024
+GPU_SIDE = 8192
+# The copied bytes, far beyond any cache: 64 MiB and 1 GiB.
+COPIED = 64 << 20
+GPU_COPIED = 1 << 30
 ROUNDS = 10
 
 
@@ -44,19 +48,25 @@ def conditions(batches: tuple[int, ...], all_threads: int, batch: int = BATCH) -
     others += [replace(common, coherent=True)]
     others += [replace(common, footprint=side) for side in FOOTPRINTS]
     others += [replace(common, threads=all_threads)]
+    # Each once: one of the others may equal the common one.
     return list(dict.fromkeys([common, *others]))
 
 
 def profile(
     surface: str, materials: dict[str, Material], all_threads: int, batches: tuple[int, ...] = BATCHES
 ) -> Iterator[Profile]:
-    """One record of a surface for each condition and codec, and the floor: the condition, the summary of its timing."""
+    """One record for each condition and each codec, and for the floor: the condition, and the summary of its timing.
+
+    `surface` is the name of the material that the codecs' `materials` are decoded from.
+    """
     first = next(iter(materials.values()))
     for condition in conditions(batches, all_threads, batch_on(first.device)):
         calls = {name: _call(material, condition) for name, material in materials.items()}
+        # Without the codecs that lack the condition's part.
         there = {name: call for name, call in calls.items() if call}
         timed = in_turns(there, condition.batch, first.size, condition.threads, first.device)
         for name, timing in timed.items():
+            # The floor is always a whole query, so under another part its record would be mislabelled.
             if name == FLOOR and condition.part != "query":
                 continue
             found = {"material": surface, "name": name} | asdict(condition) | dict(timing.summary())
@@ -72,7 +82,7 @@ def _call(material: Material, condition: Condition) -> Callable[[], Any] | None:
             return partial(material.query, *queries)
         case "evaluate":
             return partial(_chunks, material.evaluate, queries, material.chunk)
-    decoders = networks(material)
+    decoders = networks(material)  # of the part `decoder`
     inputs = [torch.randn(condition.batch, net.architecture.inputs, device=material.device) for net in decoders]
     if not decoders:
         return None
@@ -87,10 +97,11 @@ def _chunks(call: Callable[..., Tensor], inputs: tuple[Tensor, ...], chunk: int)
 
 
 def roofline(device: torch.device, threads: int, dtype: torch.dtype = torch.float32) -> Ceiling:
-    """Measured flop/s of a matrix product (a fused multiply-add counts as two) and bytes/s of a copy, read and written,
-    by the clock that times decoders on as many threads.
+    """What this machine reaches: operations a ns in a matrix product, and bytes a ns in a copy.
 
-    The best of several rounds, because a limit needs to be reached only once."""
+    A multiply-add counts as two operations, and a copied byte as two: one read and one written. The clock is that which
+    times decoders on as many threads. The best of several rounds, because a limit needs to be reached only once.
+    """
     clock = clock_of(threads)
     with torch_threads(threads):
         product, copy = (calibrated(call, device, clock) for call in ceiling_calls(device, dtype))
@@ -118,15 +129,21 @@ def ceiling_calls(device: torch.device, dtype: torch.dtype) -> tuple[Callable[[]
 
 def sizes_on(device: torch.device) -> tuple[int, int]:
     """The side of the multiplied matrices, and the copied bytes."""
-    return (GPU_SIDE, GPU_COPIED) if device.type == "cuda" else (SIDE, COPIED)  # an emulated GPU is a CPU
+    if device.type == "cuda":  # not `is_gpu`: an emulated GPU computes on the CPU
+        return GPU_SIDE, GPU_COPIED
+    return SIDE, COPIED
 
 
 def rates(product_ns: float, copy_ns: float, device: torch.device) -> tuple[float, float]:
     """Operations and bytes a ns, from the times of both calls of `ceiling_calls`."""
     side, copied = sizes_on(device)
-    return 2 * side**3 / product_ns, 2 * copied / copy_ns
+    operations = 2 * side**3  # a multiplication and an addition for each of side³ products
+    moved = 2 * copied  # each byte is read and written
+    return operations / product_ns, moved / copy_ns
 
 
 def limit_ns(cost: DecoderCost, ceiling: Ceiling) -> float:
     """The fewest ns a sample that a ceiling allows: for its arithmetic or its reads, whichever takes longer."""
-    return max(cost.flops_per_sample / ceiling["flops_per_ns"], cost.bytes_per_sample / ceiling["bytes_per_ns"])
+    arithmetic = cost.flops_per_sample / ceiling["flops_per_ns"]
+    reads = cost.bytes_per_sample / ceiling["bytes_per_ns"]
+    return max(arithmetic, reads)

@@ -17,7 +17,8 @@ class KeptTurns:
     """The turns of one timing; `key` names contestants and conditions: turns of another timing are not used."""
 
     def __init__(self, path: Path, key: str):
-        self.path, self.key = path, np.frombuffer(key.encode(), np.uint8)
+        self.path = path
+        self.key = np.frombuffer(key.encode(), np.uint8)  # an array, since a `.npz` holds nothing else
 
     def read(self, arrays: dict[str, np.ndarray]) -> int:
         """Fill arrays (turns, …) with the turns of an earlier process; returns how many these are."""
@@ -33,7 +34,7 @@ class KeptTurns:
         return done
 
     def write(self, arrays: dict[str, np.ndarray], done: int) -> None:
-        """Keep the first turns of the arrays."""
+        """Keep the first `done` turns of arrays (turns, …)."""
         file = io.BytesIO()
         turns: dict[str, Any] = {name: array[:done] for name, array in arrays.items()}
         np.savez(file, key=self.key, **turns)

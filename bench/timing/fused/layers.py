@@ -41,6 +41,7 @@ class Layer:
 def layers_of(decoder: Decoder) -> list[Layer]:
     """The folded layers of a network, including the linear layer at its end."""
     architecture = decoder.architecture
+    # The factor that turns radians into turns, times the sine's frequency; 1 for other activations.
     turn = architecture.omega / (2 * math.pi) if architecture.activation == "sine" else 1.0
     layers = []
     *hidden, last = [(_numbers(linear.weight), _numbers(linear.bias)) for linear in decoder.layers]
@@ -49,10 +50,13 @@ def layers_of(decoder: Decoder) -> list[Layer]:
         if decoder.norms is not None:
             scale = decoder.norms[depth]
             assert isinstance(scale, nn.LayerNorm)
+            # A norm cancels a factor before it, so the factor goes into the norm's own gain and offset.
             norm = Norm(_numbers(scale.weight) * turn, _numbers(scale.bias) * turn, scale.eps)
-            weight, bias = weight - weight.mean(0), bias - bias.mean()
+            weight = weight - weight.mean(0)
+            bias = bias - bias.mean()
         else:
-            weight, bias = weight * turn, bias * turn
+            weight = weight * turn
+            bias = bias * turn
         residual = architecture.residual and weight.shape[0] == weight.shape[1]
         layers.append(Layer(weight, bias, norm, architecture.activation, residual))
     return [*layers, Layer(*last)]
@@ -66,10 +70,10 @@ def _numbers(tensor: Tensor | nn.Module) -> Array:
 
 @cache
 def sine_of_turns(terms: int = 6) -> tuple[float, ...]:
-    """Coefficients c of sin(2π t) = Σ c_i t^(2i + 1) for |t| ≤ ½, from the constant up; 6 of them have an error of
-    2e-7.
+    """The coefficients c_0, c_1, … of sin(2π t) ≈ Σ c_i t^(2i + 1) for |t| ≤ ½; with 6 of them the error is 2e-7.
 
-    The interpolant of sin(2π √s) / √s at Chebyshev's points over s = t², within a factor of the best polynomial.
+    They are a polynomial in s = t², fitted to sin(2π √s) / √s at Chebyshev's points of [0, ¼], which is nearly the best
+    one.
     """
     s = (1 + np.cos((2 * np.arange(200) + 1) * np.pi / 400)) / 8  # 200 points of [0, ¼]
     t = np.sqrt(s)

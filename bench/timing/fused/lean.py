@@ -53,11 +53,14 @@ class _Layer(nn.Module):
 
     def __init__(self, layer: Layer, dtype: torch.dtype):
         super().__init__()
-        self.activation, self.residual = layer.activation, layer.residual
-        self.weight, self.bias = _constant(layer.weight, dtype), _constant(layer.bias, dtype)
+        self.activation = layer.activation
+        self.residual = layer.residual
+        self.weight = _constant(layer.weight, dtype)
+        self.bias = _constant(layer.bias, dtype)
         self.norm = None if layer.norm is None else _Norm(layer.norm, at_least_float32(dtype))
 
     def forward(self, x: Tensor) -> Tensor:
+        """The layer's answer (n, outputs) to x (n, inputs)."""
         dtype = self.weight.dtype
         hidden = functional.linear(x.to(dtype), self.weight, self.bias)
         hidden = hidden.to(at_least_float32(dtype))
@@ -85,11 +88,12 @@ class _Norm(nn.Module):
     def __init__(self, norm: Norm, dtype: torch.dtype):
         super().__init__()
         width = len(norm.gain)
-        self.gain, self.offset = _constant(norm.gain * math.sqrt(width), dtype), _constant(norm.offset, dtype)
+        self.gain = _constant(norm.gain * math.sqrt(width), dtype)
+        self.offset = _constant(norm.offset, dtype)
         self.eps = norm.eps * width
 
     def forward(self, x: Tensor) -> Tensor:
-        """Numbers (n, width), whose mean over the width the layer before has made 0, to those of the norm."""
+        """The norm (n, width) of numbers (n, width), whose mean over the width the layer before has made 0."""
         scale = (x.square().sum(1, keepdim=True) + self.eps).rsqrt()
         # `as_strided` forces the scale into memory; otherwise the root is computed again for every vector of a sample.
         scale = scale.as_strided(scale.shape, scale.stride())
@@ -103,8 +107,9 @@ def _constant(values: Array, dtype: torch.dtype) -> nn.Parameter:
 
 def _sine(turns: Tensor) -> Tensor:
     """sin(2π · turns), any shape: the polynomial of `sine_of_turns` after rounding to the nearest whole turn."""
-    t = turns - turns.round()
+    t = turns - turns.round()  # from −½ to ½
     square = t * t
+    # Horner's scheme, from the highest power down.
     value = torch.full_like(square, _SINE[0])
     for coefficient in _SINE[1:]:
         value = value * square + coefficient

@@ -30,6 +30,7 @@ def _network(inputs: Tensor, number: int, outputs: int) -> Tensor:
 
 @_network.register_fake
 def _(inputs: Tensor, number: int, outputs: int) -> Tensor:
+    """The shape of the answer, (n, outputs), for a recording."""
     return inputs.new_empty(len(inputs), outputs)
 
 
@@ -38,7 +39,8 @@ class Placeholder(Network):
 
     def __init__(self, number: int, outputs: int):
         super().__init__()
-        self.number, self.outputs = number, outputs
+        self.number = number
+        self.outputs = outputs
 
     def forward(self, inputs: Tensor) -> Tensor:
         return torch.ops.neubtf.network(inputs, self.number, self.outputs)
@@ -75,7 +77,7 @@ class Whole(Wrapped):
         return self.traced(uv, wo, wi, footprint)
 
     def _columns(self, flat: Any, width: int) -> list[Any]:
-        """The columns (n,) of row-major inputs."""
+        """The columns (n,) of row-major inputs (n · width,)."""
         return [self.dr.gather(self.dr.llvm.Float, flat, self.row * width + k) for k in range(width)]
 
     def _within_kernel(self, _: Any, step: Any, inputs: Value, number: int, outputs: int) -> Any:

@@ -25,7 +25,8 @@ from bench.timing.native import features
 from bench.training.decoder import BEND, LEAK, PARABOLA, Decoder, Network
 
 MOST_PARAMETERS = 10_000  # with more, the code exceeds every cache, and compiling takes minutes
-BLOCK, LARGE_BLOCK = 12, 24  # sums that grow together, for 16 registers and for the 32 of AVX-512
+BLOCK = 12  # sums that grow together, for 16 registers
+LARGE_BLOCK = 24  # for the 32 registers of AVX-512
 
 RecordedCalls = dict[int, Callable[..., Any]]  # recorded calls by the size they hold for
 
@@ -37,16 +38,18 @@ def batched(
     whole: tuple[Tensor, ...] = (),
     tables: Sequence[Any] = (),
 ) -> Tensor:
-    """The answers (n, outputs) of a kernel to queries (n, …): `kernel(n, *flat)` gives arrays (n,) of row-major inputs.
+    """The answers (n, outputs) of a kernel to queries (n, …).
 
-    `whole` are inputs that are not queries, such as textures; `tables` are further Dr.Jit arrays that the kernel reads.
-    Each size is recorded once.
+    `kernel(n, *flat)` returns an array (n,) for each output; `flat` are the queries and `whole`, each as one row-major
+    array. `whole` are inputs that are not queries, such as textures; `tables` are further Dr.Jit arrays that the kernel
+    reads. Each size is recorded once.
     """
     dr = drjit()
     n = len(queries[0])
     if dr.thread_count() != torch.get_num_threads():
         dr.set_thread_count(torch.get_num_threads())
-    size = 1 << max(n - 1, 15).bit_length()  # powers of two, so that there are few recordings for all batches
+    # The next power of two from n on, at least 16, so that there are few recordings for all batches.
+    size = 1 << max(n - 1, 15).bit_length()
 
     def recorded(*flat: Any) -> Any:
         """All answers of the kernel for `size` queries in one array (size · outputs,), row by row."""
@@ -85,7 +88,8 @@ class DrJitNetwork(Network):
         if count > MOST_PARAMETERS:
             limit = f"a network of up to {MOST_PARAMETERS:,} parameters"
             raise InputError(f"fused on the CPU holds {limit}, but this one has {count:,}: use compiled")
-        self.layers, self.inputs = layers_of(decoder), decoder.architecture.inputs
+        self.layers = layers_of(decoder)
+        self.inputs = decoder.architecture.inputs
         self.block = LARGE_BLOCK if "avx512f" in (features() or ()) else BLOCK
         self.kernels: dict[tuple[int, ...] | None, RecordedCalls] = {}  # by the shape of the texture
 
@@ -111,9 +115,9 @@ class DrJitNetwork(Network):
         return self.within(row, [*self._fetch(texture, shape, u, v), *others])
 
     def within(self, row: Any, inputs: Sequence[Any]) -> tuple[Any, ...]:
-        """The outputs of inputs inside a kernel over samples `row`."""
-        # A switch with one case; its number, 0, must not be a constant, else LLVM would inline the function in the
-        # loop.
+        """The outputs of the network for its inputs, inside a kernel over the samples numbered by `row` (n,)."""
+        # A switch with one case, number 0. That number must not be a constant, else LLVM would inline the function in
+        # the loop. `row` is below 2³¹, so shifted right by 31 bits it is 0.
         return self.dr.switch(row >> 31, [self._network], *inputs)
 
     def _fetch(self, texture: Any, shape: tuple[int, ...], u: Any, v: Any) -> Sequence[Any]:
@@ -130,9 +134,10 @@ class DrJitNetwork(Network):
         return sums
 
     def _around(self, place: Any, side: int) -> tuple[tuple[Any, Any], Any]:
-        """The two texels around a place, periodic, and how far it is from the first."""
+        """The two texels around a place along one side, periodic, and how far the place is from the first of them."""
         dr = self.dr
         whole = dr.floor(place)
+        # The remainder by `side`, which is not negative.
         first = dr.llvm.UInt32(whole - side * dr.floor(whole / side))
         return (first, dr.select(first == side - 1, 0, first + 1)), place - whole
 
@@ -154,6 +159,7 @@ class DrJitNetwork(Network):
         if layer.norm is not None:
             norm = layer.norm
             square = _sum([value * value for value in hidden])
+            # 1 / √(mean of squares + eps).
             scale = dr.rsqrt(dr.fma(square, 1 / len(hidden), norm.eps))
             affine = zip(hidden, norm.gain.tolist(), norm.offset.tolist(), strict=True)
             hidden = [dr.fma(value * scale, gain, offset) for value, gain, offset in affine]

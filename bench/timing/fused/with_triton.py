@@ -27,7 +27,7 @@ SMALLEST = 16  # a side of the smallest matrix that the GPU multiplies
 @triton.jit
 def _texel(texture, row, col, height, width, channel, wanted, CHANNELS: tl.constexpr):  # type: ignore[no-untyped-def]
     """Values (BLOCK, columns) of one corner, periodic; 0 where a column or a sample is not wanted."""
-    # Here a remainder has the sign of the dividend.
+    # Here a remainder has the sign of the dividend, which may be −1: a side more makes it positive.
     row = (row % height + height) % height
     col = (col % width + width) % width
     place = (row * width + col)[:, None] * CHANNELS + channel[None, :]
@@ -90,13 +90,14 @@ def _network(  # type: ignore[no-untyped-def]
     last (WIDTH, LAST). `scalars` holds WIDTH biases, gains and offsets of each hidden layer, then LAST biases. All
     sides are powers of two, filled up with zeros; a norm is over the USED channels.
     """
+    # The inputs (BLOCK, INPUTS) of this program's samples: channels of the texture, `first`, `second`, then zeros.
     sample = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
-    there = sample < n
+    there = sample < n  # the last block may be longer than what is left
     column = tl.arange(0, INPUTS)
     x = tl.zeros((BLOCK, INPUTS), tl.float32)
     if CHANNELS > 0:
         x += _fetched(texture, uv, sample, there, height, width, column, CHANNELS)
-    place = column - CHANNELS
+    place = column - CHANNELS  # within `first`; later within `second`
     wanted = there[:, None] & ((place >= 0) & (place < FIRST))[None, :]
     x += tl.load(first + sample[:, None] * first_stride + place[None, :], mask=wanted, other=0.0).to(tl.float32)
     if SECOND > 0:
@@ -104,6 +105,7 @@ def _network(  # type: ignore[no-untyped-def]
         wanted = there[:, None] & ((place >= 0) & (place < SECOND))[None, :]
         x += tl.load(second + sample[:, None] * second_stride + place[None, :], mask=wanted, other=0.0).to(tl.float32)
 
+    # The hidden layers, whose numbers x are (BLOCK, WIDTH).
     channel = tl.arange(0, WIDTH)
     for layer in tl.static_range(LAYERS):
         if layer == 0:
@@ -111,12 +113,13 @@ def _network(  # type: ignore[no-untyped-def]
         else:
             start = INPUTS * WIDTH + (layer - 1) * WIDTH * WIDTH
             matrix = tl.load(weights + start + channel[:, None] * WIDTH + channel[None, :])
-        here = scalars + layer * 3 * WIDTH + channel
+        here = scalars + layer * 3 * WIDTH + channel  # the biases; the gains and offsets follow
         hidden = _product(x, matrix, PRECISION, WIDEN) + tl.load(here)[None, :]
         if NORM:
             scale = tl.rsqrt(tl.sum(hidden * hidden, 1) / USED + eps)
             hidden = hidden * scale[:, None] * tl.load(here + WIDTH)[None, :] + tl.load(here + 2 * WIDTH)[None, :]
         if ACTIVATION == "sine":
+            # In turns, less the nearest whole turn; then the polynomial of `sine_of_turns`.
             turn = hidden - tl.floor(hidden + 0.5)
             s = turn * turn
             hidden = (((((C5 * s + C4) * s + C3) * s + C2) * s + C1) * s + C0) * turn
@@ -125,6 +128,7 @@ def _network(  # type: ignore[no-untyped-def]
         if RESIDUAL and layer > 0:
             hidden += x
         x = hidden
+    # The last layer, whose outputs are stored without the padding.
     answer = tl.arange(0, LAST)
     start = INPUTS * WIDTH + (LAYERS - 1) * WIDTH * WIDTH
     matrix = tl.load(weights + start + channel[:, None] * LAST + answer[None, :])
@@ -139,6 +143,7 @@ class TritonNetwork(Network):
     def __init__(self, decoder: Decoder, tf32: bool = False):
         super().__init__()
         architecture = decoder.architecture
+        # One width for all hidden layers. A residual of the first layer is not computed by the kernel.
         width, *others = set(architecture.widths)
         if others or (architecture.residual and architecture.inputs == width):
             raise InputError("fused on a GPU needs hidden layers of one width, unlike that of the inputs: use compiled")
@@ -155,7 +160,9 @@ class TritonNetwork(Network):
                 f"{architecture.inputs}: use float32, tf32 or compiled"
             )
         layers = layers_of(decoder)
-        inputs, width, last = _padded(architecture.inputs), _padded(width), _padded(architecture.outputs)
+        inputs = _padded(architecture.inputs)
+        width = _padded(width)
+        last = _padded(architecture.outputs)
         sides = [inputs, *[width] * len(architecture.widths), last]
         weights = []
         for layer, (rows, columns) in zip(layers, pairwise(sides), strict=True):
@@ -165,9 +172,11 @@ class TritonNetwork(Network):
         scalars.append(_matrix(end.bias[None], 1, last))
         self.weights = torch.nn.Parameter(torch.cat(weights).to(parameter), requires_grad=False)
         self.scalars = torch.nn.Parameter(torch.cat(scalars).to(parameter.device), requires_grad=False)
-        self.outputs, self.shape = architecture.outputs, (inputs, width, last)
-        norm = layers[0].norm  # all layers have one, with one `eps`, or none
-        used, activation = len(layers[0].bias), architecture.activation
+        self.outputs = architecture.outputs
+        self.shape = (inputs, width, last)
+        norm = layers[0].norm  # all hidden layers have one, with one `eps`, or none has
+        used = len(layers[0].bias)  # the width without padding
+        activation = architecture.activation
         parabola = PARABOLA if activation == "smelu" else 0.0
         self.options: dict[str, Any] = {"USED": used, "LAYERS": len(hidden), "NORM": norm is not None}
         self.options |= {"ACTIVATION": activation, "RESIDUAL": architecture.residual}
@@ -225,7 +234,7 @@ def _exact(parameter: Tensor) -> str:
 
 
 def _padded(count: int) -> int:
-    """The smallest power of two that is at least this number."""
+    """The smallest power of two that is at least this number, and at least `SMALLEST`."""
     return max(SMALLEST, triton.next_power_of_2(count))
 
 
