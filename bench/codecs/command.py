@@ -40,6 +40,7 @@ NAMES = "names"
 SIZE = "size"
 BATCH = 1 << 16  # queries a line
 TOLD = 400  # characters of a program's output in an error
+LINE = 4_096  # the most bytes of a program's line that are read at once
 
 
 class Programs(Codec):
@@ -208,10 +209,15 @@ class ProgramMaterial(Material):
         with suppress(BrokenPipeError):
             self.asks.write(f"{queries}\t{answers}\n".encode())
             self.asks.flush()
-            ready, _, _ = select.select([self.answers], [], [], self.seconds)
-            if not ready:
-                raise CodecError(f"{self.command}: it gave no answer within seconds = {self.seconds:g}")
-            line = self.answers.readline()
+            end = time.perf_counter() + self.seconds
+            while b"\n" not in line:  # part by part: a program may hang within its line
+                ready, _, _ = select.select([self.answers], [], [], max(0.0, end - time.perf_counter()))
+                if not ready:
+                    raise CodecError(f"{self.command}: it gave no answer within seconds = {self.seconds:g}")
+                part = os.read(self.answers.fileno(), LINE)
+                if not part:  # it has ended
+                    break
+                line += part
         if not line:
             message = (self.folder / "log").read_text(errors="replace").strip()[-TOLD:]
             raise CodecError(f"{self.command}: it ended without an answer: {message or 'no message'}")

@@ -3,6 +3,7 @@
 If importing or constructing the codec calls `sys.exit` or `os._exit`, crashes or hangs, only that process ends.
 """
 
+import json
 import os
 import signal
 from collections.abc import Callable
@@ -25,27 +26,29 @@ def check(entry: EntryPoint, called: str, make: Make, settings: dict[str, Any] |
     """
     if EXPENDABLE in os.environ or not plugins.is_outside(entry):
         return
-    pairs = None if settings is None else tuple(sorted(settings.items()))  # hashable, for the cache of `_tried`
-    error = _tried(entry.name, called, make, pairs)
+    # As text, by which `_tried` finds what it knows: a list among the settings could not be looked up.
+    text = None if settings is None else json.dumps(settings, sort_keys=True, default=str)
+    error = _tried(entry.name, called, make, text)
     if error is not None:
         raise error
 
 
 @cache
-def _tried(name: str, called: str, make: Make, settings: tuple[tuple[str, Any], ...] | None) -> InputError | None:
-    """Make a codec in another process, or import it if `settings` is None; the error that this shows, or None."""
-    import json  # imported here, since listing codecs should be instant
-    import subprocess
+def _tried(name: str, called: str, make: Make, settings: str | None) -> InputError | None:
+    """Make a codec in another process with settings, JSON, or import it if they are None; the error that this shows,
+    or None."""
+    import subprocess  # imported here, since listing codecs should be instant
     import sys
 
     # A bare interpreter, because `multiprocessing` would run the calling script again.
-    request = json.dumps([sys.path, name, None if settings is None else dict(settings)], default=str)
+    given = None if settings is None else json.loads(settings)
+    request = json.dumps([sys.path, name, given])
     there, here = os.pipe()  # where this process reads, and where the other one writes its answer
     script = CHILD.format(module=make.__module__, make=make.__name__)
     command = [sys.executable, "-c", script, request, str(here)]
     child = subprocess.Popen(command, pass_fds=(here,), stdin=subprocess.DEVNULL, env=os.environ | {EXPENDABLE: "1"})
     os.close(here)
-    doing = "is imported" if settings is None else f"is made with {dict(settings) or 'its defaults'}"
+    doing = "is imported" if given is None else f"is made with {given or 'its defaults'}"
     try:
         with open(there, encoding="utf-8") as answers:
             child.wait(PATIENCE)
@@ -75,8 +78,6 @@ answer(make, name, settings, int(sys.argv[2]))
 
 def answer(make: Make, name: str, settings: dict[str, Any] | None, place: int) -> None:
     """In the other process: make the codec, and write the kind and the words of what is wrong to a file descriptor."""
-    import json
-
     fault = ["", ""]
     try:
         make(name, settings)

@@ -133,6 +133,8 @@ OPERATIONS |= {name: _decides(formula) for name, formula in TRUTHS.items()}
 def _relu(m: Backend, step: Step, source: Value, slope: float = 0.01) -> Array:
     """Numbers below 0 times a slope, or 0 for `relu`; others unchanged."""
     # The larger of x and slope · x (of x and 0 for `relu`): x where it is positive, for a slope of at most 1.
+    if slope > 1:
+        raise m.cannot(f"do a leaky_relu of slope {slope:g}")
     lower = _each(m, step, FORMULAS["mul"], source, slope) if step.operation == "leaky_relu" else 0
     return _each(m, step, FORMULAS["maximum"], source, lower).items
 

@@ -107,8 +107,9 @@ def test_a_program_that_fails_is_a_failed_job_that_says_why(tmp_path, programs, 
     assert run.job("satin/mean-colour/0")["status"] == "ok"
 
 
-def test_a_program_that_does_not_answer_is_ended():
-    command = f"{sys.executable} -c 'import time; time.sleep(3600)' {{files}}"
+@pytest.mark.parametrize("first", ["", 'sys.stdout.write("half a line"); sys.stdout.flush(); '])
+def test_a_program_that_does_not_answer_is_ended(first):
+    command = f"{sys.executable} -c 'import sys, time; {first}time.sleep(3600)' {{files}}"
     material = ProgramMaterial((4, 4), {}, command, 0.2)
     with pytest.raises(CodecError, match=r"no answer within seconds = 0\.2"):
         material.slice([0.0, 0.0, 1.0], [0.0, 0.0, 1.0])

@@ -1,4 +1,6 @@
 from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -6,8 +8,10 @@ import torch
 from torch import Tensor
 
 from bench.directions.hemisphere import uniform
+from bench.inputs.errors import InputError
 from bench.material import DecoderCost, Material
 from bench.program import llvm
+from bench.program.operations import OPERATIONS
 from bench.program.recording import program_of
 from reports.shaders.dialects import GLSL
 from reports.shaders.generator import shader
@@ -80,3 +84,10 @@ def test_a_kernel_does_it(name: str) -> None:
     uv, wo, wi = ([kind.Float(column) for column in each.T] for each in given[:3])
     ours = np.stack([np.asarray(x) for x in Kernel(program_of(material), kind)(uv, wo, wi, kind.Float(given[3]))], 1)
     np.testing.assert_allclose(np.maximum(ours, 0), truth(material, given), rtol=1e-5, atol=1e-6)
+
+
+def test_a_leaky_rectifier_that_is_steeper_below_0_is_refused() -> None:
+    """The formula, the larger of x and slope times x, holds for slopes up to 1 alone."""
+    asked: Any = SimpleNamespace(cannot=InputError)
+    with pytest.raises(InputError, match="do a leaky_relu of slope 2"):
+        OPERATIONS["leaky_relu"](asked, asked, asked, 2.0)

@@ -15,7 +15,7 @@ from bench.codecs import outside_codecs
 from bench.codecs.registry import load_codec, make_codec
 from bench.conformance.check import tiny_btf
 from bench.data.readers.folder import write_folder
-from bench.inputs.errors import CodecError
+from bench.inputs.errors import CodecError, InputError
 from bench.machine.process_state import restored_process_state
 from bench.records import load_run
 from bench.runs import runner
@@ -141,6 +141,11 @@ def test_a_codec_that_ends_the_process_of_a_command_does_not_pass(codec, how, tm
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "ended the process" not in done.stderr
+
+
+def test_a_list_as_a_setting_of_such_a_codec_is_refused_in_words():
+    with pytest.raises(InputError, match="no setting 'numbers'"):
+        make_codec("quits", {"numbers": [1, 2]})
 
 
 def test_a_codec_that_hangs_when_it_is_imported_is_named(monkeypatch):
