@@ -35,22 +35,24 @@ def check(entry: EntryPoint, called: str, make: Make, settings: dict[str, Any] |
 
 @cache
 def _tried(name: str, called: str, make: Make, settings: str | None) -> InputError | None:
-    """Make a codec in another process with settings, JSON, or import it if they are None; the error that this shows,
-    or None."""
+    """Make a codec in another process with `settings`, JSON, or only import it if they are None.
+
+    Returns the error that this shows, or None.
+    """
     import subprocess  # imported here, since listing codecs should be instant
     import sys
 
     # A bare interpreter, because `multiprocessing` would run the calling script again.
     given = None if settings is None else json.loads(settings)
     request = json.dumps([sys.path, name, given])
-    there, here = os.pipe()  # where this process reads, and where the other one writes its answer
+    reading, writing = os.pipe()  # this process reads the answer that the other one writes
     script = CHILD.format(module=make.__module__, make=make.__name__)
-    command = [sys.executable, "-c", script, request, str(here)]
-    child = subprocess.Popen(command, pass_fds=(here,), stdin=subprocess.DEVNULL, env=os.environ | {EXPENDABLE: "1"})
-    os.close(here)
+    command = [sys.executable, "-c", script, request, str(writing)]
+    child = subprocess.Popen(command, pass_fds=(writing,), stdin=subprocess.DEVNULL, env=os.environ | {EXPENDABLE: "1"})
+    os.close(writing)  # here; once the other process ends, too, reading meets the end
     doing = "is imported" if given is None else f"is made with {given or 'its defaults'}"
     try:
-        with open(there, encoding="utf-8") as answers:
+        with open(reading, encoding="utf-8") as answers:
             child.wait(PATIENCE)
             answer = answers.readline()
     except subprocess.TimeoutExpired:

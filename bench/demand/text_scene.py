@@ -25,7 +25,10 @@ class TextScene:
             self.samples += light.samples if light.kind == "environment" else 1
 
     def cast(self, frame: int, col: Array, row: Array) -> Points:
-        """The points of the surface that the camera sees in a frame, through points (n,) of the picture, in pixels."""
+        """The points of the surface that the rays of a frame hit, through the places `col`, `row` (n,), in pixels.
+
+        The `pixel` of a point is the number of its ray.
+        """
         camera = self.scene.cameras[frame]
         ahead = camera.ahead(col, row)
         eye = np.asarray(camera.position, np.float64)

@@ -321,7 +321,11 @@ def worst(values: Array) -> float | None:
 
 
 def _statistics(metric: SliceMetric, raw: Array) -> Statistics:
-    """Mean and deviation over slices of their finite numbers, and pooled; None without any. `raw` (n,) has no NaN."""
+    """What a record holds of a metric's raw values (n,) of n slices, which have no NaN.
+
+    `mean` and `std` are of the finite numbers (the PSNR of a slice without error is infinite), `pooled` is of all; each
+    is None where there is nothing to measure.
+    """
     values = metric.values(raw)
     finite = values[np.isfinite(values)]
     mean = float(finite.mean()) if len(finite) else None

@@ -121,9 +121,10 @@ def flattened(job: Job, timing: Timing | None) -> Iterator[tuple[str, Any]]:
     for name in ("btf", "exposure", "sha256"):
         yield name, score.get(name)
     versions = {name: metric["version"] for name, metric in job.get("metrics", {}).items()}
-    versions |= score.get("metrics", {})
+    versions |= score.get("metrics", {})  # those that the scores were computed by
     yield from _flat("metric_version/", versions, [])
     yield from zip(("height", "width"), job.get("shape", ()), strict=False)
+    # Fields apart name the job, and came first, or have a form of their own.
     yield from _flat("", {name: value for name, value in job.items() if name not in field_names(APART)}, [])
     times = {name: value for name, value in (timing or {}).items() if name not in field_names(APART, Timing)}
     yield from _flat("timing/", times, [])

@@ -93,7 +93,10 @@ class Decoder(Network):
 
     @torch.no_grad()
     def start_at(self, outputs: Tensor, everywhere: bool = True) -> None:
-        """Set the last layer's bias to `outputs` (outputs,); `everywhere`, its weights to 0: any input gives it."""
+        """Set the last layer's bias to `outputs` (outputs,).
+
+        With `everywhere` its weights become 0, so that any input gives these outputs.
+        """
         if everywhere:
             self.layers[-1].weight.zero_()
         self.layers[-1].bias.copy_(outputs)

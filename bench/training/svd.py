@@ -196,8 +196,9 @@ def _balanced(mean: Tensor, basis: Tensor, coefficients: Tensor) -> Factors:
 
 
 def blocks(btf: BTF, fit: Fit, label: str, gain: float | None, block_bytes: int = 0) -> Iterator[Tensor]:
-    """The slices of a BTF as new blocks (3 · slices, texels) float32 of `block_bytes`, or `BLOCK_BYTES`, on its device.
+    """The slices of a BTF as new blocks (3 · slices, texels), float32, on the device of the fit.
 
+    A block has at most `block_bytes` (0: `BLOCK_BYTES`), but at least one slice.
     With a `gain` they are log1p(gain · radiance), negative radiance counting as 0; without, radiance as it is.
     """
     texels = btf.shape[0] * btf.shape[1]

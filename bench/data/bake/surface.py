@@ -324,7 +324,6 @@ class Agreement:
         (dark is high), and `normal_role` is the role by the normal map's name.
         """
         named_down = normal_role == "normal_dx"
-        y = -self.y if named_down else self.y  # with green turned up, if the name is right
         # Only an inverted displacement changes the sign of x. It changes that of y, too, and so does green that points
         # down: with both, y is positive again.
         if abs(self.x) >= CLEAR:
@@ -333,8 +332,9 @@ class Agreement:
             if abs(self.y) >= CLEAR:
                 down = (self.y < 0) != inverted
             return inverted, down
-        if abs(y) >= CLEAR and normal_role != "normal":  # ridges only along x: use the normal map's name
-            return y < 0, named_down
+        if abs(self.y) >= CLEAR and normal_role != "normal":  # ridges only along x: believe the normal map's name
+            y_if_green_is_up = -self.y if named_down else self.y
+            return y_if_green_is_up < 0, named_down
         return named_depth, named_down
 
     def evidence(self, normal_role: str) -> str:

@@ -343,12 +343,13 @@ def _read_hdr(data: bytes) -> Array:
 
 def _hdr_pixels(data: bytes, offset: int, lines: int, length: int) -> Array:
     """RGBE codes (lines, length, 4) uint8: flat, or run-length coded line by line."""
-    # A coded line begins with two bytes 2, and its length in two more, the higher byte first.
+    # A coded line begins with two bytes 2, and its length in two more, the higher byte first. The format codes only
+    # lines of 8 to 32,767 pixels.
     first = data[offset : offset + 4]
     is_coded = 8 <= length < 32768 and first[:2] == b"\2\2" and (first[2] << 8 | first[3]) == length
     if not is_coded:
         flat = np.frombuffer(data, np.uint8, lines * length * 4, offset).reshape(lines, length, 4)
-        if (flat[..., :3] == 1).all(-1).any():
+        if (flat[..., :3] == 1).all(-1).any():  # the old coding marks a run by a pixel whose R, G and B are 1
             raise ValueError("the old run-length coding is not read")
         return flat
     planes = []  # of each line, all its R, then all G, B and exponents
