@@ -2,8 +2,8 @@
 
 Each element of a batch has a random slice as its input and others as its targets, in a window and at a scale of their
 own; only the input is turned in hue, blurred and noisy. docs/neubtf.md has what the paper says and leaves open.
-A step's elements are read, encoded and rendered at once, because a GPU takes as long for one. There a long fit also
-compiles the autoencoder and the renderer: a step would be 870 kernels otherwise, many of them on tensors of a few MB.
+A step's elements are read, encoded and rendered at once, because a GPU takes as long for one. On a GPU a long fit also
+compiles the autoencoder and the renderer: a step would start 870 kernels otherwise, which takes longer than they run.
 
 Style and spectrum see linear radiance in the display's range [0, 1], because the paper compresses only the pixel term,
 and because one highlight would otherwise outweigh every Gram matrix and spectrum. Pictures (B, 3, H, W) are periodic.
@@ -33,7 +33,7 @@ PAPER = {"bits": 8, "directions": "xy", "loss": "l1", "keep_scale": 0.0, "init":
 # Left open, and chosen:
 PAPER |= {"steps": 5_000, "slices": 16, "targets": 1, "texel_pairs": 1, "crop": 64, "around": 0}
 PAPER |= {"smallest": 0.75, "blur": 0.5, "noise": 0.02}
-COMPILED_FROM = 2_000  # steps of a fit that is worth a minute of compiling on a GPU
+COMPILED_FROM = 6_000  # steps of a fit on a GPU that saves the minute of compiling: some 11 ms a step
 FILTERS = 24  # filters of each scale
 KERNEL = 5  # texels a side at each scale
 SCALES = 3  # full, half and quarter resolution
@@ -123,20 +123,22 @@ class Published(Guided):
         self.style = Style()
         self.brightness = float(decode_srgb(guidance.cpu().numpy()).mean())
         self.means = nn.Buffer(slice_means(samples), persistent=False)
-        # Of the steps alone, and not modules, so that the state of a fit is the same with and without.
-        self.encoded, self.answers = self._quickest(encoder.forward), self._quickest(self.answered)
+        # What the steps call. Functions, not modules, which would stand in the state of the fit a second time.
+        self.encoded = self._quickest(encoder.forward)
+        self.answers = self._quickest(self.answered)
 
     def _quickest(self, function: Callable[..., Tensor]) -> Callable[..., Tensor]:
-        """A function of a step, compiled if the fit is a long one on a GPU for which PyTorch can compile (by Triton).
+        """A function of a step, compiled where that saves time: in a long fit, on a GPU for which Triton is installed.
 
-        Each size of window is compiled anew, so the windows must have one size: pictures larger than any crop.
+        Each size of window would be compiled anew. They have one size where every crop is smaller than the picture.
         """
         settings, device = self.settings, self.samples.device
+        long_enough = settings.steps >= COMPILED_FROM
         one_size = settings.crop < settings.smallest * min(self.samples.shape)
         possible = device.type == "cuda" and importlib.util.find_spec("triton") is not None
-        if not (possible and one_size and settings.steps >= COMPILED_FROM):
-            return function
-        return torch.compile(function, dynamic=False)
+        if long_enough and one_size and possible:
+            return torch.compile(function, dynamic=False)
+        return function
 
     @torch.no_grad()
     def best_guidance(self, fit: Fit) -> Tensor:
