@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 from scipy.spatial import cKDTree
 from skimage import data
+from threadpoolctl import threadpool_limits
 
 from bench.btf import BTF
 from bench.codec import Codec, Fit, silent
@@ -30,7 +31,6 @@ from bench.data.materials.maps import resize
 from bench.data.open import open_material
 from bench.data.spec import Preparation, named
 from bench.directions.hemisphere import from_degrees, to_degrees
-from bench.machine.threads import torch_threads
 from bench.material import Material
 from bench.metrics import DEFAULTS, chosen_names, metric_of
 from bench.metrics.angular import THETA_EDGES_DEG
@@ -432,7 +432,8 @@ def main() -> None:
     chosen = parser.parse_args()
     chosen.keep.mkdir(parents=True, exist_ok=True)
     bench = Bench(chosen.out, chosen.keep)
-    with torch_threads(1):
+    torch.set_num_threads(1)  # the bits of a fit depend on the number of threads
+    with threadpool_limits(1):
         for name in chosen.names or DRAWINGS:
             DRAWINGS[name](bench)
 
