@@ -13,7 +13,7 @@ from bench.records import FitKey, Job, ScoreKey, scored_unlike, shown_label
 
 def stale(job: Job) -> str:
     """How a job's versions differ from the installed ones, in words; "" if they agree or are not known."""
-    return _differences(job.get("fit_key", FitKey()), current_versions(*_recipe_of(job)))
+    return _version_differences(job.get("fit_key", FitKey()), current_versions(*_recipe_of(job)))
 
 
 def obstacles(jobs: Iterable[Job], published: Collection[str] = ()) -> dict[str, str]:
@@ -25,31 +25,33 @@ def obstacles(jobs: Iterable[Job], published: Collection[str] = ()) -> dict[str,
     finished = sorted((job for job in jobs if job["status"] == "ok"), key=lambda job: str(job["run"]))
     # Published jobs after all others; among themselves both stay in order of time.
     ordered = sorted(finished, key=lambda job: job["job"] in published)
-    # Of jobs with the same key, the last one stays in these dictionaries, and says what the others need.
+    # Of jobs with the same key, the last one stays in these dictionaries, and says what the others must agree with.
     # Scores are kept by seed too, because the scored pairs differ by seed.
-    scored = {(job["material"], job.get("seed")): job["score_key"] for job in ordered}
-    shapes = {job["material"]: job.get("shape") for job in ordered}
-    fitted = {_recipe_of(job): job.get("fit_key", {}) for job in finished}
-    coded = {row_of(job): job.get("fit_key", {}).get("code") for job in finished}
-    found = {}
+    newest_score_key = {(job["material"], job.get("seed")): job["score_key"] for job in ordered}
+    newest_shape = {job["material"]: job.get("shape") for job in ordered}
+    newest_fit_key = {_recipe_of(job): job.get("fit_key", {}) for job in finished}
+    newest_code = {row_of(job): job.get("fit_key", {}).get("code") for job in finished}
+    reasons_by_job = {}
     for job in finished:
         key = job.get("fit_key", {})
-        code = coded[row_of(job)]
-        reasons = _scored(job["score_key"], scored[job["material"], job.get("seed")])
+        code = newest_code[row_of(job)]
+        reasons = _score_differences(job["score_key"], newest_score_key[job["material"], job.get("seed")])
         shape = job.get("shape")
-        due = shapes[job["material"]]
+        expected_shape = newest_shape[job["material"]]
         # If no other job has this seed, the scores above were compared with themselves: the size still tells.
-        if not reasons and shape and due and shape != due:
-            reasons.append(f"other data ({shape[0]} × {shape[1]} texels instead of {due[0]} × {due[1]})")
-        other_version = _differences(key, fitted[_recipe_of(job)])
+        if not reasons and shape and expected_shape and shape != expected_shape:
+            reasons.append(
+                f"other data ({shape[0]} × {shape[1]} texels instead of {expected_shape[0]} × {expected_shape[1]})"
+            )
+        other_version = _version_differences(key, newest_fit_key[_recipe_of(job)])
         if other_version:
             reasons.append(other_version)
         # The suite's own codecs get a new version if their files change; one's own may change without.
         if code and key.get("code") != code and from_outside(str(job.get("codec"))):
             reasons.append("fitted by other code of the codec than its newest seed")
         if reasons:
-            found[job["job"]] = ", ".join(reasons)
-    return found
+            reasons_by_job[job["job"]] = ", ".join(reasons)
+    return reasons_by_job
 
 
 def _recipe_of(job: Job) -> tuple[str, str]:
@@ -62,14 +64,14 @@ def row_of(job: Job) -> tuple[Any, ...]:
     return job["material"], shown_label(job)
 
 
-def _differences(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> str:
+def _version_differences(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> str:
     """Which versions in `mine` differ from those in `theirs`, in words; "" if none does, or if `mine` is empty."""
     differ = [key for key in ("version", "store") if mine and key in theirs and mine.get(key) != theirs[key]]
     names = {"version": "codec", "store": "store"}
     return ", ".join(f"{names[key]} version {mine.get(key)} instead of {theirs[key]}" for key in differ)
 
 
-def _scored(key: ScoreKey, newest: ScoreKey) -> list[str]:
+def _score_differences(key: ScoreKey, newest: ScoreKey) -> list[str]:
     """The conditions in which two scores differ although they must agree."""
     reasons = scored_unlike(key, newest)
     if key.get("demand") != newest.get("demand"):

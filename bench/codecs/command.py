@@ -39,7 +39,7 @@ PERMIT = "NEUBTF_PERMIT"  # decode programs that may be started, one a line
 NAMES = "names"
 SIZE = "size"
 BATCH = 1 << 16  # queries a line
-TOLD = 400  # characters of a program's output in an error
+MESSAGE_LENGTH = 400  # characters of a program's output in an error
 LINE = 4_096  # the most bytes of a program's line that are read at once
 
 
@@ -84,16 +84,16 @@ class Programs(Codec):
             files.mkdir()
             write_npz(btf, btf_file)
             # 31 bits of the seed, because many programs keep a seed in a signed int32.
-            given = {"btf": btf_file, "files": files, "seed": fit.seed % 2**31, "threads": fit.threads}
-            self._run(_words(self.settings.encode, given))
-            return _stored(files, btf.shape, self.settings.encode)
+            values = {"btf": btf_file, "files": files, "seed": fit.seed % 2**31, "threads": fit.threads}
+            self._run(_words(self.settings.encode, values))
+            return _parts_of_folder(files, btf.shape, self.settings.encode)
 
     def _run(self, words: list[str]) -> None:
         """Run a command line to its end. `CodecError` if it fails, or takes longer than the setting `seconds`."""
         try:
             subprocess.run(words, check=True, capture_output=True, timeout=self.settings.seconds)
         except subprocess.CalledProcessError as error:
-            message = error.stderr.decode(errors="replace").strip()[-TOLD:]
+            message = error.stderr.decode(errors="replace").strip()[-MESSAGE_LENGTH:]
             raise CodecError(f"{words[0]}: ended with code {error.returncode}: {message or 'no message'}") from error
         except subprocess.TimeoutExpired as error:
             raise CodecError(f"{words[0]}: took longer than seconds = {self.settings.seconds:g}") from error
@@ -125,15 +125,18 @@ def permitted() -> list[str]:
     return [line for line in os.environ.get(PERMIT, "").split("\n") if line]
 
 
-def _words(command: str, given: dict[str, object]) -> list[str]:
-    """The words of a command line; `{name}` within them becomes what is given by that name, which is never split."""
+def _words(command: str, values: dict[str, object]) -> list[str]:
+    """The words of a command line, in which `{name}` is replaced by the value of that name.
+
+    The line is split first, so a value with spaces, such as a path, stays one word.
+    """
     words = shlex.split(command)
-    for name, value in given.items():
+    for name, value in values.items():
         words = [word.replace(f"{{{name}}}", str(value)) for word in words]
     return words
 
 
-def _stored(folder: Path, size: tuple[int, int], command: str) -> Parts:
+def _parts_of_folder(folder: Path, size: tuple[int, int], command: str) -> Parts:
     """The files of a folder as parts: the bytes of each as one tensor (bytes,) uint8 of `texture`.
 
     A tensor is named by the number of its file in the order of the files' names; `other` lists these names as JSON,
@@ -219,7 +222,7 @@ class ProgramMaterial(Material):
                     break
                 line += part
         if not line:
-            message = (self.folder / "log").read_text(errors="replace").strip()[-TOLD:]
+            message = (self.folder / "log").read_text(errors="replace").strip()[-MESSAGE_LENGTH:]
             raise CodecError(f"{self.command}: it ended without an answer: {message or 'no message'}")
 
 

@@ -54,7 +54,7 @@ class Header:
     version: int
     settings: dict[str, Any]
     sha256: str
-    tensors: dict[str, tuple[str, tuple[int, ...], int]]  # "part/name" → dtype, shape, bytes
+    tensors: dict[str, tuple[str, tuple[int, ...], int]]  # "part/name" → dtype, shape, number of bytes
     file_bytes: int
     kind: str = MATERIAL
     scene: dict[str, Any] = field(default_factory=dict)  # the demand it was fitted to: see `bench.demand.needed_part`
@@ -173,15 +173,15 @@ def _fault(tensor: "Tensor") -> str:
     """Why a file cannot hold a tensor, and what to store instead; "" if it can."""
     import torch
 
-    kind = str(tensor.dtype).removeprefix("torch.")
+    dtype = str(tensor.dtype).removeprefix("torch.")
     if tensor.is_nested:
         return "is nested: store its values and their lengths as two tensors"
     if tensor.layout != torch.strided:
         return "is sparse: store its values and its indices as two tensors"
     if tensor.device.type == "meta":
         return "is on the device meta, so it has no values: store a tensor with values"
-    if kind not in HELD:
-        return f"is of type {kind}, which a file does not hold: convert it to one of {', '.join(HELD)}"
+    if dtype not in HELD:
+        return f"is of type {dtype}, which a file does not hold: convert it to one of {', '.join(HELD)}"
     if tensor.is_floating_point() and not tensor.isfinite().all():
         bad = int((~tensor.isfinite()).sum())
         return f"holds {bad:,} of {tensor.numel():,} numbers that are not finite: guard the fit against them"
@@ -203,15 +203,19 @@ def read_parts(path: Path) -> "tuple[Header, Parts]":
     data = _read(Path(path))
     header = _parse(Path(path), data)
     parts = Parts()
-    left = max(LEAST_EXPANDED, MOST_EXPANSION * len(data))  # bytes that the remaining parts may still expand to
+    # Bytes that the remaining parts may still expand to: a small damaged file must not fill the memory.
+    budget = max(LEAST_EXPANDED, MOST_EXPANSION * len(data))
     try:
         stored = deserialise(data)
     except (SafetensorError, ValueError) as error:
         raise ContainerError(f"{path}: its safetensors header is not sound ({error})") from error
     for full, tensor in stored.items():
         part, name = full.split("/", 1)
-        tensors = expanded(tensor, Path(path), left) if header.settings.get(ZSTD) else {name: tensor}
-        left -= sum(values.nbytes for values in tensors.values())
+        if header.settings.get(ZSTD):
+            tensors = expanded(tensor, Path(path), budget)  # all tensors of this part
+        else:
+            tensors = {name: tensor}
+        budget -= sum(values.nbytes for values in tensors.values())
         bad = _not_finite(tensors)
         if bad:  # no codec writes such numbers
             raise ContainerError(f"{path}: tensor {part}/{bad} holds numbers that are not finite")
@@ -244,7 +248,7 @@ def _parse(path: Path, data: bytes) -> Header:
     # The file was hashed with zeros in place of the digits: see `to_bytes`.
     if hashlib.sha256(data.replace(digits, ZEROS, 1)).hexdigest().encode() != digits:
         raise ContainerError(f"{path}: altered or damaged since it was written (its hash differs): copy it again")
-    tensors = {name: _tensor(path, name, entry) for name, entry in header.items()}
+    tensors = {name: _described_tensor(path, name, entry) for name, entry in header.items()}
     return Header(
         path=path,
         codec=metadata["codec"],
@@ -277,7 +281,7 @@ def _json_header(path: Path, data: bytes) -> dict[str, Any]:
             if name == "__metadata__":
                 continue
             offsets = entry["data_offsets"]
-            if not all(_whole(place) for place in offsets):
+            if not all(_is_size_or_place(place) for place in offsets):
                 raise ValueError
             end = max(end, offsets[1])
         missing = 8 + length + end - len(data)
@@ -303,12 +307,12 @@ def _metadata(path: Path, header: dict[str, Any]) -> FileMetadata:
     return found
 
 
-def _whole(value: object) -> bool:
-    """Whether a value of JSON is a whole number that can be a size, or a place in a file: from 0 to below 2^48."""
+def _is_size_or_place(value: object) -> bool:
+    """Whether a value of JSON is a whole number from 0 to below 2^48, the range of sizes and of places in a file."""
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 48
 
 
-def _tensor(path: Path, name: str, entry: dict[str, Any]) -> tuple[str, tuple[int, ...], int]:
+def _described_tensor(path: Path, name: str, entry: dict[str, Any]) -> tuple[str, tuple[int, ...], int]:
     """The dtype, shape and number of bytes of a tensor, from its entry in the header.
 
     `ContainerError` if they contradict each other, or if the name is not that of a part and a tensor.
@@ -316,7 +320,7 @@ def _tensor(path: Path, name: str, entry: dict[str, Any]) -> tuple[str, tuple[in
     try:
         begin, end = entry["data_offsets"]
         shape = tuple(entry["shape"])
-        sound = name.split("/")[0] in PARTS and "/" in name and all(map(_whole, shape))
+        sound = name.split("/")[0] in PARTS and "/" in name and all(map(_is_size_or_place, shape))
         if not sound or end - begin != ITEM_BYTES[entry["dtype"]] * math.prod(shape):
             raise ValueError
     except (KeyError, ValueError, TypeError) as error:
@@ -328,7 +332,7 @@ def compressed(data: bytes) -> "Tensor":
     """Compress bytes into a tensor (n,) uint8."""
     import torch
 
-    packed = _library("zstd = true").ZstdCompressor(level=LEVEL).compress(data)
+    packed = _zstandard("zstd = true").ZstdCompressor(level=LEVEL).compress(data)
     return torch.frombuffer(bytearray(packed), dtype=torch.uint8)
 
 
@@ -337,7 +341,7 @@ def expanded(payload: "Tensor", path: Path, most: int) -> "dict[str, Tensor]":
     from safetensors import SafetensorError
     from safetensors.torch import load
 
-    zstandard = _library(str(path))
+    zstandard = _zstandard(str(path))
     if str(payload.dtype) != "torch.uint8":
         raise ContainerError(f"{path}: a compressed part is {payload.dtype}, not bytes")
     data = payload.numpy().tobytes()
@@ -349,8 +353,8 @@ def expanded(payload: "Tensor", path: Path, most: int) -> "dict[str, Tensor]":
         raise ContainerError(f"{path}: a compressed part is not sound ({error})") from error
 
 
-def _library(what: str) -> ModuleType:
-    """The package zstandard, which is optional. The error if it is missing says that `what` needs it."""
+def _zstandard(what: str) -> ModuleType:
+    """The package zstandard, which is optional. If it is missing, an `InputError` says that `what` needs it."""
     with installed(f"{what}: needs the package zstandard: pip install 'neubtf-bench[zstd]'"):
         import zstandard
     return zstandard

@@ -49,14 +49,14 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
         )
     network = _needed_network(header, codec_class, network)
     parts = dataclasses.replace(parts, network=network)
-    numbers = _numbers(parts) + (_numbers(network.parts) if network else 0)
+    numbers = _count_numbers(parts) + (_count_numbers(network.parts) if network else 0)
     try:
         with decoding(numbers):
             codec = codec_class(**header.settings)
             material = codec.decode(parts, torch.device(device))
         if not isinstance(material, Material):
             raise answered(codec.decode, material, "a Material")
-        _try(material)
+        _check_answers(material)
         if header.scene:
             material = SceneMaterial(material, header.scene, str(path)).to(material.device)
         if math.prod(material.size) > max(LEAST_TEXELS, MOST_TEXELS * numbers):
@@ -83,16 +83,16 @@ def _needed_network(header: Header, codec_class: type[Codec], network: TrainedNe
     return shared.named_by(header, shipped)
 
 
-def _numbers(parts: Parts) -> int:
-    """The count of numbers in the tensors."""
+def _count_numbers(parts: Parts) -> int:
+    """How many numbers the tensors of all parts hold together."""
     count = 0
     for part in PARTS:
         count += sum(tensor.numel() for tensor in getattr(parts, part).values())
     return count
 
 
-def _try(material: Material) -> None:
-    """Query each corner of the picture, so that inconsistent tensors are found at once.
+def _check_answers(material: Material) -> None:
+    """Query each corner of the picture once, so that tensors which contradict each other are found when a file is read.
 
     Raises `ValueError` if the picture's size is not two positive numbers, or if an answer is not finite.
     """
@@ -100,8 +100,8 @@ def _try(material: Material) -> None:
         raise ValueError(f"a picture of {material.size} texels")
     uv = torch.tensor([[0.0, 0.0], [0.0, 0.999], [0.999, 0.0], [0.999, 0.999]], device=material.device)
     up = torch.tensor([0.0, 0.0, 1.0], device=material.device).expand(4, 3)
-    low = torch.tensor([0.6, 0.0, 0.8], device=material.device).expand(4, 3)
-    if not material.query(uv, up, low).isfinite().all():
+    tilted = torch.tensor([0.6, 0.0, 0.8], device=material.device).expand(4, 3)
+    if not material.query(uv, up, tilted).isfinite().all():
         raise ValueError("its answers are not finite")
 
 

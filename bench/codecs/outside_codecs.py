@@ -26,15 +26,15 @@ def check(entry: EntryPoint, called: str, make: Make, settings: dict[str, Any] |
     """
     if EXPENDABLE in os.environ or not plugins.is_outside(entry):
         return
-    # As text, by which `_tried` finds what it knows: a list among the settings could not be looked up.
+    # As text, because `_error_in_child` caches its answers by its arguments, and a list among them cannot be looked up.
     text = None if settings is None else json.dumps(settings, sort_keys=True, default=str)
-    error = _tried(entry.name, called, make, text)
+    error = _error_in_child(entry.name, called, make, text)
     if error is not None:
         raise error
 
 
 @cache
-def _tried(name: str, called: str, make: Make, settings: str | None) -> InputError | None:
+def _error_in_child(name: str, called: str, make: Make, settings: str | None) -> InputError | None:
     """Make a codec in another process with `settings`, JSON, or only import it if they are None.
 
     Returns the error that this shows, or None.
@@ -43,27 +43,27 @@ def _tried(name: str, called: str, make: Make, settings: str | None) -> InputErr
     import sys
 
     # A bare interpreter, because `multiprocessing` would run the calling script again.
-    given = None if settings is None else json.loads(settings)
-    request = json.dumps([sys.path, name, given])
+    chosen = None if settings is None else json.loads(settings)
+    request = json.dumps([sys.path, name, chosen])
     reading, writing = os.pipe()  # this process reads the answer that the other one writes
     script = CHILD.format(module=make.__module__, make=make.__name__)
     command = [sys.executable, "-c", script, request, str(writing)]
     child = subprocess.Popen(command, pass_fds=(writing,), stdin=subprocess.DEVNULL, env=os.environ | {EXPENDABLE: "1"})
     os.close(writing)  # here; once the other process ends, too, reading meets the end
-    doing = "is imported" if given is None else f"is made with {given or 'its defaults'}"
+    step = "is imported" if chosen is None else f"is made with {chosen or 'its defaults'}"
     try:
         with open(reading, encoding="utf-8") as answers:
             child.wait(PATIENCE)
             answer = answers.readline()
     except subprocess.TimeoutExpired:
-        return CodecError(f"{called} hangs when it {doing}: no answer in {PATIENCE:g} s")
+        return CodecError(f"{called} hangs when it {step}: no answer in {PATIENCE:g} s")
     finally:
         child.kill()
         child.wait()
     if not answer:
-        return CodecError(f"{called} ends the process when it {doing}: {ending(child.returncode)}")
-    kind, message = json.loads(answer)
-    if not kind:
+        return CodecError(f"{called} ends the process when it {step}: {ending(child.returncode)}")
+    kind, message = json.loads(answer)  # as `answer` wrote them
+    if not kind:  # nothing is wrong
         return None
     return CodecError(message) if kind == CodecError.__name__ else InputError(message)
 
@@ -78,14 +78,17 @@ answer(make, name, settings, int(sys.argv[2]))
 """
 
 
-def answer(make: Make, name: str, settings: dict[str, Any] | None, place: int) -> None:
-    """In the other process: make the codec, and write the kind and the words of what is wrong to a file descriptor."""
+def answer(make: Make, name: str, settings: dict[str, Any] | None, descriptor: int) -> None:
+    """In the other process: make the codec, and write what is wrong to a file descriptor.
+
+    That is a line of JSON, the name of the error's class and its message; both are "" if nothing is wrong.
+    """
     fault = ["", ""]
     try:
         make(name, settings)
     except InputError as error:
         fault = [type(error).__name__, str(error)[:4096]]  # short enough for the buffer of a pipe
-    with open(place, "w", encoding="utf-8") as answers:
+    with open(descriptor, "w", encoding="utf-8") as answers:
         print(json.dumps(fault), file=answers)
 
 

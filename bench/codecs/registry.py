@@ -125,20 +125,20 @@ def reference(entry: EntryPoint) -> dict[str, str]:
     docstring says "Cited as `NAME`.", all three are those of the codec of that name.
     """
 
-    def found(pattern: str, text: str) -> str:
+    def first_match(pattern: str, text: str) -> str:
         """The group of the pattern's first match, or the whole match if it has none; "" without a match."""
         matches: list[str] = re.findall(pattern, text, re.M | re.S)
         return matches[0] if matches else ""
 
-    text = _docstring(*entry.value.split(":"))
-    cited_as = found(r"^Cited as `([\w-]+)`\.$", text)
+    text = _docstring(*entry.value.split(":"))  # of "module:Class"
+    cited_as = first_match(r"^Cited as `([\w-]+)`\.$", text)
     another = codec_entries().get(cited_as)
     if another and another.name != entry.name:
         return reference(another)
-    bibtex = found(r"^@\w+\{.*?^\}$", text)
-    doi = found(r"\bdoi = \{([^{}\s]+)\}", bibtex)
-    paper = f"https://doi.org/{doi}" if doi else found(r"\burl = \{(https://[^{}\s]+)\}", bibtex)
-    return {"bibtex": bibtex, "paper": paper, "code": found(r"^Code: (https://\S+)$", text)}
+    bibtex = first_match(r"^@\w+\{.*?^\}$", text)
+    doi = first_match(r"\bdoi = \{([^{}\s]+)\}", bibtex)
+    paper = f"https://doi.org/{doi}" if doi else first_match(r"\burl = \{(https://[^{}\s]+)\}", bibtex)
+    return {"bibtex": bibtex, "paper": paper, "code": first_match(r"^Code: (https://\S+)$", text)}
 
 
 def first_line(module: str, class_name: str = "") -> str:
@@ -156,11 +156,11 @@ def current_versions(codec: str, recipe: str = "") -> dict[str, int]:
     if entry is None:
         return {}
     module, _, class_name = entry.value.partition(":")
-    versions = _assigned(module, class_name, "recipe_versions") or {}
-    own = versions.get(recipe, _assigned(module, class_name, "version"))
-    if not isinstance(own, int):
+    recipe_versions = _assigned(module, class_name, "recipe_versions") or {}
+    version = recipe_versions.get(recipe, _assigned(module, class_name, "version"))
+    if not isinstance(version, int):
         return {}
-    return {"version": own, "store": _assigned(STORE, "", "VERSION") or 0}
+    return {"version": version, "store": _assigned(STORE, "", "VERSION") or 0}
 
 
 def _assigned(module: str, class_name: str, wanted: str) -> Any:

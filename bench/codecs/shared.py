@@ -84,8 +84,11 @@ def missing(codec: str, path: Path | None = None) -> MissingDataError:
 
 
 def named_by(header: container.Header, shipped: Path | None) -> TrainedNetwork:
-    """Find the network that a material's file names by hash: beside the file or in `folder()`, under the hashed name or
-    the codec's, else the one `shipped`. `ContainerError` says where to put it."""
+    """Find the network that a material's file names by hash.
+
+    It is looked for beside the file, then in `folder()`, each time under the name with its hash and under the codec's
+    name; at last the `shipped` one is tried. `ContainerError` says where to put it.
+    """
     hashed = hashed_name(header.codec, header.network)
     plain = f"{header.codec}{container.SUFFIX}"
     beside = header.path.parent
@@ -117,10 +120,10 @@ def make(network: SharedNetwork, btfs: Sequence[BTF], fit: Fit, path: Path) -> c
     fingerprints = [btf.fingerprint for btf in btfs]
     origins = [origin(btf) for btf in btfs]
     seen = [*fingerprints, *(btf.fingerprint for btf in fit.unseen)]
-    known = [network.name, network.version, settings_dict(network), fit.seed, fit.device.type]
-    known += [fit.threads, torch.__version__, seen]
+    determining = [network.name, network.version, settings_dict(network), fit.seed, fit.device.type]
+    determining += [fit.threads, torch.__version__, seen]
     # A state is resumed only if everything that determines the file is the same, so its name has a hash of that.
-    key = hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()[:12]
+    key = hashlib.sha256(json.dumps(determining, sort_keys=True).encode()).hexdigest()[:12]
     state = path.with_name(f"{path.stem}-{key}.state")
     parts = network.train(btfs, dataclasses.replace(fit, checkpoint=state))
     for name, digests in (("fingerprints", fingerprints), ("origins", origins)):
@@ -141,12 +144,14 @@ def origin(btf: BTF) -> str:
     """
     provenance = btf.provenance
     if provenance.get("source") == RENDERED:
-        known: list[Any] = [provenance["recipe"], provenance["parameters"], provenance["seed"]]
+        identity: list[Any] = [provenance["recipe"], provenance["parameters"], provenance["seed"]]
     elif provenance.get("source") == BAKED:
-        known = [btf.name, {role: text.partition(":")[0] for role, text in provenance["maps"].items()}]
+        # A map is described as "file: how it was read"; the file's name stays the same for all sizes.
+        file_of_role = {role: text.partition(":")[0] for role, text in provenance["maps"].items()}
+        identity = [btf.name, file_of_role]
     else:
-        known = [btf.source.fingerprint()]
-    return hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
+        identity = [btf.source.fingerprint()]
+    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
 
 
 def refuse(network: TrainedNetwork | None, btf: BTF) -> None:

@@ -58,11 +58,11 @@ class Window:
     def within(self, uv: Tensor) -> Tensor:
         """uv (n, 2) of the whole texture in units of the window; beyond its border, the nearest texel."""
         # v points up, but rows count down from the top.
-        u = self._along(uv[:, 0], self.left, self.width, self.size[1])
-        v = self._along(1 - uv[:, 1], self.top, self.height, self.size[0])
+        u = self._share_of_window(uv[:, 0], self.left, self.width, self.size[1])
+        v = self._share_of_window(1 - uv[:, 1], self.top, self.height, self.size[0])
         return torch.stack([u, 1 - v], 1)
 
-    def _along(self, place: Tensor, start: int, length: int, side: int) -> Tensor:
+    def _share_of_window(self, place: Tensor, start: int, length: int, side: int) -> Tensor:
         """Places (n,) along one axis, from shares of the texture's side to shares of the window's side.
 
         The texture's side has `side` texels, of which the window has `length` from texel `start` on.
@@ -82,8 +82,8 @@ class Window:
         # Texels after the window's start, around the texture's border, are in it up to its width or height.
         across = (uv[:, 0] * self.size[1] - self.left).remainder(self.size[1]) <= self.width
         down = ((1 - uv[:, 1]) * self.size[0] - self.top).remainder(self.size[0]) <= self.height
-        rest = Window.whole(self.size, self.factor)  # texels that do not fill a box do not count as left out
-        return (across | (self.width == rest.width)) & (down | (self.height == rest.height))
+        whole_boxes = Window.whole(self.size, self.factor)  # texels that do not fill a box do not count as left out
+        return (across | (self.width == whole_boxes.width)) & (down | (self.height == whole_boxes.height))
 
 
 def cell_of(directions: Tensor) -> Tensor:

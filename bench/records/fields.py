@@ -23,9 +23,10 @@ from bench.records.schema import Job, Needed, RunStart, Shown, Stress, Timing, T
 
 Kept = TypeVar("Kept", Job, RunStart, Timing, Stress)
 
-_MEASURED = ("scores", "metrics", "bytes", "parameters")  # the fields of a job that has a result
+_RESULT_FIELDS = ("scores", "metrics", "bytes", "parameters")  # the fields of a job that has a result
+# The fields of a choice of a trade: of every one that was timed, and of those that have a file, too.
 _TIMED = ("ns_per_sample", "ratio_to_floor", "ratio_interval95", "batch", "threads")
-_CHOSEN = ("codec", "settings", "psnr", "worst", "flip", "of_limit", "fastest", "smallest")
+_WITH_FILE = ("codec", "settings", "psnr", "worst", "flip", "of_limit", "fastest", "smallest")
 
 
 @cache
@@ -42,18 +43,19 @@ def field_kind(hint: Any) -> Kind:
     if marks or get_origin(hint) in (Required, NotRequired):
         return field_kind(get_args(hint)[0])
     if is_typeddict(hint):
-        each_kind = {name: field_kind(each) for name, each in get_type_hints(hint, include_extras=True).items()}
+        kind_of_field = {name: field_kind(each) for name, each in get_type_hints(hint, include_extras=True).items()}
         must = {*hint.__required_keys__, *field_names(Use.MUST, hint)}
-        # The needed fields in the order of their descriptions, as faults are told in this order.
-        return Fields(each_kind, tuple(name for name in each_kind if name in must), hint)
+        # In the order of their descriptions, because faults are told in this order.
+        needed = tuple(name for name in kind_of_field if name in must)
+        return Fields(kind_of_field, needed, hint)
+    generic = get_origin(hint)
     arguments = get_args(hint)
-    match get_origin(hint):
-        case kind if kind is Literal:
-            return Plain(" or ".join(map(repr, arguments)), lambda value: isinstance(value, str) and value in arguments)
-        case kind if kind is dict:
-            return Each(field_kind(arguments[1]))  # of the values; names are texts
-        case kind if kind is list:
-            return Several(field_kind(arguments[0]))
+    if generic is Literal:
+        return Plain(" or ".join(map(repr, arguments)), lambda value: isinstance(value, str) and value in arguments)
+    if generic is dict:
+        return Each(field_kind(arguments[1]))  # of the values; names are texts
+    if generic is list:
+        return Several(field_kind(arguments[0]))
     if type(None) in arguments:  # `X | None`
         plain: Any = field_kind(arguments[0])
         return Plain(f"{plain.words} or null", lambda value: value is None or plain.test(value))
@@ -67,7 +69,7 @@ def fault(record: Mapping[str, Any]) -> str:
     """
     needed: tuple[str, ...] = ()
     if record["kind"] == "job" and "status" in record:
-        needed = _MEASURED if record["status"] == "ok" else ("error",)
+        needed = _RESULT_FIELDS if record["status"] == "ok" else ("error",)
     return kinds.missing(record, needed) or kinds.fault_of(FIELDS[record["kind"]], record)
 
 
@@ -79,7 +81,8 @@ def fault_of_trade(trade: Mapping[str, Any]) -> str:
     for row in trade["choices"]:
         if "error" in row:
             continue
-        needed = (*_TIMED, *_CHOSEN) if "bytes" in row else _TIMED
+        # The floor, a bare network, has no file and so no bytes.
+        needed = (*_TIMED, *_WITH_FILE) if "bytes" in row else _TIMED
         wrong = kinds.missing(row, needed, f"choices/{row['label']:.60}")
         if wrong:
             return wrong
@@ -127,7 +130,7 @@ def shown_columns() -> dict[str, Shown]:
 
 def require(job: Job, by: Literal["comparison", "tables", "verification"], folder: Path) -> None:
     """Check that a job has the fields needed for a use. `InputError` names a missing field."""
-    for path in _needed(by):
+    for path in _needed_paths(by):
         value: Any = job
         for part in path.split("/"):
             if not isinstance(value, dict) or part not in value:
@@ -136,8 +139,8 @@ def require(job: Job, by: Literal["comparison", "tables", "verification"], folde
 
 
 @cache
-def _needed(by: str) -> list[str]:
-    """The paths of the fields that a use of jobs needs."""
+def _needed_paths(by: str) -> list[str]:
+    """The paths of the fields that a use of jobs needs: of a field, and of keys in it, as `fit_key/settings`."""
     paths = []
     for name, mark in _marks(Job):
         if isinstance(mark, Needed) and mark.by == by:
@@ -146,7 +149,7 @@ def _needed(by: str) -> list[str]:
 
 
 def _marks(described: Any) -> Iterator[tuple[str, Any]]:
-    """The fields of a class, each with each mark that describes it."""
+    """The name of each field of a class with each mark that describes it; a field with two marks comes twice."""
     for name, hint in get_type_hints(described, include_extras=True).items():
         while get_origin(hint) in (Required, NotRequired):
             hint = get_args(hint)[0]

@@ -110,38 +110,57 @@ def fault_of(kind: Kind, value: Any, place: str = "", depth: int = 0) -> str:
     What has no kind of its own, `ANYTHING`, is still checked inside: objects and lists part by part, and the rest must
     be what a setting may be.
     """
-    known: Mapping[str, Kind] = kind.known if isinstance(kind, Fields) else {}
-    others = kind.item if isinstance(kind, Each | Several) else ANYTHING
-    wrong = ""
     if isinstance(kind, Plain) and kind is not ANYTHING:
-        wrong = "" if kind.test(value) else f"must be {kind.words}, not {_shown(value)}"
-    elif depth > DEEPEST:
-        wrong = "is nested too deeply"
-    elif isinstance(kind, Several) and (not isinstance(value, list) or kind.length not in (None, len(value))):
+        return "" if kind.test(value) else _told(place, f"must be {kind.words}, not {_shown(value)}")
+    if depth > DEEPEST:
+        return _told(place, "is nested too deeply")
+    if isinstance(kind, Several) and (not isinstance(value, list) or kind.length not in (None, len(value))):
         length = f" of {kind.length}" if kind.length else ""
-        wrong = f"must be a list{length}, not {_shown(value)}"
-    elif isinstance(kind, Each | Fields) and not isinstance(value, dict):
-        wrong = f"must be an object, not {_shown(value)}"
-    elif isinstance(value, dict):
-        absent = missing(value, kind.needed, place) if isinstance(kind, Fields) else ""
+        return _told(place, f"must be a list{length}, not {_shown(value)}")
+    if isinstance(kind, Each | Fields) and not isinstance(value, dict):
+        return _told(place, f"must be an object, not {_shown(value)}")
+    if isinstance(value, dict):
+        return _fault_in_object(kind, value, place, depth)
+    if isinstance(value, list):
+        return _fault_in_list(kind, value, place, depth)
+    if value is None:
+        return ""
+    return fault_of(SETTING, value, place, depth)
+
+
+def _fault_in_object(kind: Kind, value: Mapping[str, Any], place: str, depth: int) -> str:
+    """The first missing or wrong field of an object, in words; "" for none."""
+    known: Mapping[str, Kind] = {}
+    if isinstance(kind, Fields):
+        known = kind.known
+        absent = missing(value, kind.needed, place)
         if absent:
             return absent
-        for name, item in value.items():
-            each = known.get(name, others)
-            # The common case is tested here, without a call: it occurs thousands of times a run.
-            if each.__class__ is Plain and each is not ANYTHING and each.test(item):
-                continue
-            fault = fault_of(each, item, f"{place}/{name:.60}", depth + 1)
-            if fault:
-                return fault
-    elif isinstance(value, list):
-        for item in value:
-            fault = fault_of(others, item, place, depth + 1)
-            if fault:
-                return fault
-    elif value is not None:
-        return fault_of(SETTING, value, place, depth)
-    return f"{place} {wrong}".lstrip("/ ") if wrong else ""
+    others = kind.item if isinstance(kind, Each) else ANYTHING  # the kind of fields that have none of their own
+    for name, item in value.items():
+        kind_of_item = known.get(name, others)
+        # The common case is tested here, without a call: it occurs thousands of times a run.
+        if kind_of_item.__class__ is Plain and kind_of_item is not ANYTHING and kind_of_item.test(item):
+            continue
+        fault = fault_of(kind_of_item, item, f"{place}/{name:.60}", depth + 1)
+        if fault:
+            return fault
+    return ""
+
+
+def _fault_in_list(kind: Kind, values: list[Any], place: str, depth: int) -> str:
+    """The fault of the first wrong item of a list, in words; "" for none. All items have the place of the list."""
+    kind_of_item = kind.item if isinstance(kind, Several) else ANYTHING
+    for item in values:
+        fault = fault_of(kind_of_item, item, place, depth + 1)
+        if fault:
+            return fault
+    return ""
+
+
+def _told(place: str, wrong: str) -> str:
+    """A fault with the place where it is: `scores/heldout must be …`."""
+    return f"{place} {wrong}".lstrip("/ ")
 
 
 def _shown(value: Any) -> str:

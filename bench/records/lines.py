@@ -95,7 +95,7 @@ class Records(Sequence[Found]):
             record = self._by_name[name] = cast(Found, _record_of(record))
         return record
 
-    def _of(self, name: object) -> Found:
+    def _record(self, name: object) -> Found:
         """The latest record of a name that is known; empty if its line holds no record."""
         return self.latest(name) or cast(Found, {})
 
@@ -103,7 +103,7 @@ class Records(Sequence[Found]):
         return len(self._by_name)
 
     def __iter__(self) -> Iterator[Found]:
-        return map(self._of, self._by_name)
+        return map(self._record, self._by_name)
 
     @overload
     def __getitem__(self, index: int) -> Found: ...
@@ -112,8 +112,8 @@ class Records(Sequence[Found]):
     def __getitem__(self, index: int | slice) -> Found | list[Found]:
         names = list(self._by_name)[index]
         if isinstance(names, list):
-            return list(map(self._of, names))
-        return self._of(names)
+            return list(map(self._record, names))
+        return self._record(names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,14 +143,14 @@ class Run:
         return self.timings.latest(setting_name(job["label"], cost.get("flops_per_sample", 0)))
 
 
-def view(made: Callable[..., Found]) -> Callable[..., Found]:
+def view(function: Callable[..., Found]) -> Callable[..., Found]:
     """A function of a run, and of words, whose result is kept with the run: each table and figure may ask for it."""
 
-    @wraps(made)
+    @wraps(function)
     def kept(run: Run, *words: str) -> Found:
-        key = (made, *words)
+        key = (function, *words)
         if key not in run.views:
-            run.views[key] = made(run, *words)
+            run.views[key] = function(run, *words)
         found: Found = run.views[key]
         return found
 
@@ -218,8 +218,8 @@ def load_together(
                     other = f"{job['job']}, other data of {run.folder.name}"
                     together.jobs.put(other, {**job, "job": other})
                     continue
-                told = "was measured on other data in an earlier run: give fewer runs, or name the material otherwise"
-                raise InputError(f"{run.folder}: {job['job']} {told}")
+                remedy = "was measured on other data in an earlier run: give fewer runs, or name the material otherwise"
+                raise InputError(f"{run.folder}: {job['job']} {remedy}")
             together.jobs.put(job["job"], _with_whole_paths(job, run.folder.absolute()))
             if paths[number].suffix == ".jsonl":
                 together.published.add(job["job"])
@@ -302,8 +302,8 @@ def _add_line(run: Run, line: Line) -> bool:
         case "run":
             run.starts.append(cast(RunStart, record))
         case "stress":
-            tried = cast(Stress, record)
-            run.stress.put((tried["subject"], tried["extreme"]), tried)
+            extreme = cast(Stress, record)
+            run.stress.put((extreme["subject"], extreme["extreme"]), extreme)
         case "job":
             job = cast(Job, record)
             run.jobs.put(job["job"], job)

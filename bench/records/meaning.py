@@ -22,7 +22,7 @@ CONDITIONS = ("batch", "dtype", "threads", "device", "execution", "queries", "te
 
 Item = TypeVar("Item")
 Key = TypeVar("Key")
-_HEAD = ("material", "label", "codec", "seed", "job", "status")
+_NAMING_FIELDS = ("material", "label", "codec", "seed", "job", "status")
 _LONGEST = 8  # a longer list does not become fields
 
 
@@ -47,7 +47,8 @@ def shown_label(job: Job) -> str:
     return " ".join([*words[:1], "(our recipe)", *words[1:]])
 
 
-KINDS = ("measured", "path-traced", "rendered")  # of surfaces, in the order of what a claim on them is worth
+MEASURED, PATH_TRACED, RENDERED = "measured", "path-traced", "rendered"
+KINDS = (MEASURED, PATH_TRACED, RENDERED)  # of surfaces, in the order of what a claim on them is worth
 
 
 def kind_of(job: Job) -> str:
@@ -57,8 +58,10 @@ def kind_of(job: Job) -> str:
     if "surface" in provenance:
         return str(provenance["surface"])
     if "path_version" in provenance:
-        return KINDS[1]
-    return KINDS[2] if "renderer_version" in provenance else KINDS[0]
+        return PATH_TRACED
+    if "renderer_version" in provenance:
+        return RENDERED
+    return MEASURED
 
 
 def kind_order(kind: str) -> int:
@@ -67,14 +70,14 @@ def kind_order(kind: str) -> int:
 
 
 def by_kind(surfaces: Mapping[str, Job]) -> dict[str, list[str]]:
-    """The names of surfaces, of each of which a job is given, by kind, in the order of kinds."""
-    found = grouped(surfaces, lambda name: kind_of(surfaces[name]))
-    return {kind: found[kind] for kind in sorted(found, key=kind_order)}
+    """The names of surfaces by kind, in the order of kinds. `surfaces` has a job of each by its name."""
+    names_of_kind = grouped(surfaces, lambda name: kind_of(surfaces[name]))
+    return {kind: names_of_kind[kind] for kind in sorted(names_of_kind, key=kind_order)}
 
 
 def pictures_are_free(job: Job) -> bool:
     """Whether pictures of a job's surface may be published: what its data say, or else of all but measured ones."""
-    return bool(job.get("provenance", {}).get("free", kind_of(job) != KINDS[0]))
+    return bool(job.get("provenance", {}).get("free", kind_of(job) != MEASURED))
 
 
 def deciding_group(groups: Container[str]) -> str:
@@ -113,7 +116,7 @@ def flattened(job: Job, timing: Timing | None) -> Iterator[tuple[str, Any]]:
     Nothing is rounded. The fields that name the job (material, label, codec, seed, job, status) come first, settings as
     JSON. Short lists of numbers become fields `…/0`, `…/1`; longer lists are left out.
     """
-    for name in _HEAD:
+    for name in _NAMING_FIELDS:
         yield name, job.get(name)
     settings = job.get("settings", job.get("fit_key", {}).get("settings"))  # a reference stores them only in its key
     yield "settings", None if settings is None else json.dumps(settings, sort_keys=True)
@@ -121,23 +124,23 @@ def flattened(job: Job, timing: Timing | None) -> Iterator[tuple[str, Any]]:
     for name in ("btf", "exposure", "sha256"):
         yield name, score.get(name)
     versions = {name: metric["version"] for name, metric in job.get("metrics", {}).items()}
-    versions |= score.get("metrics", {})  # those that the scores were computed by
-    yield from _flat("metric_version/", versions, [])
+    versions |= score.get("metrics", {})  # where the scores were computed by other versions, those count
+    yield from _add_flattened("metric_version/", versions, [])
     yield from zip(("height", "width"), job.get("shape", ()), strict=False)
     # Fields apart name the job, and came first, or have a form of their own.
-    yield from _flat("", {name: value for name, value in job.items() if name not in field_names(APART)}, [])
+    yield from _add_flattened("", {name: value for name, value in job.items() if name not in field_names(APART)}, [])
     times = {name: value for name, value in (timing or {}).items() if name not in field_names(APART, Timing)}
-    yield from _flat("timing/", times, [])
+    yield from _add_flattened("timing/", times, [])
 
 
-def _flat(prefix: str, values: Mapping[str, Any], fields: list[tuple[str, Any]]) -> list[tuple[str, Any]]:
+def _add_flattened(prefix: str, values: Mapping[str, Any], fields: list[tuple[str, Any]]) -> list[tuple[str, Any]]:
     """Add the fields of `values`, named with a prefix, to the list `fields`, and return it.
 
     A list, because nested generators would pass each number through every level.
     """
     for name, value in values.items():
         if isinstance(value, dict):
-            _flat(f"{prefix}{name}/", value, fields)
+            _add_flattened(f"{prefix}{name}/", value, fields)
         elif not isinstance(value, list):
             fields.append((prefix + name, value))
         elif len(value) <= _LONGEST and all(isinstance(item, int | float) for item in value):
