@@ -102,10 +102,15 @@ class Material:
         for name, value in vars(self).items():
             if isinstance(value, nn.Module):
                 learned = next(value.parameters(), None) is not None
-                value.to(device=device, dtype=dtype if dtype is None or learned else at_least_float32(dtype))
+                module_dtype = dtype
+                if dtype is not None and not learned:
+                    module_dtype = at_least_float32(dtype)
+                value.to(device=device, dtype=module_dtype)
             elif isinstance(value, Tensor):
                 moved = value.to(device=device, dtype=dtype if value.is_floating_point() else None)
-                setattr(self, name, moved if moved.dtype == value.dtype else saturated(moved))
+                if moved.dtype != value.dtype:
+                    moved = saturated(moved)  # a half cannot hold what is beyond its range
+                setattr(self, name, moved)
         if device is not None:
             # A chunk is longer on a GPU. The two factors cancel, unless one device is a GPU and the other is not.
             self.chunk *= GPU_CHUNKS if is_gpu(device) else 1
@@ -141,7 +146,7 @@ class Material:
         for start in range(0, len(uv), self.chunk):
             rows = slice(start, start + self.chunk)
             queries = uv[rows], wo[rows], wi[rows], footprint[rows]
-            _check(*queries, start)
+            _check_values(*queries, start)
             out[rows] = self._answer(*queries)
         return out
 
@@ -159,8 +164,8 @@ class Material:
         dtype = at_least_float32(self.dtype)
         # Without waiting for a copy to a GPU: the CPU's tensor is read before `to` returns, and the GPU works in order.
         ahead = is_gpu(self.device)
-        moved = (x.to(self.device, dtype, non_blocking=ahead) for x in (uv, wo, wi, footprint))
-        rgb = self.evaluate(*moved)
+        queries = [x.to(self.device, dtype, non_blocking=ahead) for x in (uv, wo, wi, footprint)]
+        rgb = self.evaluate(*queries)
         if not isinstance(rgb, Tensor) or rgb.shape != (len(uv), 3):
             what = f"a tensor {tuple(rgb.shape)}" if isinstance(rgb, Tensor) else rgb
             raise answered(self.evaluate, what, f"a tensor ({len(uv)}, 3)")
@@ -205,11 +210,11 @@ def parameters(material: Material) -> int:
 
 def resident_bytes(material: Material) -> int:
     """Bytes of a decoder in memory: textures with their levels and copies, tables, networks."""
-    held = [*vars(material).values()]
+    attributes = [*vars(material).values()]
     storages = {}  # bytes by address: tensors that share memory count once
-    for value in held:
+    for value in attributes:
         if isinstance(value, Material):  # a wrapped one: its attributes join the list, which this loop still walks
-            held += vars(value).values()
+            attributes += vars(value).values()
         tensors: list[Tensor] = []
         if isinstance(value, nn.Module):
             tensors = [*value.parameters(), *value.buffers()]
@@ -234,9 +239,9 @@ def layers(material: Material) -> list[tuple[str, str, int]]:
     counted = set[int]()  # the identities of parameters
     place = list[str]()  # the names of a layer and of those around it, from the outermost
 
-    def uncounted(held: Iterable[nn.Parameter]) -> int:
-        """The numbers in those of the parameters that were not counted before; they are counted now."""
-        new = [parameter for parameter in held if id(parameter) not in counted]
+    def uncounted(parameters: Iterable[nn.Parameter]) -> int:
+        """How many numbers those of the parameters hold that were not counted before; they are counted now."""
+        new = [parameter for parameter in parameters if id(parameter) not in counted]
         counted.update(id(parameter) for parameter in new)
         return sum(parameter.numel() for parameter in new)
 
@@ -244,11 +249,14 @@ def layers(material: Material) -> list[tuple[str, str, int]]:
         for layer in summary(network, depth=DEEPEST, verbose=0).summary_list:
             # Names of layers that are as deep or deeper end; this layer's takes their place.
             place[layer.depth :] = [layer.var_name]
-            if own := uncounted(layer.module.parameters(recurse=False)):
-                rows.append((".".join(place), layer.class_name, own))
+            count = uncounted(layer.module.parameters(recurse=False))
+            if count:
+                rows.append((".".join(place), layer.class_name, count))
     for name, value in vars(material).items():
-        if isinstance(value, nn.Parameter) and (own := uncounted([value])):
-            rows.append((name, "Parameter", own))
+        if isinstance(value, nn.Parameter):
+            count = uncounted([value])
+            if count:
+                rows.append((name, "Parameter", count))
     return rows
 
 
@@ -281,10 +289,11 @@ def _check_shapes(uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> None
         raise InputError(f"query: footprint must be one number or ({n},), not {tuple(footprint.shape)}")
 
 
-def _check(uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor, start: int) -> None:
+def _check_values(uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor, start: int) -> None:
     """Raise an `InputError` that names the first invalid row, counted from `start`."""
     # A sum is not finite if any of its terms is not, and it is far cheaper than a mask.
     sums = torch.stack([values.sum(dtype=torch.float64) for values in (uv, wo, wi, footprint)])
+    # Masks (n,) of the views, and of the lights, that are not of unit length.
     off = [(torch.linalg.vector_norm(values, dim=1) - 1).abs() > UNIT_TOLERANCE for values in (wo, wi)]
     # `&`, not `and`, makes one answer of three: a GPU is waited for each time that the host asks for one.
     if sums.isfinite().all() & ~(off[0] | off[1]).any() & (footprint.min() >= 0):
@@ -332,7 +341,8 @@ def box_centres(size: tuple[int, int], factor: int) -> Tensor:
     top."""
     height, width = size
     # The centres in texels from the top and from the left.
-    row, col = (factor * (torch.arange(side // factor) + 0.5) for side in size)
+    row = factor * (torch.arange(height // factor) + 0.5)
+    col = factor * (torch.arange(width // factor) + 0.5)
     v, u = torch.meshgrid(1 - row / height, col / width, indexing="ij")
     return torch.stack([u, v], -1).reshape(-1, 2)
 
@@ -349,15 +359,22 @@ def _corners(size: tuple[int, int], uv: Tensor) -> tuple[Tensor, Tensor]:
     height, width = size
     # Half precision cannot resolve texels, so positions are float32 for any dtype of the codec. They count from the
     # centre of the first texel, half a texel inside the picture.
-    col, row = uv[:, 0].float() * width - 0.5, (1 - uv[:, 1].float()) * height - 0.5
-    first_col, first_row = col.floor(), row.floor()
-    right, below = col - first_col, row - first_row  # shares of the right and of the lower texels
-    west, north = first_col.int().remainder(width), first_row.int().remainder(height)
+    col = uv[:, 0].float() * width - 0.5
+    row = (1 - uv[:, 1].float()) * height - 0.5
+    first_col = col.floor()
+    first_row = row.floor()
+    right = col - first_col  # the share of the texels on the right
+    below = row - first_row  # and of the lower ones
+    left = 1 - right
+    above = 1 - below
+    west = first_col.int().remainder(width)  # the columns and rows of the four texels
+    north = first_row.int().remainder(height)
     # The next column and row; after the last comes the first. A comparison is far cheaper than a second remainder.
-    east, south = (torch.where(x == side - 1, 0, x + 1) for x, side in ((west, width), (north, height)))
-    north, south = north * width, south * width  # now flat indices of the first texels of these rows
-    index = torch.stack([north + west, north + east, south + west, south + east], 1)
-    left, above = 1 - right, 1 - below
+    east = torch.where(west == width - 1, 0, west + 1)
+    south = torch.where(north == height - 1, 0, north + 1)
+    north_start = north * width  # the flat index of the first texel of each row
+    south_start = south * width
+    index = torch.stack([north_start + west, north_start + east, south_start + west, south_start + east], 1)
     return index, torch.stack([above * left, above * right, below * left, below * right], 1)
 
 

@@ -285,7 +285,8 @@ class BTF:
         """Convert what was given to arrays of the stated types, and check their shapes; `pairs` default to all."""
         self.wo = np.asarray(self.wo, np.float32)
         self.wi = np.asarray(self.wi, np.float32)
-        self.pairs = np.arange(self.source.count) if self.pairs is None else self.pairs
+        if self.pairs is None:
+            self.pairs = np.arange(self.source.count)
         self.heldout = None if self.heldout is None else np.asarray(self.heldout, bool)
         self.provenance = dict(self.provenance or {})
         if self.wo.shape != (len(self.pairs), 3) or self.wi.shape != self.wo.shape:
@@ -308,7 +309,8 @@ class BTF:
     def __iter__(self) -> Iterator[Array]:
         for start in range(0, len(self), self.source.at_once):
             pictures = self.source.slices(self.pairs[start : start + self.source.at_once])
-            yield from (finite(each, f"{self.name}: pair {start + i}") for i, each in enumerate(pictures))
+            for i, picture in enumerate(pictures):
+                yield finite(picture, f"{self.name}: pair {start + i}")
 
     def texels(self, rows: ArrayLike, cols: ArrayLike) -> Array:
         """ABRDFs (n, N, 3) float32 of the n texels (rows[i], cols[i])."""
@@ -373,10 +375,11 @@ class BTF:
         digest = hashlib.sha256(self.source.digest.encode())
         digest.update(self.pairs.astype(np.int64).tobytes())
         digest.update(self.wo.tobytes() + self.wi.tobytes())
-        # False stands for no declared mask.
-        digest.update(json.dumps([self.heldout is not None and self.heldout.tolist(), self.periodic]).encode())
+        heldout = False if self.heldout is None else self.heldout.tolist()  # False stands for no declared mask
+        digest.update(json.dumps([heldout, self.periodic]).encode())
         # A mask without a pair says the same as no mask, and so adds nothing.
-        digest.update(self.validation.tobytes() if self.validation is not None and self.validation.any() else b"")
+        if self.validation is not None and self.validation.any():
+            digest.update(self.validation.tobytes())
         return digest.hexdigest()
 
     def split(self, seed: int = 0, fraction: float = 0.125) -> Split:
@@ -393,8 +396,8 @@ class BTF:
             return Split(train, {"heldout": everything[self.heldout]}, everything[chosen_by])
         rng = np.random.default_rng(seed)
         # Masks (N,) of the pairs whose view, or whose light, is held out.
-        new_view = _held(rng, len(self.layout.views), fraction)[self.layout.view]
-        new_light = _held(rng, len(self.layout.lights), fraction)[self.layout.light]
+        new_view = _heldout_directions(rng, len(self.layout.views), fraction)[self.layout.view]
+        new_light = _heldout_directions(rng, len(self.layout.lights), fraction)[self.layout.light]
         groups = {
             "new view": everything[new_view & ~new_light],
             "new light": everything[~new_view & new_light],
@@ -405,11 +408,12 @@ class BTF:
         return Split(train, heldout, everything[chosen_by])
 
 
-def _held(rng: np.random.Generator, count: int, fraction: float) -> Array:
+def _heldout_directions(rng: np.random.Generator, count: int, fraction: float) -> Array:
     """Mask (count,) of the held-out directions of one side; at least one where there are four or more."""
     mask = np.zeros(count, bool)
     if count >= 4:
-        mask[rng.permutation(count)[: max(1, round(count * fraction))]] = True
+        chosen = max(1, round(count * fraction))
+        mask[rng.permutation(count)[:chosen]] = True
     return mask
 
 

@@ -27,7 +27,7 @@ def opened(path: Path, read: Callable[[int], Array], count: int, shape: tuple[in
             if not path.exists():
                 with atomic.replacing(path) as partial:
                     for dtype in (np.float16, np.float32):
-                        if _written(path, partial, read, count, shape, dtype):
+                        if _write_copy(path, partial, read, count, shape, dtype):
                             break
     copy: Array = np.load(path, mmap_mode="r", allow_pickle=False)
     return copy
@@ -42,7 +42,7 @@ def scattered(copy: Array, pair: Array, texel: Array) -> Array:
     return np.asarray(copy[block, texel, place], np.float32)
 
 
-def _written(
+def _write_copy(
     path: Path, partial: Path, read: Callable[[int], Array], count: int, shape: tuple[int, int], dtype: type
 ) -> bool:
     """Write the copy (blocks, H · W, pairs of a block, 3) in a dtype; return False if halves lose too much.
@@ -57,14 +57,14 @@ def _written(
     block: Array = np.zeros((texels, together, 3), dtype)
     log.warning("writing a scratch file of %.1f MB for scattered reads: %s", block.nbytes * len(starts) / 1e6, path)
     out = atomic.mapped(partial, dtype, (len(starts), *block.shape))
-    dim = 0  # values so far that are too small for halves
+    too_dim = 0  # values so far that are too small for halves
     for number, start in enumerate(starts):
         for place in range(min(together, count - start)):
             picture = read(start + place)
             if dtype is np.float16:
                 size = np.abs(picture)
-                dim += int(((size > 0) & (size < LEAST)).sum())
-                if size.max(initial=0) > LARGEST or dim > DIM * count * 3 * texels:
+                too_dim += int(((size > 0) & (size < LEAST)).sum())
+                if size.max(initial=0) > LARGEST or too_dim > DIM * count * 3 * texels:
                     return False
             block[:, place] = picture.reshape(-1, 3)
         out[number] = block

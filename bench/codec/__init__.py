@@ -48,7 +48,7 @@ def ended_bars(show: Progress) -> Iterator[Progress]:
     """Yield a `Progress` that shows what `show` does; bars that the block leaves unfinished are ended with it."""
     unfinished: dict[str, int] = {}
 
-    def shown(label: str, done: int, total: int) -> None:
+    def show_and_note(label: str, done: int, total: int) -> None:
         """Pass progress on to `show`, and note whether its bar is unfinished."""
         bar = label.partition(REMARK)[0]
         unfinished[bar] = total
@@ -57,7 +57,7 @@ def ended_bars(show: Progress) -> Iterator[Progress]:
         show(label, done, total)
 
     try:
-        yield shown
+        yield show_and_note
     finally:
         for bar, total in unfinished.items():
             show(bar, total, total)
@@ -121,8 +121,8 @@ class Density:
     def levels(self, side: int) -> int:
         """The number of levels of detail, from the finest, that the demand uses of a texture of `side` texels."""
         # A hundred thousand footprints tell the quantile well enough; PyTorch refuses to sort very many.
-        apart = max(1, len(self.footprint) // 100_000)
-        coarsest = torch.quantile(self.footprint[::apart], COVERED)
+        every = max(1, len(self.footprint) // 100_000)
+        coarsest = torch.quantile(self.footprint[::every], COVERED)
         # A footprint of 2ⁱ texels needs level i, counted from 0.
         texels = max(1.0, float(coarsest) * side)
         return max(0, math.ceil(math.log2(texels))) + 1

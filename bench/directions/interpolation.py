@@ -48,7 +48,8 @@ class Hemisphere(nn.Module):
         points = stereographic(torch.as_tensor(directions, dtype=torch.float64))
         self.register_buffer("points", points.float())
         # Fewer than three samples, or samples on one line of the plane, span no triangle: then the nearest answers.
-        self.flat = len(directions) < 3 or np.linalg.matrix_rank(points.numpy() - points[0].numpy(), tol=1e-6) < 2
+        from_first = points.numpy() - points[0].numpy()
+        self.flat = len(directions) < 3 or np.linalg.matrix_rank(from_first, tol=1e-6) < 2
         if not self.flat:
             self._triangulate(points.numpy())
 
@@ -204,7 +205,7 @@ class PairInterpolator(nn.Module):
         """The number of samples for one query."""
         if not self.product:
             return min(SHEPARD_NEIGHBOURS, len(self.pairs))
-        of_view = 1 if self.views.flat else 3
+        of_view = 1 if self.views.flat else 3  # the nearest sample, or the corners of a triangle
         of_light = 1 if self.lights.flat else 3
         return of_view * of_light
 
@@ -299,9 +300,11 @@ def unpack_layout(parts: dict[str, Tensor], rows: int | None = None) -> Layout:
     views = parts["views"].float().numpy()
     lights = parts["lights"].float().numpy()
     for side, index in ((views, pairs[:, 0]), (lights, pairs[:, 1])):
-        sound = side.shape[1:] == (3,) and side.min() >= -1 - UNIT and side.max() <= 1 + UNIT
-        if not sound or not (np.abs(np.linalg.norm(side, axis=1) - 1) < UNIT).all() or side[:, 2].min() < -UNIT:
+        # Bounded first, so that the squares of a norm cannot overflow.
+        bounded = side.shape[1:] == (3,) and side.min() >= -1 - UNIT and side.max() <= 1 + UNIT
+        if not bounded or not (np.abs(np.linalg.norm(side, axis=1) - 1) < UNIT).all() or side[:, 2].min() < -UNIT:
             raise ValueError("its directions are not unit vectors of the upper hemisphere")
-        if not 0 < len(index) == (rows or len(index)) or index.min() < 0 or index.max() >= len(side):
+        expected = len(index) if rows is None else rows
+        if not 0 < len(index) == expected or index.min() < 0 or index.max() >= len(side):
             raise ValueError("its pairs are not those of its table and directions")
     return Layout(views, lights, pairs[:, 0], pairs[:, 1])

@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,7 @@ MAX_FILE = 1 << 29  # the most bytes of an inflated entry: 512 MiB
 LEAST = 1 << 26
 RATIO = 64
 STEP = 1 << 16  # compressed bytes inflated at once
-_LOCAL = 30  # bytes before an entry's name
+_LOCAL_HEADER = 30  # bytes of the header that stands in the archive before each entry's name
 
 
 def inside(name: str, label: str) -> str:
@@ -50,7 +50,7 @@ class ZipFiles:
         held.sort(key=lambda entry: entry.header_offset)
         for entry, after in itertools.pairwise(held):
             # An entry takes at least this header and its bytes; a name and an extra field only add to them.
-            if entry.header_offset + _LOCAL + entry.compress_size > after.header_offset:
+            if entry.header_offset + _LOCAL_HEADER + entry.compress_size > after.header_offset:
                 raise InputError(f"{self.label(after.filename)}: it overlaps {entry.filename}: zip the files again")
 
     def label(self, name: str) -> str:
@@ -65,7 +65,7 @@ class ZipFiles:
         """Bytes of the entry once inflated, as declared."""
         return self.entries[name].file_size
 
-    def _stored(self, name: str) -> tuple[zipfile.ZipInfo, int]:
+    def _located(self, name: str) -> tuple[zipfile.ZipInfo, int]:
         """The entry and the offset of its bytes in the archive, checked against the archive's length."""
         entry = self.entries[name]
         label = self.label(name)
@@ -75,31 +75,35 @@ class ZipFiles:
             raise InputError(f"{label}: compression method {entry.compress_type} is not read: zip it with deflate")
         # Deflate cannot exceed 1032 : 1, so a larger claim is false, and a large entry near it is a bomb. Uncompressed
         # entries cannot be bombs; they are memory-mapped.
-        packed = entry.compress_type != zipfile.ZIP_STORED
-        most = min(MAX_FILE, max(LEAST, RATIO * entry.compress_size), 1032 * entry.compress_size + 64)
-        limit = most if packed else entry.compress_size
+        if entry.compress_type == zipfile.ZIP_STORED:
+            limit = entry.compress_size
+        else:
+            plausible = max(LEAST, RATIO * entry.compress_size)
+            possible = 1032 * entry.compress_size + 64
+            limit = min(MAX_FILE, plausible, possible)
         if entry.file_size > limit:
             raise InputError(f"{label}: it claims {entry.file_size} bytes from {entry.compress_size}, far too many")
         with readable(label), open(self.path, "rb") as stream:
             stream.seek(entry.header_offset)
-            local = stream.read(_LOCAL)
-            if len(local) < _LOCAL or local[:4] != b"PK\x03\x04":
+            local = stream.read(_LOCAL_HEADER)
+            if len(local) < _LOCAL_HEADER or local[:4] != b"PK\x03\x04":
                 raise InputError(f"{label}: there is no entry at offset {entry.header_offset}: the archive is damaged")
-            # The lengths of the name and of the extra field, which stand between this header and the bytes.
-            extra = int.from_bytes(local[26:28], "little") + int.from_bytes(local[28:30], "little")
-        start = entry.header_offset + _LOCAL + extra
+            # The name and the extra field stand between this header and the bytes; the header ends with their lengths.
+            name_length = int.from_bytes(local[26:28], "little")
+            extra_length = int.from_bytes(local[28:30], "little")
+        start = entry.header_offset + _LOCAL_HEADER + name_length + extra_length
         if start + entry.compress_size > self.length:
             raise InputError(f"{label}: it ends beyond the archive, which is truncated: get it again")
         return entry, start
 
     def offset(self, name: str) -> int | None:
         """The offset of an uncompressed entry's bytes in the archive; None if it is compressed."""
-        entry, start = self._stored(name)
+        entry, start = self._located(name)
         return start if entry.compress_type == zipfile.ZIP_STORED else None
 
     def _inflate(self, name: str, count: int, packed_count: int) -> bytes:
         """At most `count` bytes of the entry, from at most `packed_count` of its bytes in the archive."""
-        entry, start = self._stored(name)
+        entry, start = self._located(name)
         with open(self.path, "rb") as stream:
             stream.seek(start)
             packed = stream.read(min(entry.compress_size, packed_count))
@@ -125,8 +129,8 @@ class ZipFiles:
 
     def digest(self, names: Iterable[str]) -> str:
         """Hex digest of entries: their names, sizes and checksums, which the archive's directory holds."""
-        known = [(name, self.entries[name].file_size, self.entries[name].CRC) for name in names]
-        return hashlib.sha256(repr(known).encode("utf-8", "surrogateescape")).hexdigest()
+        directory = [(name, self.entries[name].file_size, self.entries[name].CRC) for name in names]
+        return hashlib.sha256(repr(directory).encode("utf-8", "surrogateescape")).hexdigest()
 
 
 def _expanded(packed: bytes, count: int) -> bytes:
@@ -169,19 +173,20 @@ def stored(files: ZipFiles, key: str) -> Stored:
     name = f"{key}.npy"
     if not files.has(name):
         raise InputError(f"{files.path}: it has no array {key!r}: add it")
-    return _described(files, name, files.head(name, _HEAD))
+    return _array_of(files, name, files.head(name, _HEAD))
 
 
 _HEAD = 16384  # bytes: the header of an array is shorter
 
 
-def _described(files: ZipFiles, name: str, head: bytes) -> Stored:
+def _array_of(files: ZipFiles, name: str, head: bytes) -> Stored:
     """The array of an entry that begins with `head`."""
     label = files.label(name)
-    if head[6:7] == b"\1":  # in this version, two bytes hold the length of the header
-        head = head[: 10 + int.from_bytes(head[8:10], "little")]
+    if head[6:7] == b"\1":  # version 1: six bytes of magic, two of the version, two with the length of the rest
+        head = head[: 10 + int.from_bytes(head[8:10], "little")]  # so that equal headers are found in the cache
     with readable(label, "save it with numpy.savez"):
-        version, shape, fortran, dtype, begin = _header(head)
+        header = _npy_header(head)
+    version, shape, dtype = header.version, header.shape, header.dtype
     if version not in ((1, 0), (2, 0)):
         raise InputError(f"{label}: .npy version {version} is not read: save it with numpy.savez")
     if dtype.hasobject or dtype.kind not in "fiubU" or not dtype.itemsize or dtype.subdtype:
@@ -189,20 +194,33 @@ def _described(files: ZipFiles, name: str, head: bytes) -> Stored:
     # A shape with negative or absurd sides is wrong, even if its product is a possible size.
     if not all(0 <= side < 1 << 48 for side in shape):
         raise InputError(f"{label}: its shape {shape} is impossible: save it again")
-    if begin + math.prod(shape) * dtype.itemsize != files.size(name):
+    if header.begin + math.prod(shape) * dtype.itemsize != files.size(name):
         raise InputError(f"{label}: its {files.size(name)} bytes do not hold {shape} of {dtype}: save it again")
-    return Stored(files, name, shape, dtype, begin, fortran)
+    return Stored(files, name, shape, dtype, header.begin, header.fortran)
+
+
+class _NpyHeader(NamedTuple):
+    """What the header of a `.npy` says; of a version that is not read, only the version counts."""
+
+    version: tuple[int, int]
+    shape: tuple[int, ...]
+    fortran: bool
+    dtype: np.dtype[Any]
+    begin: int  # offset of the values
 
 
 @lru_cache(maxsize=256)
-def _header(head: bytes) -> tuple[tuple[int, int], tuple[int, ...], bool, np.dtype[Any], int]:
-    """Version, shape, Fortran order, type, and offset of the values. The arrays of a run share a few headers."""
+def _npy_header(head: bytes) -> _NpyHeader:
+    """The header at the start of some bytes. It is cached, because the arrays of a run share a few headers."""
     text = io.BytesIO(head)
     version = np.lib.format.read_magic(text)
-    read = np.lib.format.read_array_header_2_0 if version == (2, 0) else np.lib.format.read_array_header_1_0
-    # Of another version nothing is read: the caller refuses it.
-    shape, fortran, dtype = read(text) if version in ((1, 0), (2, 0)) else ((), False, np.dtype("O"))
-    return version, shape, fortran, dtype, text.tell()
+    if version == (1, 0):
+        shape, fortran, dtype = np.lib.format.read_array_header_1_0(text)
+    elif version == (2, 0):
+        shape, fortran, dtype = np.lib.format.read_array_header_2_0(text)
+    else:  # nothing is read: the caller refuses it
+        shape, fortran, dtype = (), False, np.dtype("O")
+    return _NpyHeader(version, shape, fortran, dtype, text.tell())
 
 
 def read_arrays(path: Path, most: int, names: Collection[str] | None = None) -> dict[str, Array]:
@@ -213,13 +231,13 @@ def read_arrays(path: Path, most: int, names: Collection[str] | None = None) -> 
     if total > most:
         raise InputError(f"{path}: it claims {total:,} bytes, but the limit is {most:,}: make it again")
     keys = [name.removesuffix(".npy") for name in files.entries if name.endswith(".npy")]
-    return {key: _read(files, f"{key}.npy") for key in keys if names is None or key in names}
+    return {key: _read_array(files, f"{key}.npy") for key in keys if names is None or key in names}
 
 
-def _read(files: ZipFiles, name: str) -> Array:
+def _read_array(files: ZipFiles, name: str) -> Array:
     """The array of an entry, checked against its checksum, in memory, and writable."""
     data = files.read(name)
-    header = _described(files, name, data[:_HEAD])
+    header = _array_of(files, name, data[:_HEAD])
     flat = np.frombuffer(data, header.dtype, math.prod(header.shape), header.begin)
     # The bytes cannot be written to, so the array is copied, in its own order in memory.
     return flat.reshape(header.shape, order="F" if header.fortran else "C").copy(order="K")

@@ -51,8 +51,13 @@ def visible(text: str) -> str:
     """
     if not text.isprintable():
         text = "".join(map(_written_out, text))
-    # Of the two characters the first is written out in hexadecimal digits.
-    return _COMMAND.sub(lambda found: f"\\x{ord(found[0][0]):02x}{found[0][1]}", text)
+    return _COMMAND.sub(_with_first_written_out, text)
+
+
+def _with_first_written_out(command: re.Match[str]) -> str:
+    """`::` or `##` with the first of its two characters in hexadecimal digits."""
+    written = command[0]
+    return f"\\x{ord(written[0]):02x}{written[1]}"
 
 
 def _written_out(character: str) -> str:
@@ -65,10 +70,13 @@ def _written_out(character: str) -> str:
 def answered(
     method: Callable[..., object], answer: object, due: str, kind: type[CodecError] = CodecError
 ) -> CodecError:
-    """The error for a codec's method that returned something else than `due`; it names the method's file and line."""
+    """The error for a codec's method that returned something else than `due`; it names the method's file and line.
+
+    `answer` is what it returned, or words for it; `due` says in words what it must return.
+    """
     code = getattr(method, "__code__", None)
     place = f" ({code.co_filename}:{code.co_firstlineno})" if code else ""
-    called = getattr(method, "__qualname__", str(method)).rpartition("<locals>.")[2]
+    called = getattr(method, "__qualname__", str(method)).rpartition("<locals>.")[2]  # `Class.method`
     what = answer if isinstance(answer, str) else f"a {type(answer).__name__}"
     return kind(f"{called}{place} returned {what}, but must return {due}")
 

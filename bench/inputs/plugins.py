@@ -17,12 +17,12 @@ def entries(group: str, kind: str) -> dict[str, EntryPoint]:
 
     Raises `InputError` if two packages use the same name for different objects.
     """
-    found: dict[str, EntryPoint] = {}
+    entry_of_name: dict[str, EntryPoint] = {}
     for entry in entry_points(group=group):
-        other = found.setdefault(entry.name, entry)
+        other = entry_of_name.setdefault(entry.name, entry)
         if other.value != entry.value:
             raise InputError(f"two {kind}s are named {entry.name!r}: {other.value} and {entry.value}: uninstall one")
-    return found
+    return entry_of_name
 
 
 def is_outside(entry: EntryPoint) -> bool:

@@ -105,7 +105,7 @@ def converted(what: str, kind: Any, value: Any, words: bool = False) -> Any:
     except InputError:
         raise
     except (KeyError, ValueError, TypeError, OverflowError):
-        raise InputError(f"{what} must be {_wanted(kind)}, not {shown(value)}") from None
+        raise InputError(f"{what} must be {_allowed_in_words(kind)}, not {shown(value)}") from None
 
 
 def table(where: str, kind: type, given: Any) -> Any:
@@ -125,7 +125,7 @@ def fields(where: str, kind: type, given: Any, without: Collection[str] = ()) ->
     """The converted values of a table by field of the dataclass `kind`, except those in `without`; see `table`."""
     if not isinstance(given, dict):
         raise InputError(f"{where} must be a table, not {shown(given)}")
-    kinds = {name: each for name, each in _kinds(kind).items() if name not in without}
+    kinds = {name: kind_of_field for name, kind_of_field in _kinds(kind).items() if name not in without}
     for name in given:
         if name not in kinds:
             raise InputError(f"{where}: no key {shown(name)}{did_you_mean(name, kinds)}")
@@ -166,59 +166,65 @@ def _kinds(kind: type) -> dict[str, Any]:
 
 def _converted(what: str, kind: Any, value: Any, words: bool) -> Any:
     """The converted value. Raises `ValueError`, or what Python raises, if it has another type or is out of range."""
-    plain, limits = _parts(kind)
+    plain, limits = _type_and_range(kind)
     choices = get_args(plain)
     if get_origin(plain) is Literal:
         if words and value not in choices:  # a number among the choices, as a string
             value = int(value)
-        _require(type(value) in (str, int) and value in choices)
+        _need(type(value) in (str, int) and value in choices)
         return value
     if get_origin(plain) is tuple:
         # From a list. `tuple[X, ...]` has any number of values of one type, `tuple[X, Y]` one value of each type.
-        _require(isinstance(value, list) and (choices[-1] is ... or len(value) == len(choices)))
-        each = [choices[0]] * len(value) if choices[-1] is ... else choices
-        return tuple(converted(what, kind, item, words) for kind, item in zip(each, value, strict=True))
+        _need(isinstance(value, list) and (choices[-1] is ... or len(value) == len(choices)))
+        kinds = [choices[0]] * len(value) if choices[-1] is ... else choices
+        return tuple(converted(what, kind, item, words) for kind, item in zip(kinds, value, strict=True))
     if dataclasses.is_dataclass(plain):
         return table(what, plain, value)  # type: ignore[arg-type]
     if plain is bool:
-        _require(isinstance(value, bool) or (words and isinstance(value, str)))
-        return value if isinstance(value, bool) else _WORDS[value.lower()]
+        if isinstance(value, bool):
+            return value
+        _need(words and isinstance(value, str))
+        return _WORDS[value.lower()]
     if plain is str:
-        _require(isinstance(value, str) and len(value) <= WORD)
+        _need(isinstance(value, str) and len(value) <= WORD)
         return str(value)
     # What is left is an int or a float. true and false are no numbers, and an int must not lose digits.
-    _require(not isinstance(value, bool) and (words or not isinstance(value, str)))
-    _require(plain is not int or int(value) == float(value))
+    _need(not isinstance(value, bool) and (words or not isinstance(value, str)))
+    _need(plain is not int or int(value) == float(value))
     number = plain(value)
-    _require(math.isfinite(number) and number in limits and (plain is not int or abs(number) <= WHOLE))
+    _need(math.isfinite(number) and number in limits and (plain is not int or abs(number) <= WHOLE))
     return number
 
 
-def _require(condition: bool) -> None:
+def _need(condition: bool) -> None:
     """Raise a `ValueError`, from which `converted` makes its message, unless the condition holds."""
     if not condition:
         raise ValueError
 
 
-def _parts(kind: Any) -> tuple[Any, Range]:
+def _type_and_range(kind: Any) -> tuple[Any, Range]:
     """The type of a field without None, and its range."""
     if get_origin(kind) is UnionType:  # `X | None`
         kind = next(each for each in get_args(kind) if each is not NoneType)
     if get_origin(kind) is not Annotated:
         return kind, Range()
     plain, *extras = get_args(kind)
-    return plain, next((extra for extra in extras if isinstance(extra, Range)), Range())
+    for extra in extras:
+        if isinstance(extra, Range):
+            return plain, extra
+    return plain, Range()
 
 
-def _wanted(kind: Any) -> str:
+def _allowed_in_words(kind: Any) -> str:
     """The values that a field of some type allows, in words for messages and lists."""
-    plain, limits = _parts(kind)
+    plain, limits = _type_and_range(kind)
     if get_origin(plain) is Literal:
         return " or ".join(map(repr, get_args(plain)))
     if get_origin(plain) is tuple:
         first, *others = get_args(plain)
-        count = "" if others == [...] else f"{1 + len(others)} "
-        return f"a list of {count}values, each {_wanted(first)}"
+        any_number = others == [...]  # `tuple[X, ...]`
+        count = "" if any_number else f"{1 + len(others)} "
+        return f"a list of {count}values, each {_allowed_in_words(first)}"
     words = {bool: "true or false", int: "a whole number", float: "a finite number", str: "a word"}
     return words.get(plain, "a table") + (f" {limits}" if limits != Range() else "")
 
@@ -232,7 +238,7 @@ def descriptions(settings: type) -> list[Setting]:
         default = str(field.default)
         if isinstance(field.default, bool):
             default = default.lower()  # as `--set` takes it
-        result.append(Setting(field.name, default, _wanted(kinds[field.name]), comments.get(field.name, "")))
+        result.append(Setting(field.name, default, _allowed_in_words(kinds[field.name]), comments.get(field.name, "")))
     return result
 
 
@@ -245,5 +251,6 @@ def _comments(settings: type) -> dict[str, str]:
             source = inspect.getsource(owner)
         except (OSError, TypeError):  # a class without a source file
             continue
+        # Lines of the form `name: type = default  # comment`.
         comments |= dict(re.findall(r"^\s+(\w+): [^#\n]*#\s*(.*)$", source, re.M))
     return comments

@@ -27,10 +27,10 @@ def device_name(device: "torch.device | str") -> str:
     if not is_gpu(device):
         return ""
     # Some makers' modules have no such function: then `str` gives the name of the device, such as `mps`.
-    named = getattr(torch.get_device_module(device), "get_device_name", str)
+    name_of = getattr(torch.get_device_module(device), "get_device_name", str)
     try:
         driver = re.search(r"\d+\.\d[.\d]*", Path("/proc/driver/nvidia/version").read_text(encoding="utf-8"))
     except OSError:
         driver = None
     driver_version = driver[0] if driver else "unknown"
-    return f"{named(device)}, driver {driver_version}, CUDA {torch.version.cuda or 'none'}"
+    return f"{name_of(device)}, driver {driver_version}, CUDA {torch.version.cuda or 'none'}"

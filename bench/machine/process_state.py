@@ -26,12 +26,12 @@ def restored_process_state() -> Iterator[None]:
     device = torch.get_default_device()
     threads = torch.get_num_threads()
     gradients = torch.is_grad_enabled()
-    exact = torch.get_deterministic_debug_mode()
+    deterministic = torch.get_deterministic_debug_mode()
     precision = torch.get_float32_matmul_precision()
-    complaints = np.geterr()
-    drawn_by_torch = torch.get_rng_state()
-    drawn_by_numpy = np.random.get_state()
-    drawn_by_python = random.getstate()
+    numpy_errors = np.geterr()
+    torch_generator = torch.get_rng_state()
+    numpy_generator = np.random.get_state()
+    python_generator = random.getstate()
     try:
         yield
     finally:
@@ -42,9 +42,9 @@ def restored_process_state() -> Iterator[None]:
             torch.set_default_device(None if device.type == "cpu" else device)
         torch.set_num_threads(threads)
         torch.set_grad_enabled(gradients)
-        torch.set_deterministic_debug_mode(exact)  # the other setter imports the compiler
+        torch.set_deterministic_debug_mode(deterministic)  # the other setter imports the compiler
         torch.set_float32_matmul_precision(precision)
-        np.seterr(**complaints)
-        torch.set_rng_state(drawn_by_torch)
-        np.random.set_state(drawn_by_numpy)
-        random.setstate(drawn_by_python)
+        np.seterr(**numpy_errors)
+        torch.set_rng_state(torch_generator)
+        np.random.set_state(numpy_generator)
+        random.setstate(python_generator)

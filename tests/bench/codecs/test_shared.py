@@ -50,9 +50,10 @@ class Tinted(Codec):
 def places(tmp_path, monkeypatch):
     monkeypatch.setenv("NEUBTF_SHARED", str(tmp_path / "shared"))
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": Tinted)
-    for module in ("codecs.registry", "runs.job", "runs.runner", "runs.suite", "cli.commands.encode"):
+    # The registry last: a module that is imported here for the first time must not keep the replaced functions.
+    for module in ("runs.job", "runs.runner", "runs.suite", "cli.commands.encode", "codecs.registry"):
         monkeypatch.setattr(f"bench.{module}.make_codec", lambda name, settings: Tinted(**settings))
+    monkeypatch.setattr("bench.codecs.registry.load_codec", lambda name, wanted_by="": Tinted)
 
 
 def make(**settings):
