@@ -68,7 +68,8 @@ def chosen(run: Run, codecs: list[str]) -> Run:
     for job in run.jobs:
         if job["status"] == "ok" and (not codecs or job["codec"] in codecs):
             part.jobs.put(job["job"], job)
-            if timing := run.timing(job):
+            timing = run.timing(job)
+            if timing:
                 part.timings.put(job["job"], timing)
     if not part.jobs:
         of_codecs = f" of {' or '.join(codecs)}" if codecs else ""
@@ -82,19 +83,22 @@ def pack(run: Run, lines: str, path: Path) -> None:
     """Write the archive of a run's jobs, whose records are these lines. `InputError` if a file is gone."""
     files: dict[Path, None] = {}  # in order, each once
     for job in run.jobs:
-        files[_own(run, job["file"], str(job["score_key"].get("sha256")))] = None
+        files[_file_of(run, job["file"], str(job["score_key"].get("sha256")))] = None
     for job in run.jobs:  # the networks that these files need
-        if digest := job["fit_key"].get("shared"):
-            files[_own(run, f"files/{shared.hashed_name(job['codec'], digest)}", digest)] = None
+        digest = job["fit_key"].get("shared")
+        if digest:
+            files[_file_of(run, f"files/{shared.hashed_name(job['codec'], digest)}", digest)] = None
     with atomic.replacing(path) as unfinished, zipfile.ZipFile(unfinished, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(FILE, lines)
         for file in files:
             archive.write(file, f"files/{file.name}")
 
 
-def _own(run: Run, name: str, digest: str) -> Path:
-    """A codec file of this run. `InputError` for any other file, because a record could name any file of this
-    machine."""
+def _file_of(run: Run, name: str, digest: str) -> Path:
+    """The path of a codec file of this run, given its name and hash.
+
+    `InputError` for any other file, because a record could name any file of this machine.
+    """
     file = run.folder / name
     if not file.resolve().is_relative_to(run.folder.resolve()):
         raise InputError(
@@ -111,9 +115,9 @@ def unpack(path: Path, folder: Path) -> Run:
     """Unpack an archive into an empty folder. `InputError` says what is wrong with it."""
     try:
         files = ZipFiles(path)
-        foreign = next((name for name in files.entries if not _belongs(name)), "")
-        if foreign:
-            raise InputError(f"{path}: {foreign!r} does not belong in an archive of results")
+        for name in files.entries:
+            if not _belongs(name):
+                raise InputError(f"{path}: {name!r} does not belong in an archive of results")
         most = min(MOST_BYTES, max(LEAST_BYTES, RATIO * files.length))
         if sum(map(files.size, files.entries)) > most:
             raise InputError(f"{path}: it unpacks to more than {most >> 20:,} MiB: submit and verify it in parts")
@@ -157,8 +161,8 @@ def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, st
     for start in starts.values():
         here: RunStart = {"text": "", "device": "cpu", "threads": 1}
         here |= provenance()
-        given = {key: value for key, value in start.items() if key in _STARTED}
-        records.append(out, cast(RunStart, given | dict(here)))
+        submitted = {key: value for key, value in start.items() if key in _STARTED}
+        records.append(out, cast(RunStart, submitted | dict(here)))
     for job in run.jobs:
         name = str(job.get("job"))
         try:
@@ -188,8 +192,9 @@ def _verified(
         return Verified(name, NOT_VERIFIED, "its record has no scores to compare")
     spec = _material(job, start, places)
     data = table(f"data of {name}", Preparation, start.get("data"))
-    if other := _other_data(job, spec, data):
-        return Verified(name, NOT_VERIFIED, other)
+    obstacle = _obstacle_of_data(job, spec, data)
+    if obstacle:
+        return Verified(name, NOT_VERIFIED, obstacle)
     metrics = tuple(job["score_key"]["metrics"])
     with opened(Opening(job["run"], spec, data, int(job["seed"]), metrics), show) as workbench:
         if workbench.btf.fingerprint != job["score_key"]["btf"]:
@@ -201,9 +206,10 @@ def _material(job: Job, start: RunStart, places: Mapping[str, str]) -> MaterialS
     """The material of a job, with its path on this machine. `InputError` if the archive or the machine lacks it."""
     stated = start.get("materials") or []  # the record may hold null
     listed = [table("materials of its run", MaterialSpec, each) for each in stated]
-    spec = next((each for each in listed if each.name == job["material"]), None)
-    if spec is None:
+    named = [spec for spec in listed if spec.name == job["material"]]
+    if not named:
         raise InputError(f"its run does not say how {job['material']} was prepared: submit the run again")
+    spec = named[0]
     if spec.name in places:
         return dataclasses.replace(spec, path=places[spec.name])
     if not spec.path:
@@ -215,15 +221,15 @@ def _material(job: Job, start: RunStart, places: Mapping[str, str]) -> MaterialS
     return dataclasses.replace(spec, path=str(Path(root) / inside(spec.path, f"the data of {spec.name}")))
 
 
-def _other_data(job: Job, spec: MaterialSpec, data: Preparation) -> str:
+def _obstacle_of_data(job: Job, spec: MaterialSpec, data: Preparation) -> str:
     """Why the data of a job are not to be prepared; "" if they may be.
 
     Known before preparing them, they differ from the submitted ones; or else they are too large to be baked on trust.
     """
     kind = kind_of(spec)
-    known = kind.outline(spec, data, draw_of(spec, data, int(job["seed"])))
-    if known is not None:
-        return "" if known.fingerprint == job["score_key"]["btf"] else _OTHER.format(spec.name)
+    outline = kind.outline(spec, data, draw_of(spec, data, int(job["seed"])))  # None if it cannot be known before
+    if outline is not None:
+        return "" if outline.fingerprint == job["score_key"]["btf"] else _OTHER.format(spec.name)
     needed = kind.bytes_made(spec, data)
     return f"baking {spec.name} would need {needed >> 30} GiB" if needed > MOST_BAKED else ""
 
@@ -235,8 +241,9 @@ def _judged(job: Job, workbench: Workbench, folder: Path, out: Path, show: Progr
     header = loaded.header
     if header.codec != job["codec"]:
         return Verified(job["job"], DIFFERS, f"the file is of codec {header.codec}")
-    if names := list(misnamed(job, header)):
-        return Verified(job["job"], DIFFERS, "; ".join(names))
+    misfits = list(misnamed(job, header))
+    if misfits:
+        return Verified(job["job"], DIFFERS, "; ".join(misfits))
     measured = evaluate(workbench, loaded, threads=1, keep=partial(keep, out), show=show)
     measured |= {"score_key": score_key(workbench, header), "scored": stamp(), "machine": machine(), "status": "ok"}
     measured["verified"] = True
@@ -260,9 +267,9 @@ def _judged(job: Job, workbench: Workbench, folder: Path, out: Path, show: Progr
 
 def differences(claimed: Job, here: Job) -> Iterator[str]:
     """The claims that differ from the measurements here by more than rounding on another processor, in words."""
-    found = json.loads(json.dumps(here))  # with lists for tuples, as the claims were read from JSON, too
+    measured = json.loads(json.dumps(here))  # with lists for tuples, as the claims were read from JSON, too
     for name, value in kept(claimed, CLAIM).items():
-        yield from _unlike(name, value, found[name])
+        yield from _unlike(name, value, measured[name])
 
 
 def _unlike(place: str, claimed: Any, measured: Any) -> Iterator[str]:
@@ -289,20 +296,22 @@ def misnamed(claimed: Job, header: Header) -> Iterator[str]:
     """Why the names of a job do not fit its file: a label holds the codec and the settings that are not defaults."""
     label = str(claimed["label"])
     curve = str(claimed["curve"])
-    given = header.settings if header.codec == COMMAND else {}
-    own = {key: given[key] for key in ("called", "encode", "decode") if key in given}
-    called = str(own.get("called", header.codec))
+    programs = {}  # settings of the codec `command`, which its label leaves out
+    if header.codec == COMMAND:
+        programs = {key: header.settings[key] for key in ("called", "encode", "decode") if key in header.settings}
+    called = str(programs.get("called", header.codec))
     words = label.removeprefix(called).split()
     try:
         settings = dict(word.split("=", 1) for word in words)
-        named = settings_dict(make_codec(header.codec, own | settings))
-        whole = settings_dict(make_codec(header.codec, header.settings))
+        of_label = settings_dict(make_codec(header.codec, programs | settings))
+        of_file = settings_dict(make_codec(header.codec, header.settings))
     except (InputError, ValueError):  # the label names no codec and settings: two that differ stand for a misfit
-        named = {}
-        whole = {"": None}
-    if not label.startswith(called) or named != whole:
+        of_label = {}
+        of_file = {"": None}
+    if not label.startswith(called) or of_label != of_file:
         yield f"label is {label!r}, but the file's codec and settings have another label"
-    if not curve.startswith(called) or not {*curve.removeprefix(called).split()} <= {*words}:
+    words_of_curve = curve.removeprefix(called).split()
+    if not curve.startswith(called) or not set(words_of_curve) <= set(words):
         yield f"curve is {curve!r}, which does not belong to the label"
     name = f"{claimed['material']}/{label}/{claimed['seed']}"
     if name != claimed["job"]:

@@ -25,7 +25,8 @@ def drawable(material: Material) -> tuple[Program, float]:
     program = program_of(material)
     rng = np.random.default_rng(0)
     uv = torch.from_numpy(rng.random((QUERIES, 2), np.float32))
-    wo, wi = (torch.from_numpy(uniform(rng, QUERIES).astype(np.float32)) for _ in range(2))
+    wo = torch.from_numpy(uniform(rng, QUERIES).astype(np.float32))
+    wi = torch.from_numpy(uniform(rng, QUERIES).astype(np.float32))
     return program, exposure_of(material.query(uv, wo, wi).numpy())
 
 
@@ -33,7 +34,8 @@ def baked(material: Material, name: str, show: Progress = silent) -> BTF:
     """The slices of a material at `BAKED` × `BAKED` pairs, used instead of a program."""
     wo, wi = thinned_product(ubo2003(), BAKED, BAKED)
     pairs = followed(show, zip(wo.tolist(), wi.tolist(), strict=True), f"baking {name}", len(wo))
-    return BTF(name, wo, wi, ArraySource(np.stack([material.slice(*pair).numpy() for pair in pairs])))
+    slices = [material.slice(view, light).numpy() for view, light in pairs]
+    return BTF(name, wo, wi, ArraySource(np.stack(slices)))
 
 
 def drawable_truth(btf: BTF, show: Progress = silent) -> tuple[Program, float]:
@@ -49,7 +51,8 @@ def sparse_truth(btf: BTF) -> Program | None:
     """
     train = btf.subset(btf.split().train)
     # count² slices of H · W · 3 floats fit.
-    count = min(SPARSE, int((SPARSE_FLOATS / (3 * btf.shape[0] * btf.shape[1])) ** 0.5))
+    floats_of_slice = 3 * btf.shape[0] * btf.shape[1]
+    count = min(SPARSE, int((SPARSE_FLOATS / floats_of_slice) ** 0.5))
     if count < 3:
         return None
     layout = train.layout

@@ -40,7 +40,7 @@ class Estimate:
         self.then = then
         self.efforts = efforts
         self.waiting = set(efforts)
-        self.holds = set(holds)
+        self.holds = set(holds)  # emptied at the first job whose earlier record does not hold
         self.total = len(self.waiting)
         self.at_once = max(1, at_once)
         self.last = time.monotonic()  # when the latest job ended

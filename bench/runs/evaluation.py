@@ -89,13 +89,14 @@ def scored(workbench: Workbench, material: Material, name: str, threads: int, ke
     if decides != "all" and len(workbench.scored) < len(workbench.btf):
         del groups["all"]  # if only some training pairs are scored, a mean over all scored pairs represents neither set
     with torch_threads(threads):
-        scores = workbench.scorer.score(workbench.scored, decoder.watched)
+        scores = workbench.scorer.score(workbench.scored, decoder.slice_with_progress)
         coarse = scoring.footprint_errors(workbench.btf, workbench.deciding, decoder.slice, workbench.exposure, COARSE)
         pictures = _pictures(workbench, decoder)
         in_scene = _in_scene(workbench, material)
     summary = scoring.summarise(scores, workbench.btf.wo, workbench.btf.wi, groups)
     finest = summary[decides]["metrics"][PSNR]
-    one: Statistics = {PSNR: finest["pooled"]} | {key: finest[key] for key in ("mean", "exact", "slices")}
+    # A slice is the footprint of one texel, so its scores stand beside those of larger footprints, in their form.
+    at_one_texel: Statistics = {PSNR: finest["pooled"]} | {key: finest[key] for key in ("mean", "exact", "slices")}
     if workbench.scene_shares is not None:
         summary["scene"] = scoring.weighted(scores, workbench.scene_shares)
     if workbench.heldout_shares is not None:
@@ -112,7 +113,7 @@ def scored(workbench: Workbench, material: Material, name: str, threads: int, ke
         "cost": dataclasses.asdict(material.cost),
         "metrics": {name: metric_facts(get_metric(name)) for name in workbench.scorer.names},
         "scores": summary,
-        "footprints": {"1": one} | scoring.summarise_footprints(coarse),
+        "footprints": {"1": at_one_texel} | scoring.summarise_footprints(coarse),
         "slices": keep(f"slices/{name}.npz", _slices(workbench, scores, coarse)),
         "angular": keep(f"angular/{name}.json", angular),
         "pictures": keep(f"pictures/{name}.npz", pictures),
@@ -168,8 +169,9 @@ class Slices:
         btf = self.workbench.btf
         return self.material.boxes(btf.wo[pair].tolist(), btf.wi[pair].tolist(), factor, btf.shape).numpy()
 
-    def watched(self, pair: int) -> np.ndarray:
+    def slice_with_progress(self, pair: int) -> np.ndarray:
         """The slice of one pair; also moves the progress bar."""
+        # `scored` ascends, and pairs are scored in its order: the place of a pair is the number of those before it.
         done = int(np.searchsorted(self.workbench.scored, pair)) + 1
         self.show("scoring", done, len(self.workbench.scored))
         return self.slice(pair)

@@ -135,9 +135,10 @@ class Processes(Executor):
         self.gpus = gpus
         self.limit = limit
         self.show: Show | None = None
+        # By seat, the place of a worker: its pool of one process, its leash, and the pipe that it tells progress into.
         self.pools: dict[int, tuple[ProcessPoolExecutor, Connection, Connection]] = {}
         self.watchers = ThreadPoolExecutor(count)
-        self.free: queue.SimpleQueue[int] = queue.SimpleQueue()
+        self.free: queue.SimpleQueue[int] = queue.SimpleQueue()  # seats without a job
         for seat in range(count):
             self.free.put(seat)
 
@@ -152,10 +153,10 @@ class Processes(Executor):
             context = multiprocessing.get_context("spawn")  # a fork copies locks of threads, and cannot use CUDA
             theirs, leash = context.Pipe(duplex=False)  # the worker ends when this process closes the leash
             heard, told = context.Pipe(duplex=False)  # the worker tells its progress, and a thread here hears it
-            given = (self.threads, self.gpus[seat] if self.gpus else {}, theirs, told)
-            pool = ProcessPoolExecutor(1, context, _prepare, given)
+            gpu_variables = self.gpus[seat] if self.gpus else {}
+            pool = ProcessPoolExecutor(1, context, _prepare, (self.threads, gpu_variables, theirs, told))
             self.pools[seat] = (pool, leash, told)
-            threading.Thread(target=_heard, args=(heard, self.show or _unshown), daemon=True).start()
+            threading.Thread(target=_heard, args=(heard, self.show or _show_nothing), daemon=True).start()
         pool, _, told = self.pools[seat]
         # Worker processes ignore Ctrl-C: this one ends them and prints the message.
         with handling(signal.SIGINT, signal.SIG_IGN):
@@ -192,13 +193,16 @@ class Processes(Executor):
     def _worker(self, seat: int) -> BaseProcess | None:
         """The one process of a seat's pool; None if it has none. It is asked for while it lives, because a pool forgets
         a process that died, and with it how it died."""
-        pool = self.pools[seat][0] if seat in self.pools else None
-        workers = getattr(pool, "_processes", None) or {}
+        if seat not in self.pools:
+            return None
+        pool, _, _ = self.pools[seat]
+        workers = getattr(pool, "_processes", None) or {}  # by number; the pool has no public list of them
         return next(iter(workers.values()), None)
 
     def _end(self, seat: int, wait: bool) -> None:
         """End the worker of a seat; its process ends when its pipe, the leash, is closed."""
-        if entry := self.pools.pop(seat, None):
+        entry = self.pools.pop(seat, None)
+        if entry:
             pool, leash, told = entry
             leash.close()
             told.close()
@@ -238,12 +242,13 @@ def _heard(connection: Connection, show: Show) -> None:
     """Show what a worker tells, until it ends."""
     from bench.codec import ended_bars  # here: a worker imports this module before it may import PyTorch
 
-    with suppress(EOFError, OSError), ended_bars(show) as shown:
+    with suppress(EOFError, OSError), ended_bars(show) as show_in_bars:
         while True:
-            shown(*connection.recv())
+            label, done, total = connection.recv()
+            show_in_bars(label, done, total)
 
 
-def _unshown(label: str, done: int, total: int) -> None:
+def _show_nothing(label: str, done: int, total: int) -> None:
     """A `Show` that shows nothing."""
 
 

@@ -15,6 +15,7 @@ from functools import cache
 from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.metadata import PackageNotFoundError, packages_distributions, version
 from pathlib import Path
+from typing import NamedTuple
 
 from bench.codec import Codec
 from bench.records import FitKey
@@ -22,7 +23,8 @@ from bench.records import FitKey
 # Modules that every fit uses, and those that only fits to a scene use.
 ALWAYS = ("bench.codecs.container",)
 OF_SCENES = ("bench.demand.fitting",)
-INSTALLED = {"site-packages", "dist-packages"}
+INSTALLED = {"site-packages", "dist-packages"}  # folders of installed distributions
+# Functions that import or run code whose name may be computed.
 BY_NAME = {"import_module", "__import__", "spec_from_file_location", "run_path", "exec", "eval"}
 
 
@@ -75,11 +77,12 @@ def _reached(roots: Iterable[str], own: set[str]) -> tuple[dict[str, str], set[s
         path = _file(name)
         if path is None:
             continue
-        sources[name], imported, by_name = _source(path, name)
-        waiting += imported
+        source = _source(path, name)
+        sources[name] = source.digest
+        waiting += source.imported
         if "." in name:
             waiting.append(name.rpartition(".")[0])  # a package runs before its modules
-        if by_name and top != "bench":  # it may import any module of its package
+        if source.imports_by_name and top != "bench":  # it may import any module of its package
             waiting += _everything_in(top)
     for root in roots:
         if root not in sources:
@@ -94,21 +97,30 @@ def _is_library(top: str) -> bool:
     return file is None or bool(INSTALLED & set(file.parts))
 
 
+class _Source(NamedTuple):
+    """What counts of a module's file."""
+
+    digest: str  # of its syntax
+    imported: tuple[str, ...] = ()  # the modules that it may import
+    imports_by_name: bool = False  # whether it imports modules by computed names
+
+
 @cache
-def _source(path: Path, module: str) -> tuple[str, tuple[str, ...], bool]:
-    """Of a module's file: a digest of its syntax, the modules it imports, and whether it imports by computed names."""
+def _source(path: Path, module: str) -> _Source:
+    """Read a module's file without running it."""
     content = path.read_bytes()
     try:
         tree = ast.parse(content)
     except (SyntaxError, ValueError):  # compiled
-        return hashlib.sha256(content).hexdigest(), (), False
+        return _Source(hashlib.sha256(content).hexdigest())
     nodes = list(ast.walk(tree))  # once: walking is what takes the time
     by_name = any(isinstance(node, ast.Call) and _called(node) in BY_NAME for node in nodes)
     imported = tuple(_imported(nodes, module, path))
     for node in nodes:
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            node.body = node.body[ast.get_docstring(node, clean=False) is not None :]
-    return hashlib.sha256(ast.dump(tree).encode()).hexdigest(), imported, by_name
+            if ast.get_docstring(node, clean=False) is not None:
+                node.body = node.body[1:]  # without the docstring
+    return _Source(hashlib.sha256(ast.dump(tree).encode()).hexdigest(), imported, by_name)
 
 
 def _called(call: ast.Call) -> str:
@@ -131,7 +143,10 @@ def _file(module: str) -> Path | None:
     inside = top_file.parent.joinpath(*parts)
     endings = (".py", "/__init__.py", *EXTENSION_SUFFIXES)
     candidates = [Path(f"{inside}{ending}") for ending in endings] if parts else [top_file]
-    return next((path for path in candidates if path.is_file()), None)
+    for path in candidates:
+        if path.is_file():
+            return path
+    return None
 
 
 def _top_file(top: str) -> Path | None:
@@ -151,13 +166,13 @@ def _top_file(top: str) -> Path | None:
 def _imported(nodes: list[ast.AST], module: str, path: Path) -> Iterator[str]:
     """The modules that a module may import anywhere in its source, except those that only a type checker sees."""
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
-    typed = [node for node in nodes if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)]
-    unseen: set[int] = set()
-    for guard in typed:
+    guards = [node for node in nodes if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)]
+    only_for_types: set[int] = set()  # the identities of the nodes within a guard
+    for guard in guards:
         if not guard.orelse:
-            unseen.update(id(inner) for inner in ast.walk(guard))
+            only_for_types.update(id(inner) for inner in ast.walk(guard))
     for node in nodes:
-        if id(node) in unseen:
+        if id(node) in only_for_types:
             continue
         if isinstance(node, ast.Import):
             for alias in node.names:
@@ -176,13 +191,15 @@ def _imported(nodes: list[ast.AST], module: str, path: Path) -> Iterator[str]:
 
 
 def _everything_in(top: str) -> Iterator[str]:
-    """Every module of a package."""
+    """The name of every module of a package; nothing for a module that is one file."""
     top_file = _top_file(top)
     if top_file is None or top_file.name != "__init__.py":
         return
     for path in top_file.parent.rglob("*.py"):
-        inside = path.relative_to(top_file.parent).with_suffix("").parts
-        yield ".".join([top, *(inside[:-1] if inside[-1] == "__init__" else inside)])
+        names = [top, *path.relative_to(top_file.parent).with_suffix("").parts]
+        if names[-1] == "__init__":  # the package itself
+            names.pop()
+        yield ".".join(names)
 
 
 @cache

@@ -67,10 +67,13 @@ def work(task: Task, show: Progress = silent) -> Outcome:
         what = Opening(
             task.run, task.material, task.data, task.repetition, task.metrics, task.demand, scorers=task.scorers
         )
-        with ended_bars(show) as shown, opened(what, shown) as workbench, restored_process_state():
-            return Attempt(
-                task, workbench, lambda label, done, total: shown(f"{task.name}: {label}", done, total)
-            ).run()
+        with ended_bars(show) as show_in_bars, opened(what, show_in_bars) as workbench, restored_process_state():
+
+            def show_of_job(label: str, done: int, total: int) -> None:
+                """Show the progress of this job under its name."""
+                show_in_bars(f"{task.name}: {label}", done, total)
+
+            return Attempt(task, workbench, show_of_job).run()
     except MissingDataError as error:
         return Outcome({**task.base, "status": "unavailable", "error": str(error)})
     except OSError as error:  # while opening the material: the cache has no room, which is not the job's fault
@@ -79,9 +82,11 @@ def work(task: Task, show: Progress = silent) -> Outcome:
 
 
 def failed(task: Task, error: str, more: Job | None = None) -> Outcome:
-    """The outcome of a job that failed."""
+    """The outcome of a job that failed, with `more` fields of its record."""
     record: Job = {**task.base, "status": "failed", "error": error}
-    return Outcome(record | (more or {}))
+    if more:
+        record |= more
+    return Outcome(record)
 
 
 def attributed(task: Task, error: str) -> str:
@@ -176,23 +181,25 @@ class Attempt:
             pass
         if isinstance(error, PluginError):  # the key does not cover metrics: the next run tries again
             more["fit_key"] = {}
-        named = isinstance(error, CodecError | PluginError)
-        text = str(error) if named else attributed(self.task, f"{type(error).__name__}: {error}")
+        if isinstance(error, CodecError | PluginError):  # its message names the codec or the plug-in already
+            text = str(error)
+        else:
+            text = attributed(self.task, f"{type(error).__name__}: {error}")
         return failed(self.task, text, more)
 
     def _outcome(self, earlier: Job) -> Outcome:
         """The record of an earlier run if it still holds; else a new one, of an earlier run's file or of a new fit."""
         if earlier.get("status") == "failed" and self._would_fail_again(earlier):
             return Outcome(earlier, "record")
-        header, fit = self._file()
+        header, fit_facts = self._file_and_facts()
         key = score_key(self.workbench, header)
         if earlier.get("score_key") == key:
             return Outcome(earlier, "record")
         record: Job = {**self.task.base, "fit_key": self.fit_key, "machine": machine()}
-        record |= fit
+        record |= fit_facts
         record |= {"status": "ok", "score_key": key, "file": self.file, "scored": stamp()}
         record |= self._scored(header)
-        return Outcome(record, "file" if fit["fit_cached"] else "")
+        return Outcome(record, "file" if fit_facts["fit_cached"] else "")
 
     def _would_fail_again(self, earlier: Job) -> bool:
         """Whether nothing that a failed job depends on has changed. A codec that could not be made has no key."""
@@ -206,29 +213,35 @@ class Attempt:
             return scores
         if is_gpu(self.task.device):
             file = loading.load(header.path, "cpu", self.network)
-        truth = f"drawings/truth-{self.workbench.btf.fingerprint[:16]}.npz"  # that a page draws live, once a material
-        try:
-            program = None if (self.task.folder / truth).exists() else sparse_truth(self.workbench.btf)
-        except Exception as error:  # a drawing for the report must not cost the job
-            log.warning("%s: its truth is not drawn: %s", self.workbench.btf.name, error)
-            program = None
-        if program:
-            self.keep(truth, program.arrays())
+        self._keep_truth()
         return scores | drawing(file, self.keep)
 
-    def _file(self) -> tuple[container.Header, Job]:
+    def _keep_truth(self) -> None:
+        """Store what a page needs to draw the material's truth live, once a material, if it is small enough."""
+        name = f"drawings/truth-{self.workbench.btf.fingerprint[:16]}.npz"
+        if (self.task.folder / name).exists():
+            return
+        try:
+            program = sparse_truth(self.workbench.btf)
+        except Exception as error:  # a drawing for the report must not cost the job
+            log.warning("%s: its truth is not drawn: %s", self.workbench.btf.name, error)
+            return
+        if program:
+            self.keep(name, program.arrays())
+
+    def _file_and_facts(self) -> tuple[container.Header, Job]:
         """The codec file and the facts of its fit: from an earlier run with the same key, else encoded now."""
         path = self.task.folder / self.file
         if not self.task.fresh and path.exists():
-            stored = self._stored(path)
-            if stored:
-                return stored
+            reusable = self._reusable(path)
+            if reusable:
+                return reusable
         header, facts = self._fit(path)
         self.keep(str(Path(self.file).with_suffix(FACTS)), dict(facts))  # a file without its facts is never reused
         self.checkpoint.unlink(missing_ok=True)
         return header, _facts_of_record(facts, cached=False)
 
-    def _stored(self, path: Path) -> tuple[container.Header, Job] | None:
+    def _reusable(self, path: Path) -> tuple[container.Header, Job] | None:
         """An existing codec file and the facts of its fit; None, with a warning, if it is not from this job."""
         try:
             header = container.read_header(path)
@@ -297,8 +310,10 @@ def _raise_where_no_job_can_help(error: BaseException) -> None:
     """Raise `InputError` if a disk is full or may not be written: each further job would fail alike."""
     if not isinstance(error, OSError):
         return
-    denied = error.errno in (errno.EACCES, errno.EPERM)
-    if error.errno in NO_PLACE or (denied and Path(str(error.filename)).is_relative_to(atomic.cache_dir())):
+    hopeless = error.errno in NO_PLACE
+    if error.errno in (errno.EACCES, errno.EPERM):  # a cache that may not be written is needed by every job
+        hopeless = Path(str(error.filename)).is_relative_to(atomic.cache_dir())
+    if hopeless:
         place = f"{error.filename}: " if error.filename else ""
         remedy = "choose another $NEUBTF_CACHE or --out" if error.errno == errno.EROFS else "make room"
         raise InputError(

@@ -73,7 +73,8 @@ def unseen(folder: Path, worker: str) -> InputError:
 def _is_ours(folder: Path, run: str) -> bool:
     """Whether the lock names this run and this process: another host may have taken it over."""
     holder = _holder(folder / FILE)
-    return (holder.get("run"), holder.get("process"), holder.get("host")) == (run, os.getpid(), platform.node())
+    signed = (holder.get("run"), holder.get("process"), holder.get("host"))
+    return signed == (run, os.getpid(), platform.node())
 
 
 def _acquire(folder: Path, run: str) -> int:
@@ -89,7 +90,7 @@ def _acquire(folder: Path, run: str) -> int:
             except OSError:  # the file system cannot lock: what the file says must do
                 kept_by_kernel = False
             if is_still(file, folder / FILE):
-                _check(folder, kept_by_kernel)
+                _refuse_if_alive(folder, kept_by_kernel)
                 since = f"{datetime.now(UTC):%F %T} UTC"
                 holder = {"process": os.getpid(), "host": platform.node(), "since": since, "run": run}
                 os.truncate(file, 0)
@@ -105,7 +106,7 @@ def _acquire(folder: Path, run: str) -> int:
         os.close(file)  # its holder removed it after we opened it and before we locked it
 
 
-def _check(folder: Path, kept_by_kernel: bool) -> None:
+def _refuse_if_alive(folder: Path, kept_by_kernel: bool) -> None:
     """Check that the process that signed the lock before is gone. `InputError` if it may still run.
 
     `kept_by_kernel`: we hold the kernel's lock, so no process of this host does.
@@ -121,7 +122,7 @@ def _check(folder: Path, kept_by_kernel: bool) -> None:
             alive = os.fstat(now.fileno()).st_mtime - os.stat(folder / FILE).st_mtime < STALE_AFTER
     if alive:
         raise InputError(_busy(folder, holder))
-    log.warning("%s: the lock of %s is taken over, because its process is gone", folder, _named(holder))
+    log.warning("%s: the lock of %s is taken over, because its process is gone", folder, _in_words(holder))
 
 
 def _holder(path: Path) -> dict[str, Any]:
@@ -142,11 +143,12 @@ def _runs(process: int) -> bool:
     return True
 
 
-def _named(holder: dict[str, Any]) -> str:
+def _in_words(holder: dict[str, Any]) -> str:
+    """Which process holds a lock, for messages."""
     return f"process {holder['process']} on {holder['host']}, since {holder.get('since')}"
 
 
 def _busy(folder: Path, holder: dict[str, Any]) -> str:
     """The message that a run still uses the folder, and which process it is, if known."""
-    who = _named(holder) if holder else "another process"
+    who = _in_words(holder) if holder else "another process"
     return f"{folder}: another run uses this folder ({who}): wait for its end, stop it, or choose another --out"

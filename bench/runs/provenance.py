@@ -39,12 +39,7 @@ def codec_revision(name: str) -> str | None:
 
     None without a repository, for a codec of the suite's own one, and for an installed copy, which none tracks.
     """
-    entry = codec_entries().get(name)
-    spec = (
-        find_spec(entry.module.partition(".")[0]) if entry else None
-    )  # of the outermost package, so nothing is imported
-    places = [spec.origin, *(spec.submodule_search_locations or ())] if spec else []
-    path = next((Path(place) for place in places if place and Path(place).exists()), None)
+    path = _package_of(name)
     if path is None:
         return None
     folder = path if path.is_dir() else path.parent
@@ -52,6 +47,20 @@ def codec_revision(name: str) -> str | None:
     suite = _git(Path(__file__).parent, "rev-parse", "--show-toplevel")
     tracked = _git(folder, "ls-files", "--", str(path))
     return _revision_of(folder) if tracked and repository != suite else None
+
+
+def _package_of(codec: str) -> Path | None:
+    """The file or folder of the outermost package of a codec; None if there is none. Nothing is imported."""
+    entry = codec_entries().get(codec)
+    if entry is None:
+        return None
+    spec = find_spec(entry.module.partition(".")[0])
+    if spec is None:
+        return None
+    for place in (spec.origin, *(spec.submodule_search_locations or ())):
+        if place and Path(place).exists():
+            return Path(place)
+    return None
 
 
 def _revision_of(folder: Path) -> str | None:
@@ -75,18 +84,20 @@ def processor() -> str:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
         return platform.processor() or platform.machine()
-    names = (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
-    return next(names, platform.machine())
+    for line in lines:
+        if line.startswith("model name"):
+            return line.split(":", 1)[1].strip()
+    return platform.machine()
 
 
 def stamp(codec: str = "") -> dict[str, str | None]:
     """The revision of the suite and the current time, for results that later runs may reuse; of a fit also `codec`, the
     revision of its codec's own repository, if it has one."""
-    own = codec_revision(codec) if codec else None
-    found = {"git": revision(), "at": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"}
-    if own:
-        found["codec"] = own
-    return found
+    stamped = {"git": revision(), "at": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"}
+    revision_of_codec = codec_revision(codec) if codec else None
+    if revision_of_codec:
+        stamped["codec"] = revision_of_codec
+    return stamped
 
 
 def machine() -> Machine:

@@ -71,10 +71,10 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
         try:
             with _workers(suite, options)() as workers:
                 if workers.everywhere:
-                    seen = workers.everywhere(lock.reaches, options.folder.absolute(), run_id)
-                    blind = [worker for worker, reaches in seen.items() if not reaches]
-                    if blind:
-                        raise lock.unseen(options.folder.absolute(), ", ".join(blind[:5]))
+                    reaches_of_worker = workers.everywhere(lock.reaches, options.folder.absolute(), run_id)
+                    without_folder = [worker for worker, reaches in reaches_of_worker.items() if not reaches]
+                    if without_folder:
+                        raise lock.unseen(options.folder.absolute(), ", ".join(without_folder[:5]))
                 session = _Session(suite, options, run_id, networks, workers)
                 session.start()
                 yield from session.jobs(faults)
@@ -113,8 +113,8 @@ def _networks(codecs: list[Codec], folder: Path) -> dict[str, str]:
     Writes the files into the run's folder, for its workers, and so that it can be decoded wherever it is copied.
     """
     networks: dict[str, str] = {}
-    by_name = {codec.name: codec for codec in codecs}  # the settings of a codec share one network
-    for name, codec in by_name.items():
+    one_of_each = {codec.name: codec for codec in codecs}  # all settings of a codec share one network
+    for name, codec in one_of_each.items():
         try:
             trained = shared.find_for(codec)
         except MissingDataError:
@@ -128,8 +128,8 @@ def _networks(codecs: list[Codec], folder: Path) -> dict[str, str]:
 def _tidy(folder: Path) -> None:
     """Remove the temporary files of killed processes, and checkpoints that no fit resumes from: those of a run with
     `fresh`, and those beside a finished file."""
-    for left in (*folder.glob(f"*/*{atomic.SUFFIX}"), *folder.glob(f"files/*{FRESH_STATE}")):
-        left.unlink(missing_ok=True)
+    for useless in (*folder.glob(f"*/*{atomic.SUFFIX}"), *folder.glob(f"files/*{FRESH_STATE}")):
+        useless.unlink(missing_ok=True)
     for state in folder.glob(f"files/*{STATE}"):
         if state.with_suffix(container.SUFFIX).exists():
             state.unlink(missing_ok=True)
@@ -186,8 +186,8 @@ class _Session:
         record = self.before.job(name)
         if record is None or options.fresh or (record["status"] == "failed" and options.retry_failed):
             return None
-        gone = record["status"] == "ok" and not (options.folder / record["file"]).exists()
-        return None if gone else record
+        file_is_gone = record["status"] == "ok" and not (options.folder / record["file"]).exists()
+        return None if file_is_gone else record
 
     def start(self) -> None:
         """Record the start of the run: suite, machine, and the names of its jobs, which may end in another order."""
@@ -200,9 +200,9 @@ class _Session:
 
     def jobs(self, faults: dict[str, str]) -> Iterator[Outcome]:
         """Run the jobs; records and yields the outcome of each as it ends. `faults`: see `_make_codecs`."""
-        holds = [task.name for task in self.tasks if task.earlier]  # as far as their files say
+        recorded_jobs = [task.name for task in self.tasks if task.earlier]  # their files exist, so they may still hold
         efforts = {task.name: Effort.of(task.codec) for task in self.tasks}
-        estimate = Estimate(efforts, holds, min(self.workers.at_once, cores()), self.options.then)
+        estimate = Estimate(efforts, recorded_jobs, min(self.workers.at_once, cores()), self.options.then)
         self.options.say(estimate.first)
         self.options.show("jobs", 0, len(self.tasks))
         for count, outcome in enumerate(self._outcomes(faults), 1):
@@ -220,13 +220,14 @@ class _Session:
         # By material, and by repetition, because each repetition opens its material with other test pairs.
         names = [material.name for material in self.suite.materials]
         for task in sorted(self.tasks, key=lambda task: (names.index(task.material.name), task.repetition)):
-            if fault := faults.get(task.codec.label):
+            fault = faults.get(task.codec.label)
+            if fault:
                 yield failed(task, fault)
             else:
                 sound.append(task)
         self.workers.show_with(self.options.show)
         call = partial(work, show=self.options.show if self.workers.here else tell)
-        yield from _watched(sound, self.workers, call)
+        yield from _with_restarts(sound, self.workers, call)
 
     def time(self) -> None:
         """Time the decoders of each material in turns, each of the first seed that has a file, since the time does not
@@ -250,7 +251,7 @@ class _Session:
         self.options.show(f"{material}: {label}", done, total)
 
 
-def _watched(tasks: list[Task], workers: Workers, call: Callable[[Task], Outcome]) -> Iterator[Outcome]:
+def _with_restarts(tasks: list[Task], workers: Workers, call: Callable[[Task], Outcome]) -> Iterator[Outcome]:
     """The outcome of each task as it ends; restarts a task that lost its worker, up to `MOST_LOSSES` times."""
     waiting = deque(tasks)
     running: dict[Future[Outcome], Task] = {}
@@ -314,20 +315,20 @@ def measured(folder: Path, jobs: list[Job], device: str, threads: int, show: Pro
             materials[job["job"]] = material
     if not materials:
         return []
-    ones = {}  # the same decoders, where they can answer a query by one texel
+    one_texel_materials = {}  # the same decoders, where they can answer a query by one texel
     for name, material in materials.items():
         at_one_texel = material.at_one_texel()
         if at_one_texel:
-            ones[name + ONE_TEXEL] = at_one_texel
-    found = timing.time_materials(materials | ones, threads, show=show)
+            one_texel_materials[name + ONE_TEXEL] = at_one_texel
+    timing_of = timing.time_materials(materials | one_texel_materials, threads, show=show)
     timed = []
     for name in materials:
         record: Timing = {"kind": "timing", "job": name}
         record |= timing.conditions(threads, device)
-        record |= found[name].summary()
-        if name + ONE_TEXEL in found:
-            record["ratio_at_one_texel"] = found[name + ONE_TEXEL].summary()["ratio_to_floor"]
-        record["samples_ns"] = found[name].samples.tolist()
-        record["floor_ratios"] = found[name].ratios.tolist()
+        record |= timing_of[name].summary()
+        if name + ONE_TEXEL in timing_of:
+            record["ratio_at_one_texel"] = timing_of[name + ONE_TEXEL].summary()["ratio_to_floor"]
+        record["samples_ns"] = timing_of[name].samples.tolist()
+        record["floor_ratios"] = timing_of[name].ratios.tolist()
         timed.append(record)
     return timed

@@ -128,7 +128,7 @@ def decoded(
         specs = [spec for spec in suite.codecs if not spec.materials or surface.name in spec.materials]
         for count, spec in enumerate(specs):
             show(f"{surface.name}: fits of one step", count, len(specs))
-            codec = short(spec)
+            codec = one_step_codec(spec)
             path = folder / "files" / _file_name(suite, surface, codec)
             try:
                 if not path.exists():
@@ -147,8 +147,8 @@ def decoded(
 def _file_name(suite: Suite, surface: MaterialSpec, codec: Codec) -> str:
     """The name of a setting's file; another codec version, setting or preparation has another."""
     settings = settings_dict(codec)
-    named = [surface.name, codec.name, codec.version_of(settings), settings, dataclasses.asdict(suite.data)]
-    digest = hashlib.sha256(json.dumps(named, sort_keys=True).encode()).hexdigest()
+    determining = [surface.name, codec.name, codec.version_of(settings), settings, dataclasses.asdict(suite.data)]
+    digest = hashlib.sha256(json.dumps(determining, sort_keys=True).encode()).hexdigest()
     return f"{surface.name}-{codec.name}-{digest[:12]}{container.SUFFIX}"
 
 
@@ -159,7 +159,7 @@ def surfaces_of(suite: Suite) -> list[MaterialSpec]:
     return [*built_in, *others][:SURFACES]
 
 
-def short(spec: CodecSpec) -> Codec:
+def one_step_codec(spec: CodecSpec) -> Codec:
     """The codec of a setting; with a single step if it is fitted in steps."""
     codec = make_codec(spec.codec, spec.settings)
     if "steps" not in settings_dict(codec):
@@ -176,16 +176,17 @@ def _round(materials: Contestants, entries: dict[tuple[str, int], Entry], thread
     timed: dict[str, Material] = {}
     for (surface, label), material in materials.items():
         timed[f"{surface}/{label}"] = material
-        if one := material.at_one_texel():
-            timed[f"{surface}/{label} at one texel"] = one
-    found = timing.time_materials(timed, threads, show=show, turns=TURNS)
+        one_texel_material = material.at_one_texel()
+        if one_texel_material:
+            timed[f"{surface}/{label} at one texel"] = one_texel_material
+    timing_of = timing.time_materials(timed, threads, show=show, turns=TURNS)
     for (surface, label), material in materials.items():
         flops = material.cost.flops_per_sample
         entry = entries.setdefault((label, flops), Entry(label, flops))
-        whole = found[f"{surface}/{label}"]
-        at_one = found.get(f"{surface}/{label} at one texel")
-        decides = at_one or whole
-        entry.ratios.append(decides.ratios)
-        entry.samples.append(decides.samples)
-        if at_one:
-            entry.between.append(whole.ratios)
+        anywhere = timing_of[f"{surface}/{label}"]
+        at_one_texel = timing_of.get(f"{surface}/{label} at one texel")
+        deciding = at_one_texel or anywhere
+        entry.ratios.append(deciding.ratios)
+        entry.samples.append(deciding.samples)
+        if at_one_texel:
+            entry.between.append(anywhere.ratios)

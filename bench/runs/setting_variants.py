@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 
@@ -135,7 +135,7 @@ class _Measuring:
         timed = self.compared(label, material, missing, queries)
         if not timed:
             return
-        calls = {name: partial(ready.query, *queries) for name, (_, ready, _) in timed.items()}
+        calls = {name: partial(compared.ready.query, *queries) for name, compared in timed.items()}
         measured = timing.in_turns(calls, batch, material.size, self.suite.threads, self.device, turns=TURNS)
         rows = []
         for name, (variant, ready, of_tolerance) in timed.items():
@@ -149,10 +149,10 @@ class _Measuring:
 
     def compared(
         self, label: str, material: Material, missing: dict[str, Variant], queries: tuple[torch.Tensor, ...]
-    ) -> dict[str, tuple[Variant, Material, float]]:
+    ) -> dict[str, "_Compared"]:
         """Each variant by name, prepared, compared with float64's answers and asked once, while there is time."""
         exact = copy.deepcopy(material).to(dtype=torch.float64)
-        found = {}
+        compared = {}
         for name, variant in missing.items():
             if self.clock.over:
                 break
@@ -160,18 +160,18 @@ class _Measuring:
             atomic.write(tried, name.encode())
             try:
                 ready = prepared(material, variant)
-                found[name] = variant, ready, difference(ready, exact, variant.precision)
+                compared[name] = _Compared(variant, ready, difference(ready, exact, variant.precision))
                 ready.query(*queries)
                 finish(self.device)
             except Exception as error:  # an error in one variant must not lose the times of the others
                 log.warning("%s, %s: not timed: %s", label, variant, " ".join(str(error).split())[:300])
                 finish(self.device)  # after a fault of a GPU everything fails: the next process goes on
-                found.pop(name, None)
+                compared.pop(name, None)
             except KeyboardInterrupt:
                 tried.unlink()
                 raise
             tried.unlink()
-        return found
+        return compared
 
     def given_up(self) -> set[str]:
         """The variants that ended earlier processes, as a fault of a GPU does: none is tried again."""
@@ -195,18 +195,29 @@ class _Measuring:
             self.done.add(row["job"])
 
 
+class _Compared(NamedTuple):
+    """A variant, the material that was prepared for it, and its largest difference from float64's answers.
+
+    The difference is a multiple of the largest that the precision may have.
+    """
+
+    variant: Variant
+    ready: Material
+    of_tolerance: float
+
+
 def _possible(material: Material) -> list[Variant]:
     """The variants that the material's device has and computes in natively. Of a material without a network, only those
     of eager execution, and those that change a whole material instead of its networks."""
-    there = []
+    possible = []
     for execution, precisions in PRECISIONS.items():
         for precision in precisions:
             variant = Variant(execution, precision)
             if exists_on(variant, material.device) and _is_native(precision, material.device):
-                there.append(variant)
+                possible.append(variant)
     if networks(material):
-        return there
-    return [variant for variant in there if variant.execution == "eager" or is_whole(variant, material.device)]
+        return possible
+    return [variant for variant in possible if variant.execution == "eager" or is_whole(variant, material.device)]
 
 
 def _is_native(precision: str, device: torch.device) -> bool:
@@ -233,13 +244,13 @@ def difference(ready: Material, exact: Material, precision: str) -> float:
 
 def ceiling(device: torch.device, threads: int, precision: str) -> Ceiling:
     """The measured rates of a device in a precision; `dtype` names the precision, such as tf32."""
-    rounds = torch.backends.cuda.matmul
-    before = rounds.allow_tf32
-    rounds.allow_tf32 = precision == "tf32"
+    products = torch.backends.cuda.matmul  # how PyTorch multiplies matrices on a GPU
+    before = products.allow_tf32
+    products.allow_tf32 = precision == "tf32"
     try:
         measured = roofline(device, threads, DTYPES[precision])
     finally:
-        rounds.allow_tf32 = before
+        products.allow_tf32 = before
     measured["dtype"] = precision
     return measured
 
@@ -255,9 +266,10 @@ def _limit(material: Material, variant: Variant, ceilings: list[Ceiling]) -> flo
 def _fits(suite: Suite, device: str, clock: Clock, done: set[str], show: Progress) -> Iterator[Timing]:
     """The seconds of a step of each codec that is fitted in steps, of its largest setting, while there is time."""
     # A later setting takes the place of an earlier one of its codec: suites list the largest last.
-    specs = {
-        spec.codec: spec for spec in suite.codecs if "steps" in settings_dict(make_codec(spec.codec, spec.settings))
-    }
+    specs = {}
+    for spec in suite.codecs:
+        if "steps" in settings_dict(make_codec(spec.codec, spec.settings)):
+            specs[spec.codec] = spec
     surface = surfaces_of(suite)[0]
     btf = open_material(surface, suite.data, show, path_tracer=load_path_tracer)
     train = btf.subset(btf.split().train)
@@ -269,13 +281,13 @@ def _fits(suite: Suite, device: str, clock: Clock, done: set[str], show: Progres
             continue
         show(f"{spec.label}: steps of its fit", 0, 1)
         try:
-            short = _fitted(spec, steps=1, train=train, device=device, threads=suite.threads)
-            long = _fitted(spec, steps=1 + FIT_STEPS, train=train, device=device, threads=suite.threads)
+            one_step = _seconds_of_fit(spec, steps=1, train=train, device=device, threads=suite.threads)
+            many_steps = _seconds_of_fit(spec, steps=1 + FIT_STEPS, train=train, device=device, threads=suite.threads)
         except InputError as error:
             log.warning("%s: its fit is not timed: %s", spec.label, error)
             continue
         # In ns. The difference leaves out what a fit takes besides its steps; noise must not make it negative.
-        step = max(1.0, 1e9 * (long - short) / FIT_STEPS)
+        step = max(1.0, 1e9 * (many_steps - one_step) / FIT_STEPS)
         row: Timing = {
             "kind": "timing",
             "job": name,
@@ -293,7 +305,7 @@ def _fits(suite: Suite, device: str, clock: Clock, done: set[str], show: Progres
         yield row | timing.hardware(device)
 
 
-def _fitted(spec: CodecSpec, steps: int, train: Any, device: str, threads: int) -> float:
+def _seconds_of_fit(spec: CodecSpec, steps: int, train: Any, device: str, threads: int) -> float:
     """Wall seconds of a fit of so many steps."""
     codec: Codec = make_codec(spec.codec, spec.settings | {"steps": steps})
     fit = Fit(torch.device(device), threads, network=shared.find_for(codec))

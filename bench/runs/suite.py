@@ -181,16 +181,20 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
     twice = _twice(labels) or _twice(names)
     if twice:
         raise InputError(f"{file}: {twice!r} appears twice: give one of them another name, as {{name = …, path = …}}")
-    foreign = set(itertools.chain.from_iterable(spec.materials for spec in suite.codecs)) - {*names}
-    if foreign:
-        raise InputError(f"{file}: codecs.materials names {min(foreign)!r}, which is not a material of this suite")
+    for spec in suite.codecs:
+        foreign = set(spec.materials) - set(names)
+        if foreign:
+            raise InputError(f"{file}: codecs.materials names {min(foreign)!r}, which is not a material of this suite")
     _check_jobs(file, len(names) * len(labels) * len(suite.seeds))
     return dataclasses.replace(suite, metrics=_metrics(f"{file}: metrics", suite.metrics))
 
 
 def _twice(names: Iterable[str]) -> str:
     """The first name that is given more than once; "" if none is."""
-    return next((name for name, count in Counter(names).items() if count > 1), "")
+    for name, count in Counter(names).items():
+        if count > 1:
+            return name
+    return ""
 
 
 def _check_jobs(file: str, jobs: int) -> None:
@@ -276,11 +280,11 @@ def canonical(suite: Suite) -> Suite:
     except InputError as error:
         raise InputError(f"suite {suite.name}: {error}") from error
     for spec in specs:
-        known = unique.setdefault(spec.label, spec)
-        both: tuple[str, ...] = ()  # all materials, if one of the two is for all
-        if known.materials and spec.materials:
-            both = tuple(dict.fromkeys(known.materials + spec.materials))
-        unique[spec.label] = dataclasses.replace(known, materials=both)
+        first = unique.setdefault(spec.label, spec)  # of this label; it may be this one
+        materials: tuple[str, ...] = ()  # none named is all materials, as soon as one of the two is for all
+        if first.materials and spec.materials:
+            materials = tuple(dict.fromkeys(first.materials + spec.materials))
+        unique[spec.label] = dataclasses.replace(first, materials=materials)
     return dataclasses.replace(suite, codecs=tuple(unique.values()))
 
 
@@ -291,14 +295,14 @@ def changed_settings(spec: CodecSpec) -> dict[str, Any]:
     recipe = {key: value for key, value in spec.settings.items() if key == RECIPE}
     try:
         codec = make_codec(spec.codec, spec.settings)
-        given = settings_dict(codec)
+        chosen = settings_dict(codec)
         default = settings_dict(make_codec(spec.codec, recipe))
         if recipe:  # the recipe itself is a setting, whose default is not the recipe that is given
             default |= {RECIPE: codec.Settings.recipe}  # type: ignore[attr-defined]
     except CodecError:  # its jobs fail with this error
         return spec.settings
-    parsed = spec.settings | dataclasses.asdict(codec.settings) | given
-    return {key: parsed[key] for key in spec.settings if given.get(key) != default.get(key)}
+    parsed = spec.settings | dataclasses.asdict(codec.settings) | chosen
+    return {key: parsed[key] for key in spec.settings if chosen.get(key) != default.get(key)}
 
 
 def _change(suite: Suite, key: str, value: str) -> Suite:
@@ -397,8 +401,9 @@ def _swept(where: str, entries: list[Any]) -> Iterator[CodecSpec]:
         swept = {key: value for key, value in settings.items() if isinstance(value, list)}
         lists = [swept.get(key, [value]) for key, value in settings.items()]  # a single value is a list of one
         for key, values in zip(settings, lists, strict=True):
-            for each in values:  # the codec checks more
-                converted(f"{where}.{key}", type(each) if isinstance(each, str | bool) else float, each)
+            for value in values:  # a text, true or false, or a number; the codec checks more
+                kind = type(value) if isinstance(value, str | bool) else float
+                converted(f"{where}.{key}", kind, value)
         jobs += math.prod(map(len, lists))
         _check_jobs(where, jobs)
         for chosen in itertools.product(*lists):

@@ -116,9 +116,11 @@ def measure(
     target = torch.device(device)
     cores = torch.get_num_threads()
     batches = (*BATCHES, 1 << 20, 1 << 22) if full else BATCHES
-    there = [text for text in suite.variants if exists_on(Variant.parse(text), target)]
-    left_out = [text for text in there if not emulated and native.emulated(Variant.parse(text).precision, target)]
-    suite = replace(suite, variants=tuple(text for text in there if text not in left_out))
+    possible = [text for text in suite.variants if exists_on(Variant.parse(text), target)]
+    left_out = []
+    if not emulated:
+        left_out = [text for text in possible if native.emulated(Variant.parse(text).precision, target)]
+    suite = replace(suite, variants=tuple(text for text in possible if text not in left_out))
     ceilings = _ceilings(suite, target, cores)
     result: Trade = {
         "format": TRADE_FORMAT,
@@ -145,10 +147,10 @@ def measure(
             plain = {job["label"]: recorded(run.folder, job, device) for job in jobs if _plain(suite, job)}
             profiled = plain or {jobs[0]["label"]: recorded(run.folder, jobs[0], device)}
             result["profiles"] += profile(spec.name, profiled, cores, batches)
-    told: list[str] = []
+    lines: list[str] = []
     for spec in suite.materials:
-        told += answers(spec.name, result["choices"])
-    result["answers"] = told
+        lines += answers(spec.name, result["choices"])
+    result["answers"] = lines
     return result
 
 
@@ -172,14 +174,17 @@ def _timing(suite: Suite, run: Run, device: str, names: Collection[str]) -> str:
     batch = timing.batch_on(target, BATCH)
     variants = [Variant.parse(text) for text in suite.variants]
     usual = 0.0 if is_gpu(target) else USUAL_NS  # a turn on a GPU is the shortest possible
-    more = [each for each in variants if exists_on(each, target) and not native.emulated(each.precision, target)]
+    timed_variants = []  # besides eager float32
+    for variant in variants:
+        if exists_on(variant, target) and not native.emulated(variant.precision, target):
+            timed_variants.append(variant)
     seconds = 0.0
     for name in names:
         job = run.job(name)
         known = run.timing(job) if job else None
         ns = known["ns_per_sample"] if known else usual
         turn_ns = max(timing.SPAN_NS, batch * ns) + timing.SPAN_NS  # a turn of the job, and one of the floor
-        count = 1 if entries[name].swept else 1 + len(more)  # a sweep is timed in eager float32 alone
+        count = 1 if entries[name].swept else 1 + len(timed_variants)  # a sweep is timed in eager float32 alone
         seconds += 1e-9 * timing.TURNS * turn_ns * count
     return f"about {duration(seconds)} of timing"
 
@@ -208,10 +213,10 @@ def merged(earlier: Trade | None, result: Trade) -> Trade:
         choices = [*others, *choices]
         profiled = {row["material"] for row in profiles}
         profiles = [*(row for row in earlier["profiles"] if row["material"] not in profiled), *profiles]
-    told: list[str] = []
+    lines: list[str] = []
     for name in dict.fromkeys(row["material"] for row in choices):
-        told += answers(name, choices)
-    return {**result, "choices": choices, "profiles": profiles, "answers": told}
+        lines += answers(name, choices)
+    return {**result, "choices": choices, "profiles": profiles, "answers": lines}
 
 
 def _ceilings(suite: Suite, device: torch.device, cores: int) -> list[Ceiling]:
@@ -290,11 +295,13 @@ def _choices(
                 else:
                     key = json.dumps([job["score_key"], variant.execution, variant.precision, device, suite.threads])
                     row |= unfinished.figures_of(
-                        key, partial(_changed, workbench, ready, material, suite.threads, show)
+                        key, partial(_figures_of_variant, workbench, ready, material, suite.threads, show)
                     )
             except Exception as error:  # an error in one variant must not lose the figures of the others
-                kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "  # an unexpected error
-                row["error"] = kind + " ".join(str(error).split())
+                words = " ".join(str(error).split())
+                if not isinstance(error, InputError):  # an unexpected error
+                    words = f"{type(error).__name__}: {words}"
+                row["error"] = words
                 rows.append(row)
                 continue
             rows.append(row)
@@ -304,10 +311,11 @@ def _choices(
     if is_gpu(device):
         conditions["gpu"] = device_name(device)
     # Turns of an interrupted timing count again only if the same contestants were timed under the same conditions.
-    whose = [[rows[i]["sha256"], rows[i]["execution"], rows[i]["precision"]] for i in timed]
-    kept = unfinished.turns(json.dumps([workbench.name, conditions, machine(), whose]))
-    here = [each for each in ceilings if each["threads"] == suite.threads]
-    measured = _timed({str(i): ready for i, ready in timed.items()}, here, batch, show, kept)
+    contestants = [[rows[i]["sha256"], rows[i]["execution"], rows[i]["precision"]] for i in timed]
+    kept_turns = unfinished.turns(json.dumps([workbench.name, conditions, machine(), contestants]))
+    of_these_threads = [ceiling for ceiling in ceilings if ceiling["threads"] == suite.threads]
+    materials = {str(i): ready for i, ready in timed.items()}
+    measured = _timed(materials, of_these_threads, batch, show, kept_turns)
     for i, ready in timed.items():
         times = _times(measured[str(i)])
         least = _limit(ready, ceilings)
@@ -319,7 +327,7 @@ def _choices(
         "execution": "eager",
         "precision": "float32",
     }
-    _mark([row for row in rows if "error" not in row])
+    _mark_fronts([row for row in rows if "error" not in row])
     return [*rows, floor | conditions | _times(measured[timing.FLOOR])]
 
 
@@ -357,14 +365,16 @@ def _variants(suite: Suite, job: Job, material: Material) -> list[Variant]:
     if not _plain(suite, job):
         return []
     variants = [Variant.parse(text) for text in suite.variants]
-    return variants if networks(material) else [variant for variant in variants if is_whole(variant, material.device)]
+    if networks(material):
+        return variants
+    return [variant for variant in variants if is_whole(variant, material.device)]
 
 
 def _limit(material: Material, ceilings: list[Ceiling]) -> float:
     """The machine's lower bound in ns per sample: short types read fewer bytes, and may multiply faster."""
     # `cost` counts bytes of float32. A short type may be widened to float32, so the rates of both count.
-    short = material.dtype.itemsize / 4
-    cost = replace(material.cost, bytes_per_sample=round(material.cost.bytes_per_sample * short))
+    share_of_bytes = material.dtype.itemsize / 4
+    cost = replace(material.cost, bytes_per_sample=round(material.cost.bytes_per_sample * share_of_bytes))
     usable = ("float32", str(material.dtype).removeprefix("torch."))
     threads = ceilings[0]["threads"]
     limits = []
@@ -374,7 +384,9 @@ def _limit(material: Material, ceilings: list[Ceiling]) -> float:
     return min(limits)
 
 
-def _changed(workbench: Workbench, ours: Material, plain: Material, threads: int, show: Progress) -> TradeChoice:
+def _figures_of_variant(
+    workbench: Workbench, ours: Material, plain: Material, threads: int, show: Progress
+) -> TradeChoice:
     """The figures of a material in another execution or precision, and how far it answers from eager float32."""
     return _score(workbench, ours, threads, show) | _deviation(workbench, ours, plain, show)
 
@@ -449,7 +461,7 @@ def _add_noise(run: Run, row: TradeChoice, show: Progress) -> None:
     }
 
 
-def _mark(rows: list[TradeChoice]) -> None:
+def _mark_fronts(rows: list[TradeChoice]) -> None:
     """Mark each choice that is on a Pareto front: no other is at least as good and as cheap, and better in one."""
     quality = [round(cast(float, row["psnr"]), 2) for row in rows]  # executions of one file differ by rounding
     fastest = _on_front(quality, [row["ns_per_sample"] for row in rows])
@@ -467,6 +479,6 @@ def _on_front(quality: Sequence[float], costs: Sequence[float]) -> list[bool]:
 
 def _beats(other: tuple[float, float], place: tuple[float, float]) -> bool:
     """Whether another place of quality and cost is at least as good and as cheap, and better in one."""
-    its_quality, its_cost = other
+    other_quality, other_cost = other
     quality, cost = place
-    return its_quality >= quality and its_cost <= cost and other != place
+    return other_quality >= quality and other_cost <= cost and other != place

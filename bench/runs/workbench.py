@@ -120,7 +120,7 @@ class Workbench:
 
     @cached_property
     def scored(self) -> np.ndarray:
-        """The pairs that are scored: all, or the held-out ones and a fixed draw of the training pairs.
+        """The pairs that are scored, ascending: all, or the held-out ones and a fixed draw of the training pairs.
 
         Held-out pairs that were drawn or declared are all scored. Held-out views and lights of a measurement have
         thousands of pairs, of which a fixed draw is scored. With a scene's demand, which weights all pairs, all are
@@ -129,16 +129,20 @@ class Workbench:
         if self.demand or not self.most_scored:
             return self.groups["all"]
         sets = [self.groups.get(name, np.empty(0, int)) for name in ("train", "heldout", VALIDATION)]
-        for at, pairs in enumerate(sets):  # the first is of training pairs
-            if len(pairs) > self.most_scored and (at == 0 or self.btf.heldout is None):
-                sets[at] = np.random.default_rng(0).choice(pairs, self.most_scored, replace=False)
+        for place, pairs in enumerate(sets):
+            of_training = place == 0
+            may_be_thinned = of_training or self.btf.heldout is None
+            if len(pairs) > self.most_scored and may_be_thinned:
+                sets[place] = np.random.default_rng(0).choice(pairs, self.most_scored, replace=False)
         return np.unique(np.concatenate(sets))
 
     @cached_property
     def sheet(self) -> np.ndarray:
         """The few pairs (n,) that a contact sheet shows: of those that decide, the nearest to each of `SHOWN`."""
-        theta = np.stack([to_degrees(self.btf.wo[self.deciding])[0], to_degrees(self.btf.wi[self.deciding])[0]], 1)
-        nearest = [int(np.linalg.norm(theta - wanted, axis=1).argmin()) for wanted in np.array(SHOWN)]
+        theta_o, _ = to_degrees(self.btf.wo[self.deciding])
+        theta_i, _ = to_degrees(self.btf.wi[self.deciding])
+        angles = np.stack([theta_o, theta_i], 1)
+        nearest = [int(np.linalg.norm(angles - wanted, axis=1).argmin()) for wanted in np.array(SHOWN)]
         return self.deciding[np.unique(nearest)]
 
     @cached_property

@@ -77,7 +77,7 @@ def hostile(tmp_path, monkeypatch):
     monkeypatch.setenv("NEUBTF_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(runner, "MOST_LOSSES", 1)
     monkeypatch.setattr("bench.timing.TURNS", 3)
-    outside_codecs._tried.cache_clear()
+    outside_codecs._error_in_child.cache_clear()
     write_folder(tiny_btf(12, 6, 6), tmp_path / "btf")
     monkeypatch.chdir(tmp_path)
 

@@ -117,7 +117,7 @@ def test_an_interrupted_measurement_goes_on_where_it_stopped(measured, tmp_path,
 
     with pytest.raises(KeyboardInterrupt):
         trade.measure(suite, run, "cpu", show=interrupt, profiles=False)
-    monkeypatch.setattr(trade, "_changed", lambda *_: pytest.fail("scored again"))
+    monkeypatch.setattr(trade, "_figures_of_variant", lambda *_: pytest.fail("scored again"))
     turns = []
 
     def count(label, done, total):
@@ -206,7 +206,7 @@ def test_a_choice_is_on_a_front_where_nothing_is_as_good_for_less():
         {"psnr": 29.0, "ns_per_sample": 95.0, "bytes": 5},
         {"psnr": 30.001, "ns_per_sample": 110.0, "bytes": 10},  # the first, computed otherwise
     ]
-    trade._mark(rows)
+    trade._mark_fronts(rows)
     assert [row["fastest"] for row in rows] == [False, True, True, False, False]
     assert [row["smallest"] for row in rows] == [True, False, True, True, True]
 
