@@ -46,15 +46,16 @@ class Architecture:
     @property
     def parameters(self) -> int:
         """Trainable numbers: weights and biases, and two a channel of each layer norm."""
-        linear = sum(a * b + b for a, b in pairwise(self.sizes))
-        return linear + (2 * sum(self.widths) if self.norm else 0)
+        linear = sum(inputs * outputs + outputs for inputs, outputs in pairwise(self.sizes))  # weights, biases
+        norms = 2 * sum(self.widths) if self.norm else 0  # gain and offset of each channel
+        return linear + norms
 
     @property
     def flops(self) -> int:
         """Operations of one sample: a fused multiply-add counts as two, an activation as one a channel, a layer norm as
         eight."""
-        linear = sum(2 * a * b for a, b in pairwise(self.sizes))
-        added = 0
+        linear = sum(2 * inputs * outputs for inputs, outputs in pairwise(self.sizes))
+        added = 0  # of residual layers
         if self.residual:
             for inputs, width in pairwise(self.sizes[:-1]):  # of each hidden layer
                 if inputs == width:
@@ -112,7 +113,10 @@ class Decoder(Network):
             linear = saturated(layer(x)) if self.norms is None else self._normed(x, depth)
             hidden = self._activate(linear)
             if self.architecture.residual and x.shape == hidden.shape:
-                hidden = x + hidden if hidden.requires_grad else hidden.add_(x)
+                if hidden.requires_grad:  # a gradient may need what an addition in place would overwrite
+                    hidden = x + hidden
+                else:
+                    hidden.add_(x)
                 hidden = saturated(hidden)
             x = hidden
         return saturated(self.layers[-1](x)).to(inputs.dtype)
@@ -133,21 +137,22 @@ class Decoder(Network):
 
     def _activate(self, x: Tensor) -> Tensor:
         """Apply the activation to a layer's outputs; in place if no gradient needs them, to save memory."""
-        free = not x.requires_grad
+        in_place = not x.requires_grad
         match self.architecture.activation:
             case "sine":
-                if self.architecture.omega != 1:
-                    x = x.mul_(self.architecture.omega) if free else x * self.architecture.omega
+                omega = self.architecture.omega
+                if omega != 1:
+                    x = x.mul_(omega) if in_place else x * omega
                     x = saturated(x)
-                return x.sin_() if free else x.sin()
+                return x.sin_() if in_place else x.sin()
             case "leaky-relu":
-                return functional.leaky_relu(x, LEAK, inplace=free)
+                return functional.leaky_relu(x, LEAK, inplace=in_place)
             case "smelu":
                 return smelu(x)
             case "silu":
-                return functional.silu(x, inplace=free)
+                return functional.silu(x, inplace=in_place)
             case "relu":
-                return functional.relu(x, inplace=free)
+                return functional.relu(x, inplace=in_place)
 
 
 def smelu(x: Tensor) -> Tensor:
@@ -157,9 +162,11 @@ def smelu(x: Tensor) -> Tensor:
 
 def _initialise(layer: Any, architecture: Architecture, depth: int, generator: torch.Generator | None) -> None:
     """Draw a linear layer's weights, then its biases; `depth` 0 is the first layer, and the last one's biases are 0."""
-    bound = math.sqrt(6 / layer.in_features)  # He et al.; SIREN's is the same over ω, but for the first layer
-    if architecture.activation == "sine":
-        bound = 1 / layer.in_features if depth == 0 else bound / architecture.omega
+    bound = math.sqrt(6 / layer.in_features)  # He et al.
+    if architecture.activation == "sine" and depth == 0:
+        bound = 1 / layer.in_features
+    elif architecture.activation == "sine":
+        bound = bound / architecture.omega
     layer.weight.uniform_(-bound, bound, generator=generator)
     layer.bias.zero_()
     if depth < len(architecture.widths):
@@ -174,8 +181,8 @@ def decoding(numbers: int) -> Iterator[None]:
 
     Otherwise the settings in a file's header, which cost no bytes, could ask for any size.
     """
-    token = _most.set(max(FREE, numbers))
+    before = _most.set(max(FREE, numbers))
     try:
         yield
     finally:
-        _most.reset(token)
+        _most.reset(before)

@@ -68,8 +68,9 @@ class Objective(nn.Module):
         super().__init__()
         self.samples = samples
         self.settings = settings  # the codec's
-        shown = getattr(settings, "loss", "") == "display"
-        self.display_loss = DisplayLoss(len(samples.wo)) if shown else None
+        self.display_loss: DisplayLoss | None = None
+        if getattr(settings, "loss", "") == "display":  # some codecs have no such setting
+            self.display_loss = DisplayLoss(len(samples.wo))
 
     def groups(self) -> list[ParameterGroup]:
         """Parameter groups, each with its highest learning rate, `lr`; Muon steps those with `hidden`, Adam others."""
@@ -127,12 +128,12 @@ class Objective(nn.Module):
 def display_psnr(level: Tensor, target: Tensor) -> float:
     """Display-space PSNR in dB of log radiance against its target."""
 
-    def shown(x: Tensor) -> np.ndarray:
+    def displayed(log_radiance: Tensor) -> np.ndarray:
         """Log radiance as sRGB in [0, 1], float64."""
-        linear = x.double().expm1() / LOG_SCALE
+        linear = log_radiance.double().expm1() / LOG_SCALE
         return to_display(linear.cpu().numpy(), 1.0)
 
-    error = np.square(shown(target) - shown(level)).mean()
+    error = np.square(displayed(target) - displayed(level)).mean()
     # A constant material is fitted exactly; the curve then shows 120 dB, because a record cannot hold infinity.
     return float(decibels(max(error, 1e-12), peak=1.0))
 
@@ -177,10 +178,13 @@ class _Loop:
         self.halvings = 0  # of the learning rates, after divergence
         self.curve: list[tuple[int, float, float]] = []  # step, processor seconds, PSNR in dB
         samples = objective.samples
-        # A network for all materials is judged by materials that it does not learn from, where there are some.
-        draw = samples.draw_unseen if samples.trained < samples.texels else samples.draw
         # The probe has a generator of its own, so that the fit's numbers do not depend on it.
-        self.probe = draw(PROBE, torch.Generator().manual_seed(fit.seed ^ 0x0B5E))
+        generator_of_probe = torch.Generator().manual_seed(fit.seed ^ 0x0B5E)
+        # A network for all materials is judged by materials that it does not learn from, where there are some.
+        if samples.trained < samples.texels:
+            self.probe = samples.draw_unseen(PROBE, generator_of_probe)
+        else:
+            self.probe = samples.draw(PROBE, generator_of_probe)
         self.saved = self.shown = time.perf_counter()  # when the state was last saved, and the progress last shown
         self.started = processor_seconds()
         self.good = self._state()
@@ -270,9 +274,8 @@ class _Loop:
             if self.step < end and time.perf_counter() - self.shown >= SHOW_SECONDS:
                 self._show()
         # A parameter that is not finite stays so, so an occasional check misses nothing.
-        near = all((parameter.abs() < FARTHEST).all() for parameter in self.parameters)
-        good = near and total.isfinite() and self._measured()  # only a fit that may be good is measured
-        if not good:
+        bounded = all((parameter.abs() < FARTHEST).all() for parameter in self.parameters)
+        if not (bounded and total.isfinite() and self._measured()):  # only a fit that may be good is measured
             self._rescue()
             return
         self._show()

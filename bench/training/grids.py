@@ -95,7 +95,8 @@ def load_grids(stored: dict[str, Tensor], settings: Any, shape: tuple[int, int],
     grids = {}
     for name, count in channels(settings, offset).items():
         grids[name] = load_texture(name, stored)
-        if grids[name].shape != (*size_of(name, shape), count) or min(shape) < 1:  # no texels make no grid
+        expected = (*size_of(name, shape), count)
+        if grids[name].shape != expected or min(shape) < 1:  # no texels make no grid
             size = " × ".join(map(str, grids[name].shape))
             raise InputError(f"grid {name} of this file is {size}, of {shape[0]} × {shape[1]} texels: encode it again")
     return grids

@@ -49,9 +49,9 @@ class Frames(nn.Linear):
         """Directions (n, D, 3) on the axes tangent, bitangent, normal of each frame in turn: (n, D · count · 3)."""
         # Queries last: a product of small matrices for each query takes three times as long.
         rows = saturated(self(latents)).to(directions.dtype).mT.contiguous()  # (6 · count, n)
-        found = rows.unflatten(0, (self.count, 2, 3))  # (count, 2, 3, n)
-        length = found.square().sum(2, keepdim=True).clamp_min(1e-24).sqrt()  # (count, 2, 1, n)
-        normal, tangent = (found / length).unbind(1)  # (count, 3, n) each
+        vectors = rows.unflatten(0, (self.count, 2, 3))  # (count, 2, 3, n): normal and tangent of each frame
+        length = vectors.square().sum(2, keepdim=True).clamp_min(1e-24).sqrt()  # (count, 2, 1, n)
+        normal, tangent = (vectors / length).unbind(1)  # (count, 3, n) each
         bitangent = torch.linalg.cross(normal, tangent, dim=1)
         axes = torch.stack([tangent, bitangent, normal], 1).flatten(0, 1)  # (count · 3, 3, n): each axis its x, y, z
         turned = (directions.permute(1, 2, 0).contiguous()[:, None] * axes).sum(2)  # (D, count · 3, n)
@@ -64,5 +64,7 @@ class Frames(nn.Linear):
 
     def flops(self, directions: int) -> int:
         """Operations of a sample that turns some directions, a fused multiply-add counted as two."""
-        turned = self.count * (2 * 8 + 9 + directions * 3 * 5)  # two lengths, a cross product, the directions
-        return 2 * self.in_features * self.out_features + turned
+        two_lengths = 2 * 8  # of normal and tangent: square, add, root, divide
+        cross_product = 9
+        products = directions * 3 * 5  # of each direction with three axes
+        return 2 * self.in_features * self.out_features + self.count * (two_lengths + cross_product + products)

@@ -46,7 +46,7 @@ class Muon(torch.optim.Optimizer):
     """Steps matrices by their orthogonalised Nesterov momentum, times the root of rows over columns where above 1."""
 
     def __init__(self, groups: Iterable[ParameterGroup]):
-        super().__init__(groups, {"lr": 0.0})
+        super().__init__(groups, {"lr": 0.0})  # until `Optimisers.step` sets the rate of each group
         for p in _parameters(self.param_groups):
             self.state[p] = {"momentum": torch.zeros_like(p)}
 
@@ -103,26 +103,29 @@ class Optimisers:
     """Adam and Muon over the groups of an objective; Muon steps the groups with `hidden`."""
 
     def __init__(self, groups: list[ParameterGroup], device: torch.device):
-        self.highest = [group["lr"] for group in groups]
-        self.each: dict[str, torch.optim.Optimizer] = {}
+        self.highest = [group["lr"] for group in groups]  # learning rates
+        self.optimiser_of_name: dict[str, torch.optim.Optimizer] = {}
         names: list[str] = []  # of the optimiser that steps each group
-        given: dict[str, list[ParameterGroup]] = {"adam": [], "muon": []}
+        groups_of_name: dict[str, list[ParameterGroup]] = {"adam": [], "muon": []}
         for group in groups:
             name = "muon" if group.get("hidden") else "adam"
             names.append(name)
-            given[name].append({key: value for key, value in group.items() if key != "hidden"})
-        if given["adam"]:
-            adam = self.each["adam"] = torch.optim.Adam(given["adam"], lr=0.0, fused=True)
+            groups_of_name[name].append({key: value for key, value in group.items() if key != "hidden"})
+        if groups_of_name["adam"]:
+            # The rate is 0 until `step`, which sets that of each group.
+            adam = torch.optim.Adam(groups_of_name["adam"], lr=0.0, fused=True)
+            self.optimiser_of_name["adam"] = adam
+            # Adam makes its state at the first step; made now, it can be saved and restored before any step.
             for p in _parameters(adam.param_groups):
                 adam.state[p] = {
                     "step": torch.zeros((), device=device),
                     "exp_avg": torch.zeros_like(p),
                     "exp_avg_sq": torch.zeros_like(p),
                 }
-        if given["muon"]:
-            self.each["muon"] = Muon(given["muon"])
-        # Each optimiser has its groups in the given order, so taking the next of the right one puts all in that order.
-        groups_in_turn = {name: iter(optimiser.param_groups) for name, optimiser in self.each.items()}
+        if groups_of_name["muon"]:
+            self.optimiser_of_name["muon"] = Muon(groups_of_name["muon"])
+        # The optimisers' own groups, in the order in which `groups` came: each has its part of them in that order.
+        groups_in_turn = {name: iter(optimiser.param_groups) for name, optimiser in self.optimiser_of_name.items()}
         self.groups = [next(groups_in_turn[name]) for name in names]
 
     @property
@@ -133,7 +136,7 @@ class Optimisers:
     def tensors(self) -> dict[str, Tensor]:
         """Every tensor of their states by name; not copies."""
         tensors = {}
-        for name, optimiser in self.each.items():
+        for name, optimiser in self.optimiser_of_name.items():
             for i, p in enumerate(_parameters(optimiser.param_groups)):
                 for key, value in optimiser.state[p].items():
                     tensors[f"{name}.{i}.{key}"] = value
@@ -143,6 +146,6 @@ class Optimisers:
         """One step down the gradients, each group at its own rate; then clear the gradients."""
         for group, rate in zip(self.groups, rates, strict=True):
             group["lr"] = rate
-        for optimiser in self.each.values():
+        for optimiser in self.optimiser_of_name.values():
             optimiser.step()
             optimiser.zero_grad(set_to_none=True)

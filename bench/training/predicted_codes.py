@@ -43,7 +43,7 @@ def encode(codes: Codes, bits: Ints, sizes: Sequence[Size]) -> bytes:
     model = fitted(codes, bits, canvas)
     taken = list[tuple[NDArray[np.int32], NDArray[np.int32]]]()
 
-    def known(texel: Ints, channel: Ints, curve: Curve) -> Ints:
+    def note_ranges(texel: Ints, channel: Ints, curve: Curve) -> Ints:
         """The codes of a step, which are known; `taken` notes the range of frequencies of each for the coders."""
         code = codes[texel, channel].astype(np.int64)
         below = curve.below(code)
@@ -51,7 +51,7 @@ def encode(codes: Codes, bits: Ints, sizes: Sequence[Size]) -> bytes:
         taken.append((below.astype(np.int32), share.astype(np.int32)))
         return code
 
-    _walk(model, canvas, known)
+    _walk(model, canvas, note_ranges)
     state = np.full(_lanes(codes.size), TOTAL)
     words: list[Ints] = []
     rounds = []
@@ -82,12 +82,13 @@ def decode(data: bytes, bits: Ints, sizes: Sequence[Size]) -> Codes:
 
     def read(texel: Ints, channel: Ints, curve: Curve) -> Ints:
         """The codes of a step, read by the coders in turn, and noted in `codes`."""
-        each = []
+        codes_of_rounds = []
         for part in _rounds(len(texel), len(reader.state)):
-            each.append(reader.codes(Curve(*(numbers[part] for numbers in curve))))
-        found = np.concatenate(each)
-        codes[texel, channel] = found
-        return found
+            curve_of_round = Curve(*(numbers[part] for numbers in curve))
+            codes_of_rounds.append(reader.codes(curve_of_round))
+        codes_of_step = np.concatenate(codes_of_rounds)
+        codes[texel, channel] = codes_of_step
+        return codes_of_step
 
     _walk(model, canvas, read)
     reader.close()
@@ -185,7 +186,8 @@ def fitted(codes: NDArray[np.uint8], bits: Ints, canvas: Canvas) -> CodeModel:
         canvas.fill(values, channel, model.value(channel, codes[:, channel].astype(np.int64)))
     # Texels that choose: about `FITTED`, evenly. The step is rounded up, and made odd by its lowest bit, because an
     # even one could share factors with the width, and all would lie in a few columns.
-    some = np.arange(0, count, -(-count // FITTED) | 1)
+    every = -(-count // FITTED) | 1
+    some = np.arange(0, count, every)
     activity = np.full((1 + channels) * canvas.plane, USUAL, np.uint8)
     for channel in range(channels):
         cell = canvas.cells + channel * canvas.plane

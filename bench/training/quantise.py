@@ -19,8 +19,8 @@ def half_scale(peak: float) -> float:
     """The divisor of numbers up to ±`peak` before they become halves: 1, or a power of two, which is exact."""
     if peak == 0 or HALF_PEAKS[0] <= peak <= HALF_PEAKS[1]:
         return 1.0
-    # Brings the peak to 2^14 to 2^15, well within halves; −126 is the least exponent of a normal float32.
-    return 2.0 ** max(-126, math.ceil(math.log2(peak)) - 15)
+    exponent = math.ceil(math.log2(peak)) - 15  # brings the peak to 2^14 to 2^15, well within halves
+    return 2.0 ** max(-126, exponent)  # −126 is the least exponent of a normal float32
 
 
 def pack(name: str, values: Tensor, precision: FloatPrecision) -> dict[str, Tensor]:
@@ -45,7 +45,8 @@ def unpack(name: str, tensors: dict[str, Tensor]) -> Tensor:
 
 def pack_bits(codes: Tensor, bits: int) -> Tensor:
     """Whole numbers (n,) below 2^bits as bytes, uint8: their bits one after the other, each number's lowest first."""
-    flags = codes.cpu().numpy()[:, None] >> np.arange(bits) & 1  # (n, bits), bit k of each number in column k
+    shifted = codes.cpu().numpy()[:, None] >> np.arange(bits)  # (n, bits)
+    flags = shifted & 1  # bit k of each number in column k
     return torch.from_numpy(np.packbits(flags.astype(np.uint8)))
 
 

@@ -71,11 +71,11 @@ class Samples:
         levels = {1: finest}  # by the texels a side that each averages
         for level in range(1, count):
             levels[2**level] = cls(btf.downsample(2**level), gain, fit, memory_limit=0)
-        small = {factor: each for factor, each in levels.items() if each.table_bytes <= MEMORY_LIMIT}
-        if small:
-            tables = _filled(small, fit.progress(btf, total=len(btf)))
-            for each, table in zip(small.values(), tables, strict=True):
-                each.table = table.to(fit.device)
+        fitting = {factor: level for factor, level in levels.items() if level.table_bytes <= MEMORY_LIMIT}
+        if fitting:
+            tables = _filled(fitting, fit.progress(btf, total=len(btf)))
+            for samples, table in zip(fitting.values(), tables, strict=True):
+                samples.table = table.to(fit.device)
         return list(levels.values())
 
     def _log(self, radiance: np.ndarray) -> Tensor:
@@ -83,31 +83,31 @@ class Samples:
         not_negative = np.maximum(radiance, 0)  # a copy, because a source may be read-only
         return torch.from_numpy(not_negative).mul_(self.gain).log1p_()
 
-    def _up(self, drawn: Tensor) -> Tensor:
-        """Random numbers of the CPU on the fit's device."""
+    def _to_device(self, drawn: Tensor) -> Tensor:
+        """Random numbers, drawn on the CPU, on the fit's device; no step waits for the copy."""
         return drawn.to(self.device, non_blocking=True)
 
     def draw(self, count: int, generator: torch.Generator) -> Batch:
         """Draw `count` samples, uniform over texels and pairs; in a fit to a scene, by its density."""
         if self.density:
             drawn = self.density.draw(count, self.shape, generator)
-            return self.seen(self._up(drawn.texel), self._up(drawn.direction))
+            return self.seen(self._to_device(drawn.texel), self._to_device(drawn.direction))
         # One random number a sample: texel · pairs + pair.
-        flat = self._up(torch.randint(self.trained * self.pairs, (count,), generator=generator))
+        flat = self._to_device(torch.randint(self.trained * self.pairs, (count,), generator=generator))
         return self.at(flat // self.pairs, flat % self.pairs)
 
     def draw_at(self, texel: Tensor, generator: torch.Generator) -> Batch:
         """Draw a sample at each of some texels (n,), uniform over pairs; in a fit to a scene, by its density."""
         if self.density:
             drawn = self.density.draw(len(texel), self.shape, generator)
-            return self.seen(texel, self._up(drawn.direction))
+            return self.seen(texel, self._to_device(drawn.direction))
         pair = torch.randint(self.pairs, (len(texel),), generator=generator)
-        return self.at(texel, self._up(pair))
+        return self.at(texel, self._to_device(pair))
 
     def draw_unseen(self, count: int, generator: torch.Generator) -> Batch:
         """Draw `count` samples of texels kept out of training."""
         texel = self.trained + torch.randint(self.texels - self.trained, (count,), generator=generator)
-        return self.draw_at(self._up(texel), generator)
+        return self.draw_at(self._to_device(texel), generator)
 
     def mean(self, generator: torch.Generator) -> Tensor:
         """The mean log radiance (3,), of a random sample."""
@@ -158,11 +158,11 @@ def _filled(levels: dict[int, Samples], pictures: Iterable[np.ndarray]) -> list[
     `levels` are the samples by the texels a side that each averages; `pictures` (H, W, 3), one a pair, are read once
     for all of them.
     """
-    tables = [torch.empty(each.texels, each.pairs, 3, dtype=torch.float16) for each in levels.values()]
+    tables = [torch.empty(samples.texels, samples.pairs, 3, dtype=torch.float16) for samples in levels.values()]
     for pair, picture in enumerate(pictures):
-        for (factor, each), table in zip(levels.items(), tables, strict=True):
+        for (factor, samples), table in zip(levels.items(), tables, strict=True):
             coarse = picture if factor == 1 else box_filter(picture, factor)
-            table[:, pair] = each._log(coarse).reshape(-1, 3)
+            table[:, pair] = samples._log(coarse).reshape(-1, 3)
     return tables
 
 

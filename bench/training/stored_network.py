@@ -27,7 +27,7 @@ def to_vector(*networks: nn.Module) -> Tensor:
 
 def load_vector(vector: Tensor, *networks: nn.Module) -> None:
     """The inverse of `to_vector`, from any float dtype. Raises `ValueError` if the count differs."""
-    _fill(_all_parameters(networks), vector)
+    _copy_into(_all_parameters(networks), vector)
 
 
 def _all_parameters(networks: Iterable[nn.Module]) -> list[Tensor]:
@@ -45,9 +45,9 @@ def store_network(network: nn.Module, precision: WeightPrecision) -> dict[str, T
     """All weights of a network as named tensors, `weights` and others, for one part of a file."""
     if precision != "int8":
         return pack("weights", to_vector(network), precision)
-    rows, others = _rows_and_others(network)
-    steps = [_steps(matrix) for matrix in rows]
-    codes = [(matrix.detach() / step).round() for matrix, step in zip(rows, steps, strict=True)]
+    matrices, others = _matrices_and_others(network)
+    steps = [_steps(matrix) for matrix in matrices]
+    codes = [(matrix.detach() / step).round() for matrix, step in zip(matrices, steps, strict=True)]
     stored = {"weights": _joined(codes).to(torch.int8).cpu()}
     return stored | pack("weights.step", _joined(steps), "half") | pack("weights.other", _joined(others), "half")
 
@@ -57,13 +57,13 @@ def load_network(network: Stored, tensors: dict[str, Tensor]) -> Stored:
     if "weights.step" not in tensors:
         load_vector(unpack("weights", tensors), network)
         return network
-    rows, others = _rows_and_others(network)
-    _fill(rows, tensors["weights"].float())
-    _fill(others, unpack("weights.other", tensors))
-    steps = [torch.empty(len(matrix), 1) for matrix in rows]
-    _fill(steps, unpack("weights.step", tensors))
+    matrices, others = _matrices_and_others(network)
+    _copy_into(matrices, tensors["weights"].float())
+    _copy_into(others, unpack("weights.other", tensors))
+    steps = [torch.empty(len(matrix), 1) for matrix in matrices]
+    _copy_into(steps, unpack("weights.step", tensors))
     with torch.no_grad():
-        for matrix, step in zip(rows, steps, strict=True):
+        for matrix, step in zip(matrices, steps, strict=True):
             # Halves hold no larger weights either: those of an altered file could overflow in a few layers.
             matrix.mul_(step).clamp_(-HALF_MAX, HALF_MAX)
     return network
@@ -72,21 +72,21 @@ def load_network(network: Stored, tensors: dict[str, Tensor]) -> Stored:
 @contextmanager
 def rounded_weights(networks: Iterable[nn.Module]) -> Iterator[None]:
     """Within it, some networks have the weights that a file of eight bits holds; after it, their own again."""
-    rows = [p for p in _all_parameters(networks) if p.ndim == 2]
-    own = [matrix.detach().clone() for matrix in rows]
+    matrices = [p for p in _all_parameters(networks) if p.ndim == 2]
+    exact = [matrix.detach().clone() for matrix in matrices]
     with torch.no_grad():
-        for matrix in rows:
+        for matrix in matrices:
             step = _steps(matrix)
             matrix.div_(step).round_().mul_(step)
     try:
         yield
     finally:
         with torch.no_grad():
-            for matrix, values in zip(rows, own, strict=True):
+            for matrix, values in zip(matrices, exact, strict=True):
                 matrix.copy_(values)
 
 
-def _rows_and_others(network: nn.Module) -> tuple[list[Tensor], list[Tensor]]:
+def _matrices_and_others(network: nn.Module) -> tuple[list[Tensor], list[Tensor]]:
     """The parameters that are matrices, and the others."""
     parameters = list(network.parameters())
     matrices: list[Tensor] = [p for p in parameters if p.ndim == 2]
@@ -107,7 +107,7 @@ def _joined(tensors: list[Tensor]) -> Tensor:
     return torch.cat([torch.empty(0), *flat])
 
 
-def _fill(tensors: list[Tensor], vector: Tensor) -> None:
+def _copy_into(tensors: list[Tensor], vector: Tensor) -> None:
     """Copy a vector into some tensors, one after the other. Raises `ValueError` if the count differs."""
     counts = [each.numel() for each in tensors]
     wanted = sum(counts)

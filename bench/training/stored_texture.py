@@ -84,22 +84,22 @@ def choose_bits(roundings: Sequence[Rounding], answers: Callable[[], Tensor], ta
     least bits, and the bits of all are shared out together. The squared error that a channel adds grows with the square
     of its rounding.
     """
-    roundings = [each for each in roundings if each.undecided]
+    roundings = [rounding for rounding in roundings if rounding.undecided]
     if not roundings:
         return
     wanted, least = roundings[0].wanted, roundings[0].least
-    # Look everything up once without any rounding, and note the texture of each.
-    seen: dict[Rounding, Tensor] = {}
-    for each in roundings:
-        each.trial = partial(_noted, seen, each)
+    # Look everything up once without any rounding, and note the texture (…, C) of each.
+    texture_of: dict[Rounding, Tensor] = {}
+    for rounding in roundings:
+        rounding.trial = partial(_noted, texture_of, rounding)
     exact = answers()
-    for each in roundings:
-        each.trial = None
+    for rounding in roundings:
+        rounding.trial = None
     noise: list[Tensor] = []  # of each texture, the error (C, n) of each channel with each number of bits
     sizes: list[int] = []  # numbers of each channel
     channels: list[int] = []  # of each texture
-    for each, values in seen.items():
-        noise.append(_added_errors(each, values, answers, exact, least))
+    for rounding, values in texture_of.items():
+        noise.append(_added_errors(rounding, values, answers, exact, least))
         flat = values.flatten(0, -2)
         sizes += [len(flat)] * flat.shape[1]
         channels.append(flat.shape[1])
@@ -110,8 +110,8 @@ def choose_bits(roundings: Sequence[Rounding], answers: Callable[[], Tensor], ta
         bearable = BEARABLE * float((exact - target).square().mean())
         total = MOST_BITS * sum(sizes)
     bits = shared_out(torch.cat(noise).cpu(), torch.tensor(sizes), total, bearable, least)
-    for (each, values), chosen in zip(seen.items(), bits.split(channels), strict=True):
-        each.set(values, chosen)
+    for (rounding, values), chosen in zip(texture_of.items(), bits.split(channels), strict=True):
+        rounding.set(values, chosen)
 
 
 def _added_errors(
@@ -125,19 +125,20 @@ def _added_errors(
     # A channel that may become its mean is tried as its mean: one of two values loses all by it, and nothing by 4 bits.
     probed = PROBED if least else 0
     change = _change(values, probed)
-    felt: list[Tensor] = []
+    changes_of_answers: list[Tensor] = []  # mean squared, of each channel
     for channel in range(values.shape[-1]):
         alone = torch.zeros_like(values)
         alone[..., channel] = change[..., channel]  # no other channel is rounded
         rounding.trial = partial(torch.add, alone)
-        felt.append((answers() - exact).square().mean())
+        changes_of_answers.append((answers() - exact).square().mean())
     rounding.trial = None
     flat = values.flatten(0, -2)
-    some = flat[:: -(-len(flat) // MEASURED)]  # at most so many, evenly: the step is rounded up
+    every = -(-len(flat) // MEASURED)  # rounded up, so that at most `MEASURED` texels are left, evenly spread
+    some = flat[::every]
     # (C, n): the mean squared change of each channel with each number of bits.
     spread = torch.stack([_change(some, bits).square().mean(0) for bits in range(least, MOST_BITS + 1)], 1)
     of_probed = spread[:, probed - least].clamp_min(1e-30)
-    return spread * (torch.stack(felt) / of_probed)[:, None]
+    return spread * (torch.stack(changes_of_answers) / of_probed)[:, None]
 
 
 def round_after(
@@ -149,9 +150,9 @@ def round_after(
     return rounding
 
 
-def _noted(seen: dict[Rounding, Tensor], rounding: Rounding, values: Tensor) -> Tensor:
+def _noted(texture_of: dict[Rounding, Tensor], rounding: Rounding, values: Tensor) -> Tensor:
     """Note the values that a rounding is called with, and return them unchanged."""
-    seen[rounding] = values.detach()
+    texture_of[rounding] = values.detach()
     return values
 
 
@@ -231,7 +232,10 @@ def store_alike(name: str, values: Tensor, other: dict[str, Tensor]) -> dict[str
     if f"{name}.step" not in other:
         return pack(name, values, "half" if other[name].dtype == torch.float16 else "float32")
     rounding = Rounding(values.shape[-1], MOST_BITS)
-    rounding.set(values, other[name][1 : 1 + values.shape[-1]])  # where `compress` writes the bits of each channel
+    bits = other[name][
+        1 : 1 + values.shape[-1]
+    ]  # `compress` writes one byte for the way, then the bits of each channel
+    rounding.set(values, bits)
     return store_texture(name, values, rounding)
 
 

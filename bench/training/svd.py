@@ -59,8 +59,9 @@ def truncated_svd(
         return Factors(scaled.mean / root, scaled.basis / root[:, None], scaled.coefficients)
     features, texels = shape
     size = rank + OVERSAMPLE  # rows of an image
-    small = min(shape) <= EXACT_SIDE and 4 * features * texels <= EXACT_BYTES
-    if small or size * (passes - 1) >= min(shape):
+    bytes_of_matrix = 4 * features * texels
+    small = min(shape) <= EXACT_SIDE and bytes_of_matrix <= EXACT_BYTES
+    if small or size * (passes - 1) >= min(shape):  # the space of all images would be the whole one
         return _exact(read, shape, rank, device)
     mean = torch.zeros(features, device=device)
     rows_of_space = _krylov_space(read, shape, size, passes, mean, generator)
@@ -87,7 +88,8 @@ def _krylov_space(
     They span the images of `size` random rows under AᵀA, under its square, and so on.
     """
     _, texels = shape
-    depth = min(passes - 1, max(2, SPACE_BYTES // (4 * size * texels)))  # images that are kept
+    bytes_of_image = 4 * size * texels
+    depth = min(passes - 1, max(2, SPACE_BYTES // bytes_of_image))  # images that are kept
     space = torch.zeros(depth, size, texels, device=mean.device)
     image = torch.randn(size, texels, generator=generator).to(mean.device)
     for step in range(passes - 1):
@@ -202,7 +204,8 @@ def blocks(btf: BTF, fit: Fit, label: str, gain: float | None, block_bytes: int 
     With a `gain` they are log1p(gain · radiance), negative radiance counting as 0; without, radiance as it is.
     """
     texels = btf.shape[0] * btf.shape[1]
-    step = max(1, (block_bytes or BLOCK_BYTES) // (texels * 12))  # slices of three float32 a texel
+    bytes_of_slice = 12 * texels  # three float32 a texel
+    step = max(1, (block_bytes or BLOCK_BYTES) // bytes_of_slice)  # slices of a block
     for pair, picture in enumerate(fit.progress(btf, label, len(btf))):
         place = pair % step  # in the block
         if place == 0:  # a new block; the last may be shorter

@@ -32,9 +32,9 @@ def compress(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] | 
     `sizes` (H, W) of the pictures that codes (N, C) are of, no neighbours predict them. With channels of no bits,
     `expand` opens `MOST_CODES` in all.
     """
-    told = [channel for channel, each in enumerate(bits) if each]
-    if told:
-        way, payload = _shortest(codes[..., told], [bits[channel] for channel in told], sizes)
+    stored = [channel for channel, count in enumerate(bits) if count]  # the channels of one bit or more
+    if stored:
+        way, payload = _shortest(codes[..., stored], [bits[channel] for channel in stored], sizes)
     else:
         way, payload = PACKED, b""
     return torch.frombuffer(bytearray([way, *bits]) + payload, dtype=torch.uint8)
@@ -58,9 +58,10 @@ def _shortest(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] |
         pictures = _pictures(codes.shape, sizes)
         if pictures:
             ways[PREDICTED] = predicted_codes.encode(planes.T, np.array(bits), pictures)
-    readable = [each for each, payload in ways.items() if codes.numel() <= _most(each, payload)]  # by `expand`
-    way = min(readable, key=lambda each: len(ways[each]))
-    return way, ways[way]
+    # Of the ways from which `expand` accepts so many codes.
+    readable = [way for way, payload in ways.items() if codes.numel() <= _most(way, payload)]
+    shortest = min(readable, key=lambda way: len(ways[way]))
+    return shortest, ways[shortest]
 
 
 def _pictures(shape: Sequence[int], sizes: Sequence[tuple[int, int]] | None) -> Sequence[tuple[int, int]]:
@@ -91,17 +92,17 @@ def expand(data: Tensor, shape: Sequence[int], sizes: Sequence[tuple[int, int]] 
     payload = data[1 + channels :].numpy().tobytes()
     if len(bits) < channels or (bits > MOST_BITS).any():
         raise InputError("a texture of this file does not say its bits: encode it again")
-    told = bits > 0  # the channels that have codes in the payload
-    inner = (*shape[:-1], int(told.sum()))
+    stored = bits > 0  # a mask of the channels that have codes in the payload
+    inner = (*shape[:-1], int(stored.sum()))  # the shape of these codes
     # Channels of no bits take no bytes, so where there are some, a payload justifies only a fixed number of codes.
-    most = _most(way, payload) if told.all() else MOST_CODES
+    most = _most(way, payload) if stored.all() else MOST_CODES
     if min(shape) < 1 or count > most or math.prod(inner) > _most(way, payload):
         raise InputError(f"a texture of this file has {len(payload)} bytes for {count} codes: encode it again")
-    if told.all():
+    if stored.all():
         return _expanded(way, payload, bits, inner, sizes)
     codes = torch.zeros(tuple(shape))
-    if told.any():
-        codes[..., torch.from_numpy(told)] = _expanded(way, payload, bits[told], inner, sizes)
+    if stored.any():
+        codes[..., torch.from_numpy(stored)] = _expanded(way, payload, bits[stored], inner, sizes)
     return codes
 
 
@@ -123,8 +124,8 @@ def _expanded(
         ends = np.cumsum(bits.astype(int) * size)  # where the bits of each channel end
         parts = np.split(flags, ends)[:-1] if len(flags) >= ends[-1] else []  # the last part only fills a byte
         # Each code is at the high end of a byte; below they are shifted down.
-        each = [np.packbits(part.reshape(size, -1), axis=1)[:, 0] for part in parts]
-        planes = np.concatenate(each) if each else np.empty(0, np.uint8)
+        planes_of_channels = [np.packbits(part.reshape(size, -1), axis=1)[:, 0] for part in parts]
+        planes = np.concatenate([np.empty(0, np.uint8), *planes_of_channels])
     else:
         try:
             decoder = lzma.LZMADecompressor(lzma.FORMAT_RAW, filters=_coder(way, count))
@@ -143,5 +144,5 @@ def _coder(way: int, count: int) -> list[dict[str, int]]:
     """LZMA's filters for `count` bytes in some way: the context is the four high bits of the byte before, or none."""
     context = 4 if way == IN_CONTEXT else 0
     size = min(max(4096, count), 1 << 24)  # of its dictionary: no more than the bytes need
-    preset = 9 | lzma.PRESET_EXTREME
+    preset = 9 | lzma.PRESET_EXTREME  # the fewest bytes, whatever the time
     return [{"id": lzma.FILTER_LZMA2, "preset": preset, "lc": context, "lp": 0, "pb": 0, "dict_size": size}]

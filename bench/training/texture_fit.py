@@ -76,9 +76,10 @@ Fitted = TypeVar("Fitted", bound=Objective)
 
 def fitted(objective: Callable[[Samples, Any, torch.Generator], Fitted], settings: Any, btf: BTF, fit: Fit) -> Fitted:
     """An objective that `objective` makes of samples, a codec's settings and a generator, fitted to a whole BTF."""
-    made = objective(Samples(btf, gain_of(btf, fit), fit), settings, fit.generator())
-    train(made, fit, settings.steps, settings.patience)
-    return made
+    samples = Samples(btf, gain_of(btf, fit), fit)
+    to_fit = objective(samples, settings, fit.generator())
+    train(to_fit, fit, settings.steps, settings.patience)
+    return to_fit
 
 
 class DirectedObjective(TextureObjective):
@@ -93,8 +94,8 @@ class DirectedObjective(TextureObjective):
         super().__init__(samples, settings)
         self.network: Decoder = Decoder(settings.architecture, generator)
         self.network.start_at(samples.mean(generator), everywhere=not about)
-        seen = torch.cat(direction_inputs(samples.wo, samples.wi, settings.directions), 1)  # (pairs, directions)
-        self.directions = nn.Buffer(seen, persistent=False)
+        inputs = torch.cat(direction_inputs(samples.wo, samples.wi, settings.directions), 1)
+        self.directions = nn.Buffer(inputs, persistent=False)  # (pairs, inputs of both directions)
 
     def answers(self, numbers: Tensor, pair: Tensor) -> Tensor:
         """Log radiance (n, 3) of texels' numbers (n, D) at pairs (n,)."""
