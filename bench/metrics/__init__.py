@@ -58,7 +58,7 @@ def get(name: str) -> Metric:
 
     `InputError` names the nearest if there is none; `PluginError` if it is of another package and cannot be used.
     """
-    metric, variable = _found(name)
+    metric, variable = _metric_and_parts(name)
     ppd = variable.get("ppd")
     periodic = bool(variable.get("ending"))
     options: dict[str, Any] = {}
@@ -70,22 +70,23 @@ def get(name: str) -> Metric:
     return replace(metric, name=name, periodic=periodic, options=options, family=metric.family or metric.name)
 
 
-def _found(name: str) -> tuple[Metric, dict[str, str | None]]:
-    """The metric that a name belongs to, and the variable parts of the name, `ppd` and `ending`."""
+def _metric_and_parts(name: str) -> tuple[Metric, dict[str, str | None]]:
+    """The metric that a name belongs to, and by name the variable parts, `ppd` and `ending`, of this name."""
     built_in = _built_in(name)
     if built_in:
         return built_in
     plain = name.removesuffix(PERIODIC)
-    others = outside.entries()
-    if plain in others:
-        metric = outside.metric_of_entry(others[plain], {each.family or each.name for each in REGISTERED})
+    outside_entries = outside.entries()
+    if plain in outside_entries:
+        built_in_families = {metric.family or metric.name for metric in REGISTERED}
+        metric = outside.metric_of_entry(outside_entries[plain], built_in_families)
         if metric.periodic or name == plain:
             return metric, {"ending": name.removeprefix(plain)}
-    raise InputError(f"no metric is named {name!r}{did_you_mean(name, [*examples(), *others])}")
+    raise InputError(f"no metric is named {name!r}{did_you_mean(name, [*examples(), *outside_entries])}")
 
 
 def _built_in(name: str) -> tuple[Metric, dict[str, str | None]] | None:
-    """As `_found`, of the metrics of this suite alone; None if the name is of none of them."""
+    """As `_metric_and_parts`, of the metrics of this suite alone; None if the name is of none of them."""
     for metric in REGISTERED:
         # Pixels per degree: a number without needless zeros, so that each distance has one name.
         pattern = re.escape(metric.name).replace(re.escape("{ppd}"), r"(?P<ppd>[1-9]\d{0,3}(?:\.\d*[1-9])?)")
@@ -131,7 +132,7 @@ def chosen_names(names: Sequence[str], periodic: bool) -> tuple[str, ...]:
     plain = [REGISTERED[0].name, *(name.removesuffix(PERIODIC) for name in names)]
     chosen = []
     for name in dict.fromkeys(plain):
-        metric, _ = _found(name)
+        metric, _ = _metric_and_parts(name)
         chosen.append(name + PERIODIC if metric.periodic and periodic else name)
     return tuple(chosen)
 
@@ -176,15 +177,17 @@ def metric_of(names: Iterable[str], family: str) -> str:
 def _member(names: tuple[str, ...], family: str) -> str:
     """As `metric_of`, remembered for each tuple of names."""
 
-    def place(name: str) -> tuple[bool, bool, str]:
-        """The order of preference: the very name, then a default metric, then by name. False sorts before True."""
-        return name != family, name.removesuffix(PERIODIC) not in DEFAULTS, name
+    def preference(name: str) -> tuple[bool, bool, str]:
+        """What sorts names: first the very name, then a default metric, then by name. False sorts before True."""
+        is_another = name != family
+        is_no_default = name.removesuffix(PERIODIC) not in DEFAULTS
+        return is_another, is_no_default, name
 
     def is_member(name: str) -> bool:
         return family in (name, name.removesuffix(PERIODIC), family_of(name))
 
     members = [name for name in names if is_member(name)]
-    return min(members, key=place, default="")
+    return min(members, key=preference, default="")
 
 
 def in_decibels(name: str) -> bool:
@@ -201,7 +204,8 @@ def is_relative(name: str) -> bool:
 
 def direction_of(family: str) -> str:
     """Which end is better in a family of built-in metrics: "higher" or "lower"."""
-    return next(metric.direction for metric in REGISTERED if (metric.family or metric.name) == family)
+    (first, *_) = [metric for metric in REGISTERED if (metric.family or metric.name) == family]
+    return first.direction
 
 
 def stats_of(job: Job, family: str, group: str = "") -> Statistics:

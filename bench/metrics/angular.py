@@ -57,9 +57,10 @@ def polar_map(directions: Array, raw: Array, pool: Pool) -> dict[str, Any]:
     counts: list[list[int]] = []
     for ring in range(RINGS):
         in_ring = ring_of == ring
-        cells = [in_ring & (sector_of == sector) for sector in range(SECTORS)]
-        if ring == 0:
+        if ring == 0:  # one cell
             cells = [in_ring] * SECTORS
+        else:
+            cells = [in_ring & (sector_of == sector) for sector in range(SECTORS)]
         values.append([_pooled(raw[cell], pool) for cell in cells])
         counts.append([int(cell.sum()) for cell in cells])
     edges = {"theta_edges_deg": list(THETA_EDGES_DEG), "phi_centres_deg": [width * j for j in range(SECTORS)]}

@@ -14,8 +14,9 @@ def exposure_of(values: Array) -> float:
     """The exposure of a material from a sample of its radiance, of any shape. It is 0.8 over the 99th percentile; if
     that is 0, over the maximum; if that is 0 too, 1. Negative values count as 0."""
     values = np.maximum(values, 0)
-    # `or`: the maximum if the percentile is 0.
-    bright = float(np.percentile(values, 99)) or float(values.max())
+    bright = float(np.percentile(values, 99))
+    if bright == 0:
+        bright = float(values.max())
     return 0.8 / bright if bright > 0 else 1.0
 
 
@@ -26,7 +27,9 @@ def sample(btf: BTF, seed: int = 0) -> Array:
         return np.concatenate([picture.reshape(-1, 3) for picture in btf])
     rng = np.random.default_rng(seed)
     count = -(-SAMPLE_VALUES // 3)  # of three values each, rounded up
-    pair, row, col = (rng.integers(0, limit, count) for limit in (len(btf), height, width))
+    pair = rng.integers(0, len(btf), count)
+    row = rng.integers(0, height, count)
+    col = rng.integers(0, width, count)
     return btf.gather(pair, row, col)
 
 

@@ -95,12 +95,16 @@ def perceive(planes: Array, ppd: float, periodic: bool) -> Perceived:
     # Edges and points are the lengths of the first and of the second derivatives along rows and along columns, each
     # smoothed by the Gaussian along the other axis.
     smooth = correlate1d(luminance, gaussian, -2, mode=mode)
-    edge = np.hypot(correlate1d(smooth, first, -1, mode=mode), _separable(luminance, first, gaussian, mode))
-    point = np.hypot(correlate1d(smooth, second, -1, mode=mode), _separable(luminance, second, gaussian, mode))
+    edge_across = correlate1d(smooth, first, -1, mode=mode)
+    edge_down = _separable(luminance, first, gaussian, mode)
+    edge = np.hypot(edge_across, edge_down)
+    point_across = correlate1d(smooth, second, -1, mode=mode)
+    point_down = _separable(luminance, second, gaussian, mode)
+    point = np.hypot(point_across, point_down)
     filters = _sensitivity_filters(ppd)
     filtered = [_weighted_sum(plane, terms, mode) for plane, terms in zip(opponents, filters, strict=True)]
-    seen = np.clip(_mix(_RGB_OF_OPPONENT, filtered), 0, 1)
-    return Perceived(_hunt_lab(seen), edge, point)
+    colours = np.clip(_mix(_RGB_OF_OPPONENT, filtered), 0, 1)  # what of the colours the eye can tell apart
+    return Perceived(_hunt_lab(colours), edge, point)
 
 
 def difference(one: Perceived, other: Perceived) -> Array:
@@ -147,8 +151,12 @@ def _sensitivity_filters(ppd: float) -> tuple[tuple[tuple[float, Array], ...], .
     for gaussians in _SENSITIVITY:
         kernels = [np.exp(-(math.pi**2) * degrees**2 / b) for _, b in gaussians]
         # What each Gaussian adds to the sum of the whole 2-D filter, before that sum is made 1.
-        mass = [a * math.sqrt(math.pi / b) * k.sum() ** 2 for (a, b), k in zip(gaussians, kernels, strict=True)]
-        terms = [(m / sum(mass), k / k.sum()) for m, k in zip(mass, kernels, strict=True)]
+        masses = []
+        for (a, b), kernel in zip(gaussians, kernels, strict=True):
+            masses.append(a * math.sqrt(math.pi / b) * kernel.sum() ** 2)
+        terms = []
+        for mass, kernel in zip(masses, kernels, strict=True):
+            terms.append((mass / sum(masses), kernel / kernel.sum()))
         filters.append(tuple(terms))
     return tuple(filters)
 
@@ -160,7 +168,9 @@ def _feature_filters(ppd: float) -> tuple[Array, Array, Array]:
     x = np.arange(-math.ceil(3 * sigma), math.ceil(3 * sigma) + 1)
     gaussian = np.exp(-(x**2) / (2 * sigma**2))
     # The derivatives but for factors, which `_balance` replaces.
-    return gaussian / gaussian.sum(), _balance(-x * gaussian), _balance((x**2 / sigma**2 - 1) * gaussian)
+    first = -x * gaussian
+    second = (x**2 / sigma**2 - 1) * gaussian
+    return gaussian / gaussian.sum(), _balance(first), _balance(second)
 
 
 def _balance(kernel: Array) -> Array:
@@ -273,10 +283,10 @@ class HDR(SliceMetric):
 
     def compare(self, side: tuple[Array, tuple[Perceived, ...]], test: Picture) -> Array:
         """The greatest FLIP (..., H, W) of each texel over the exposures."""
-        steps, seen = side
-        worst = difference(seen[0], self._perceive(test, steps[0]))
-        for step, one in zip(steps[1:], seen[1:], strict=True):
-            np.maximum(worst, difference(one, self._perceive(test, step)), out=worst)
+        steps, references = side
+        worst = difference(references[0], self._perceive(test, steps[0]))
+        for step, reference in zip(steps[1:], references[1:], strict=True):
+            np.maximum(worst, difference(reference, self._perceive(test, step)), out=worst)
         return worst
 
     def tone_map(self, planes: Array) -> Array:

@@ -82,13 +82,16 @@ class Guarded(SliceMetric):
             raise self._wrong("pool", "one number", number)
         return float(number)
 
-    def _answer(self, method: str, *given: Any) -> Any:
+    def _answer(self, method: str, *arguments: Any) -> Any:
         """What a method of the metric answers; `PluginError` for whatever it raises."""
-        return _asked(self.called, f"fails in {method}", getattr(self.metric, method), *given)
+        return _asked(self.called, f"fails in {method}", getattr(self.metric, method), *arguments)
 
     def _wrong(self, method: str, due: str, answer: Any) -> PluginError:
         """The error, to be raised, of a method that returned an answer other than is `due`."""
-        what = f"an array of shape {answer.shape}" if isinstance(answer, np.ndarray) else f"a {type(answer).__name__}"
+        if isinstance(answer, np.ndarray):
+            what = f"an array of shape {answer.shape}"
+        else:
+            what = f"a {type(answer).__name__}"
         if isinstance(answer, np.ndarray | float) and not _are_numbers(answer):
             what += " with NaN"
         return PluginError(f"{self.called}: {method} returned {what}, but must return {due}")
@@ -103,7 +106,9 @@ def _is_map(differences: Any, shape: tuple[int, ...]) -> bool:
     """Whether a map has the slices of its pictures; a metric with a window may leave out their border."""
     if not isinstance(differences, np.ndarray) or differences.dtype.kind not in "fiu" or differences.ndim != len(shape):
         return False
-    fits = all(0 < part <= whole for part, whole in zip(differences.shape[-2:], shape[-2:], strict=True))
+    height, width = shape[-2:]
+    rows, columns = differences.shape[-2:]
+    fits = 0 < rows <= height and 0 < columns <= width
     return fits and differences.shape[:-2] == shape[:-2]
 
 

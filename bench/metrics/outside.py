@@ -34,17 +34,17 @@ def metric_of_entry(entry: EntryPoint, families: Collection[str]) -> Metric:
 
     Raises `PluginError` that names the package, if the description cannot be imported or used.
     """
-    found = _imported(entry, tuple(sys.path))
-    if isinstance(found, PluginError):
-        raise found
+    described = _imported(entry, tuple(sys.path))
+    if isinstance(described, PluginError):
+        raise described
     called = plugins.called(entry, KIND)
-    if not isinstance(found, Metric):
-        fault = f"{entry.value} is a {type(found).__name__}: it must be a bench.metrics.Metric"
+    if not isinstance(described, Metric):
+        fault = f"{entry.value} is a {type(described).__name__}: it must be a bench.metrics.Metric"
         raise PluginError(f"{called}: {fault}")
-    fault = _fault(found, entry, families)
+    fault = _fault(described, entry, families)
     if fault:
         raise PluginError(f"{called}: {fault}")
-    return replace(found, called=called)
+    return replace(described, called=called)
 
 
 @lru_cache(maxsize=64)  # a package that cannot be imported is tried once
@@ -57,21 +57,21 @@ def _imported(entry: EntryPoint, path: tuple[str, ...]) -> object:
         return error
 
 
-def _fault(found: Metric, entry: EntryPoint, families: Collection[str]) -> str:
+def _fault(described: Metric, entry: EntryPoint, families: Collection[str]) -> str:
     """What is wrong with the description of a metric, and the remedy; "" if nothing is."""
-    if found.name != entry.name:
-        return f"it calls itself {found.name!r}: write {entry.name!r} as the name of its Metric"
-    if not re.fullmatch("[a-z][a-z0-9_]*", found.name) or found.name.endswith(PERIODIC):
+    if described.name != entry.name:
+        return f"it calls itself {described.name!r}: write {entry.name!r} as the name of its Metric"
+    if not re.fullmatch("[a-z][a-z0-9_]*", described.name) or described.name.endswith(PERIODIC):
         return f"its name must have small letters, digits and underscores, and not end with {PERIODIC}: rename it"
-    words = (found.unit, found.space, found.label, found.family, found.target)
+    words = (described.unit, described.space, described.label, described.family, described.target)
     if not all(isinstance(word, str) and word.isprintable() for word in words):
         return "its unit, space, label, family and target must be words on one line"
-    if found.direction not in ("higher", "lower"):
-        return f"its direction is {found.direction!r}: write 'higher' or 'lower', whichever is better"
-    if type(found.version) is not int or found.version < 1:
-        return f"its version is {found.version!r}: write 1, and raise it when its numbers change"
-    if found.default:
+    if described.direction not in ("higher", "lower"):
+        return f"its direction is {described.direction!r}: write 'higher' or 'lower', whichever is better"
+    if type(described.version) is not int or described.version < 1:
+        return f"its version is {described.version!r}: write 1, and raise it when its numbers change"
+    if described.default:
         return "only built-in metrics are measured by default: leave out default=True"
-    if found.family in families:
-        return f"the family {found.family!r} is that of a built-in metric: choose another"
+    if described.family in families:
+        return f"the family {described.family!r} is that of a built-in metric: choose another"
     return ""

@@ -99,7 +99,7 @@ class Scorer:
             self.exposure = exposure_of(values) if exposure is None else exposure
             self.metrics = {name: metric.for_material(values) for name, metric in self.metrics.items()}
         # The metrics whose window fits into the picture; the others give NaN.
-        self._apply = {name: m for name, m in self.metrics.items() if min(btf.shape) >= m.smallest}
+        self._applicable = {name: metric for name, metric in self.metrics.items() if min(btf.shape) >= metric.smallest}
         self._cached: dict[tuple[int, ...], _Reference] = {}  # by the pairs of a stack
         self._cached_bytes = 0
 
@@ -159,12 +159,14 @@ class Scorer:
         if truth is None:
             reference = self._cached[block]
         else:
-            wanted = Picture(truth, self.exposure, name)
-            sides = {name: metric.reference_side(wanted) for name, metric in self._apply.items()}
+            true_picture = Picture(truth, self.exposure, name)
+            sides = {name: metric.reference_side(true_picture) for name, metric in self._applicable.items()}
             # Pictures are planar, (3, n, H, W): the mean over all axes but that of the slices.
-            reference = _Reference(sides, wanted.log1p, wanted.linear.mean((0, -2, -1)))
+            reference = _Reference(sides, true_picture.log1p, true_picture.linear.mean((0, -2, -1)))
         picture = Picture(test, self.exposure, "test")
-        means = {name: m.compare(reference.sides[name], picture).mean((-2, -1)) for name, m in self._apply.items()}
+        means = {}
+        for name, metric in self._applicable.items():
+            means[name] = metric.compare(reference.sides[name], picture).mean((-2, -1))  # (n,), over the texels
         abrdf = LogPSNR().compare(reference.log1p, picture).sum(0)  # (n, H, W), summed over the pairs
         return block, reference, (means, reference.radiance, abrdf)
 
@@ -202,7 +204,7 @@ def summarise(scores: Scores, wo: Array, wi: Array, groups: dict[str, Array]) ->
     None stands for no slice to measure.
     """
     descriptions = {name: registry.get(name) for name in scores.raw}
-    loaded = {name: (description, description.load()) for name, description in descriptions.items()}
+    loaded = {name: (description, description.load()) for name, description in descriptions.items()}  # with its metric
     # Masks (n,) of the scored pairs.
     view = grazing(wo[scores.pairs])
     light = grazing(wi[scores.pairs])
@@ -221,8 +223,8 @@ def weighted(scores: Scores, share: Array) -> Group:
     result: Group = {"slices": int((share > 0).sum()), "radiance": radiance, "metrics": {}}
     for name, raw in scores.raw.items():
         description = registry.get(name)
-        some = ~np.isnan(raw) & (share > 0)
-        stats = _weighted(description.load(), raw[some], share[some])
+        counting = ~np.isnan(raw) & (share > 0)  # mask (n,)
+        stats = _weighted(description.load(), raw[counting], share[counting])
         if description.relative:
             stats["relative"] = _relative(stats["pooled"], radiance)
         result["metrics"][name] = stats
@@ -278,9 +280,9 @@ def footprint_errors(
     for pair in np.asarray(pairs).tolist():
         truth = btf[pair]
         for factor, squared in errors.items():
-            wanted = box_filter(truth, factor)
-            test = _decoded(decode(pair, factor), wanted.shape, f"pair {pair} at footprint {factor}")
-            squared.append(display_error(wanted, test, exposure))
+            coarse_truth = box_filter(truth, factor)
+            test = _decoded(decode(pair, factor), coarse_truth.shape, f"pair {pair} at footprint {factor}")
+            squared.append(display_error(coarse_truth, test, exposure))
     return {factor: np.array(squared) for factor, squared in errors.items()}
 
 

@@ -30,15 +30,15 @@ class Step:
 
     def names(self) -> set[str]:
         """The inputs, constants and results that its arguments name."""
-        found = set()
+        names = set()
         waiting = list(self.arguments)
         while waiting:
             match waiting.pop():
                 case {"of": name}:
-                    found.add(name)
+                    names.add(name)
                 case [*inner]:
                     waiting += inner
-        return found
+        return names
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Program:
     def products(self) -> int:
         """The number of multiply-adds in its matrix products, for one query."""
         shapes = {step.name: step.shape for step in self.steps}
-        shapes |= {name: each.shape for name, each in self.constants.items()}
+        shapes |= {name: constant.shape for name, constant in self.constants.items()}
         count = 0
         for step in self.steps:
             if step.operation in ("mm", "addmm", "bmm"):

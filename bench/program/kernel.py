@@ -84,8 +84,8 @@ class Kernel(Backend):
 
     def __call__(self, uv: Sequence[Scalar], wo: Sequence[Scalar], wi: Sequence[Scalar], footprint: Scalar) -> Any:
         """The RGB of queries above the horizon: three Dr.Jit arrays, not yet clamped at 0."""
-        given = (list(uv), list(wo), list(wi), [footprint])
-        return self.run(self.program, dict(zip(INPUTS, given, strict=True)))
+        inputs = (list(uv), list(wo), list(wi), [footprint])
+        return self.run(self.program, dict(zip(INPUTS, inputs, strict=True)))
 
     def each(self, formula: str, arguments: Rows, from_kind: str, kind: str) -> list[Scalar]:
         """As `Backend.each`: one row of scalars for each argument, the results in their order."""
@@ -94,7 +94,7 @@ class Kernel(Backend):
             left, right = arguments
             arguments = [left, [_not_zero(b) for b in right]]
         function = _function(formula, len(arguments))
-        return [function(*each) for each in zip(*arguments, strict=True)]
+        return [function(*scalars) for scalars in zip(*arguments, strict=True)]  # one of each argument
 
     def as_kind(self, scalar: Scalar, from_kind: str, kind: str) -> Scalar:
         """As `Backend.as_kind`: a number of Python stays one; as a number, a mask is 1 or 0."""
@@ -177,11 +177,11 @@ def called_product(kind: ModuleType, inputs: Sequence[Scalar], matrix: Array) ->
     In line, LLVM takes minutes for tens of thousands of literals, and a kernel that evaluates a network several times
     contains them several times. Functions of a few outputs each compile in seconds, once; their sums stay in registers.
     """
-    given = [kind.Float(value) for value in inputs]
+    values_of_inputs = [kind.Float(value) for value in inputs]
     backend = dr.backend_v(kind.Float)
     # A switch with one case, number 0. That number must not be a constant, else LLVM would inline the function. So it
     # depends on an input: 1 or 0, shifted right by one bit, is 0.
-    zero = dr.select(given[0] > 0, kind.UInt32(1), kind.UInt32(0)) >> 1
+    zero = dr.select(values_of_inputs[0] > 0, kind.UInt32(1), kind.UInt32(0)) >> 1
     outputs: list[Scalar] = []
     for first in range(0, matrix.shape[1], BLOCK):
         weights = matrix[:, first : first + BLOCK].tolist()
@@ -195,5 +195,5 @@ def called_product(kind: ModuleType, inputs: Sequence[Scalar], matrix: Array) ->
                 sums = [dr.fma(value, weight, total) for weight, total in zip(row, sums, strict=True)]
             return tuple(sums)
 
-        outputs += dr.switch(zero, [block], *given)
+        outputs += dr.switch(zero, [block], *values_of_inputs)
     return outputs

@@ -63,7 +63,7 @@ def drjit() -> ModuleType:
 def unusable(plugins: bool = False) -> str:
     """Why Dr.Jit cannot use this machine's LLVM for the suite's kernels or, with `plugins`, for Mitsuba's plug-ins too,
     and the remedy; "" if it can. Dr.Jit must be installed. The trial takes about a second, once in a process."""
-    version, passed, end = _tried(os.environ.get(CHOICE, ""))
+    version, passed, end = _trial_results(os.environ.get(CHOICE, ""))
     if not version:
         return f"Dr.Jit finds no usable LLVM ({end}): {REMEDY}"
     # Trials run in order until one ends the process, so the last one that matters tells of all before it.
@@ -74,8 +74,8 @@ def unusable(plugins: bool = False) -> str:
 
 
 @cache
-def _tried(choice: str) -> tuple[str, tuple[str, ...], str]:
-    """The version of LLVM ("" without one), the names of the trials that it passed, and how the process ended.
+def _trial_results(choice: str) -> tuple[str, tuple[str, ...], str]:
+    """Run the trials. Gives LLVM's version, "" without one; the names of passed trials; and how the process ended.
 
     `choice` is the value of the environment variable `CHOICE`, which the process inherits: a result is remembered for
     each.

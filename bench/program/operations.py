@@ -162,9 +162,10 @@ def _pow(m: Backend, step: Step, base: Value, exponent: Any) -> Array:
 def _where(m: Backend, step: Step, condition: Value, yes: Any, no: Any) -> list[Scalar]:
     """`yes` where the condition holds, else `no`; each is a tensor or a number, and all are broadcast."""
     conditions = _flat(m, condition, "bool", step.shape)
-    ones = _flat(m, yes, step.kind, step.shape)
-    others = _flat(m, no, step.kind, step.shape)
-    return [m.choose(holds, one, other, step.kind) for holds, one, other in zip(conditions, ones, others, strict=True)]
+    if_true = _flat(m, yes, step.kind, step.shape)
+    if_false = _flat(m, no, step.kind, step.shape)
+    choices = zip(conditions, if_true, if_false, strict=True)
+    return [m.choose(holds, true, false, step.kind) for holds, true, false in choices]
 
 
 @operation("to_copy")
@@ -219,8 +220,8 @@ def _pad(m: Backend, step: Step, source: Value, pads: list[int], value: float = 
 @operation("mm", "addmm", "bmm")
 def _product(m: Backend, step: Step, *arguments: Value) -> list[Scalar]:
     """Matrix products; of `addmm`, a bias comes before the two factors."""
-    *given, left, right = arguments
-    bias = _flat(m, given[0], "float", step.shape) if given else None
+    *before, left, right = arguments
+    bias = _flat(m, before[0], "float", step.shape) if before else None
     return m.product(left.items, right.items, bias)
 
 
@@ -230,9 +231,9 @@ def _rows(items: Array, axes: Any) -> Rows:
         return [listed(items)]
     axes = axes if isinstance(axes, list) else [axes]
     reduced = [axis % items.ndim for axis in axes]  # negative ones count from the end
-    others = [axis for axis in range(items.ndim) if axis not in reduced]
+    kept = [axis for axis in range(items.ndim) if axis not in reduced]
     count = math.prod(items.shape[axis] for axis in reduced)
-    rows = items.transpose(*others, *reduced).reshape(-1, count)
+    rows = items.transpose(*kept, *reduced).reshape(-1, count)
     return [listed(row) for row in rows]
 
 
@@ -316,7 +317,7 @@ def looked_up(m: Backend, rows: Array, index: Scalar, kind: str) -> list[Scalar]
     chosen = list(rows[0])
     for number in range(1, len(rows)):
         (hit,) = m.each(TRUTHS["eq"], [[index], [number]], "int", "bool")
-        chosen = [m.choose(hit, other, known, kind) for other, known in zip(rows[number], chosen, strict=True)]
+        chosen = [m.choose(hit, new, old, kind) for new, old in zip(rows[number], chosen, strict=True)]
     return chosen
 
 
@@ -335,12 +336,12 @@ OPERATIONS["embedding"] = lambda m, step, table, index, *_: _index_select(m, ste
 @operation("index")
 def _index(m: Backend, step: Step, table: Value, indices: list[Value | None]) -> Array:
     """The elements, or rows, of a tensor at indices for its first axes, which broadcast; none of them may be None."""
-    given = [index.items for index in indices if index is not None]
-    if len(given) != len(indices):
+    index_arrays = [index.items for index in indices if index is not None]
+    if len(index_arrays) != len(indices):
         raise m.cannot("index some axes alone")
-    lead = table.items.shape[: len(given)]
+    lead = table.items.shape[: len(index_arrays)]
     rows = table.items.reshape(math.prod(lead), -1)
-    grids = [listed(grid) for grid in np.broadcast_arrays(*given)]
+    grids = [listed(grid) for grid in np.broadcast_arrays(*index_arrays)]
     chosen = []
     for place in zip(*grids, strict=True):
         row = _row_of(m, place, lead)
@@ -358,8 +359,10 @@ def _row_of(m: Backend, place: Sequence[Scalar], lead: Sequence[int]) -> Scalar:
         if length == 1:  # its only index is 0
             continue
         # Python computes with numbers, and where the number so far is 0; only the rest becomes a formula.
-        if is_number(flat) and (is_number(number) or flat == 0):
-            flat = flat * length + number if flat else number
+        if is_number(flat) and flat == 0:
+            flat = number
+        elif is_number(flat) and is_number(number):
+            flat = flat * length + number
         else:
             (flat,) = m.each("{0} * {1} + {2}", [[flat], [length], [number]], "int", "int")
     return flat

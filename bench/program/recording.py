@@ -81,15 +81,15 @@ def _first(source: Tensor, count: int, axis: int = -1, largest: bool = True, ran
     rows = source.shape[axis]
     if rows > MOST_RANKED:
         raise InputError(f"it ranks {rows:,} numbers, but the limit is {MOST_RANKED}")
-    # Half of the largest float, with the sign that puts it after every number that a material computes.
-    last = torch.finfo(source.dtype).max / (-2 if largest else 2)
+    # With the sign that puts it after every number that a material computes.
+    half_of_largest = torch.finfo(source.dtype).max / 2
+    last = -half_of_largest if largest else half_of_largest
     axes_after = source.ndim - 1 - axis % source.ndim
     # (rows, 1, …), so that it broadcasts along `axis` of the source.
     numbers = torch.arange(rows).unflatten(0, [rows] + [1] * axes_after)
     places, values = [], []
     for _ in range(count):
-        find = source.argmax if largest else source.argmin
-        place = find(axis, keepdim=True)
+        place = source.argmax(axis, keepdim=True) if largest else source.argmin(axis, keepdim=True)
         places.append(place)
         values.append(source.gather(axis, place))
         source = torch.where(numbers == place, last, source)
@@ -104,26 +104,30 @@ def program_of(material: Material) -> Program:
         # alive, and with them guards by which PyTorch pauses recording, so an operation would be missing.
         with _RECORDING, ThreadPoolExecutor(1) as thread:
             exported = thread.submit(_exported, material).result()
-        return _written(exported, material.size)
+        return _program_from(exported, material.size)
     except Exception as error:  # torch.export has no exception type of its own
         message = str(error).strip()
         what = message.splitlines()[0] if message else type(error).__name__
         raise InputError(f"this material cannot be recorded as a program: {what}") from error
 
 
-def _written(exported: torch.export.ExportedProgram, size: tuple[int, int]) -> Program:
+def _program_from(exported: torch.export.ExportedProgram, size: tuple[int, int]) -> Program:
     """The program of a recording, for a material of `size` (H, W)."""
-    known = {**exported.state_dict, **exported.constants}
-    given = exported.graph_signature
-    # Placeholders of the graph, and the weights and constants that they stand for.
-    named = {**given.inputs_to_parameters, **given.inputs_to_buffers, **given.inputs_to_lifted_tensor_constants}
-    recorder = _Recorder({name: known[target].detach() for name, target in named.items()})
-    for placeholder, name in zip(given.user_inputs, INPUTS, strict=True):
+    tensors = {**exported.state_dict, **exported.constants}  # weights and constants by name
+    signature = exported.graph_signature
+    # By placeholder of the graph, the name of the weight or constant that it stands for.
+    target_of = {
+        **signature.inputs_to_parameters,
+        **signature.inputs_to_buffers,
+        **signature.inputs_to_lifted_tensor_constants,
+    }
+    recorder = _Recorder({placeholder: tensors[target].detach() for placeholder, target in target_of.items()})
+    for placeholder, name in zip(signature.user_inputs, INPUTS, strict=True):
         recorder.values[str(placeholder)] = name
     for node in exported.graph.nodes:
         if node.op == "call_function":
             recorder.record(node)
-    (result,) = given.user_outputs
+    (result,) = signature.user_outputs
     return recorder.program(str(result), size)
 
 
@@ -153,7 +157,7 @@ class _Recorder:
         elif operation == "full_like":  # depends only on the shape
             value = node.meta["val"]
             self.values[node.name] = torch.full(tuple(value.shape), arguments[1], dtype=value.dtype)
-        elif not _names(arguments):
+        elif not _any_named(arguments):
             options = {key: self._argument(value) for key, value in node.kwargs.items()}
             self.values[node.name] = target(*arguments, **options)
         else:
@@ -215,9 +219,9 @@ class _Recorder:
 
     def _keep(self, tensor: Tensor) -> str:
         """Store a constant and return its name; the same object keeps the name that it has."""
-        for known, value in self.values.items():
+        for name, value in self.values.items():
             if value is tensor:
-                return known
+                return name
         name = f"constant{len(self.values)}"
         self.values[name] = tensor
         return name
@@ -235,9 +239,9 @@ class _Recorder:
         constants = {}
         for name, value in self.values.items():
             if name in needed and isinstance(value, Tensor):
-                plain = value.detach().cpu()
-                plain = plain.float() if plain.is_floating_point() else plain.int()
-                constants[name] = plain.numpy()
+                constant = value.detach().cpu()
+                constant = constant.float() if constant.is_floating_point() else constant.int()
+                constants[name] = constant.numpy()
         return Program(tuple(reversed(steps)), constants, last, size)
 
 
@@ -248,10 +252,10 @@ def _kind_of(tensor: Tensor) -> str:
     return "bool" if tensor.dtype == torch.bool else "int"
 
 
-def _names(arguments: Any) -> bool:
+def _any_named(arguments: Any) -> bool:
     """Whether some arguments contain an input or a step: strings are names, constants are tensors."""
     if isinstance(arguments, list):
-        return any(_names(each) for each in arguments)
+        return any(_any_named(each) for each in arguments)
     return isinstance(arguments, str)
 
 

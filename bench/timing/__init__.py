@@ -57,10 +57,11 @@ class Queries:
             slices = -(-self.batch // len(centres))
             uv = centres.repeat(slices, 1)[: self.batch]
             pair = from_degrees([40, 20], [30, 200])  # a view and a light
-            wo, wi = (torch.from_numpy(w).expand(self.batch, 3) for w in pair)
+            wo, wi = (torch.from_numpy(direction).expand(self.batch, 3) for direction in pair)
         else:
             uv = torch.from_numpy(rng.random((self.batch, 2), np.float32))
-            wo, wi = (torch.from_numpy(uniform(rng, self.batch)) for _ in range(2))
+            wo = torch.from_numpy(uniform(rng, self.batch))
+            wi = torch.from_numpy(uniform(rng, self.batch))
         footprint = torch.full((self.batch,), self.footprint / max(size))
         return uv.to(device), wo.to(device), wi.to(device), footprint.to(device)
 
@@ -89,9 +90,10 @@ class Timing:
 def interval95(samples: np.ndarray) -> list[float]:
     """The bootstrap 95 % interval of the median of some samples (n,): its lower and upper end."""
     # A thousand new sets of n are drawn from the samples, with repetition. Their medians spread as the median itself.
-    drawn = np.random.default_rng(0).choice(samples, (1000, len(samples)))
-    resampled = np.median(drawn, axis=1)
-    return [float(x) for x in np.percentile(resampled, [2.5, 97.5])]
+    resampled = np.random.default_rng(0).choice(samples, (1000, len(samples)))
+    medians = np.median(resampled, axis=1)
+    low, high = np.percentile(medians, [2.5, 97.5])
+    return [float(low), float(high)]
 
 
 class _Floor(Material):
@@ -117,7 +119,7 @@ def hardware(device: torch.device | str) -> records.Timing:
 
 def conditions(threads: int, device: str) -> records.Timing:
     """The conditions under which `time_materials` measures, to be published with its figures."""
-    found: records.Timing = {
+    stated: records.Timing = {
         "batch": batch_on(device),
         "dtype": "float32",
         "threads": threads,
@@ -126,7 +128,7 @@ def conditions(threads: int, device: str) -> records.Timing:
         "queries": "random uv and directions up to 75°, footprint 0",
         "texture_fetch": True,
     }
-    return found | hardware(device)
+    return stated | hardware(device)
 
 
 def time_materials(
@@ -167,18 +169,19 @@ def in_turns(
     done = kept.read(measured) if kept else 0  # turns that an earlier process measured
     with torch_threads(threads):
         everyone: Iterator[Callable[[], Any]] = followed(show, [floor, *calls.values()], "warming up", len(calls) + 1)
-        floored, *timed = [calibrated(call, device, clock) for call in everyone]
+        time_floor, *time_calls = [calibrated(call, device, clock) for call in everyone]  # each gives ns a call
         for turn in followed(show, range(done, turns), "timing decoders", turns - done):
             # In one turn: floor, call, floor, call, … floor. Each call is divided by the mean of the two around it.
-            floors[turn, 0] = floored()
+            floors[turn, 0] = time_floor()
             for place, i in enumerate(orders[turn]):
-                samples[turn, i] = timed[i]()
-                floors[turn, place + 1] = floored()
+                samples[turn, i] = time_calls[i]()
+                floors[turn, place + 1] = time_floor()
                 ratios[turn, i] = samples[turn, i] / floors[turn, place : place + 2].mean()
             if kept:
                 kept.write(measured, turn + 1)
-    found = {name: Timing(samples[:, i] / batch, ratios[:, i]) for i, name in enumerate(calls)}
-    return {FLOOR: Timing(floors.mean(1) / batch, np.ones(turns))} | found
+    timing_of_floor = Timing(floors.mean(1) / batch, np.ones(turns))
+    timings = {name: Timing(samples[:, i] / batch, ratios[:, i]) for i, name in enumerate(calls)}
+    return {FLOOR: timing_of_floor} | timings
 
 
 def clock_of(threads: int) -> Clock:

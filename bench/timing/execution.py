@@ -68,7 +68,9 @@ def exists_on(variant: Variant, device: torch.device) -> bool:
     """Whether a kind of device supports a variant; `prepared` reports missing packages."""
     if variant.precision == "tf32":  # NVIDIA's
         return device.type == "cuda"
-    return is_gpu(device) or variant.execution != "fused" or variant.precision == "float32"
+    if variant.execution == "fused" and not is_gpu(device):  # by Dr.Jit, which knows no short floats
+        return variant.precision == "float32"
+    return True
 
 
 def is_whole(variant: Variant, device: torch.device) -> bool:
@@ -94,10 +96,10 @@ def prepared(material: Material, variant: Variant) -> Material:
 
 def networks(material: Material) -> list[Decoder]:
     """Every decoder network of a material, however deep."""
-    found: list[Decoder] = []
+    decoders: list[Decoder] = []
     for root in _modules(material):
-        found += [module for module in root.modules() if isinstance(module, Decoder)]
-    return found
+        decoders += [module for module in root.modules() if isinstance(module, Decoder)]
+    return decoders
 
 
 def _modules(material: Material) -> list[nn.Module]:
@@ -107,16 +109,16 @@ def _modules(material: Material) -> list[nn.Module]:
 
 def _replaced(material: Material, make: Callable[[Decoder], nn.Module]) -> int:
     """Replace each decoder network by `make(network)`; returns the number of networks."""
-    held: list[tuple[Any, str, Any]] = []  # what holds a value, under which name, and the value
+    attributes: list[tuple[Any, str, Any]] = []  # what holds a value, under which name, and the value
     for name, value in vars(material).items():
-        held.append((material, name, value))
+        attributes.append((material, name, value))
     for root in _modules(material):
         for module in root.modules():
             for name, child in module.named_children():
-                held.append((module, name, child))
+                attributes.append((module, name, child))
     # Replaced only now, since a loop over modules must not change them.
     count = 0
-    for holder, name, value in held:
+    for holder, name, value in attributes:
         if isinstance(value, Decoder):
             setattr(holder, name, make(value))
             count += 1

@@ -63,15 +63,15 @@ def profile(
     for condition in conditions(batches, all_threads, batch_on(first.device)):
         calls = {name: _call(material, condition) for name, material in materials.items()}
         # Without the codecs that lack the condition's part.
-        there = {name: call for name, call in calls.items() if call}
-        timed = in_turns(there, condition.batch, first.size, condition.threads, first.device)
+        existing = {name: call for name, call in calls.items() if call}
+        timed = in_turns(existing, condition.batch, first.size, condition.threads, first.device)
         for name, timing in timed.items():
             # The floor is always a whole query, so under another part its record would be mislabelled.
             if name == FLOOR and condition.part != "query":
                 continue
-            found = {"material": surface, "name": name} | asdict(condition) | dict(timing.summary())
-            found |= {"samples_ns": timing.samples.tolist()} | dict(hardware(first.device))
-            yield cast(Profile, found)
+            record = {"material": surface, "name": name} | asdict(condition) | dict(timing.summary())
+            record |= {"samples_ns": timing.samples.tolist()} | dict(hardware(first.device))
+            yield cast(Profile, record)
 
 
 def _call(material: Material, condition: Condition) -> Callable[[], Any] | None:
@@ -104,9 +104,11 @@ def roofline(device: torch.device, threads: int, dtype: torch.dtype = torch.floa
     """
     clock = clock_of(threads)
     with torch_threads(threads):
-        product, copy = (calibrated(call, device, clock) for call in ceiling_calls(device, dtype))
-        product_ns = min(product() for _ in range(ROUNDS))
-        copy_ns = min(copy() for _ in range(ROUNDS))
+        product_call, copy_call = ceiling_calls(device, dtype)
+        time_product = calibrated(product_call, device, clock)
+        time_copy = calibrated(copy_call, device, clock)
+        product_ns = min(time_product() for _ in range(ROUNDS))
+        copy_ns = min(time_copy() for _ in range(ROUNDS))
     flops, read = rates(product_ns, copy_ns, device)
     return {
         "flops_per_ns": flops,
@@ -120,7 +122,8 @@ def roofline(device: torch.device, threads: int, dtype: torch.dtype = torch.floa
 def ceiling_calls(device: torch.device, dtype: torch.dtype) -> tuple[Callable[[], Any], Callable[[], Any]]:
     """A matrix product and a copy, whose times are ceilings of a machine."""
     side, copied = sizes_on(device)
-    a, b = (torch.rand(side, side, device=device).to(dtype) for _ in range(2))
+    a = torch.rand(side, side, device=device).to(dtype)
+    b = torch.rand(side, side, device=device).to(dtype)
     product = torch.empty_like(a)
     source = torch.zeros(copied, dtype=torch.uint8, device=device)
     target = torch.empty_like(source)

@@ -103,15 +103,16 @@ class DrJitNetwork(Network):
         """The outputs of inputs, or of (uv, other inputs) for a texture (H, W, C)."""
         shape = None if texture is None else tuple(texture.shape)
         kernels = self.kernels.setdefault(shape, {})
-        given = () if texture is None else (texture,)
-        return batched(kernels, partial(self._kernel, shape), (inputs,), given)
+        not_queries = () if texture is None else (texture,)
+        return batched(kernels, partial(self._kernel, shape), (inputs,), not_queries)
 
     def _kernel(self, shape: tuple[int, ...] | None, n: int, flat: Any, texture: Any = None) -> Sequence[Any]:
         """Row-major inputs, or (uv, other inputs), of n samples → outputs (n,) each."""
         row = self.dr.arange(self.dr.llvm.UInt32, n)
         if shape is None:
             return self.within(row, self._rows(flat, row, self.inputs))
-        u, v, *others = self._rows(flat, row, 2 + self.inputs - shape[2])
+        channels = shape[2]  # the first inputs of the network, which are fetched at uv; only the others are in `flat`
+        u, v, *others = self._rows(flat, row, 2 + self.inputs - channels)
         return self.within(row, [*self._fetch(texture, shape, u, v), *others])
 
     def within(self, row: Any, inputs: Sequence[Any]) -> tuple[Any, ...]:
@@ -136,10 +137,11 @@ class DrJitNetwork(Network):
     def _around(self, place: Any, side: int) -> tuple[tuple[Any, Any], Any]:
         """The two texels around a place along one side, periodic, and how far the place is from the first of them."""
         dr = self.dr
-        whole = dr.floor(place)
+        start = dr.floor(place)
         # The remainder by `side`, which is not negative.
-        first = dr.llvm.UInt32(whole - side * dr.floor(whole / side))
-        return (first, dr.select(first == side - 1, 0, first + 1)), place - whole
+        first = dr.llvm.UInt32(start - side * dr.floor(start / side))
+        second = dr.select(first == side - 1, 0, first + 1)
+        return (first, second), place - start
 
     def _rows(self, flat: Any, row: Any, width: int) -> Any:
         """The `width` numbers of each row (n,) of a row-major table, as that many arrays (n,)."""
@@ -216,5 +218,6 @@ def _sum(values: list[Any]) -> Any:
     """The sum in pairs: a chain would wait for each addition."""
     while len(values) > 1:
         pairs = [a + b for a, b in zip(values[::2], values[1::2], strict=False)]
-        values = pairs + values[len(values) // 2 * 2 :]  # and one that is left over
+        unpaired = values[-1:] if len(values) % 2 else []
+        values = pairs + unpaired
     return values[0]

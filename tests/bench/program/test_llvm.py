@@ -11,9 +11,9 @@ REACHED = "print('LLVM 15.0.6'); print('kernels', flush=True)\n"
 
 @pytest.fixture(autouse=True)
 def forgotten():
-    llvm._tried.cache_clear()
+    llvm._trial_results.cache_clear()
     yield
-    llvm._tried.cache_clear()
+    llvm._trial_results.cache_clear()
 
 
 def verdicts(monkeypatch, program):

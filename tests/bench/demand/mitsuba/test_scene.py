@@ -152,7 +152,7 @@ def test_an_llvm_that_ends_the_process_is_refused(tmp_path, capsys, monkeypatch)
 
     if dr.has_backend(dr.JitBackend.CUDA):
         pytest.skip("this machine has a CUDA device, which needs no LLVM")
-    monkeypatch.setattr(llvm, "_tried", lambda choice: ("LLVM 15.0.6", ("kernels",), "Cannot select: fmaximum"))
+    monkeypatch.setattr(llvm, "_trial_results", lambda choice: ("LLVM 15.0.6", ("kernels",), "Cannot select: fmaximum"))
     path = written(tmp_path, CAMERA, CLOTH, PLANE, LAMP)
     assert cli.main(["demand", str(path), "--bsdf", "cloth", "-o", str(tmp_path / "a.npz")]) == 2
     assert "DRJIT_LIBLLVM_PATH" in capsys.readouterr().err
