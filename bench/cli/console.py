@@ -190,8 +190,9 @@ def _frame_lines(portrait: "Look") -> list[str]:
         return ["frame: not checked: views and lights share no ring of azimuths with all pairs, or all is dark there"]
     lobe = portrait.lobe
     return [
-        f"frame: phi_i - phi_o explains {lobe.given:.0%} of the mean lobe at theta {lobe.theta_deg:.0f}°, most at "
-        f"{lobe.peak_deg:.0f}° (180°: mirror direction); phi_i + phi_o (if one side is mirrored) {lobe.mirrored:.0%}"
+        f"frame: phi_i - phi_o explains {lobe.difference_share:.0%} of the mean lobe at theta {lobe.theta_deg:.0f}°, "
+        f"most at {lobe.peak_deg:.0f}° (180°: mirror direction); phi_i + phi_o (if one side is mirrored) "
+        f"{lobe.sum_share:.0%}"
     ]
 
 

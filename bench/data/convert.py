@@ -82,9 +82,10 @@ def check_place(out: Path) -> None:
     """Raise `InputError` if `write_btf` could not write, before any work starts."""
     if not out.absolute().parent.is_dir():
         raise InputError(f"{out}: there is no such folder: make it first")
-    is_file_name = out.suffix == ".npz"
-    if is_file_name and out.is_dir():
-        raise InputError(f"{out}: it is a folder: choose another name")
+    if out.suffix == ".npz":  # a file, which may replace another
+        if out.is_dir():
+            raise InputError(f"{out}: it is a folder: choose another name")
+        return
     is_taken = out.is_file() or (out.is_dir() and any(out.iterdir()))
-    if not is_file_name and is_taken:
+    if is_taken:
         raise InputError(f"{out}: it exists and is not an empty folder: choose another name (a file ends in .npz)")

@@ -19,31 +19,31 @@ log = logging.getLogger(__name__)
 
 
 def thinned(btf: BTF, pairs: int) -> BTF:
-    """About `pairs` of a BTF's pairs (0: all), evenly spread, so that a product of views and lights stays one.
+    """About `pairs` of a BTF's pairs (0: all). If they are every view with every light, so are those that are kept.
 
-    If the data declare held-out pairs outside that product, training and held-out pairs keep their shares of all, and
+    If the data declare held-out pairs outside such a product, training and held-out pairs keep their shares of all, and
     the held-out ones are a random draw, always the same one. Pairs that form no product are drawn in that way, too.
     """
     if not 0 < pairs < len(btf):
         return btf
-    if btf.layout.grid is not None or btf.heldout is None or not btf.heldout.any():
-        chosen = _even(btf.layout, pairs)
-    else:
-        train, heldout = np.flatnonzero(~btf.heldout), np.flatnonzero(btf.heldout)
-        share = max(1, round(pairs * len(heldout) / len(btf)))
-        layout = Layout.of(btf.wo[train], btf.wi[train])
-        some_train = train[_even(layout, max(1, pairs - share))]
-        some_heldout = heldout[_drawn(len(heldout), share)]
-        chosen = np.concatenate([some_train, some_heldout])
-    return btf.subset(chosen)
+    is_product = btf.layout.grid is not None
+    if is_product or btf.heldout is None or not btf.heldout.any():
+        return btf.subset(_evenly_spread(btf.layout, pairs))
+    train, heldout = np.flatnonzero(~btf.heldout), np.flatnonzero(btf.heldout)
+    heldout_pairs = max(1, round(pairs * len(heldout) / len(btf)))
+    train_pairs = max(1, pairs - heldout_pairs)
+    some_train = train[_evenly_spread(Layout.of(btf.wo[train], btf.wi[train]), train_pairs)]
+    some_heldout = heldout[_random_indices(len(heldout), heldout_pairs)]
+    return btf.subset(np.concatenate([some_train, some_heldout]))
 
 
 class _Shrunk(Source):
     """Averages over boxes of texels, kept in a scratch file, so that fits need not read all texels."""
 
-    at_once = scratch.TOGETHER
+    at_once = scratch.TOGETHER  # as many pairs as a block of the scratch file holds
 
     def __init__(self, boxes: Source):
+        """`boxes` computes the averages from the pictures at full size."""
         self.boxes = boxes
         self.shape = boxes.shape
         self.count = boxes.count
@@ -54,15 +54,18 @@ class _Shrunk(Source):
 
     def slices(self, pairs: np.ndarray) -> list[np.ndarray]:
         """The pictures (H, W, 3) of some pairs, out of the scratch file (blocks, H · W, pairs of a block, 3)."""
-        copy = self._scratch  # sliced, because a place for each value takes NumPy three times as long
-        blocks, places = np.divmod(pairs, copy.shape[2])
+        scratch_file = self._scratch
+        pairs_of_a_block = scratch_file.shape[2]
+        blocks, places = np.divmod(pairs, pairs_of_a_block)
         slices = []
+        # A slice for each pair: one index array for all values takes NumPy three times as long.
         for block, place in zip(blocks, places, strict=True):
-            values = np.asarray(copy[block, :, place], np.float32)
+            values = np.asarray(scratch_file[block, :, place], np.float32)
             slices.append(values.reshape(*self.shape, 3))
         return slices
 
     def fingerprint(self) -> str:
+        """That of the averages, changed, because the scratch file rounds them to halves (float16)."""
         return hashlib.sha256(f"{self.boxes.digest} as halves".encode()).hexdigest()
 
 
@@ -78,21 +81,27 @@ def shrunk(btf: BTF, texels: int) -> BTF:
     return small.over(_Shrunk(small.source))
 
 
-def _even(layout: Layout, pairs: int) -> np.ndarray:
-    """Indices of about `pairs` pairs: a product of evenly spread views and lights, or drawn pairs if they form none."""
+def _evenly_spread(layout: Layout, pairs: int) -> np.ndarray:
+    """Indices of about `pairs` pairs: evenly spread views with evenly spread lights, or random pairs if the layout is
+    no product."""
     if layout.grid is None:
-        return _drawn(len(layout.view), pairs)
+        return _random_indices(len(layout.view), pairs)
     views, lights = len(layout.views), len(layout.lights)
-    few = min(views, lights, math.isqrt(pairs))  # a side with few directions keeps all of them
+    # As many directions on both sides, √pairs; a side that has fewer keeps all of them, and the other one takes more.
+    on_smaller_side = min(views, lights, math.isqrt(pairs))
     if views <= lights:
-        some_views, some_lights = few, min(lights, pairs // few)
+        some_views = on_smaller_side
+        some_lights = min(lights, pairs // some_views)
     else:
-        some_views, some_lights = min(views, pairs // few), few
-    chosen = np.ix_(thin(layout.views, some_views), thin(layout.lights, some_lights))
-    return layout.grid[chosen].reshape(-1)
+        some_lights = on_smaller_side
+        some_views = min(views, pairs // some_lights)
+    view_indices = thin(layout.views, some_views)
+    light_indices = thin(layout.lights, some_lights)
+    # `grid` (views, lights) holds the index of each pair.
+    return layout.grid[np.ix_(view_indices, light_indices)].reshape(-1)
 
 
-def _drawn(count: int, wanted: int) -> np.ndarray:
+def _random_indices(count: int, wanted: int) -> np.ndarray:
     """`wanted` different indices below `count`, or all if there are fewer, drawn with a fixed seed and sorted."""
     return np.sort(np.random.default_rng(0).choice(count, min(count, wanted), replace=False))
 
@@ -133,17 +142,19 @@ def repaired(btf: BTF, show: Progress = silent) -> BTF:
     """Mask values that are not finite; a warning and `provenance["repaired"]` give their number and pairs. Reads every
     slice once. A finite BTF is returned unchanged. `Repaired` describes the replacement."""
     source = Repaired(btf.source)
-    masked = {}
-    pairs = followed(show, btf.pairs.tolist(), "looking for values that are not finite", len(btf))
-    for index, pair in enumerate(pairs):  # the index is the BTF's, the pair its source's
-        _, count = source.mended(pair)
+    masked_values: dict[int, int] = {}  # index of a pair in the BTF → how many of its values are masked
+    source_pairs = btf.pairs.tolist()  # the source may hold more pairs than the BTF
+    watched_pairs = followed(show, source_pairs, "looking for values that are not finite", len(btf))
+    for index, source_pair in enumerate(watched_pairs):
+        _, count = source.mended(source_pair)
         if count:
-            masked[index] = count
-    if not masked:
+            masked_values[index] = count
+    if not masked_values:
         return btf
-    listed = ", ".join(str(index) for index in list(masked)[:10])
-    if len(masked) > 10:
+    listed = ", ".join(str(index) for index in list(masked_values)[:10])
+    if len(masked_values) > 10:
         listed += ", …"
-    note = f"{sum(masked.values())} values that were not finite, masked by the mean of their pair: pairs {listed}"
+    total = sum(masked_values.values())
+    note = f"{total} values that were not finite, masked by the mean of their pair: pairs {listed}"
     log.warning("%s: %s", btf.name, note)
     return btf.over(source, repaired=note)

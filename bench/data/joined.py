@@ -26,26 +26,26 @@ class Joined(Source):
     def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
         """As `Source.texels`: each part fills in its own pairs."""
         out = np.empty((len(rows), len(pairs), 3), np.float32)
-        for chosen, part, inner in self._parts(pairs):
-            out[:, chosen] = part.texels(rows, cols, inner)
+        for places, part, part_pairs in self._by_part(pairs):
+            out[:, places] = part.texels(rows, cols, part_pairs)
         return out
 
     def gather(self, pair: Array, row: Array, col: Array) -> Array:
         """As `Source.gather`: each part fills in the values of its own pairs."""
         out = np.empty((len(pair), 3), np.float32)
-        for chosen, part, inner in self._parts(pair):
-            out[chosen] = part.gather(inner, row[chosen], col[chosen])
+        for places, part, part_pairs in self._by_part(pair):
+            out[places] = part.gather(part_pairs, row[places], col[places])
         return out
 
-    def _parts(self, pairs: Array) -> list[tuple[Array, Source, Array]]:
-        """Group some pairs by part: for each part their positions, the part, and their indices in it."""
+    def _by_part(self, pairs: Array) -> list[tuple[Array, Source, Array]]:
+        """Some pairs grouped by the part that holds them: (their places in `pairs`, the part, their indices in it)."""
         first, second = self.parts
-        late = pairs >= first.count
+        is_second = pairs >= first.count
         groups = []
-        for mask, part, start in ((~late, first, 0), (late, second, first.count)):
-            chosen = np.flatnonzero(mask)
-            if len(chosen):
-                groups.append((chosen, part, pairs[chosen] - start))
+        for mask, part, start in ((~is_second, first, 0), (is_second, second, first.count)):
+            places = np.flatnonzero(mask)
+            if len(places):
+                groups.append((places, part, pairs[places] - start))
         return groups
 
     def window(self, top: int, left: int, height: int, width: int) -> Source:
@@ -63,24 +63,25 @@ class Joined(Source):
         return hashlib.sha256(described.encode()).hexdigest()
 
 
-def followed(btf: BTF, drawn: BTF, kind: str, words: str) -> BTF:
-    """A BTF, followed by the pairs of another table of the surface. `words` describe that table in the provenance.
+def followed(btf: BTF, further: BTF, kind: str, words: str) -> BTF:
+    """A BTF with the pairs of `further`, of the same surface, behind its own; `words` describe them in the provenance.
 
     `kind` is what these pairs are for: `heldout`, which may only follow a BTF that holds none out, or `validation`, by
     which settings are chosen.
     """
-    marks = {kind: np.arange(len(btf) + len(drawn)) >= len(btf)}
+    # `heldout` and `validation` are masks of the BTF, by name. The mask of held-out pairs goes on behind its end.
+    masks = {kind: np.arange(len(btf) + len(further)) >= len(btf)}
     if kind == "validation":
-        marks["heldout"] = np.concatenate([btf.heldout, np.zeros(len(drawn), bool)])
-    wo, wi = np.concatenate([btf.wo, drawn.wo]), np.concatenate([btf.wi, drawn.wi])
-    source = Joined(btf.source, drawn.source)
+        masks["heldout"] = np.concatenate([btf.heldout, np.zeros(len(further), bool)])
+    wo, wi = np.concatenate([btf.wo, further.wo]), np.concatenate([btf.wi, further.wi])
+    source = Joined(btf.source, further.source)
     provenance = btf.provenance | {kind: words}
-    return BTF(btf.name, wo, wi, source, **marks, periodic=btf.periodic, provenance=provenance)
+    return BTF(btf.name, wo, wi, source, **masks, periodic=btf.periodic, provenance=provenance)
 
 
-def joined(tables: list[Table], opened: Callable[[Table], BTF]) -> BTF:
-    """The tables of a surface, each as `opened` makes it, in one BTF."""
-    btf = opened(tables[0])
+def joined(tables: list[Table], open_table: Callable[[Table], BTF]) -> BTF:
+    """The tables of a surface, each as `open_table` makes it, in one BTF."""
+    btf = open_table(tables[0])
     for table in tables[1:]:
-        btf = followed(btf, opened(table), table.kind, table.words)
+        btf = followed(btf, open_table(table), table.kind, table.words)
     return btf

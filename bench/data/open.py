@@ -36,14 +36,14 @@ def open_material(
     """
     kind = kind_of(spec)
     btf = kind.open(spec, data, show, draw, path_tracer)
-    told: dict[str, object] = {}
+    kind_notes: dict[str, object] = {}
     if kind.surface:
-        told["surface"] = kind.surface
+        kind_notes["surface"] = kind.surface
     if kind.free is not None:
-        told["free"] = kind.free
-    if not told:
+        kind_notes["free"] = kind.free
+    if not kind_notes:
         return btf
-    return replace(btf, provenance=btf.provenance | told)
+    return replace(btf, provenance=btf.provenance | kind_notes)
 
 
 def draw_of(spec: MaterialSpec, data: Preparation, repetition: int) -> int:
@@ -62,8 +62,8 @@ def open_named(name: str, changes: Mapping[str, object], show: Progress = silent
     spec = named(name)
     changes = dict(changes)
     repetition = converted("data.seed:", Seed, changes.pop("data.seed", 0), words)
-    of_data = {key: value for key, value in changes.items() if key.startswith("data.")}
-    data = changed(Preparation(), of_data, words)
+    data_changes = {key: value for key, value in changes.items() if key.startswith("data.")}
+    data = changed(Preparation(), data_changes, words)
     kind = kind_of(spec)
     for key in changes:
         reason = kind.ignores(spec, key)
@@ -104,16 +104,16 @@ def from_arrays(
             fault = f"{bad:,} of {picture.size:,} values are not finite (NaN or infinite): mend them"
             remedy = "leave the pair out, or save radiance, wo and wi by numpy.savez and bench.open(path, repair=True)"
             raise InputError(f"radiance[{row}]: {fault}, {remedy}")
-    text = negative(values)
-    if text:
-        log.warning("%s: %s", name, text)
+    warning = negative(values)
+    if warning:
+        log.warning("%s: %s", name, warning)
     warn_of_radians(views, lights, "wo and wi")
     provenance = {"format": "arrays", "colour": "taken as linear Rec. 709", "cosine": "taken as f_r cos(theta_i)"}
     return BTF(name, views, lights, ArraySource(values), heldout=mask, periodic=periodic, provenance=provenance)
 
 
-def _directions(vectors: np.ndarray, word: str, count: int) -> np.ndarray:
-    """Unit vectors (count, 3) float32 of the array `wo` or `wi`, which `word` names in errors."""
+def _directions(vectors: np.ndarray, name: str, count: int) -> np.ndarray:
+    """Unit vectors (count, 3) float32 of the array `wo` or `wi`; `name` is what errors call it."""
     if vectors.shape != (count, 3) or vectors.dtype.kind not in "fiu":
-        raise InputError(f"{word} is {vectors.shape}: it must be ({count}, 3), a direction for each slice of radiance")
-    return unit_directions(vectors, lambda row: f"{word}[{row}]")
+        raise InputError(f"{name} is {vectors.shape}: it must be ({count}, 3), a direction for each slice of radiance")
+    return unit_directions(vectors, lambda row: f"{name}[{row}]")

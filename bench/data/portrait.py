@@ -36,7 +36,7 @@ AZIMUTHS = 6  # azimuths of views, and of lights: 36 slices are read
 LEAST = 5  # azimuths of views, and of lights; with fewer the two cannot be told apart
 HARMONICS = 2
 LOWEST = 50.0  # degrees; nearer the normal, the lobe of a weave along one axis can follow the sum
-CLEAR = (0.5, 2.0)  # a mirrored side explains at least this share, and this many times the share of the given frame
+CLEAR = (0.5, 2.0)  # for a mirrored side φ_i + φ_o explains at least this share, and this many times that of φ_i − φ_o
 
 
 @dataclass(frozen=True)
@@ -44,35 +44,30 @@ class MeanLobe:
     """How the mean of slices depends on azimuths, at one θ of views and lights."""
 
     theta_deg: float
-    given: float  # the share of it that φ_i − φ_o explains
-    mirrored: float  # the share of it that φ_i + φ_o explains
-    peak_deg: float  # the φ_i − φ_o at which it is brightest
+    difference_share: float  # the share of the variation that φ_i − φ_o explains, as it should
+    sum_share: float  # the share of the variation that φ_i + φ_o explains, as if one side were mirrored
+    peak_deg: float  # the φ_i − φ_o at which the mean is brightest
 
     @property
     def looks_mirrored(self) -> bool:
-        """Whether φ_i + φ_o explains it so much better that one side seems to be mirrored."""
-        share, times = CLEAR
-        return self.theta_deg >= LOWEST and self.mirrored >= max(share, times * self.given)
+        """Whether φ_i + φ_o explains the variation so much better that one side seems to be mirrored."""
+        least_share, times_better = CLEAR
+        return self.theta_deg >= LOWEST and self.sum_share >= max(least_share, times_better * self.difference_share)
 
 
 @dataclass(frozen=True)
 class Look:
-    """The findings from a few slices of a BTF.
-
-    `values` (slices, n, 3) are the same n texels of each slice; `power` is the exponent of cos θ_i with which the
-    median of a slice falls over lights, `power_o` that of cos θ_o over views, each None if undefined; `seams` are the
-    gradients across the left–right and the top–bottom border, each divided by the mean and by the largest gradient
-    inside; `lobe` checks the azimuths, if possible.
-    """
+    """The findings from a few slices of a BTF."""
 
     btf: BTF
-    sheet: list[int]
-    thumbs: list[Array]
-    values: Array
-    power: float | None
-    power_o: float | None
+    sheet: list[int]  # the pairs of the contact sheet
+    thumbs: list[Array]  # their pictures, shrunk
+    values: Array  # (slices, n, 3), the same n texels of each slice
+    power: float | None  # of cos θ_i, with which the median of a slice falls over lights; None if undefined
+    power_o: float | None  # of cos θ_o, over views
+    # The gradient across the left–right and the top–bottom border, divided by the mean and by the largest one inside.
     seams: list[tuple[float, float]]
-    lobe: MeanLobe | None
+    lobe: MeanLobe | None  # checks the azimuths; None if it cannot be found
 
     @cached_property
     def layout(self) -> Layout:
@@ -83,42 +78,47 @@ class Look:
     @property
     def clipped(self) -> float:
         """The share of values that lie exactly at the maximum; 0 if they are few, or belong to a flat tile."""
-        top = self.values == self.values.max()
+        is_maximum = self.values == self.values.max()
         # A few values at the maximum are no clipping, and if all are there the material is of one value.
-        if not 10 <= top.sum() < top.size or self._alike(top.any(2)):
+        if not 10 <= is_maximum.sum() < is_maximum.size:
             return 0.0
-        return top.mean()
+        if self._is_flat_tile(is_maximum.any(2)):
+            return 0.0
+        return is_maximum.mean()
 
-    def _alike(self, top: Array) -> bool:
+    def _is_flat_tile(self, is_maximum: Array) -> bool:
         """Whether texels at the maximum equal each other in most other slices, too, so that they show a flat tile.
 
-        `top` (slices, n) is the mask of texels with a channel at the maximum.
+        `is_maximum` (slices, n) is the mask of texels with a channel at the maximum.
         """
-        where = top[top.sum(1).argmax()]  # (n,), of the slice that has most of them
-        below = self.values[~top[:, where].any(1)][:, where]
-        lit = below[below.any((1, 2))]
-        if where.sum() <= 1 or not len(lit):
+        texels = is_maximum[is_maximum.sum(1).argmax()]  # the mask (n,) of the slice that has most of them
+        other_slices = ~is_maximum[:, texels].any(1)  # in which none of these texels is at the maximum
+        values = self.values[other_slices][:, texels]
+        lit = values[values.any((1, 2))]  # the slices in which they are not all black
+        if texels.sum() <= 1 or not len(lit):
             return False
-        alike = (lit == lit[:, :1]).all((1, 2))
-        return bool(alike.mean() > 0.5)
+        are_equal = (lit == lit[:, :1]).all((1, 2))
+        return bool(are_equal.mean() > 0.5)
 
     @property
     def missing(self) -> int:
         """The number of missing pairs of a product of views and lights; 0 if most are missing, so it is no product."""
         product = len(self.layout.views) * len(self.layout.lights)
         measured = len(self.layout.view)
-        return product - measured if measured > product / 2 else 0
+        if measured <= product / 2:
+            return 0
+        return product - measured
 
-    def _fall(self) -> str:
+    def _fall_fault(self) -> str:
         """A sentence on brightness that falls with the wrong angle; "" if it falls with the light's."""
         if self.power is None:
             return ""
         falls = f"brightness falls as cos(theta_i) to the power of {self.power:.2f}"
-        if self.power_o is None:
+        if self.power_o is None:  # one power alone does not tell the two causes apart
             if self.power >= FLAT:
                 return ""
-            both = "the light's cosine seems to be missing, or views and lights are swapped"
-            return f"{falls}: {both}: look which before you multiply"
+            causes = "the light's cosine seems to be missing, or views and lights are swapped"
+            return f"{falls}: {causes}: look which before you multiply"
         falls += f", and as cos(theta_o) to the power of {self.power_o:.2f}"
         if self.power_o - self.power > SWAPPED:
             return f"{falls}: views and lights seem to be swapped: exchange omega_o and omega_i"
@@ -129,65 +129,71 @@ class Look:
     def warnings(self) -> list[str]:
         """One sentence for each likely fault, with its probable cause."""
         warnings = []
-        fall = self._fall()
-        if fall:
-            warnings.append(fall)
+        fall_fault = self._fall_fault()
+        if fall_fault:
+            warnings.append(fall_fault)
         if self.clipped >= CLIPPED:
-            most = f"exactly at the maximum, {self.values.max():.4g}"
-            warnings.append(f"{self.clipped:.2%} of the values lie {most}: highlights are clipped")
-        below_0 = negative(self.values)
-        if below_0:
-            warnings.append(below_0)
+            place = f"exactly at the maximum, {self.values.max():.4g}"
+            warnings.append(f"{self.clipped:.2%} of the values lie {place}: highlights are clipped")
+        negative_fault = negative(self.values)
+        if negative_fault:
+            warnings.append(negative_fault)
         if self.missing:
             whole = f"{len(self.layout.views)} views × {len(self.layout.lights)} lights"
             warnings.append(f"{self.missing:,} pairs of the product of {whole} are missing")
         if self.lobe and self.lobe.looks_mirrored:
-            found = f"phi_i + phi_o ({self.lobe.mirrored:.0%}), not phi_i - phi_o ({self.lobe.given:.0%})"
+            by_sum, by_difference = f"{self.lobe.sum_share:.0%}", f"{self.lobe.difference_share:.0%}"
+            shares = f"phi_i + phi_o ({by_sum}), not phi_i - phi_o ({by_difference})"
             fault = "the azimuths of the views or of the lights seem to be mirrored"
-            warnings.append(f"the mean lobe follows {found}: {fault}")
-        for (mean, largest), border in zip(self.seams, ("left–right", "top–bottom"), strict=True):
-            if mean >= SEAM and largest >= 1:
-                what = "although the data call it periodic" if self.btf.periodic else "it shows when repeated"
-                warnings.append(f"a seam at the {border} border, {mean:.1f} times the gradient inside: {what}")
+            warnings.append(f"the mean lobe follows {shares}: {fault}")
+        for (to_mean, to_largest), border in zip(self.seams, ("left–right", "top–bottom"), strict=True):
+            if to_mean >= SEAM and to_largest >= 1:
+                remark = "although the data call it periodic" if self.btf.periodic else "it shows when repeated"
+                warnings.append(f"a seam at the {border} border, {to_mean:.1f} times the gradient inside: {remark}")
         return warnings
 
 
 def look(btf: BTF) -> Look:
     """Read at most about 108 slices of a BTF, one at a time."""
-    rng = np.random.default_rng(0)
-    row = _nearest(btf.layout.view, btf.wo, btf.wi)
-    column = _nearest(btf.layout.light, btf.wi, btf.wo)
+    of_one_view = _pairs_nearest_normal(btf.layout.view, btf.wo, btf.wi)
+    of_one_light = _pairs_nearest_normal(btf.layout.light, btf.wi, btf.wo)
     sheet = _sheet(btf)
     values = []
-    thumbs = {}
-    medians = {}
+    thumbs = {}  # pair → shrunk picture
+    medians = {}  # pair → median brightness
     seams = []
     count = btf.shape[0] * btf.shape[1]
-    chosen = rng.integers(0, count, TEXELS) if count > TEXELS else np.arange(count)
-    for pair in dict.fromkeys([*sheet, *row, *column]):
+    if count > TEXELS:
+        texel_indices = np.random.default_rng(0).integers(0, count, TEXELS)
+    else:
+        texel_indices = np.arange(count)
+    for pair in dict.fromkeys([*sheet, *of_one_view, *of_one_light]):  # each pair once, in this order
         picture = btf[pair]
         texels = picture.reshape(-1, 3)
-        values.append(texels[chosen])
+        values.append(texels[texel_indices])
         medians[pair] = float(np.median(texels.mean(1)))
         seams.append(maps.seams(picture))
         if pair in sheet:
             thumbs[pair] = box_filter(picture, max(1, max(picture.shape) // THUMB))
-    power = _power(btf.wi[row, 2], np.array([medians[pair] for pair in row]))
-    power_o = _power(btf.wo[column, 2], np.array([medians[pair] for pair in column]))
-    ratios = []
-    for across, mean, largest in np.mean(seams, 0):
-        ratios.append((float(across / max(mean, 1e-12)), float(across / max(largest, 1e-12))))
-    shown = [thumbs[pair] for pair in sheet]
-    return Look(btf, sheet, shown, np.stack(values), power, power_o, ratios, mean_lobe(btf))
+    power = _power(btf.wi[of_one_view, 2], np.array([medians[pair] for pair in of_one_view]))
+    power_o = _power(btf.wo[of_one_light, 2], np.array([medians[pair] for pair in of_one_light]))
+    seam_ratios = []
+    # The means over slices, for both borders; 1e-12 avoids a division by 0 in flat pictures.
+    for across, inside, largest in np.mean(seams, 0):
+        seam_ratios.append((float(across / max(inside, 1e-12)), float(across / max(largest, 1e-12))))
+    sheet_thumbs = [thumbs[pair] for pair in sheet]
+    return Look(btf, sheet, sheet_thumbs, np.stack(values), power, power_o, seam_ratios, mean_lobe(btf))
 
 
-def _nearest(index: Array, side: Array, other: Array) -> list[int]:
+def _pairs_nearest_normal(index: Array, side: Array, other: Array) -> list[int]:
     """The pairs at that direction of one side which is nearest the normal: at most `LIGHTS`, spread over the other.
 
     `side` and `other` are the directions (N, 3) of both; `index` (N,) tells the distinct directions of `side` apart.
     """
-    pairs = np.flatnonzero(index == index[int(np.argmax(side[:, 2]))])
-    return [int(i) for i in pairs[thin(other[pairs], min(LIGHTS, len(pairs)))]]
+    nearest = index[int(np.argmax(side[:, 2]))]
+    pairs = np.flatnonzero(index == nearest)
+    spread = thin(other[pairs], min(LIGHTS, len(pairs)))
+    return [int(pair) for pair in pairs[spread]]
 
 
 def _power(cos: Array, medians: Array) -> float | None:
@@ -202,23 +208,26 @@ def _power(cos: Array, medians: Array) -> float | None:
 
 
 def _sheet(btf: BTF) -> list[int]:
-    """Pairs of the contact sheet: evenly spread views × lights, else pairs spread over the list."""
+    """Pairs of the contact sheet: evenly spread views × lights of the training pairs, or if these are no product, pairs
+    spread over their list."""
     pairs = np.arange(len(btf)) if btf.heldout is None else np.flatnonzero(~btf.heldout)
     layout = Layout.of(btf.wo[pairs], btf.wi[pairs])
     count = SHEET[0] * SHEET[1]
     if layout.grid is None:
         spread = np.unique(np.linspace(0, len(pairs) - 1, count).astype(int))
         return [int(pair) for pair in pairs[spread]]
-    views = _spread(layout.views, max(SHEET[0], count // len(layout.lights)))
-    lights = _spread(layout.lights, count // len(views))
-    return [int(pair) for pair in pairs[layout.grid[np.ix_(views, lights)].reshape(-1)]]
+    views = _spread_directions(layout.views, max(SHEET[0], count // len(layout.lights)))  # more if lights are few
+    lights = _spread_directions(layout.lights, count // len(views))
+    places = layout.grid[np.ix_(views, lights)].reshape(-1)
+    return [int(pair) for pair in pairs[places]]
 
 
-def _spread(side: Array, count: int) -> Array:
-    """Indices of at most `count` evenly spread directions, without grazing ones if there are others."""
-    steep = np.flatnonzero(side[:, 2] > STEEP)
-    steep = steep if len(steep) >= count else np.arange(len(side))
-    return steep[thin(side[steep], min(count, len(steep)))]
+def _spread_directions(side: Array, count: int) -> Array:
+    """Indices of at most `count` evenly spread directions (N, 3), without grazing ones if there are enough others."""
+    indices = np.flatnonzero(side[:, 2] > STEEP)
+    if len(indices) < count:
+        indices = np.arange(len(side))
+    return indices[thin(side[indices], min(count, len(indices)))]
 
 
 def mean_lobe(btf: BTF) -> MeanLobe | None:
@@ -231,19 +240,19 @@ def mean_lobe(btf: BTF) -> MeanLobe | None:
     layout = Layout.of(btf.wo[pairs], btf.wi[pairs])
     if layout.grid is None:
         return None
-    ring = _ring(layout)
+    ring = _outermost_ring(layout)
     if ring is None:
         return None
     theta, views, lights = ring
-    chosen = pairs[layout.grid[np.ix_(views, lights)]]
-    means = np.empty(chosen.shape)
-    for place in np.ndindex(chosen.shape):
-        means[place] = btf[int(chosen[place])].mean(dtype=np.float64)
+    ring_pairs = pairs[layout.grid[np.ix_(views, lights)]]  # (views, lights)
+    means = np.empty(ring_pairs.shape)
+    for place in np.ndindex(ring_pairs.shape):
+        means[place] = btf[int(ring_pairs[place])].mean(dtype=np.float64)
     if means.min() <= 0:
         return None
     means /= layout.lights[lights, 2]
-    rest = means / means.mean(1, keepdims=True)  # (views, lights), each view at a mean of 1
-    rest = rest / rest.mean(0) - 1  # and each light, and then at a mean of 0
+    rest = means / means.mean(1, keepdims=True)  # each view has a mean of 1
+    rest = rest / rest.mean(0) - 1  # each light has a mean of 1, and then of 0
     total = float((rest**2).sum())
     if not total > 1e-9 * rest.size:  # it does not depend on both azimuths
         return None
@@ -251,15 +260,17 @@ def mean_lobe(btf: BTF) -> MeanLobe | None:
     _, phi_i_deg = to_degrees(layout.lights[lights])
     phi_o = np.radians(phi_o_deg)
     phi_i = np.radians(phi_i_deg)
-    share, coefficients = _explained(rest, phi_i - phi_o[:, None])
-    mirrored_share, _ = _explained(rest, phi_i + phi_o[:, None])
+    by_difference, amplitudes = _explained(rest, phi_i - phi_o[:, None])
+    by_sum, _ = _explained(rest, phi_i + phi_o[:, None])
     degrees = np.arange(360.0)
-    peak = degrees[np.argmax(_waves(np.radians(degrees)) @ coefficients)]
-    return MeanLobe(theta, share / total, mirrored_share / total, float(peak))
+    lobe = _waves(np.radians(degrees)) @ amplitudes
+    peak = degrees[np.argmax(lobe)]
+    return MeanLobe(theta, by_difference / total, by_sum / total, float(peak))
 
 
-def _ring(layout: Layout) -> tuple[float, Array, Array] | None:
-    """θ of the outermost ring of both sides in degrees, and the indices of views and lights spread around it."""
+def _outermost_ring(layout: Layout) -> tuple[float, Array, Array] | None:
+    """θ in degrees of the outermost ring that has directions of both sides, and the indices of views and of lights
+    spread around it; None if no ring has `LEAST` of each."""
     theta_o, phi_o = to_degrees(layout.views)
     theta_i, phi_i = to_degrees(layout.lights)
     for degrees in range(85, 4, -1):
@@ -280,13 +291,13 @@ def _evenly_around(phi: Array) -> Array:
     """Indices of at most `AZIMUTHS` azimuths (degrees), each the nearest to one of as many evenly spaced ones."""
     if not len(phi):
         return np.zeros(0, int)
-    wanted = phi.min() + np.arange(AZIMUTHS) * 360.0 / AZIMUTHS
-    apart = np.abs((phi[:, None] - wanted + 180) % 360 - 180)  # around the circle, at most 180°
-    return np.unique(apart.argmin(0))
+    even_azimuths = phi.min() + np.arange(AZIMUTHS) * 360.0 / AZIMUTHS
+    distances = np.abs((phi[:, None] - even_azimuths + 180) % 360 - 180)  # around the circle, at most 180°
+    return np.unique(distances.argmin(0))
 
 
 def _waves(angle: Array) -> Array:
-    """The harmonics (..., 2 · HARMONICS) of angles (...)."""
+    """The harmonics (..., 2 · HARMONICS) of angles (...): cos φ, sin φ, cos 2φ, sin 2φ."""
     waves = []
     for k in range(1, HARMONICS + 1):
         waves += [np.cos(k * angle), np.sin(k * angle)]
@@ -301,10 +312,10 @@ def _explained(rest: Array, angle: Array) -> tuple[float, Array]:
     waves = _waves(angle)
     # `rest` has no mean over a view or over a light, so the waves must have none either.
     waves = waves - waves.mean(0) - waves.mean(1, keepdims=True) + waves.mean((0, 1))
-    flat = waves.reshape(rest.size, -1)
-    coefficients = np.linalg.lstsq(flat, rest.reshape(-1), rcond=None)[0]
-    left = rest.reshape(-1) - flat @ coefficients
-    return float((rest**2).sum() - (left**2).sum()), coefficients
+    waves = waves.reshape(rest.size, -1)  # (values, 2 · HARMONICS)
+    amplitudes = np.linalg.lstsq(waves, rest.reshape(-1), rcond=None)[0]
+    unexplained = rest.reshape(-1) - waves @ amplitudes
+    return float((rest**2).sum() - (unexplained**2).sum()), amplitudes
 
 
 def draw(seen: Look, out: Path) -> None:
@@ -314,10 +325,11 @@ def draw(seen: Look, out: Path) -> None:
 
     columns = SHEET[1]
     rows = math.ceil(len(seen.sheet) / columns)
-    figure = Figure(figsize=(2 * columns, 4 + 2.2 * rows), layout="constrained")
+    plots_height, sheet_height = 4, 2.2 * rows  # inches
+    figure = Figure(figsize=(2 * columns, plots_height + sheet_height), layout="constrained")
     height, width = seen.btf.shape
     figure.suptitle(f"{visible(seen.btf.name)}: {height} × {width} texels, {len(seen.btf):,} pairs")
-    top, bottom = figure.subfigures(2, 1, height_ratios=[4, 2.2 * rows])  # type: ignore[misc]
+    top, bottom = figure.subfigures(2, 1, height_ratios=[plots_height, sheet_height])  # type: ignore[misc]
     _draw_directions(top.add_subplot(1, 3, 1, projection="polar"), seen, "views", seen.btf.wo)
     _draw_directions(top.add_subplot(1, 3, 2, projection="polar"), seen, "lights", seen.btf.wi)
     _draw_values(top.add_subplot(1, 3, 3), seen.values)
@@ -325,7 +337,8 @@ def draw(seen: Look, out: Path) -> None:
     for place, (pair, thumb) in enumerate(zip(seen.sheet, seen.thumbs, strict=True)):
         axes = bottom.add_subplot(rows, columns, place + 1)
         axes.imshow(to_display(thumb, exposure))
-        (theta_o, theta_i), (phi_o, phi_i) = to_degrees(np.stack([seen.btf.wo[pair], seen.btf.wi[pair]]))
+        directions = np.stack([seen.btf.wo[pair], seen.btf.wi[pair]])
+        (theta_o, theta_i), (phi_o, phi_i) = to_degrees(directions)
         axes.set_title(f"o {theta_o:.0f}°, {phi_o:.0f}°   i {theta_i:.0f}°, {phi_i:.0f}°", fontsize=7)
         axes.set_axis_off()
     with writable(out):
@@ -334,9 +347,11 @@ def draw(seen: Look, out: Path) -> None:
 
 def _draw_directions(axes: Any, seen: Look, title: str, directions: Array) -> None:
     """Draw one side's directions (N, 3), each distinct one once, in polar axes; the held-out ones in another colour."""
-    heldout = np.zeros(len(directions), bool) if seen.btf.heldout is None else seen.btf.heldout
+    heldout = seen.btf.heldout
+    if heldout is None:
+        heldout = np.zeros(len(directions), bool)
     for mask, label in ((heldout, "held out"), (~heldout, "training")):
-        distinct = Layout.of(directions[mask], directions[mask]).views
+        distinct = Layout.of(directions[mask], directions[mask]).views  # each direction once
         theta, phi = to_degrees(distinct)
         if mask.any():
             axes.scatter(np.radians(phi), theta, s=8, label=label)

@@ -29,11 +29,11 @@ Directions = Annotated[int, Range(1, 10_000)]
 
 
 class Table(NamedTuple):
-    """Pairs of one kind: what a provenance says of them, "" for the product to train on, and `wo` and `wi` (N, 3)."""
+    """Pairs of one kind."""
 
     kind: Literal["train", "heldout", "validation"]
-    words: str
-    pairs: tuple[Array, Array]
+    words: str  # what a provenance says of them; "" for the product to train on
+    pairs: tuple[Array, Array]  # `wo` and `wi` (N, 3)
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,8 @@ class Preparation:
 
     def __post_init__(self) -> None:
         """Raise `InputError` for values that do not go together, or that would fill the machine."""
-        needed = 12 * self.size**2 * max(self.views * self.lights, self.heldout)
+        bytes_of_a_texel = 3 * 4  # red, green and blue as float32
+        needed = bytes_of_a_texel * self.size**2 * max(self.views * self.lights, self.heldout)
         if needed > MOST:
             asked = f"{self.size} × {self.size} texels at {self.views} × {self.lights} + {self.heldout} pairs"
             limit = f"the limit is {MOST >> 30}: lower size, views, lights or heldout"
@@ -76,26 +77,30 @@ class Preparation:
         """`wo` and `wi` (N, 3) float32 of the training pairs: every view with every light, view-major."""
         if self.directions not in DIRECTION_SETS:
             raise InputError(f"unknown direction set {self.directions!r}: there are {', '.join(DIRECTION_SETS)}")
-        everything = DIRECTION_SETS[self.directions]()
+        directions = DIRECTION_SETS[self.directions]()
         counts = (self.views, self.lights)
-        if not all(1 <= count <= len(everything) for count in counts):
-            most = f"the {len(everything)} of {self.directions}"
+        if not all(1 <= count <= len(directions) for count in counts):
+            most = f"the {len(directions)} of {self.directions}"
             raise InputError(f"views and lights must be between 1 and {most}, not {counts}")
-        return thinned_product(everything, *counts)
+        return thinned_product(directions, *counts)
 
     def drawn(self, material: str, seed: int, draw: int = 0) -> tuple[Array, Array]:
-        """`wo` and `wi` (heldout, 3) float32, uniform in solid angle up to 75°; `draw` selects test pairs."""
-        stream = [seed, 0x5EED]  # another for each split, so that test pairs tell nothing about validation pairs
+        """`wo` and `wi` (heldout, 3) float32 of the held-out pairs, uniform in solid angle up to 75°.
+
+        Test pairs differ by `draw` and by `material`; validation pairs depend on the seed alone.
+        """
+        # Each split has a random stream of its own, so that test pairs tell nothing about validation pairs.
+        stream = [seed, 0x5EED]
         if self.split == "test":
-            named = int.from_bytes(hashlib.sha256(material.encode()).digest()[:4], "big")
-            stream = [seed, 0x7E57, draw, named]
+            material_number = int.from_bytes(hashlib.sha256(material.encode()).digest()[:4], "big")
+            stream = [seed, 0x7E57, draw, material_number]
         rng = np.random.default_rng(stream)
         return uniform(rng, self.heldout), uniform(rng, self.heldout)
 
     def described(self, draw: int = 0) -> str:
-        """The held-out pairs in words, for a provenance."""
-        which = f"test pairs, draw {draw}" if self.split == "test" else "validation pairs"
-        return f"{self.heldout} {which}, uniform in solid angle, theta_deg <= 75"
+        """The held-out pairs in words, for a provenance: `150 test pairs, draw 0, uniform in solid angle, …`."""
+        purpose = f"test pairs, draw {draw}" if self.split == "test" else "validation pairs"
+        return f"{self.heldout} {purpose}, uniform in solid angle, theta_deg <= 75"
 
     def tables(self, material: str, seed: int, draw: int) -> list[Table]:
         """All pairs to render, a table for each kind, so that for another draw only the table of test pairs is rendered
@@ -104,8 +109,8 @@ class Preparation:
         if self.heldout:
             tables.append(Table("heldout", self.described(draw), self.drawn(material, seed, draw)))
         if self.validation:
-            choosing = dataclasses.replace(self, split="validation", validation=False)
-            tables.append(Table("validation", choosing.described(), choosing.drawn(material, seed)))
+            of_validation = dataclasses.replace(self, split="validation", validation=False)
+            tables.append(Table("validation", of_validation.described(), of_validation.drawn(material, seed)))
         return tables
 
     def everything(self, material: str, seed: int) -> tuple[Array, Array]:
@@ -125,9 +130,9 @@ class MaterialSpec:
 
     def __post_init__(self) -> None:
         """Raise `InputError` for a name or a path that no record or file name can hold."""
-        shown = self.path.encode("utf-8", "backslashreplace").decode()
-        if shown != self.path:
-            raise InputError(f"{shown}: its name is not UTF-8, so no record can hold it: rename it")
+        printable_path = self.path.encode("utf-8", "backslashreplace").decode()
+        if printable_path != self.path:
+            raise InputError(f"{printable_path}: its name is not UTF-8, so no record can hold it: rename it")
         length = len(self.name.encode())
         if length > MOST_NAME:
             raise InputError(
@@ -135,36 +140,46 @@ class MaterialSpec:
             )
 
     def existing(self) -> Path | None:
-        """The path of measured data on this machine, or None."""
+        """The path of a material that is not built in, as it is or under NEUBTF_DATA; None if it is not there."""
         for place in (Path(self.path), Path(os.environ.get("NEUBTF_DATA", "")) / self.path):
             if os.path.exists(place):  # False for a name too long, where Path.exists raises
                 return place
         return None
 
     def there(self) -> Path:
-        """The same path. `MissingDataError` says where to get data that are not there, `InputError` if nobody said."""
+        """The path that `existing` finds. If it finds none, it raises a `MissingDataError` that says where to get the
+        data, or an `InputError` if the suite does not say."""
         path = self.existing()
-        if path is None:
-            under = f", nor under NEUBTF_DATA={os.environ['NEUBTF_DATA']}" if "NEUBTF_DATA" in os.environ else ""
-            error = MissingDataError if self.where else InputError
-            raise error(f"{self.path}: there is no such file{under}: {self.where or 'check the path'}")
-        return path
+        if path is not None:
+            return path
+        fault = f"{self.path}: there is no such file"
+        if "NEUBTF_DATA" in os.environ:
+            fault += f", nor under NEUBTF_DATA={os.environ['NEUBTF_DATA']}"
+        if self.where:
+            raise MissingDataError(f"{fault}: {self.where}")
+        raise InputError(f"{fault}: check the path")
 
 
 def named(material: str) -> MaterialSpec:
     """The material of a bare string: a path if it looks like one or exists, else a built-in name."""
-    spec = MaterialSpec(Path(material).name or material, material)
-    is_path = os.sep in material or bool(Path(material).suffix) or spec.existing()
-    return spec if is_path else MaterialSpec(material)
+    at_path = MaterialSpec(Path(material).name or material, material)  # the path / has no name of its own
+    looks_like_path = os.sep in material or Path(material).suffix != ""
+    if looks_like_path or at_path.existing():
+        return at_path
+    return MaterialSpec(material)
 
 
 def changed(data: Preparation, changes: Mapping[str, object], words: bool = True) -> Preparation:
-    """Change some keys of a preparation, as `--set data.KEY=VALUE` does; values are `words`, or of the field's type."""
-    kinds = get_type_hints(Preparation, include_extras=True)
+    """A preparation with some settings changed, as `--set data.KEY=VALUE` does.
+
+    `changes` maps keys, with or without `data.`, to values: texts as on a command line if `words`, else of the field's
+    type.
+    """
+    types = get_type_hints(Preparation, include_extras=True)
     values = {}
     for key, value in changes.items():
         name = key.removeprefix("data.")
-        if name not in kinds:
-            raise InputError(f"{key}: no such setting of the data{did_you_mean(name, kinds)}")
-        values[name] = converted(f"{key}:", kinds[name], value, words)
+        if name not in types:
+            raise InputError(f"{key}: no such setting of the data{did_you_mean(name, types)}")
+        values[name] = converted(f"{key}:", types[name], value, words)
     return dataclasses.replace(data, **values)

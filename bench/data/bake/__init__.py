@@ -32,7 +32,7 @@ from bench.files.atomic import cache_dir
 
 __all__ = ["PathTracer", "Surface", "bake", "looks_like_maps", "open_svbrdf", "read_surface", "recognise", "table"]
 # Increment when all maps are read differently: it stands in every baked file, and so in the fingerprints of published
-# rows. What changes the reading of some maps alone is told by `_read_anew`.
+# rows. What changes the reading of some maps alone is told by `_read_differently_before`.
 BAKE_VERSION = 2
 log = logging.getLogger(__name__)
 
@@ -54,14 +54,18 @@ class Partial:
     from everything that determines the values; slices under another key are not used."""
 
     def __init__(self, out: Path, key: str, shape: tuple[int, int, int, int]):
+        """Find the slices that an interrupted bake left, or make room for all of them."""
         self.out = out
-        self.folder = out.with_name(f".{out.name}.{hashlib.sha256(key.encode()).hexdigest()[:16]}.baking")
+        digest = hashlib.sha256(key.encode()).hexdigest()
+        self.folder = out.with_name(f".{out.name}.{digest[:16]}.baking")
         self.folder.mkdir(exist_ok=True)
         path = self.folder / "values.npy"
-        try:
-            self.done = int((self.folder / "finished").read_text()) if path.exists() else 0
-        except (OSError, ValueError):
-            self.done = 0
+        self.done = 0
+        if path.exists():
+            try:
+                self.done = int((self.folder / "finished").read_text())
+            except (OSError, ValueError):  # no slice was finished, or the number was cut off: begin anew
+                self.done = 0
         if not self.done:
             with atomic.replacing(path) as fresh:
                 atomic.mapped(fresh, np.float32, shape)
@@ -96,59 +100,65 @@ def bake(
     heldout = None
     if data.heldout:  # the held-out pairs come after the product
         heldout = np.arange(len(wo)) >= data.views * data.lights
-    sampled = _sampled(data) | {"heldout": data.described()}
-    _bake(surface, (wo, wi), heldout, sampled, out, show, seed, path_tracer)
+    pair_notes = _product_notes(data) | {"heldout": data.described()}
+    _bake(surface, (wo, wi), heldout, pair_notes, out, show, seed, path_tracer)
 
 
 def _bake(
     surface: Surface,
     pairs: tuple[Array, Array],
     heldout: Array | None,
-    sampled: dict[str, Any],
+    pair_notes: dict[str, Any],
     out: Path,
     show: Progress,
     seed: int,
     path_tracer: PathTracer | None,
 ) -> None:
-    """Render a surface at pairs wo, wi (N, 3), which `sampled` describes, into a file or folder; see `bake`.
+    """Render a surface at pairs wo, wi (N, 3) into a file or folder; see `bake`.
 
-    `heldout` is the mask (N,) of the held-out pairs; None if there are none, or if the caller marks them.
+    `pair_notes` are what the provenance says of the pairs. `heldout` is the mask (N,) of the held-out pairs; None if
+    there are none, or if the caller marks them.
     """
     wo, wi = pairs
     label = f"baking {surface.name}"
     described = {"source": BAKED, "maps": surface.notes, "bake_version": BAKE_VERSION}
-    described |= {"renderer_version": RENDERER_VERSION, "sub_points": SUB_POINTS, "seed": seed} | DESCRIBED | sampled
+    described |= {"renderer_version": RENDERER_VERSION, "sub_points": SUB_POINTS, "seed": seed} | DESCRIBED | pair_notes
     if path_tracer:
         described |= path_tracer.provenance()
+    values_shape = (len(wo), *surface.shape, 3)
 
     def write(values: Array) -> None:
-        """Write the slices (N, H, W, 3) with all that is said of them."""
+        """Write the slices (N, H, W, 3) with their provenance."""
         source = ArraySource(values)
-        write_btf(BTF(surface.name, wo, wi, source, heldout=heldout, periodic=True, provenance=described), out)
+        btf = BTF(surface.name, wo, wi, source, heldout=heldout, periodic=True, provenance=described)
+        write_btf(btf, out)
 
     if path_tracer:
-        kept = Partial(out, _digest(surface, wo, wi, described), (len(wo), *surface.shape, 3))
-        show(label, kept.done, len(wo))
-        for slices in path_tracer.launches(surface.maps, wo, wi, surface.shape, SUB_POINTS, seed, start=kept.done):
-            kept.add(slices)
-            show(label, kept.done, len(wo))
-        write(kept.values)
-        kept.remove()
+        partial = Partial(out, _digest(surface, wo, wi, described), values_shape)
+        show(label, partial.done, len(wo))
+        for slices in path_tracer.launches(surface.maps, wo, wi, surface.shape, SUB_POINTS, seed, start=partial.done):
+            partial.add(slices)
+            show(label, partial.done, len(wo))
+        write(partial.values)
+        partial.remove()
         return
     with atomic.temporary(out) as scratch:
-        values = atomic.mapped(scratch, np.float32, (len(wo), *surface.shape, 3))
+        values = atomic.mapped(scratch, np.float32, values_shape)
         render(surface.maps, wo, wi, surface.shape, SUB_POINTS, values, show, label)
         write(values)
 
 
 def _digest(surface: Surface, wo: Array, wi: Array, described: dict[str, Any]) -> str:
     """A hash of everything that determines the values of a surface at the pairs `wo`, `wi`."""
-    hashed = hashlib.sha256(json.dumps(described, sort_keys=True, default=str).encode())
-    maps = [getattr(surface.maps, field.name) for field in fields(surface.maps)]
-    given = [each for each in maps if each is not None]
-    for array in (wo, wi, *given):
-        hashed.update(str(array.shape).encode() + np.ascontiguousarray(array).tobytes())
-    return hashed.hexdigest()
+    digest = hashlib.sha256(json.dumps(described, sort_keys=True, default=str).encode())
+    arrays = [wo, wi]
+    for field in fields(surface.maps):
+        picture = getattr(surface.maps, field.name)
+        if picture is not None:  # the normals may be missing
+            arrays.append(picture)
+    for array in arrays:
+        digest.update(str(array.shape).encode() + np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
 
 
 def open_svbrdf(
@@ -161,15 +171,17 @@ def open_svbrdf(
     """
     name = folder.resolve().name
 
-    def cached(wanted: Table) -> BTF:
+    def cached(pair_table: Table) -> BTF:
         """The BTF of one table of pairs, baked into the cache if it is not there."""
         maps = recognise(folder)
-        sampled: dict[str, Any] = {"heldout": wanted.words} if wanted.words else _sampled(data)
+        # A table of held-out pairs is described in words, the product by its directions.
+        pair_notes: dict[str, Any] = {"heldout": pair_table.words} if pair_table.words else _product_notes(data)
         if path_tracer:
-            sampled |= path_tracer.provenance()
+            pair_notes |= path_tracer.provenance()
         # Everything that determines the values of a bake with default options.
-        content = [FolderFiles(folder).digest(maps.files.values()), sorted(maps.files.items()), *_read_anew(maps)]
-        described = json.dumps([BAKE_VERSION, RENDERER_VERSION, SUB_POINTS, data.size, sampled, content])
+        files_digest = FolderFiles(folder).digest(maps.files.values())
+        content = [files_digest, sorted(maps.files.items()), *_read_differently_before(maps)]
+        described = json.dumps([BAKE_VERSION, RENDERER_VERSION, SUB_POINTS, data.size, pair_notes, content])
         key = hashlib.sha256(described.encode()).hexdigest()
         path = cache_dir() / "materials" / f"{name}-{data.size}-{key[:24]}.npz"
         if not path.exists():
@@ -177,26 +189,30 @@ def open_svbrdf(
                 if not path.exists():
                     surface = read_surface(maps, data.size)
                     log.warning("baking %s\n%s", folder, table(surface))
-                    _bake(surface, wanted.pairs, None, sampled, path, show, seed=0, path_tracer=path_tracer)
+                    _bake(surface, pair_table.pairs, None, pair_notes, path, show, seed=0, path_tracer=path_tracer)
         return replace(open_btf(path), name=name)
 
     return joined(data.tables(name, 0, draw), cached)
 
 
-def _read_anew(maps: MapFiles) -> list[str]:
-    """The maps that an earlier program with the same `BAKE_VERSION` may have read otherwise, for the key of a bake.
+def _read_differently_before(maps: MapFiles) -> list[str]:
+    """The maps that an earlier program with the same `BAKE_VERSION` may have read differently, for the key of a bake.
 
-    They are an albedo of another colour space, normals in PNG, which may be drawn flat, and normals and heights in EXR
-    or `.hdr`.
+    They are an albedo of another colour space, told by its `colour_note`, and by their roles normals in PNG, which may
+    be drawn flat, and normals and heights in EXR or `.hdr`.
     """
     files = FolderFiles(maps.folder)
-    kinds = {role: picture_format(files.head(name, 8)) for role, name in maps.files.items()}
-    anew = [colour_note(files, maps.files["albedo"])]
+    formats = {role: picture_format(files.head(name, 8)) for role, name in maps.files.items()}
+    words = []
+    albedo_note = colour_note(files, maps.files["albedo"])
+    if albedo_note:
+        words.append(albedo_note)
     for role in ("normal_gl", "normal_dx", "normal", "displacement", "depth"):
-        is_normal = role.startswith("normal")
-        if kinds.get(role) in ("exr", "hdr") or (is_normal and kinds.get(role) == "png"):
-            anew.append(role)
-    return [word for word in anew if word]
+        is_stored = formats.get(role) in ("exr", "hdr")
+        is_png_normal = role.startswith("normal") and formats.get(role) == "png"
+        if is_stored or is_png_normal:
+            words.append(role)
+    return words
 
 
 def table(surface: Surface) -> str:
@@ -205,6 +221,6 @@ def table(surface: Surface) -> str:
     return "\n".join(f"  {role:<{width}}  {text}" for role, text in surface.notes.items())
 
 
-def _sampled(data: Preparation) -> dict[str, Any]:
-    """The product of training pairs in words, for a BTF's provenance."""
+def _product_notes(data: Preparation) -> dict[str, Any]:
+    """What a BTF's provenance says of the training pairs, which are a product."""
     return {"directions": f"{data.directions}: {data.views} views, {data.lights} lights"}

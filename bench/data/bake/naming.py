@@ -40,9 +40,9 @@ for _metal in ("metallic", "metalness", "metal"):
 _LETTERS = {"d": "albedo", "n": "normal", "r": "roughness", "m": "metalness", "h": "displacement", "o": "occlusion"}
 _LETTERS |= {"s": "specular", "e": ""}  # Unreal; e is the emission
 _LONGEST = max(len(phrase.split()) for phrase in _ROLES)
-# If several files give the same map, the first role is used.
+# Roles that give the same map. If files have several of them, the first is used.
 _CHOICES = (("normal_gl", "normal_dx", "normal"), ("displacement", "depth"), ("roughness", "smoothness"))
-_PACKED = ("packed", "metallic_smoothness")
+_SAME_MAP = "another file gives the same map"
 # Why a picture is not used although its name is known.
 _NOT_USED = {"": "not recognised", "occlusion": "shadows are cast by the renderer"}
 _NOT_USED |= {"specular": "the specular workflow is not read, give a metalness map"}
@@ -76,11 +76,11 @@ def looks_like_maps(folder: Path) -> bool:
     return "albedo" in roles or len(roles) >= 2
 
 
-def no_albedo(names: list[str]) -> str:
+def no_albedo_fault(names: list[str]) -> str:
     """Why the files of a folder are not maps, and the remedy; a folder of pictures may also be meant as a BTF."""
-    seen = ", ".join(sorted(names)[:12]) or "nothing"
+    listed = ", ".join(sorted(names)[:12]) or "nothing"
     remedy = "name one like albedo.png or NAME_diff.jpg, or give bake --map albedo=FILE"
-    return f"no albedo among its files ({seen}): {remedy}; a BTF in pictures needs pairs.csv"
+    return f"no albedo among its files ({listed}): {remedy}; a BTF in pictures needs pairs.csv"
 
 
 def has_pictures(names: list[str]) -> bool:
@@ -88,8 +88,8 @@ def has_pictures(names: list[str]) -> bool:
     return any(name.lower().endswith(PICTURES) and not name.startswith(".") for name in names)
 
 
-def recognise(folder: Path, given: dict[str, str] | None = None) -> MapFiles:
-    """The maps of a folder; `given` says of some roles which file they are, in the folder or by its path.
+def recognise(folder: Path, user_files: dict[str, str] | None = None) -> MapFiles:
+    """The maps of a folder; `user_files` (role → file) are those that the user names, in the folder or by their path.
 
     Raises `InputError` if the albedo is missing, two files have the same role, or the folder is a BTF.
     """
@@ -100,58 +100,63 @@ def recognise(folder: Path, given: dict[str, str] | None = None) -> MapFiles:
     lists = [name for name in names if name.lower().endswith(_LISTS)]
     if lists:
         raise InputError(f"{folder}: it holds {lists[0]}, so it is a BTF and needs no bake: give it to run --material")
-    chosen = {role: _given(folder, role, file) for role, file in (given or {}).items()}
-    by_role: dict[str, list[str]] = {}
+    by_user: dict[str, str] = {}  # role → file that the user names
+    for role, file in (user_files or {}).items():
+        by_user[role] = _user_file(folder, role, file)
+    by_name: dict[str, list[str]] = {}  # role → files in the folder with such a name
     unused = {}
     doubtful = []
     for name, role in _roles(names).items():
-        if name in chosen.values():
+        if name in by_user.values():
             continue
         if role in _NOT_USED:
             unused[name] = _NOT_USED[role]
-            if role != "occlusion":
+            if role != "occlusion":  # which is surely no map that the bake needs
                 doubtful.append(name)
-        elif role in chosen:
-            unused[name] = "another file gives the same map"
+        elif role in by_user:
+            unused[name] = _SAME_MAP
         else:
-            by_role.setdefault(role, []).append(name)
-    if "albedo" not in by_role | chosen:
-        raise InputError(f"{folder}: {no_albedo(names)}")
-    for role, several in by_role.items():
+            by_name.setdefault(role, []).append(name)
+    if "albedo" not in by_name | by_user:
+        raise InputError(f"{folder}: {no_albedo_fault(names)}")
+    for role, several in by_name.items():
         if len(several) > 1:
             remedy = f"keep one in the folder, or give bake --map {role}=FILE"
             raise InputError(f"{folder}: {' and '.join(several)} are all {role} by name: {remedy}")
-    files = {role: several[0] for role, several in by_role.items()} | chosen
-    unused |= _drop_second_choices(files, chosen)
+    files = {role: several[0] for role, several in by_name.items()} | by_user
+    unused |= _drop_second_choices(files, by_user)
     return MapFiles(folder, files, unused, tuple(doubtful))
 
 
-def _drop_second_choices(files: dict[str, str], chosen: dict[str, str]) -> dict[str, str]:
+def _drop_second_choices(files: dict[str, str], by_user: dict[str, str]) -> dict[str, str]:
     """Remove from `files` (role → file) those whose map a better file gives; returns each with the reason.
 
-    `chosen` are those of the files that the user gave.
+    `by_user` are those of the files that the user names.
     """
-    dropped = {}
+    reasons = {}  # file → why it is not used
     for choice in _CHOICES:
-        held = [role for role in choice if role in files]
-        held.sort(key=lambda role: role not in chosen)  # a file that is given comes before one that is found
-        for role in held[1:]:
-            dropped[files.pop(role)] = "another file gives the same map"
-    for role in _PACKED:
-        if role not in files:
-            continue
-        apart = "metalness" in files and ("roughness" in files or "smoothness" in files)
-        better_packed = role == _PACKED[1] and _PACKED[0] in files
-        if apart or better_packed:
-            dropped[files.pop(role)] = "the folder has separate roughness and metalness"
-    return dropped
+        roles = [role for role in choice if role in files]
+        roles.sort(
+            key=lambda role: role not in by_user
+        )  # the user's file comes first, and then the order of the choice
+        for role in roles[1:]:
+            reasons[files.pop(role)] = _SAME_MAP
+    are_separate = "metalness" in files and ("roughness" in files or "smoothness" in files)
+    if are_separate:
+        for role in ("packed", "metallic_smoothness"):
+            if role in files:
+                reasons[files.pop(role)] = "the folder has separate roughness and metalness"
+    # Both hold roughness and metalness.
+    if "packed" in files and "metallic_smoothness" in files:
+        reasons[files.pop("metallic_smoothness")] = _SAME_MAP
+    return reasons
 
 
-def _given(folder: Path, role: str, file: str) -> str:
-    """A file that the user names for a role, as `FolderFiles` of the folder finds it."""
-    known = sorted(set(_ROLES.values()) - set(_NOT_USED))
-    if role not in known:
-        raise InputError(f"--map {role}={file}: there is no map {role!r}: give one of {', '.join(known)}")
+def _user_file(folder: Path, role: str, file: str) -> str:
+    """A file that the user names for a role: its name in the folder, or its absolute path elsewhere."""
+    roles = sorted(set(_ROLES.values()) - set(_NOT_USED))
+    if role not in roles:
+        raise InputError(f"--map {role}={file}: there is no map {role!r}: give one of {', '.join(roles)}")
     if (folder / file).is_file():
         return file
     if not Path(file).is_file():
@@ -161,28 +166,35 @@ def _given(folder: Path, role: str, file: str) -> str:
 
 def _roles(names: list[str]) -> dict[str, str]:
     """The role of each picture among files, by its name; "" if the name gives none."""
-    words = {name: _words(name) for name in names if has_pictures([name])}
+    words_of = {name: _words(name) for name in names if has_pictures([name])}
     # The asset's name is what the maps share; a preview or another stray picture does not hide it.
-    maps = [found for found in words.values() if _role(found) or _letter(found)]
+    maps = [words for words in words_of.values() if _role_of_phrase(words) or _last_letter(words)]
     if len(maps) > 1:
-        shared = _shared_start(maps)
-        words = {name: _without(found, shared) for name, found in words.items()}
+        asset = _shared_start(maps)
+        words_of = {name: _without_start(words, asset) for name, words in words_of.items()}
     # Last letters mean roles only if each of them is known: pictures a, b, c are numbered, not named.
-    last = {_letter(found) for found in words.values() if not _role(found)}
-    letters = _LETTERS if last <= {"", *_LETTERS} else {}
-    return {name: _role(found) or letters.get(_letter(found), "") for name, found in words.items()}
+    last_letters = {_last_letter(words) for words in words_of.values() if not _role_of_phrase(words)}
+    letters_are_roles = last_letters <= {"", *_LETTERS}
+    roles = {}
+    for name, words in words_of.items():
+        role = _role_of_phrase(words)
+        if not role and letters_are_roles:
+            role = _LETTERS.get(_last_letter(words), "")
+        roles[name] = role
+    return roles
 
 
 def _words(name: str) -> list[str]:
     """The words of a file's name: `Bricks102_1K_NormalGL` → bricks, 102, 1, k, normal, gl."""
     # Capitals up to the one that begins a word (in GLNormal: GL), a word with or without a capital, or digits.
-    found = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", Path(name).stem)
-    return [word.lower() for word in found]
+    words = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", Path(name).stem)
+    return [word.lower() for word in words]
 
 
 def _shared_start(names: list[list[str]]) -> list[str]:
-    """The words with which all names begin."""
+    """The words with which all names, each a list of words, begin."""
     shared = []
+    # The first words of all names, then the second ones, up to the end of the shortest name.
     for words in zip(*names, strict=False):
         if len(set(words)) > 1:
             break
@@ -190,14 +202,14 @@ def _shared_start(names: list[list[str]]) -> list[str]:
     return shared
 
 
-def _without(words: list[str], shared: list[str]) -> list[str]:
-    """The words of a name without those at its start that all maps share."""
-    if words[: len(shared)] == shared:
-        return words[len(shared) :]
+def _without_start(words: list[str], start: list[str]) -> list[str]:
+    """The words of a name without `start`, if it begins with these words."""
+    if words[: len(start)] == start:
+        return words[len(start) :]
     return words
 
 
-def _letter(words: list[str]) -> str:
+def _last_letter(words: list[str]) -> str:
     """The last word if it is a single letter; else "". A size at the end, such as 2K, is passed over."""
     end = len(words)
     while end and (words[end - 1].isdigit() or words[end - 1] == "k"):
@@ -207,8 +219,8 @@ def _letter(words: list[str]) -> str:
     return ""
 
 
-def _role(words: list[str]) -> str:
-    """The role of the phrase that ends last; if several do, of the longest."""
+def _role_of_phrase(words: list[str]) -> str:
+    """The role of the phrase in a name that ends last; if several end there, of the longest. "" without a phrase."""
     for end in range(len(words), 0, -1):
         for start in range(max(0, end - _LONGEST), end):
             phrase = " ".join(words[start:end])

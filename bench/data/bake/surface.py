@@ -37,7 +37,8 @@ _SOURCES = {
     ],
     "metalness": [("metalness", RED, False), ("packed", BLUE, False), ("metallic_smoothness", RED, False)],
 }
-_SHARED = ("packed", "metallic_smoothness", "smoothness")  # listed under the map that is taken from them
+# Their files are listed under the maps that are taken from them, not under their own role.
+_LISTED_ELSEWHERE = ("packed", "metallic_smoothness", "smoothness")
 log = logging.getLogger(__name__)
 
 
@@ -60,17 +61,19 @@ def read_surface(map_files: MapFiles, size: int, depth: float | None = None) -> 
     """
     _warn_of_doubts(map_files)
     reader = _Reader(map_files, size)
-    notes = {role: name for role, name in map_files.files.items() if role not in _SHARED}
-    converted = colour_note(reader.files, reader.roles["albedo"])
-    if converted:
-        notes["albedo"] += f": {converted}"
+    notes = {role: name for role, name in map_files.files.items() if role not in _LISTED_ELSEWHERE}
+    conversion = colour_note(reader.files, reader.roles["albedo"])
+    if conversion:
+        notes["albedo"] += f": {conversion}"
     roughness = reader.channel("roughness", notes, DEFAULT_ROUGHNESS)
     metalness = reader.channel("metalness", notes, 0.0)
     normal, height = _relief(reader, notes, depth)
     if normal is not None:
-        # Shrinking lost the variance of the normals: α² grows by (1 − |n̄|) / |n̄| (Toksvig 2005); α = roughness².
+        # Shrinking lost the variance of the normals: α² grows by (1 − |n̄|) / |n̄| (Toksvig 2005), with |n̄| the length
+        # of a mean normal. α is roughness², so α² is roughness⁴.
         length = np.clip(np.linalg.norm(normal, axis=-1), 0.1, 1)
-        roughness = np.minimum((roughness**4 + (1 - length) / length) ** 0.25, 1)
+        alpha_squared = roughness**4 + (1 - length) / length
+        roughness = np.minimum(alpha_squared**0.25, 1)
         normal = _unit(normal)
     anisotropy, angle = _anisotropy(reader)
     relief = 0.0 if height is None else height
@@ -93,35 +96,40 @@ class _Reader:
     """Reads the maps of one folder, all to the size of the working grid."""
 
     def __init__(self, map_files: MapFiles, size: int):
+        """Read the albedo, whose shape all maps must have in proportion; `size` is that of `read_surface`."""
         if size < 1:
             raise InputError(f"size must be at least 1, not {size}")
         self.files = FolderFiles(map_files.folder)
-        self.roles = map_files.files
+        self.roles = map_files.files  # role → file
         name = self.roles["albedo"]
         self.albedo = read_picture(self.files, name)
         if self.albedo.min() < 0 or self.albedo.max() > 1:
             raise InputError(f"{self.files.label(name)}: an albedo must lie in [0, 1]: scale it")
-        self.full = self.albedo.shape[:2]
-        self.shape = _fitted(self.full, size)
-        self.grid = self.limited(SUB_POINTS * size)  # one map texel per sub-point, so no detail is skipped
+        self.full_shape = self.albedo.shape[:2]
+        self.shape = _fitted_shape(self.full_shape, size)
+        self.grid = self.limited_shape(SUB_POINTS * size)  # one map texel per sub-point, so no detail is skipped
 
-    def limited(self, longest: int) -> tuple[int, int]:
-        """The maps' own size, shrunk if its longer side exceeds `longest`."""
-        return _fitted(self.full, min(longest, max(self.full)))
+    def limited_shape(self, longest: int) -> tuple[int, int]:
+        """The maps' own shape (H, W), smaller in proportion if its longer side exceeds `longest`."""
+        return _fitted_shape(self.full_shape, min(longest, max(self.full_shape)))
 
     def shrunk(self, picture: Array) -> Array:
         """A picture (H, W, ...) averaged to the working grid."""
         return resize(picture, self.grid)
 
     def codes(self, role: str) -> Array | None:
-        """A map that is not a colour, (H, W, 3) at full size: codes as fractions of white, EXR as stored."""
+        """A map that is not a colour, (H, W, 3) at full size: codes as fractions of white, EXR as stored.
+
+        None if no file has the role.
+        """
         if role not in self.roles:
             return None
         name = self.roles[role]
         height, width = picture_size(self.files, name)
+        albedo_height, albedo_width = self.full_shape
         # Sizes are rounded to pixels, so proportions may differ a little.
-        if abs(height * self.full[1] / (width * self.full[0]) - 1) > 0.01:
-            other = f"the {self.full[1]} x {self.full[0]} of {self.files.label(self.roles['albedo'])}"
+        if abs(height * albedo_width / (width * albedo_height) - 1) > 0.01:
+            other = f"the {albedo_width} x {albedo_height} of {self.files.label(self.roles['albedo'])}"
             fault = f"{width} x {height} pixels have another proportion than {other}"
             raise InputError(f"{self.files.label(name)}: {fault}: give both the same")
         picture = read_picture(self.files, name, is_colour=False)
@@ -138,15 +146,21 @@ class _Reader:
         return picture_format(self.files.head(self.roles[role], 8))
 
     def channel(self, name: str, notes: dict[str, str], default: float) -> Array | float:
-        """A scalar map in [0, 1] from the first of its sources that the folder has, else a number."""
+        """A scalar map in [0, 1] from the first of its sources that the folder has, else the number `default`.
+
+        `notes[name]` then says which source it is.
+        """
         for role, channel, is_inverted in _SOURCES[name]:
             picture = self.codes(role)
             if picture is None:
                 continue
-            values = read_alpha(self.files, self.roles[role]) if channel == ALPHA else picture[..., channel]
-            if role != name:
+            if channel == ALPHA:
+                values = read_alpha(self.files, self.roles[role])
+            else:
+                values = picture[..., channel]
+            if role != name:  # a map of its own is already in the notes
                 words = []
-                if role != "smoothness":
+                if role != "smoothness":  # a grey picture: no channel is worth telling
                     words.append(("red", "green", "blue", "alpha")[channel])
                 if is_inverted:
                     words.append("inverted")
@@ -158,7 +172,7 @@ class _Reader:
         return default
 
 
-def _fitted(shape: tuple[int, ...], longest: int) -> tuple[int, int]:
+def _fitted_shape(shape: tuple[int, ...], longest: int) -> tuple[int, int]:
     """The (H, W) with the proportion of `shape` (H, W) whose longer side is `longest`; each side is at least 1."""
     height, width = shape[:2]
     largest = max(shape)
@@ -168,71 +182,82 @@ def _fitted(shape: tuple[int, ...], longest: int) -> tuple[int, int]:
 def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tuple[Array | None, Array | None]:
     """Mean normals (H, W, 3) and displacement (H, W) in widths of the picture; None for each without a map.
 
-    A mean normal is the shorter the more the normals vary within its texel. `depth` is that of `read_surface`.
+    A mean normal is the shorter the more the normals vary within its texel. `depth` is that of `read_surface`. How both
+    maps were read is added to `notes`.
     """
-    normal_role = next((role for role in ("normal_gl", "normal_dx", "normal") if role in reader.roles), "")
-    height_role = next((role for role in ("displacement", "depth") if role in reader.roles), "")
+    normal_role = _first_role(reader, ("normal_gl", "normal_dx", "normal"))
+    height_role = _first_role(reader, ("displacement", "depth"))
     normal = _normals(reader, normal_role, notes)
     picture = reader.codes(height_role)
     height = None if picture is None else picture[..., 0]
-    agreed = Agreement()
+    correlations = Agreement()
     if normal is not None and height is not None:
-        judged = reader.limited(JUDGED)
-        agreed = agreement(resize(normal, judged), resize(height, judged))
-    inverted, downward = agreed.verdict(height_role == "depth", normal_role)
+        judged_shape = reader.limited_shape(JUDGED)
+        correlations = agreement(resize(normal, judged_shape), resize(height, judged_shape))
+    is_inverted, is_green_down = correlations.verdict(height_role == "depth", normal_role)
     if normal is not None:
-        green = "down (DX)" if downward else "up (GL)"
-        notes[normal_role] += f": green {green}, {agreed.evidence(normal_role)}"
-        if downward:
+        green = "down (DX)" if is_green_down else "up (GL)"
+        notes[normal_role] += f": green {green}, {correlations.evidence(normal_role)}"
+        if is_green_down:
             normal[..., 1] *= -1
         normal = reader.shrunk(normal)
     if height is not None:
-        fitted = depth is None and agreed.depth is not None
-        height, depth = _scaled(reader, height_role, height, depth, agreed.depth)
-        high = "dark" if inverted else "bright"
+        is_fitted = depth is None and correlations.depth is not None
+        height, depth = _with_depth(reader, height_role, height, depth, correlations.depth)
+        high = "dark" if is_inverted else "bright"
         notes[height_role] += f": {high} is high, depth {depth:.4f} of the width"
-        if fitted:
+        if is_fitted:
             notes[height_role] += ", fitted to the normal map"
-        signed = -depth if inverted else depth
-        height = reader.shrunk(height) * np.float32(signed)
+        signed_depth = -depth if is_inverted else depth
+        height = reader.shrunk(height) * np.float32(signed_depth)
     return normal, height
 
 
-def _scaled(
-    reader: _Reader, role: str, height: Array, depth: float | None, implied: float | None
-) -> tuple[Array, float]:
-    """A displacement (H, W), and the factor that turns it into widths of the picture.
+def _first_role(reader: _Reader, roles: tuple[str, ...]) -> str:
+    """The first of some roles that the folder has a file for; "" if it has none."""
+    for role in roles:
+        if role in reader.roles:
+            return role
+    return ""
 
-    The factor is `depth` if that is given, else `implied`, by which the slopes fit the normals best, else the default.
-    EXR may hold any unit: heights beyond [0, 1] are first brought there.
+
+def _with_depth(
+    reader: _Reader, role: str, height: Array, depth: float | None, fitted_depth: float | None
+) -> tuple[Array, float]:
+    """A displacement (H, W), and its depth: the factor that turns it into widths of the picture.
+
+    It is `depth` if the user gives one, else `fitted_depth`, by which the slopes fit the normals best, else the
+    default. EXR may hold any unit: heights beyond [0, 1] are first brought there.
     """
     label = reader.files.label(reader.roles[role])
     if depth is not None and not 0 <= depth <= 1:
         raise InputError(f"depth must be between 0 and 1 widths of the picture, not {depth:g}")
     if reader.is_stored(role):
-        low, high = float(height.min()), float(height.max())
-        too_deep = implied is not None and implied > 1  # in such a unit
-        if high > low and (low < 0 or high > 1 or too_deep):
-            height = (height - np.float32(low)) / np.float32(high - low)
-            implied = None if implied is None else implied * (high - low)
-        if depth is None and implied is None:
+        lowest, highest = float(height.min()), float(height.max())
+        # A unit of height above one width of the picture: heights then are tiny numbers.
+        is_large_unit = fitted_depth is not None and fitted_depth > 1
+        if highest > lowest and (lowest < 0 or highest > 1 or is_large_unit):
+            height = (height - np.float32(lowest)) / np.float32(highest - lowest)
+            if fitted_depth is not None:
+                fitted_depth *= highest - lowest
+        if depth is None and fitted_depth is None:
             relief = f"the relief is taken as {DEFAULT_DEPTH * float(np.ptp(height)):.4f} of the width"
-            log.warning("%s: heights from %g to %g of unknown unit: %s: give --depth", label, low, high, relief)
+            log.warning("%s: heights from %g to %g of unknown unit: %s: give --depth", label, lowest, highest, relief)
     if depth is None:
-        depth = DEFAULT_DEPTH if implied is None else implied
+        depth = DEFAULT_DEPTH if fitted_depth is None else fitted_depth
     if depth > 1:
         raise InputError(f"{label}: by the normals its relief is {depth:.3g} widths deep: give --depth, from 0 to 1")
     return height, depth
 
 
 def _normals(reader: _Reader, role: str, notes: dict[str, str]) -> Array | None:
-    """Unit normals (H, W, 3) as a map's codes say, whatever its green means; None without a map."""
+    """Unit normals (H, W, 3) as a map's codes say, whether its green points up or down; None without a map."""
     codes = reader.codes(role)
     if codes is None:
         return None
     normal = 2 * codes - 1
     if reader.is_stored(role) and _is_signed(codes):
-        normal = codes
+        normal = codes  # not encoded
         notes[role] += " (stored from -1 to 1)"
     if reader.kind(role) == "png":
         normal[_drawn_flat(codes), :2] = 0
@@ -254,9 +279,9 @@ def _is_signed(values: Array) -> bool:
         """How far the lengths of vectors (H, W, 3) are from 1, on average."""
         return np.abs(np.linalg.norm(vectors, axis=-1) - 1).mean()
 
-    as_they_are = off_unit(values)
-    decoded = off_unit(2 * values - 1)
-    return bool(as_they_are < 0.02 and as_they_are < decoded)
+    off_as_stored = off_unit(values)
+    off_decoded = off_unit(2 * values - 1)
+    return bool(off_as_stored < 0.02 and off_as_stored < off_decoded)
 
 
 def _drawn_flat(codes: Array) -> Array:
@@ -295,17 +320,20 @@ def _anisotropy(reader: _Reader) -> tuple[Array | float, Array | float]:
     is_coloured = np.ptp(picture, axis=-1).max() > 0.02
     if is_coloured:
         x, y = 2 * picture[..., 0] - 1, 2 * picture[..., 1] - 1
-        return np.clip(reader.shrunk(picture[..., 2]), 0, 1), _mean_angle(reader, np.arctan2(y, x))
+        strength = np.clip(reader.shrunk(picture[..., 2]), 0, 1)
+        return strength, _mean_angle(reader, np.arctan2(y, x))
+    strength = np.clip(reader.shrunk(picture[..., 0]), 0, 1)
     turns = reader.codes("anisotropy_angle")
-    angle = 0.0 if turns is None else _mean_angle(reader, 2 * np.pi * turns[..., 0])
-    return np.clip(reader.shrunk(picture[..., 0]), 0, 1), angle
+    if turns is None:
+        return strength, 0.0
+    return strength, _mean_angle(reader, 2 * np.pi * turns[..., 0])
 
 
 def _mean_angle(reader: _Reader, angle: Array) -> Array:
     """Angles (H, W) in radians averaged to the working grid. They are the same modulo π, so they are averaged as
     directions of twice the angle."""
-    double = reader.shrunk(np.stack([np.cos(2 * angle), np.sin(2 * angle)], -1))
-    return 0.5 * np.arctan2(double[..., 1], double[..., 0])
+    double_angle = reader.shrunk(np.stack([np.cos(2 * angle), np.sin(2 * angle)], -1))
+    return 0.5 * np.arctan2(double_angle[..., 1], double_angle[..., 0])
 
 
 @dataclass(frozen=True)
@@ -317,28 +345,28 @@ class Agreement:
     y: float = 0.0
     depth: float | None = None
 
-    def verdict(self, named_depth: bool, normal_role: str) -> tuple[bool, bool]:
+    def verdict(self, is_depth_by_name: bool, normal_role: str) -> tuple[bool, bool]:
         """Whether the displacement is inverted (dark is high), and whether green points down.
 
-        Where the correlations are unclear the names decide: `named_depth` is whether the displacement's name says depth
-        (dark is high), and `normal_role` is the role by the normal map's name.
+        Where the correlations are unclear the names decide: `is_depth_by_name` is whether the displacement's name says
+        depth (dark is high), and `normal_role` is the role by the normal map's name.
         """
-        named_down = normal_role == "normal_dx"
+        is_down_by_name = normal_role == "normal_dx"
         # Only an inverted displacement changes the sign of x. It changes that of y, too, and so does green that points
         # down: with both, y is positive again.
         if abs(self.x) >= CLEAR:
-            inverted = self.x < 0
-            down = named_down
+            is_inverted = self.x < 0
+            is_green_down = is_down_by_name
             if abs(self.y) >= CLEAR:
-                down = (self.y < 0) != inverted
-            return inverted, down
+                is_green_down = (self.y < 0) != is_inverted
+            return is_inverted, is_green_down
         if abs(self.y) >= CLEAR and normal_role != "normal":  # ridges only along x: believe the normal map's name
-            y_if_green_is_up = -self.y if named_down else self.y
-            return y_if_green_is_up < 0, named_down
-        return named_depth, named_down
+            y_if_green_is_up = -self.y if is_down_by_name else self.y
+            return y_if_green_is_up < 0, is_down_by_name
+        return is_depth_by_name, is_down_by_name
 
     def evidence(self, normal_role: str) -> str:
-        """The evidence for the verdict, in words."""
+        """The evidence for where green points, in words: the correlations, the normal map's name, or none."""
         if min(abs(self.x), abs(self.y)) >= CLEAR:
             return f"told by the displacement (r = {self.x:+.2f}, {self.y:+.2f})"
         return "assumed" if normal_role == "normal" else "by its name"
@@ -350,19 +378,22 @@ def agreement(normal: Array, height: Array) -> Agreement:
     # Toward +x the column grows, toward +y the row falls.
     slope_x = (np.roll(height, -1, 1) - np.roll(height, 1, 1)) / (2 * cell)
     slope_y = (np.roll(height, 1, 0) - np.roll(height, -1, 0)) / (2 * cell)
-    # The slopes (H, W, 2) that the normals state: −n_x / n_z and −n_y / n_z.
-    lean = -normal[..., :2] / np.maximum(normal[..., 2:], 0.1)
-    x = _correlation(lean[..., 0], slope_x)
-    y = _correlation(lean[..., 1], slope_y)
+    # The slopes (H, W, 2) that the normals state: −n_x / n_z and −n_y / n_z, up to 10 for the steepest.
+    stated = -normal[..., :2] / np.maximum(normal[..., 2:], 0.1)
+    x = _correlation(stated[..., 0], slope_x)
+    y = _correlation(stated[..., 1], slope_y)
     if max(abs(x), abs(y)) < CLEAR:
         return Agreement(x, y)
-    # Least squares of lean = depth · slope over both axes; either sign may be wrong, so absolute values are added.
-    fit = abs((lean[..., 0] * slope_x).mean()) + abs((lean[..., 1] * slope_y).mean())
-    return Agreement(x, y, float(fit / (slope_x**2 + slope_y**2).mean()))
+    # Least squares of stated = depth · slope over both axes; either sign may be wrong, so absolute values are added.
+    products = abs((stated[..., 0] * slope_x).mean()) + abs((stated[..., 1] * slope_y).mean())
+    squares = (slope_x**2 + slope_y**2).mean()
+    return Agreement(x, y, float(products / squares))
 
 
 def _correlation(a: Array, b: Array) -> float:
     """Pearson's correlation of two pictures (H, W); 0 if one of them is flat."""
     a, b = a - a.mean(), b - b.mean()
-    spread = np.sqrt((a * a).mean() * (b * b).mean())
-    return float((a * b).mean() / spread) if spread > 1e-9 else 0.0
+    deviations = np.sqrt((a * a).mean() * (b * b).mean())
+    if deviations <= 1e-9:
+        return 0.0
+    return float((a * b).mean() / deviations)

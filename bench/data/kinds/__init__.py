@@ -46,15 +46,19 @@ class Kind(ABC):
         """Open it as `bench.data.open.open_material` promises."""
 
     def ignores(self, spec: MaterialSpec, key: str) -> str:
-        """Why `data.KEY` does not affect a material, and what does; "" if it does."""
+        """In words, why the setting `key`, like "data.views", does not affect a material, and what to do instead.
+
+        "" if it does affect it.
+        """
         return ""
 
     def outline(self, spec: MaterialSpec, data: Preparation, draw: int) -> "BTF | None":
-        """The same BTF without values, where its fingerprint is known before they are made; None elsewhere."""
+        """The BTF that `open` gives, with zeros for its values; None for a kind that must first make or read the values
+        to know their fingerprint."""
         return None
 
     def bytes_made(self, spec: MaterialSpec, data: Preparation) -> int:
-        """The bytes that opening it makes, as float32; 0 if it makes none."""
+        """The bytes of the radiance that opening it computes, as float32; 0 if it only reads radiance."""
         return 0
 
     def needs_a_run(self, data: Preparation) -> bool:
@@ -64,20 +68,20 @@ class Kind(ABC):
 
 def kind_of(spec: MaterialSpec) -> Kind:
     """The kind of a material."""
-    # The folders are the key of the cache, because a folder may be added to the package.
-    every = dict(_kinds(tuple(__path__)))
-    otherwise = every.pop(OTHERWISE)
-    for kind in every.values():
+    # `_kinds` caches its answer by the folders, because a folder may be added to the package.
+    kinds = dict(_kinds(tuple(__path__)))
+    measured = kinds.pop(OTHERWISE)
+    for kind in kinds.values():
         if kind.knows(spec):
             return kind
-    return otherwise
+    return measured
 
 
 @cache
 def _kinds(folders: tuple[str, ...]) -> tuple[tuple[str, Kind], ...]:
-    """The name of each module in the folders of this package, sorted, and its kind."""
-    found = []
-    for name in sorted(module.name for module in pkgutil.iter_modules(folders)):
+    """(module's name, its `KIND`) of each module in the folders of this package, sorted by name."""
+    kinds = []
+    for name in sorted(info.name for info in pkgutil.iter_modules(folders)):
         module = importlib.import_module(f"{__name__}.{name}")
-        found.append((name, module.KIND))
-    return tuple(found)
+        kinds.append((name, module.KIND))
+    return tuple(kinds)

@@ -33,8 +33,9 @@ class BuiltIn(Kind):
     def ignores(self, spec: MaterialSpec, key: str) -> str:
         if key == "data.renderer":
             return f"mitsuba bakes only folders of maps, and {spec.name} is built in"
-        instead = OF_MEASURED.get(key)
-        return f"{spec.name} is rendered, which has no such setting: {instead}" if instead else ""
+        if key in OF_MEASURED:
+            return f"{spec.name} is rendered, which has no such setting: {OF_MEASURED[key]}"
+        return ""
 
 
 KIND = BuiltIn()

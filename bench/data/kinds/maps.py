@@ -34,12 +34,14 @@ class PbrMaps(Kind):
         return open_svbrdf(path, data, show, draw, path_tracer())
 
     def ignores(self, spec: MaterialSpec, key: str) -> str:
-        instead = OF_MEASURED.get(key)
-        return f"{spec.name} is rendered, which has no such setting: {instead}" if instead else ""
+        if key in OF_MEASURED:
+            return f"{spec.name} is rendered, which has no such setting: {OF_MEASURED[key]}"
+        return ""
 
     def bytes_made(self, spec: MaterialSpec, data: Preparation) -> int:
-        # Three float32 a texel and pair.
-        return 12 * data.size**2 * (data.views * data.lights + data.heldout)
+        pairs = data.views * data.lights + data.heldout
+        bytes_of_a_texel = 3 * 4  # red, green and blue as float32
+        return bytes_of_a_texel * data.size**2 * pairs
 
     def needs_a_run(self, data: Preparation) -> bool:
         return data.renderer == "mitsuba"

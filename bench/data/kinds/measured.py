@@ -16,23 +16,24 @@ class Measured(Kind):
     def open(
         self, spec: MaterialSpec, data: Preparation, show: Progress, draw: int, path_tracer: LoadTracer | None
     ) -> BTF:
-        """What a reader opens, thinned first, so that only pairs that are used are repaired and shrunk."""
+        """What a reader opens. Pairs are left out first, so that only pairs that are used are repaired and shrunk."""
         from bench.data.readers import open_btf
 
         btf = thinned(open_btf(spec.there(), data.angles), data.pairs)
         if data.split == "validation":
-            btf = btf.without_test()
+            btf = btf.without_test()  # its own split then holds out pairs to choose settings by
         elif data.validation:
-            btf = btf.with_validation()
+            btf = btf.with_validation()  # test pairs, and besides them validation pairs
         if data.repair:
             btf = repaired(btf, show)
         return shrunk(btf, data.texels)
 
     def ignores(self, spec: MaterialSpec, key: str) -> str:
         if not spec.existing():
-            return ""  # nobody knows what it would be
-        instead = OF_RENDERED.get(key)
-        return f"{spec.name} is measured, which has no such setting: {instead}" if instead else ""
+            return ""  # what is not on this machine may be a folder of maps, which has other settings
+        if key in OF_RENDERED:
+            return f"{spec.name} is measured, which has no such setting: {OF_RENDERED[key]}"
+        return ""
 
 
 KIND = Measured()

@@ -33,17 +33,17 @@ def names() -> list[str]:
 
 def describe() -> dict[str, str]:
     """Name → one line of description; imports nothing."""
-    return {name: line for name, (_, line) in _REGISTRY.items()}
+    return {name: description for name, (_, description) in _REGISTRY.items()}
 
 
 def recipe(name: str) -> "Recipe":
     """The recipe of a built-in material with its default parameters. Raises `InputError` for an unknown name."""
     if name not in _REGISTRY:
         raise InputError(f"unknown material {name!r}{did_you_mean(name, _REGISTRY)}")
-    place, _ = _REGISTRY[name]
-    module, _, attribute = place.partition(":")
-    made = getattr(importlib.import_module(f"{__name__}.{module}"), attribute)
-    return made()
+    location, _ = _REGISTRY[name]
+    module, _, class_name = location.partition(":")
+    recipe_class = getattr(importlib.import_module(f"{__name__}.{module}"), class_name)
+    return recipe_class()
 
 
 def load(

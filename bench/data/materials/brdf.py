@@ -52,14 +52,14 @@ def points(o: tuple[Array, Array, Array], maps: dict[str, Array]) -> Points:
     metal = maps["metalness"]
     specular = maps["specular"]
     dielectric = (1 - metal) * specular
-    o_n = _at_least(1e-3, o[2])
-    reflected = fresnel(DIELECTRIC_F0 * specular, specular, o_n)
+    o_n = _at_least(1e-3, o[2])  # a normal may lean away from the view; it then counts as seen at a grazing angle
+    reflected = fresnel(DIELECTRIC_F0 * specular, specular, o_n)  # F_d(o_n)
     diffuse = maps["base"] * ((1 - metal) * (1 - reflected) / np.pi)
     f0 = DIELECTRIC_F0 * dielectric + metal * maps["base"]
     f90 = dielectric + metal
-    seen = (o[0], o[1], o_n)
+    view = (o[0], o[1], o_n)
     alphas = (alpha_t, alpha_b)
-    return Points(seen, alphas, diffuse, f0, f90, specular, _smith(alphas, seen))
+    return Points(view, alphas, diffuse, f0, f90, dielectric_f90=specular, smith_o=_smith(alphas, view))
 
 
 def reflect(here: Points, i: tuple[Array, Array, Array], cos_between: Values) -> tuple[Array, Array]:
@@ -69,26 +69,29 @@ def reflect(here: Points, i: tuple[Array, Array, Array], cos_between: Values) ->
     along t, b and n, each (...); `cos_between` is ω_o · ω_i. Both are 0 for a light below the tangent plane.
     """
     i_n = _at_least(0, i[2])
-    # The half vector is (o + i) / |o + i|, with |o + i|² = 2 + 2 ω_o · ω_i.
-    inverse_half = 1 / _root(_at_least(1e-12, 2 + 2 * cos_between))
+    # The half vector is (o + i) / |o + i|, with |o + i|² = 2 + 2 ω_o · ω_i, which is 0 for opposite directions.
+    inverse_length = 1 / _root(_at_least(1e-12, 2 + 2 * cos_between))
     (o_t, o_b, o_n), (alpha_t, alpha_b) = here.o, here.alpha
     h_t, h_b, h_n = o_t + i[0], o_b + i[1], o_n + i_n
     h_t /= alpha_t
     h_b /= alpha_b
+    # (h_t/α_t)² + (h_b/α_b)² + h_n² of the unit half vector; D divides by its square.
     stretched = h_t * h_t + h_b * h_b + h_n * h_n
-    stretched *= inverse_half * inverse_half
-    # The specular part is D V i_n = i_n · (0.5 / π) / density.
+    stretched *= inverse_length * inverse_length
+    # The specular part is D V i_n, with D = 1 / (π α_t α_b stretched²) and V = 0.5 / masking.
     masking = i_n * here.smith_o + o_n * _smith(here.alpha, (i[0], i[1], i_n))
-    density = stretched * stretched * masking * (alpha_t * alpha_b)
-    specular = i_n * (0.5 / np.pi) / density
-    through = i_n * (1 - fresnel(DIELECTRIC_F0 * here.dielectric_f90, here.dielectric_f90, i_n))
-    return through, specular
+    denominator = stretched * stretched * masking * (alpha_t * alpha_b)
+    specular = i_n * (0.5 / np.pi) / denominator
+    # The diffuse part lacks only what the dielectric reflects on the way in; `Points.diffuse` has the other factors.
+    transmitted = i_n * (1 - fresnel(DIELECTRIC_F0 * here.dielectric_f90, here.dielectric_f90, i_n))
+    return transmitted, specular
 
 
 def specular_colour(here: Points, cos_between: Values) -> Values:
     """F (3, ...) of each point for one pair: every point shares the angle between view and half vector."""
-    # Half of the angle between view and light: cos(x / 2) = √((1 + cos x) / 2).
-    return fresnel(here.f0, here.f90, _root(_at_least(0, (1 + cos_between) / 2)))
+    # The half vector halves the angle between view and light: cos(x / 2) = √((1 + cos x) / 2).
+    cos_half = _root(_at_least(0, (1 + cos_between) / 2))
+    return fresnel(here.f0, here.f90, cos_half)
 
 
 def fresnel(f0: Values, f90: Values, cos: Values) -> Values:
@@ -104,9 +107,9 @@ def _smith(alpha: tuple[Array, Array], x: tuple[Array, Array, Array]) -> Array:
     return _root(t * t + b * b + x[2] * x[2])
 
 
-def _at_least(low: float, values: Values) -> Values:
-    """Values raised to `low`, of NumPy or PyTorch."""
-    return values.clamp_min(low) if hasattr(values, "clamp_min") else np.maximum(values, low)
+def _at_least(least: float, values: Values) -> Values:
+    """Values raised to `least`, of NumPy or PyTorch."""
+    return values.clamp_min(least) if hasattr(values, "clamp_min") else np.maximum(values, least)
 
 
 def _root(values: Values) -> Values:

@@ -4,7 +4,7 @@ Pictures are made periodic, too: the seam at the borders is measured, and blende
 """
 
 from dataclasses import dataclass, fields, replace
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -48,11 +48,11 @@ class Maps:
 
     def __post_init__(self) -> None:
         """Bring every map to a checked float32 array of the common shape."""
-        given = {field.name: getattr(self, field.name) for field in fields(self)}
-        shape = _common_shape(given)
-        for name, value in given.items():
+        maps = {field.name: getattr(self, field.name) for field in fields(self)}
+        shape = _common_shape(maps)
+        for name, value in maps.items():
             if value is not None:
-                object.__setattr__(self, name, _checked(name, value, shape))
+                object.__setattr__(self, name, _checked(name, value, shape))  # a frozen class refuses `self.name =`
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -66,10 +66,13 @@ class Maps:
         # `angle` and `normal` are averaged as vectors below, an angle by twice its value, because it has a period of π.
         averaged = [name for name in (*_SCALARS, "base_colour") if name != "angle"]
         maps = {name: resize(getattr(self, name), shape) for name in averaged}
-        double = resize(np.stack([np.cos(2 * self.angle), np.sin(2 * self.angle)], -1), shape)
-        angle = 0.5 * np.arctan2(double[..., 1], double[..., 0])
-        normal = None if self.normal is None else resize(self.normal, shape)
-        if normal is not None:
+        double_angle = np.stack([np.cos(2 * self.angle), np.sin(2 * self.angle)], -1)
+        double_angle = resize(double_angle, shape)
+        angle = 0.5 * np.arctan2(double_angle[..., 1], double_angle[..., 0])
+        normal = None
+        if self.normal is not None:
+            normal = resize(self.normal, shape)
+            # Opposite normals may cancel: 1e-12 avoids a division by 0.
             normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
         return replace(self, **maps, angle=angle, normal=normal)
 
@@ -85,11 +88,11 @@ class Recipe(Protocol):
 _SCALARS = ("height", "roughness", "metalness", "specular", "anisotropy", "angle")
 
 
-def _common_shape(given: dict[str, Any]) -> tuple[int, ...]:
-    """The (H', W') of the first map that is a picture; (1, 1) if all are numbers or single colours."""
-    for name, value in given.items():
+def _common_shape(maps: dict[str, Any]) -> tuple[int, ...]:
+    """The (H', W') of the first of some maps, by name, that is a picture; (1, 1) if all are numbers or colours."""
+    for name, value in maps.items():
         shape = np.shape(value)
-        axes = 2 if name in _SCALARS else 3
+        axes = 2 if name in _SCALARS else 3  # of a picture of this map
         if len(shape) == axes:
             return shape[:2]
     return (1, 1)
@@ -105,7 +108,8 @@ def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
         raise InputError(f"map {name} has shape {array.shape}, but the others need {wanted}") from None
     if not np.isfinite(array).all():
         raise InputError(f"map {name} holds values that are not finite")
-    if name not in ("height", "angle", "normal") and (array.min() < 0 or array.max() > 1):
+    is_weight = name not in ("height", "angle", "normal")
+    if is_weight and (array.min() < 0 or array.max() > 1):
         raise InputError(f"map {name} must lie in [0, 1], not [{array.min():g}, {array.max():g}]")
     return array
 
@@ -113,37 +117,40 @@ def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
 def resize(picture: Array, shape: tuple[int, int]) -> Array:
     """A periodic picture (H, W, ...) at another size: linear interpolation to enlarge, area averages to shrink."""
     for axis, size in enumerate(shape):  # the first two axes, not the channels
-        old = picture.shape[axis]
-        if size == old:
+        old_size = picture.shape[axis]
+        if size == old_size:
             continue
-        weights = _enlarging(size, old) if size > old else _shrinking(size, old)
+        weights = _enlarging_weights(size, old_size) if size > old_size else _shrinking_weights(size, old_size)
         resized = np.tensordot(weights, picture.astype(np.float64), (1, axis))  # puts the new axis first
         picture = np.moveaxis(resized, 0, axis)
     return picture.astype(np.float32)
 
 
-def _enlarging(size: int, old: int) -> Array:
-    """The weights (size, old) of linear interpolation between the centres of `old` periodic texels."""
-    weights = np.zeros((size, old))
-    row = np.arange(size)
-    place = (row + 0.5) * old / size - 0.5  # of a new centre, counted in old texels from the first centre
-    low = np.floor(place).astype(int)
+def _enlarging_weights(size: int, old_size: int) -> Array:
+    """The weights (size, old_size) of linear interpolation between the centres of `old_size` periodic texels."""
+    weights = np.zeros((size, old_size))
+    new = np.arange(size)
+    place = (new + 0.5) * old_size / size - 0.5  # of a new centre, counted in old texels from the first centre
+    before = np.floor(place).astype(int)  # the old centre before it; the next one is `before + 1`
+    fraction = place - before
     # `add.at` adds twice where both neighbours are the same texel.
-    np.add.at(weights, (row, low % old), 1 - (place - low))
-    np.add.at(weights, (row, (low + 1) % old), place - low)
+    np.add.at(weights, (new, before % old_size), 1 - fraction)
+    np.add.at(weights, (new, (before + 1) % old_size), fraction)
     return weights
 
 
-def _shrinking(size: int, old: int) -> Array:
-    """The weights (size, old) of area averages: the share of each new texel that each old one covers."""
-    cells = np.arange(old)
-    edges = np.arange(size + 1) * old / size  # of the new texels, counted in old ones
-    overlap = np.minimum(edges[1:, None], cells + 1) - np.maximum(edges[:-1, None], cells)
-    return np.maximum(overlap, 0) * size / old
+def _shrinking_weights(size: int, old_size: int) -> Array:
+    """The weights (size, old_size) of area averages: the share of each new texel that each old one covers."""
+    old_starts = np.arange(old_size)
+    edges = np.arange(size + 1) * old_size / size  # of the new texels, counted in old ones
+    ends = np.minimum(edges[1:, None], old_starts + 1)
+    starts = np.maximum(edges[:-1, None], old_starts)
+    return np.maximum(ends - starts, 0) * size / old_size
 
 
 def make_periodic(picture: Array, overlap: tuple[int, int]) -> Array:
-    """A picture (H, W) or (H, W, C) cut by `overlap` (rows, columns), its far margins blended into its near ones.
+    """A picture (H, W) or (H, W, C) that repeats without a seam: its last rows and columns, as many as `overlap` (rows,
+    columns) says, are blended into its first ones and cut off.
 
     The blend's deviation from the mean is scaled by 1 / √(w² + (1 − w)²), which keeps the contrast of texture; it may
     leave the range of the picture. Raises `InputError` if a margin is more than half of a side.
@@ -154,31 +161,37 @@ def make_periodic(picture: Array, overlap: tuple[int, int]) -> Array:
         raise InputError(f"margins of {cols} × {rows} do not fit twice into a picture of {width} × {height}")
     mean = picture.mean((0, 1))
     for axis, margin in enumerate(overlap):
-        moved = np.moveaxis(picture - mean, axis, 0)
-        size = len(moved) - margin
+        lines = np.moveaxis(picture - mean, axis, 0)  # rows, then columns
+        kept = len(lines) - margin
         # From 0 at the border to 1; without a margin the array is empty, and `max` avoids a division by 0.
         weight = 0.5 - 0.5 * np.cos(np.pi * (np.arange(margin) + 0.5) / max(margin, 1))
-        weight = weight.reshape(-1, *(1,) * (moved.ndim - 1))  # (margin, 1, …)
-        blend = weight * moved[:margin] + (1 - weight) * moved[size:]
+        weight = weight.reshape(-1, *(1,) * (lines.ndim - 1))  # (margin, 1, …)
+        blend = weight * lines[:margin] + (1 - weight) * lines[kept:]
         blend /= np.sqrt(weight**2 + (1 - weight) ** 2)
-        cut = np.concatenate([blend, moved[margin:size]])
+        cut = np.concatenate([blend, lines[margin:kept]])
         picture = np.moveaxis(cut, 0, axis) + mean
     return picture
 
 
-def seams(picture: Array) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """The seams of a picture (H, W, C) repeated from left to right, and from top to bottom: three numbers each.
+class Seam(NamedTuple):
+    """Means of |difference| between neighbouring columns (or rows) of a picture that is repeated."""
 
-    They are means of |difference| between neighbours: across the border, over all neighbours inside, and the largest
-    mean inside between two whole columns (or rows). A side below 4 is too short to measure, and gives (0, 1, 1).
+    across: float  # between the last and the first, at the border
+    inside: float  # over all neighbours inside
+    largest: float  # of the two neighbours inside that differ most
+
+
+def seams(picture: Array) -> tuple[Seam, Seam]:
+    """The seams of a picture (H, W, C) repeated from left to right, and from top to bottom.
+
+    A side below 4 is too short to measure, and gives (0, 1, 1), which is no seam.
     """
-    return _seam(picture), _seam(picture.swapaxes(0, 1))
+    return _left_right_seam(picture), _left_right_seam(picture.swapaxes(0, 1))
 
 
-def _seam(picture: Array) -> tuple[float, float, float]:
-    """The three numbers of `seams` at the left–right border."""
+def _left_right_seam(picture: Array) -> Seam:
     if picture.shape[1] < 4:
-        return 0.0, 1.0, 1.0
+        return Seam(0.0, 1.0, 1.0)
     steps = np.abs(np.diff(picture, axis=1)).mean((0, 2))
     across = np.abs(picture[:, 0] - picture[:, -1]).mean()
-    return float(across), float(steps.mean()), float(steps.max())
+    return Seam(float(across), float(steps.mean()), float(steps.max()))

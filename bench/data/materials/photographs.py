@@ -12,14 +12,15 @@ from bench.data.materials.procedural import mix, normalised, smooth, srgb
 
 
 def _detail(photograph: Array, margin: int, resolution: int, sigma: float) -> Array:
-    """A photograph (H, W) of codes as a periodic (resolution, resolution): smoothed, without its low frequencies.
+    """The fine structure of a photograph (H, W) of 8-bit codes, periodic (resolution, resolution).
 
-    It has zero mean and unit deviation, but is clipped at 2.5. `margin` is in pixels of the photograph; `sigma`, of the
-    smoothing, in texels of the result.
+    It is smoothed by a Gaussian of `sigma` texels, without its low frequencies, with zero mean and unit deviation, and
+    clipped at ±2.5. `margin` is the overlap that makes it periodic, in pixels of the photograph.
     """
-    grey = resize(make_periodic(photograph / 255.0, (margin, margin)), (resolution, resolution))
-    soft = gaussian_filter(grey, sigma, mode="wrap")
-    detail = soft - gaussian_filter(soft, 30, mode="wrap")
+    periodic = make_periodic(photograph / 255.0, (margin, margin))
+    grey = resize(periodic, (resolution, resolution))
+    smoothed = gaussian_filter(grey, sigma, mode="wrap")
+    detail = smoothed - gaussian_filter(smoothed, 30, mode="wrap")
     return np.clip((detail - detail.mean()) / detail.std(), -2.5, 2.5)
 
 
@@ -38,7 +39,7 @@ class Brick:
         rng = np.random.default_rng(seed)
         wall = make_periodic(_rectified(data.brick() / 255.0), (16, 24))
         grey = resize(wall, (self.resolution, self.resolution))
-        mortar = np.clip((grey - 0.45) / 0.12, 0, 1)
+        mortar = np.clip((grey - 0.45) / 0.12, 0, 1)  # clay is darker than 0.45, mortar brighter than 0.57
         mortar = mortar * mortar * (3 - 2 * mortar)  # a smooth step from clay, 0, to mortar, 1
         grain = smooth(rng, self.resolution, 0.004, 0.004)
         tone = smooth(rng, self.resolution, 0.06, 0.1)
@@ -55,8 +56,10 @@ def _rectified(picture: Array) -> Array:
     """
     y, x = np.mgrid[0:400, 0:400] / 399.0
     row = 30 + 475 * y
-    column = 223.4 + (x - 0.5) * 440 * (0.706 + 0.294 * row / 511)
-    return map_coordinates(picture, [row, column], order=1, mode="nearest").T[33:357]
+    column = 223.4 + (x - 0.5) * 440 * (0.706 + 0.294 * row / 511)  # the photograph widens downwards
+    wall = map_coordinates(picture, [row, column], order=1, mode="nearest")
+    level = wall.T  # the long joints run down the photograph
+    return level[33:357]
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,7 @@ class Gravel:
     def maps(self, seed: int) -> Maps:
         """Bright stones lie high; the photograph also shades their colour."""
         rng = np.random.default_rng(seed)
-        part = data.gravel()[200:450, 200:450]  # of 512 × 512 pixels, so that stones are large
+        part = data.gravel()[200:450, 200:450]  # a part of 512 × 512 pixels, so that stones are large
         detail = _detail(part, margin=40, resolution=self.resolution, sigma=2)
         warm = 0.06 * smooth(rng, self.resolution, 0.02, 0.02)
         shade = 0.75 + 0.2 * detail  # dark between the stones
@@ -93,7 +96,8 @@ class Grass:
     def maps(self, seed: int) -> Maps:
         """Bright blades stand high, of a colour that turns to that of the soil below."""
         rng = np.random.default_rng(seed)
-        height = normalised(_detail(data.grass()[20:276, 200:456], 48, self.resolution, 1.5))
+        part = data.grass()[20:276, 200:456]  # a part of 512 × 512 pixels, so that blades are large
+        height = normalised(_detail(part, margin=48, resolution=self.resolution, sigma=1.5))
         dry = 0.12 * smooth(rng, self.resolution, 0.05, 0.05)
         colour = mix(srgb(*self.soil_srgb), srgb(*self.blade_srgb), np.clip(1.6 * height, 0, 1))
         colour = colour * (1 + dry[..., None] * [1, 0.2, -0.5])  # yellower where dry

@@ -32,17 +32,19 @@ def smooth(rng: np.random.Generator, size: int, sigma_v: float, sigma_u: float) 
     return (field - field.mean()) / field.std()
 
 
-def to_scattered(rng: np.random.Generator, size: int, cells: int, jitter: float) -> tuple[Array, Array]:
+def distances_to_points(rng: np.random.Generator, size: int, cells: int, jitter: float) -> tuple[Array, Array]:
     """Distances, each (size, size), from every texel to the nearest and to the second nearest of cells² points.
 
-    One point lies in each cell, at random up to `jitter` of a cell beside its middle along each axis. Distances are
-    shares of the tile's side, and periodic.
+    The tile is cut into cells × cells squares. Each has one point, moved from its middle at random, by up to `jitter`
+    of a square along each axis. Distances are shares of the tile's side, and periodic.
     """
-    corner = np.stack(np.meshgrid(np.arange(cells), np.arange(cells)), -1).reshape(-1, 2)
+    corners = np.stack(np.meshgrid(np.arange(cells), np.arange(cells)), -1).reshape(-1, 2)
+    moves = rng.uniform(-jitter, jitter, corners.shape)
     # A point pushed over the tile's border comes in again at the other side.
-    points = (corner + 0.5 + rng.uniform(-jitter, jitter, corner.shape)) / cells % 1.0
-    nearest, _ = cKDTree(points, boxsize=1.0).query(np.stack(grid(size), -1), k=2)
-    return nearest[..., 0], nearest[..., 1]
+    points = (corners + 0.5 + moves) / cells % 1.0
+    texels = np.stack(grid(size), -1)
+    distances, _ = cKDTree(points, boxsize=1.0).query(texels, k=2)
+    return distances[..., 0], distances[..., 1]
 
 
 def normalised(picture: Array) -> Array:
@@ -78,19 +80,23 @@ class Satin:
         """At each texel the thread that rides higher shows, with its colour, fibres and twist."""
         rng = np.random.default_rng(seed)
         u, v = grid(self.resolution)
-        across_u, across_v = u * self.threads, v * self.threads
-        warp, weft = np.floor(across_u).astype(int), np.floor(across_v).astype(int)
+        # Warp threads run along v, side by side along u; weft threads the other way. Places are counted in threads.
+        place_u, place_v = u * self.threads, v * self.threads
+        warp_number, weft_number = np.floor(place_u).astype(int), np.floor(place_v).astype(int)
         # Where a warp thread dips, a weft thread rides over it: 3 is the inverse of 2 modulo 5.
-        warp_top = self._ride(warp, across_v, 2) + _bulge(across_u)
-        weft_top = -self._ride(weft, across_u, 3) + _bulge(across_v)
+        warp_top = self._axis_height(warp_number, place_v, 2) + _bulge(place_u)
+        weft_top = -self._axis_height(weft_number, place_u, 3) + _bulge(place_v)
         is_warp = warp_top >= weft_top
-        thread = np.where(is_warp, warp, weft + self.threads)  # warp threads have the first numbers, weft the others
-        tint = rng.normal(1, 0.06, 2 * self.threads)[thread]
-        fibre = np.where(is_warp, smooth(rng, self.resolution, 0.05, 0.004), smooth(rng, self.resolution, 0.004, 0.05))
+        # Among all threads, those of the warp have the first numbers, those of the weft the others.
+        thread_number = np.where(is_warp, warp_number, weft_number + self.threads)
+        tint = rng.normal(1, 0.06, 2 * self.threads)[thread_number]
+        warp_fibres = smooth(rng, self.resolution, 0.05, 0.004)  # noise stretched along the thread
+        weft_fibres = smooth(rng, self.resolution, 0.004, 0.05)
+        fibre = np.where(is_warp, warp_fibres, weft_fibres)
         colour = mix(srgb(*self.weft_srgb), srgb(*self.warp_srgb), is_warp.astype(float))
         colour = colour * (tint * (1 + 0.12 * fibre))[..., None]
         twist = np.radians(self.twist_deg) + 0.06 * fibre
-        along = np.where(is_warp, np.pi / 2, 0.0) + twist
+        fibre_angle = np.where(is_warp, np.pi / 2, 0.0) + twist
         top = np.maximum(warp_top, weft_top)
         return Maps(
             height=self.height * (top + 0.05 * fibre),
@@ -98,23 +104,26 @@ class Satin:
             roughness=np.clip(self.roughness + 0.04 * fibre, 0.2, 0.8),
             metalness=0.35,
             anisotropy=self.anisotropy,
-            angle=along + np.pi / 2,  # highlights stretch across the fibres
+            angle=fibre_angle + np.pi / 2,  # highlights stretch across the fibres
         )
 
-    def _ride(self, thread: Array, along: Array, step: int) -> Array:
-        """Height of a thread's axis: +0.5 over, −0.5 in the middle of the thread it dips under, smooth between.
+    def _axis_height(self, thread: Array, along: Array, step: int) -> Array:
+        """Height of the axis of the thread at each texel: +0.5 where it rides over the crossed threads, −0.5 in the
+        middle of each crossed thread that it dips under, smooth between.
 
-        `thread` is the number of the thread at each texel, `along` the place on it, counted in crossed threads. Each
-        thread dips `step` crossed threads further than its neighbour.
+        `thread` is the thread's number, `along` the place on it, counted in crossed threads. Each thread dips `step`
+        crossed threads further than its neighbour.
         """
-        # Crossed threads to the nearest dip; dips are five apart.
-        away = np.abs((along - 0.5 - step * thread + 2.5) % 5 - 2.5)
-        return 0.5 - np.where(away < 1, 0.5 + 0.5 * np.cos(np.pi * away), 0)
+        from_a_dip = along - 0.5 - step * thread
+        # The distance to the nearest dip, counted in crossed threads; dips are five apart.
+        distance = np.abs((from_a_dip + 2.5) % 5 - 2.5)
+        dip = np.where(distance < 1, 0.5 + 0.5 * np.cos(np.pi * distance), 0)
+        return 0.5 - dip
 
 
 def _bulge(across: Array) -> Array:
-    """The round cross-section of threads that are one unit wide: 0 at an edge and 1 in the middle."""
-    x = 2 * (across % 1) - 1
+    """The round cross-section of threads that are one unit of `across` wide: 0 at an edge and 1 in the middle."""
+    x = 2 * (across % 1) - 1  # from −1 at one edge to 1 at the other
     return np.sqrt(np.maximum(1 - x * x, 0))
 
 
@@ -150,27 +159,28 @@ class CableKnit:
         )
 
     def _strand(self, u: Array, v: Array, side: int) -> Array:
-        """A round strand that winds about the other, covered by V stitches; below everything outside its width."""
+        """Heights of a round strand that winds about the other, covered by V stitches. Outside its width they are −1,
+        which is below everything else. `side` is −1 or 1, one for each strand."""
         turn = 2 * np.pi * v
         centre = 0.5 + side * self.sway * np.sin(turn)
         lean = side * self.sway * 2 * np.pi * np.cos(turn)  # the slope of the centre, d centre / d v
         # 0 on the strand's axis, −1 and 1 at its edges; a leaning strand is wider along u.
         across = (u - centre) / (self.radius * np.sqrt(1 + lean * lean))
         body = np.sqrt(np.maximum(1 - across * across, 0))
-        leg = np.abs(across)
+        from_axis = np.abs(across)
         # The yarns of a stitch lie along lines that rise from the axis to both edges: a V.
-        ridge = np.abs(np.cos(np.pi * (v * self.stitches - 0.9 * leg)))
-        edge = np.sin(np.pi * np.clip(leg, 0, 1)) ** 0.5
-        yarn = self.yarn * (np.sqrt(ridge) * edge - 1)
+        ridge = np.abs(np.cos(np.pi * (v * self.stitches - 0.9 * from_axis)))
+        fade = np.sin(np.pi * np.clip(from_axis, 0, 1)) ** 0.5  # yarns end at the axis and at the edges
+        yarn = self.yarn * (np.sqrt(ridge) * fade - 1)
         # The strand of side 1 is over the other where cos(turn) > 0, and under it elsewhere.
-        lifted = 0.55 + 0.3 * side * np.cos(turn) + 0.6 * body + yarn
-        return np.where(leg < 1, lifted, -1)
+        height = 0.55 + 0.3 * side * np.cos(turn) + 0.6 * body + yarn
+        return np.where(from_axis < 1, height, -1)
 
     def _ground(self, u: Array, v: Array) -> Array:
-        """Rows of purl bumps, every other row shifted by half a bump."""
+        """Heights of rows of purl bumps, every other row shifted by half a bump."""
         row = v * self.stitches
         column = u * self.bumps + 0.5 * (np.floor(row) % 2)
-        x, y = 2 * (column % 1) - 1, 2 * (row % 1) - 1
+        x, y = 2 * (column % 1) - 1, 2 * (row % 1) - 1  # from −1 to 1 within a bump
         return 0.35 * np.sqrt(np.maximum(1 - 0.8 * x * x - 0.9 * y * y, 0))
 
 
@@ -196,10 +206,12 @@ class Wicker:
         rod_top = 0.45 * sway + 0.5 * _round(v * self.rods, 0.46)
         stake_top = 0.55 * _round(u * self.stakes, 0.22)
         is_rod = rod_top >= stake_top
-        top = np.maximum(np.maximum(rod_top, stake_top), -0.6)
-        fibre = np.where(is_rod, smooth(rng, self.resolution, 0.003, 0.08), smooth(rng, self.resolution, 0.08, 0.003))
-        piece = np.where(is_rod, rod, stake + self.rods)  # rods have the first numbers, stakes the others
-        shade = rng.normal(0, 0.25, self.rods + self.stakes)[piece]
+        top = np.maximum(rod_top, stake_top)
+        rod_fibres = smooth(rng, self.resolution, 0.003, 0.08)  # noise stretched along the rod
+        stake_fibres = smooth(rng, self.resolution, 0.08, 0.003)
+        fibre = np.where(is_rod, rod_fibres, stake_fibres)
+        piece_number = np.where(is_rod, rod, stake + self.rods)  # rods have the first numbers, stakes the others
+        shade = rng.normal(0, 0.25, self.rods + self.stakes)[piece_number]
         bark = np.clip(0.35 + shade + 0.2 * fibre, 0, 1)
         colour = mix(srgb(*self.willow_srgb), srgb(*self.bark_srgb), bark)
         return Maps(
@@ -207,7 +219,7 @@ class Wicker:
             base_colour=np.clip(colour * (1 + 0.08 * fibre)[..., None], 0, 1),
             roughness=np.clip(self.roughness + 0.06 * fibre, 0.2, 1),
             anisotropy=0.3,
-            angle=np.where(is_rod, np.pi / 2, 0.0),
+            angle=np.where(is_rod, np.pi / 2, 0.0),  # highlights stretch across the fibres
         )
 
 
@@ -246,10 +258,15 @@ class Leather:
         )
 
     def _pebbles(self, rng: np.random.Generator, cells: int, crease: float) -> Array:
-        """Height in [0, 1]: 0 on the border of two cells, rounded up to 1 inside."""
-        one, other = to_scattered(rng, self.resolution, cells, 0.42)
-        border = np.clip((other - one) * cells / crease, 0, 1)
-        return gaussian_filter(np.sqrt(1 - (1 - border) ** 2), 0.007 * self.resolution, mode="wrap")
+        """Heights in [0, 1] of cells² pebbles: 0 on the border of two, rounded up to 1 inside.
+
+        `crease` is the width of the slope, as a share of a pebble.
+        """
+        nearest, second = distances_to_points(rng, self.resolution, cells, 0.42)
+        # Both distances are equal on a border, so their difference grows from 0 there.
+        inside = np.clip((second - nearest) * cells / crease, 0, 1)
+        rounded = np.sqrt(1 - (1 - inside) ** 2)
+        return gaussian_filter(rounded, 0.007 * self.resolution, mode="wrap")
 
 
 @dataclass(frozen=True)
@@ -292,14 +309,15 @@ class HammeredCopper:
     def maps(self, seed: int) -> Maps:
         """Copper that tarnishes toward the middle of each dent, where it is rougher and less of a metal."""
         rng = np.random.default_rng(seed)
-        nearest, _ = to_scattered(rng, self.resolution, self.dents, 0.35)
-        away = nearest * self.dents  # from the middle of the dent, as a share of the mean width of a dent
-        tarnish = smooth(rng, self.resolution, 0.08, 0.08)
+        nearest, _ = distances_to_points(rng, self.resolution, self.dents, 0.35)
+        from_middle = nearest * self.dents  # of the dent, as a share of the mean width of a dent
+        blotches = smooth(rng, self.resolution, 0.08, 0.08)
         grain = smooth(rng, self.resolution, 0.006, 0.006)
-        low = np.clip(1.1 - 1.6 * away + 0.5 * tarnish, 0, 1) * 0.6
+        patina = np.clip(1.1 - 1.6 * from_middle + 0.5 * blotches, 0, 1) * 0.6
+        colour = mix(srgb(*self.copper_srgb), srgb(*self.patina_srgb), patina)
         return Maps(
-            height=self.height * normalised(away * away + 0.01 * grain),
-            base_colour=np.clip(mix(srgb(*self.copper_srgb), srgb(*self.patina_srgb), low), 0, 1),
-            roughness=np.clip(self.roughness + 0.35 * low + 0.03 * grain, 0.1, 1),
-            metalness=1 - 0.8 * low,
+            height=self.height * normalised(from_middle * from_middle + 0.01 * grain),
+            base_colour=np.clip(colour, 0, 1),
+            roughness=np.clip(self.roughness + 0.35 * patina + 0.03 * grain, 0.1, 1),
+            metalness=1 - 0.8 * patina,
         )

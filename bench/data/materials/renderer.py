@@ -37,15 +37,17 @@ SUB_POINTS = 2  # along each side of a texel
 
 
 class HeightField:
-    """`height` is (H, W) float32, periodic; `aspect` is the picture's physical height over its width."""
+    """A periodic surface of heights that rays are traced against."""
 
     def __init__(self, height: Array, aspect: float):
-        above = height - height.min()  # exactly 0 on a plane of any height
-        self.height = np.ascontiguousarray(above - above.mean(dtype=np.float64), np.float32)
+        """`height` is (H, W) float32; `aspect` is the picture's physical height over its width."""
+        above_lowest = height - height.min()  # exactly 0 on a plane of any height
+        self.height = np.ascontiguousarray(above_lowest - above_lowest.mean(dtype=np.float64), np.float32)
         self.shape = self.height.shape
-        self.cell = (aspect / self.shape[0], 1 / self.shape[1])
+        self.cell = (aspect / self.shape[0], 1 / self.shape[1])  # the sides of a grid cell along y and x
         self.bottom, self.top = float(self.height.min()), float(self.height.max())
-        # Doubled so that any shift of the whole field is one view of this array.
+        # Doubled so that any shift of the whole field is one view of this array; one more row and column for the
+        # further neighbours of a bilinear read.
         self._tiled = np.pad(np.tile(self.height, (2, 2)), ((0, 1), (0, 1)), mode="wrap")
 
     def normals(self) -> Array:
@@ -62,51 +64,56 @@ class HeightField:
         Ray (i, j) passes through the centre of the block (i, j) of stride grid cells on the reference plane, along `wo`
         (unit, z > 0). It meets the surface at that centre + z · `offset(wo)`.
         """
-        per_height = self.offset(wo)
+        cells_per_height = self.offset(wo)
         # So many that no step moves the rays by more than one grid cell along either axis.
-        steps = math.ceil((self.top - self.bottom) * max(map(abs, per_height)))
-        if steps == 0:
+        steps = math.ceil((self.top - self.bottom) * max(map(abs, cells_per_height)))
+        if steps == 0:  # a plane, or rays along the normal: each ray meets the surface at its own place
             return self._heights_at((0.0, 0.0), 0.0, stride)
         step = (self.top - self.bottom) / steps
-        before = self._heights_at(per_height, self.top, stride) - np.float32(self.top)
-        hit = np.full(before.shape, self.bottom, np.float32)
-        alive = np.ones(before.shape, bool)  # rays that have not met the surface yet
+        # How far the surface lies above the rays, at the last height and at this one.
+        above_before = self._heights_at(cells_per_height, self.top, stride) - np.float32(self.top)
+        hit_height = np.full(above_before.shape, self.bottom, np.float32)
+        is_open = np.ones(above_before.shape, bool)  # for rays that have not met the surface yet
         for k in range(1, steps + 1):
             z = self.top - k * step
-            above = self._heights_at(per_height, z, stride) - np.float32(z)
-            crossed = np.flatnonzero((above >= 0) & alive)
+            above = self._heights_at(cells_per_height, z, stride) - np.float32(z)
+            crossed = np.flatnonzero((above >= 0) & is_open)
             if len(crossed):
-                # The surface's height above the ray went from b ≤ 0 to a ≥ 0; on a line between both it is 0 at this z.
-                a, b = above.flat[crossed], before.flat[crossed]
-                hit.flat[crossed] = z + step * a / np.maximum(a - b, 1e-20)
-                alive.flat[crossed] = False
-                if not alive.any():
+                # It went from b ≤ 0 to a ≥ 0; on a line between both it is 0 at this height. Both may be 0.
+                a, b = above.flat[crossed], above_before.flat[crossed]
+                hit_height.flat[crossed] = z + step * a / np.maximum(a - b, 1e-20)
+                is_open.flat[crossed] = False
+                if not is_open.any():
                     break
-            before = above
-        return hit
+            above_before = above
+        return hit_height
 
     def offset(self, direction: Array) -> tuple[float, float]:
         """(rows, columns) of the grid that a ray along `direction` crosses while it rises by one unit of height."""
         x, y, z = (float(v) for v in direction)
         return -y / z / self.cell[0], x / z / self.cell[1]  # rows go down, y goes up
 
-    def _heights_at(self, per_height: tuple[float, float], z: float, stride: tuple[int, int]) -> Array:
-        """Bilinear heights (H / stride, W / stride) of the surface below the whole bundle of rays at height z."""
+    def _heights_at(self, cells_per_height: tuple[float, float], z: float, stride: tuple[int, int]) -> Array:
+        """Bilinear heights (H / stride, W / stride) of the surface below the whole bundle of rays at height z.
+
+        `cells_per_height` is the `offset` of the rays.
+        """
         H, W = self.shape
         sr, sc = stride
-        # The first ray passes through the centre of its block of cells.
-        row = ((sr - 1) / 2 + z * per_height[0]) % H
-        col = ((sc - 1) / 2 + z * per_height[1]) % W
-        # Whole cells, and the fractions by which the four cells around are weighted.
+        # The place of the first ray, which passes through the centre of its block of cells at z = 0.
+        row = ((sr - 1) / 2 + z * cells_per_height[0]) % H
+        col = ((sc - 1) / 2 + z * cells_per_height[1]) % W
+        # Its whole cell (a remainder that is rounded up to H is row 0), and the fractions that weight the four cells
+        # around. They are the same for all rays.
         r, c = int(row) % H, int(col) % W
         fr, fc = np.float32(row % 1), np.float32(col % 1)
         tiles = self._tiled
-        low = tiles[r : r + H : sr, c : c + W : sc] * ((1 - fr) * (1 - fc))
+        heights = tiles[r : r + H : sr, c : c + W : sc] * ((1 - fr) * (1 - fc))
         # The other three corners; a weight of 0 is skipped to save time.
         for dr, dc, weight in ((0, 1, (1 - fr) * fc), (1, 0, fr * (1 - fc)), (1, 1, fr * fc)):
             if weight:
-                low += tiles[r + dr : r + dr + H : sr, c + dc : c + dc + W : sc] * weight
-        return low
+                heights += tiles[r + dr : r + dr + H : sr, c + dc : c + dc + W : sc] * weight
+        return heights
 
     def visibility(self, wi: Array) -> Array:
         """The share (H, W) of the light from `wi` that reaches each grid point, uint8 with 255 for all of it.
@@ -114,21 +121,21 @@ class HeightField:
         The horizon, the maximum over j ≥ 1 of h(p + jδ) − jc with c the rise of the light's ray over a step δ of one
         cell, is built by doubling: M₂ₙ(p) = max(Mₙ(p), Mₙ(p + nδ) − nc). A shadow's edge is a ramp of half a step.
         """
-        rows, cols = self.offset(wi)
-        longest = max(abs(rows), abs(cols))
+        rows_per_height, cols_per_height = self.offset(wi)
+        cells_per_height = max(abs(rows_per_height), abs(cols_per_height))  # along the axis that it crosses faster
         # A ray that climbs over the whole relief within one cell meets nothing.
-        if (self.top - self.bottom) * longest <= 1:
+        if (self.top - self.bottom) * cells_per_height <= 1:
             return np.full(self.shape, 255, np.uint8)
-        rise = 1 / longest
-        rows, cols = rows * rise, cols * rise  # of one step δ
-        horizon = shift(self.height, rows, cols) - np.float32(rise)
-        reached = 1
-        while reached * rise < self.top - self.bottom:
-            further = shift(horizon, reached * rows, reached * cols) - np.float32(reached * rise)
+        rise = 1 / cells_per_height  # c
+        rows, cols = rows_per_height * rise, cols_per_height * rise  # δ
+        horizon = shift(self.height, rows, cols) - np.float32(rise)  # M₁
+        steps = 1  # n, the number of steps that the horizon covers
+        while steps * rise < self.top - self.bottom:
+            further = shift(horizon, steps * rows, steps * cols) - np.float32(steps * rise)
             np.maximum(horizon, further, out=horizon)
-            reached *= 2
-        lit = 1 + (self.height - horizon) / np.float32(0.5 * rise)
-        return (np.clip(lit, 0, 1) * 255 + 0.5).astype(np.uint8)  # rounded to the nearest code
+            steps *= 2
+        share = 1 + (self.height - horizon) / np.float32(0.5 * rise)
+        return (np.clip(share, 0, 1) * 255 + 0.5).astype(np.uint8)  # rounded to the nearest code
 
 
 def shift(field: Array, rows: float, cols: float) -> Array:
@@ -139,11 +146,12 @@ def shift(field: Array, rows: float, cols: float) -> Array:
 def _shift_axis(field: Array, distance: float, axis: int) -> Array:
     """The periodic field (H, W) read `distance` cells further along one axis, linear between cells."""
     whole = math.floor(distance)
-    low = np.roll(field, -whole, axis)
+    shifted = np.roll(field, -whole, axis)
     if distance == whole:
-        return low
-    low += (np.roll(field, -whole - 1, axis) - low) * np.float32(distance - whole)
-    return low
+        return shifted
+    shifted_one_more = np.roll(field, -whole - 1, axis)
+    shifted += (shifted_one_more - shifted) * np.float32(distance - whole)
+    return shifted
 
 
 @dataclass(frozen=True)
@@ -153,7 +161,7 @@ class View:
     wo: Array
     points: brdf.Points
     frame: Array  # (3 components x y z, 3 axes t b n, s, H · W)
-    cell: Array  # (s, H · W) grid cell of each point, for visibility
+    cell: Array  # (s, H · W) index of the grid cell nearest to each point; visibility is looked up there
 
 
 class Renderer:
@@ -168,11 +176,11 @@ class Renderer:
             raise InputError(f"size and sub_points must be at least 1, not {size}, {sub_points}")
         self.size = size
         self.sub_points = sub_points
-        rays = [side * sub_points for side in size]
-        stride = [math.ceil(m / r) for m, r in zip(maps.shape, rays, strict=True)]
-        self.stride = (stride[0], stride[1])
+        ray_rows, ray_cols = size[0] * sub_points, size[1] * sub_points
+        # Grid cells from one ray to the next: as many as make the grid at least as fine as the maps.
+        self.stride = (math.ceil(maps.shape[0] / ray_rows), math.ceil(maps.shape[1] / ray_cols))
         self.aspect = maps.shape[0] / maps.shape[1]
-        maps = maps.resized((rays[0] * stride[0], rays[1] * stride[1]))
+        maps = maps.resized((ray_rows * self.stride[0], ray_cols * self.stride[1]))
         self.field = HeightField(maps.height, self.aspect)
         # All values of a surface point in one table, (H' · W', 12), so that one read fetches a whole point: normal (3),
         # base colour (3), roughness, metalness, specular, anisotropy, and cosine and sine of twice the angle.
@@ -185,23 +193,28 @@ class Renderer:
     def view(self, wo: Array) -> View:
         """Trace the rays toward `wo` (3,) and look up the surface where they meet it."""
         z = self.field.trace(wo, self.stride)
-        first_rows = _block_centres(z.shape[0], self.stride[0])
-        first_cols = _block_centres(z.shape[1], self.stride[1])
-        rows, cols = self.field.offset(wo)
+        start_rows = _block_centres(z.shape[0], self.stride[0])  # on the reference plane
+        start_cols = _block_centres(z.shape[1], self.stride[1])
+        rows_per_height, cols_per_height = self.field.offset(wo)
         # Fractional grid row and column where the ray of each sub-point ends.
-        row = self._by_sub_point(first_rows[:, None] + z * np.float32(rows))
-        col = self._by_sub_point(first_cols[None, :] + z * np.float32(cols))
-        sampled = _bilinear(self._table, self.field.shape, row, col)
+        row = self._by_sub_point(start_rows[:, None] + z * np.float32(rows_per_height))
+        col = self._by_sub_point(start_cols[None, :] + z * np.float32(cols_per_height))
+        sampled = _bilinear(self._table, self.field.shape, row, col)  # its columns are those of `_table`
         normal = sampled[:3]
-        base = sampled[3:6]
         normal = normal / np.sqrt((normal * normal).sum(0))
         angle = 0.5 * np.arctan2(sampled[11], sampled[10])
-        flat = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
-        tangent = flat - normal * (flat * normal).sum(0)  # the direction in the plane, dropped onto the surface
-        tangent /= np.sqrt(np.maximum((tangent * tangent).sum(0), 1e-12))
-        frame = np.stack([tangent, np.cross(normal, tangent, axis=0), normal], 1)
-        names = ("roughness", "metalness", "specular", "anisotropy")
-        surface = dict(zip(names, sampled[6:10], strict=True), base=base)
+        stretch = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])  # in the reference plane
+        tangent = stretch - normal * (stretch * normal).sum(0)  # the same direction, dropped onto the surface
+        tangent /= np.sqrt(np.maximum((tangent * tangent).sum(0), 1e-12))  # 0 if the stretch is along the normal
+        bitangent = np.cross(normal, tangent, axis=0)
+        frame = np.stack([tangent, bitangent, normal], 1)
+        surface = {
+            "base": sampled[3:6],
+            "roughness": sampled[6],
+            "metalness": sampled[7],
+            "specular": sampled[8],
+            "anisotropy": sampled[9],
+        }
         H, W = self.field.shape
         nearest_row = np.floor(row + 0.5).astype(np.intp) % H
         nearest_col = np.floor(col + 0.5).astype(np.intp) % W
@@ -221,14 +234,15 @@ class Renderer:
         """
         points = view.points
         cos_between = np.float32(view.wo @ wi)
-        through, specular = brdf.reflect(points, _project(view.frame, wi), cos_between)
+        diffuse, specular = brdf.reflect(points, _project(view.frame, wi), cos_between)
         # V from its codes, divided by the number of sub-points, so that the sum below is a mean.
         visible = light.take(view.cell) * np.float32(1 / 255 / self.sub_points**2)
-        through *= visible
+        diffuse *= visible
         specular *= visible
-        colour = points.diffuse * through
+        colour = points.diffuse * diffuse  # (3, s, H · W)
         colour += brdf.specular_colour(points, cos_between) * specular
-        return np.moveaxis(colour.sum(1), 0, -1).reshape(*self.size, 3)
+        mean = colour.sum(1)
+        return np.moveaxis(mean, 0, -1).reshape(*self.size, 3)
 
 
 def _block_centres(count: int, stride: int) -> Array:
@@ -238,30 +252,32 @@ def _block_centres(count: int, stride: int) -> Array:
 
 def _project(frame: Array, direction: Array) -> tuple[Array, Array, Array]:
     """The components of a direction (3,) along t, b and n of each point's frame, see `View.frame`; each (s, H · W)."""
-    x, y, z = (np.float32(v) for v in direction)
+    x, y, z = np.asarray(direction, np.float32)
+    # frame[0] holds the x components of all three axes, so the sum is the scalar product with each axis.
     t, b, n = frame[0] * x + frame[1] * y + frame[2] * z
     return t, b, n
 
 
 def _bilinear(table: Array, shape: tuple[int, ...], row: Array, col: Array) -> Array:
-    """The rows of a table (H · W, C) blended at fractional grid places `row`, `col` (...): (C, ...), contiguous.
+    """The values (C, ...) at fractional grid places `row`, `col` (...), blended from the four grid points around each.
 
-    The grid of `shape` (H, W) is periodic.
+    The grid of `shape` (H, W) is periodic; `table` (H · W, C) holds the values of its points row by row. The result is
+    contiguous.
     """
     H, W = shape
     r, c = np.floor(row), np.floor(col)
     fr, fc = (row - r)[..., None], (col - c)[..., None]
-    r, c = r.astype(np.intp) % H, c.astype(np.intp) % W
-    right = (c + 1) % W
-    # Where the row of each place, and the one below it, begin in the table.
+    r, left = r.astype(np.intp) % H, c.astype(np.intp) % W
+    right = (left + 1) % W
+    # Where the grid row above each place, and the one below it, begin in the table.
+    above = r * W
     below = (r + 1) % H * W
-    r *= W
-    top = table.take(r + c, axis=0)
-    top += (table.take(r + right, axis=0) - top) * fc
-    low = table.take(below + c, axis=0)
-    low += (table.take(below + right, axis=0) - low) * fc
-    top += (low - top) * fr
-    return np.ascontiguousarray(np.moveaxis(top, -1, 0))
+    blend = table.take(above + left, axis=0)
+    blend += (table.take(above + right, axis=0) - blend) * fc
+    blend_below = table.take(below + left, axis=0)
+    blend_below += (table.take(below + right, axis=0) - blend_below) * fc
+    blend += (blend_below - blend) * fr
+    return np.ascontiguousarray(np.moveaxis(blend, -1, 0))
 
 
 def render(
@@ -281,37 +297,38 @@ def render(
     makes a float32 array. `show(label, done, N)` is called after each view. Uses one thread for each processor that
     this process may use; the result does not depend on their number.
     """
-    wo, wi = (np.asarray(d, np.float32).reshape(-1, 3) for d in (wo, wi))
+    wo = np.asarray(wo, np.float32).reshape(-1, 3)
+    wi = np.asarray(wi, np.float32).reshape(-1, 3)
     if wo.shape != wi.shape or not (np.minimum(wo[:, 2], wi[:, 2]) > 0).all():
         raise InputError("wo and wi must have the same number of directions, all above the horizon (z > 0)")
     renderer = Renderer(maps, size, sub_points)
     result = np.empty((len(wo), *size, 3), np.float32) if out is None else out
-    # The different views and lights, and for each pair the index of its own.
+    # The different views and lights, for each pair the index of its view and of its light, and the pairs of each light.
     views, view_of = np.unique(wo, axis=0, return_inverse=True)
-    lights, light_of, uses = np.unique(wi, axis=0, return_inverse=True, return_counts=True)
+    lights, light_of, pairs_of_light = np.unique(wi, axis=0, return_inverse=True, return_counts=True)
     view_of, light_of = view_of.reshape(-1), light_of.reshape(-1)  # only numpy 2.0 gives (N, 1)
 
-    def light(index: int) -> Array | None:
-        """The visibility of a light that several pairs share; None for one that is cast where it is needed."""
-        return renderer.field.visibility(lights[index]) if uses[index] > 1 else None
+    def shared_visibility(index: int) -> Array | None:
+        """The visibility of a light that several pairs share; None for the light of one pair, which casts its own."""
+        return renderer.field.visibility(lights[index]) if pairs_of_light[index] > 1 else None
 
-    def paint(index: int) -> int:
+    def fill_view(index: int) -> int:
         """Fill in all slices of one view; returns their number."""
         view = renderer.view(views[index])
         pairs = np.flatnonzero(view_of == index)
         for pair in pairs:
-            cast = shared[light_of[pair]]
-            if cast is None:
-                cast = renderer.field.visibility(wi[pair])
-            picture = renderer.slice(view, wi[pair], cast)
+            visibility = visibilities[light_of[pair]]
+            if visibility is None:
+                visibility = renderer.field.visibility(wi[pair])
+            picture = renderer.slice(view, wi[pair], visibility)
             with np.errstate(over="ignore"):  # `out` may hold halves
                 result[pair] = picture
         return len(pairs)
 
     done = 0
     with ThreadPoolExecutor(cores()) as pool:
-        shared = list(pool.map(light, range(len(lights))))
-        for count in pool.map(paint, range(len(views))):
+        visibilities = list(pool.map(shared_visibility, range(len(lights))))
+        for count in pool.map(fill_view, range(len(views))):
             done += count
             if show:
                 show(label, done, len(wo))

@@ -56,11 +56,17 @@ def load_or_render(
     def rendered(table: Table) -> BTF:
         """The BTF of one table of pairs, rendered into the cache if it is not there."""
         described = _described(name, recipe, seed, data.size)
+        # A table of held-out pairs is described in words, the product by its directions.
         described |= {"heldout": table.words} if table.words else directions
         key = hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
         path = cache_dir() / "materials" / f"{name}-{data.size}-{key[:24]}.npy"
-        shape = (len(table.pairs[0]), data.size, data.size, 3)
-        values = np.broadcast_to(np.float16(0), shape) if outline else _read(path, shape)
+        wo, wi = table.pairs
+        shape = (len(wo), data.size, data.size, 3)
+        values: Array | None
+        if outline:
+            values = np.broadcast_to(np.float16(0), shape)  # takes no memory
+        else:
+            values = _read(path, shape)
         if values is None:
             with atomic.locked(path):
                 values = _read(path, shape)  # another process may have rendered it meanwhile
@@ -69,17 +75,16 @@ def load_or_render(
                     values = _read(path, shape)
         if values is None:
             raise InputError(f"{path}: it cannot be read back after writing: is the disk full?")
-        wo, wi = table.pairs
-        nothing = np.zeros(len(values), bool)  # `joined` marks the held-out pairs
+        no_heldout = np.zeros(len(values), bool)  # `joined` marks the held-out pairs
         source = StoredSource(values, key)
-        return BTF(name, wo, wi, source, heldout=nothing, periodic=True, provenance=described)
+        return BTF(name, wo, wi, source, heldout=no_heldout, periodic=True, provenance=described)
 
     return joined(data.tables(name, seed, draw), rendered)
 
 
 def _described(name: str, recipe: Recipe, seed: int, size: int) -> dict[str, Any]:
-    """Everything that determines the values, but the directions. The hash of all is the cache key, and `BTF.provenance`
-    contains it."""
+    """Everything that determines the values, except the directions, which the caller adds. It is the provenance of the
+    BTF, and its hash is the cache key."""
     described: dict[str, Any] = {"source": RENDERED, "renderer_version": RENDERER_VERSION, "material": name}
     described |= {"recipe": type(recipe).__name__, "parameters": asdict(recipe)}  # type: ignore[call-overload]
     return described | {"seed": seed, "size": size, "sub_points": SUB_POINTS} | DESCRIBED
@@ -100,10 +105,12 @@ def _write(path: Path, maps: Maps, table: Table, described: dict[str, Any], show
     """Render the slices of a table into `path` as float16, or again as float32 if one overflows; then write their
     description beside it."""
     size = described["size"]
-    with atomic.replacing(path) as place:
+    wo, wi = table.pairs
+    label = f"rendering {described['material']}"
+    with atomic.replacing(path) as partial:
         for dtype in (np.float16, np.float32):
-            values = atomic.mapped(place, dtype, (len(table.pairs[0]), size, size, 3))
-            render(maps, *table.pairs, (size, size), SUB_POINTS, values, show, f"rendering {described['material']}")
+            values = atomic.mapped(partial, dtype, (len(wo), size, size, 3))
+            render(maps, wo, wi, (size, size), SUB_POINTS, values, show, label)
             if all(np.isfinite(picture).all() for picture in values):
                 break
     atomic.write(path.with_suffix(".json"), json.dumps(described, indent=1, sort_keys=True).encode())

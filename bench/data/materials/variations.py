@@ -52,10 +52,11 @@ class Patchwork:
         n = self.resolution
         u, v = self.grain
         hills = smooth(rng, n, v, u) + self.detail * smooth(rng, n, v / 4, u / 4)
-        relief = normalised((1 - self.plateau) * hills + 2 * self.plateau * np.tanh(4 * hills))
-        strewn = normalised(smooth(rng, n, v, u))
+        plateaus = np.tanh(4 * hills)  # nearly −1 or 1 almost everywhere
+        relief = normalised((1 - self.plateau) * hills + 2 * self.plateau * plateaus)
+        scattered = normalised(smooth(rng, n, v, u))
         # 1/2 where the mixed height is `cover`, from 0 to 1 within 0.15 about it.
-        mask = np.clip((self.low * relief + (1 - self.low) * strewn - self.cover) / 0.15 + 0.5, 0, 1)
+        mask = np.clip((self.low * relief + (1 - self.low) * scattered - self.cover) / 0.15 + 0.5, 0, 1)
         tone = smooth(rng, n, 0.03, 0.03)
         scratch = smooth(rng, n, 0.01, 0.01)
         colour = mix(srgb(*self.srgb[0]), srgb(*self.srgb[1]), mask)
@@ -77,10 +78,11 @@ def _between(pair: Pair, mask: np.ndarray) -> np.ndarray:
 
 def variation(number: int) -> tuple[str, Recipe]:
     """The kind and the recipe of surface `number`: four built-in ones and four patchworks in turn."""
-    kinds = [*_KINDS.items(), *[("patchwork", _patchwork)] * len(_KINDS)]
-    kind, draw = kinds[number % len(kinds)]
+    kinds = list(_KINDS.items())
+    kinds += [("patchwork", _patchwork)] * len(kinds)
+    kind, draw_recipe = kinds[number % len(kinds)]
     # The second number is arbitrary; it keeps these draws apart from generators that are seeded by a number alone.
-    return kind, draw(np.random.default_rng([number, 0x7A12]))
+    return kind, draw_recipe(np.random.default_rng([number, 0x7A12]))
 
 
 def load_variation(number: int, size: int = 32, heldout: int = 375) -> BTF:
@@ -90,18 +92,21 @@ def load_variation(number: int, size: int = 32, heldout: int = 375) -> BTF:
     from bench.data.spec import Preparation
 
     kind, recipe = variation(number)
-    # The built-in materials use seed 0, and their random structure must not be trained on.
     data = Preparation(size, heldout=heldout, split="validation")
-    return load_or_render(f"variation-{number}-{kind}", recipe, data, number + 1)
+    # The built-in materials use seed 0, and their random structure must not be trained on.
+    return load_or_render(f"variation-{number}-{kind}", recipe, data, seed=number + 1)
 
 
 def _patchwork(rng: np.random.Generator) -> Patchwork:
-    """A patchwork with every parameter drawn."""
-    grain = _geometric(rng, 0.02, 0.12)
+    """A patchwork with every parameter drawn.
+
+    `choice([0, x])` makes half of the surfaces without some feature.
+    """
+    grain = _log_uniform(rng, 0.02, 0.12)
     return Patchwork(
         resolution=RESOLUTION,
-        height=_geometric(rng, 0.004, 0.25),
-        grain=(grain, grain * _geometric(rng, 0.5, 2)),
+        height=_log_uniform(rng, 0.004, 0.25),
+        grain=(grain, grain * _log_uniform(rng, 0.5, 2)),
         detail=rng.uniform(0, 0.5),
         plateau=rng.choice([0, rng.uniform()]),
         low=rng.choice([1, rng.uniform()]),
@@ -120,7 +125,7 @@ _KINDS: dict[str, Callable[[np.random.Generator], Recipe]] = {
     "satin": lambda rng: Satin(
         resolution=RESOLUTION,
         threads=5 * int(rng.integers(1, 3)),
-        height=_geometric(rng, 0.008, 0.05),
+        height=_log_uniform(rng, 0.008, 0.05),
         twist_deg=rng.uniform(-25, 25),
         roughness=rng.uniform(0.25, 0.7),
         anisotropy=rng.uniform(0.4, 0.95),
@@ -129,14 +134,14 @@ _KINDS: dict[str, Callable[[np.random.Generator], Recipe]] = {
     ),
     "brushed-metal": lambda rng: BrushedMetal(
         resolution=RESOLUTION,
-        height=_geometric(rng, 0.0005, 0.006),
+        height=_log_uniform(rng, 0.0005, 0.006),
         roughness=rng.uniform(0.2, 0.6),
         anisotropy=rng.uniform(0.2, 0.95),
         metal_srgb=_colour(rng, darkest=120),
     ),
     "leather": lambda rng: Leather(
         resolution=RESOLUTION,
-        height=_geometric(rng, 0.01, 0.08),
+        height=_log_uniform(rng, 0.01, 0.08),
         cells=int(rng.integers(3, 9)),
         crease=rng.uniform(0.5, 1.4),
         roughness=rng.uniform(0.25, 0.7),
@@ -145,7 +150,7 @@ _KINDS: dict[str, Callable[[np.random.Generator], Recipe]] = {
     ),
     "cable-knit": lambda rng: CableKnit(
         resolution=RESOLUTION,
-        height=_geometric(rng, 0.05, 0.25),
+        height=_log_uniform(rng, 0.05, 0.25),
         stitches=2 * int(rng.integers(2, 6)),
         bumps=int(rng.integers(3, 8)),
         sway=rng.uniform(0.05, 0.2),
@@ -157,15 +162,15 @@ _KINDS: dict[str, Callable[[np.random.Generator], Recipe]] = {
 }
 
 
-def _geometric(rng: np.random.Generator, low: float, high: float) -> float:
+def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     """A number whose logarithm is drawn uniformly between those of `low` and `high`."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def _colour(rng: np.random.Generator, darkest: float = 25) -> Colour:
-    """sRGB codes, from grey to strongly coloured."""
+    """sRGB codes from `darkest` to 245, mixed of a grey and a random colour."""
     grey = rng.uniform(darkest, 245)
-    vivid = rng.uniform(darkest, 245, 3)
+    random_colour = rng.uniform(darkest, 245, 3)
     share = rng.uniform()
-    red, green, blue = grey + share * (vivid - grey)
+    red, green, blue = grey + share * (random_colour - grey)
     return float(red), float(green), float(blue)

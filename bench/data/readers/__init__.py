@@ -11,7 +11,7 @@ from pathlib import Path
 
 from bench.btf import BTF
 from bench.data.readers import outside
-from bench.data.readers.checks import told
+from bench.data.readers.checks import unit_note
 from bench.data.readers.files import Candidate
 from bench.inputs.errors import InputError
 
@@ -35,20 +35,20 @@ def open_btf(path: str | Path, angles: str = "") -> BTF:
     a file that states no angles it is an `InputError`.
     """
     path = Path(path)
-    others = outside.entries(READERS)
-    of_others = [f"data of reader {name}" for name in others]
-    supported = ", ".join([*READERS.values(), *of_others])
+    outside_readers = outside.entries(READERS)
+    outside_formats = [f"data of reader {name}" for name in outside_readers]
+    supported = ", ".join([*READERS.values(), *outside_formats])
     if not path.exists():
         raise InputError(f"{path}: there is no such file or folder: give {supported}")
     try:
         seen = Candidate(path, angles)
         btf = _opened(seen)
-        faults: list[str] = []
+        faults: list[str] = []  # of readers that cannot be imported
         if btf is None:
-            btf = outside.opened(seen, others.values(), faults)
+            btf = outside.opened(seen, outside_readers.values(), faults)
         if btf is None:
-            raise InputError("; ".join([f"{path}: {_unknown(seen, supported)}", *faults]))
-        if told(angles) and "angles" not in btf.provenance:
+            raise InputError("; ".join([f"{path}: {_unknown_fault(seen, supported)}", *faults]))
+        if unit_note(angles) and "angles" not in btf.provenance:
             raise InputError(f"{path}: it states no angles in degrees: leave out --{angles} (data.angles)")
         return btf
     except OSError as error:
@@ -56,11 +56,11 @@ def open_btf(path: str | Path, angles: str = "") -> BTF:
 
 
 def listed() -> dict[str, str]:
-    """The format that each reader opens, by the reader's name, or what is wrong with it; other packages come last."""
+    """Name of each reader → the format that it opens, or what is wrong with it; those of other packages come last."""
     lines = {}
-    for name, opens in READERS.items():
-        _, _, own_name = name.rpartition(".")  # without the package of a module elsewhere
-        lines[own_name] = opens
+    for module, file_format in READERS.items():
+        _, _, short_name = module.rpartition(".")  # without the package of a module elsewhere
+        lines[short_name] = file_format
     try:
         for name, entry in outside.entries(READERS).items():
             lines[name] = outside.listed(entry)
@@ -80,12 +80,15 @@ def _opened(seen: Candidate) -> BTF | None:
     return None
 
 
-def _unknown(seen: Candidate, supported: str) -> str:
-    """Why no reader opens it; for a folder of pictures without a list, what `bake` would say of their names."""
+def _unknown_fault(seen: Candidate, supported: str) -> str:
+    """Why no reader opens it; for a folder of pictures without a list, what `bake` would say of their names.
+
+    `supported` lists what readers open, in words.
+    """
     if seen.is_folder:
-        from bench.data.bake.naming import has_pictures, no_albedo
+        from bench.data.bake.naming import has_pictures, no_albedo_fault
 
         names = os.listdir(seen.path)
         if has_pictures(names):
-            return no_albedo(names)
+            return no_albedo_fault(names)
     return f"{seen.described} give {supported}"

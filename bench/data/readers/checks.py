@@ -31,7 +31,7 @@ def provenance_of(
     return {"format": form, "colour": colour, "cosine": cosine, "clamp": clamp} | more
 
 
-def told(angles: str) -> dict[str, str]:
+def unit_note(angles: str) -> dict[str, str]:
     """What a provenance says of the unit of angles if the user named it; {} for any other value of `angles`."""
     if angles not in ("degrees", "radians"):
         return {}
@@ -39,9 +39,9 @@ def told(angles: str) -> dict[str, str]:
 
 
 def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: float = 1e-3) -> Array:
-    """Unit vectors (N, 3) float32 from finite vectors above the horizon, whose length is 1 within `tolerance`.
+    """Unit vectors (N, 3) float32 from vectors that are finite, above the horizon, and of length 1 within `tolerance`.
 
-    `InputError` names the first row that is none, with `label(row)`, and the likely reason if many are none.
+    `InputError` names the first row that is not, with `label(row)`, and the likely reason if many are not.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         vectors = np.asarray(vectors, np.float64)
@@ -55,7 +55,7 @@ def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: floa
         row = int(np.argmin(above))
         below = int((~above).sum())
         remedy = ": leave this entry out"
-        # Many below the surface mean other axes, and all of them a wrong sign.
+        # Many directions below the surface mean that the axes differ; if all are, the sign does.
         if below > max(1, MANY_BELOW * len(above)):
             remedy = f"; so are {below:,} of {len(above):,}: is y up in your data? z must be the normal"
         if below > 1 and (vectors[:, 2] < -HORIZON).all():
@@ -66,46 +66,50 @@ def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: floa
     return (vectors / length[:, None]).astype(np.float32)
 
 
-def different_directions(theta: Array, phi: Array, label: Callable[[int], str], what: str = "") -> Array:
+def different_directions(theta: Array, phi: Array, label: Callable[[int], str], suffix: str = "") -> Array:
     """Unit vectors (N, 3) of angles θ, φ (N,) in radians, which must all be in range and different.
 
-    `InputError` names the first fault by `label(row)`; `what` follows "theta" and "phi" in its text, like `_deg`.
+    `InputError` names the first fault by `label(row)`; `suffix` follows "theta" and "phi" in its text, like `_deg`.
     """
-    angles_in_range(theta, phi, label, what)
+    refuse_out_of_range(theta, phi, label, suffix)
     directions = from_angles(theta, phi)
     no_duplicates(directions, directions, label)
     return directions
 
 
-def pairs_in_degrees(angles: Array, label: Callable[[int], str], kinds: tuple[str, str]) -> tuple[Array, Array]:
+def directions_of_degrees(angles: Array, label: Callable[[int], str], suffixes: tuple[str, str]) -> tuple[Array, Array]:
     """The directions, (N, 3) for each of two sides, of angles (N, 4) in degrees: θ, φ of one side and of the other.
 
-    `InputError` if an angle is out of range or a pair stands twice. `kinds` are what follows "theta" and "phi" of each
-    side in its text, like `_o_deg`.
+    `InputError` if an angle is out of range or a pair stands twice. `suffixes` follow "theta" and "phi" of each side in
+    its text, like `_o_deg`.
     """
-    for side, what in zip((0, 2), kinds, strict=True):
-        angles_in_range(np.radians(angles[:, side]), np.radians(angles[:, side + 1]), label, what)
-    one = from_degrees(angles[:, 0], angles[:, 1])
-    other = from_degrees(angles[:, 2], angles[:, 3])
-    no_duplicates(one, other, label)
-    return one, other
+    theta_1, phi_1, theta_2, phi_2 = angles.T
+    refuse_out_of_range(np.radians(theta_1), np.radians(phi_1), label, suffixes[0])
+    refuse_out_of_range(np.radians(theta_2), np.radians(phi_2), label, suffixes[1])
+    side_1 = from_degrees(theta_1, phi_1)
+    side_2 = from_degrees(theta_2, phi_2)
+    no_duplicates(side_1, side_2, label)
+    return side_1, side_2
 
 
-def angles_in_range(theta: Array, phi: Array, label: Callable[[int], str], what: str = "") -> None:
+def refuse_out_of_range(theta: Array, phi: Array, label: Callable[[int], str], suffix: str = "") -> None:
     """Raise `InputError` unless every θ lies in [0°, 90°) and every φ in [−360°, 360°]; both are (N,) in radians.
 
-    The error names the row by `label(row)`; `what` follows "theta" or "phi" in its text.
+    The error names the row by `label(row)`; `suffix` follows "theta" or "phi" in its text.
     """
-    # Each test is written as the negation of what is right, so that NaN fails it, too.
     with np.errstate(over="ignore", invalid="ignore"):
         theta_deg = np.degrees(np.asarray(theta, np.float64))
         phi_deg = np.degrees(np.asarray(phi, np.float64))
-        steep = ~((theta_deg >= -1e-4) & (np.cos(np.radians(theta_deg)) > HORIZON) & (theta_deg < 90.0))
-        wound = ~(np.abs(phi_deg) <= 360.001)
-    for bad, symbol, value, bounds in ((steep, "theta", theta_deg, "[0, 90)"), (wound, "phi", phi_deg, "[-360, 360]")):
-        if bad.any():
-            row = int(np.argmax(bad))
-            fault = f"{symbol}{what} = {value[row]:g} degrees is outside {bounds}"
+        # Limits leave room for rounding. NaN fails all of these tests, and so is refused.
+        theta_is_good = (theta_deg >= -1e-4) & (np.cos(np.radians(theta_deg)) > HORIZON) & (theta_deg < 90.0)
+        phi_is_good = np.abs(phi_deg) <= 360.001
+    for is_good, symbol, degrees, bounds in (
+        (theta_is_good, "theta", theta_deg, "[0, 90)"),
+        (phi_is_good, "phi", phi_deg, "[-360, 360]"),
+    ):
+        if not is_good.all():
+            row = int(np.argmin(is_good))
+            fault = f"{symbol}{suffix} = {degrees[row]:g} degrees is outside {bounds}"
             raise InputError(f"{label(row)}: {fault}: correct the angle or leave the entry out")
 
 
@@ -149,16 +153,19 @@ def radiance_fault(shape: tuple[int, ...], dtype: np.dtype) -> str:
     if channels_come_second:
         remedy = ": give radiance.transpose(0, 2, 3, 1)"
     elif dtype.kind in "iu":
-        # Wider integers hold codes of fewer bits, as NumPy's arithmetic makes them.
-        top = f"{np.iinfo(dtype).max:,}" if dtype.itemsize <= 2 else "the largest code (255 of 8 bits, 65,535 of 16)"
-        remedy = f": divide codes by {top}, and convert sRGB to linear"
+        if dtype.itemsize <= 2:
+            largest_code = f"{np.iinfo(dtype).max:,}"
+        else:  # NumPy's arithmetic makes wide integers of codes that had fewer bits
+            largest_code = "the largest code (255 of 8 bits, 65,535 of 16)"
+        remedy = f": divide codes by {largest_code}, and convert sRGB to linear"
     return f"radiance is {shape} {dtype}: it must be (N, H, W, 3) floats{remedy}"
 
 
 def negative(values: Array) -> str:
-    """A sentence on radiance below 0, unless it is noise; else ""."""
+    """A sentence on radiance below 0; "" if there is none, or only noise."""
     least = float(values.min())
-    if not least < -NOISE * float(values.max()):
+    exceeds_noise = least < -NOISE * float(values.max())
+    if not exceeds_noise:
         return ""
     return f"{(values < 0).mean():.2%} of the values are negative, the least {least:.4g}: radiance cannot be"
 
@@ -167,26 +174,26 @@ def refuse_extremes(btf: BTF) -> None:
     """Raise an `InputError` if `LOOKED_AT` slices of a BTF hold radiance that is too large or too small for float32
     arithmetic and for records, which hold no number above 1e18. Black data are allowed."""
     largest = 0.0
-    sampled = []
+    samples = []
     for picture in some_slices(btf):
         largest = max(largest, float(picture.max()))
         step = -(-picture.size // VALUES)  # rounded up, so that at most `VALUES` values are taken
         if step % 3 == 0:  # red, green and blue take turns: such steps would meet one of them alone
             step += 1
-        sampled.append(picture.reshape(-1)[::step])
-    bright = float(np.percentile(np.maximum(np.concatenate(sampled), 0), 99))
+        samples.append(picture.reshape(-1)[::step])
+    bright = float(np.percentile(np.maximum(np.concatenate(samples), 0), 99))
     if bright == 0:  # hardly anything is lit
         bright = largest
-    what = ""
-    extreme = bright  # the value that the proposed factor brings near 1
     if largest > LARGEST:
-        what = f"its largest value is {largest:.3g}, above {LARGEST:g}"
         extreme = largest
+        fault = f"its largest value is {largest:.3g}, above {LARGEST:g}"
     elif 0 < bright < SMALLEST:
-        what = f"the 99th percentile of its values is {bright:.3g}, below {SMALLEST:g}"
-    if what:
-        factor = 10.0 ** -round(math.log10(extreme))
-        raise InputError(f"{btf.name}: {what}, too far from 1 for float32: multiply it by {factor:g} in float64")
+        extreme = bright
+        fault = f"the 99th percentile of its values is {bright:.3g}, below {SMALLEST:g}"
+    else:
+        return
+    factor = 10.0 ** -round(math.log10(extreme))  # brings that value near 1
+    raise InputError(f"{btf.name}: {fault}, too far from 1 for float32: multiply it by {factor:g} in float64")
 
 
 def some_slices(btf: BTF) -> Iterator[Array]:
@@ -197,23 +204,24 @@ def some_slices(btf: BTF) -> Iterator[Array]:
 
 def no_duplicates(wo: Array, wi: Array, label: Callable[[int], str]) -> None:
     """Raise `InputError` if two of the pairs (wo[i], wi[i]), each (N, 3), are equal; it names both."""
-    key = np.round(np.concatenate([wo, wi], 1).astype(np.float64), 6) + 0.0  # the sum makes 0 of −0
-    order = np.lexsort(key.T[::-1])  # equal rows are neighbours in it; of these, the lower index comes first
-    same = np.flatnonzero((key[order[1:]] == key[order[:-1]]).all(1))
-    if len(same):
-        place = same[0]
+    rows = np.round(np.concatenate([wo, wi], 1).astype(np.float64), 6) + 0.0  # the sum makes 0 of −0
+    order = np.lexsort(rows.T[::-1])  # equal rows are neighbours in it
+    equals_next = (rows[order[1:]] == rows[order[:-1]]).all(1)
+    if equals_next.any():
+        place = int(np.argmax(equals_next))
         first, second = sorted((int(order[place]), int(order[place + 1])))
         raise InputError(f"{label(second)}: it has the same view and light as {label(first)}: leave one of the two out")
 
 
 def view_major(wo: Array, wi: Array) -> Array:
     """The order (N,) that sorts pairs by view, then by light, each by θ and then φ."""
-    angles = []  # `np.lexsort` sorts by its last key first: by θ_o, then φ_o, θ_i, φ_i
+    keys = []  # `np.lexsort` sorts by its last key first: by θ_o, then φ_o, θ_i, φ_i
     for side in (wi, wo):
         theta, phi = to_degrees(side)
         theta, phi = np.round(theta, 3), np.round(phi, 3)  # the last bit must not decide the order
-        angles += [np.where(theta == 0, 0.0, phi % 360.0), theta]  # at the pole φ means nothing
-    return np.lexsort(angles)
+        phi = np.where(theta == 0, 0.0, phi % 360.0)  # at the pole φ means nothing
+        keys += [phi, theta]
+    return np.lexsort(keys)
 
 
 def _listed(vector: Array) -> str:

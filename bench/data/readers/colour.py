@@ -51,14 +51,15 @@ class Colour:
         `curve` (levels,) holds the linear value of each code in sRGB; an exponent replaces it.
         """
         if self.exponent:
-            curve = (np.arange(len(curve)) / (len(curve) - 1)) ** (1 / self.exponent)
+            fractions = np.arange(len(curve)) / (len(curve) - 1)  # of the largest code
+            curve = fractions ** (1 / self.exponent)
         light = curve[codes]
         if not _alike(self.chromaticities, REC709):
             light = np.clip(light @ _to_rec709(self.chromaticities).T, 0, 1)
         return np.asarray(light, np.float32)
 
 
-def stated(data: bytes, kind: str | None, label: str) -> Colour | None:
+def stated_colour(data: bytes, kind: str | None, label: str) -> Colour | None:
     """The colour space of a JPEG or PNG from the bytes before its pixels; None for sRGB. `InputError` for one that
     cannot be converted."""
     profile = b""
@@ -78,13 +79,15 @@ def stated(data: bytes, kind: str | None, label: str) -> Colour | None:
         profile = b"".join(part for _, part in sorted(_profile_parts(data)))
     else:
         return None
-    if profile:
-        name = _foreign(profile, _mode(profile, label), label)
-        return Colour(f"ICC profile {name}", profile) if name else None
-    return _by_exif(data, kind)
+    if not profile:
+        return _by_exif(data, kind)
+    name = _unless_srgb(profile, _mode(profile, label), label)
+    if not name:
+        return None
+    return Colour(f"ICC profile {name}", profile)
 
 
-def profiled(image: Any, colour: Colour, label: str) -> Array:
+def srgb_by_profile(image: Any, colour: Colour, label: str) -> Array:
     """The sRGB codes (H, W, 3) uint8 of a Pillow image with an ICC profile."""
     from PIL import ImageCms
 
@@ -100,17 +103,19 @@ def profiled(image: Any, colour: Colour, label: str) -> Array:
 def _by_number(content: bytes, label: str) -> Colour | None:
     """The space of a chunk cICP: the numbers of its primaries and its curve (ITU-T H.273)."""
     primaries, curve = content[:2]
-    # The next two bytes must mean RGB (0, no matrix) and codes of full range (1).
+    # The next two bytes must be 0, no matrix, which means RGB, and 1, codes of full range.
     if primaries not in _PRIMARIES or curve not in _EXPONENTS or content[2:4] != b"\0\1":
         fault = f"its cICP chunk states colour space {', '.join(map(str, content[:4]))}, which is not converted"
         raise InputError(f"{label}: {fault}: save it as sRGB, or as linear EXR")
-    found = Colour(f"cICP {primaries}, {curve}", b"", _EXPONENTS[curve], _PRIMARIES[primaries])
-    is_srgb = found.exponent == 0 and found.chromaticities == REC709
-    return None if is_srgb else found
+    exponent, chromaticities = _EXPONENTS[curve], _PRIMARIES[primaries]
+    is_srgb = exponent == 0 and chromaticities == REC709
+    if is_srgb:
+        return None
+    return Colour(f"cICP {primaries}, {curve}", b"", exponent, chromaticities)
 
 
 def _by_chunks(chunks: dict[bytes, bytes], label: str) -> Colour | None:
-    """The space of the chunks gAMA and cHRM, both in units of 1e-5."""
+    """The space of the chunks gAMA and cHRM, both in units of 1e-5; None for sRGB."""
     exponent = 0.0
     chromaticities: tuple[float, ...] = REC709
     if b"gAMA" in chunks:
@@ -118,27 +123,33 @@ def _by_chunks(chunks: dict[bytes, bytes], label: str) -> Colour | None:
         exponent = in_units / 1e5  # 0 states nothing
     if b"cHRM" in chunks:
         white_first = np.array(struct.unpack(">8I", chunks[b"cHRM"])) / 1e5
-        chromaticities = tuple(float(value) for value in np.roll(white_first, -2))
+        white_last = np.roll(white_first, -2)  # x and y of the white go behind those of the primaries
+        chromaticities = tuple(float(value) for value in white_last)
         # Every second number is a y. None may be 0, because x and 1 − x − y are divided by it.
         spans_colours = min(chromaticities[1::2]) >= 1e-3
         if spans_colours:
             # Primaries on one line have the determinant 0.
-            spans_colours = abs(np.linalg.det(_to_xyz(chromaticities, scaled=False))) >= 1e-3
+            determinant = np.linalg.det(_to_xyz(chromaticities, scaled=False))
+            spans_colours = abs(determinant) >= 1e-3
         if not spans_colours:
             raise InputError(f"{label}: the primaries of its cHRM chunk span no colours: save it without that chunk")
-    others = not _alike(chromaticities, REC709)
-    if not others and (exponent == 0 or abs(exponent - SRGB_EXPONENT) < 1e-4):
+    has_srgb_curve = exponent == 0 or abs(exponent - SRGB_EXPONENT) < 1e-4
+    has_srgb_primaries = _alike(chromaticities, REC709)
+    if has_srgb_curve and has_srgb_primaries:
         return None
     chunks_used = []
     if exponent:
         chunks_used.append(f"gAMA {exponent:g}")
-    if others:
+    if not has_srgb_primaries:
         chunks_used.append("cHRM")
     return Colour(" and ".join(chunks_used), b"", exponent, chromaticities)
 
 
 def _by_exif(data: bytes, kind: str) -> Colour | None:
-    """Adobe RGB, if the camera's notes say so (DCF 2.0: interoperability R03; others write colour space 2)."""
+    """Adobe RGB, if the camera's notes say so; else None, which is sRGB.
+
+    DCF 2.0 says it by the interoperability index R03; some cameras write the colour space 2 instead.
+    """
     notes = exif(data, kind)
     if notes is None:
         return None
@@ -158,13 +169,15 @@ def _by_exif(data: bytes, kind: str) -> Colour | None:
 def _profile_parts(data: bytes) -> Iterator[tuple[int, bytes]]:
     """Number and content of each part of a JPEG's profile, in the order of the file (ICC.1:2010, B.4)."""
     mark = b"ICC_PROFILE\0"
-    for name, content in before_pixels(data):
-        if name == b"\xe2" and content.startswith(mark) and len(content) > len(mark) + 2:
-            yield content[len(mark)], content[len(mark) + 2 :]  # the byte between is the number of parts
+    # After the mark come the number of the part and the number of all parts, one byte each.
+    start = len(mark) + 2
+    for marker, content in before_pixels(data):
+        if marker == b"\xe2" and content.startswith(mark) and len(content) > start:
+            yield content[len(mark)], content[start:]
 
 
-def _foreign(profile: bytes, mode: str, label: str) -> str:
-    """The name of a profile; "" if it is sRGB."""
+def _unless_srgb(profile: bytes, mode: str, label: str) -> str:
+    """As `_name_unless_srgb`; a profile that cannot be applied is an `InputError` for the picture `label`."""
     from PIL import ImageCms
 
     try:
@@ -182,13 +195,14 @@ def _name_unless_srgb(profile: bytes, mode: str) -> str:
     from PIL import Image, ImageCms
 
     if mode == "L":
-        probe = np.arange(256, dtype=np.uint8)[None]
-        unchanged = np.repeat(probe[..., None], 3, 2)
+        grid = np.arange(256, dtype=np.uint8)[None]  # a picture of one row
+        grid_as_rgb = np.repeat(grid[..., None], 3, 2)
     else:
         steps = np.linspace(0, 255, 9).round().astype(np.uint8)
-        probe = unchanged = np.stack(np.meshgrid(steps, steps, steps), -1).reshape(27, 27, 3)
-    converted = np.asarray(ImageCms.applyTransform(Image.fromarray(probe), _transform(profile, mode)))
-    if np.abs(converted.astype(int) - unchanged).max() <= 1:
+        colours = np.stack(np.meshgrid(steps, steps, steps), -1)
+        grid = grid_as_rgb = colours.reshape(27, 27, 3)  # 9³ colours as a picture
+    converted = np.asarray(ImageCms.applyTransform(Image.fromarray(grid), _transform(profile, mode)))
+    if np.abs(converted.astype(int) - grid_as_rgb).max() <= 1:
         return ""
     name = ImageCms.getProfileDescription(ImageCms.ImageCmsProfile(io.BytesIO(profile)))
     printable = "".join(letter for letter in name if letter.isprintable())
@@ -197,7 +211,7 @@ def _name_unless_srgb(profile: bytes, mode: str) -> str:
 
 def _mode(profile: bytes, label: str) -> str:
     """Pillow's mode of the pictures that a profile is for: RGB, or L for grey."""
-    space = profile[16:20]
+    space = profile[16:20]  # the field "data colour space" of its header
     if space not in (b"RGB ", b"GRAY"):
         raise InputError(f"{label}: its ICC profile is of {space.decode('latin-1').strip()!r}: save it as sRGB")
     return "L" if space == b"GRAY" else "RGB"
@@ -224,9 +238,9 @@ def _to_rec709(chromaticities: tuple[float, ...]) -> Array:
     One white is adapted to the other by Bradford's cones.
     """
     source, target = _to_xyz(chromaticities), _to_xyz(REC709)
-    # The sum over the primaries is white.
-    cones = (_BRADFORD @ target.sum(1)) / (_BRADFORD @ source.sum(1))
-    adapted: Array = np.linalg.inv(_BRADFORD) @ np.diag(cones) @ _BRADFORD @ source
+    source_white, target_white = source.sum(1), target.sum(1)  # the sums over the primaries
+    gains = (_BRADFORD @ target_white) / (_BRADFORD @ source_white)  # of the three cones
+    adapted: Array = np.linalg.inv(_BRADFORD) @ np.diag(gains) @ _BRADFORD @ source
     return np.linalg.inv(target) @ adapted
 
 
@@ -241,4 +255,5 @@ def _to_xyz(chromaticities: tuple[float, ...], scaled: bool = True) -> Array:
     primaries, white = columns[:, :3], columns[:, 3]
     if not scaled:
         return primaries
-    return primaries * np.linalg.solve(primaries, white)
+    amounts = np.linalg.solve(primaries, white)  # of each primary in the white
+    return primaries * amounts

@@ -9,7 +9,7 @@ from bench.btf import Array
 from bench.data.readers.colour import REC709
 from bench.inputs.errors import InputError, refuse_pipe
 
-_LINES = (1, 1, 1, 16, 32, 16, 32, 32, 32, 256)  # of a chunk, by the number of the compression
+_LINES_OF_A_CHUNK = (1, 1, 1, 16, 32, 16, 32, 32, 32, 256)  # by the number of the compression
 
 # IEC 61966-2-1: the primaries and the white (D65) of sRGB, equal to those of Rec. 709.
 XYZ_TO_REC709 = np.array(
@@ -32,9 +32,11 @@ def size(data: bytes, label: str) -> tuple[int, int] | None:
     window = struct.unpack("<4i", attributes["dataWindow"])
     if window != struct.unpack("<4i", attributes["displayWindow"]):
         raise InputError(f"{label}: its data window differs from its display window: save it uncropped")
-    if "tiles" in attributes and max(struct.unpack_from("<II", attributes["tiles"])) > 4096:
-        raise InputError(f"{label}: this EXR has tiles above 4096 pixels: save it in scan lines")
-    _choice(attributes, label)
+    if "tiles" in attributes:
+        tile_width, tile_height = struct.unpack_from("<II", attributes["tiles"])
+        if max(tile_width, tile_height) > 4096:
+            raise InputError(f"{label}: this EXR has tiles above 4096 pixels: save it in scan lines")
+    _channels_to_read(attributes, label)  # raises for channels that `read` does not read
     left, top, right, bottom = window
     return bottom - top + 1, right - left + 1
 
@@ -44,7 +46,7 @@ def _attributes(data: bytes, label: str) -> tuple[dict[str, bytes] | None, int]:
 
     None and 0 if the data end before the header does.
     """
-    (version,) = struct.unpack_from("<I", data, 4)
+    (version,) = struct.unpack_from("<I", data, 4)  # after four bytes of the signature
     # The low byte is the version; the bits of 0x1800 say deep and multi-part.
     if version & 0xFF != 2 or version & 0x1800:
         fault = f"this EXR is deep or multi-part (version field {version:#x})"
@@ -55,29 +57,33 @@ def _attributes(data: bytes, label: str) -> tuple[dict[str, bytes] | None, int]:
     while offset < len(data):
         if data[offset] == 0:
             return attributes, offset + 1
+        # Names and types have 255 bytes at most.
         name_end = data.find(b"\0", offset, offset + 256)
         type_end = data.find(b"\0", name_end + 1, name_end + 257)
-        if min(name_end, type_end) < 0 or type_end + 5 > len(data):
+        content_start = type_end + 1 + 4
+        if min(name_end, type_end) < 0 or content_start > len(data):
             return None, 0
         (size,) = struct.unpack_from("<i", data, type_end + 1)
-        start = type_end + 5
-        if size < 0 or start + size > len(data):
+        content_end = content_start + size
+        if size < 0 or content_end > len(data):
             return None, 0
-        attributes[data[offset:name_end].decode("latin-1")] = data[start : start + size]
-        offset = start + size
+        name = data[offset:name_end].decode("latin-1")
+        attributes[name] = data[content_start:content_end]
+        offset = content_end
     return None, 0
 
 
-def _choice(attributes: dict[str, bytes], label: str) -> tuple[str, ...]:
-    """The channels to read: R G B, else X Y Z, else Y alone (grey)."""
-    channels = {}
+def _channels_to_read(attributes: dict[str, bytes], label: str) -> tuple[str, ...]:
+    """The names of the channels to read: R G B, else X Y Z, else Y alone (grey). `InputError` for other channels."""
+    channels = {}  # name → pixel type (0 uint, 1 half, 2 float), sampling along x, sampling along y
     data = attributes["channels"]
     offset = 0
+    # A channel is its name, which a zero byte ends, and 16 bytes: the type, 4 that do not matter, the samplings.
     while offset < len(data) and data[offset]:
-        end = data.index(b"\0", offset)
-        # Pixel type (0 uint, 1 half, 2 float) and the samplings along x and y; 16 bytes after the name's zero byte.
-        channels[data[offset:end].decode("latin-1")] = struct.unpack_from("<i4xii", data, end + 1)
-        offset = end + 17
+        name_end = data.index(b"\0", offset)
+        name = data[offset:name_end].decode("latin-1")
+        channels[name] = struct.unpack_from("<i4xii", data, name_end + 1)
+        offset = name_end + 1 + 16
     has_chroma = bool({"RY", "BY"} & set(channels))  # Y is then the luminance of a coloured picture
     for choice in (("R", "G", "B"), ("X", "Y", "Z"), ("Y",)):
         is_coloured_y = choice == ("Y",) and has_chroma
@@ -102,21 +108,24 @@ def _refuse_truncated(data: bytes, end: int, attributes: dict[str, bytes], label
     """
     _, top, _, bottom = struct.unpack("<4i", attributes["dataWindow"])
     compression = attributes.get("compression", b"\0")[0]
-    if compression >= len(_LINES):
-        return  # newer than this table; the library checks it
-    count = -(-(bottom - top + 1) // _LINES[compression])  # rounded up: the last chunk may have fewer lines
+    if compression >= len(_LINES_OF_A_CHUNK):
+        return  # newer than this list; the library checks it
+    lines = bottom - top + 1
+    count = -(-lines // _LINES_OF_A_CHUNK[compression])  # rounded up: the last chunk may have fewer lines
     table = data[end : end + 8 * count]
     places = np.frombuffer(table, "<u8", len(table) // 8)
-    whole = len(places) == count
+    is_whole = len(places) == count
     for place in places.tolist():
         # A place before the end of the header was never filled in. A chunk is its line and its size (4 bytes each), and
         # that many bytes.
         if not end <= place <= len(data) - 8:
-            whole = False
+            is_whole = False
             break
         (size,) = struct.unpack_from("<i", data, place + 4)
-        whole = whole and place + 8 + size <= len(data)
-    if not whole:
+        if place + 8 + size > len(data):
+            is_whole = False
+            break
+    if not is_whole:
         raise InputError(f"{label}: its pixels end early ({len(data):,} bytes): the picture is truncated; get it again")
 
 
@@ -129,17 +138,19 @@ def read(path: Path, label: str, rgb_is_xyz: bool) -> Array:
     attributes, end = _attributes(data, label)
     if attributes is None:
         raise InputError(f"{label}: the header ends early: the picture is truncated; get it again")
-    choice = _choice(attributes, label)
+    names = _channels_to_read(attributes, label)
     if "tiles" not in attributes:
         _refuse_truncated(data, end, attributes, label)
     channels = OpenEXR.File(str(path), separate_channels=True).channels()
-    picture = np.stack([np.asarray(channels[name].pixels, np.float32) for name in choice], -1)
-    if choice == ("Y",):
+    picture = np.stack([np.asarray(channels[name].pixels, np.float32) for name in names], -1)
+    if names == ("Y",):
         return np.repeat(picture, 3, 2)
-    if choice == ("X", "Y", "Z") or rgb_is_xyz:  # colours outside the gamut stay negative
+    if names == ("X", "Y", "Z") or rgb_is_xyz:  # colours outside the gamut stay negative
         with np.errstate(over="ignore", invalid="ignore"):
             return np.asarray(picture @ XYZ_TO_REC709.T, np.float32)
-    stated = attributes.get("chromaticities")
-    if stated is not None and not np.allclose(struct.unpack("<8f", stated), REC709, atol=2e-3):
-        raise InputError(f"{label}: its chromaticities are not those of Rec. 709: convert it to linear Rec. 709 (sRGB)")
+    if "chromaticities" in attributes:
+        chromaticities = struct.unpack("<8f", attributes["chromaticities"])
+        if not np.allclose(chromaticities, REC709, atol=2e-3):
+            fault = "its chromaticities are not those of Rec. 709"
+            raise InputError(f"{label}: {fault}: convert it to linear Rec. 709 (sRGB)")
     return picture

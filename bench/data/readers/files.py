@@ -50,12 +50,13 @@ class FolderFiles:
         return self.head(name, MAX_FILE)
 
     def digest(self, names: Iterable[str]) -> str:
-        """Hex digest of the files; for large sets, of the sizes and spread blocks of each file."""
+        """Hex digest of the files: of names, sizes and all bytes; for large sets, of spread blocks of each file."""
         names = list(names)
         sizes = [self.size(name) for name in names]
         digest = hashlib.sha256()
-        # Together about `WHOLE` bytes, but 4 KiB of each file at least; None reads every byte.
-        budget = None if sum(sizes) <= WHOLE else max(4096, WHOLE // len(names))
+        budget = None  # bytes of each file; None reads all
+        if sum(sizes) > WHOLE:
+            budget = max(4096, WHOLE // len(names))  # together about `WHOLE`
         for name, size in zip(names, sizes, strict=True):
             digest.update(f"{name}\0{size}\0".encode("utf-8", "surrogateescape"))
             _update(digest, self.root / name, size, budget)
@@ -72,7 +73,8 @@ def file_digest(path: Path) -> str:
 
 
 def _update(digest: "hashlib._Hash", path: Path, size: int, budget: int | None) -> None:
-    """Feed a file into a digest: whole, or about `budget` bytes of it in evenly spread blocks that include both ends.
+    """Feed a file of `size` bytes into a digest: whole, or about `budget` bytes of it in evenly spread blocks that
+    include both ends.
 
     A `budget` of None reads the whole file.
     """
@@ -97,7 +99,8 @@ class Candidate:
     """A file or a folder whose format is sought; `OSError` if it cannot be read."""
 
     path: Path
-    angles: str = ""  # what the user says that angles are which should be degrees: `bench.data.readers.checks`
+    # The unit that the user names for angles that a file states as degrees: "degrees", "radians", or "" for none.
+    angles: str = ""
 
     @cached_property
     def head(self) -> bytes:
@@ -122,24 +125,31 @@ class Candidate:
         `InputError` for a damaged archive."""
         if self.is_folder:
             return list_folder(self.path)
-        return list(ZipFiles(self.path).entries) if self.is_zip else []
+        if self.is_zip:
+            return list(ZipFiles(self.path).entries)
+        return []
 
     @property
     def first_line(self) -> str:
-        """The first line of a text file; "" for an archive."""
+        """The first line of a text file that is not empty, as far as `head` has it; "" for an archive."""
         if self.is_zip:
             return ""
         encoding = "utf-16" if self.head.startswith(UTF16_MARKS) else "utf-8-sig"
-        return self.head.decode(encoding, "replace").lstrip().split("\n", 1)[0].strip()
+        text = self.head.decode(encoding, "replace").lstrip()
+        line, _, _ = text.partition("\n")
+        return line.strip()
 
     @property
     def described(self) -> str:
-        """Why it is not a known BTF, and the start of a remedy, which the caller completes."""
+        """Why it is not a known BTF, and the start of a remedy: the caller adds `give …`."""
         if self.is_folder:
-            held = ", ".join(sorted(p.name for p in self.path.iterdir())[:3]) or "nothing"
-            return f"it is not a BTF folder (it holds {held}): add pairs.csv, or names of maps like NAME_albedo.png, or"
+            names = sorted(path.name for path in self.path.iterdir())
+            listed = ", ".join(names[:3]) or "nothing"
+            remedy = "add pairs.csv, or names of maps like NAME_albedo.png, or"
+            return f"it is not a BTF folder (it holds {listed}): {remedy}"
         if self.is_zip:
-            return f"it is not an archive of a known BTF (it holds {', '.join(self.names[:3]) or 'nothing'}):"
+            listed = ", ".join(self.names[:3]) or "nothing"
+            return f"it is not an archive of a known BTF (it holds {listed}):"
         return f"it begins with {self.head[:10]!r}, like no known BTF:"
 
 

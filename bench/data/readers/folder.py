@@ -16,7 +16,14 @@ from typing import Any
 import numpy as np
 
 from bench.btf import BTF, Array
-from bench.data.readers.checks import AS_STORED, in_degrees, pairs_in_degrees, provenance_of, told, view_major
+from bench.data.readers.checks import (
+    AS_STORED,
+    directions_of_degrees,
+    in_degrees,
+    provenance_of,
+    unit_note,
+    view_major,
+)
 from bench.data.readers.files import Candidate, FolderFiles
 from bench.data.readers.pictures import PictureSource
 from bench.directions.hemisphere import to_degrees
@@ -35,13 +42,17 @@ def opened(seen: Candidate) -> BTF | None:
     Radiance is linear Rec. 709 f_r · cos θ_i as the pictures hold it: EXR and .hdr as stored, 8- and 16-bit codes
     decoded as sRGB. Raises `InputError` that names `pairs.csv` and the row of any fault.
     """
-    path = seen.path if seen.is_folder else seen.path.parent
-    is_known = (path / LIST).is_file() if seen.is_folder else ANGLES[0] in seen.first_line
-    if not is_known:
+    if seen.is_folder:
+        path = seen.path
+        has_list = (path / LIST).is_file()
+    else:
+        path = seen.path.parent
+        has_list = ANGLES[0] in seen.first_line
+    if not has_list:
         return None
     rows = _read_rows(path / LIST)
     notes = _notes(path / NOTES)
-    stated = np.array([_angles(path, number, row) for number, row in rows])
+    stated = np.array([_stated_angles(path, number, row) for number, row in rows])
     # What the user says comes first. A folder that the suite wrote says itself that its angles are degrees, so they may
     # be small.
     unit = seen.angles or str(notes.get("angles", ""))
@@ -50,14 +61,14 @@ def opened(seen: Candidate) -> BTF | None:
     angles = np.stack([thetas, phis], -1).reshape(len(rows), 4)
     labels = [f"{path / LIST}, line {number}" for number, _ in rows]
     names = [inside(row["file"], label) for label, (_, row) in zip(labels, rows, strict=True)]
-    wo, wi = pairs_in_degrees(angles, labels.__getitem__, ("_o_deg", "_i_deg"))
+    wo, wi = directions_of_degrees(angles, labels.__getitem__, ("_o_deg", "_i_deg"))
     heldout = _heldout(path, rows)
     order = view_major(wo, wi)
     source = PictureSource(FolderFiles(path), [names[i] for i in order], [labels[i] for i in order])
     colour = "8- and 16-bit codes decoded as sRGB to linear Rec. 709; EXR and .hdr as stored"
     provenance = provenance_of("folder", colour, AS_STORED)
-    # What the folder says of itself replaces these words.
-    provenance |= notes.get("provenance", {}) | source.conversions() | told(seen.angles)
+    provenance |= notes.get("provenance", {})  # what the folder says of itself replaces these words
+    provenance |= source.conversions() | unit_note(seen.angles)
     name = str(notes.get("name", path.resolve().name))
     periodic = bool(notes.get("periodic", False))
     mask = None if heldout is None else heldout[order]
@@ -65,12 +76,12 @@ def opened(seen: Candidate) -> BTF | None:
 
 
 def _read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
-    """Line number and cells of each line of `pairs.csv`; empty lines are left out."""
+    """(line number, column → cell) of each line of `pairs.csv` below the header; empty lines are left out."""
     with readable(str(path), "save it as plain comma-separated text in UTF-8"):
         if path.stat().st_size > MAX_LIST:
             raise InputError(f"{path}: it is larger than {MAX_LIST >> 20} MiB, too large for a list of pairs")
         reader = csv.reader(io.StringIO(path.read_text("utf-8-sig"), newline=""), skipinitialspace=True)
-        lines = []
+        lines = []  # line number and cells, the header first
         for cells in reader:
             if any(cells):
                 lines.append((reader.line_num, [cell.strip() for cell in cells]))
@@ -91,8 +102,8 @@ def _read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
     return rows
 
 
-def _angles(path: Path, number: int, row: dict[str, str]) -> list[float]:
-    """θ_o, φ_o, θ_i, φ_i of one line, as stated: in degrees, if the list is right."""
+def _stated_angles(path: Path, number: int, row: dict[str, str]) -> list[float]:
+    """θ_o, φ_o, θ_i, φ_i of line `number`, as stated: in degrees, if the list is right."""
     values = []
     for name in ANGLES:
         try:
@@ -104,8 +115,9 @@ def _angles(path: Path, number: int, row: dict[str, str]) -> list[float]:
 
 
 def _heldout(path: Path, rows: list[tuple[int, dict[str, str]]]) -> Array | None:
-    """Mask (N,) of the column `split`; None without that column, or if it holds nothing out."""
-    if "split" not in rows[0][1]:
+    """The mask (N,) of held-out pairs from the column `split`; None without that column, or if it holds nothing out."""
+    _, first_row = rows[0]
+    if "split" not in first_row:
         return None
     for number, row in rows:
         if row["split"] not in ("train", "heldout"):
@@ -163,10 +175,11 @@ def write_exr(path: Path, picture: Array) -> None:
     channels = {name: np.ascontiguousarray(picture[..., i], np.float32) for i, name in enumerate("RGB")}
     try:
         OpenEXR.File(header, channels).write(str(path))
-    except RuntimeError as error:  # the library passes on only the text of the system's error
+    except RuntimeError as error:
+        # The library passes on only the text of the system's error. Callers tell a full disk by its number.
         number = errno.EIO
-        for full in NO_PLACE:
-            if os.strerror(full) in str(error):
-                number = full
+        for full_disk_number in NO_PLACE:
+            if os.strerror(full_disk_number) in str(error):
+                number = full_disk_number
                 break
         raise OSError(number, os.strerror(number), str(path)) from error

@@ -15,7 +15,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -44,23 +44,23 @@ def opened(seen: Candidate) -> BTF | None:
     if not seen.head.startswith(SIGNATURE):
         return None
     path = seen.path
-    btf = _open(seen.path)
-    heldout = path.with_name(TRAINING.sub(HELDOUT, path.name))
-    if heldout == path or not heldout.is_file():
+    btf = _open_file(path)
+    heldout_path = path.with_name(TRAINING.sub(HELDOUT, path.name))
+    if heldout_path == path or not heldout_path.is_file():
         return btf
-    other = _open(heldout)
-    if other.shape != btf.shape:
-        (height, width), (rows, cols) = other.shape, btf.shape
-        sizes = f"its pictures are {width} x {height}, those of {path.name} {cols} x {rows}"
-        raise InputError(f"{heldout}: {sizes}: move it away")
-    whole = followed(btf, other, "heldout", f"the {len(other)} pairs of {heldout.name}")
+    heldout = _open_file(heldout_path)
+    if heldout.shape != btf.shape:
+        (height, width), (btf_height, btf_width) = heldout.shape, btf.shape
+        sizes = f"its pictures are {width} x {height}, those of {path.name} {btf_width} x {btf_height}"
+        raise InputError(f"{heldout_path}: {sizes}: move it away")
+    whole = followed(btf, heldout, "heldout", f"the {len(heldout)} pairs of {heldout_path.name}")
     labels = [f"{path}: pair {pair}" for pair in range(len(btf))]
-    labels += [f"{heldout}: pair {pair}" for pair in range(len(other))]
+    labels += [f"{heldout_path}: pair {pair}" for pair in range(len(heldout))]
     no_duplicates(whole.wo, whole.wi, labels.__getitem__)
     return whole
 
 
-def _open(path: Path) -> BTF:
+def _open_file(path: Path) -> BTF:
     """The BTF of one HDF5 file, without the held-out file that may lie beside it."""
     with _file(path) as file:
         colour = _stored(path, file, COLOUR)
@@ -70,11 +70,12 @@ def _open(path: Path) -> BTF:
             raise InputError(f"{path}: {COLOUR} is {colour.shape}: it must be (N, H, W, 3)")
         count, height, width = colour.shape[:3]
         if count > MAX_PAIRS or height * width > MAX_PIXELS:
-            raise InputError(f"{path}: {COLOUR} of {colour.shape} is too large: the limit is {MAX_PAIRS} pairs")
+            limit = f"{MAX_PAIRS} pairs" if count > MAX_PAIRS else f"{MAX_PIXELS} pixels"
+            raise InputError(f"{path}: {COLOUR} of {colour.shape} is too large: the limit is {limit}")
         wo = _directions(path, VIEW, view, count)
         wi = _directions(path, LIGHT, light, count)
         pictures_a_chunk = colour.chunks[0] if colour.chunks else 1  # without chunks each picture is read alone
-        source = HDF5Source(path, colour.shape[:3], (0, 0, height, width), pictures_a_chunk)
+        source = HDF5Source(path, colour.shape[:3], Window(0, 0, height, width), pictures_a_chunk)
     no_duplicates(wo, wi, lambda row: f"{path}: pair {row}")
     frame = "rows from the bottom up, directions away from the surface, as the code that reads these files"
     provenance = provenance_of("HDF5", "taken as linear Rec. 709", frame=frame)
@@ -96,32 +97,34 @@ def _stored(path: Path, file: Any, key: str) -> Any:
 
     links = file.id.links
     name = key.encode()
-    kind = links.get_info(name).type if links.exists(name) else None  # the link's own, which opens no other file
-    if kind is not None and kind != h5py.h5l.TYPE_HARD:
-        where = _target(links.get_val(name))
-        raise InputError(f"{path}: {key} is {where}: copy the data set itself to {key}, as h5repack or h5copy does")
-    if kind is None or not isinstance(file[key], h5py.Dataset):
-        held = ", ".join(sorted(file)[:5])[:200] or "nothing"
-        raise InputError(f"{path}: no data set {key} (it holds {held}): it needs {COLOUR}, {VIEW}, {LIGHT}")
+    # The link is looked at, not what it leads to, because a link into another file would open that file.
+    link_type = links.get_info(name).type if links.exists(name) else None
+    if link_type is not None and link_type != h5py.h5l.TYPE_HARD:
+        link = _link_in_words(links.get_val(name))
+        raise InputError(f"{path}: {key} is {link}: copy the data set itself to {key}, as h5repack or h5copy does")
+    if link_type is None or not isinstance(file[key], h5py.Dataset):
+        listed = ", ".join(sorted(file)[:5])[:200] or "nothing"
+        raise InputError(f"{path}: no data set {key} (it holds {listed}): it needs {COLOUR}, {VIEW}, {LIGHT}")
     data = file[key]
     if data.is_virtual or data.external:
         raise InputError(f"{path}: {key} lies in other files: copy it into this one")
     if data.dtype.kind != "f" or data.shape is None:
         raise InputError(f"{path}: {key} is {data.shape} {data.dtype}: it must hold floats")
-    claimed = math.prod(data.shape) * data.dtype.itemsize
-    chunk = math.prod(data.chunks or ()) * data.dtype.itemsize
+    claimed_bytes = math.prod(data.shape) * data.dtype.itemsize
+    chunk_bytes = math.prod(data.chunks or ()) * data.dtype.itemsize
     # Compression may shrink values `RATIO` times at most; what claims more would fill the memory.
-    if claimed > max(LEAST, RATIO * data.id.get_storage_size()) or chunk > MAX_FILE:
+    believable_bytes = max(LEAST, RATIO * data.id.get_storage_size())
+    if claimed_bytes > believable_bytes or chunk_bytes > MAX_FILE:
         raise InputError(f"{path}: {key} of {data.shape} in chunks of {data.chunks} is more than its bytes can hold")
     _refuse_unwritten(path, key, data)
     return data
 
 
-def _target(value: bytes | tuple[bytes, bytes]) -> str:
-    """What a link leads to, in words; an external one has the file before the name."""
+def _link_in_words(value: bytes | tuple[bytes, bytes]) -> str:
+    """A link in words, from the name that it leads to, or from (file, name) for a link into another file."""
     if isinstance(value, tuple):
-        file, name = (part.decode("utf-8", "replace") for part in value)
-        return f"a link to {name} in the file {file}"
+        file, name = value
+        return f"a link to {name.decode('utf-8', 'replace')} in the file {file.decode('utf-8', 'replace')}"
     return f"a link to {value.decode('utf-8', 'replace')}"
 
 
@@ -132,12 +135,12 @@ def _refuse_unwritten(path: Path, key: str, data: Any) -> None:
     if not data.id.get_storage_size():
         raise InputError(f"{path}: {key} was made, but no value was ever written to it: write the file again")
     if data.chunks:
-        sides = zip(data.shape, data.chunks, strict=True)
-        # Along each side the number is rounded up: the last chunk may be cut.
-        due = math.prod(-(-length // chunk) for length, chunk in sides)
-        missing = due - data.id.get_num_chunks()
+        all_chunks = 1
+        for length, chunk_length in zip(data.shape, data.chunks, strict=True):
+            all_chunks *= -(-length // chunk_length)  # rounded up: the last chunk may be cut
+        missing = all_chunks - data.id.get_num_chunks()
         if missing:
-            fault = f"{missing:,} of the {due:,} chunks of {key} were never written"
+            fault = f"{missing:,} of the {all_chunks:,} chunks of {key} were never written"
             raise InputError(f"{path}: {fault}: write all pictures, or cut the data sets to those that were")
 
 
@@ -156,31 +159,40 @@ def _directions(path: Path, key: str, data: Any, count: int) -> Array:
     return unit_directions(np.column_stack([plane, z]), lambda row: f"{path}: {key}[{row}]")
 
 
-class HDF5Source(Source):
-    """A window (top, left, height, width) of the pictures of a file, cheap by slice."""
+class Window(NamedTuple):
+    """A rectangle of texels in a picture whose row 0 is on top."""
 
-    def __init__(self, path: Path, stored: tuple[int, int, int], window: tuple[int, int, int, int], chunk: int):
-        # `stored` is (N, H, W) of the whole file, `chunk` the number of pictures in each of its chunks.
+    top: int
+    left: int
+    height: int
+    width: int
+
+
+class HDF5Source(Source):
+    """A window of the pictures of a file, cheap by slice."""
+
+    def __init__(self, path: Path, stored: tuple[int, int, int], window: Window, chunk: int):
+        """`stored` is (N, H, W) of the whole file, `chunk` the number of pictures in each of its chunks."""
         self.path = path
         self.stored = stored
         self.rectangle = window
         self.chunk = chunk
         self.count = stored[0]
-        self.shape = (window[2], window[3])
-        bytes_of_a_picture = 12 * window[2] * window[3]  # three float32 values a texel
+        self.shape = (window.height, window.width)
+        bytes_of_a_picture = 12 * window.height * window.width  # three float32 values a texel
         self.at_once = max(1, min(chunk, AT_ONCE // bytes_of_a_picture))
 
     def slices(self, pairs: Array) -> list[Array]:
         """As `Source.slices`: (H, W, 3) float32 each, row 0 on top; `InputError` where a value is not finite."""
         top, left, height, width = self.rectangle
         bottom = self.stored[1] - top - height  # the file's row 0 is the bottom
-        first, last = int(pairs.min()), int(pairs.max()) + 1
+        first, last = int(pairs.min()), int(pairs.max()) + 1  # `last` is behind the last pair
         stretches = [(first, last)]
         # One stretch is fastest for neighbours, even with some pictures between them. Pairs that lie further apart are
         # read one by one: a stretch over all of them would hold far more pictures than were asked for.
         if last - first > 2 * self.at_once:
             stretches = [(int(pair), int(pair) + 1) for pair in pairs]
-        slices: dict[int, Array] = {}
+        slices: dict[int, Array] = {}  # pair → picture
         with _file(self.path) as file, np.errstate(over="ignore"):
             for start, end in stretches:
                 values = file[COLOUR][start:end, bottom : bottom + height, left : left + width]
@@ -192,9 +204,9 @@ class HDF5Source(Source):
         """As `Source.window`; a window within the pictures is read alone, without the texels around it."""
         if min(top, left) < 0 or top + height > self.shape[0] or left + width > self.shape[1]:
             return super().window(top, left, height, width)  # it reaches around the border
-        ours_top, ours_left, _, _ = self.rectangle
-        window = (ours_top + top, ours_left + left, height, width)
+        window = Window(self.rectangle.top + top, self.rectangle.left + left, height, width)
         return HDF5Source(self.path, self.stored, window, self.chunk)
 
     def fingerprint(self) -> str:
-        return hashlib.sha256(f"{file_digest(self.path)} {self.rectangle}".encode()).hexdigest()
+        rectangle = tuple(self.rectangle)  # as text `(0, 0, 64, 64)`
+        return hashlib.sha256(f"{file_digest(self.path)} {rectangle}".encode()).hexdigest()

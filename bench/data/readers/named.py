@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bench.btf import BTF
-from bench.data.readers.checks import pairs_in_degrees, provenance_of, view_major
+from bench.data.readers.checks import directions_of_degrees, provenance_of, view_major
 from bench.data.readers.files import Candidate, Files, FolderFiles
 from bench.data.readers.pictures import PictureSource
 from bench.files.archive import ZipFiles
@@ -40,18 +40,24 @@ def opened(seen: Candidate) -> BTF | None:
     files, by view, then light. Raises `InputError` that names the picture if angles are out of range, a pair appears
     twice or sizes differ.
     """
-    # Some archivers add hidden copies, `._name`.
-    shown = sorted(name for name in seen.names if not name.rsplit("/", 1)[-1].startswith("."))
-    utia = _opened(seen, shown, PRAGUE, UTIA, rgb_is_xyz=True)
+    names = []
+    for name in sorted(seen.names):
+        _, _, bare_name = name.rpartition("/")
+        if not bare_name.startswith("."):  # some archivers add hidden copies, `._name`
+            names.append(name)
+    utia = _opened_as(seen, names, PRAGUE, UTIA, rgb_is_xyz=True)
     if utia is not None:
         return utia
-    return _opened(seen, shown, BONN, UBO2003)
+    return _opened_as(seen, names, BONN, UBO2003)
 
 
-def _opened(
+def _opened_as(
     seen: Candidate, names: list[str], pattern: re.Pattern[str], provenance: dict[str, Any], **options: Any
 ) -> BTF | None:
-    """The BTF of the pictures whose names match, or None; `options` go to `pictures.read_picture`."""
+    """The BTF of the pictures whose names match, or None; `options` go to `pictures.read_picture`.
+
+    The groups of `pattern` are θ_i, φ_i, θ_o, φ_o in degrees.
+    """
     matches = []
     for name in names:
         match = pattern.search(name)
@@ -64,8 +70,8 @@ def _opened(
     names = [match.string for match in matches]
     degrees = np.array([match.groups() for match in matches], np.float64)
     # The light stands first in a name.
-    wi, wo = pairs_in_degrees(degrees, lambda index: files.label(names[index]), (" of the light", " of the view"))
+    wi, wo = directions_of_degrees(degrees, lambda index: files.label(names[index]), (" of the light", " of the view"))
     order = view_major(wo, wi)
     source = PictureSource(files, [names[i] for i in order], **options)
-    title = path.resolve().name if seen.is_folder else path.stem
-    return BTF(title, wo[order], wi[order], source, provenance=provenance | source.conversions())
+    material_name = path.resolve().name if seen.is_folder else path.stem
+    return BTF(material_name, wo[order], wi[order], source, provenance=provenance | source.conversions())

@@ -18,8 +18,8 @@ from bench.data.readers.checks import (
     no_duplicates,
     provenance_of,
     radiance_fault,
-    told,
     unit_directions,
+    unit_note,
     warn_of_radians,
 )
 from bench.data.readers.files import Candidate, file_digest
@@ -88,21 +88,28 @@ def _mean_abrdf(path: Path, unit: str) -> BTF:
     """
     files = ZipFiles(path)
     table = stored(files, MEAN)
-    sides = [stored(files, "theta_deg"), stored(files, "phi_deg")]
+    stored_theta, stored_phi = stored(files, "theta_deg"), stored(files, "phi_deg")
     count = table.shape[0] if table.shape else 0
     if table.shape != (count, count, 3) or count == 0 or table.dtype.kind != "f":
         raise InputError(f"{path}: {MEAN} is {table.shape} {table.dtype}: it must be (V, V, 3) floats")
-    if any(angles.shape != (count,) or angles.dtype.kind not in "fiu" for angles in sides):
-        raise InputError(f"{path}: theta_deg and phi_deg must be ({count},) numbers")
-    stated_theta, stated_phi = (np.asarray(angles.values(), np.float64) for angles in sides)
-    theta, phi = in_degrees(stated_theta, stated_phi, f"{path}: theta_deg and phi_deg", unit)
+    for angles in (stored_theta, stored_phi):
+        if angles.shape != (count,) or angles.dtype.kind not in "fiu":
+            raise InputError(f"{path}: theta_deg and phi_deg must be ({count},) numbers")
+    theta, phi = in_degrees(
+        np.asarray(stored_theta.values(), np.float64),
+        np.asarray(stored_phi.values(), np.float64),
+        f"{path}: theta_deg and phi_deg",
+        unit,
+    )
     directions = different_directions(
         np.radians(theta), np.radians(phi), lambda row: f"{path}: direction {row}", "_deg"
     )
     # (V, V, 3) becomes V² pictures of one texel; the light changes fastest.
-    source = NpzSource(finite(table.values(), f"{path}: {MEAN}").reshape(-1, 1, 1, 3), path)
+    pictures = finite(table.values(), f"{path}: {MEAN}").reshape(-1, 1, 1, 3)
+    source = NpzSource(pictures, path)
     texels = "one: the geometric mean over the measured texels"
-    provenance = provenance_of("mean ABRDF", "linear Rec. 709 as stored", IN_THE_DATA, texels=texels) | told(unit)
+    provenance = provenance_of("mean ABRDF", "linear Rec. 709 as stored", IN_THE_DATA, texels=texels)
+    provenance |= unit_note(unit)
     wo, wi = product(directions, directions)
     return BTF(path.stem, wo, wi, source, provenance=provenance)
 
@@ -121,10 +128,12 @@ def _heldout(files: ZipFiles, count: int) -> Array | None:
         return None
     array = stored(files, "heldout")
     is_mask = array.shape == (count,) and array.dtype.kind == "b"
-    mask = array.values() if is_mask else None
+    mask = array.values() if is_mask else None  # an array of another form may be too large to read
     if mask is None or mask.all():
         raise InputError(f"{files.path}: heldout must be a mask ({count},) of booleans that leaves pairs to train on")
-    return np.array(mask) if mask.any() else None
+    if not mask.any():
+        return None
+    return np.array(mask)  # a copy in memory, because the values may be a view of the file
 
 
 def _periodic(files: ZipFiles) -> bool:

@@ -30,19 +30,23 @@ _TURNS: dict[int, Callable[[Array], Array]] = {
 def orientation(data: bytes, kind: str | None) -> int:
     """The orientation, 1 to 8, of a JPEG or PNG from its first bytes; 1 without a valid note."""
     notes = exif(data, kind)
-    noted = None if notes is None else notes.get(TAG)
-    return noted if isinstance(noted, int) and noted in _TURNS else 1
+    value = None if notes is None else notes.get(TAG)
+    if isinstance(value, int) and value in _TURNS:
+        return value
+    return 1
 
 
 def exif(data: bytes, kind: str | None) -> Any:
     """The camera's notes in a JPEG or PNG, a `PIL.Image.Exif`, from its first bytes; None without valid ones."""
-    if kind == "jpeg":
-        held = [content for name, content in before_pixels(data) if name == b"\xe1" and content.startswith(MARK)]
-    elif kind == "png":
-        held = [content for name, content in before_pixels(data) if name == b"eXIf"]
-    else:
-        held = []
-    if not held or not held[0]:
+    encoded = b""
+    if kind in ("jpeg", "png"):
+        for name, content in before_pixels(data):
+            is_jpeg_note = kind == "jpeg" and name == b"\xe1" and content.startswith(MARK)
+            is_png_note = kind == "png" and name == b"eXIf"
+            if is_jpeg_note or is_png_note:
+                encoded = content
+                break
+    if not encoded:
         return None
     from PIL import Image
 
@@ -50,23 +54,26 @@ def exif(data: bytes, kind: str | None) -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            notes.load(held[0])
-            notes.get(TAG)
+            notes.load(encoded)
+            notes.get(TAG)  # damaged values raise when they are read
         except Exception:  # damaged notes raise many types; the picture is then used as stored
             return None
     return notes
 
 
-def upright(picture: Array, noted: int) -> Array:
-    """The upright picture of a stored one (H, W, …); orientations 5 to 8 swap its height and width."""
-    if noted not in _TURNS:
+def upright(picture: Array, turn: int) -> Array:
+    """The upright picture of one that is stored in orientation `turn`, (H, W, …); 5 to 8 swap its height and width."""
+    if turn not in _TURNS:
         return picture
-    return np.ascontiguousarray(_TURNS[noted](picture))
+    return np.ascontiguousarray(_TURNS[turn](picture))
 
 
-def upright_size(size: tuple[int, int], noted: int) -> tuple[int, int]:
-    """(H, W) of the upright picture of a stored one, and the other way round; 5 to 8 lie on their side."""
-    return size[::-1] if noted >= 5 else size
+def upright_size(size: tuple[int, int], turn: int) -> tuple[int, int]:
+    """(H, W) of the upright picture from that of one stored in orientation `turn`, or the stored from the upright.
+
+    Pictures in the orientations 5 to 8 lie on their side.
+    """
+    return size[::-1] if turn >= 5 else size
 
 
 def before_pixels(data: bytes) -> Iterator[tuple[bytes, bytes]]:
@@ -77,9 +84,12 @@ def before_pixels(data: bytes) -> Iterator[tuple[bytes, bytes]]:
         return
     offset = 2
     # A segment is 0xFF, its marker, its size (two bytes, which count themselves) and its content; further 0xFF may
-    # stand before the marker. 0xC0 to 0xC2 begin a frame, 0xDA its pixels, and 0xD9 ends the picture.
-    while offset + 4 <= len(data) and data[offset] == 0xFF and data[offset + 1] not in (0xC0, 0xC1, 0xC2, 0xDA, 0xD9):
-        if data[offset + 1] == 0xFF:
+    # stand before the marker.
+    while offset + 4 <= len(data) and data[offset] == 0xFF:
+        marker = data[offset + 1]
+        if marker in (0xC0, 0xC1, 0xC2, 0xDA, 0xD9):  # the first three begin a frame, then its pixels; the picture ends
+            return
+        if marker == 0xFF:
             offset += 1
             continue
         (size,) = struct.unpack_from(">H", data, offset + 2)

@@ -19,16 +19,16 @@ GROUP, KIND = "neubtf_bench.readers", "reader"
 
 
 def entries(built_in: Collection[str]) -> dict[str, EntryPoint]:
-    """The entry points of readers, in the order of their names.
+    """Name → entry point of each reader of another package, in the order of the names.
 
     Raises `InputError` if two packages use the same name, `PluginError` if one has the name of a built-in reader.
     """
-    found = dict(sorted(plugins.entries(GROUP, KIND).items()))
-    for name, entry in found.items():
+    readers = dict(sorted(plugins.entries(GROUP, KIND).items()))
+    for name, entry in readers.items():
         if name in built_in:
             fault = "has the name of a built-in reader: choose another name"
             raise PluginError(f"{called(entry, KIND)} {fault}; {remedy(entry)}")
-    return found
+    return readers
 
 
 def opened(seen: Candidate, readers: Iterable[EntryPoint], faults: list[str]) -> BTF | None:
@@ -44,13 +44,14 @@ def opened(seen: Candidate, readers: Iterable[EntryPoint], faults: list[str]) ->
         except PluginError as error:
             faults.append(str(error))
             continue
-        btf = _asked(entry, seen, reader.opened, seen)
+        btf = _call(entry, seen, reader.opened, seen)
         if btf is None:
             continue
         if not isinstance(btf, BTF):
             fault = f"opened returned a {type(btf).__name__}, but must return a BTF, or None"
             raise PluginError(f"{seen.path}: {called(entry, KIND)}: {fault}")
-        first = _asked(entry, seen, btf.source.slice, int(btf.pairs[0]))  # unchecked: NaN may be masked by --repair
+        # From the source, which does not refuse NaN: --repair may mask it.
+        first = _call(entry, seen, btf.source.slice, int(btf.pairs[0]))
         if first.shape != (*btf.shape, 3) or first.dtype != np.float32:
             fault = f"slice 0 is {first.shape} {first.dtype}, but must be {(*btf.shape, 3)} float32"
             raise PluginError(f"{seen.path}: {called(entry, KIND)}: {fault}")
@@ -75,11 +76,13 @@ def _module(entry: EntryPoint) -> Any:
     return module
 
 
-def _asked(entry: EntryPoint, seen: Candidate, function: Any, *given: Any) -> Any:
-    """What a function of a reader answers; errors about the file or the machine pass, any other becomes a
-    `PluginError` that names the reader."""
+def _call(entry: EntryPoint, seen: Candidate, function: Any, *arguments: Any) -> Any:
+    """What a function of the reader `entry` returns for some arguments.
+
+    Errors about the file or the machine pass; any other becomes a `PluginError` that names the reader.
+    """
     try:
-        return function(*given)
+        return function(*arguments)
     except (InputError, OSError, MemoryError):
         raise
     except (Exception, SystemExit) as error:

@@ -13,20 +13,21 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from bench.btf import Array, Source, finite
 from bench.data.readers import exr
-from bench.data.readers.colour import Colour, profiled, stated
+from bench.data.readers.colour import Colour, srgb_by_profile, stated_colour
 from bench.data.readers.files import Files, FolderFiles
 from bench.data.readers.orientation import orientation, png_chunks, upright, upright_size
 from bench.inputs.errors import InputError, readable
 from bench.metrics.display import decode_srgb
 
 MAX_PIXELS = 1 << 26
-PIXELS_PER_BYTE = 8192
+PIXELS_PER_BYTE = 8192  # the most that a byte of a file may claim
+PNG_BITS = 24  # offset of the byte in a PNG that holds the bits a channel
 _STARTS = {b"\xff\xd8\xff": "jpeg", b"\x89PNG\r\n\x1a\n": "png", b"\x76\x2f\x31\x01": "exr", b"#?": "hdr"}
 SUPPORTED = "JPEG, PNG, OpenEXR and Radiance .hdr are read"
 _DECODED = (0xC0, 0xC1, 0xC2, 0xC9, 0xCA)  # frames of JPEG: baseline, extended, progressive; the last two arithmetic
@@ -59,40 +60,41 @@ def colour_note(files: Files, name: str) -> str:
 
 @dataclass(frozen=True)
 class _Header:
-    """(H, W) of a picture, upright; the orientation in which it is stored; its colour space, None for sRGB."""
+    """What the header of a picture says."""
 
-    size: tuple[int, int]
-    turned: int
-    colour: Colour | None
+    size: tuple[int, int]  # (H, W) of the upright picture
+    orientation: int  # in which it is stored: from 1, upright, to 8
+    colour: Colour | None  # its colour space; None for sRGB
 
 
 def _header(files: Files, name: str, is_colour: bool = True) -> _Header:
     """What the header of a picture says; without `is_colour` its colour space is not looked at."""
     label = files.label(name)
-    total = files.size(name)
+    file_bytes = files.size(name)
     data = files.head(name, 4096)
     kind = picture_format(data)
     if kind is None:
         raise InputError(f"{label}: it begins with {data[:8]!r}, like no known picture: {SUPPORTED}")
     with readable(label, "the picture is damaged; get it again"):
-        size = _SIZES[kind](data, label)
-        if not size and len(data) < total:  # a long header, as with a large profile
+        stored_size = _SIZES[kind](data, label)
+        if not stored_size and len(data) < file_bytes:  # a long header, as with a large profile
             data = files.read(name)
-            size = _SIZES[kind](data, label)
-    if not size:
+            stored_size = _SIZES[kind](data, label)
+    if not stored_size:
         raise InputError(f"{label}: the header ends early: the picture is truncated; get it again")
-    height, width = size
-    if min(size) < 1 or height * width > min(MAX_PIXELS, PIXELS_PER_BYTE * total):
-        raise InputError(f"{label}: its header says {width} x {height} pixels, but it has {total} bytes: get it again")
+    height, width = stored_size
+    if min(stored_size) < 1 or height * width > min(MAX_PIXELS, PIXELS_PER_BYTE * file_bytes):
+        fault = f"its header says {width} x {height} pixels, but it has {file_bytes} bytes"
+        raise InputError(f"{label}: {fault}: get it again")
     with readable(label, "the picture is damaged; get it again"):
-        noted = orientation(data, kind)
-        colour = stated(data, kind, label) if is_colour else None
-        deep = kind == "png" and data[24] == 16  # byte 24 of a PNG: bits a channel
-    if colour and colour.profile and deep:
+        turn = orientation(data, kind)
+        colour = stated_colour(data, kind, label) if is_colour else None
+        has_16_bits = kind == "png" and data[PNG_BITS] == 16
+    if colour and colour.profile and has_16_bits:
         raise InputError(
             f"{label}: {colour.name} in 16 bits is not converted: save it as 16-bit sRGB, or as linear EXR"
         )
-    return _Header(upright_size(size, noted), noted, colour)
+    return _Header(upright_size(stored_size, turn), turn, colour)
 
 
 def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False, is_colour: bool = True) -> Array:
@@ -115,7 +117,8 @@ def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False, is_colour
         elif kind == "hdr":
             picture = _read_hdr(files.read(name))
         else:
-            picture = upright(_read_codes(files.read(name), kind, header, label), header.turned)
+            stored = _read_codes(files.read(name), kind, header, label)
+            picture = upright(stored, header.orientation)
     if picture.shape != (height, width, 3):
         raise InputError(f"{label}: it holds {picture.shape}, but its header says {(height, width, 3)}: get it again")
     return finite(picture, label)
@@ -128,14 +131,15 @@ def read_alpha(files: Files, name: str) -> Array:
     with readable(label, "the picture is damaged; get it again"):
         from PIL import Image
 
-        kind = picture_format(files.head(name, 8))
-        picture = Image.open(io.BytesIO(files.read(name)), formats=["PNG"]) if kind == "png" else None
+        picture = None
+        if picture_format(files.head(name, 8)) == "png":
+            picture = Image.open(io.BytesIO(files.read(name)), formats=["PNG"])
         # A PNG has alpha as a channel, or as a list of transparent colours.
         has_alpha = picture is not None and ("A" in picture.getbands() or "transparency" in picture.info)
         if picture is None or not has_alpha:
             raise InputError(f"{label}: it has no alpha, which holds the smoothness: save it as PNG with alpha")
         alpha = np.asarray(picture.convert("RGBA"))[..., 3]
-    return upright(np.asarray(alpha / 255, np.float32), header.turned)
+    return upright(np.asarray(alpha / 255, np.float32), header.orientation)
 
 
 class PictureSource(Source):
@@ -148,21 +152,22 @@ class PictureSource(Source):
         self.names = list(names)
         self.options = options
         self.count = len(self.names)
-        self.turned: dict[str, int] = {}
-        self.colours: dict[str, str] = {}  # what pictures are converted from, other than sRGB
-        labels = [files.label(name) for name in self.names] if labels is None else labels
-        listed: dict[str, str] = {}
+        self.orientations: dict[str, int] = {}  # by name, of the pictures that are not upright
+        self.colours: dict[str, str] = {}  # what pictures are converted from, by name, other than sRGB
+        if labels is None:
+            labels = [files.label(name) for name in self.names]
+        first_labels: dict[str, str] = {}  # name → label of the first entry that lists the picture
         for index, (name, label) in enumerate(zip(self.names, labels, strict=True)):
             if not files.has(name):
                 raise InputError(f"{label}: {name} is missing: add the picture or leave the entry out")
-            # `setdefault` gives the first entry that lists the picture.
-            if listed.setdefault(name, label) != label:
-                fault = f"{name} already stands in {listed[name]}, for other directions"
+            first_label = first_labels.setdefault(name, label)  # this one, if no earlier entry lists the picture
+            if first_label != label:
+                fault = f"{name} already stands in {first_label}, for other directions"
                 raise InputError(f"{label}: {fault}: give each pair its own picture")
             header = _header(files, name)
             size = header.size
-            if header.turned > 1:  # 1 is upright
-                self.turned[name] = header.turned
+            if header.orientation > 1:  # 1 is upright
+                self.orientations[name] = header.orientation
             if header.colour:
                 self.colours[name] = header.colour.name
             if index == 0:
@@ -181,18 +186,21 @@ class PictureSource(Source):
     def fingerprint(self) -> str:
         """A digest of the files and, where they state any, of the orientations and colour spaces they are read with."""
         digest = self.files.digest(self.names)
+        statements = []
+        for statement in (self.orientations, self.colours):
+            if statement:
+                statements.append(str(statement))
         # Pictures that state neither keep the digest of their files, so that earlier results of them hold.
-        read_as = [str(each) for each in (self.turned, self.colours) if each]
-        if not read_as:
+        if not statements:
             return digest
-        return hashlib.sha256(" ".join([digest, *read_as]).encode()).hexdigest()
+        return hashlib.sha256(" ".join([digest, *statements]).encode()).hexdigest()
 
     def conversions(self) -> dict[str, str]:
         """What a provenance says of colour spaces other than sRGB; {} if there are none."""
-        found = Counter(self.colours.values()).items()
-        listed = ", ".join(f"{name} ({count} of {self.count} pictures)" for name, count in sorted(found))
-        if not listed:
+        if not self.colours:
             return {}
+        counts = Counter(self.colours.values())  # colour space → number of pictures
+        listed = ", ".join(f"{space} ({count} of {self.count} pictures)" for space, count in sorted(counts.items()))
         return {"colour_profiles": f"converted to linear Rec. 709 from {listed}"}
 
 
@@ -213,10 +221,14 @@ def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
         elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             # Two bytes of the marker and two of the length come first.
             bits, height, width, channels = struct.unpack_from(">BHHB", data, offset + 4)
-            if marker not in _DECODED or bits != 8:
-                kind = f"it has {bits} bits a channel" if marker in _DECODED else "it is lossless or hierarchical"
+            reason = ""
+            if marker not in _DECODED:
+                reason = "it is lossless or hierarchical"
+            elif bits != 8:
+                reason = f"it has {bits} bits a channel"
+            if reason:
                 raise InputError(
-                    f"{label}: this JPEG is not read, because {kind}: save it with 8 bits, or as 16-bit PNG"
+                    f"{label}: this JPEG is not read, because {reason}: save it with 8 bits, or as 16-bit PNG"
                 )
             if channels not in (1, 3):
                 raise InputError(f"{label}: this JPEG has {channels} channels (CMYK?): save it as RGB")
@@ -232,6 +244,7 @@ def _png_size(data: bytes, label: str) -> tuple[int, int] | None:
 
     The caller then reads more of the file, because the camera's notes and the colour space stand before the pixels.
     """
+    # The first chunk begins at byte 8 with its size; its name follows, and then the picture's width and height.
     if data[12:16] != b"IHDR":
         raise InputError(f"{label}: this PNG has no header: the picture is damaged; get it again")
     width, height = struct.unpack_from(">II", data, 16)
@@ -245,9 +258,7 @@ def _hdr_size(data: bytes, label: str) -> tuple[int, int] | None:
     header = _hdr_header(data)
     if header is None:
         return None
-    _, axes, counts, _ = header
-    by_rows = axes[0][1] == "Y"  # an axis is a sign and a letter
-    return counts if by_rows else counts[::-1]
+    return header.counts if header.by_rows else header.counts[::-1]
 
 
 _SIZES = {"jpeg": _jpeg_size, "png": _png_size, "exr": exr.size, "hdr": _hdr_size}
@@ -256,31 +267,33 @@ _SIZES = {"jpeg": _jpeg_size, "png": _png_size, "exr": exr.size, "hdr": _hdr_siz
 def _read_codes(data: bytes, kind: str | None, header: _Header, label: str) -> Array:
     """A JPEG or PNG as it is stored, (H, W, 3) float32, its codes decoded."""
     colour = header.colour
-    if kind == "png" and data[24] == 16:  # bits a channel
-        stored = upright_size(header.size, header.turned)
-        codes = _png16(data, stored, label)
+    if kind == "png" and data[PNG_BITS] == 16:
+        stored_size = upright_size(header.size, header.orientation)
+        codes = _png16(data, stored_size, label)
         curve = srgb_table(1 << 16)
-        return colour.linear(codes, curve) if colour else curve[codes]
-    from PIL import Image
+    else:
+        from PIL import Image
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        picture = Image.open(io.BytesIO(data), formats=["JPEG", "PNG"])
-        if colour and colour.profile:
-            return srgb_table(256)[profiled(picture, colour, label)]
-        codes = np.asarray(picture.convert("RGB"))
-    curve = srgb_table(256)
-    return colour.linear(codes, curve) if colour else curve[codes]
+        curve = srgb_table(256)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            picture = Image.open(io.BytesIO(data), formats=["JPEG", "PNG"])
+            if colour and colour.profile:
+                return curve[srgb_by_profile(picture, colour, label)]
+            codes = np.asarray(picture.convert("RGB"))
+    if colour:
+        return colour.linear(codes, curve)
+    return curve[codes]
 
 
 def _png16(data: bytes, size: tuple[int, int], label: str) -> Array:
-    """Codes (H, W, 3) uint16 of a 16-bit PNG (Pillow keeps only the upper 8 bits of 16-bit RGB)."""
+    """Codes (H, W, 3) uint16 of a 16-bit PNG of `size` (H, W). Pillow keeps only the upper 8 bits of 16-bit RGB."""
     import png
 
     packed = b"".join(content for name, content in png_chunks(data) if name == b"IDAT")
     height, width = size
-    # A row of 16-bit RGBA has 8 bytes a pixel and one for its filter. Twice that leaves room for interlacing.
-    limit = 2 * height * (width * 8 + 1) + 4096
+    row_bytes = width * 8 + 1  # 16-bit RGBA has 8 bytes a pixel; one more names the row's filter
+    limit = 2 * height * row_bytes + 4096  # twice as much leaves room for interlacing
     inflated = zlib.decompressobj().decompress(packed, limit + 1)
     if len(inflated) > limit:
         raise InputError(f"{label}: its pixels inflate beyond {limit} bytes: the picture is damaged; get it again")
@@ -296,29 +309,46 @@ def _png16(data: bytes, size: tuple[int, int], label: str) -> Array:
 _HDR_AXES = ({"-Y", "+X"}, {"-Y", "-X"}, {"+Y", "+X"}, {"+Y", "-X"})
 
 
-def _hdr_header(data: bytes) -> tuple[int, tuple[str, str], tuple[int, int], float] | None:
-    """The header of a Radiance picture (Ward, "Real Pixels", Graphics Gems II); None if the data end before it does.
+class _HdrHeader(NamedTuple):
+    """The header of a Radiance picture (Ward, "Real Pixels", Graphics Gems II)."""
 
-    It gives the offset at which the pixels begin, the two axes with their signs (like -Y, +X), the counts along them,
-    and the product of all exposures.
-    """
+    start: int  # offset at which the pixels begin
+    axes: tuple[str, str]  # with their signs, like -Y, +X; the second one changes faster
+    counts: tuple[int, int]  # of pixels along the axes
+    exposure: float  # the product of all that are stated
+
+    @property
+    def by_rows(self) -> bool:
+        """Whether the picture is stored row by row, not by columns."""
+        return self.axes[0] in ("-Y", "+Y")
+
+
+def _hdr_header(data: bytes) -> _HdrHeader | None:
+    """The header of a Radiance picture; None if the data end before it does. `ValueError` for what is not read."""
     end = data.find(b"\n\n")
     line_end = data.find(b"\n", end + 2)
     if end < 0 or line_end < 0:
         return None
-    lines = data[:end].decode("latin-1").split("\n")
-    fields = [line.split("=", 1) for line in lines if "=" in line and not line.startswith("#")]
-    kinds = [value.strip() for key, value in fields if key.strip() == "FORMAT"]
-    if kinds != ["32-bit_rle_rgbe"]:
-        raise ValueError(f"FORMAT is {kinds}, only 32-bit_rle_rgbe is read")
-    exposure = float(np.prod([float(value) for key, value in fields if key.strip() == "EXPOSURE"]))
+    formats = []
+    exposures = []
+    for line in data[:end].decode("latin-1").split("\n"):
+        if line.startswith("#") or "=" not in line:
+            continue
+        key, _, value = line.partition("=")
+        if key.strip() == "FORMAT":
+            formats.append(value.strip())
+        elif key.strip() == "EXPOSURE":
+            exposures.append(value)
+    if formats != ["32-bit_rle_rgbe"]:
+        raise ValueError(f"FORMAT is {formats}, only 32-bit_rle_rgbe is read")
+    exposure = float(np.prod([float(value) for value in exposures]))  # 1 without any
     if not (np.isfinite(exposure) and exposure > 0):
         raise ValueError(f"EXPOSURE is {exposure}")
     size = data[end + 2 : line_end].decode("latin-1").split()
     if len(size) != 4 or {size[0], size[2]} not in _HDR_AXES:
         raise ValueError(f"the size is {' '.join(size)[:40]!r}, not like -Y 256 +X 256")
     first, first_count, second, second_count = size
-    return line_end + 1, (first, second), (int(first_count), int(second_count)), exposure
+    return _HdrHeader(line_end + 1, (first, second), (int(first_count), int(second_count)), exposure)
 
 
 def _read_hdr(data: bytes) -> Array:
@@ -326,35 +356,35 @@ def _read_hdr(data: bytes) -> Array:
     header = _hdr_header(data)
     if header is None:
         raise ValueError("the header ends early")
-    start, axes, counts, exposure = header
-    rgbe = _hdr_pixels(data, start, *counts)
+    rgbe = _hdr_pixels(data, header.start, *header.counts)
+    exponents = rgbe[..., 3]
     # m · 2^(e − 136) as in rgbe.c and OpenCV, so black stays black; Ward's own reader adds half a code. Of the 136, 128
     # make e signed, and 8 make m a fraction.
-    scale = np.ldexp(np.float32(1 / exposure), rgbe[..., 3].astype(np.int32) - 136)
+    scale = np.ldexp(np.float32(1 / header.exposure), exponents.astype(np.int32) - 136)
     with np.errstate(over="ignore"):
         picture = rgbe[..., :3] * scale[..., None]
-    picture[rgbe[..., 3] == 0] = 0
+    picture[exponents == 0] = 0  # black, whatever m is
     # Upright, rows go down (-Y) and columns to the right (+X).
-    backward = [axis for axis, name in enumerate(axes) if name in ("-X", "+Y")]
+    backward = [axis for axis, name in enumerate(header.axes) if name in ("-X", "+Y")]
     picture = np.flip(picture, tuple(backward))
-    by_rows = axes[0][1] == "Y"
-    return np.ascontiguousarray(picture if by_rows else picture.swapaxes(0, 1))
+    if not header.by_rows:
+        picture = picture.swapaxes(0, 1)
+    return np.ascontiguousarray(picture)
 
 
 def _hdr_pixels(data: bytes, offset: int, lines: int, length: int) -> Array:
-    """RGBE codes (lines, length, 4) uint8: flat, or run-length coded line by line."""
+    """RGBE codes (lines, length, 4) uint8 from `offset` on: as they are, or run-length coded line by line."""
     # A coded line begins with two bytes 2, and its length in two more, the higher byte first. The format codes only
     # lines of 8 to 32,767 pixels.
-    first = data[offset : offset + 4]
-    is_coded = 8 <= length < 32768 and first[:2] == b"\2\2" and (first[2] << 8 | first[3]) == length
-    if not is_coded:
+    line_start = b"\2\2" + struct.pack(">H", length) if 8 <= length < 32768 else None
+    if data[offset : offset + 4] != line_start:
         flat = np.frombuffer(data, np.uint8, lines * length * 4, offset).reshape(lines, length, 4)
         if (flat[..., :3] == 1).all(-1).any():  # the old coding marks a run by a pixel whose R, G and B are 1
             raise ValueError("the old run-length coding is not read")
         return flat
     planes = []  # of each line, all its R, then all G, B and exponents
     for _ in range(lines):
-        if data[offset : offset + 4] != first:
+        if data[offset : offset + 4] != line_start:
             raise ValueError(f"there is no scan line at offset {offset}")
         line, offset = _hdr_line(data, offset + 4, 4 * length)
         planes.append(line)
@@ -362,14 +392,14 @@ def _hdr_pixels(data: bytes, offset: int, lines: int, length: int) -> Array:
 
 
 def _hdr_line(data: bytes, offset: int, length: int) -> tuple[bytes, int]:
-    """`length` bytes of one run-length coded scan line and the offset behind it."""
+    """`length` bytes of the run-length coded scan line at `offset`, and the offset after it."""
     line = bytearray()
     while len(line) < length:
         count = data[offset]
-        if count > 128:  # a run of one byte; else that many different bytes
+        if count > 128:  # one byte, repeated `count` − 128 times
             line += data[offset + 1 : offset + 2] * (count - 128)
             offset += 2
-        else:
+        else:  # `count` different bytes
             line += data[offset + 1 : offset + 1 + count]
             offset += 1 + count
         if count == 0 or offset > len(data):

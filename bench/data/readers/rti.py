@@ -28,11 +28,14 @@ def opened(seen: Candidate) -> BTF | None:
     """
     path = seen.path
     if seen.is_folder:
-        lists = sorted(p for p in path.iterdir() if p.suffix.lower() == ".lp" and p.is_file())
-        lists = [p for p in lists if not p.name.startswith(".")]  # macOS adds hidden files, `._name`
+        lists = []
+        for place in sorted(path.iterdir()):
+            is_hidden = place.name.startswith(".")  # macOS adds hidden files, `._name`
+            if place.suffix.lower() == ".lp" and place.is_file() and not is_hidden:
+                lists.append(place)
         if len(lists) > 1:
-            held = ", ".join(p.name for p in lists[:5])
-            raise InputError(f"{path}: it holds several lists ({held}): give the path of one")
+            listed = ", ".join(place.name for place in lists[:5])
+            raise InputError(f"{path}: it holds several lists ({listed}): give the path of one")
         if not lists:
             return None
         path = lists[0]
@@ -40,7 +43,7 @@ def opened(seen: Candidate) -> BTF | None:
         return None
     files = FolderFiles(path.parent)
     names, labels, vectors = _read_list(path)
-    pictures = _pictures(files, names, labels)
+    pictures = _find_pictures(files, names, labels)
     wi = unit_directions(vectors, labels.__getitem__, tolerance=0.05)
     wo = np.tile(np.array([0, 0, 1], np.float32), (len(wi), 1))
     no_duplicates(wo, wi, labels.__getitem__)
@@ -54,98 +57,110 @@ def opened(seen: Candidate) -> BTF | None:
 
 
 def _read_list(path: Path) -> tuple[list[str], list[str], np.ndarray]:
-    """The image names of a list, a label with the line of each, and the vectors to the lights (N, 3) float64."""
+    """The images' names in a list, a label with the line of each for errors, and the vectors to the lights (N, 3)."""
     with readable(str(path), "save it as plain text"):
         if path.stat().st_size > MAX_LIST:
             raise InputError(f"{path}: it is larger than {MAX_LIST >> 20} MiB, too large for a list of lights")
         text = text_of(path.read_bytes())
-    lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
+    lines = []  # number and text
+    for number, line in enumerate(text.splitlines(), 1):
+        if line.strip():
+            lines.append((number, line.strip()))
     if not lines:
         raise InputError(f"{path}: it is empty: give the count of images, and a line for each")
     count = None
-    _, first = lines[0]
-    if first.isdecimal():
-        count = int(first[:18])  # longer ones are wrong anyway, and would take long to convert
+    _, first_line = lines[0]
+    if first_line.isdecimal():
+        count = int(first_line[:18])  # longer numbers are wrong anyway, and would take long to convert
         del lines[0]
-    labels = [f"{path}, line {number}" for number, _ in lines]
-    entries = [_entry(label, line) for label, (_, line) in zip(labels, lines, strict=True)]
+    names, labels, vectors = [], [], []
+    for number, line in lines:
+        label = f"{path}, line {number}"
+        name, vector = _entry(label, line)
+        names.append(name)
+        labels.append(label)
+        vectors.append(vector)
     if count is None:
-        log.warning("%s: its first line is not the count of images: all %d lines are taken", path, len(entries))
-    elif count != len(entries) or not entries:
-        raise InputError(f"{path}: line 1 says {count} images, {len(entries)} are listed: correct it")
-    return [name for name, _ in entries], labels, np.array([vector for _, vector in entries])
+        log.warning("%s: its first line is not the count of images: all %d lines are taken", path, len(names))
+    elif count != len(names) or not names:
+        raise InputError(f"{path}: line 1 says {count} images, {len(names)} are listed: correct it")
+    return names, labels, np.array(vectors)
 
 
 def _is_entry(line: str) -> bool:
-    """Whether a line names a picture, with a suffix, and a vector."""
+    """Whether a line of a file is `image-name x y z`, where the name has a suffix."""
     cells = line.rsplit(None, 3)
     try:
-        return len([float(cell) for cell in cells[1:]]) == 3 and "." in cells[0]
+        vector = [float(cell) for cell in cells[1:]]
     except ValueError:
         return False
+    return len(vector) == 3 and "." in cells[0]
 
 
 def _entry(label: str, line: str) -> tuple[str, list[float]]:
-    """Image name (it may hold spaces) and vector of one line."""
-    cells = line.rsplit(None, 3)
+    """Image name and vector of one line `image-name x y z`; the name may hold spaces, and so may be cut off first."""
+    name, *coordinates = line.rsplit(None, 3)
     try:
         # Empty texts for missing coordinates: they raise the same error as one that is no number.
-        missing = [""] * (4 - len(cells))
-        return cells[0], [float(cell) for cell in cells[1:4] + missing]
+        missing = [""] * (3 - len(coordinates))
+        return name, [float(text) for text in coordinates + missing]
     except ValueError as error:
         raise InputError(f"{label}: {line[:60]!r} is not `image-name x y z`: mend the line") from error
 
 
-def _pictures(files: FolderFiles, names: list[str], labels: list[str]) -> list[str]:
+def _find_pictures(files: FolderFiles, names: list[str], labels: list[str]) -> list[str]:
     """The file of each line of a list, by its name in the folder.
 
     After a copy from another system a name may differ from its file in case, or in the form of its accents. If there is
     only one such file, it is taken.
     """
-    by_folded: dict[str, list[str]] | None = None  # made only if a name is not there
-    found = []
-    for listed, label in zip(names, labels, strict=True):
-        wanted = _possible(listed)
+    alike_files: dict[str, list[str]] | None = None  # made only if a name is not there
+    pictures = []
+    for listed_name, label in zip(names, labels, strict=True):
+        candidates = _possible_names(listed_name)
         with readable(label):
-            there = [name for name in wanted if files.has(name)]
-        if there:
-            found.append(there[0])
+            existing = [name for name in candidates if files.has(name)]
+        if existing:
+            pictures.append(existing[0])
             continue
-        if by_folded is None:
-            by_folded = _by_folded(files)
-        several = [by_folded[_folded(name)] for name in wanted if _folded(name) in by_folded]
-        alike = several[0] if several else []
+        if alike_files is None:
+            alike_files = _by_folded_name(files)
+        alike: list[str] = []  # the files like the first candidate that is like any
+        for name in candidates:
+            alike = alike_files.get(_folded(name), [])
+            if alike:
+                break
         if len(alike) != 1:
-            _, _, bare = listed.replace("\\", "/").rpartition("/")
+            _, _, bare_name = listed_name.replace("\\", "/").rpartition("/")
             remedy = "add the picture, or leave the line out and correct the count"
             if alike:
                 remedy = f"it may be {' or '.join(alike)}: correct the name"
-            raise InputError(f"{label}: {bare[:100]} is missing: {remedy}")
-        found.append(alike[0])
-    return found
+            raise InputError(f"{label}: {bare_name[:100]} is missing: {remedy}")
+        pictures.append(alike[0])
+    return pictures
 
 
-def _by_folded(files: FolderFiles) -> dict[str, list[str]]:
-    """The files of a folder by folded name; several may share one."""
-    by_folded: dict[str, list[str]] = {}
+def _by_folded_name(files: FolderFiles) -> dict[str, list[str]]:
+    """Folded name → the files of a folder that have it."""
+    by_folded_name: dict[str, list[str]] = {}
     for name in list_folder(files.root):
-        by_folded.setdefault(_folded(name), []).append(name)
-    return by_folded
+        by_folded_name.setdefault(_folded(name), []).append(name)
+    return by_folded_name
 
 
-def _possible(listed: str) -> list[str]:
+def _possible_names(listed_name: str) -> list[str]:
     """The names that a listed picture may have in the folder, the likelier first.
 
     They are its path, if it stays in the folder, and its bare name, because paths are often those of another machine.
     """
-    tidy = listed.replace("\\", "/")
-    _, _, bare = tidy.rpartition("/")
-    # A colon at the second place is a drive letter's, as in C:/.
-    direct = ".." not in tidy.split("/") and not tidy.startswith("/") and tidy[1:2] != ":"
-    possible = [tidy, bare] if direct else [bare]
-    return [name for name in possible if name not in ("", ".", "..")]
+    path = listed_name.replace("\\", "/")
+    _, _, bare_name = path.rpartition("/")
+    has_drive = path[1:2] == ":"  # as in C:/
+    stays_in_folder = ".." not in path.split("/") and not path.startswith("/") and not has_drive
+    candidates = [path, bare_name] if stays_in_folder else [bare_name]
+    return [name for name in candidates if name not in ("", ".", "..")]
 
 
 def _folded(name: str) -> str:
-    """A name without the differences of case and of composed or separate accents."""
+    """A name without the differences of case and of composed or separate accents: names that are alike fold alike."""
     return unicodedata.normalize("NFC", name).casefold()

@@ -30,14 +30,22 @@ from bench.inputs.errors import InputError, readable
 from bench.metrics.display import decode_srgb
 
 NOTES, WEIGHTS = "meta.json", "R.png"
-COMPONENTS, VIEWS, LIGHTS, TOGETHER = 8, 81, 81, 3
-BLOCKS, COLUMNS = VIEWS // TOGETHER, TOGETHER * LIGHTS * 3
-PIXELS = BLOCKS * COLUMNS * COMPONENTS // 4 + BLOCKS * COMPONENTS // 2  # of R.png that hold data
-KNOWN = {"numComp": COMPONENTS, "numDirections": VIEWS, "blockSize": TOGETHER}
+COMPONENTS, VIEWS, LIGHTS = 8, 81, 81
+TOGETHER = 3  # adjacent views of a block
+BLOCKS = VIEWS // TOGETHER
+COLUMNS = TOGETHER * LIGHTS * 3  # of a block: a red, a green and a blue one for each of its pairs
+BYTES_A_PIXEL = 4  # RGBA
+# The pixels of R.png that hold data: a byte for each weight, and two for each singular value.
+PIXELS = BLOCKS * COLUMNS * COMPONENTS // BYTES_A_PIXEL + BLOCKS * COMPONENTS * 2 // BYTES_A_PIXEL
+KNOWN = {"numComp": COMPONENTS, "numDirections": VIEWS, "blockSize": TOGETHER}  # the values that `meta.json` must have
+# Bytes 24 and 25 of a PNG, in its first chunk, are the bits a channel and the type of colour; type 6 is RGBA.
+PNG_FORMAT = slice(24, 26)
+RGBA_OF_8_BITS = b"\x08\x06"
 FIELD = b'"numComp"'
 MAX_NOTES = 1 << 16
 MAX_SIZE = 1024
-SPLIT = re.compile(r"\d{1,3}_\d{1,3}")  # a clone has NAME/3_8: block size and components
+# A clone of the repository has folders NAME/3_8, named by block size and components.
+SPLIT = re.compile(r"\d{1,3}_\d{1,3}")
 
 
 def opened(seen: Candidate) -> BTF | None:
@@ -47,11 +55,10 @@ def opened(seen: Candidate) -> BTF | None:
     pictures. Codes are clipped to [0, 1] and decoded as sRGB to linear Rec. 709; radiance as photographed. Raises
     `InputError` that names the file and the field.
     """
-    folder = _folder(seen)
+    folder = _folder_of(seen)
     if folder is None:
         return None
     files = FolderFiles(folder)
-    place = folder.resolve()
     source = LocalPCA(files, _image_size(files))
     provenance = {
         "format": "UBO2003 as local PCA",
@@ -63,20 +70,28 @@ def opened(seen: Candidate) -> BTF | None:
         "border": "not periodic: opposite borders do not meet",
         "native": {"bytes": sum(map(files.size, source.names)), "rank": COMPONENTS, "name": "local PCA"},
     }
-    name = place.parent.name if SPLIT.fullmatch(place.name) else place.name
-    return BTF(name, *product(ubo2003(), ubo2003()), source, provenance=provenance)
+    named_folder = folder.resolve()
+    if SPLIT.fullmatch(named_folder.name):
+        named_folder = named_folder.parent
+    wo, wi = product(ubo2003(), ubo2003())
+    return BTF(named_folder.name, wo, wi, source, provenance=provenance)
 
 
-def _folder(seen: Candidate) -> Path | None:
+def _folder_of(seen: Candidate) -> Path | None:
     """The folder of this format that a folder is or holds, or in which a `meta.json` lies; None for anything else."""
     if not seen.is_folder:
         is_notes = FIELD in seen.head and seen.path.name == NOTES
         return seen.path.parent if is_notes else None
-    inner = sorted(each for each in seen.path.iterdir() if SPLIT.fullmatch(each.name) and (each / NOTES).is_file())
-    for place in [seen.path, *inner[:1]]:
-        files = FolderFiles(place)
+    candidates = [seen.path]
+    for inner in sorted(seen.path.iterdir()):
+        if SPLIT.fullmatch(inner.name) and (inner / NOTES).is_file():
+            candidates.append(inner)
+            break  # the first one is taken
+    for folder in candidates:
+        files = FolderFiles(folder)
+        # Other formats may have a `meta.json`, too.
         if files.has(NOTES) and (files.has(WEIGHTS) or FIELD in files.head(NOTES, HEAD)):
-            return place
+            return folder
     return None
 
 
@@ -114,35 +129,42 @@ class LocalPCA(Source):
         self.files = files
         self.shape = (size, size)
         self.count = VIEWS * LIGHTS
-        self.names = [*(f"{j}.png" for j in range(COMPONENTS)), WEIGHTS]
+        self.component_names = [f"{j}.png" for j in range(COMPONENTS)]
+        self.names = [*self.component_names, WEIGHTS]
         for name in self.names:
             label = files.label(name)
             if not files.has(name):
                 raise InputError(f"{label}: it is missing: the material has {', '.join(self.names)}; get it again")
             height, width = picture_size(files, name)
-            bits_and_colour = files.head(name, 26)[24:]
-            if bits_and_colour != b"\x08\x06":  # 8 bits, and type 6: RGBA
+            if files.head(name, PNG_FORMAT.stop)[PNG_FORMAT] != RGBA_OF_8_BITS:
                 raise InputError(f"{label}: it is not a PNG of 8 bits with red, green, blue and alpha: get it again")
-            if name == WEIGHTS and height * width < PIXELS:
-                raise InputError(f"{label}: {width} x {height} pixels are too few: {PIXELS} hold the weights")
-            if name != WEIGHTS and 4 * height * width != BLOCKS * size * size:
+            if name == WEIGHTS:
+                if height * width < PIXELS:
+                    raise InputError(f"{label}: {width} x {height} pixels are too few: {PIXELS} hold the weights")
+                continue
+            texels = BYTES_A_PIXEL * height * width  # each texel of a component is one byte
+            if texels != BLOCKS * size * size:
                 fault = f"{width} x {height} pixels are not {BLOCKS} blocks of {size} x {size} texels"
-                told = f"imageSize in {NOTES} and blocks of {TOGETHER} views say"
-                raise InputError(f"{label}: {fault}, as {told}: get both again")
+                sources = f"imageSize in {NOTES} and blocks of {TOGETHER} views"
+                raise InputError(f"{label}: {fault}, as {sources} say: get both again")
 
     @cached_property
     def components(self) -> Array:
         """Codes (blocks, texels, components) uint8."""
-        return np.stack([self._bytes(name).reshape(BLOCKS, -1) for name in self.names[:COMPONENTS]], -1)
+        components = []
+        for name in self.component_names:
+            components.append(self._bytes(name).reshape(BLOCKS, -1))
+        return np.stack(components, -1)
 
     @cached_property
     def weights(self) -> Array:
         """Weights times singular values (blocks, views in block · lights, components, 3) float32."""
         data = self._bytes(WEIGHTS)
-        end = BLOCKS * COLUMNS * COMPONENTS  # of the weights; a pixel has 4 bytes
-        columns = _signed(data[:end]).reshape(BLOCKS, TOGETHER * LIGHTS, 3, COMPONENTS)
+        weights_end = BLOCKS * COLUMNS * COMPONENTS  # a byte each
+        data_end = BYTES_A_PIXEL * PIXELS
+        columns = _signed(data[:weights_end]).reshape(BLOCKS, TOGETHER * LIGHTS, 3, COMPONENTS)
         # The singular values follow, a coarse and a fine byte each.
-        stored = data[end : 4 * PIXELS].reshape(BLOCKS, COMPONENTS, 2).astype(np.float32)
+        stored = data[weights_end:data_end].reshape(BLOCKS, COMPONENTS, 2).astype(np.float32)
         coarse, fine = stored[..., 0], stored[..., 1]
         singular = 10 * coarse + np.float32(0.1) * fine
         scaled = columns * singular[:, None, None]
@@ -152,21 +174,22 @@ class LocalPCA(Source):
         """The bytes (4 · H · W,) of a picture in order; `InputError` if it is damaged or was changed."""
         from PIL import Image
 
-        size = picture_size(self.files, name)
+        height, width = picture_size(self.files, name)
         with readable(self.files.label(name), "the picture is damaged; get it again"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             data = self.files.read(name)
-            _check_sums(data)
+            _verify_checksums(data)
             pixels = np.asarray(Image.open(io.BytesIO(data), formats=["PNG"]))
-            if pixels.size != 4 * size[0] * size[1]:
+            if pixels.size != BYTES_A_PIXEL * height * width:
                 raise ValueError(f"{pixels.shape} pixels")
             return pixels.reshape(-1)
 
     def codes(self, pair: int) -> Array:
         """The sRGB codes of a pair (H, W, 3) float32, divided by 255 and not yet clipped."""
         # Pairs are view-major, so those of a block's views follow each other.
-        block, column = divmod(int(pair), TOGETHER * LIGHTS)
-        return (_signed(self.components[block]) @ self.weights[block, column]).reshape(*self.shape, 3)
+        block, pair_in_block = divmod(int(pair), TOGETHER * LIGHTS)
+        codes = _signed(self.components[block]) @ self.weights[block, pair_in_block]
+        return codes.reshape(*self.shape, 3)
 
     def slice(self, pair: int) -> Array:
         return _linear(self.codes(pair))
@@ -174,14 +197,15 @@ class LocalPCA(Source):
     def texels(self, rows: Array, cols: Array, pairs: Array) -> Array:
         """As `Source.texels`: one matrix product for all pairs of a block."""
         out = np.empty((len(rows), len(pairs), 3), np.float32)
-        block, column = np.divmod(pairs, TOGETHER * LIGHTS)
+        block_of, pair_in_block = np.divmod(pairs, TOGETHER * LIGHTS)
         texel = np.asarray(rows) * self.shape[1] + np.asarray(cols)
-        for each in np.unique(block):
-            chosen = np.flatnonzero(block == each)
+        for block in np.unique(block_of):
+            places = np.flatnonzero(block_of == block)  # of its pairs among `pairs`
+            weights = self.weights[block, pair_in_block[places]]  # (pairs, components, 3)
             # (components, pairs · 3), so that one product gives all pairs of the block.
-            weights = self.weights[each, column[chosen]].swapaxes(0, 1).reshape(COMPONENTS, -1)
-            codes = _signed(self.components[each, texel]) @ weights
-            out[:, chosen] = _linear(codes).reshape(len(texel), -1, 3)
+            weights = weights.swapaxes(0, 1).reshape(COMPONENTS, -1)
+            codes = _signed(self.components[block, texel]) @ weights
+            out[:, places] = _linear(codes).reshape(len(texel), -1, 3)
         return out
 
     def gather(self, pair: Array, row: Array, col: Array, step: int = 1 << 16) -> Array:
@@ -189,27 +213,28 @@ class LocalPCA(Source):
         out = np.empty((len(pair), 3), np.float32)
         for start in range(0, len(pair), step):
             part = slice(start, start + step)
-            block, column = np.divmod(pair[part], TOGETHER * LIGHTS)
+            block, pair_in_block = np.divmod(pair[part], TOGETHER * LIGHTS)
             texel = np.asarray(row)[part] * self.shape[1] + np.asarray(col)[part]
             components = _signed(self.components[block, texel])
-            out[part] = np.einsum("nk,nkc->nc", components, self.weights[block, column])
+            out[part] = np.einsum("nk,nkc->nc", components, self.weights[block, pair_in_block])
         return _linear(out)
 
     def fingerprint(self) -> str:
         return self.files.digest(self.names)
 
 
-def _check_sums(data: bytes) -> None:
+def _verify_checksums(data: bytes) -> None:
     """Raise if a chunk of a PNG does not match its checksum, or if the end is missing; Pillow accepts both."""
     offset = PNG_START
     name = b""
-    # A chunk is the size of its content, its name, its content and the checksum of the latter two.
+    # A chunk is the size of its content (4 bytes), its name (4), its content, and the checksum (4) of name and content.
     while name != b"IEND":
         size, name = struct.unpack_from(">I4s", data, offset)
-        (stated,) = struct.unpack_from(">I", data, offset + 8 + size)
-        if zlib.crc32(data[offset + 4 : offset + 8 + size]) != stated:
+        content_end = offset + 8 + size
+        (checksum,) = struct.unpack_from(">I", data, content_end)
+        if zlib.crc32(data[offset + 4 : content_end]) != checksum:
             raise ValueError(f"the checksum at offset {offset} is wrong")
-        offset += 12 + size
+        offset = content_end + 4
 
 
 def _signed(codes: Array) -> Array:

@@ -31,7 +31,7 @@ COLOUR_MODELS = {
     12: "log RGB, converted to RGB",
 }
 SCALARS = {2: "<f2", 4: "<f4", 8: "<f8"}
-EPSILON = np.float32(1e-5)  # was added before a logarithm was taken
+EPSILON = np.float32(1e-5)  # the writer added it before it took a logarithm
 YUV_TO_RGB = np.array([[1, 0, 1.13983], [1, -0.39465, -0.58060], [1, 2.03211, 0]], np.float32)
 DENSE_BYTES = 1 << 30  # of factors that are kept in memory as float32
 MULTIPLIED = 64 << 20  # bytes at once: 17 slices of 400 × 400 texels, in half the time of one by one
@@ -45,21 +45,22 @@ class Cursor:
         self.offset = 0
         self.bytes = np.memmap(path, np.uint8, "r")
 
-    def fail(self, what: str, remedy: str = "the file is damaged; get it again") -> InputError:
+    def error(self, fault: str, remedy: str = "the file is damaged; get it again") -> InputError:
         """The error to raise, with the file and the offset."""
-        return InputError(f"{self.path}, offset {self.offset}: {what}: {remedy}")
+        return InputError(f"{self.path}, offset {self.offset}: {fault}: {remedy}")
 
     def take(self, count: int, what: str) -> Array:
         """The next `count` bytes, as a view of the file."""
         left = len(self.bytes) - self.offset
         if count > left:
-            raise self.fail(f"{what} needs {count} bytes, but {left} are left", "the file is truncated; get it again")
+            raise self.error(f"{what} needs {count} bytes, but {left} are left", "the file is truncated; get it again")
         self.offset += count
         return self.bytes[self.offset - count : self.offset]
 
     def numbers(self, layout: str, what: str) -> tuple[Any, ...]:
         """Numbers of a `struct` layout, little-endian."""
-        return struct.unpack("<" + layout, self.take(struct.calcsize("<" + layout), what).tobytes())
+        layout = "<" + layout
+        return struct.unpack(layout, self.take(struct.calcsize(layout), what).tobytes())
 
     def count(self, what: str) -> int:
         """One u32."""
@@ -72,15 +73,16 @@ class Cursor:
 
     def floats(self, shape: tuple[int, ...], scalar: int, what: str) -> Array:
         """An array of floats of `scalar` bytes each, as a view of the file, which need not be aligned."""
-        return self.take(math.prod((scalar, *shape)), what).view(SCALARS[scalar]).reshape(shape)
+        count = math.prod(shape) * scalar
+        return self.take(count, what).view(SCALARS[scalar]).reshape(shape)
 
 
 @dataclass
 class Matrix:
-    """A factor (rows, K) of the file: expanded once to aligned float32 if it fits, else row by row."""
+    """A factor (rows, K) of the file."""
 
-    stored: Array
-    expand: bool = True
+    stored: Array  # a view of the file
+    is_kept: bool = True  # in memory as float32, once it is used; else rows are converted each time
 
     @cached_property
     def dense(self) -> Array:
@@ -89,16 +91,16 @@ class Matrix:
 
     def rows(self, index: Array | slice) -> Array:
         """Some rows (n, K) in float32."""
-        if self.expand:
+        if self.is_kept:
             return self.dense[index]
         return np.asarray(self.stored[index], np.float32)
 
     def times(self, factors: Array) -> Array:
         """The products (n, rows) of some vectors (n, K) with every row."""
-        if self.expand:
+        if self.is_kept:
             return factors @ self.dense.T
         parts = []
-        for start in range(0, len(self.stored), 4096):
+        for start in range(0, len(self.stored), 4096):  # few rows at once, so that their float32 copy is small
             rows = self.rows(slice(start, start + 4096))
             parts.append(factors @ rows.T)
         return np.concatenate(parts, 1)
@@ -113,7 +115,7 @@ class Factorisation:
     shape: tuple[int, int] = (0, 0)
     pairs: list[Matrix] = field(default_factory=list)  # per channel (V · L, K), the light fastest
     texels: list[Matrix] = field(default_factory=list)  # per channel (H · W, K), from the bottom row up
-    model: int = 0
+    model: int = 0  # the number of the colour model, a key of `COLOUR_MODELS`
 
 
 def opened(seen: Candidate) -> BTF | None:
@@ -127,22 +129,23 @@ def opened(seen: Candidate) -> BTF | None:
         return None
     path = seen.path
     cursor = Cursor(path)
-    signature = cursor.take(min(10, len(cursor.bytes)), "the signature").tobytes()
+    signature = cursor.take(min(len(DFMF), len(cursor.bytes)), "the signature").tobytes()
     if signature not in (DFMF, FMF):
         fault = f"unknown signature {signature!r}"
-        for known in UNSUPPORTED:
-            if signature.startswith(known):
-                fault = f"the signature {known.decode()} is known but not read"
+        for unsupported in UNSUPPORTED:
+            if signature.startswith(unsupported):
+                fault = f"the signature {unsupported.decode()} is known but not read"
         raise InputError(f"{path}: {fault}: only {DFMF.decode()} and {FMF.decode()} are read")
-    notes = _header(cursor)
-    material = _directions(cursor)
-    width, height, notes["rotations"] = cursor.numbers("3I", "the size")
+    notes = _read_header(cursor)
+    material = _read_directions(cursor)
+    width, height, rotations = cursor.numbers("3I", "the size")
+    notes["rotations"] = rotations
     if not width or not height:
-        raise cursor.fail(f"a size of {width} x {height} texels")
+        raise cursor.error(f"a size of {width} x {height} texels")
     material.shape = (height, width)
-    cursor.floats((notes["rotations"], 3, 3), 4, f"{notes['rotations']} rotations")  # passed over
-    body = _dfmf if signature == DFMF else _fmf
-    notes |= body(cursor, material)
+    cursor.floats((rotations, 3, 3), 4, f"{rotations} rotations")  # passed over
+    read_body = _read_dfmf if signature == DFMF else _read_fmf
+    notes |= read_body(cursor, material)
     _share_memory(material)
     ranks = [matrix.stored.shape[1] for matrix in material.pairs]
     native = {"bytes": path.stat().st_size, "rank": max(ranks), "ranks": ranks}
@@ -153,24 +156,24 @@ def opened(seen: Candidate) -> BTF | None:
 
 
 def _share_memory(material: Factorisation) -> None:
-    """Let factors be copied to float32 until the copies fill `DENSE_BYTES`; the others are read row by row.
+    """Keep factors in memory as float32 until they fill `DENSE_BYTES`; the others are converted row by row.
 
     The factors of pairs come first, because they are small.
     """
-    left = DENSE_BYTES
+    bytes_left = DENSE_BYTES
     # By identity, since channels may share a matrix, which is then counted once.
-    different = {id(matrix): matrix for matrix in [*material.pairs, *material.texels]}
-    for matrix in different.values():
-        left -= 4 * matrix.stored.size
-        matrix.expand = left >= 0
+    distinct = {id(matrix): matrix for matrix in [*material.pairs, *material.texels]}
+    for matrix in distinct.values():
+        bytes_left -= 4 * matrix.stored.size
+        matrix.is_kept = bytes_left >= 0
 
 
-def _header(cursor: Cursor) -> dict[str, Any]:
-    """Read the header about the measurement; its length must be the stated one."""
+def _read_header(cursor: Cursor) -> dict[str, Any]:
+    """What the header says about the measurement; its length must be the stated one."""
     start = cursor.offset
     size, version = cursor.numbers("2I", "the header")
     if not 1 <= version <= 4:
-        raise cursor.fail(f"header version {version}", "versions 1 to 4 are read")
+        raise cursor.error(f"header version {version}", "versions 1 to 4 are read")
     notes: dict[str, Any] = {"header_version": version}
     for key in ("measurement_setup", "image_sensor", "light_source"):
         notes[key] = cursor.text(80, key)
@@ -182,68 +185,86 @@ def _header(cursor: Cursor) -> dict[str, Any]:
     if version > 3:
         channels = cursor.count("the number of channels")
         if channels != 3:
-            raise cursor.fail(f"{channels} channels", "three are read")
+            raise cursor.error(f"{channels} channels", "three are read")
         notes["channels"] = []
         for _ in range(channels):
             length = cursor.count("a channel's name")
             notes["channels"].append(cursor.text(length, "a channel's name"))
     if cursor.offset - start != size:
-        raise cursor.fail(f"the header says it has {size} bytes, but it has {cursor.offset - start}")
+        raise cursor.error(f"the header says it has {size} bytes, but it has {cursor.offset - start}")
     return notes
 
 
-def _directions(cursor: Cursor) -> Factorisation:
-    """Views and lights; every view repeats the list of lights, which must be the same."""
+def _read_directions(cursor: Cursor) -> Factorisation:
+    """A factorisation that has only its views and lights yet.
+
+    Every view in the file repeats the list of lights, which must be the same.
+    """
     views = cursor.count("the number of views")
+    # A view is its θ and φ, the number of its lights, and θ and φ of each light.
+    angles_bytes, count_bytes = 8, 4
+    lights_start = angles_bytes + count_bytes
     _, lights = cursor.numbers("8sI", "the first view")
-    cursor.offset -= 12  # only looked at: the first view is read again with the others
+    cursor.offset -= lights_start  # only looked at: the first view is read again with the others
     if not views or not lights:
-        raise cursor.fail(f"{views} views of {lights} lights")
-    # A view is its θ and φ (8 bytes), the number of its lights (4), and θ and φ of each light.
-    block = cursor.take(views * (12 + 8 * lights), f"{views} views of {lights} lights").reshape(views, -1)
-    differs = (block[:, 8:] != block[0, 8:]).any(1)  # the number of lights, or a light
+        raise cursor.error(f"{views} views of {lights} lights")
+    view_bytes = lights_start + angles_bytes * lights
+    block = cursor.take(views * view_bytes, f"{views} views of {lights} lights").reshape(views, view_bytes)
+    differs = (block[:, angles_bytes:] != block[0, angles_bytes:]).any(1)  # the number of lights, or a light
     if differs.any():
         view = int(np.argmax(differs))
-        raise cursor.fail(f"the lights of view {view} differ from those of view 0", "only a product grid is read")
-    return Factorisation(_side(cursor.path, "view", block[:, :8]), _side(cursor.path, "light", block[0, 12:]))
+        raise cursor.error(f"the lights of view {view} differ from those of view 0", "only a product grid is read")
+    view_angles = _angles(cursor.path, "view", block[:, :angles_bytes])
+    light_angles = _angles(cursor.path, "light", block[0, lights_start:])
+    return Factorisation(view_angles, light_angles)
 
 
-def _side(path: Path, side: str, stored: Array) -> Array:
-    """θ, φ (n, 2) float64 in radians, from the bytes of the views or the lights; all in range and different."""
+def _angles(path: Path, side: str, stored: Array) -> Array:
+    """θ, φ (n, 2) float64 in radians, from the bytes of the views or the lights; all in range and different.
+
+    `side` is the word for them in errors: view or light.
+    """
     with np.errstate(invalid="ignore"):
         angles = np.ascontiguousarray(stored).view("<f4").reshape(-1, 2).astype(np.float64)
     different_directions(angles[:, 0], angles[:, 1], lambda index: f"{path}: {side} {index}")
     return angles
 
 
-def _dfmf(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
-    """The body of a DFMF: a factorisation for each decorrelated channel."""
+def _read_dfmf(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
+    """Read the body of a DFMF, a factorisation for each decorrelated channel, into `material`; returns notes on it."""
     _, model = cursor.numbers("Ii", "the colour model")
     if model not in COLOUR_MODELS:
-        raise cursor.fail(f"colour model {model}", f"models {', '.join(map(str, COLOUR_MODELS))} are read")
+        raise cursor.error(f"colour model {model}", f"models {', '.join(map(str, COLOUR_MODELS))} are read")
     material.model = model
     mean = cursor.numbers("3f", "the colour mean")
     matrix = cursor.numbers("9f", "the colour matrix")
     rows = len(material.views) * len(material.lights)
     for channel in range(3):
-        pairs, texels = _factors(cursor, material, rows, f"channel {channel}")
+        pairs, texels = _read_factors(cursor, material, rows, f"channel {channel}")
         material.pairs.append(Matrix(pairs))
         material.texels.append(Matrix(texels))
     colour = {"colour": f"model {model}: {COLOUR_MODELS[model]}", "colour_model": model}
     return colour | {"colour_mean": list(mean), "colour_matrix": list(matrix)}
 
 
-def _fmf(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
-    """The body of an FMF: one factorisation of all channels, whose rows go channel fastest."""
+def _read_fmf(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
+    """Read the body of an FMF, one factorisation of all channels, into `material`; returns notes on it.
+
+    There is a row for each channel of each pair, the channel fastest.
+    """
     (version,) = cursor.numbers("B", "the FMF version")
     if version > 2:
-        raise cursor.fail(f"FMF version {version}", "versions 0 to 2 are read")
-    reduction = cursor.count("the dynamic range reduction") if version >= 1 else 0
-    width, height = cursor.numbers("2I", "the size of the height map") if version >= 2 else (0, 0)
+        raise cursor.error(f"FMF version {version}", "versions 0 to 2 are read")
+    reduction = 0  # not 0: the logarithm of RGB is stored
+    if version >= 1:
+        reduction = cursor.count("the dynamic range reduction")
+    width, height = 0, 0
+    if version >= 2:
+        width, height = cursor.numbers("2I", "the size of the height map")
     cursor.floats((width, height), 2, "the height map")  # passed over
     cursor.count("the rank")  # stated again with the factors
     rows = 3 * len(material.views) * len(material.lights)
-    pairs, texels = _factors(cursor, material, rows, "the factors")
+    pairs, texels = _read_factors(cursor, material, rows, "the factors")
     by_channel = pairs.reshape(-1, 3, pairs.shape[1]).swapaxes(0, 1)  # (3, V · L, K)
     material.pairs = [Matrix(channel) for channel in by_channel]
     material.texels = [Matrix(texels)] * 3
@@ -252,16 +273,18 @@ def _fmf(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
     return {"colour": f"FMF: {colour}", "dynamic_range_reduction": reduction, "height_map": [width, height]}
 
 
-def _factors(cursor: Cursor, material: Factorisation, rows: int, what: str) -> tuple[Array, Array]:
-    """U (rows, K) and S·V (texels, K) as views of the file; the singular values before them are part of S·V."""
+def _read_factors(cursor: Cursor, material: Factorisation, rows: int, what: str) -> tuple[Array, Array]:
+    """U (rows, K) and S·V (texels, K) as views of the file. `what` they are of is for errors."""
     scalar, rank, stated_rows, stated_cols = cursor.numbers("B3I", what)
-    cols = material.shape[0] * material.shape[1]
+    texels = material.shape[0] * material.shape[1]
     if scalar not in SCALARS or not rank:
-        raise cursor.fail(f"{what}: rank {rank} in scalars of {scalar} bytes")
-    if (stated_rows, stated_cols) != (rows, cols):
-        raise cursor.fail(f"{what}: {stated_rows} x {stated_cols} factors; directions and size need {rows} x {cols}")
-    cursor.floats((rank,), scalar, f"{what}: S")
-    return cursor.floats((rows, rank), scalar, f"{what}: U"), cursor.floats((cols, rank), scalar, f"{what}: SV")
+        raise cursor.error(f"{what}: rank {rank} in scalars of {scalar} bytes")
+    if (stated_rows, stated_cols) != (rows, texels):
+        raise cursor.error(f"{what}: {stated_rows} x {stated_cols} factors; directions and size need {rows} x {texels}")
+    cursor.floats((rank,), scalar, f"{what}: S")  # passed over: S·V has the singular values as factors
+    u = cursor.floats((rows, rank), scalar, f"{what}: U")
+    sv = cursor.floats((texels, rank), scalar, f"{what}: SV")
+    return u, sv
 
 
 class FactorSource(Source):
@@ -272,8 +295,8 @@ class FactorSource(Source):
         self.material = material
         self.shape = material.shape
         self.count = len(material.views) * len(material.lights)
-        # A texel takes 12 bytes for its products in three channels, and 12 for its RGB.
-        self.at_once = max(1, MULTIPLIED // (24 * self.shape[0] * self.shape[1]))
+        bytes_of_a_texel = 12 + 12  # its products in three channels, and its RGB, as float32
+        self.at_once = max(1, MULTIPLIED // (bytes_of_a_texel * self.shape[0] * self.shape[1]))
 
     @np.errstate(over="ignore", invalid="ignore")
     def slices(self, pairs: Array) -> list[Array]:
@@ -285,7 +308,7 @@ class FactorSource(Source):
         pictures = np.empty((len(pairs), *self.shape, 3), np.float32)
         for i, (pair, picture) in enumerate(zip(pairs, pictures, strict=True)):
             planes = [channel[i] for channel in channels]  # of one picture
-            self._decode(planes, picture[::-1])  # the file counts from the bottom row
+            self._decode(planes, out=picture[::-1])  # the file counts from the bottom row
             finite(picture, f"{self.path}: slice of pair {pair}")
         return list(pictures)
 
@@ -294,14 +317,15 @@ class FactorSource(Source):
         """As `Source.texels`; `block` texels are multiplied at once, in buffers that are used again."""
         index = self._index(rows, cols)
         out = np.empty((len(index), len(pairs), 3), np.float32)
-        # Of each channel (K, pairs).
-        factors = [np.ascontiguousarray(matrix.rows(pairs).T) for matrix in self.material.pairs]
+        # The factors (K, pairs) of each channel.
+        pair_factors = [np.ascontiguousarray(matrix.rows(pairs).T) for matrix in self.material.pairs]
         buffers = np.empty((3, block, len(pairs)), np.float32)
         for start in range(0, len(index), block):
-            some = index[start : start + block]
-            for matrix, factor, buffer in zip(self.material.texels, factors, buffers, strict=True):
-                np.matmul(matrix.rows(some), factor, out=buffer[: len(some)])
-            decoded = self._decode(buffers[:, : len(some)], out[start : start + block])
+            block_index = index[start : start + block]
+            count = len(block_index)  # the last block may be shorter
+            for texel_matrix, factors, buffer in zip(self.material.texels, pair_factors, buffers, strict=True):
+                np.matmul(texel_matrix.rows(block_index), factors, out=buffer[:count])
+            decoded = self._decode(buffers[:, :count], out=out[start : start + block])
             finite(decoded, f"{self.path}: texels from {start}")
         return out
 
@@ -314,7 +338,8 @@ class FactorSource(Source):
             part = slice(start, start + block)
             channels = []
             for texels, of_pairs in zip(self.material.texels, self.material.pairs, strict=True):
-                channels.append(np.einsum("nk,nk->n", texels.rows(index[part]), of_pairs.rows(pair[part])))
+                products = np.einsum("nk,nk->n", texels.rows(index[part]), of_pairs.rows(pair[part]))
+                channels.append(products)
             out[part] = finite(self._decode(channels), f"{self.path}: samples from {start}")
         return out
 
@@ -323,8 +348,12 @@ class FactorSource(Source):
         return (self.shape[0] - 1 - np.asarray(rows)) * self.shape[1] + np.asarray(cols)
 
     def _decode(self, channels: Sequence[Array] | Array, out: Array | None = None) -> Array:
-        """Linear RGB (..., 3) float32 of three decorrelated channels (...), which it overwrites."""
-        out = np.empty((*channels[0].shape, 3), np.float32) if out is None else out
+        """Linear RGB (..., 3) float32 of three decorrelated channels (...), which it overwrites.
+
+        It is written to `out`, or to a new array.
+        """
+        if out is None:
+            out = np.empty((*channels[0].shape, 3), np.float32)
         if self.material.model == 11:
             _yuv_to_rgb(channels, out)
             return out
@@ -339,10 +368,14 @@ class FactorSource(Source):
 
 
 def _yuv_to_rgb(channels: Sequence[Array] | Array, out: Array) -> None:
-    """Colour model 11: log Y, U / Y and V / Y (...) to RGB in `out` (..., 3); the channels are overwritten."""
+    """Colour model 11, log (Y + EPSILON), U / Y and V / Y (...), to RGB in `out` (..., 3).
+
+    The channels are overwritten.
+    """
     y, u, v = channels
     np.exp(y, out=y)
     np.subtract(y, EPSILON, out=y)
+    # Bonn's btflib (undecorrelate.m) multiplies the ratios by Y + EPSILON instead; the difference is about EPSILON.
     for chroma in (u, v):
         np.multiply(chroma, y, out=chroma)
         np.add(chroma, EPSILON, out=chroma)

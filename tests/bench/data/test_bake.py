@@ -262,6 +262,14 @@ def test_what_tells_the_same_is_left_out_and_said(tmp_path):
     assert set(maps.unused) == {"a_NormalDX.jpg", "a_arm.jpg", "a_ao.jpg", "a.jpg"}
 
 
+def test_a_second_packed_map_is_left_out_for_the_first(tmp_path):
+    for name in ("a_color", "a_arm", "a_MetallicSmoothness"):
+        (tmp_path / f"{name}.png").touch()
+    maps = recognise(tmp_path)
+    assert set(maps.files) == {"albedo", "packed"}
+    assert maps.unused == {"a_MetallicSmoothness.png": "another file gives the same map"}
+
+
 def test_folders_that_cannot_be_baked_are_explained(tmp_path):
     (tmp_path / "x_normal.png").touch()
     with pytest.raises(InputError, match=r"no albedo .*x_normal\.png"):

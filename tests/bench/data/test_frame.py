@@ -21,13 +21,15 @@ def mirrored(btf, side="wi"):
 def test_a_mirrored_side_is_told_from_the_frame_of_the_suite(name, directions):
     btf = load(name, 16, views=directions, lights=directions, heldout=0)
     lobe = mean_lobe(btf)
-    assert lobe.given > 0.6
-    assert lobe.given > 2 * lobe.mirrored
+    assert lobe.difference_share > 0.6
+    assert lobe.difference_share > 2 * lobe.sum_share
     assert not lobe.looks_mirrored
     for side in ("wo", "wi"):
         wrong = mean_lobe(mirrored(btf, side))
         assert wrong.looks_mirrored
-        assert (wrong.given, wrong.mirrored) == pytest.approx((lobe.mirrored, lobe.given), abs=1e-6)
+        assert (wrong.difference_share, wrong.sum_share) == pytest.approx(
+            (lobe.sum_share, lobe.difference_share), abs=1e-6
+        )
 
 
 def test_a_highlight_lies_in_the_mirror_direction_wherever_the_frame_is_turned():

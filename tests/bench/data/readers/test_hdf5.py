@@ -57,6 +57,13 @@ def test_the_file_of_random_directions_beside_it_is_the_test_split(refused, full
     refused(full, "pair 0: .*full.*: pair 0", heldout)
 
 
+def test_a_file_above_a_limit_is_told_which(refused, full, monkeypatch):
+    monkeypatch.setattr(hdf5, "MAX_PIXELS", 29)
+    refused(full, "too large: the limit is 29 pixels")
+    monkeypatch.setattr(hdf5, "MAX_PAIRS", 11)
+    refused(full, "too large: the limit is 11 pairs")
+
+
 @pytest.mark.parametrize("dtype", ["f2", "f4", "f8"])
 @pytest.mark.parametrize("chunks", [None, (1, 5, 6, 3), (5, 2, 4, 1)])
 def test_all_floats_and_chunks_give_the_same_windows(full, btf, pictures, samples, monkeypatch, chunks, dtype):
