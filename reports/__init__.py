@@ -79,8 +79,11 @@ def table_text(
 
     if format not in FORMATS or kind not in (None, *KINDS):
         raise ValueError(f"format {format!r}, kind {kind!r}: none such")
-    wanted = {"wanted": has_validation} if kind in BY_BUDGET else {}
-    run = load_together([runs] if isinstance(runs, str | Path) else runs, **wanted, beside=True)
+    folders = [runs] if isinstance(runs, str | Path) else runs
+    if kind in BY_BUDGET:  # a job that these tables cannot show must not replace one that they can
+        run = load_together(folders, wanted=has_validation, beside=True)
+    else:
+        run = load_together(folders, beside=True)
     if choice:
         run = choice.of_run(run)
     if format == "raw":
@@ -90,33 +93,33 @@ def table_text(
     # A page of LaTeX is too narrow for all columns of a main table; a reader who picks columns decides that alone.
     narrow = format == "latex" and not (choice and choice.columns)
     against = choice.against if choice else ""
-    return _written(all_tables(run, narrow, kind, against), format, choice)
+    return _formatted(all_tables(run, narrow, kind, against), format, choice)
 
 
 def parameters_text(jobs: Sequence["TimedJob"], format: str = "text", choice: "Choice | None" = None) -> str:
     """The table of parameters alone, of any records that say `codec`, `label`, `status`, `parameters` and `cost`."""
     from reports.parameters import parameters_table
 
-    return _written([parameters_table(jobs)], format, choice)
+    return _formatted([parameters_table(jobs)], format, choice)
 
 
 def paper_text(run: "Run", absent: Mapping[str, str], format: str = "text", choice: "Choice | None" = None) -> str:
     """The table beside the paper's quality alone; `absent` says by material where to get what no job names."""
     from reports.paper import paper_table
 
-    return _written([paper_table(run, absent)], format, choice)
+    return _formatted([paper_table(run, absent)], format, choice)
 
 
-def _written(tables: Iterable["Table | None"], format: str, choice: "Choice | None" = None) -> str:
-    """Tables in a format; without records to write out, `raw` is the cells of the tables, as `csv` is."""
+def _formatted(tables: Iterable["Table | None"], format: str, choice: "Choice | None" = None) -> str:
+    """The text of tables in one of `FORMATS`; here, `raw` is the same as `csv`: the cells of the tables."""
     from reports import text
 
     writers = {"text": text.plain, "markdown": text.markdown, "latex": text.latex}
     write = writers.get(format, text.table_csv)
-    shown = [table for table in tables if table]
+    made = [table for table in tables if table]
     if choice:
-        shown = choice.of_tables(shown)
-    return write(shown)
+        made = choice.of_tables(made)
+    return write(made)
 
 
 def score_text(record: "Job") -> str:
@@ -131,7 +134,7 @@ def stress_text(records: Sequence["Stress"], format: str = "text") -> str:
     """Only the tables of the stress test, of records of the kind `stress`."""
     from reports.stress import tables
 
-    return _written(tables(records), format)
+    return _formatted(tables(records), format)
 
 
 def write_report(run_folder: str | Path, vector: bool = False) -> Report:

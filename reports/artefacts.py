@@ -17,10 +17,13 @@ Arrays = Mapping[str, np.ndarray]
 
 
 def arrays(folder: Path, job: Job, name: str, names: Collection[str] | None = None) -> Arrays | None:
-    """The arrays of a job's artefact (`slices`, `pictures`), all or those named; None if missing or unreadable."""
+    """The arrays of a job's artefact `name` (`slices`, `pictures`), all or only those of `names`.
+
+    None if the file is missing or unreadable.
+    """
     try:
-        place = cast(str, dict(job)[name])  # a dict, because the type of a record allows no variable as a key
-        return read_arrays(folder / place, MAX_FILE, names)
+        path_in_run = cast(str, dict(job)[name])  # a dict, because the type of a record allows no variable as a key
+        return read_arrays(folder / path_in_run, MAX_FILE, names)
     except (OSError, KeyError, ValueError, TypeError):
         return None  # the records of a run are useful without its large files
 
@@ -30,21 +33,21 @@ def of_shown(run: Run, material: MaterialRows, name: str, needed: Collection[str
 
     Without `needed`, every row that has the artefact, with all its arrays.
     """
-    found: list[tuple[Row, Arrays]] = []
+    rows_with_arrays: list[tuple[Row, Arrays]] = []
     for row in material.shown:
-        stored = arrays(run.folder, row.job, name, needed or None)
+        stored = arrays(run.folder, row.job, name, needed or None)  # without those that the file lacks
         if stored and stored.keys() >= set(needed):
-            found.append((row, stored))
-    return found
+            rows_with_arrays.append((row, stored))
+    return rows_with_arrays
 
 
 def angular(folder: Path, job: Job) -> dict[str, Any] | None:
     """A job's scores by bin of direction, and its polar maps; None if the file is missing or unreadable."""
     try:
-        bins: dict[str, Any] = json.loads((folder / job["angular"]).read_text(encoding="utf-8"))
+        scores: dict[str, Any] = json.loads((folder / job["angular"]).read_text(encoding="utf-8"))
     except (OSError, KeyError, ValueError, TypeError, RecursionError):
         return None
-    return bins
+    return scores
 
 
 def program(path: Path) -> Program:

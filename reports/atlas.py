@@ -18,50 +18,62 @@ from reports.rows import MaterialRows, Row
 BUDGET = 8_000_000  # characters of all pictures in a page, about
 FLIP_QUALITY = 80  # of FLIP maps stored as grey levels: half the error of colours at quality 92, in half the bytes
 MAGMA = np.round(matplotlib.colormaps["magma"](np.arange(256))[:, :3] * 255).astype(np.uint8)  # the colours of maps
-# Qualities of WebP, the best first, each with about how many characters of a page a pixel takes; None: without loss.
+# Qualities of WebP, the best first, each with about how many characters of a page a pixel takes. Quality None is
+# without loss.
 QUALITIES: tuple[tuple[int | None, float], ...] = ((None, 2.6), (92, 0.9), (80, 0.5), (60, 0.3))
 
 
 class Atlases:
-    """The slices of all materials of a run. All have the one quality at which they fit into this `share` of `BUDGET`.
+    """The slices of all materials of a run, as pictures of one quality: the best at which they all fit into the page.
 
-    If they do not fit even at the worst quality, only every `step`-th pair is shown.
+    They may take the `share` of `BUDGET`. If they do not fit even at the worst quality, only every `step`-th pair is
+    shown.
     """
 
     def __init__(self, run: Run, materials: Sequence[MaterialRows], share: float = 1):
         self.run = run
         budget = share * BUDGET
         pixels = sum(self._pixels(material) for material in materials)
-        fitting = [(quality, size) for quality, size in QUALITIES if size * pixels <= budget]
-        self.quality, per_pixel = fitting[0] if fitting else QUALITIES[-1]
-        self.step = max(1, -int(-per_pixel * pixels // budget))  # their size over the budget, rounded up
+        for quality, characters_per_pixel in QUALITIES:  # the best first; if none fits, the last and worst remains
+            self.quality = quality
+            characters = characters_per_pixel * pixels
+            if characters <= budget:
+                break
+        times_too_large = -(-characters // budget)  # characters / budget, rounded up
+        self.step = max(1, int(times_too_large))
 
     def _pixels(self, material: MaterialRows) -> int:
         """The pixels of all pictures of a material: the truth once, and the answers and FLIP maps of each codec."""
-        sizes = []
+        truth_shapes = []
         for row in material.shown:
-            found = arrays(self.run.folder, row.job, "pictures", ("truth",))
-            if found:  # of rows of several runs, some may have none
-                sizes.append(found["truth"].shape[:3])  # (n, H, W)
-        if not sizes:
+            stored = arrays(self.run.folder, row.job, "pictures", ("truth",))
+            if stored:  # of rows of several runs, some may have none
+                truth_shapes.append(stored["truth"].shape[:3])  # (n, H, W)
+        if not truth_shapes:
             return 0
-        pixels_of_truth = int(np.prod(sizes[0]))
-        pictures = 1 + 2 * len(sizes)
-        return pixels_of_truth * pictures
+        pixels_of_truth = int(np.prod(truth_shapes[0]))  # of its n pictures together
+        sets_of_pictures = 1 + 2 * len(truth_shapes)
+        return pixels_of_truth * sets_of_pictures
 
     def slices_of(self, material: MaterialRows) -> dict[str, Any]:
         """The data of a material for the slice viewer; `codecs` is empty if nothing is stored.
 
         Pictures are data URLs, each of all shown pairs in a grid. FLIP maps hold levels of `MAGMA` as grey. `wo` and
-        `wi` are (θ, φ) in degrees by pair. `left_out` has the codecs without pictures of the same pairs as the first.
+        `wi` have (θ, φ) in degrees of each shown pair. All pictures are of the same pairs as those of the first codec
+        that has any; `left_out` has the labels of the codecs without such pictures.
         """
-        stored = of_shown(self.run, material, "pictures")
-        known = [(row, pictures) for row, pictures in stored if "pairs" in pictures]
-        if not known:
+        rows_with_pictures = []
+        for row, pictures in of_shown(self.run, material, "pictures"):
+            if "pairs" in pictures:
+                rows_with_pictures.append((row, pictures))
+        if not rows_with_pictures:
             return {"codecs": [], "left_out": [row.label for row in material.shown]}
-        _, first = known[0]
-        same = [(row, pictures) for row, pictures in known if np.array_equal(pictures["pairs"], first["pairs"])]
-        labels = {row.label for row, _ in same}
+        _, first = rows_with_pictures[0]
+        of_same_pairs = []
+        for row, pictures in rows_with_pictures:
+            if np.array_equal(pictures["pairs"], first["pairs"]):
+                of_same_pairs.append((row, pictures))
+        labels = {row.label for row, _ in of_same_pairs}
         count, height, width = first["truth"][:: self.step].shape[:3]
         return {
             "width": width,
@@ -70,7 +82,7 @@ class Atlases:
             "wo": np.round(first["wo_deg"][:: self.step], 1).tolist(),
             "wi": np.round(first["wi_deg"][:: self.step], 1).tolist(),
             "truth": self._encoded(first["truth"]),
-            "codecs": [self._codec(row, pictures) for row, pictures in same],
+            "codecs": [self._codec(row, pictures) for row, pictures in of_same_pairs],
             "left_out": [row.label for row in material.shown if row.label not in labels],
             "quality": self.quality,
         }
@@ -81,19 +93,23 @@ class Atlases:
         data: dict[str, Any] = {"label": row.label, "decoded": self._encoded(pictures["decoded"])}
         if "flip" in pictures:
             data["flip"] = self._encoded(_levels(pictures["flip"]), FLIP_QUALITY)
-        name = row.metric(FLIP)
-        scores = arrays(self.run.folder, row.job, "slices", ("pairs", PSNR, name))
+        flip = row.metric(FLIP)  # the full name of the variant that scored this job
+        scores = arrays(self.run.folder, row.job, "slices", ("pairs", PSNR, flip))
         if scores:
             # Scores are of all pairs, pictures of a few: find the scores of those that are shown.
-            place_of = {int(pair): place for place, pair in enumerate(scores["pairs"])}
-            places = [place_of[int(pair)] for pair in pictures["pairs"][:: self.step]]
-            data["psnr"] = [_decibels(value) for value in psnr(scores[PSNR][places])]
-            if name in scores:
-                data["flips"] = np.round(scores[name][places], 4).tolist()
+            place_of_pair = {int(pair): place for place, pair in enumerate(scores["pairs"])}
+            places = [place_of_pair[int(pair)] for pair in pictures["pairs"][:: self.step]]
+            squared_errors = scores[PSNR][places]  # what a run stores of PSNR
+            data["psnr"] = [_decibels(value) for value in psnr(squared_errors)]
+            if flip in scores:
+                data["flips"] = np.round(scores[flip][places], 4).tolist()
         return data
 
-    def _encoded(self, pictures: np.ndarray, most: int = 100) -> str:
-        """Pictures (n, H, W, 3), uint8, in a grid as one WebP. `most` limits its quality, unless it is without loss."""
+    def _encoded(self, pictures: np.ndarray, most_quality: int = 100) -> str:
+        """Every `step`-th of the pictures (n, H, W, 3), uint8, in a grid as the data URL of one WebP.
+
+        Its quality is that of this atlas, but at most `most_quality` unless it is without loss.
+        """
         pictures = pictures[:: self.step]
         count, height, width = pictures.shape[:3]
         columns = math.ceil(math.sqrt(count))
@@ -104,8 +120,9 @@ class Atlases:
             left = i % columns * width
             sheet[top : top + height, left : left + width] = picture
         if self.quality is None:
+            # Without loss, `quality` and `method` are the effort to make the file small: here the least.
             return webp(Image.fromarray(sheet), lossless=True, quality=0, method=0)
-        return webp(Image.fromarray(sheet), lossless=False, quality=min(most, self.quality), method=4)
+        return webp(Image.fromarray(sheet), lossless=False, quality=min(most_quality, self.quality), method=4)
 
 
 def _decibels(value: float) -> float | None:
@@ -113,11 +130,11 @@ def _decibels(value: float) -> float | None:
     return round(float(value), 2) if np.isfinite(value) else None
 
 
-def webp(picture: Image.Image, **how: Any) -> str:
-    """A picture as the data URL of a WebP."""
-    out = io.BytesIO()
-    picture.save(out, "webp", **how)
-    return "data:image/webp;base64," + base64.b64encode(out.getvalue()).decode()
+def webp(picture: Image.Image, **options: Any) -> str:
+    """A picture as the data URL of a WebP; `options` are those of Pillow's encoder."""
+    file = io.BytesIO()
+    picture.save(file, "webp", **options)
+    return "data:image/webp;base64," + base64.b64encode(file.getvalue()).decode()
 
 
 def _levels(maps: np.ndarray) -> np.ndarray:
@@ -126,8 +143,10 @@ def _levels(maps: np.ndarray) -> np.ndarray:
     Magma grows brighter with its level, so the brightness of a colour tells its level.
     """
     luma = np.array([0.299, 0.587, 0.114])
-    # Rounded to 8 bits, a colour of magma is a little darker than the one before it: a search needs ascending values.
-    brightness = np.maximum.accumulate(MAGMA @ luma)
-    levels = np.searchsorted(brightness, maps @ luma - 1e-6)  # less a margin for rounding, so that equal ones are found
+    # Because colours are rounded to 8 bits, one of magma may be a little darker than the one before it, but a search
+    # needs ascending values.
+    brightness_of_level = np.maximum.accumulate(MAGMA @ luma)
+    brightness = maps @ luma - 1e-6  # less a margin for rounding, so that a colour finds its own level, not the next
+    levels = np.searchsorted(brightness_of_level, brightness)
     grey = np.minimum(levels, 255).astype(np.uint8)
     return grey[..., None].repeat(3, -1)

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from math import log2
 from statistics import fmean
+from typing import NamedTuple
 
 from bench.compare.choosing import NEAR_DB, Rung
 from bench.compare.choosing.budgets import (
@@ -59,61 +60,72 @@ def budgets_table(run: Run) -> Iterator[Table]:
     kinds = by_kind(result.surfaces)
     tables = list[Table]()
     for kind, surfaces in kinds.items():
-        tables += _budgets(run, result, points, surfaces, f"{kind} ")
+        tables += _table_of_surfaces(run, result, points, surfaces, kind)
     if len(kinds) > 1:
-        tables += _budgets(run, result, points, list(result.surfaces), "")
+        tables += _table_of_surfaces(run, result, points, list(result.surfaces), "")
     if tables:  # notes common to them stand once, below the last
         tables[-1].notes.extend([_READ, *_common(run, result)])
     yield from tables
 
 
-def _budgets(run: Run, result: Budgets, points: Points, materials: Sequence[str], kind: str) -> Iterator[Table]:
-    """The table of some materials, if a line has a value there; `kind` is their kind and a space, "" for all kinds."""
-    columns = {budget: _column(result, points, budget, materials) for budget in result.limits}
+def _table_of_surfaces(
+    run: Run, result: Budgets, points: Points, surfaces: Sequence[str], kind: str
+) -> Iterator[Table]:
+    """The table over some surfaces, if a line has a value there; `kind` is the kind of these surfaces, "" for all."""
+    columns = {budget: _column(result, points, budget, surfaces) for budget in result.limits}
     lines = list(dict.fromkeys(chain.from_iterable(columns.values())))
     if not lines:
         return
-    times = [budget for budget in columns if budget.kind != BYTES]
-    told: dict[Budget, set[str]] = {}  # by budget of time: the lines that are told apart from `AGAINST`
-    if len(materials) >= FEWEST:
-        told = {budget: result.told_apart(run, budget, materials) for budget in times}
+    told_apart: dict[Budget, set[str]] = {}  # by budget of time: the lines that are told apart from `AGAINST`
+    if len(surfaces) >= FEWEST:
+        for budget in columns:
+            if budget.kind != BYTES:
+                told_apart[budget] = result.told_apart(run, budget, surfaces)
     rows: list[list[str]] = []
     scores: list[list[float | None]] = []
-    for line in sorted(lines, key=lambda line: _by_size(columns, line)):
+    for line in sorted(lines, key=lambda line: _sort_key(columns, line)):
         cells: list[str] = [line]
         values: list[float | None] = [None]
         for budget, column in columns.items():
             reading = column.get(line)
-            cell = _read(reading)
-            if line in told.get(budget, ()):
+            cell = _reading_cell(reading)
+            if line in told_apart.get(budget, ()):
                 cell += "*"
             cells.append(cell)
             values.append(reading.value if reading else None)
         rows.append(cells)
         scores.append(values)
     shapes = set()
-    for name in materials:
+    for name in surfaces:
         height, width = result.surfaces[name]["shape"]
         shapes.add((height, width))
     headers = [("codec", ""), *(_header(budget, shapes) for budget in columns)]
-    many = f"{len(materials)} {kind}surface{'s' * (len(materials) > 1)}"
-    title = f"Budgets on {many} ({', '.join(materials)}): test PSNR, dB"
-    notes = [f"*: told apart from {AGAINST}, by Holm's correction over the column."] if any(told.values()) else []
+    words = [str(len(surfaces)), kind, "surfaces" if len(surfaces) > 1 else "surface"]
+    counted = " ".join(word for word in words if word)  # such as "4 fabric surfaces"
+    title = f"Budgets on {counted} ({', '.join(surfaces)}): test PSNR, dB"
+    notes = []
+    if any(told_apart.values()):
+        notes.append(f"*: told apart from {AGAINST}, by Holm's correction over the column.")
     yield Table("budgets", title, headers, rows, notes, marks=best_cells(rows, scores))
 
 
-def _column(result: Budgets, points: Points, budget: Budget, materials: Sequence[str]) -> dict[str, Reading]:
-    """PSNR of each line within a budget, the mean over some materials: at a size off curves, within a time of rungs."""
+def _column(result: Budgets, points: Points, budget: Budget, surfaces: Sequence[str]) -> dict[str, Reading]:
+    """By line: its PSNR within a budget, the mean over some surfaces.
+
+    At a budget of bytes it is read off curves; within a budget of time it is that of rungs.
+    """
     if budget.kind == BYTES:
-        return readings(result, points, budget, materials)
-    ranked = result.ranked(budget, materials)
-    # A rung within a time is what the column is about, so no cell needs the mark of a value that is not off curves.
+        return readings(result, points, budget, surfaces)
+    # A rung within a time is the best that is known, not a lower bound as at a size: `off_curves` leaves out the “≥”.
+    ranked = result.ranked(budget, surfaces)
     return {line: Reading(value, off_curves=True) for line, value in ranked.items()}
 
 
-def _by_size(columns: Mapping[Budget, Mapping[str, Reading]], line: str) -> list[float]:
-    """The key that sorts rows, the best first: the value at `ENOUGH`, a size that most codecs reach, then at the sizes
-    next to it, and so on to the smallest and the largest."""
+def _sort_key(columns: Mapping[Budget, Mapping[str, Reading]], line: str) -> list[float]:
+    """The key that sorts rows, the best first: by the value at `ENOUGH`, a size that most codecs reach.
+
+    Then by the values at the sizes next to it, and so on to the smallest and the largest.
+    """
     sizes = [budget for budget in columns if budget.kind == BYTES]
     sizes.sort(key=lambda budget: abs(log2(budget.most / ENOUGH.most)))
     key = []
@@ -123,7 +135,7 @@ def _by_size(columns: Mapping[Budget, Mapping[str, Reading]], line: str) -> list
     return key
 
 
-def _read(reading: Reading | None) -> str:
+def _reading_cell(reading: Reading | None) -> str:
     """A reading as a cell; with “≥” where only a best rung within the size is known."""
     if reading is None:
         return NONE
@@ -132,14 +144,18 @@ def _read(reading: Reading | None) -> str:
 
 
 def _header(budget: Budget, shapes: set[tuple[int, int]]) -> tuple[str, str]:
-    """A budget as a header. If all surfaces have one shape (height, width), one of bytes has the size of the file."""
+    """A budget as the two lines of a header: ("8 × floor", "eager"), or ("32 bits", "a texel") of a budget of bytes.
+
+    If all surfaces have one shape (height, width), the second line of a budget of bytes is the size of the file.
+    """
     if budget.kind != BYTES:
         return f"{budget.most:g} {_unit(budget.kind)}", budget.kind
+    bits_a_texel = budget.most
     if len(shapes) > 1:
-        return f"{budget.most:g} bits", "a texel"
+        return f"{bits_a_texel:g} bits", "a texel"
     ((height, width),) = shapes
-    kilobytes = budget.most * height * width / 8000  # of bits a texel
-    return f"{budget.most:g} bits", f"{significant(kilobytes, 2)} kB"
+    kilobytes = bits_a_texel * height * width / 8000  # 8 bits a byte, 1000 bytes a kilobyte
+    return f"{bits_a_texel:g} bits", f"{significant(kilobytes, 2)} kB"
 
 
 def rung_tables(run: Run) -> Iterator[Table]:
@@ -162,35 +178,38 @@ def rung_tables(run: Run) -> Iterator[Table]:
 
 def _mean_rows(result: Budgets) -> Iterator[list[str]]:
     """Bytes, PSNR, SSIM and FLIP of each codec, means over the materials; budgets of equal numbers share a row."""
-    found: dict[str, dict[tuple[str, ...], list[Budget]]] = {}  # by line and its numbers as shown: their budgets
+    # By line, and by the cells of its numbers: the budgets that have these numbers.
+    budgets_by_cells: dict[str, dict[tuple[str, ...], list[Budget]]] = {}
     for budget in result.limits:
         for line, by_surface in result.picks(budget, result.surfaces).items():
             rungs = list(by_surface.values())
-            numbers = [integer(round(fmean(mean_bytes(rung.of) for rung in rungs)))]
+            mean_total = fmean(mean_bytes(rung.of) for rung in rungs)
+            cells = [integer(round(mean_total))]
             for family in _DIGITS:
                 mean = average([shown(rung, family) for rung in rungs])
-                numbers.append(_number(mean, family))
-            found.setdefault(line, {}).setdefault(tuple(numbers), []).append(budget)
-    for line, by_numbers in found.items():
-        for equal, budgets_of in by_numbers.items():
-            yield [line, _span(budgets_of), *equal]
+                cells.append(_number(mean, family))
+            budgets_by_cells.setdefault(line, {}).setdefault(tuple(cells), []).append(budget)
+    for line, by_cells in budgets_by_cells.items():
+        for equal_cells, limits in by_cells.items():
+            yield [line, _span(limits), *equal_cells]
 
 
 def _rung_rows(result: Budgets, material: str) -> Iterator[list[str]]:
     """A row for each rung that was chosen on a material; those of a line follow each other."""
-    found: dict[str, dict[str, tuple[Rung, list[Budget]]]] = {}  # by line and the rung's first job: rung and budgets
+    # By line, and by the name of the first job of a rung: the rung, and the budgets at which it was chosen.
+    chosen: dict[str, dict[str, tuple[Rung, list[Budget]]]] = {}
     for budget in result.limits:
         for line, rungs in result.picks(budget, [material]).items():
             rung = rungs[material]
-            by_job = found.setdefault(line, {})
-            _, budgets_of = by_job.setdefault(rung.of[0]["job"], (rung, []))
-            budgets_of.append(budget)
-    for line, by_job in found.items():
-        for name, (rung, budgets_of) in by_job.items():
+            rungs_of_line = chosen.setdefault(line, {})
+            _, limits = rungs_of_line.setdefault(rung.of[0]["job"], (rung, []))
+            limits.append(budget)
+    for line, rungs_of_line in chosen.items():
+        for first_job, (rung, limits) in rungs_of_line.items():
             numbers = [integer(mean_bytes(rung.of)), _number(rung.score)]
             numbers += [_number(shown(rung, family), family) for family in _DIGITS]
-            times = [significant(of_kind.get(name)) for of_kind in result.times.values()]
-            yield [line, setting_of(rung.of[0]), _span(budgets_of), *numbers, *times]
+            times = [significant(by_job.get(first_job)) for by_job in result.times.values()]  # one of each kind
+            yield [line, setting_of(rung.of[0]), _span(limits), *numbers, *times]
 
 
 def _span(limits: list[Budget]) -> str:
@@ -208,7 +227,7 @@ def _span(limits: list[Budget]) -> str:
 
 
 def when_table(run: Run) -> Iterator[Table]:
-    """Which codec when: a question a row, its answer with numbers, and the next best."""
+    """Which codec when: a question a row, the best codec and the next best, and the numbers of both."""
     rows = []
     for question, ranked, family in _questions(budgets(run)):
         if not ranked:
@@ -216,7 +235,7 @@ def when_table(run: Run) -> Iterator[Table]:
         unit = " dB" if family == PSNR else ""
         lines = list(ranked)
         numbers = [_number(value, family) + unit for value in ranked.values()]
-        if len(ranked) == 1:
+        if len(ranked) == 1:  # there is no next best
             lines.append(NONE)
             numbers.append(NONE)
         rows.append([question, *lines[:2], *numbers[:2]])
@@ -225,20 +244,28 @@ def when_table(run: Run) -> Iterator[Table]:
         yield Table("when", "Which codec when", headers, rows, [_CHOICE], words=3)
 
 
-def _questions(result: Budgets) -> Iterator[tuple[str, dict[str, float], str]]:
-    """Each question, the codecs that answer it with their numbers, the best first, and the metric."""
+class _Question(NamedTuple):
+    """A question in words, the lines that answer it with their means, the best first, and the metric of these."""
+
+    words: str
+    ranked: dict[str, float]
+    family: str
+
+
+def _questions(result: Budgets) -> Iterator[_Question]:
+    """The questions of the table: about each budget, the fewest bytes, each surface, and the other metrics."""
     enough = in_words(ENOUGH)
     for budget in result.limits:
-        yield f"best quality in {in_words(budget)}", result.ranked(budget, result.surfaces), PSNR
+        yield _Question(f"best quality in {in_words(budget)}", result.ranked(budget, result.surfaces), PSNR)
     fewest = result.fewest_bytes()
     if fewest:
         budget, ranked = fewest
-        yield f"fewest bytes within {NEAR_DB:g} dB of the best: {in_words(budget)}", ranked, PSNR
+        yield _Question(f"fewest bytes within {NEAR_DB:g} dB of the best: {in_words(budget)}", ranked, PSNR)
     if len(result.surfaces) > 1:
         for material in result.surfaces:
-            yield f"best on {material} in {enough}", result.ranked(ENOUGH, [material]), PSNR
+            yield _Question(f"best on {material} in {enough}", result.ranked(ENOUGH, [material]), PSNR)
     for family, name in ((SSIM, "SSIM"), (FLIP, "FLIP")):
-        yield f"best {name} in {enough}", result.ranked(ENOUGH, result.surfaces, family), family
+        yield _Question(f"best {name} in {enough}", result.ranked(ENOUGH, result.surfaces, family), family)
 
 
 def ranks_table(run: Run) -> Iterator[Table]:
@@ -264,10 +291,10 @@ def front_table(run: Run) -> Iterator[Table]:
     result = budgets(run)
     points = hulls(result, result.surfaces)
     kinds = by_kind(result.surfaces) | {"all": list(result.surfaces)}
-    columns = [readings(result, points, ENOUGH, surfaces) for surfaces in kinds.values()]
+    readings_of_kinds = [readings(result, points, ENOUGH, surfaces) for surfaces in kinds.values()]  # each by line
     picks = result.picks(ENOUGH, result.surfaces)
     # Rows stand in the order of the column of all surfaces, which is the last; lines without a value there follow.
-    lines = list(dict.fromkeys(chain.from_iterable(reversed(columns))))
+    lines = list(dict.fromkeys(chain.from_iterable(reversed(readings_of_kinds))))
     if not lines:
         return
     lines += [line for line in points if line not in lines]  # its curves end below this size, but have a lead
@@ -278,14 +305,22 @@ def front_table(run: Run) -> Iterator[Table]:
         lead = _lead(result, points, line)
         if lead:
             leads[line] = lead
-        read = [column.get(line) for column in columns]
         time = _mean_time(result, [rung.of for rung in picks.get(line, {}).values()])
-        rows.append([line, *map(_read, read), *_lead_cells(line, lead, line in points), significant(time)])
-        means = [reading.value if reading else None for reading in read]
-        median_lead = lead.median if lead else None
-        time_score = None if time is None else -time
-        scores.append([None, *means, median_lead, None, None, time_score])  # as the headers; None is not compared
-    headers = [("codec", ""), *((f"{kind}, {len(many)}", "dB ↑") for kind, many in kinds.items())]
+        # Cells and their scores, column by column; a score of None is not compared.
+        cells = [line]
+        values: list[float | None] = [None]
+        for reading_of_line in readings_of_kinds:
+            reading = reading_of_line.get(line)
+            cells.append(_reading_cell(reading))
+            values.append(reading.value if reading else None)
+        cells += _lead_cells(line, lead, line in points)
+        values += [lead.median if lead else None, None, None]  # only the median is compared
+        cells.append(significant(time))
+        values.append(None if time is None else -time)  # less time is better
+        rows.append(cells)
+        scores.append(values)
+    headers = [("codec", "")]
+    headers += [(f"{kind}, {len(surfaces)}", "dB ↑") for kind, surfaces in kinds.items()]
     headers += [("lead, median", "dB ↑"), ("95 % interval", "of the mean"), ("ahead", "on"), ("time", "× floor ↓")]
     title = f"At {in_words(ENOUGH)}: test PSNR, means over {', '.join(result.surfaces)}"
     notes = [f"Lead: over {AGAINST} at equal bytes (BD-PSNR), median over surfaces.", *_lead_notes(leads, points)]
@@ -293,16 +328,20 @@ def front_table(run: Run) -> Iterator[Table]:
 
 
 def _mean_time(result: Budgets, rungs: Sequence[Sequence[Job]]) -> float | None:
-    """The mean time of a query, × floor, over rungs that were timed. A rung is given by its jobs, one a seed."""
-    eager = result.times.get(EAGER, {})  # by the first job of a rung
-    times = [eager.get(jobs[0]["job"]) for jobs in rungs]
+    """The mean time of a query, × floor, over the rungs that were timed; None if none was.
+
+    A rung is given by its jobs, one a seed.
+    """
+    time_of_job = result.times.get(EAGER, {})
+    times = [time_of_job.get(jobs[0]["job"]) for jobs in rungs]  # of a rung, the time of its first job
     return average([time for time in times if time is not None])
 
 
 def _lead_cells(line: str, lead: Summary | None, has_curves: bool) -> list[str]:
     """The cells of a lead: its median over surfaces, the interval of its mean, and on how many it is above 0."""
     if lead is None:
-        return ["" if line == AGAINST else NONE, "", ""]
+        # `AGAINST` has no lead over itself; any other line shares no bytes with it.
+        return ["", "", ""] if line == AGAINST else [NONE, "", ""]
     median = signed(lead.median, 1)
     if not has_curves:
         median += "°"
@@ -319,18 +358,23 @@ def _lead_notes(leads: Mapping[str, Summary], points: Points) -> Iterator[str]:
     if any(lead.apart for lead in leads.values()):
         yield "*: told apart."
     elif leads:
-        few = max(lead.surfaces for lead in leads.values()) < LEAST_SURFACES
-        yield "None is told apart" + (f": that takes {LEAST_SURFACES} surfaces." if few else ".")
+        most_surfaces = max(lead.surfaces for lead in leads.values())
+        if most_surfaces < LEAST_SURFACES:
+            yield f"None is told apart: that takes {LEAST_SURFACES} surfaces."
+        else:
+            yield "None is told apart."
 
 
 def _lead(result: Budgets, points: Points, line: str) -> Summary | None:
-    """The lead of a line over `AGAINST` at equal bytes; None for that line itself, and where they share no bytes."""
+    """The lead of a line over `AGAINST` at equal bytes; None for `AGAINST` itself, and where they share no bytes."""
     if line == AGAINST:
         return None
     anchor = points.get(AGAINST, {})
-    has_curves = line in points
-    # With too few rungs for a curve, each rung is set against the other's curve at the rung's own bytes.
-    gaps = differences(dict(points[line]), dict(anchor)) if has_curves else gaps_of_rungs(result, line, anchor)
+    # By surface: the gap in dB, then the gaps of draws of seeds, from which the interval comes.
+    if line in points:
+        gaps = differences(points[line], anchor)
+    else:  # too few rungs for a curve: each rung is compared with the anchor's curve at the rung's own bytes
+        gaps = gaps_of_rungs(result, line, anchor)
     return summarised(gaps) if gaps else None
 
 
@@ -347,7 +391,9 @@ def _number(value: float | None, family: str = PSNR, digits: int | None = None) 
     """A value as a cell: “exact” from `MOST_DB` on, a dash for None; by default with the usual digits of its metric."""
     if value is not None and value >= MOST_DB:
         return EXACT
-    return fixed(value, _DIGITS[family] if digits is None else digits)
+    if digits is None:
+        digits = _DIGITS[family]
+    return fixed(value, digits)
 
 
 def in_words(budget: Budget) -> str:
@@ -366,24 +412,25 @@ def _common(run: Run, result: Budgets) -> Iterator[str]:
     if result.times.keys() - {FIT}:  # there are times of queries, and not of fits alone
         machines = "; ".join(_machines(run))
         yield f"Times: upper ends of 95 % intervals, × floor, one bilinear fetch; {machines}."
-    left = []
+    excluded = []
     if result.without:
-        left.append(f"{_by_suite(run, result.without)}, without a score of validation pairs")
+        excluded.append(f"{_by_suite(run, result.without)}, without a score of validation pairs")
     if result.unlike:
         rows = list(dict.fromkeys(f"{job['material']}/{shown_label(job)}" for job in result.unlike))
-        named = ", ".join(rows[:_NAMED])
+        first_rows = ", ".join(rows[:_NAMED])
         if len(rows) > _NAMED:
-            named += ", …"
-        left.append(f"{_by_suite(run, result.unlike)} ({named}), not comparable with {beside(run)}")
-    if left:
-        yield f"Left out: {'; '.join(left)}."
+            first_rows += ", …"
+        excluded.append(f"{_by_suite(run, result.unlike)} ({first_rows}), not comparable with {beside(run)}")
+    if excluded:
+        yield f"Left out: {'; '.join(excluded)}."
 
 
 def _machines(run: Run) -> list[str]:
-    """The processors and cores on which times were measured, each once."""
-    found: dict[str, None] = {}
-    of_settings = [timing for timing in run.timings if "rounds" in timing]
-    timings = of_settings or run.timings  # budgets take times of settings, if there are any
+    """The processors and cores on which times were measured, each once: "AMD EPYC, 8 cores"."""
+    machines: dict[str, None] = {}
+    timings = [timing for timing in run.timings if "rounds" in timing]  # those of settings, which budgets prefer
+    if not timings:
+        timings = list(run.timings)
     for timing in timings:
         name = timing.get("run", "")
         # A timing that names no start of the run is taken to be of the last one.
@@ -395,12 +442,12 @@ def _machines(run: Run) -> list[str]:
         if "cores" in machine:
             parts.append(f"{machine['cores']} cores")
         if parts:
-            found[", ".join(parts)] = None
-    return list(found)
+            machines[", ".join(parts)] = None
+    return list(machines)
 
 
 def _by_suite(run: Run, jobs: Sequence[Job]) -> str:
-    """How many jobs are of which suite: 3 of budgets, 1 of no suite."""
-    suites = {start.get("run"): str(start.get("suite") or "no suite") for start in run.starts}
+    """How many jobs are of which suite: "3 of budgets, 1 of no suite"."""
+    suites = {start.get("run"): str(start.get("suite") or "no suite") for start in run.starts}  # by run
     counts = Counter(suites.get(job.get("run"), "no suite") for job in jobs)
     return ", ".join(f"{count} of {suite}" for suite, count in counts.items())

@@ -10,7 +10,10 @@ from reports.table import Table
 
 
 def new_names(words: Sequence[str]) -> dict[str, str]:
-    """New names by old ones, of words `OLD=NEW`; the last `=` divides. `InputError` for a word without one."""
+    """New names by old ones, of words `OLD=NEW`; `InputError` for a word without an old name.
+
+    The last `=` divides, because an old name may be a label with settings, `neubtf steps=100`.
+    """
     names = {}
     for word in words:
         old, _, new = word.rpartition("=")
@@ -33,24 +36,24 @@ class Choice:
 
     def of_run(self, run: Run) -> Run:
         """The run with only the jobs of these codecs and materials, so that ranks and the best are among them."""
-        if self.against and not any(self.against in _called(job) for job in run.jobs):
+        if self.against and not any(self.against in _codec_names(job) for job in run.jobs):
             labels = "; ".join(dict.fromkeys(map(shown_label, run.jobs)))
             raise InputError(f"--against {self.against}: this run has no such row: it has {labels}")
         if not (self.codecs or self.materials):
             return run
-        there = {str(job["material"]) for job in run.jobs}
+        materials_of_run = {str(job["material"]) for job in run.jobs}
         for name in self.materials:
-            if name not in there:
-                raise InputError(f"--material {name}: this run does not have it{did_you_mean(name, there)}")
+            if name not in materials_of_run:
+                raise InputError(f"--material {name}: this run does not have it{did_you_mean(name, materials_of_run)}")
         jobs = Records({job["job"]: job for job in run.jobs if self._has(job)})
-        known = {str(job.get("codec") or job["label"]) for job in run.jobs}
-        known |= {shown_label(job) for job in run.jobs}
-        for wanted in self.codecs:
-            if not any(wanted in _called(job) for job in jobs):
-                raise InputError(f"--codec {wanted}: this run does not have it{did_you_mean(wanted, known)}")
+        codecs_of_run = {str(job.get("codec") or job["label"]) for job in run.jobs}
+        codecs_of_run |= {shown_label(job) for job in run.jobs}
+        for codec in self.codecs:
+            if not any(codec in _codec_names(job) for job in jobs):
+                raise InputError(f"--codec {codec}: this run does not have it{did_you_mean(codec, codecs_of_run)}")
         starts = []
-        for start in run.starts:
-            planned = [name for name in start.get("jobs", []) if self._has(_planned(name))]
+        for start in run.starts:  # the names of planned jobs, too, so that no other one is listed as not run
+            planned = [name for name in start.get("jobs", []) if self._has(_planned_job(name))]
             starts.append(start | {"jobs": planned})
         return replace(run, jobs=jobs, starts=starts)
 
@@ -60,88 +63,106 @@ class Choice:
             return False
         if not self.codecs:
             return True
-        return any(wanted in _called(job) for wanted in self.codecs)
+        return any(codec in _codec_names(job) for codec in self.codecs)
 
     def of_tables(self, tables: Sequence[Table]) -> list[Table]:
-        """The tables with these columns, in this order, and names; those without any of the columns, and those of
-        another material, are left out."""
+        """The tables with only the chosen columns, in the order of the choice, and with the new names.
+
+        Tables without any of the columns, and those of a material that is not chosen, are left out.
+        """
         if self.materials:
             tables = [table for table in tables if not table.material or table.material in self.materials]
         if self.columns:
-            every = [header for table in tables for header in table.headers[table.words :]]
-            for wanted in self.columns:
-                if not any(_matches(wanted, header) for header in every):
-                    there = "; ".join(dict.fromkeys(map(_named, every)))
-                    raise InputError(f"--column {wanted}: no such column: there are {there}")
-            cut = [self._cut(table) for table in tables]
-            tables = [table for table in cut if table]
+            tables = self._with_columns(tables)
         if self.names:
             return [self._renamed(table) for table in tables]
         return list(tables)
 
+    def _with_columns(self, tables: Sequence[Table]) -> list[Table]:
+        """The tables that have chosen columns, with only these; `InputError` for a column that no table has."""
+        headers: list[tuple[str, str]] = []  # of all columns of numbers
+        for table in tables:
+            headers += table.headers[table.words :]
+        for column in self.columns:
+            if not any(_matches(column, header) for header in headers):
+                columns_of_tables = "; ".join(dict.fromkeys(map(_name_and_unit, headers)))
+                raise InputError(f"--column {column}: no such column: there are {columns_of_tables}")
+        cut_tables = [self._cut(table) for table in tables]
+        return [table for table in cut_tables if table]
+
     def _cut(self, table: Table) -> Table | None:
-        """The table with its words and the wanted columns; None if it has none of them."""
-        places: dict[int, None] = {}
-        for wanted in self.columns:
+        """The table with its columns of words and the chosen columns of numbers; None if it has none of these."""
+        chosen_places: dict[int, None] = {}  # in the order of the choice, each once
+        for column in self.columns:
             for i in range(table.words, len(table.headers)):
-                if _matches(wanted, table.headers[i]):
-                    places[i] = None
-        if not places:
+                if _matches(column, table.headers[i]):
+                    chosen_places[i] = None
+        if not chosen_places:
             return None
-        return table.of_columns([*range(table.words), *places])
+        return table.of_columns([*range(table.words), *chosen_places])
 
     def _renamed(self, table: Table) -> Table:
         """The table with new names: of codecs and materials in the words at the left, the title and the notes, and of
         columns in the headers."""
-        words: list[str] = []
+        word_cells: list[str] = []
         rows = []
         for row in table.rows:
-            words += row[: table.words]
-            rows.append([*map(self.said, row[: table.words]), *row[table.words :]])
+            words, numbers = row[: table.words], row[table.words :]
+            word_cells += words
+            rows.append([*map(self.said, words), *numbers])
         # In notes only names that this table has are replaced: that of another codec may be a plain word there.
-        inside = {old for old in self.names if old == table.material or any(old in word for word in words)}
+        names_of_table = set()
+        for old in self.names:
+            if old == table.material or any(old in cell for cell in word_cells):
+                names_of_table.add(old)
         headers = [self._renamed_header(header) for header in table.headers]
-        notes = [self.said(note, inside) for note in table.notes]
+        notes = [self.said(note, names_of_table) for note in table.notes]
         material = self.names.get(table.material, table.material)
         return replace(table, headers=headers, rows=rows, title=self.said(table.title), notes=notes, material=material)
 
     def _renamed_header(self, header: tuple[str, str]) -> tuple[str, str]:
-        """A header, renamed if its name alone or its name with its unit has a new name; what a deviation is over
-        stays."""
+        """A header with its new name, which may be given for its name alone or for its name with its unit.
+
+        A new name for both replaces both: ("PSNR", "dB ↑ ± seeds") becomes ("quality", "± seeds").
+        """
         name, unit = header
-        line = _named(header)
-        if line in self.names:
+        name_and_unit = _name_and_unit(header)
+        if name_and_unit in self.names:
             _, sign, over = unit.partition("± ")  # of "dB ↑ ± seeds" keep "± seeds"
-            return self.names[line], sign + over
+            return self.names[name_and_unit], sign + over
         return self.names.get(name, name), unit
 
-    def said(self, text: str, old: set[str] | None = None) -> str:
-        """A text with new names in place of the old ones (all, or those in `old`) where they stand as whole words."""
-        replaced = self.names if old is None else old
-        words = sorted(replaced, key=len, reverse=True)  # of two that begin alike, the longer one is tried first
-        if not words:
+    def said(self, text: str, old_names: set[str] | None = None) -> str:
+        """A text with new names in place of old ones where these stand as whole words.
+
+        All old names are replaced, or only those in `old_names`.
+        """
+        replaced = self.names if old_names is None else old_names
+        longest_first = sorted(replaced, key=len, reverse=True)  # of two that begin alike, the longer is tried first
+        if not longest_first:
             return text
-        pattern = "|".join(rf"(?<![\w-]){re.escape(word)}(?![\w-])" for word in words)
-        return re.sub(pattern, lambda found: self.names[found[0]], text)
+        # A hyphen is part of a word, as in `neubtf-direct`.
+        pattern = "|".join(rf"(?<![\w-]){re.escape(name)}(?![\w-])" for name in longest_first)
+        return re.sub(pattern, lambda match: self.names[match[0]], text)
 
 
-def _planned(name: str) -> Job:
-    """What the name of a planned job, `MATERIAL/LABEL/SEED`, says of it."""
+def _planned_job(name: str) -> Job:
+    """A job with what the name of a planned job, `MATERIAL/LABEL/SEED`, says of it."""
     material, _, rest = name.partition("/")
     label = rest.rpartition("/")[0]
     return {"job": name, "material": material, "label": label, "codec": label.split(" ")[0]}
 
 
-def _called(job: Job) -> tuple[str, ...]:
-    """The possible names of a codec: its name, its label, its label in tables."""
+def _codec_names(job: Job) -> tuple[str, ...]:
+    """The names by which a choice may call the codec of a job: its name, its label, its label in tables."""
     return str(job.get("codec", "")), str(job.get("label", "")), shown_label(job)
 
 
-def _named(header: tuple[str, str]) -> str:
-    """A header on one line, name and unit, without what its deviation is over."""
+def _name_and_unit(header: tuple[str, str]) -> str:
+    """A header on one line without what its deviation is over: "PSNR dB ↑" of ("PSNR", "dB ↑ ± seeds")."""
     return " ".join(header).partition("±")[0].strip()
 
 
-def _matches(wanted: str, header: tuple[str, str]) -> bool:
-    """Whether a word names a column, in capitals or not: by the name alone, or by name and unit."""
-    return wanted.lower() in (header[0].lower(), _named(header).lower())
+def _matches(column: str, header: tuple[str, str]) -> bool:
+    """Whether a reader's word for a column means this header: its name, or its name and unit, in capitals or not."""
+    return column.lower() in (header[0].lower(), _name_and_unit(header).lower())

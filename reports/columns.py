@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from statistics import fmean, stdev
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 from bench.metrics import PERIODIC, in_decibels, is_relative, label_of, metric_of
 from bench.records import (
@@ -40,7 +40,8 @@ class Column:
 
     `value` finds the number and `write` formats it. If the number is a tuple, `pool` makes one tuple of those of
     several seeds. `native` finds the number of the measured data's own file, given its rank, bytes and bits. A `sparse`
-    column is left out if no row has a number for it. A `starred` number has a star, and is never the best.
+    column is left out if no row has a number for it. A `starred` number has a star, and is never the best. In the
+    methods, `seeds` are the rows of one codec with its settings on one material, one a seed.
     """
 
     name: str
@@ -66,19 +67,22 @@ class Column:
     def _text(self, seeds: Sequence[Row]) -> str:
         """The text of a cell without its star: the number, the `pool` of tuples, or mean ± std over seeds; a dash
         without seeds."""
+        if not seeds:
+            return NONE
         values = [self.value(row) for row in seeds]
         texts = [self._one_text(value) for value in values]
-        if len(set(texts)) < 2:  # all seeds read the same, or there is none
-            return texts[0] if texts else NONE
-        together = [value for value in values if isinstance(value, tuple)]
-        if together:
-            return self.write(self.pool(together))
+        if len(set(texts)) == 1:  # all seeds read the same
+            return texts[0]
+        tuples = [value for value in values if isinstance(value, tuple)]
+        if tuples:
+            return self.write(self.pool(tuples))
         numbers = [value for value in values if isinstance(value, int | float)]
         if not numbers:  # only words, such as "exact" and a dash: that of the first seed
             return texts[0]
+        mean = self.write(fmean(numbers))
         if len(numbers) == 1 or not self.deviation:  # a single number: other seeds are exact or were not measured
-            return self.write(fmean(numbers))
-        return f"{self.write(fmean(numbers))} ± {self.write(stdev(numbers))}"
+            return mean
+        return f"{mean} ± {self.write(stdev(numbers))}"
 
     def _one_text(self, value: Value) -> str:
         """One seed's value as text: a word as it is, and a dash for None."""
@@ -109,7 +113,10 @@ class Column:
         return fmean(numbers) if numbers else None
 
     def score(self, seeds: Sequence[Row]) -> float | None:
-        """How good the cell is, more is better; None if it is not a number, or if no end of the scale is better."""
+        """How good the cell is, more is better, infinite if it is exact.
+
+        None if it is not a number or has a star, or if no end of the scale is better.
+        """
         if not self.sign or not seeds or self.star(seeds):
             return None
         if all(self.value(row) == EXACT for row in seeds):
@@ -122,29 +129,32 @@ def _digits(metric: str) -> int:
     return 2 if in_decibels(metric) else 3
 
 
-def _scale(metric: MetricFacts) -> str:
-    """The unit of a metric with an arrow to the better end."""
+def _unit_and_arrow(metric: MetricFacts) -> str:
+    """The unit of a metric with an arrow to the better end: "dB ↑"; without a unit the arrow alone."""
     unit = "" if metric["unit"] == "1" else metric["unit"]
     arrow = "↑" if metric["direction"] == "higher" else "↓"
     return f"{unit} {arrow}".strip()
 
 
-def _mean(name: str, scale: str, family: str, group: str = "", digits: int = 2, statistic: str = "mean") -> Column:
-    """The mean, or another statistic, over the slices of a group, by default of the one that decides."""
+def _mean(name: str, unit: str, family: str, group: str = "", digits: int = 2, statistic: str = "mean") -> Column:
+    """A column of a metric: its mean, or another statistic, over the slices of a group of pairs.
+
+    Without a group, it is over the pairs that decide.
+    """
 
     def value(row: Row) -> Value:
         return stated(row.stats(group or row.deciding_group, family), statistic)
 
-    return Column(name, scale, value, partial(fixed, digits=digits))
+    return Column(name, unit, value, partial(fixed, digits=digits))
 
 
-def _spread(name: str, scale: str, family: str, digits: int = 2) -> Column:
-    """Mean ± std over the slices that decide."""
+def _spread(name: str, unit: str, family: str, digits: int = 2) -> Column:
+    """A column of a metric: its mean ± std over the slices that decide."""
 
     def value(row: Row) -> Value:
         return stated(row.stats(row.deciding_group, family), "mean", "std")
 
-    return Column(name, scale, value, partial(plus_minus, digits=digits), over="slices")
+    return Column(name, unit, value, partial(plus_minus, digits=digits), over="slices")
 
 
 def bits(job: Job, size: int) -> float:
@@ -154,7 +164,7 @@ def bits(job: Job, size: int) -> float:
 
 
 def _timed(name: str, unit: str, field: str, write: Callable[..., str] = significant) -> Column:
-    """A number of the timing; starred if it was timed in another start than the other rows."""
+    """A column of a number of the timing; starred if it was timed in another start than the other rows."""
 
     def value(row: Row) -> Value:
         """The number or the interval in a timing; `n/c` if it must not be compared, None without a timing."""
@@ -239,41 +249,44 @@ SIZE = (
 )
 
 
-def _declared() -> list[Column]:
+def _declared_columns() -> list[Column]:
     """The columns that fields of a record declare; see `bench.records.shown_columns`."""
     declared = []
     for field, (name, unit, digits) in shown_columns().items():
         write = partial(significant, digits=digits) if digits else _whole
-        declared.append(Column(name, unit, partial(_field, field), write))
+        declared.append(Column(name, unit, partial(_value_of_field, field), write))
     return declared
 
 
-def _field(name: str, row: Row) -> Value:
+def _value_of_field(name: str, row: Row) -> Value:
     return cast(Value, dict(row.job).get(name))
 
 
 def time() -> list[Column]:
     """The columns that fields declare, such as the seconds of a fit, and those of the time of a query."""
-    return [*_declared(), _NS, _INTERVAL, _FLOOR, _FUSED]
+    return [*_declared_columns(), _NS, _INTERVAL, _FLOOR, _FUSED]
 
 
 def scored(material: MaterialRows) -> list[Column]:
     """Columns of a file that was scored alone, without a record of its fit."""
-    chosen = []
+    sizes = []
     if all(row.job["bytes"] for row in material.measured):
-        chosen += [_PARAMETERS, _CHANNELS, TOTAL, BITS]
-    chosen += [replace(_TRAIN, name="train"), HELDOUT]
-    return [*chosen, *_others(material, _mean)]
+        sizes = [_PARAMETERS, _CHANNELS, TOTAL, BITS]
+    train = replace(_TRAIN, name="train")  # a shorter name, because a terminal is narrow
+    return [*sizes, train, HELDOUT, *_others(material, _mean)]
 
 
 def short(material: MaterialRows) -> list[Column]:
     """Columns that fit into the width of a terminal."""
-    return means([*scored(material), *_declared(), _NS, _FLOOR, _FUSED], HELDOUT)
+    return means([*scored(material), *_declared_columns(), _NS, _FLOOR, _FUSED], HELDOUT)
 
 
-def means(chosen: Sequence[Column], *whole: Column) -> list[Column]:
-    """The same columns, without the deviation over seeds except for `whole`, because a terminal is narrow."""
-    return [column if column in whole else replace(column, deviation=False) for column in chosen]
+def means(chosen: Sequence[Column], *with_deviation: Column) -> list[Column]:
+    """The same columns, of which only those `with_deviation` show that over seeds, because a terminal is narrow."""
+    narrowed = []
+    for column in chosen:
+        narrowed.append(column if column in with_deviation else replace(column, deviation=False))
+    return narrowed
 
 
 def quality(material: MaterialRows) -> list[Column]:
@@ -296,31 +309,33 @@ def papers(material: MaterialRows) -> list[Column]:
 
 def summary(materials: Sequence[MaterialRows]) -> list[Column]:
     """Columns of a summary over materials besides PSNR: every other metric, size, time."""
-    metrics: dict[
-        str, tuple[str, MetricFacts]
-    ] = {}  # by label: the variants of a metric have one label, and one column
+    # By label: the full name of a metric, and what records say of it. Its variants share one label, so one column.
+    metrics: dict[str, tuple[str, MetricFacts]] = {}
     for material in materials:
         for name, facts in material.metrics.items():
             metrics[label_of(name)] = name, facts
     quality = []
     for label, (name, facts) in metrics.items():
         if name != PSNR and not is_relative(name):
-            quality.append(_mean(label, _scale(facts), name.removesuffix(PERIODIC), digits=_digits(name)))
+            family = name.removesuffix(PERIODIC)
+            quality.append(_mean(label, _unit_and_arrow(facts), family, digits=_digits(name)))
     times = [_FLOOR]
     if any(row.fused for material in materials for row in material.measured):
         times.append(_FUSED)
-    return [*quality, TOTAL, *(replace(time, unit="× floor ↓") for time in times)]
+    # In a summary times are ranked, which an arrow in the unit asks for.
+    ranked_times = [replace(time, unit="× floor ↓") for time in times]
+    return [*quality, TOTAL, *ranked_times]
 
 
 def _others(material: MaterialRows, make: Callable[..., Column] = _spread) -> Iterator[Column]:
     """A column for each metric other than PSNR, without the errors of radiance, which have their own table."""
     for name, metric in material.metrics.items():
         if name != PSNR and not is_relative(name):
-            yield make(label_of(name), _scale(metric), family=name, digits=_digits(name))
+            yield make(label_of(name), _unit_and_arrow(metric), family=name, digits=_digits(name))
 
 
 def bands(job: Job) -> list[Column]:
-    """PSNR over each band of the pairs that decide."""
+    """PSNR over each band of the pairs that decide, with the number of slices in the header."""
     return [_mean(name, f"dB ↑ ({count:,})", PSNR, group) for name, group, count in _bands(job)]
 
 
@@ -339,10 +354,14 @@ def radiance_bands(job: Job) -> list[Column]:
         return absolute, 100 * relative
 
     def write(numbers: tuple[float, ...]) -> str:
+        """Such a value as text: "0.0123 (4.5 %)"."""
         relative = fixed(numbers[1], 1) if len(numbers) > 1 else NONE
         return f"{significant(numbers[0])} ({relative} %)"
 
-    return [Column(name, f"radiance ↓ ({count:,})", partial(value, group), write) for name, group, count in _bands(job)]
+    made = []
+    for name, group, count in _bands(job):
+        made.append(Column(name, f"radiance ↓ ({count:,})", partial(value, group), write))
+    return made
 
 
 def footprints(job: Job) -> list[Column]:
@@ -351,28 +370,37 @@ def footprints(job: Job) -> list[Column]:
     def value(side: str, row: Row) -> Value:
         return stated(row.job["footprints"].get(side, {}), "mean")
 
-    found = []
+    made = []
     for side in job["footprints"]:
-        name = f"{side} texel{'s' * (side != '1')}"
-        found.append(Column(name, "dB ↑", partial(value, side), partial(fixed, digits=2)))
-    return found
+        name = "1 texel" if side == "1" else f"{side} texels"
+        made.append(Column(name, "dB ↑", partial(value, side), partial(fixed, digits=2)))
+    return made
 
 
-def _bands(job: Job) -> list[tuple[str, str, int]]:
-    """(name, group, number of slices) of the pairs that decide, then of their subsets, without subsets of subsets.
+class _Band(NamedTuple):
+    """A group of pairs as a column: the name in the header, the group in a record, and the number of its slices."""
+
+    name: str
+    group: str
+    slices: int
+
+
+def _bands(job: Job) -> list[_Band]:
+    """All pairs that decide, then the subsets of them, without subsets of subsets.
 
     A group is named after what it is part of: "heldout", then "heldout, grazing view".
     """
-    decides = deciding_group(job["scores"])
-    bands = []
-    for group in job["scores"]:
-        prefix, _, band = group.partition(", ")
-        is_subset_of_subset = ", " in band
-        if prefix == decides and band and not is_subset_of_subset:
-            bands.append((_BAND_NAMES.get(band, band), group))
-    bands.sort(key=lambda item: _band_place(item[0]))
-    groups = [("held out" if decides == "heldout" else "all", decides), *bands]
-    return [(name, group, job["scores"][group].get("slices", 0)) for name, group in groups]
+    scores = job["scores"]
+    deciding = deciding_group(scores)
+    subsets = []
+    for group in scores:
+        parent, _, subset = group.partition(", ")
+        is_subset_of_subset = ", " in subset
+        if parent == deciding and subset and not is_subset_of_subset:
+            subsets.append(_Band(_BAND_NAMES.get(subset, subset), group, scores[group].get("slices", 0)))
+    subsets.sort(key=lambda band: _band_place(band.name))
+    all_name = "held out" if deciding == "heldout" else "all"
+    return [_Band(all_name, deciding, scores[deciding].get("slices", 0)), *subsets]
 
 
 def _band_place(name: str) -> int:
@@ -386,30 +414,34 @@ def scene(job: Job) -> list[Column]:
     if "scene" not in job:
         return []
 
-    def value(name: str, row: Row) -> Value:
+    def value(family: str, row: Row) -> Value:
         """A metric of the frames; “exact” where it has no number, None where it was not measured."""
         values = row.job.get("scene", {}).get("metrics", {})
-        known = metric_of(values, name)
-        if not known:
+        name = metric_of(values, family)  # the variant of the metric that scored this job; "" for none
+        if not name:
             return None
-        return EXACT if values[known] is None else values[known]
+        return EXACT if values[name] is None else values[name]
 
     chosen = [TOTAL]
     if SCENE_HELDOUT in job["scores"]:
         chosen.append(_mean("held out in the scene", "dB ↑", PSNR, SCENE_HELDOUT))
     for name, metric in _not_of_radiance(job, job["scene"]["metrics"]):
         write = partial(fixed, digits=_digits(name))
-        chosen.append(Column(f"frames {label_of(name)}", _scale(metric), partial(value, name), write))
+        chosen.append(Column(f"frames {label_of(name)}", _unit_and_arrow(metric), partial(value, name), write))
     for name, metric in _not_of_radiance(job, metrics_of(job, "scene")):
         label = f"weighted {label_of(name)}"
-        chosen.append(_mean(label, _scale(metric), name, "scene", _digits(name), "pooled"))
+        weighted = _mean(label, _unit_and_arrow(metric), name, group="scene", digits=_digits(name), statistic="pooled")
+        chosen.append(weighted)
     outside = _mean("outside PSNR", "dB ↑", PSNR, OUTSIDE)
     chosen += [replace(outside, whole_only=True), replace(HELDOUT, whole_only=True)]
     return chosen
 
 
 def _not_of_radiance(job: Job, names: Iterable[str]) -> Iterator[tuple[str, MetricFacts]]:
-    return ((name, facts_of(job, name)) for name in names if not is_relative(name))
+    """The names of metrics, each with what the record says of it, without those of the errors of radiance."""
+    for name in names:
+        if not is_relative(name):
+            yield name, facts_of(job, name)
 
 
 _BAND_NAMES = {"grazing view": "θ_o>60°", "grazing light": "θ_i>60°"}

@@ -36,24 +36,25 @@ def terminal(comparison: Comparison) -> str:
     """The whole comparison: deciding rows, all others, remarks, and the summary; without a trailing line break."""
     absent = [row for row in comparison.rows if row.why == ABSENT]
     if len(absent) >= _MANY:
-        present = [row for row in comparison.rows if row.why != ABSENT]
-        findings = [_partial(absent, present)]
+        listed = [row for row in comparison.rows if row.why != ABSENT]
+        findings = [_absent_line(absent, listed)]
     else:
-        present = list(comparison.rows)
+        listed = list(comparison.rows)
         findings = []
     tables = []
-    for material in dict.fromkeys(row.material for row in present):
-        rows = [row for row in present if row.material == material]
+    for material in dict.fromkeys(row.material for row in listed):
+        rows = [row for row in listed if row.material == material]
         tables += [_deciding(material, rows), *_others(material, rows)]
     if comparison.means:
         tables.append(_deciding(comparison.means[0].material, comparison.means))
-    for row in (*present, *comparison.means):
+    for row in (*listed, *comparison.means):
         findings += [f"{_word(verdict):<7} {row.name}: {text}" for verdict, text in row.findings()]
         findings += [f"{_word(row.verdict):<7} {row.name}: {note}" for note in row.notes]
     findings += [f"advice  {row.name}: {row.advice}" for row in comparison.rows if row.advice]
     remarks = "\n".join(_wrapped(text) for text in findings)
     legend = "\n".join(_wrapped(text) for text in _legend(comparison))
-    return "\n\n".join(block for block in (plain(tables), remarks, legend, comparison.summary) if block)
+    blocks = [plain(tables), remarks, legend, comparison.summary]
+    return "\n\n".join(block for block in blocks if block)
 
 
 def _legend(comparison: Comparison) -> list[str]:
@@ -65,24 +66,26 @@ def _legend(comparison: Comparison) -> list[str]:
         legend.append(_MEANS)
     if comparison.having(Verdict.UNLIKE):
         legend.append(_UNLIKE)
-    return [*legend, *(f"{note[:1].upper()}{note[1:]}." for note in comparison.notes)]
+    for note in comparison.notes:
+        legend.append(f"{note[:1].upper()}{note[1:]}.")  # as a sentence
+    return legend
 
 
-def _partial(absent: Sequence[ComparedRow], present: Sequence[ComparedRow]) -> str:
+def _absent_line(absent: Sequence[ComparedRow], present: Sequence[ComparedRow]) -> str:
     """One line on rows that the run never had, and the options that compare what it has."""
     materials = dict.fromkeys(row.material for row in present)
     codecs = dict.fromkeys(row.label.split()[0] for row in present)
     options = [f"--material {shlex.quote(name)}" for name in materials]
     options += [f"--codec {shlex.quote(name)}" for name in codecs]
     remedy = f"; to compare what is there: {' '.join(options)}" if options else ""
-    return f"{Verdict.GONE}    {len(absent)} rows: {ABSENT}{remedy}"
+    return f"{Verdict.GONE:<7} {len(absent)} rows: {ABSENT}{remedy}"  # as wide as the verdicts of other lines
 
 
 def markdown(comparison: Comparison) -> str:
     """The summary, remarks, the table of verdicts, and everything else folded away."""
-    every = [*comparison.rows, *comparison.means]
+    rows_and_means = [*comparison.rows, *comparison.means]
     remarks = []
-    for row in every:
+    for row in rows_and_means:
         findings = [(_MARKS[verdict], text) for verdict, text in row.findings()]
         findings += [("ℹ️ note", text) for text in row.notes]
         if row.advice:
@@ -90,12 +93,14 @@ def markdown(comparison: Comparison) -> str:
         remarks += [f"- {mark}: **{escaped(row.name)}**: {escaped(text)}" for mark, text in findings]
     blocks = [f"### neubtf-bench: {comparison.summary}", "\n".join(remarks)]
     if comparison.rows:
-        verdicts = [_MARKS[row.verdict] for row in every]
-        blocks.append(grid(_combined(every, [row.deciding for row in every], "verdict", verdicts)))
-    rows = [row for row in comparison.rows if row.shown]
+        deciding = [row.deciding for row in rows_and_means]
+        verdicts = [_MARKS[row.verdict] for row in rows_and_means]
+        blocks.append(grid(_combined(rows_and_means, deciding, "verdict", verdicts)))
+    rows = [row for row in comparison.rows if row.shown]  # those with changes of values that do not decide
     if rows:
+        others = [row.shown for row in rows]
         times = [_time(row) for row in rows]
-        rest = grid(_combined(rows, [row.shown for row in rows], "time, × mean-colour", times))
+        rest = grid(_combined(rows, others, "time, × mean-colour", times))
         blocks += [f"<details><summary>Everything else</summary>\n\n{rest}", "</details>"]
     blocks += [escaped(note) for note in comparison.notes]
     return "\n\n".join(block for block in blocks if block) + "\n"
@@ -140,17 +145,18 @@ def _cells(quantity: Quantity, change: Change | None) -> list[str]:
 def _others(material: str, rows: Sequence[ComparedRow]) -> list[Table]:
     """A list of the one table of values that do not decide, or empty: changes, new − base, and times."""
     rows = [row for row in rows if row.shown]
-    every = list(chain.from_iterable(row.shown for row in rows))
-    # A quantity that is the same in all rows needs no column.
-    changed = {change.quantity.name for change in every if _difference(change) != "="}
-    quantities = [quantity for quantity in _quantities([every]) if quantity.name in changed]
+    all_changes = list(chain.from_iterable(row.shown for row in rows))
+    # A quantity that is the same in both runs in all rows needs no column.
+    changed_names = {change.quantity.name for change in all_changes if _difference(change) != "="}
+    quantities = [quantity for quantity in _quantities([all_changes]) if quantity.name in changed_names]
     if not quantities and not any(row.timing for row in rows):
         return []
-    headers = [("change of", ""), *((q.name.replace("_", " "), q.scale) for q in quantities)]
+    headers = [("change of", "")]
+    headers += [(quantity.name.replace("_", " "), quantity.scale) for quantity in quantities]
     cells = []
     for row in rows:
-        line = [_difference(_find(row.shown, quantity)) for quantity in quantities]
-        cells.append([row.label, *line, _time(row)])
+        differences = [_difference(_find(row.shown, quantity)) for quantity in quantities]
+        cells.append([row.label, *differences, _time(row)])
     title = f"{material}: everything else"
     return [Table("compare", title, [*headers, ("time", "× mean-colour")], cells)]
 
@@ -162,15 +168,17 @@ def _difference(change: Change | None) -> str:
     return change.quantity.difference(change.difference)
 
 
-def _combined(rows: Sequence[ComparedRow], by_row: Sequence[list[Change]], name: str, last: list[str]) -> Table:
+def _combined(
+    rows: Sequence[ComparedRow], changes_of_rows: Sequence[list[Change]], last_header: str, last_cells: list[str]
+) -> Table:
     """The table of some rows: value, change and margin of each quantity in one cell, bold where it makes a row worse or
-    better. `by_row` has the changes of each row; `name` and `last` are the header and the cells of the last column."""
-    quantities = _quantities(by_row)
+    better. `changes_of_rows` and `last_cells`, those of the last column, are in the order of the rows."""
+    quantities = _quantities(changes_of_rows)
     cells = []
     marks: dict[tuple[int, int], str] = {}
-    for i, row in enumerate(rows):
-        changes = [_find(by_row[i], quantity) for quantity in quantities]
-        cells.append([row.material, row.label, *map(_cell, changes), last[i]])
+    for i, (row, changes_of_row, last_cell) in enumerate(zip(rows, changes_of_rows, last_cells, strict=True)):
+        changes = [_find(changes_of_row, quantity) for quantity in quantities]
+        cells.append([row.material, row.label, *map(_cell, changes), last_cell])
         for j, change in enumerate(changes, 2):  # after the columns of material and codec
             if change and change.verdict in (Verdict.WORSE, Verdict.BETTER):
                 marks[i, j] = BOLD
@@ -178,7 +186,7 @@ def _combined(rows: Sequence[ComparedRow], by_row: Sequence[list[Change]], name:
     for quantity in quantities:
         words = quantity.name.replace("_", " ")
         headers.append((f"{words}," if quantity.unit else words, quantity.scale))
-    return Table("compare", "", [*headers, (name, "")], cells, words=2, marks=marks)
+    return Table("compare", "", [*headers, (last_header, "")], cells, words=2, marks=marks)
 
 
 def _cell(change: Change | None) -> str:
@@ -204,9 +212,10 @@ def _time(row: ComparedRow) -> str:
     return f"{row.timing.base.mean:.2f} → {row.timing.new.mean:.2f}"
 
 
-def _quantities(by_row: Iterable[Sequence[Change]]) -> list[Quantity]:
+def _quantities(changes_of_rows: Iterable[Sequence[Change]]) -> list[Quantity]:
     """The quantities of the changes of some rows, each name once, in the order of first appearance."""
-    return list({change.quantity.name: change.quantity for change in chain.from_iterable(by_row)}.values())
+    by_name = {change.quantity.name: change.quantity for change in chain.from_iterable(changes_of_rows)}
+    return list(by_name.values())
 
 
 def _find(changes: Sequence[Change], quantity: Quantity) -> Change | None:

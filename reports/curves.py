@@ -40,10 +40,10 @@ def curves_tables(run: Run) -> Iterator[Table]:
     if AGAINST in points:
         tables.append(_differences(points, kinds))
     tables += [_metrics(points, list(result.surfaces)), _footprints(points, list(result.surfaces))]
-    found = [table for table in tables if table.rows]
-    if found:
-        found[-1].notes.extend(_notes(result))
-    yield from found
+    with_rows = [table for table in tables if table.rows]
+    if with_rows:  # notes on all of them stand once, below the last
+        with_rows[-1].notes.extend(_notes(result))
+    yield from with_rows
 
 
 def _differences(points: Points, kinds: Mapping[str, Sequence[str]]) -> Table:
@@ -51,43 +51,48 @@ def _differences(points: Points, kinds: Mapping[str, Sequence[str]]) -> Table:
 
     `kinds` has the names of the surfaces of each kind.
     """
-    anchor = dict(points[AGAINST])
+    anchor = points[AGAINST]  # the curves that all others are compared with
     summaries: dict[str, Summary] = {}
     kind_means: dict[str, list[float | None]] = {}  # by line, in the order of the kinds
     rates: dict[str, float | None] = {}
     for line, by_surface in points.items():
-        gaps = differences(dict(by_surface), anchor)
+        gaps = differences(by_surface, anchor)  # by surface: the gap in dB, then those of draws of seeds
         if line == AGAINST or not gaps:
             continue
         summaries[line] = summarised(gaps)
         rates[line] = _median_rate(by_surface, anchor)
         kind_means[line] = []
         for names in kinds.values():
-            decibels = [gaps[name][0] for name in names if name in gaps]  # draws over seeds follow the gap
+            decibels = [gaps[name][0] for name in names if name in gaps]
             kind_means[line].append(average(decibels))
-    order = sorted(summaries, key=lambda line: -summaries[line].median)
     rows: list[list[str]] = []
     scores: list[list[float | None]] = []
-    for line in order:
-        each = summaries[line]
-        interval = f"{_signed(each.low)} to {_signed(each.high)}"
-        if each.apart:
+    for line in sorted(summaries, key=lambda line: -summaries[line].median):  # the best first
+        summary = summaries[line]
+        interval = f"{_signed(summary.low)} to {_signed(summary.high)}"
+        if summary.apart:
             interval += "*"
         rate = rates[line]
-        share = NONE if rate is None else f"{signed(100 * rate, 0)} %"
-        numbers = [_signed(each.median), _signed(each.mean), interval, f"{each.won} of {each.surfaces}", share]
-        rows.append([line, *map(_signed, kind_means[line]), *numbers])
-        rate_score = None if rate is None else -rate
-        scores.append([None, *kind_means[line], each.median, each.mean, None, each.won, rate_score])
-    headers = [("codec", ""), *((f"{kind}, {len(names)}", "dB ↑") for kind, names in kinds.items())]
+        # Cells and their scores, column by column; a score of None is not compared.
+        cells = [line, *map(_signed, kind_means[line])]
+        values = [None, *kind_means[line]]
+        cells += [_signed(summary.median), _signed(summary.mean), interval]
+        values += [summary.median, summary.mean, None]
+        cells += [f"{summary.won} of {summary.surfaces}", NONE if rate is None else f"{signed(100 * rate, 0)} %"]
+        values += [summary.won, None if rate is None else -rate]  # fewer bytes are better
+        rows.append(cells)
+        scores.append(values)
+    headers = [("codec", "")]
+    headers += [(f"{kind}, {len(names)}", "dB ↑") for kind, names in kinds.items()]
     headers += [("median", "dB ↑"), ("mean", "dB ↑"), ("95 % interval", "of the mean"), ("ahead", "on ↑")]
     headers += [("BD-rate", "median ↓")]
-    apart = f"*: told apart: at least {FEWEST} surfaces, and an interval without 0."
-    few = f"None is told apart: that takes {FEWEST} surfaces."
-    enough = any(each.surfaces >= FEWEST for each in summaries.values())
+    if any(summary.surfaces >= FEWEST for summary in summaries.values()):
+        told_apart = f"*: told apart: at least {FEWEST} surfaces, and an interval without 0."
+    else:
+        told_apart = f"None is told apart: that takes {FEWEST} surfaces."
     notes = [
         "BD-PSNR: the mean gap in dB at equal bytes, over the bytes that both codecs reach. BD-rate: the mean gap in "
-        f"bytes at equal dB; less than 0 takes fewer bytes. {apart if enough else few}"
+        f"bytes at equal dB; less than 0 takes fewer bytes. {told_apart}"
     ]
     title = f"Curves against {AGAINST}: Bjøntegaard's differences, test PSNR"
     return Table("curves", title, headers, rows, notes, marks=best_cells(rows, scores))
@@ -114,22 +119,23 @@ def _metrics(points: Points, surfaces: Sequence[str]) -> Table:
     """A row a codec: three metrics at one size, each with the codec's place by it, so that a reader sees whether the
     metrics agree on the order. Codecs that lack one of them are left out."""
     families = (PSNR, SSIM, FLIP)
-    known: dict[str, list[float]] = {}  # by line: its values in the order of `families`
+    values: dict[str, dict[str, float]] = {}  # by line and family
     for line, by_surface in points.items():
-        means = [mean_at(by_surface, surfaces, AGREE_AT, family) for family in families]
-        values = [value for value in means if value is not None]
-        if len(values) == len(families):
-            known[line] = values
-    places = []  # a dictionary a metric: the place of each line by it, 1 the best
-    for column, family in enumerate(families):
-        by_line = {line: values[column] for line, values in known.items()}
-        ranked = sorted(by_line, key=by_line.__getitem__, reverse=direction_of(family) == "higher")
-        places.append({line: place for place, line in enumerate(ranked, 1)})
+        values_of_line: dict[str, float] = {}
+        for family in families:
+            mean = mean_at(by_surface, surfaces, AGREE_AT, family)
+            if mean is not None:
+                values_of_line[family] = mean
+        if len(values_of_line) == len(families):
+            values[line] = values_of_line
+    places: dict[str, dict[str, int]] = {}  # by family and line; 1 is the best
+    for family in families:
+        higher_is_better = direction_of(family) == "higher"
+        best_first = sorted(values, key=lambda line: values[line][family], reverse=higher_is_better)
+        places[family] = {line: place for place, line in enumerate(best_first, 1)}
     rows = []
-    for line in places[0]:  # the best PSNR first
-        cells = []
-        for value, family, place in zip(known[line], families, places, strict=True):
-            cells.append(f"{fixed(value, _DIGITS[family])} ({place[line]})")
+    for line in places[PSNR]:  # the best PSNR first
+        cells = [f"{fixed(values[line][family], _DIGITS[family])} ({places[family][line]})" for family in families]
         rows.append([line, *cells])
     headers = [("codec", ""), ("PSNR", "dB ↑"), ("SSIM", "↑"), ("FLIP", "↓")]
     title = f"Curves at {AGREE_AT} bits a texel on {len(surfaces)} surfaces: three metrics, and the place by each"
@@ -138,18 +144,20 @@ def _metrics(points: Points, surfaces: Sequence[str]) -> Table:
 
 def _footprints(points: Points, surfaces: Sequence[str]) -> Table:
     """A row a codec: PSNR at one size, a column a footprint. From further away a pixel covers more texels a side."""
-    known: dict[str, list[float]] = {}  # by line: its values in the order of `FOOTPRINTS`
+    decibels: dict[str, list[float]] = {}  # by line: its PSNR in the order of `FOOTPRINTS`; lines that lack one are out
     for line, by_surface in points.items():
         means = [mean_at(by_surface, surfaces, AGREE_AT, footprint=side) for side in FOOTPRINTS]
         values = [value for value in means if value is not None]
         if len(values) == len(FOOTPRINTS):
-            known[line] = values
+            decibels[line] = values
     rows: list[list[str]] = []
     scores: list[list[float | None]] = []
-    for line in sorted(known, key=lambda line: -known[line][-1]):  # the best at the largest footprint first
-        rows.append([line, *(fixed(value, _DIGITS[PSNR]) for value in known[line])])
-        scores.append([None, *known[line]])
-    headers = [("codec", ""), *((f"{side} texel{'s' * (side != '1')}", "dB ↑") for side in FOOTPRINTS)]
+    for line in sorted(decibels, key=lambda line: -decibels[line][-1]):  # the best at the largest footprint first
+        rows.append([line, *(fixed(value, _DIGITS[PSNR]) for value in decibels[line])])
+        scores.append([None, *decibels[line]])
+    headers = [("codec", "")]
+    for side in FOOTPRINTS:
+        headers.append(("1 texel" if side == "1" else f"{side} texels", "dB ↑"))
     title = f"Curves at {AGREE_AT} bits a texel on {len(surfaces)} surfaces: PSNR by footprint"
     note = (
         "Footprint: texels a side of a pixel. The truth is averaged over it; a codec without levels of detail aliases."
@@ -165,5 +173,7 @@ def _notes(result: Budgets) -> list[str]:
     """The notes below the last table: what is read off, what a dash means, and how many jobs are left out."""
     reach = f"{NONE}: a curve does not reach that size on each surface, or has fewer than {LEAST_RUNGS} rungs there."
     cap = f"A surface counts at most {CAP_DB} dB, an error of one step of an 8-bit display."
-    left = [f"Left out: {len(result.unlike)} jobs that are not comparable."] if result.unlike else []
-    return [f"Read off the hull of rungs that validation pairs leave (docs/metrics.md, “Curves”). {reach} {cap}", *left]
+    notes = [f"Read off the hull of rungs that validation pairs leave (docs/metrics.md, “Curves”). {reach} {cap}"]
+    if result.unlike:
+        notes.append(f"Left out: {len(result.unlike)} jobs that are not comparable.")
+    return notes

@@ -46,34 +46,35 @@ def drawn(runs: Sequence[Path], wanted: Wanted) -> list[Figure]:
     if wanted.kind == PAIRS:
         names = dict.fromkeys(str(job["material"]) for job in run.jobs if job["status"] == "ok")
         inset = Inset(*wanted.inset) if wanted.inset else None
-        found = [pairs_figure(run, name, wanted.pairs, inset) for name in names]
+        figures_of_kind = [pairs_figure(run, name, wanted.pairs, inset) for name in names]
     else:
-        found = list(figures.ALL[wanted.kind](run))
-    if not found:
+        figures_of_kind = list(figures.ALL[wanted.kind](run))
+    if not figures_of_kind:
         raise InputError(f"figure {wanted.kind}: this run has nothing to draw: `neubtf-bench report` draws what it has")
-    return [_finished(figure, wanted) for figure in found]
+    return [_with_names_and_width(figure, wanted) for figure in figures_of_kind]
 
 
-def _finished(figure: Figure, wanted: Wanted) -> Figure:
-    """The figure with new names and its width on paper."""
-    drawing = figure.drawing.drawing if isinstance(figure.drawing, Sheet) else figure.drawing
-    assert drawing
+def _with_names_and_width(figure: Figure, wanted: Wanted) -> Figure:
+    """The figure drawn again with the new names of the choice, at the wanted width on paper."""
+    sheet = figure.drawing if isinstance(figure.drawing, Sheet) else None  # of pictures; other figures are plots
+    drawing = sheet.drawing if sheet else figure.drawing
+    assert isinstance(drawing, Drawing)
     texts = [text for text in drawing.findobj(Text) if isinstance(text, Text)]
     for text in texts:
         text.set_text(wanted.choice.said(text.get_text()))
-    if wanted.width and isinstance(figure.drawing, Sheet):
+    if wanted.width and sheet:
         _scale(drawing, wanted.width * CM, texts)
     elif wanted.width:
         _narrow(drawing, wanted.width * CM)
     with style():
-        drawn_again = figure.drawing.png() if isinstance(figure.drawing, Sheet) else png(drawing)
-    return replace(figure, png=drawn_again)
+        content = sheet.png() if sheet else png(drawing)
+    return replace(figure, png=content)
 
 
 def _scale(drawing: Drawing, width: float, texts: Sequence[Text]) -> None:
     """Scale a drawing to a width in inches: texts keep their proportion to pictures, and pictures their pixels."""
-    before, height = drawing.get_size_inches()
-    scale = width / before
+    old_width, height = drawing.get_size_inches()
+    scale = width / old_width
     drawing.set_size_inches(width, scale * height)
     drawing.set_dpi(drawing.get_dpi() / scale)  # as many pixels as before, on fewer or more inches
     for text in texts:
@@ -82,32 +83,32 @@ def _scale(drawing: Drawing, width: float, texts: Sequence[Text]) -> None:
 
 def _narrow(drawing: Drawing, width: float) -> None:
     """Draw plots at a width in inches: texts keep their size in points, and the legend moves below the axes."""
-    boxes = [axes.get_legend() for axes in drawing.axes]
-    legends = [box for box in boxes if box is not None]
+    legends_or_none = [axes.get_legend() for axes in drawing.axes]
+    legends = [legend for legend in legends_or_none if legend is not None]
     drawing.set_figwidth(width)
     renderer = drawing.canvas.get_renderer()  # type: ignore[attr-defined]
     legend_heights = [legend.get_window_extent(renderer).height / drawing.dpi for legend in legends]  # in inches
-    below = max(legend_heights, default=0.0)
-    plot = PLOT * (width - LEFT)  # the height of the axes
-    height = TITLE + plot + LABELS + below
+    legend_height = max(legend_heights, default=0.0)
+    axes_height = PLOT * (width - LEFT)
+    height = TITLE + axes_height + LABELS + legend_height
     drawing.set_figheight(height)
-    bottom = (LABELS + below) / height  # Matplotlib takes margins as shares of the whole drawing
+    bottom = (LABELS + legend_height) / height  # Matplotlib takes margins as shares of the whole drawing
     drawing.subplots_adjust(left=LEFT / width, right=1 - RIGHT / width, bottom=bottom, top=1 - TITLE / height)
     for legend in legends:
         legend.set_loc("upper left")
         # In units of the first axes: at their left edge, and as far below them as their labels take.
-        legend.set_bbox_to_anchor((0, -LABELS / plot), transform=drawing.axes[0].transAxes)
+        legend.set_bbox_to_anchor((0, -LABELS / axes_height), transform=drawing.axes[0].transAxes)
     for axes in drawing.axes:
         for text in axes.get_children():  # its titles, and words beside points, which are short
             if isinstance(text, Text):
                 text.set_text(_folded(text, width - LEFT))
-        axes.yaxis.label.set_text(_folded(axes.yaxis.label, plot))
+        axes.yaxis.label.set_text(_folded(axes.yaxis.label, axes_height))  # it runs upwards
 
 
-def _folded(text: Text, room: float) -> str:
+def _folded(text: Text, width: float) -> str:
     """The words of a text on lines that fit into a width in inches."""
-    letter_points = LETTER * float(text.get_fontsize())
-    letters = max(8, int(room * 72 / letter_points))  # 72 points an inch
+    letter_inches = LETTER * float(text.get_fontsize()) / 72  # 72 points an inch
+    letters = max(8, int(width / letter_inches))  # not less than a short word, whatever the width
     lines = []
     for line in text.get_text().split("\n"):
         lines += textwrap.wrap(line, letters)

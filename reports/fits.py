@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from bench.records import Run
-from reports.numbers import fixed, integer, significant
+from reports.numbers import NONE, fixed, integer, significant
 from reports.rows import materials
 from reports.table import Table
 
@@ -40,7 +40,7 @@ def curves_by_material(run: Run) -> dict[str, list[FitCurve]]:
 
 
 def fit_tables(run: Run) -> Iterator[Table]:
-    """Steps and seconds to each goal, for each material with curves."""
+    """A table for each material with curves: the end of each fit, then steps and seconds to each goal."""
     headers = [("codec", ""), ("end", "dB ↑"), ("steps", ""), ("time", "s ↓")]
     for goal in GOALS_DB:
         headers += [(f"to {goal} dB", "steps ↓"), (f"to {goal} dB", "s ↓")]
@@ -55,7 +55,10 @@ def _cells(fit: FitCurve) -> list[str]:
     steps, seconds, psnr = fit.points[-1]
     cells = [fixed(psnr, 2), integer(steps), significant(seconds, 2)]
     for goal in GOALS_DB:
-        reached = [(step, second) for step, second, quality in fit.points if quality >= goal]
-        step, second = reached[0] if reached else (None, None)  # where it was first reached
-        cells += [integer(step), significant(second, 2)]
+        goal_cells = [NONE, NONE]
+        for step, second, quality in fit.points:
+            if quality >= goal:  # the first point that reaches it
+                goal_cells = [integer(step), significant(second, 2)]
+                break
+        cells += goal_cells
     return cells

@@ -19,10 +19,12 @@ def _sha256(text: str) -> str:
 
 def _webp(figure: Figure) -> str:
     """A figure as the data URL of a WebP, half as large as its PNG; without loss, except for maps of texels."""
-    lossy = figure.kind == "abrdf"
-    how = {"quality": 90, "method": 4} if lossy else {"lossless": True, "quality": 30, "method": 1}
+    if figure.kind == "abrdf":
+        options: dict[str, int] = {"quality": 90, "method": 4}
+    else:
+        options = {"lossless": True, "quality": 30, "method": 1}  # without loss, the last two are the effort to pack it
     with Image.open(io.BytesIO(figure.png)) as picture:
-        return webp(picture.convert("RGB"), **how)
+        return webp(picture.convert("RGB"), **options)
 
 
 TEMPLATES = Environment(

@@ -43,34 +43,35 @@ def live(run: Run, materials: Sequence[MaterialRows], share: float = 1) -> dict[
     A codec is live at the setting of its highest PSNR alone, once for the whole material and once for its scene.
     """
     by_material = {material.name: Live({}, {}) for material in materials}
-    left = int(share * BUDGET)
-    done: dict[tuple[str, bool, str], str] = {}  # by codec, whether of a scene, and material: the label that is live
+    room = int(share * BUDGET)  # characters that are left
+    # By codec, whether it is of a scene, and material: the label of the setting that is live.
+    live_settings: dict[tuple[str, bool, str], str] = {}
     for material in materials:
         packed = _packed_truth(run, material)
         if packed:
             by_material[material.name].models["truth"] = packed
-            left -= len(packed)
-    ranked = [sorted(material.shown, key=by_psnr, reverse=True) for material in materials]
-    for turn in zip_longest(*ranked):  # the best of each material, then the second of each, …
-        for material, row in zip(materials, turn, strict=True):
-            if row is None:
+            room -= len(packed)
+    best_first = [sorted(material.shown, key=by_psnr, reverse=True) for material in materials]
+    for rows_of_turn in zip_longest(*best_first):  # the best row of each material, then the second of each, …
+        for material, row in zip(materials, rows_of_turn, strict=True):
+            if row is None:  # this material has fewer rows than another
                 continue
-            here = by_material[material.name]
+            live_of_material = by_material[material.name]
             codec = str(row.job.get("codec"))
             # A model of a scene answers for its scene alone: the PSNR of the whole material does not rank it.
             key = codec, fitted_to_scene(row.job), material.name
-            if key in done:
-                shown = f"each codec is live at its highest PSNR alone, {done[key]}"
-                here.missing[row.label] = f"{shown}: `neubtf-bench view` shows the file of this one"
+            if key in live_settings:
+                why = f"each codec is live at its highest PSNR alone, {live_settings[key]}"
+                live_of_material.missing[row.label] = f"{why}: `neubtf-bench view` shows the file of this one"
                 continue
             try:
-                packed = _packed(run, row, min(left, LARGEST))
+                packed = _packed(run, row, min(room, LARGEST))
             except InputError as error:
-                here.missing[row.label] = str(error)
+                live_of_material.missing[row.label] = str(error)
                 continue
-            here.models[row.label] = packed
-            done[key] = row.label
-            left -= len(packed)
+            live_of_material.models[row.label] = packed
+            live_settings[key] = row.label
+            room -= len(packed)
     return by_material
 
 
@@ -82,34 +83,38 @@ def _packed_truth(run: Run, material: MaterialRows) -> str:
     job = next((row.job for row in material.shown if "drawing" in row.job), None)
     if not job:
         return ""
+    # The truth stands beside the drawings of codecs; the digest of the material's data names it.
     path = (run.folder / job["drawing"]).parent / f"truth-{job['score_key']['btf'][:16]}.npz"
     if not path.is_file():
         return ""
     try:
-        data = model_data(Shown("truth", program(path), job["score_key"]["exposure"], _TRUTH), bytes)
+        truth = Shown("truth", program(path), job["score_key"]["exposure"], _TRUTH)
+        data = model_data(truth, bytes)
     except InputError:
         return ""  # a run's records are worth reading without its bulky parts
-    data["white"], data["half"] = _painted(cast(bytes, data["half"]), job["shape"])
+    # In place of the bytes of floats stands the WebP; `white` tells the viewer that it is one.
+    data["white"], data["half"] = _slices_as_webp(cast(bytes, data["half"]), job["shape"])
     packed = pack(data)
     return packed if len(packed) <= LARGEST else ""
 
 
-def _painted(half: bytes, shape: Sequence[int]) -> tuple[float, bytes]:
-    """Slices as one WebP, one below the other, (n · H, W), and the value that is white in it.
+def _slices_as_webp(half: bytes, shape: Sequence[int]) -> tuple[float, bytes]:
+    """The value that is white in the picture, and the slices as one WebP, one below the other, (n · H, W).
 
     `half` are the bytes of rows of four 16-bit floats, linear RGB and one that is not used, texel after texel and slice
     after slice; rows that pad the texture follow. `shape` is (H, W).
     """
     values = np.frombuffer(half, np.float16).reshape(-1, 4)[:, :3].astype(np.float32)
     height, width = shape
-    count = len(values) // (height * width)
-    # Not the largest value: a few highlights would leave few levels to the rest.
+    slices = len(values) // (height * width)  # rounded down, because padding follows the last one
+    # Not the largest value: a few highlights would leave few levels to the rest. Nor 0, by which black slices cannot be
+    # divided.
     white = max(float(np.quantile(values, 0.999)), 1e-6)
-    levels = 255 * np.clip(values[: count * height * width] / white, 0, 1) ** (1 / GAMMA)
-    out = io.BytesIO()
-    sheet = np.round(levels).astype(np.uint8).reshape(count * height, width, 3)
-    Image.fromarray(sheet).save(out, "webp", quality=92, method=4)
-    return white, out.getvalue()
+    levels = 255 * np.clip(values[: slices * height * width] / white, 0, 1) ** (1 / GAMMA)
+    file = io.BytesIO()
+    sheet = np.round(levels).astype(np.uint8).reshape(slices * height, width, 3)
+    Image.fromarray(sheet).save(file, "webp", quality=92, method=4)
+    return white, file.getvalue()
 
 
 def _packed(run: Run, row: Row, room: int) -> str:
@@ -121,7 +126,8 @@ def _packed(run: Run, row: Row, room: int) -> str:
     if path.is_file() and PACKED * path.stat().st_size > room:
         raise InputError(_TOO_LARGE)
     note = f"{row.label}: {row.job['bytes']['total']:,} bytes"
-    packed = pack(model_data(Shown(row.label, program(path), row.job["score_key"]["exposure"], note), bytes))
+    model = Shown(row.label, program(path), row.job["score_key"]["exposure"], note)
+    packed = pack(model_data(model, bytes))
     if len(packed) > room:
         raise InputError(_TOO_LARGE)
     return packed
@@ -133,19 +139,20 @@ def by_psnr(row: Row) -> float:
 
 
 def pack(data: object) -> str:
-    """Data with bytes in them as text for a page, whose `unpacked` reads it.
+    """Data with `bytes` objects in them as text for a page, whose function `unpacked` in JavaScript reads it.
 
-    It is the length of the JSON in four bytes, the JSON, then all bytes one after the other, deflated and in base64. In
-    the JSON, {raw: [from, length]} stands in place of bytes. With bytes in base64 inside the JSON it would be larger.
+    It is the length of the JSON in four bytes, the JSON, then all `bytes` one after the other, deflated and in base64.
+    In the JSON, {raw: [start, length]} stands in place of a `bytes` object. With its base64 there the text would be
+    larger.
     """
-    places: dict[bytes, list[int]] = {}  # of all bytes so far, in order: where they begin, and how many they are
+    places: dict[bytes, list[int]] = {}  # by `bytes` object, in order: where it starts after the JSON, and its length
 
-    def place(raw: bytes) -> object:
-        """What stands for bytes in the JSON; equal bytes are stored once."""
+    def placeholder(raw: bytes) -> object:
+        """What stands for a `bytes` object in the JSON; equal ones are stored once."""
         start = sum(map(len, places))
         return {"raw": places.setdefault(raw, [start, len(raw)])}
 
-    text = json.dumps(data, default=place).encode()
+    text = json.dumps(data, default=placeholder).encode()
     length = len(text).to_bytes(4, "little")
-    packed = zlib.compress(length + text + b"".join(places), 9)
+    packed = zlib.compress(length + text + b"".join(places), 9)  # 9: the smallest
     return base64.b64encode(packed).decode()

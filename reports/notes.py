@@ -34,39 +34,43 @@ def quality_notes(material: MaterialRows) -> list[str]:
     job = material.first
     if job is None:
         return []
-    held = f"the {job['split']} pairs" if "split" in job else "the held-out pairs"
-    pairs = held if deciding_group(job["scores"]) == "heldout" else "all pairs, none being held out"
+    if deciding_group(job["scores"]) != "heldout":
+        pairs = "all pairs, none being held out"
+    elif "split" in job:
+        pairs = f"the {job['split']} pairs"
+    else:
+        pairs = "the held-out pairs"
     text = f"Quality is measured at {pairs} (“train”: training pairs), decoded from the file, as a mean over slices."
     return [Note(about_quality(text)), *_metrics(material), *common_notes(material)]
 
 
 def cost_notes(material: MaterialRows) -> list[str]:
     """Footnotes that define the columns of size and time."""
+    if material.first is None:
+        return []
     bytes_note = Note(("Bytes are those of the whole file; “other” includes the header.", _BYTES.__contains__))
-    times = map(about_times, [*_timing(material), *height_notes([material]), *_programs(material)])
-    shared = []  # a codec whose file also needs the file of a network
-    having = [row for row in material.measured if "shared" in row.job["bytes"]]
-    by_size = grouped(having, lambda row: row.job["bytes"]["shared"])
+    shared_notes = []  # on codecs whose files also need the file of a network
+    rows_with_shared = [row for row in material.measured if "shared" in row.job["bytes"]]
+    by_size = grouped(rows_with_shared, lambda row: row.job["bytes"]["shared"])
     for size, rows in by_size.items():
         names = ", ".join(dict.fromkeys(row.label for row in rows))
         needs = f"the decoder also needs the shared network, {size:,} bytes for all materials, not in the total."
-        shared.append(Note((f"{names}: {needs}", _BYTES.__contains__)))
-    if material.first is None:
-        return []
-    return [bytes_note, *shared, *times, *_not_comparable(material)]
+        shared_notes.append(Note((f"{names}: {needs}", _BYTES.__contains__)))
+    time_texts = [*_timing(material), *height_notes([material]), *_programs(material)]
+    return [bytes_note, *shared_notes, *map(about_times, time_texts), *_not_comparable(material)]
 
 
 def common_notes(material: MaterialRows) -> list[str]:
-    """Footnotes common to all tables of a material: on exact slices, a dominant slice, and rows left out."""
-    notes: list[str] = []
+    """Footnotes common to all tables of a material: on exact slices, and on rows that cannot be compared."""
+    exact_notes: list[str] = []
     for row in material.measured:
         stats = row.stats(row.deciding_group, PSNR)
         exact = stats.get("exact")
         if exact:
             counted = f"{exact:,} of {stats['slices']:,} slices"
             text = f"{row.name}: {counted} have no error in display space; they count as 100 dB."
-            notes.append(Note(about_quality(text)))
-    return [*notes, *_not_comparable(material)]
+            exact_notes.append(Note(about_quality(text)))
+    return [*exact_notes, *_not_comparable(material)]
 
 
 SCENE_LAST = (
@@ -94,28 +98,34 @@ def run_notes(run: Run) -> list[str]:
 def _metrics(material: MaterialRows) -> Iterator[str]:
     """A note with the full names of the metrics of the columns, and their unit, direction, space and version."""
     parts: list[Part] = []
-    for name, each in material.metrics.items():
-        words = [word for word in (each["unit"], each.get("space")) if word and word != "1"]
-        text = ", ".join([f"{name} version {each.get('version', '?')}", *words, f"{each['direction']} is better"])
-        # Several columns show PSNR under other names, and need its definition as well.
-        derived = {"PSNR train", "train", "worst tenth", "PSNR pooled"} if name == PSNR else set()
-        parts.append((text, {label_of(name), *derived}.__contains__))
+    for name, facts in material.metrics.items():
+        words = [f"{name} version {facts.get('version', '?')}"]
+        if facts["unit"] and facts["unit"] != "1":  # "1": it has no unit
+            words.append(facts["unit"])
+        space = facts.get("space")
+        if space and space != "1":
+            words.append(space)
+        words.append(f"{facts['direction']} is better")
+        columns = {label_of(name)}
+        if name == PSNR:  # several columns show it under other names, and need its definition as well
+            columns |= {"PSNR train", "train", "worst tenth", "PSNR pooled"}
+        parts.append((", ".join(words), columns.__contains__))
     if parts:
         yield Note(*parts, around=("Metrics: ", "; ", "."))
 
 
 def _timing(material: MaterialRows) -> Iterator[str]:
     """Footnotes on times: their conditions, one texel a query, fused queries, and rows that were timed otherwise."""
-    timed = [row for row in material.measured if row.timing and not row.timing_obstacle]
-    state = timed[0].timing if timed else None
-    if state:
-        fetch = "texture fetch included" if state.get("texture_fetch") else "without the texture fetch"
+    timed_rows = [row for row in material.measured if row.timing and not row.timing_obstacle]
+    timing = timed_rows[0].timing if timed_rows else None  # all of them have the same conditions
+    if timing:
+        fetch = "texture fetch included" if timing.get("texture_fetch") else "without the texture fetch"
         yield (
-            f"Time a sample: median of a batch of {state.get('batch'):,}, {state.get('dtype')}, "
-            f"{state.get('threads')} CPU thread(s), {state.get('device')}, {state.get('execution')}, {fetch}; "
+            f"Time a sample: median of a batch of {timing.get('batch'):,}, {timing.get('dtype')}, "
+            f"{timing.get('threads')} CPU thread(s), {timing.get('device')}, {timing.get('execution')}, {fetch}; "
             "floor: one bilinear fetch of a colour, timed before and after each codec in every turn."
         )
-    yield from one_texel_notes(timed)
+    yield from one_texel_notes(timed_rows)
     if any(row.fused for row in material.measured):
         yield "Fused: the whole query as one kernel, by `neubtf-bench trade`, in multiples of the floor timed with it."
     apart = (row for row in material.measured if row.timing_obstacle)
@@ -135,18 +145,25 @@ def one_texel_notes(rows: Iterable[Row]) -> Iterator[str]:
 
 def height_notes(materials: Sequence[MaterialRows]) -> Iterator[str]:
     """Notes on the materials for which timed files of a codec store a height; marching it takes most of their time."""
-    found: dict[str, dict[bool, dict[str, None]]] = {}  # by label, and whether there is a height: the materials
+    with_height: dict[str, dict[str, None]] = {}  # the materials by label, each once
+    without_height: dict[str, dict[str, None]] = {}
+    labels: dict[str, None] = {}
     for material in materials:
         for row in material.measured:
             settings = row.job.get("settings", {})
             if settings.get("relief") and (row.timing or row.fused):
                 # The height is one more channel.
-                holds = row.job["cost"]["texture_channels"] == int(settings["latents"]) + 1
-                found.setdefault(row.label, {}).setdefault(holds, {})[material.name] = None
-    words = {True: "a height on", False: "none on"}
-    for label, surfaces in found.items():
-        held = "; ".join(f"{words[holds]} {', '.join(surfaces[holds])}" for holds in (True, False) if holds in surfaces)
-        yield f"{label}: its file stores {held}; rays are marched through a height, which takes time."
+                has_height = row.job["cost"]["texture_channels"] == int(settings["latents"]) + 1
+                by_label = with_height if has_height else without_height
+                by_label.setdefault(row.label, {})[material.name] = None
+                labels[row.label] = None
+    for label in labels:
+        words = []
+        if label in with_height:
+            words.append(f"a height on {', '.join(with_height[label])}")
+        if label in without_height:
+            words.append(f"none on {', '.join(without_height[label])}")
+        yield f"{label}: its file stores {'; '.join(words)}; rays are marched through a height, which takes time."
 
 
 def _programs(material: MaterialRows) -> Iterator[str]:
@@ -169,12 +186,13 @@ def _not_comparable(material: MaterialRows) -> Iterator[str]:
 
 def _older(run: Run) -> Iterator[str]:
     """Footnotes on rows that were fitted or scored by another revision than that of the latest start."""
-    older: dict[tuple[str, str], list[str]] = {}
+    latest = run.starts[-1].get("git")
+    older: dict[tuple[str, str], list[str]] = {}  # by the revisions of fit and score: the names of jobs
     for job in run.jobs:
         fitted = job.get("fitted", {}).get("git")
         scored = job.get("scored", {}).get("git")
-        others = {fitted, scored} - {run.starts[-1].get("git"), None}  # None: the record does not say
-        if job["status"] == "ok" and others:
+        other_revisions = {fitted, scored} - {latest, None}  # None: the record does not say
+        if job["status"] == "ok" and other_revisions:
             older.setdefault((str(fitted), str(scored)), []).append(job["job"])
     for (fitted, scored), jobs in older.items():
         listed = ", ".join(jobs[:5])
@@ -190,24 +208,27 @@ def _provenance(start: RunStart) -> str:
     parts = [f"Suite {start.get('suite', '?')}", f"run {start.get('run', '?')}"]
     if start.get("git"):
         parts.append(f"revision {start['git']}")
-    parts += [f"{name} {packages[name]}" for name in ("neubtf-bench", "torch", "numpy") if name in packages]
-    parts += [f"{machine.get('processor', '?')}, {machine.get('cores', '?')} cores, device {start.get('device', '?')}"]
+    for name in ("neubtf-bench", "torch", "numpy"):
+        if name in packages:
+            parts.append(f"{name} {packages[name]}")
+    parts += [str(machine.get("processor", "?")), f"{machine.get('cores', '?')} cores", f"device {start.get('device', '?')}"]
     return ", ".join(parts) + "."
 
 
 def not_run(run: Run) -> Iterator[tuple[str, str, list[int]]]:
-    """Material, codec and seeds of the planned jobs of a run without a record."""
-    labels = {str(job.get("label")): shown_label(job) for job in run.jobs}
-    cells: dict[tuple[str, str], list[int]] = {}  # the seeds of each material and codec
-    planned: dict[str, None] = {}
+    """Material, label and seeds of the planned jobs of a run without a record."""
+    shown_labels = {str(job.get("label")): shown_label(job) for job in run.jobs}
+    seeds_of: dict[tuple[str, str], list[int]] = {}  # by material and label
+    planned: dict[str, None] = {}  # names of jobs, each once
     for start in run.starts:
         planned |= dict.fromkeys(start.get("jobs", []))
-    for name in planned:
+    for name in planned:  # `MATERIAL/LABEL/SEED`
         material, _, rest = name.partition("/")
         label, _, seed = rest.rpartition("/")
         if run.job(name) is None and seed.isdecimal():
-            cells.setdefault((material, labels.get(label, label)), []).append(int(seed))
-    for (material, label), seeds in cells.items():
+            cell = material, shown_labels.get(label, label)
+            seeds_of.setdefault(cell, []).append(int(seed))
+    for (material, label), seeds in seeds_of.items():
         yield material, label, seeds
 
 
@@ -216,24 +237,25 @@ def missing_note(run: Run) -> str:
     done = {(job["material"], shown_label(job)) for job in run.jobs if job["status"] == "ok"}
     lacking = [(job["material"], shown_label(job)) for job in run.jobs if job["status"] != "ok"]
     lacking += [(material, label) for material, label, _ in not_run(run)]
-    without = _grouped([cell for cell in lacking if cell not in done])
-    fewer = _grouped([cell for cell in lacking if cell in done])
-    words = []
-    if without:
-        words.append(f"No result: {without}.")
-    if fewer:
-        words.append(f"Fewer seeds: {fewer}.")
-    return " ".join(words)
+    without_result = [cell for cell in lacking if cell not in done]
+    with_fewer_seeds = [cell for cell in lacking if cell in done]
+    sentences = []
+    if without_result:
+        sentences.append(f"No result: {_by_codec(without_result)}.")
+    if with_fewer_seeds:
+        sentences.append(f"Fewer seeds: {_by_codec(with_fewer_seeds)}.")
+    return " ".join(sentences)
 
 
 def beside(run: Run) -> str:
-    """With which jobs the others of a run must agree to be comparable, in words."""
+    """The jobs with which the others of a run must agree to be comparable, in words."""
     return "the published ones" if run.published else "the newest"
 
 
 def left_out_notes(run: Run) -> Iterator[str]:
     """Notes on codecs and materials whose numbers, or times, cannot be compared with the newest, and why."""
-    left_out: dict[str, list[tuple[str, str]]] = {}  # by reason: material and label
+    # Each by reason: the materials and labels.
+    left_out: dict[str, list[tuple[str, str]]] = {}
     times_left_out: dict[str, list[tuple[str, str]]] = {}
     with_star: dict[str, list[tuple[str, str]]] = {}
     for material in materials(run):
@@ -245,20 +267,24 @@ def left_out_notes(run: Run) -> Iterator[str]:
                 with_star.setdefault(row.timing_obstacle, []).append(cell)
             elif row.timing_obstacle:
                 times_left_out.setdefault(row.timing_obstacle, []).append(cell)
-    for start, reasons in (
+    for beginning, cells_by_reason in (
         (f"Left out, as not comparable with {beside(run)}", left_out),
         ("Times left out", times_left_out),
         ("Times with a star", with_star),
     ):
-        if reasons:
-            words = "; ".join(f"{_grouped(cells)} ({why})" for why, cells in reasons.items())
-            yield f"{start}: {words}."
+        if cells_by_reason:
+            words = "; ".join(f"{_by_codec(cells)} ({why})" for why, cells in cells_by_reason.items())
+            yield f"{beginning}: {words}."
 
 
-def _grouped(cells: list[tuple[str, str]]) -> str:
-    """Codecs that lack the same materials together: `neubtf, neumip on brick; vq on satin`."""
-    lacking: dict[str, dict[str, None]] = {}
+def _by_codec(cells: list[tuple[str, str]]) -> str:
+    """Cells, each a material and a label, in words: `neubtf, neumip on brick; vq on satin`.
+
+    Codecs with the same materials stand together.
+    """
+    materials_of: dict[str, dict[str, None]] = {}  # by label, each material once
     for material, label in cells:
-        lacking.setdefault(label, {})[material] = None
-    labels = grouped(lacking, lambda label: tuple(sorted(lacking[label])))  # by the materials that they lack
-    return "; ".join(f"{', '.join(alike)} on {', '.join(lacks)}" for lacks, alike in labels.items())
+        materials_of.setdefault(label, {})[material] = None
+    labels_by_materials = grouped(materials_of, lambda label: tuple(sorted(materials_of[label])))
+    parts = [f"{', '.join(labels)} on {', '.join(names)}" for names, labels in labels_by_materials.items()]
+    return "; ".join(parts)
