@@ -124,10 +124,10 @@ def _names(pattern: str, row: ComparedRow) -> bool:
 
 def means(rows: Sequence[ComparedRow]) -> list[ComparedRow]:
     """A mean row for each codec with several rows, and one for all codecs; none for fewer than two rows."""
-    codecs = grouped(rows, lambda row: row.label.split()[0])
-    found = [_mean(name, several, every=False) for name, several in codecs.items()]
-    found.append(_mean("all codecs", list(rows), every=True))
-    return [row for row in found if row]
+    rows_of_codec = grouped(rows, lambda row: row.label.split()[0])
+    mean_rows = [_mean(name, of_codec, every=False) for name, of_codec in rows_of_codec.items()]
+    mean_rows.append(_mean("all codecs", list(rows), every=True))
+    return [row for row in mean_rows if row]
 
 
 def _mean(label: str, rows: list[ComparedRow], every: bool) -> ComparedRow | None:
@@ -140,7 +140,7 @@ def _mean(label: str, rows: list[ComparedRow], every: bool) -> ComparedRow | Non
         for change in row.deciding:
             if change.quantity.metric and change.verdict in DECIDED and _is_finite(change):
                 changes.setdefault(change.quantity.name, []).append(change)
-    merged = [_merged(each, every) for each in changes.values() if len(each) > 1]
+    merged = [_merged(of_quantity, every) for of_quantity in changes.values() if len(of_quantity) > 1]
     if not merged:
         return None
     return ComparedRow("all materials", label, worst(merged), deciding=merged)
@@ -166,7 +166,8 @@ def _merged(changes: list[Change], every: bool) -> Change:
     for change in changes:
         error = change.chance.error if change.chance else 0.0
         inverse.append(1 / (error**2 + tolerance.common**2))
-    weights = [each / math.fsum(inverse) for each in inverse]
+    total = math.fsum(inverse)
+    weights = [share / total for share in inverse]
     chance = _together(changes, weights)
     if every:
         least = tolerance.common
@@ -174,13 +175,13 @@ def _merged(changes: list[Change], every: bool) -> Change:
         least = tolerance.drawn
     else:
         least = tolerance.certain
-    room = max(least, chance.margin(tolerance) if chance else 0.0)
+    margin = max(least, chance.margin(tolerance)) if chance else least
     base = fmean(change.base for change in changes if change.base is not None)
     new = fmean(change.new for change in changes if change.new is not None)
     differences = [change.difference or 0.0 for change in changes]
-    weighted = math.fsum(weight * each for weight, each in zip(weights, differences, strict=True))
-    whole = Change(quantity, base, new, Verdict.SHOWN, weighted=weighted)
-    return replace(whole, verdict=verdict(whole.loss, room), margin=room, chance=chance)
+    weighted = math.fsum(weight * difference for weight, difference in zip(weights, differences, strict=True))
+    merged = Change(quantity, base, new, Verdict.SHOWN, weighted=weighted)
+    return replace(merged, verdict=verdict(merged.loss, margin), margin=margin, chance=chance)
 
 
 def _together(changes: list[Change], weights: list[float]) -> Chance | None:
@@ -210,12 +211,12 @@ def _together(changes: list[Change], weights: list[float]) -> Chance | None:
 def _renamed(before: list[Job], after: list[Job]) -> list[Job]:
     """The jobs of `before`. A label that `after` lacks is replaced by the label that `after` has for equal settings, if
     there is one."""
-    known = {(job["material"], job["label"]) for job in after}
-    same = {_identity(job): job["label"] for job in after if job["status"] == "ok"}
+    rows_after = {(job["material"], job["label"]) for job in after}
+    label_after = {_identity(job): job["label"] for job in after if job["status"] == "ok"}
     renamed = []
     for job in before:
-        if job["status"] == "ok" and (job["material"], job["label"]) not in known:
-            job = job | {"label": same.get(_identity(job), job["label"])}
+        if job["status"] == "ok" and (job["material"], job["label"]) not in rows_after:
+            job = job | {"label": label_after.get(_identity(job), job["label"])}
         renamed.append(job)
     return renamed
 
@@ -252,9 +253,9 @@ def _notes(base: Run, new: Run, rows: list[ComparedRow]) -> Iterator[str]:
     if new.unreadable:
         yield f"{len(new.unreadable)} line(s) of NEW could not be read: {', '.join(map(str, new.unreadable))}"
     if base.starts and new.starts:
-        mine = _conditions(base.starts[-1])
-        theirs = _conditions(new.starts[-1])
-        changed = [f"{key} {mine[key]} → {theirs[key]}" for key in mine if mine[key] != theirs[key]]
+        before = _conditions(base.starts[-1])
+        after = _conditions(new.starts[-1])
+        changed = [f"{key} {before[key]} → {after[key]}" for key in before if before[key] != after[key]]
         if changed:
             yield "not measured under the same conditions: " + "; ".join(changed)
     guessed = []
@@ -270,8 +271,8 @@ def _notes(base: Run, new: Run, rows: list[ComparedRow]) -> Iterator[str]:
 
 def _conditions(start: RunStart) -> dict[str, object]:
     """What numbers and times of a run depend on besides the suite, by name; None where its start does not say it."""
-    every = {"torch": start.get("packages", {}).get("torch"), **start.get("machine", {}), **start}
-    return {name: every.get(name) for name in ("torch", "processor", "capability", "device", "threads")}
+    fields = {"torch": start.get("packages", {}).get("torch"), **start.get("machine", {}), **start}
+    return {name: fields.get(name) for name in ("torch", "processor", "capability", "device", "threads")}
 
 
 def compare_extremes(base: Run, new: Run, codecs: Sequence[str] = (), allow: Sequence[str] = ()) -> tuple[str, int]:
@@ -284,15 +285,15 @@ def compare_extremes(base: Run, new: Run, codecs: Sequence[str] = (), allow: Seq
     check_whole(base)
     known = {record["subject"] for record in base.stress}
     check_names("codec", codecs, known | {record["subject"] for record in new.stress})
-    wanted = set(codecs) or known
-    ours = _cells(base, wanted)
-    theirs = _cells(new, wanted)
-    if not ours.keys() & theirs.keys():
+    subjects = set(codecs) or known
+    cells_of_base = _cells(base, subjects)
+    cells_of_new = _cells(new, subjects)
+    if not cells_of_base.keys() & cells_of_new.keys():
         return "the two stress tests have no cell in common", NOTHING
-    held = sum(record["verdict"] == "pass" for record in theirs.values())
+    held = sum(record["verdict"] == "pass" for record in cells_of_new.values())
     worse = []
-    for name, before in ours.items():
-        after = theirs.get(name)
+    for name, before in cells_of_base.items():
+        after = cells_of_new.get(name)
         if before["verdict"] != "pass" or any(fnmatch(name, pattern) for pattern in allow):
             continue
         if after is None:

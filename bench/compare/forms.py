@@ -36,7 +36,8 @@ def annotations(comparison: Comparison) -> str:
 
 def command(kind: str, title: str, message: str) -> str:
     """`::KIND title=TITLE::MESSAGE`, escaped as GitHub Actions parses it."""
-    return f"::{kind} title={_data(title).replace(':', '%3A').replace(',', '%2C')}::{_data(message)}"
+    escaped_title = _data(title).replace(":", "%3A").replace(",", "%2C")  # both separate properties
+    return f"::{kind} title={escaped_title}::{_data(message)}"
 
 
 def _data(text: str) -> str:
@@ -48,9 +49,9 @@ def _few(findings: list[tuple[str, str]]) -> list[tuple[str, str]]:
     """At most `SHOWN` findings: the last one counts the rest, and names them."""
     if len(findings) <= SHOWN:
         return findings
-    rest = findings[SHOWN - 1 :]
-    names = ", ".join(name for name, _ in rest)
-    return [*findings[: SHOWN - 1], (f"{len(rest)} more", names)]
+    not_shown = findings[SHOWN - 1 :]
+    names = ", ".join(name for name, _ in not_shown)
+    return [*findings[: SHOWN - 1], (f"{len(not_shown)} more", names)]
 
 
 def junit(comparison: Comparison) -> str:

@@ -185,13 +185,14 @@ def _bootstrap_means(cells: Sequence[Cell], draws: int) -> np.ndarray:
     """Means (draws,) over the drawn seeds and pairs of one material."""
     # The numbers of cells whose seeds are scored at the same pairs, and so draw the same ones.
     alike = grouped(range(len(cells)), lambda number: (cells[number].pairs, len(cells[number].differences)))
-    shares, chosen = _drawn(tuple(count for _, count in alike), len(cells), draws)
+    shares, chosen_seeds = _drawn(tuple(count for _, count in alike), len(cells), draws)
     means = np.empty((len(cells), draws))  # of each seed, over the pairs of each draw
-    for each, numbers in zip(shares, alike.values(), strict=True):
-        means[numbers] = np.stack([cells[number].differences for number in numbers]) @ each.T
+    for shares_of_group, numbers in zip(shares, alike.values(), strict=True):
+        differences = np.stack([cells[number].differences for number in numbers])  # (seeds of the group, slices)
+        means[numbers] = differences @ shares_of_group.T
     # In each draw, the mean over the seeds that it chooses.
-    drawn: np.ndarray = means[chosen, np.arange(draws)].mean(0)
-    return drawn
+    means_of_draws: np.ndarray = means[chosen_seeds, np.arange(draws)].mean(0)
+    return means_of_draws
 
 
 @lru_cache(maxsize=1)  # the intervals of a table mostly draw from as many slices and seeds

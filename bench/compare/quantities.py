@@ -170,10 +170,10 @@ def _footprints(job: Job) -> float | None:
 
 def average(values: Sequence[float | None]) -> float | None:
     """The mean of the finite values; infinite if all are exact, None if one was not measured or there are none."""
-    known = [value for value in values if value is not None]
-    if not known or len(known) < len(values):
+    measured = [value for value in values if value is not None]
+    if not measured or len(measured) < len(values):
         return None
-    finite = [value for value in known if math.isfinite(value)]
+    finite = [value for value in measured if math.isfinite(value)]
     if not finite:
         return math.inf
     return math.fsum(finite) / len(finite)

@@ -56,7 +56,7 @@ def reference(run: Run, before: Run | None = None) -> str:
             f"{run.folder}: {len(unfinished)} job(s) without a result, the first {job['job']} ({job['error']}): "
             "a reference needs a complete run"
         )
-    judged = _judged(run) or {job["seed"] for job in jobs}
+    judged = _judged_seeds(run) or {job["seed"] for job in jobs}
     reduced = [_reduced(job, run.folder, whole=job["seed"] in judged) for job in jobs]
     kept_seeds = _seeds_to_keep(reduced, list(before.jobs) if before else [])
     timings = _timings(run, [job for job in jobs if job["seed"] in judged])
@@ -95,25 +95,26 @@ def smallest_losses(run: Run, count: int) -> dict[str, dict[str, float]]:
 
     A row whose seeds have test pairs of their own is left out: its margin depends on the new run.
     """
-    own = set(pairs_by_seed(run))
-    found = {}
+    with_own_pairs = set(pairs_by_seed(run))
+    losses_of_row = {}
     for row, jobs in by_row(run.jobs).items():
         name = "/".join(row)
-        if name in own:
+        if name in with_own_pairs:
             continue
         quantities = deciding(jobs[0])
-        seeds_agree = all(agree(each, jobs, jobs, jobs) for each in quantities if each.metric)
+        # The jobs stand for base, new and reference: do their own seeds agree?
+        seeds_agree = all(agree(quantity, jobs, jobs, jobs) for quantity in quantities if quantity.metric)
         losses = {}
-        for each in quantities:
-            if each.name in (MAIN, "train"):
-                losses[each.name] = smallest_loss(each, jobs, count, draws=not seeds_agree)
-        found[name] = losses
-    return found
+        for quantity in quantities:
+            if quantity.name in (MAIN, "train"):
+                losses[quantity.name] = smallest_loss(quantity, jobs, count, draws=not seeds_agree)
+        losses_of_row[name] = losses
+    return losses_of_row
 
 
 def seeds_of(run: Run) -> int:
     """The number of seeds that a run of the suite will have; that of the run itself if its suite is unknown."""
-    return len(_judged(run)) or len({job["seed"] for job in run.jobs})
+    return len(_judged_seeds(run)) or len({job["seed"] for job in run.jobs})
 
 
 def _timings(run: Run, jobs: list[Job]) -> Iterator[Timing]:
@@ -129,9 +130,12 @@ def _seeds_to_keep(jobs: list[Job], before: list[Job]) -> Iterator[Job]:
     """The jobs of `before` whose seeds are missing now, from rows whose other seeds have identical jobs in both."""
     now = {job["job"]: job for job in jobs}
     for earlier in by_row(before).values():
-        again = [now[job["job"]] == job for job in earlier if job["job"] in now]
-        if again and all(again):
-            yield from (job for job in earlier if job["job"] not in now)
+        unchanged = [now[job["job"]] == job for job in earlier if job["job"] in now]
+        if not unchanged or not all(unchanged):
+            continue
+        for job in earlier:
+            if job["job"] not in now:
+                yield job
 
 
 def _in_order(every: Iterable[Job]) -> list[Job]:
@@ -142,7 +146,7 @@ def _in_order(every: Iterable[Job]) -> list[Job]:
     return sorted(jobs, key=lambda job: (materials.index(job["material"]), labels.index(job["label"]), job["seed"]))
 
 
-def _judged(run: Run) -> set[int]:
+def _judged_seeds(run: Run) -> set[int]:
     """The seeds of the run's suite, by which a change is judged; further seeds only measure the scatter of a codec.
 
     Empty if the suite is unknown.
@@ -197,10 +201,10 @@ def _shorter(metrics: dict[str, Statistics], names: list[str], pooled: bool) -> 
 
 def _short(stats: Statistics, *numbers: str) -> Statistics:
     """The named numbers; if one is None, also the fields that tell whether it is exact or was never measured."""
-    known = {name: stats[name] for name in numbers if name in stats}
-    if None in known.values():
-        known |= {key: stats[key] for key in ("exact", "slices")}
-    return known
+    chosen = {name: stats[name] for name in numbers if name in stats}
+    if None in chosen.values():
+        chosen |= {key: stats[key] for key in ("exact", "slices")}
+    return chosen
 
 
 def rounded(value: Any) -> Any:

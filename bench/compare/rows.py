@@ -59,12 +59,12 @@ def multiples(jobs: Sequence[Job], timings: Sequence[Timing]) -> dict[tuple[str,
     rows: dict[tuple[str, str], list[Timing]] = {}
     for row, of_row in timed.items():
         rows[row] = [by_job[job["job"]] for job in of_row]
-    found = {}
-    for (material, label), ours in rows.items():
-        multiple = _multiple(ours, rows.get((material, UNIT), []))
+    multiple_of_row = {}
+    for (material, label), timings_of_row in rows.items():
+        multiple = _multiple(timings_of_row, rows.get((material, UNIT), []))
         if multiple:
-            found[material, label] = multiple
-    return found
+            multiple_of_row[material, label] = multiple
+    return multiple_of_row
 
 
 def _multiple(ours: list[Timing], floors: list[Timing]) -> Multiple | None:
@@ -104,11 +104,11 @@ class ComparedRow:
     @property
     def forbids(self) -> bool:
         """Whether this row stops the change under test."""
-        found = {self.verdict, *(change.verdict for change in self.deciding)}
+        verdicts = {self.verdict, *(change.verdict for change in self.deciding)}
         stops = {Verdict.FAILED, Verdict.WORSE}
         if not self.allowed:
             stops |= {Verdict.GONE, Verdict.UNLIKE}
-        return bool(found & stops)
+        return bool(verdicts & stops)
 
     @property
     def name(self) -> str:
@@ -171,7 +171,8 @@ def compared(
     # Each job of new against the base's of its seed; against its first one if they share no seed.
     partner = {job["seed"]: job for job in ours}
     reasons = [unlike(partner.get(job["seed"], base[0]), job) for job in theirs]
-    obstacle = next((reason for reason in reasons if reason), "")
+    obstacles = [reason for reason in reasons if reason]
+    obstacle = obstacles[0] if obstacles else ""
     changes = [] if obstacle else _changes(runs, ours, theirs, base)
     if not changes:
         return ComparedRow(*name, verdict or Verdict.UNLIKE, why or obstacle or "neither record has a score")
@@ -184,8 +185,9 @@ def compared(
 
 def worst(changes: list[Change]) -> Verdict:
     """The verdict on a row: the gravest of those on its numbers."""
-    found = {change.verdict for change in changes}
-    return next(verdict for verdict in ORDER if verdict in found)
+    verdicts = {change.verdict for change in changes}
+    gravest, *_ = [verdict for verdict in ORDER if verdict in verdicts]
+    return gravest
 
 
 def _changes(runs: tuple[Run, Run], ours: list[Job], theirs: list[Job], base: list[Job]) -> list[Change]:

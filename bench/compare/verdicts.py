@@ -86,9 +86,10 @@ class Chance:
         With two seeds it would be hundreds of standard errors, and hide any loss. So it is at most the value that the
         same error from `FEW_SEEDS` seeds would give, or the guess for one seed if that is larger.
         """
-        own = quantile(self.freedom, tolerance.chance) * self.error
-        enough = quantile(max(self.freedom, FEW_SEEDS - 1), tolerance.chance) * self.error
-        return min(own, max(unit * tolerance.one_seed, enough))
+        of_these_seeds = quantile(self.freedom, tolerance.chance) * self.error
+        of_enough_seeds = quantile(max(self.freedom, FEW_SEEDS - 1), tolerance.chance) * self.error
+        limit = max(unit * tolerance.one_seed, of_enough_seeds)
+        return min(of_these_seeds, limit)
 
 
 def judge(
@@ -107,8 +108,9 @@ def judge(
         # Every seed is scored at the same pairs, so all seeds of the base say equally much.
         base = reference
         before = values
-    if reason := _obstacle(quantity, base[0], new[0], before, after):
-        return Change(quantity, average(before), average(after), Verdict.UNLIKE, why=reason)
+    obstacle = _obstacle(quantity, base[0], new[0], before, after)
+    if obstacle:
+        return Change(quantity, average(before), average(after), Verdict.UNLIKE, why=obstacle)
     certain = bool(quantity.metric) and one_file(reference)  # known to be deterministic
     spread = 0.0 if certain else _spread(values)
     change = Change(quantity, average(before), average(after), Verdict.SHOWN, spread=spread)
@@ -120,8 +122,8 @@ def judge(
         chance = _paired_scatter(values)
     elif scatters:
         chance = scatter(values, after, len(base))
-    room = quantity.tolerance.certain if certain else margin(quantity.tolerance, values, chance)
-    return Change(quantity, change.base, change.new, verdict(change.loss, room), room, spread, chance=chance)
+    allowed = quantity.tolerance.certain if certain else margin(quantity.tolerance, values, chance)
+    return Change(quantity, change.base, change.new, verdict(change.loss, allowed), allowed, spread, chance=chance)
 
 
 def _unchanged(base: Values, new: Values) -> bool:
@@ -193,12 +195,12 @@ def scatter(known: Values, new: Values, n: int) -> Chance | None:
     than two of them are finite. If they are few, those of new help.
     """
     finite = _finite(known)
-    others = _finite(new)
+    finite_new = _finite(new)
     if len(finite) < 2 or not new:
         return None
     groups = [finite]
-    if len(finite) < FEW_SEEDS and len(others) > 1:
-        groups.append(others)
+    if len(finite) < FEW_SEEDS and len(finite_new) > 1:
+        groups.append(finite_new)
     # The pooled variance: each group about its own mean, weighted by its degrees of freedom.
     freedom = sum(len(group) - 1 for group in groups)
     variance = math.fsum((len(group) - 1) * stdev(group) ** 2 for group in groups) / freedom
@@ -211,7 +213,11 @@ def _finite(values: Values) -> list[float]:
 
 
 def margin(tolerance: Tolerance, known: Values, chance: Chance | None) -> float:
-    """The margin that a change must exceed to count, given the numbers that measure its scatter; see the module."""
+    """The margin that a change must exceed to count; see the module.
+
+    `known` are the numbers that measure the scatter, one a seed; `chance` is that scatter, None where seeds agree, so
+    that the codec counts as deterministic.
+    """
     finite = _finite(known)
     unit = abs(fmean(finite)) if tolerance.relative and finite else 1.0  # a relative tolerance is a share of it
     if len(known) < 2:
@@ -239,13 +245,13 @@ def quantile(freedom: float, probability: float) -> float:
 
 def fitted_unlike(base: Job, new: Job) -> str:
     """Why the fits of two jobs are of different kinds: another version of the codec, or other training data."""
-    mine, theirs = base["fit_key"], new["fit_key"]
+    base_key, new_key = base["fit_key"], new["fit_key"]
     reasons = []
-    if mine["version"] != theirs["version"]:
-        reasons.append(f"codec version {theirs['version']} instead of {mine['version']}")
-    if mine.get("store") != theirs.get("store"):
-        reasons.append(f"store of textures of version {theirs.get('store')} instead of {mine.get('store')}")
-    if mine["training"] != theirs["training"]:
+    if base_key["version"] != new_key["version"]:
+        reasons.append(f"codec version {new_key['version']} instead of {base_key['version']}")
+    if base_key.get("store") != new_key.get("store"):
+        reasons.append(f"store of textures of version {new_key.get('store')} instead of {base_key.get('store')}")
+    if base_key["training"] != new_key["training"]:
         reasons.append("other training data (their fingerprint differs)")
     return ", ".join(reasons)
 
@@ -261,30 +267,31 @@ def unlike(base: Job, new: Job) -> str:
 
 def other_settings(base: Job, new: Job) -> str:
     """The settings in which two jobs differ, as text; the jobs are compared nevertheless."""
-    mine, theirs = base["fit_key"]["settings"], new["fit_key"]["settings"]
-    changed = [key for key in sorted({*mine, *theirs}) if mine.get(key) != theirs.get(key)]
-    return ", ".join(f"{key} {mine.get(key, '—')} → {theirs.get(key, '—')}" for key in changed)
+    before, after = base["fit_key"]["settings"], new["fit_key"]["settings"]
+    changed = [key for key in sorted({*before, *after}) if before.get(key) != after.get(key)]
+    return ", ".join(f"{key} {before.get(key, '—')} → {after.get(key, '—')}" for key in changed)
 
 
 def _obstacle(quantity: Quantity, base: Job, new: Job, before: Sequence[object], after: Sequence[object]) -> str:
     """Why a quantity of two jobs cannot be compared; "" if it can. `before` and `after` are the values of all seeds."""
-    mine = quantity.version(base)
-    theirs = quantity.version(new)
-    if theirs is None and mine is not None:
+    base_version = quantity.version(base)
+    new_version = quantity.version(new)
+    if new_version is None and base_version is not None:
         return f"{quantity.metric} is not measured any more"
-    if mine != theirs:
-        return f"{quantity.metric} version {theirs} instead of {mine}"
+    if base_version != new_version:
+        return f"{quantity.metric} version {new_version} instead of {base_version}"
     missing = None in before or None in after
     if missing and before != after:  # if both lack the same, nothing got worse
         return "no finite number"
     return ""
 
 
-def verdict(loss: float, room: float) -> Verdict:
-    """Whether a loss exceeds its margin, or a gain does."""
-    if loss > room:
+def verdict(loss: float, margin: float) -> Verdict:
+    """Whether a loss exceeds its margin, or a gain does, which is a negative loss."""
+    if loss > margin:
         return Verdict.WORSE
-    return Verdict.BETTER if -loss > room else Verdict.SAME
+    gain = -loss
+    return Verdict.BETTER if gain > margin else Verdict.SAME
 
 
 def _spread(values: Values) -> float | None:

@@ -65,12 +65,12 @@ def tiny_radiance(row: np.ndarray, col: np.ndarray, wo: np.ndarray, wi: np.ndarr
 def others(btf: BTF) -> list[BTF]:
     """Five materials beside a BTF: its colours in every other order."""
     values = np.stack(list(btf))
-    found = []
+    recoloured = []
     _, *orders = itertools.permutations(range(3))  # the first is the order that the BTF has
     for order in orders:
         source = ArraySource(values[..., order])
-        found.append(BTF(f"colours {order}", btf.wo, btf.wi, source, periodic=True))
-    return found
+        recoloured.append(BTF(f"colours {order}", btf.wo, btf.wi, source, periodic=True))
+    return recoloured
 
 
 @dataclass
@@ -101,9 +101,9 @@ class CodecUnderTest:
         # that draws from them gives another file the second time. `chdir` returns to the folder at the end.
         with chdir(folder), torch.enable_grad():
             parts = fitted(self.codec, btf or self.btf, fit).parts
-            now = working_folder()
-            if now != folder:
-                self.moved_to = now
+            folder_now = working_folder()
+            if folder_now != folder:
+                self.moved_to = folder_now
         return container.save(self.folder / name, self.codec, parts)
 
     @cached_property
@@ -130,8 +130,10 @@ class CodecUnderTest:
         """500 random queries: uv over several periods, directions up to 89°, footprints up to half the picture."""
         rng = np.random.default_rng(0)
         uv = torch.from_numpy(rng.uniform(-3, 3, (500, 2)).astype(np.float32))
-        wo, wi = (torch.from_numpy(uniform(rng, 500, theta_max_deg=89)) for _ in range(2))
-        return uv, wo, wi, torch.from_numpy(rng.uniform(0, 0.5, 500).astype(np.float32))
+        wo = torch.from_numpy(uniform(rng, 500, theta_max_deg=89))
+        wi = torch.from_numpy(uniform(rng, 500, theta_max_deg=89))
+        footprint = torch.from_numpy(rng.uniform(0, 0.5, 500).astype(np.float32))
+        return uv, wo, wi, footprint
 
     @cached_property
     def answers(self) -> Tensor:
@@ -140,7 +142,7 @@ class CodecUnderTest:
             return self.material.query(*self.queries)
 
 
-def _same(what: str, ours: Tensor, theirs: Tensor, tolerance: float) -> None:
+def _require_same(what: str, ours: Tensor, theirs: Tensor, tolerance: float) -> None:
     """Raise `CheckError` unless two answers, of equal shape, differ at most by `tolerance` times the larger of 1 and
     the largest of `theirs`."""
     worst = (ours - theirs).abs().max().item() if len(ours) else 0.0
@@ -171,7 +173,7 @@ def fresh_process(tested: CodecUnderTest) -> None:
     if done.returncode:
         lines = done.stderr.splitlines() or ["no message"]
         raise CheckError(f"the fresh process failed: {lines[-1]}")
-    _same("fresh process", load_file(answers_file)["rgb"], tested.answers, tolerance=0.0)
+    _require_same("fresh process", load_file(answers_file)["rgb"], tested.answers, tolerance=0.0)
 
 
 def same_bytes(tested: CodecUnderTest) -> None:
@@ -185,9 +187,9 @@ def batches(tested: CodecUnderTest) -> None:
     uv, wo, wi, footprint = tested.queries
     pieces = []
     for start in range(0, 500, 7):
-        some = slice(start, start + 7)
-        pieces.append(tested.material.query(uv[some], wo[some], wi[some], footprint[some]))
-    _same("batches of 7", torch.cat(pieces), tested.answers, ROUNDING)
+        rows = slice(start, start + 7)
+        pieces.append(tested.material.query(uv[rows], wo[rows], wi[rows], footprint[rows]))
+    _require_same("batches of 7", torch.cat(pieces), tested.answers, ROUNDING)
     if tested.material.query(uv[:0], wo[:0], wi[:0], footprint[:0]).shape != (0, 3):
         raise CheckError("an empty batch must give (0, 3)")
 
@@ -195,7 +197,7 @@ def batches(tested: CodecUnderTest) -> None:
 def order(tested: CodecUnderTest) -> None:
     """the order of queries does not matter"""
     backward = [column.flip(0) for column in tested.queries]
-    _same("reversed", tested.material.query(*backward).flip(0), tested.answers, ROUNDING)
+    _require_same("reversed", tested.material.query(*backward).flip(0), tested.answers, ROUNDING)
 
 
 def wraps(tested: CodecUnderTest) -> None:
@@ -203,8 +205,8 @@ def wraps(tested: CodecUnderTest) -> None:
     # Quarters of a texel are exact in float32 a few periods out, so the answers may differ by rounding alone.
     uv, wo, wi, footprint = tested.queries
     exact = (uv * 32).round() / 32
-    there = tested.material.query(exact + torch.tensor([2.0, -3.0]), wo, wi, footprint)
-    _same("uv + (2, −3)", there, tested.material.query(exact, wo, wi, footprint), ROUNDING)
+    periods_away = tested.material.query(exact + torch.tensor([2.0, -3.0]), wo, wi, footprint)
+    _require_same("uv + (2, −3)", periods_away, tested.material.query(exact, wo, wi, footprint), ROUNDING)
 
 
 def refuses(tested: CodecUnderTest) -> None:
@@ -233,9 +235,9 @@ def leaves_the_process(tested: CodecUnderTest) -> None:
     tested.encode("c" + container.SUFFIX)
     if tested.moved_to:
         raise CheckError(f"encode changes the working directory to {tested.moved_to}: give paths instead")
-    left = threads_left()
-    if left:
-        raise CheckError(f"encode leaves {', '.join(left)} running: end each thread, or make it a daemon")
+    running = threads_left()
+    if running:
+        raise CheckError(f"encode leaves {', '.join(running)} running: end each thread, or make it a daemon")
 
 
 def follows_data(tested: CodecUnderTest) -> None:
@@ -269,7 +271,7 @@ def slices(tested: CodecUnderTest) -> None:
     view, light = (torch.from_numpy(w).expand(len(uv), 3) for w in (wo, wi))
     answers = tested.material.query(uv, view, light, 1 / max(height, width))
     picture = answers.reshape(height, width, 3)
-    _same("slice", tested.material.slice(wo.tolist(), wi.tolist()), picture, tolerance=0.0)
+    _require_same("slice", tested.material.slice(wo.tolist(), wi.tolist()), picture, tolerance=0.0)
 
 
 def encodes(tested: CodecUnderTest) -> None:
@@ -308,7 +310,7 @@ def on_a_gpu(tested: CodecUnderTest) -> None:
     except emulated.NoEmulationError as error:
         raise NotApplicable(str(error)) from error
     on_the_cpu = loading.load(path, network=tested.network).material
-    _same("on the GPU", answers, on_the_cpu.query(*queries), ROUNDING)
+    _require_same("on the GPU", answers, on_the_cpu.query(*queries), ROUNDING)
 
 
 def _decoded_on(device: torch.device, codec: Codec, parts: Parts, queries: list[Tensor]) -> Material:

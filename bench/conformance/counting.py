@@ -22,7 +22,7 @@ def _fault_of_decoder(material: Material, decoder: dict[str, Tensor]) -> str:
     """What is wrong with the declared parameters and tables, given the file's decoder part; "" if they are right."""
     declared = material.cost
     held = parameters(material)  # in modules
-    stored = decoder_floats(decoder)
+    stored = decoder_floats(decoder)  # a range: from the fewest numbers that the part may hold to the most
     if declared.parameters < held:
         return f"declares {declared.parameters:,} parameters, holds {held:,}: {_remedy(held)}"
     # Parameters outside modules are not held, but then the file must store as many as are declared.
@@ -65,13 +65,13 @@ def decoder_floats(decoder: dict[str, Tensor]) -> range:
     they may count once. The scales and steps that belong to another tensor, `NAME.…` beside `NAME`, are not counted.
     """
     # A name without a dot is never left out: what stands before its last dot is "".
-    own = {name: values for name, values in decoder.items() if name.rpartition(".")[0] not in decoder}
+    counted = {name: values for name, values in decoder.items() if name.rpartition(".")[0] not in decoder}
     different: dict[str, Tensor] = {}
-    for name, values in own.items():
+    for name, values in counted.items():
         if not any(values.dtype == other.dtype and torch.equal(values, other) for other in different.values()):
             different[name] = values
     fewest = _with_packed(_plain_numbers(different), different)
-    most = _with_packed(_plain_numbers(own), own)
+    most = _with_packed(_plain_numbers(counted), counted)
     return range(fewest.start, most.stop)
 
 
@@ -106,11 +106,11 @@ def held_floats(material: Material) -> int:
     """Count the numbers of a decoder outside its network: textures, and the levels and copies made of them."""
     network = material.modules()
     values: list[Tensor] = []
-    for held in vars(material).values():
-        if isinstance(held, Tensor):
-            values.append(held)
-        elif isinstance(held, nn.Module) and held not in network:
-            values += held.buffers()
+    for attribute in vars(material).values():
+        if isinstance(attribute, Tensor):
+            values.append(attribute)
+        elif isinstance(attribute, nn.Module) and attribute not in network:
+            values += attribute.buffers()
     return sum(value.numel() for value in values if value.is_floating_point())
 
 

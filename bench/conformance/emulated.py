@@ -184,7 +184,9 @@ class _Operands:
     def __init__(self, op: Any):
         self.op = op
         self.name = op._schema.name
-        self.given: dict[int, tuple[Tensor, Tensor]] = {}  # by the id of the CPU's tensor: it, and the device's
+        self.lowered_tensors: dict[
+            int, tuple[Tensor, Tensor]
+        ] = {}  # by the id of the CPU's tensor: it, and the device's
         self.storages: dict[int, Any] = {}  # of the device, by the address of the CPU's
 
     def lowered(self, value: Any, position: int = -1) -> Any:
@@ -197,15 +199,16 @@ class _Operands:
         if not isinstance(value, Tensor):
             return value
         if not _on_device(value):
-            number = value.ndim == 0 and (torch.Tag.pointwise in self.op.tags or self.name in _OF_NUMBERS)
-            index = self.name in _INDEXING and position == 1
-            if not number and not index:
+            takes_numbers = torch.Tag.pointwise in self.op.tags or self.name in _OF_NUMBERS
+            is_number = value.ndim == 0 and takes_numbers
+            is_index = self.name in _INDEXING and position == 1
+            if not is_number and not is_index:
                 raise RuntimeError(f"{self.name}: expected all tensors on {NAME}, but one is on {value.device}")
-            if not number:
+            if is_index and not is_number:  # a GPU copies an index of the CPU
                 _copy_noted("an index", value)
             return value
         host = _host(value)
-        self.given[id(host)] = host, value
+        self.lowered_tensors[id(host)] = host, value
         self.storages[host.untyped_storage()._cdata] = value.untyped_storage()
         return host
 
@@ -213,17 +216,17 @@ class _Operands:
         """A result of the CPU as a tensor of the device: the one that was given, if it was written in place."""
         if not isinstance(value, Tensor):
             return value
-        if id(value) not in self.given:
+        if id(value) not in self.lowered_tensors:
             return _device(value, self.storages.get(value.untyped_storage()._cdata))
-        host, ours = self.given[id(value)]  # written in place
+        host, ours = self.lowered_tensors[id(value)]  # written in place
         kept = ours.shape == host.shape and ours.untyped_storage().nbytes() == host.untyped_storage().nbytes()
         if kept:
             return ours
         return _device(host, out=ours)  # it was resized, so the device's has to follow
 
-    def only_views(self, found: Any) -> bool:
+    def only_views(self, results: Any) -> bool:
         """Whether all that an operation returned are views of what it was given."""
-        new = [x for x in tree.tree_leaves(found) if isinstance(x, Tensor) and id(x) not in self.given]
+        new = [x for x in tree.tree_leaves(results) if isinstance(x, Tensor) and id(x) not in self.lowered_tensors]
         return bool(new) and all(x.untyped_storage()._cdata in self.storages for x in new)
 
 
@@ -231,18 +234,18 @@ def _computed(op: Any, *args: Any, **kwargs: Any) -> Any:
     """Compute an operation of the device on the CPU."""
     operands = _Operands(op)
     name = operands.name
-    flat = [tree.tree_map(partial(operands.lowered, position=i), each) for i, each in enumerate(args)]
+    unnamed = [tree.tree_map(partial(operands.lowered, position=i), argument) for i, argument in enumerate(args)]
     named = {key: tree.tree_map(operands.lowered, value) for key, value in kwargs.items()}
     # PyTorch wraps a number as a tensor for some operations, and unwraps it again for a kernel in Python.
     arguments = zip(op._schema.arguments, args, strict=False)
-    numbers = any(isinstance(x, int | float) and str(each.type) == "Tensor" for each, x in arguments)
-    compute = op._overloadpacket if numbers else op
-    found = compute(*flat, **named)
-    if not operands.only_views(found) and not name.startswith(_WITHOUT_KERNEL):
+    was_unwrapped = any(isinstance(x, int | float) and str(declared.type) == "Tensor" for declared, x in arguments)
+    compute = op._overloadpacket if was_unwrapped else op
+    results = compute(*unnamed, **named)
+    if not operands.only_views(results) and not name.startswith(_WITHOUT_KERNEL):
         for traffic in _traffic:
             counter = traffic.waits if name in _WAITING else traffic.kernels
             counter[name] += 1
-    return tree.tree_map(operands.raised, found)
+    return tree.tree_map(operands.raised, results)
 
 
 def _copy_noted(what: str, tensor: Tensor, waits: bool = True) -> None:

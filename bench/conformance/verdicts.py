@@ -67,27 +67,27 @@ def codec_to_check(name: str, settings: dict[str, Any]) -> Codec:
 def _stage(tested: CodecUnderTest, checks: tuple[Check, ...]) -> Iterator[Result]:
     """Run the checks of one stage and yield each result, whose name is the docstring of the check."""
 
-    def noted(one: Check) -> Measured:
+    def with_note(promise: Check) -> Measured:
         """Run a check; the detail is its note."""
-        return Measured(detail=one(tested) or "")
+        return Measured(detail=promise(tested) or "")
 
-    for one in checks:
-        verdict = judged(partial(noted, one), NotApplicable, partial(raised, codec=tested.codec))
+    for promise in checks:
+        verdict = judged(partial(with_note, promise), NotApplicable, partial(raised, codec=tested.codec))
         # The field of the result in which the verdict's detail stands.
-        word = {"fail": "failure", "n/a": "reason", "pass": "note"}[verdict.verdict]
-        yield Result(one.__doc__ or one.__name__, **{word: verdict.detail})
+        field = {"fail": "failure", "n/a": "reason", "pass": "note"}[verdict.verdict]
+        yield Result(promise.__doc__ or promise.__name__, **{field: verdict.detail})
 
 
 def _extremes(tested: CodecUnderTest) -> Iterator[Result]:
     """Try the cheap extremes of the stress test and yield each result; one detail is given in full only once."""
     subject = stress.Subject(tested)
     cases = [case for case in stress.CASES if case.cheap]
-    details = dict[str, str]()
+    details = dict[str, str]()  # by detail, the first extreme that gave it
     hint = more_steps(tested.codec)  # said once, of the first quality that is missed
     for case in followed(tested.show, cases, "extremes", len(cases)):
         verdict = stress.judge(case, subject)
-        first = details.setdefault(verdict.detail, case.name)
-        what = verdict.detail if first == case.name else f"the same as for {first!r}"
+        first_with_detail = details.setdefault(verdict.detail, case.name)
+        what = verdict.detail if first_with_detail == case.name else f"the same as for {first_with_detail!r}"
         failure = reason = ""
         if verdict.verdict == "fail":
             failure = what + met_by_others(case.name)
@@ -105,7 +105,7 @@ def stress_reference() -> Path:
 
 
 @cache
-def _met() -> tuple[Stress, ...]:
+def _stress_records() -> tuple[Stress, ...]:
     """The lines of the committed record of the stress test; () where the package comes without it."""
     path = stress_reference()
     if not path.is_file():
@@ -115,11 +115,12 @@ def _met() -> tuple[Stress, ...]:
 
 def met_by_others(extreme: str) -> str:
     """Say how many built-in codecs pass an extreme, at the end of a message about a codec that fails it."""
-    met = [record["verdict"] for record in _met() if record["extreme"] == extreme and record["verdict"] != "n/a"]
-    passed = met.count("pass")
+    of_extreme = [record["verdict"] for record in _stress_records() if record["extreme"] == extreme]
+    tried = [verdict for verdict in of_extreme if verdict != "n/a"]
+    passed = tried.count("pass")
     if not passed:
         return ""
-    count = f"all {passed}" if passed == len(met) else f"{passed} of {len(met)}"
+    count = f"all {passed}" if passed == len(tried) else f"{passed} of {len(tried)}"
     return f"; {count} built-in codecs to which it applies pass"
 
 

@@ -128,8 +128,12 @@ def fused_times(run: Run) -> dict[str, TradeChoice]:
     """By job: the choice of the run's trade that was timed as one fused kernel in float32, with its time."""
     trade = load_trade(run.folder)
     choices = trade["choices"] if trade else []
-    fused = (row for row in choices if (row["execution"], row["precision"]) == ("fused", "float32"))
-    return {row["job"]: row for row in fused if "job" in row and "ratio_to_floor" in row}
+    choice_of_job = {}
+    for row in choices:
+        is_fused = (row["execution"], row["precision"]) == ("fused", "float32")
+        if is_fused and "job" in row and "ratio_to_floor" in row:
+            choice_of_job[row["job"]] = row
+    return choice_of_job
 
 
 def gpu_times(run: Run) -> dict[str, Timing]:
@@ -142,8 +146,8 @@ def gpu_times(run: Run) -> dict[str, Timing]:
     for timing in variants:
         if timing["dtype"] != "float32" or timing["batch"] != usual:
             continue
-        known = quickest.get(timing["label"])
-        if known is None or timing["ns_per_sample"] < known["ns_per_sample"]:
+        quickest_so_far = quickest.get(timing["label"])
+        if quickest_so_far is None or timing["ns_per_sample"] < quickest_so_far["ns_per_sample"]:
             quickest[timing["label"]] = timing
     return quickest
 
@@ -183,8 +187,9 @@ def named(row: TradeChoice) -> str:
 
 def choice_in_words(row: TradeChoice) -> str:
     """A choice with its figures, in words: first the PSNR that decides, then that of test pairs."""
-    decides, shown = _decibels(row["validation"]["mean"]), _decibels(row["psnr"])
-    quality = f"{decides} on validation pairs, {shown} on test pairs"
+    of_validation = _decibels(row["validation"]["mean"])
+    of_test = _decibels(row["psnr"])
+    quality = f"{of_validation} on validation pairs, {of_test} on test pairs"
     return f"{named(row)}: {quality}, {row['bytes']:,} bytes, {row['ns_per_sample']:,.0f} ns a sample"
 
 

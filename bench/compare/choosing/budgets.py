@@ -141,13 +141,13 @@ def budgets(run: Run) -> Budgets:
         of_line.setdefault(job["material"], []).append(job)
     without = [job for job in done if not has_validation(job)]
     unlike = [job for job in judged if job["job"] in obstacle]
-    found = Budgets({}, limits, rungs, times, without, unlike)
+    every_material = Budgets({}, limits, rungs, times, without, unlike)
     surfaces = {}
-    one_of_each = {job["material"]: job for job in alike}
-    for name, job in one_of_each.items():
-        if any(found.picks(budget, [name]) for budget in limits):
+    job_of_material = {job["material"]: job for job in alike}
+    for name, job in job_of_material.items():
+        if any(every_material.picks(budget, [name]) for budget in limits):
             surfaces[name] = job
-    return replace(found, surfaces=surfaces)
+    return replace(every_material, surfaces=surfaces)
 
 
 def _times(run: Run, jobs: Sequence[Job]) -> dict[str, Times]:
@@ -159,25 +159,29 @@ def _times(run: Run, jobs: Sequence[Job]) -> dict[str, Times]:
 
     def upper(records: Iterable[Timing | TradeChoice]) -> Times:
         """The upper end of the 95 % interval of each job's time, × floor."""
-        known = [record for record in records if record["job"] in names and "ratio_interval95" in record]
-        return {record["job"]: float(record["ratio_interval95"][1]) for record in known}
+        timed = [record for record in records if record["job"] in names and "ratio_interval95" in record]
+        return {record["job"]: float(record["ratio_interval95"][1]) for record in timed}
 
-    settings: Times = {}
+    of_settings: Times = {}
     for job in jobs:
         timing = run.setting_timing(job)
         if timing:
-            settings[job["job"]] = float(timing["ratio_interval95"][1])
+            of_settings[job["job"]] = float(timing["ratio_interval95"][1])
 
-    fits = {job["job"]: float(job["fit_seconds"]) for job in jobs if job.get("fit_seconds")}
-    times = {EAGER: settings or upper(run.timings), FUSED: upper(fused_times(run).values()), FIT: fits}
-    return {kind: each for kind, each in times.items() if each}
+    seconds_of_fits = {job["job"]: float(job["fit_seconds"]) for job in jobs if job.get("fit_seconds")}
+    times = {
+        EAGER: of_settings or upper(run.timings),
+        FUSED: upper(fused_times(run).values()),
+        FIT: seconds_of_fits,
+    }
+    return {kind: times_of_kind for kind, times_of_kind in times.items() if times_of_kind}
 
 
 def rung_of(seeds: Sequence[Job], times: Times) -> Rung:
     """The rung of several seeds: the means of score, bits a texel and time."""
     height, width = seeds[0]["shape"]
-    known = [times[job["job"]] for job in seeds if job["job"] in times]
-    time = fmean(known) if known else None
+    measured = [times[job["job"]] for job in seeds if job["job"] in times]
+    time = fmean(measured) if measured else None
     score = fmean(cast(float, validation_of(job)["mean"]) for job in seeds)
     bits_a_texel = 8 * mean_bytes(seeds) / (height * width)
     return Rung(bits_a_texel, score, time, seeds)

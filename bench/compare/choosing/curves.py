@@ -75,7 +75,7 @@ class Summary(NamedTuple):
 
 def hulls(result: Budgets, surfaces: Iterable[str]) -> dict[str, dict[str, Sequence[Point]]]:
     """By line and surface: the rungs on the hull that validation pairs leave, where there are enough for a curve."""
-    found: dict[str, dict[str, Sequence[Point]]] = {}
+    points_of: dict[str, dict[str, Sequence[Point]]] = {}
     for line, by_label in result.rungs.items():
         for surface in surfaces:
             rungs = [rung_of(jobs[surface], {}) for jobs in by_label.values() if surface in jobs]
@@ -83,8 +83,8 @@ def hulls(result: Budgets, surfaces: Iterable[str]) -> dict[str, dict[str, Seque
                 continue
             points = _hull(rungs)
             if len(points) > 1:
-                found.setdefault(line, {})[surface] = points
-    return found
+                points_of.setdefault(line, {})[surface] = points
+    return points_of
 
 
 class _Candidate(NamedTuple):
@@ -108,7 +108,7 @@ def _hull(rungs: Sequence[Rung]) -> list[Point]:
         while len(hull) > 1 and _is_below(hull[-1], hull[-2], candidate):
             hull.pop()  # the new one hides those that it leaves below the hull
         hull.append(candidate)
-    points = [Point(each.size, each.rung.of) for each in hull]
+    points = [Point(candidate.size, candidate.rung.of) for candidate in hull]
     largest = float(np.log2(max(rung.size for rung in rungs)))
     if largest > points[-1].size:
         points.append(Point(largest, points[-1].jobs))
@@ -117,9 +117,11 @@ def _hull(rungs: Sequence[Rung]) -> list[Point]:
 
 def _is_below(middle: _Candidate, first: _Candidate, last: _Candidate) -> bool:
     """Whether a candidate lies on or below the line between its neighbours; sizes ascend from `first` to `last`."""
-    # Compares the slopes from `first` to the other two, each multiplied by both differences of size.
-    rise = (middle.score - first.score) * (last.size - first.size)
-    return rise <= (last.score - first.score) * (middle.size - first.size)
+    # Compares the slopes from `first` to the other two. Both are multiplied by both differences of size, so that
+    # nothing is divided.
+    slope_to_middle = (middle.score - first.score) * (last.size - first.size)
+    slope_to_last = (last.score - first.score) * (middle.size - first.size)
+    return slope_to_middle <= slope_to_last
 
 
 def curve_of(
@@ -139,18 +141,19 @@ def curve_of(
         if draw is not None and len(jobs) > 1:
             jobs = [jobs[seed] for seed in draw.integers(0, len(jobs), len(jobs))]
         means = [_mean_of(job, family, footprint) for job in jobs]
-        known = [float(mean) for mean in means if mean is not None]
-        if len(known) < len(jobs):
+        measured = [float(mean) for mean in means if mean is not None]
+        if len(measured) < len(jobs):
             return None
-        value = fmean(known)
+        value = fmean(measured)
         values.append(min(value, CAP_DB) if family == PSNR else value)
     return Curve([point.size for point in points], values)
 
 
 def _mean_of(job: Job, family: str, footprint: str) -> float | None:
     """The mean of a metric over test slices or, with a footprint, of PSNR over boxes of that side."""
-    stats = job.get("footprints", {}).get(footprint, {}) if footprint else stats_of(job, family)
-    return stats.get("mean")
+    if footprint:
+        return job.get("footprints", {}).get(footprint, {}).get("mean")
+    return stats_of(job, family).get("mean")
 
 
 class _Line(NamedTuple):
@@ -205,7 +208,9 @@ def mean_at(
     or there is no surface. See `curve_of` for the metric and the footprint."""
     values = []
     for surface in surfaces:
-        curve = curve_of(by_surface[surface], family, footprint=footprint) if surface in by_surface else None
+        if surface not in by_surface:
+            return None
+        curve = curve_of(by_surface[surface], family, footprint=footprint)
         value = curve.at(bits) if curve else None
         if value is None:
             return None
@@ -215,15 +220,16 @@ def mean_at(
 
 def readings(result: Budgets, points: Points, budget: Budget, surfaces: Sequence[str]) -> dict[str, Reading]:
     """By line: its mean PSNR over surfaces at a budget of bytes, the best first; without lines that do not reach it."""
-    found: dict[str, Reading] = {}
+    reading_of: dict[str, Reading] = {}
     for line, value in result.ranked(budget, surfaces).items():
-        if not any(surface in points.get(line, {}) for surface in surfaces):
-            found[line] = Reading(value, off_curves=False)
+        has_curve = any(surface in points.get(line, {}) for surface in surfaces)
+        if not has_curve:
+            reading_of[line] = Reading(value, off_curves=False)
     for line, by_surface in points.items():
-        read = mean_at(by_surface, surfaces, budget.most)
-        if read is not None:
-            found[line] = Reading(read, off_curves=True)
-    return dict(sorted(found.items(), key=lambda each: -each[1].value))
+        mean = mean_at(by_surface, surfaces, budget.most)
+        if mean is not None:
+            reading_of[line] = Reading(mean, off_curves=True)
+    return dict(sorted(reading_of.items(), key=lambda item: -item[1].value))
 
 
 def gaps_of_rungs(result: Budgets, line: str, anchor: Mapping[str, Sequence[Point]]) -> dict[str, list[float]]:
@@ -231,7 +237,7 @@ def gaps_of_rungs(result: Budgets, line: str, anchor: Mapping[str, Sequence[Poin
 
     Seeds are not drawn; the number is repeated in place of each draw.
     """
-    found: dict[str, list[float]] = {}
+    gaps_on: dict[str, list[float]] = {}  # by surface
     for surface in sorted(anchor):
         curve = curve_of(anchor[surface])
         rungs = [rung_of(jobs[surface], {}) for jobs in result.rungs[line].values() if surface in jobs]
@@ -242,26 +248,26 @@ def gaps_of_rungs(result: Budgets, line: str, anchor: Mapping[str, Sequence[Poin
             if ours is not None and theirs is not None:
                 gaps.append(ours - theirs)
         if gaps:
-            found[surface] = [fmean(gaps)] * (1 + DRAWS)
-    return found
+            gaps_on[surface] = [fmean(gaps)] * (1 + DRAWS)
+    return gaps_on
 
 
 def differences(points: Mapping[str, Sequence[Point]], anchor: Mapping[str, Sequence[Point]]) -> dict[str, list[float]]:
     """By surface on which both lines have curves: BD-PSNR of one to the other, then the same for `DRAWS` draws of the
     seeds of each."""
-    found: dict[str, list[float]] = {}
+    gaps_on: dict[str, list[float]] = {}
     rng = np.random.default_rng(0)
     for surface in sorted(points.keys() & anchor.keys()):
         ours, theirs = points[surface], anchor[surface]
         gap = _difference(ours, theirs)
         if gap is None:
             continue
-        drawn = [gap] * DRAWS
+        gaps_of_draws = [gap] * DRAWS  # with one seed there is nothing to draw
         if any(len(point.jobs) > 1 for point in (*ours, *theirs)):
-            several = (_difference(ours, theirs, rng) for _ in range(DRAWS))
-            drawn = [each for each in several if each is not None]
-        found[surface] = [gap, *drawn]
-    return found
+            differences_of_draws = [_difference(ours, theirs, rng) for _ in range(DRAWS)]
+            gaps_of_draws = [difference for difference in differences_of_draws if difference is not None]
+        gaps_on[surface] = [gap, *gaps_of_draws]
+    return gaps_on
 
 
 def _difference(

@@ -132,8 +132,10 @@ def quality(encoded: Encoded, ours: Array) -> dict[str, float]:
 
 def sound(encoded: Encoded) -> None:
     """The decoded slices have the size of the material, and are finite and not negative."""
-    ours, wanted = ("{} × {}".format(*slices.shape[1:3]) for slices in (encoded.decoded, encoded.truth))
-    require(ours == wanted, ours, f"decoded slices are {ours} texels, those of the material {wanted}")
+    decoded_size = "{} × {}".format(*encoded.decoded.shape[1:3])
+    true_size = "{} × {}".format(*encoded.truth.shape[1:3])
+    fault = f"decoded slices are {decoded_size} texels, those of the material {true_size}"
+    require(decoded_size == true_size, decoded_size, fault)
     bad = ~(np.isfinite(encoded.decoded) & (encoded.decoded >= 0))
     require(not bad.any(), f"{bad.sum()} bad", f"{bad.sum()} decoded values are negative or not finite")
 
@@ -153,8 +155,10 @@ def within(encoded: Encoded, allowed: dict[str, float]) -> Measured:
     sound(encoded)
     used = 0.0
     for space, (mse, peak) in mean_squares(encoded, encoded.decoded).items():
-        ours, least = float(psnr(mse / peak, 1.0)), float(psnr(allowed[space] / peak, 1.0))
-        require(mse <= allowed[space], f"{ours:.1f} dB", f"{space} PSNR {ours:.2f} dB, required {least:.2f} dB")
+        reached = float(psnr(mse / peak, 1.0))
+        required = float(psnr(allowed[space] / peak, 1.0))
+        detail = f"{space} PSNR {reached:.2f} dB, required {required:.2f} dB"
+        require(mse <= allowed[space], f"{reached:.1f} dB", detail)
         used = max(used, mse / allowed[space])
     return Measured(used=used)
 
@@ -167,9 +171,10 @@ def no_worse(encoded: Encoded) -> Measured:
 def others_no_worse(encoded: Encoded) -> Measured:
     """Judge the texels without a firefly by themselves."""
     sound(encoded)
-    others = encoded.truth.max((0, 3)) < HALF_MAX  # (H, W)
+    without_firefly = encoded.truth.max((0, 3)) < HALF_MAX  # mask (H, W)
     # As one row of texels: (N, 1, texels, 3).
-    truth, decoded = (slices[:, others][:, None] for slices in (encoded.truth, encoded.decoded))
+    truth = encoded.truth[:, without_firefly][:, None]
+    decoded = encoded.decoded[:, without_firefly][:, None]
     return no_worse(Encoded(material(truth, encoded.btf.wo, encoded.btf.wi), decoded))
 
 
@@ -190,8 +195,8 @@ def same_quality(factor: float, subject: Subject) -> None:
     before, after = quality(unscaled, unscaled.decoded), quality(scaled, scaled.decoded)
     for space, now in after.items():
         gained = min(now, EXACT_DB) - min(before[space], EXACT_DB)
-        told = f"{space} PSNR {now:.2f} dB, {before[space]:.2f} dB for the same data unscaled"
-        require(abs(gained) <= SAME_DB, figure=f"{gained:+.1f} dB", detail=told)
+        detail = f"{space} PSNR {now:.2f} dB, {before[space]:.2f} dB for the same data unscaled"
+        require(abs(gained) <= SAME_DB, figure=f"{gained:+.1f} dB", detail=detail)
 
 
 def refused(subject: Subject) -> None:

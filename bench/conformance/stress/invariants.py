@@ -65,8 +65,9 @@ def across_wrap() -> tuple[Queries, Queries]:
     # A mask (n, 2) of what lies on the border, at 0: u of even queries, v of odd ones. The other stays as it is.
     border = (torch.arange(MANY) % 2 == 0)[:, None] ^ torch.tensor([False, True])
     on_border = queries.uv * ~border
-    here, there = (on_border - border * (STEP / 2)).float(), (on_border + border * (STEP / 2)).float()
-    return queries._replace(uv=here), queries._replace(uv=there)
+    before = (on_border - border * (STEP / 2)).float()
+    behind = (on_border + border * (STEP / 2)).float()
+    return queries._replace(uv=before), queries._replace(uv=behind)
 
 
 def across_zenith() -> tuple[Queries, Queries]:
@@ -123,14 +124,23 @@ def no_jump(subject: Subject) -> None:
         wi = functional.normalize(start.wi + 0.5 * share * (end.wi - start.wi), dim=1)
         return Queries(uv.float(), wo.float(), wi.float(), start.footprint)
 
-    low, high = torch.zeros(LINES, dtype=torch.float64), torch.ones(LINES, dtype=torch.float64)
-    below, above = subject.answers(on_line(low)), subject.answers(on_line(high))
+    # Of each line the ends of a part, as shares (n,) of the way, and the answers (n, 3) there.
+    low = torch.zeros(LINES, dtype=torch.float64)
+    high = torch.ones(LINES, dtype=torch.float64)
+    at_low = subject.answers(on_line(low))
+    at_high = subject.answers(on_line(high))
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        between = subject.answers(on_line(middle))
-        lower = (between - below).abs().amax(1) > (above - between).abs().amax(1)  # the answer moves more below
-        low, high = low.where(lower, middle), middle.where(lower, high)
-        below, above = below.where(lower[:, None], between), between.where(lower[:, None], above)
+        at_middle = subject.answers(on_line(middle))
+        change_in_lower = (at_middle - at_low).abs().amax(1)
+        change_in_upper = (at_high - at_middle).abs().amax(1)
+        # Keep the half in which the answer moves more: where it is the lower one, the middle becomes the high end.
+        keep_lower = change_in_lower > change_in_upper
+        high = torch.where(keep_lower, middle, high)
+        at_high = torch.where(keep_lower[:, None], at_middle, at_high)
+        low = torch.where(keep_lower, low, middle)
+        at_low = torch.where(keep_lower[:, None], at_low, at_middle)
+    # The ends are now less than `STEP` apart, so a large change is a jump.
     continuous(lambda: (on_line(low), on_line(high)), subject)
 
 
@@ -167,8 +177,8 @@ def diverges(subject: Subject) -> None:
     except Exception as error:  # a codec may raise any kind, but it must say what happened
         message = str(error)
         require("diverged" in message or "not finite" in message, "unclear", f"{type(error).__name__}: {message}")
-        left = [file.name for file in subject.tested.folder.glob(f"{path.stem}*")]
-        require(not left, "left a file", f"left {left}")
+        files = [file.name for file in subject.tested.folder.glob(f"{path.stem}*")]
+        require(not files, "left a file", f"left {files}")
         return
     raise CheckError(f"a fit at a learning rate of {HIGH_RATE:g} ended without an error", "silent")
 

@@ -50,10 +50,10 @@ def largest_weights(subject: Subject) -> Material:
 
 def of_kind(material: Material, kind: type) -> list[nn.Module]:
     """Every layer of a kind in the networks of a material."""
-    found = []
+    layers: list[nn.Module] = []
     for network in material.modules():
-        found += [layer for layer in network.modules() if isinstance(layer, kind)]
-    return found
+        layers += [layer for layer in network.modules() if isinstance(layer, kind)]
+    return layers
 
 
 @torch.no_grad()
@@ -119,10 +119,10 @@ SPOILED: dict[str, Callable[[Subject], Material]] = {
 
 def random_and_grazing() -> Queries:
     """Random queries and grazing ones."""
-    some = spread()
-    low = spread(seed=1)
-    low = low._replace(wo=grazing(), wi=grazing(89.0))
-    return Queries(*(torch.cat(both) for both in zip(some, low, strict=True)))
+    random = spread()
+    low = spread(seed=1)._replace(wo=grazing(), wi=grazing(89.0))
+    columns = [torch.cat([of_random, of_low]) for of_random, of_low in zip(random, low, strict=True)]
+    return Queries(*columns)
 
 
 def sound(material: Material, what: str = "", queries: Queries | None = None) -> None:

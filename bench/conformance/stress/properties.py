@@ -35,8 +35,9 @@ def query_holds(subject: Subject, numbers: Sequence[float]) -> list[float]:
     apart = (material.query(*there) - material.query(*place)).abs().max().item()
     require(apart <= allowed, f"{apart:.2g}", f"three periods away the answer differs by {apart:.3g}")
     # Behind other queries, so its answer is the last.
-    among = Queries(*(torch.cat([column.flip(0), one]) for column, one in zip(spread(), query, strict=True)))
-    apart = (material.query(*among)[-1] - answer).abs().max().item()
+    others = [column.flip(0) for column in spread()]
+    batch = Queries(*(torch.cat([column, own]) for column, own in zip(others, query, strict=True)))
+    apart = (material.query(*batch)[-1] - answer).abs().max().item()
     require(apart <= allowed, f"{apart:.2g}", f"in a batch with others the answer differs by {apart:.3g}")
     return answer.tolist()
 

@@ -32,7 +32,8 @@ def spread(count: int = COUNT, theta_max_deg: float = 75.0, seed: int = 0) -> Qu
     """Random queries: one period of uv, directions uniform in solid angle, footprints up to an eighth."""
     rng = np.random.default_rng(seed)
     uv = torch.from_numpy(rng.random((count, 2), np.float32))
-    wo, wi = (torch.from_numpy(uniform(rng, count, theta_max_deg)) for _ in range(2))
+    wo = torch.from_numpy(uniform(rng, count, theta_max_deg))
+    wi = torch.from_numpy(uniform(rng, count, theta_max_deg))
     return Queries(uv, wo, wi, torch.from_numpy(rng.random(count, np.float32) / 8))
 
 
