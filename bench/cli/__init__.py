@@ -53,13 +53,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as end:  # of argparse, or of rich where nobody reads the output any more
         if argv is None:
             # As Python itself does: no code means 0, and a text means 1.
-            guard.report(end.code if isinstance(end.code, int) else int(end.code is not None))
+            if isinstance(end.code, int):
+                guard.report(end.code)
+            else:
+                guard.report(0 if end.code is None else 1)
         raise
     if argv is None:
         guard.report(code)
-    left = _threads_left() if argv is None else []
-    if left:
-        print(f"neubtf-bench: a codec left {', '.join(left)} running; they are ended", file=sys.stderr)
+    running = _threads_left() if argv is None else []
+    if running:
+        print(f"neubtf-bench: a codec left {', '.join(running)} running; they are ended", file=sys.stderr)
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
@@ -114,19 +117,19 @@ def _refuse_overwriting(options: argparse.Namespace) -> None:
     if out is None or not os.path.isfile(out):
         return
     for name, value in vars(options).items():
-        several = value if isinstance(value, list) else [value]
-        for given in several:
-            is_path = name != "out" and isinstance(given, str | os.PathLike)
-            if is_path and (_same(given, out) or _read_in(given, out)):
+        words = value if isinstance(value, list) else [value]
+        for word in words:
+            may_be_input = name != "out" and isinstance(word, str | os.PathLike)
+            if may_be_input and (_same_file(word, out) or _is_read_in(word, out)):
                 raise InputError(f"{out}: this file is read, so it cannot be written, too: give --out another name")
 
 
-def _same(given: str | os.PathLike[str], out: str | os.PathLike[str]) -> bool:
+def _same_file(given: str | os.PathLike[str], out: str | os.PathLike[str]) -> bool:
     """Whether both are paths of one file that exists."""
     return os.path.exists(given) and os.path.samefile(given, out)
 
 
-def _read_in(folder: str | os.PathLike[str], out: str | os.PathLike[str]) -> bool:
+def _is_read_in(folder: str | os.PathLike[str], out: str | os.PathLike[str]) -> bool:
     """Whether a command that reads a folder would read the file `out` in it, as a picture of a BTF."""
     inside = os.path.realpath(folder)
     place = os.path.realpath(out)

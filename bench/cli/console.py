@@ -33,10 +33,10 @@ class _TimeLeft(ProgressColumn):
             return Text("")
         idle = time.monotonic() - task.fields["moved_at"]  # seconds since the last step ended
         pace = (task.elapsed - idle) / steps  # seconds a step
-        more = task.total - task.completed
-        # The running step may take longer than those before; never show less than the remaining whole steps need.
-        left = max(pace * more - idle, pace * (more - 1))
-        minutes, seconds = divmod(round(left), 60)
+        remaining = task.total - task.completed  # steps, with the one that runs now
+        # The running step may take longer than those before; never show less than the steps after it need.
+        seconds_left = max(pace * remaining - idle, pace * (remaining - 1))
+        minutes, seconds = divmod(round(seconds_left), 60)
         return Text(f"{minutes}:{seconds:02} left")
 
 
@@ -88,10 +88,10 @@ class Console:
         record = outcome.record
         if record["status"] == "ok":
             psnr = cast(float, stats_of(record, PSNR)["mean"])
-            shown = "exact" if psnr >= MOST_DB else f"{psnr:.2f} dB"
+            quality = "exact" if psnr >= MOST_DB else f"{psnr:.2f} dB"
             reused = {"record": "cached", "file": "scored again from the cached file"}.get(outcome.cached)
             how = reused or f"fitted in {record['fit_seconds']:.1f} processor s"
-            line = f"{record['job']}: {shown}, {record['bytes']['total']:,} bytes, {how}"
+            line = f"{record['job']}: {quality}, {record['bytes']['total']:,} bytes, {how}"
         else:
             word = "not available" if record["status"] == "unavailable" else "FAILED"
             line = f"{record['job']}: {word}: {record['error']}"

@@ -109,16 +109,16 @@ def queries_of(points: Points, lights: list[Light]) -> dict[str, Array]:
     parts: list[dict[str, Array]] = []
     for light in lights:
         wi = points.local(light.toward)
-        seen = (points.wo[:, 2] > 0) & (wi[:, 2] > 0) & (light.irradiance > 0).any(1)
-        some = np.flatnonzero(seen)
+        is_seen_and_lit = (points.wo[:, 2] > 0) & (wi[:, 2] > 0) & (light.irradiance > 0).any(1)
+        chosen = np.flatnonzero(is_seen_and_lit)
         parts.append(
             {
-                "place": points.uv[some],
-                "footprint": points.footprint[some],
-                "wo": points.wo[some],
-                "wi": wi[some],
-                "weight": light.irradiance[some],
-                "pixel": points.pixel[some],
+                "place": points.uv[chosen],
+                "footprint": points.footprint[chosen],
+                "wo": points.wo[chosen],
+                "wi": wi[chosen],
+                "weight": light.irradiance[chosen],
+                "pixel": points.pixel[chosen],
             }
         )
     columns = {}

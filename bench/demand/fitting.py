@@ -96,9 +96,9 @@ class Goal:
 
     def met(self, model: "Model") -> bool:
         """Whether a model reaches the goal. A PSNR of None is of no error; a FLIP of None was not measured."""
-        enough = self.psnr is None or model.psnr is None or model.psnr >= self.psnr
-        near = self.flip is None or model.flip is None or model.flip <= self.flip
-        return enough and near
+        psnr_is_enough = self.psnr is None or model.psnr is None or model.psnr >= self.psnr
+        flip_is_enough = self.flip is None or model.flip is None or model.flip <= self.flip
+        return psnr_is_enough and flip_is_enough
 
 
 @dataclass(frozen=True)
@@ -150,21 +150,21 @@ class Search:
         """Search; the default goal is the PSNR of the full model less `EQUAL_DB`, or no error if it has none."""
         full = self.model(sized(self.codec, steps_of(self.codec), scene=False), "full")
         goal = goal or Goal(psnr=_psnr_or_infinite(full) - EQUAL_DB)
-        tried = list(self.ladder(goal))
-        seconds = sum(model.seconds for model in tried)
-        meeting = [model for model in tried if goal.met(model)]
+        models = list(self.ladder(goal))
+        seconds = sum(model.seconds for model in models)
+        meeting = [model for model in models if goal.met(model)]
         best = min(meeting, key=lambda model: model.header.file_bytes, default=None)
         full_meets = goal.met(full)
         if best is None:
-            finest = max(tried, key=_psnr_or_infinite)
+            finest = max(models, key=_psnr_or_infinite)
             # If the full model misses the goal, too, the better of the two is chosen.
             scene = None
             if not full_meets and _psnr_or_infinite(finest) > _psnr_or_infinite(full):
                 scene = finest
-            return SearchResult(full, scene, "no model of the scene is as good", full_meets, len(tried), seconds)
+            return SearchResult(full, scene, "no model of the scene is as good", full_meets, len(models), seconds)
         if full_meets and best.header.file_bytes >= full.header.file_bytes:
-            return SearchResult(full, None, "the scene needs everything", True, len(tried), seconds)
-        return SearchResult(full, best, left_out(self.problem.needed, self.btf), True, len(tried), seconds)
+            return SearchResult(full, None, "the scene needs everything", True, len(models), seconds)
+        return SearchResult(full, best, left_out(self.problem.needed, self.btf), True, len(models), seconds)
 
     def ladder(self, goal: Goal, scene: bool = True) -> Iterator[Model]:
         """Fit models of the scene, or of the whole BTF, and yield each.
@@ -242,11 +242,11 @@ def outside(scorer: FrameScorer, material: Material) -> float | None:
     if not len(untouched):
         return None
     spread = np.linspace(0, len(untouched) - 1, min(OUTSIDE_PAIRS, len(untouched)))
-    some = untouched[spread.astype(int)]
+    measured = untouched[spread.astype(int)]
     btf = scorer.btf
     scale = exposure(btf)
     errors = []
-    for pair in some:
+    for pair in measured:
         decoded = material.slice(btf.wo[pair].tolist(), btf.wi[pair].tolist(), btf.shape).cpu().numpy()
         errors.append(display_error(btf[int(pair)], decoded, scale))
     return float(psnr(float(np.mean(errors)), peak=1.0))

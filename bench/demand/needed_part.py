@@ -126,7 +126,8 @@ def _span(place: Array, footprint: Array, side: int, factor: int, whole: int) ->
     # From each seen texel to the next, around the period; the longest step jumps over the part to leave out.
     steps = np.diff(seen, append=seen[0] + side)
     jump = int(np.argmax(steps))
-    length = -(-(side - int(steps[jump]) + 1) // factor) * factor  # rounded up to whole boxes
+    texels = side - int(steps[jump]) + 1  # without those that the longest step jumps over
+    length = -(-texels // factor) * factor  # rounded up to whole boxes
     if length >= whole:
         return 0, whole
     return int(seen[jump] + steps[jump]) % side, length
@@ -169,10 +170,11 @@ def shares_of_others(layout: Layout, demand: Demand, wo: Array, wi: Array) -> Ar
     shares = pair_shares(layout, demand)
     surrounding = PairInterpolator(layout).shares(torch.from_numpy(wo), torch.from_numpy(wi))
     weight = surrounding.weight.numpy()  # (n, k)
-    there = shares[surrounding.sample.numpy()]  # (n, k), of each surrounding pair
-    is_near = (weight * (there > 0)).sum(1) >= 0.5
-    found = np.where(is_near, (weight * there).sum(1), 0.0)
-    return found / max(found.sum(), 1e-30)
+    share_of_surrounding = shares[surrounding.sample.numpy()]  # (n, k)
+    is_near = (weight * (share_of_surrounding > 0)).sum(1) >= 0.5
+    mean_share = (weight * share_of_surrounding).sum(1)
+    demand_around = np.where(is_near, mean_share, 0.0)
+    return demand_around / max(demand_around.sum(), 1e-30)
 
 
 def shares_from_weights(weights: Weights, importance: Array, count: int) -> Array:

@@ -37,7 +37,8 @@ class TextScene:
         position = eye + ahead[hit] * far[hit, None]
         uv, normal, dp_du, dp_dv, inside = texture(self.scene.surface, position)
         hit = hit[inside]  # a ray may meet a plane beyond the surface's edge
-        uv, position, normal, dp_du, dp_dv = (value[inside] for value in (uv, position, normal, dp_du, dp_dv))
+        uv, position, normal = uv[inside], position[inside], normal[inside]
+        dp_du, dp_dv = dp_du[inside], dp_dv[inside]
         right = camera.ahead(col[hit] + 1, row[hit])
         below = camera.ahead(col[hit], row[hit] + 1)
         eyes = np.broadcast_to(eye, position.shape)
@@ -81,10 +82,10 @@ def _environment_sample(source: LightSource, points: Points, rng: np.random.Gene
     shares = power / power.sum()
     chosen = rng.choice(len(lamps), len(points), p=shares)
     for index, lamp in enumerate(lamps):
-        here = np.flatnonzero(chosen == index)
-        if len(here):
-            toward[here] = _in_cone(unit(np.asarray(lamp.toward)), angles[index], len(here), rng)
-            irradiance[here] = np.asarray(lamp.radiance) * solid[index] / shares[index]
+        lit = np.flatnonzero(chosen == index)  # the points that this lamp lights in this sample
+        if len(lit):
+            toward[lit] = _in_cone(unit(np.asarray(lamp.toward)), angles[index], len(lit), rng)
+            irradiance[lit] = np.asarray(lamp.radiance) * solid[index] / shares[index]
     return Light(toward, irradiance / source.samples)
 
 
@@ -219,8 +220,8 @@ def _drape_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
     way = ahead @ axes / scale
     enter, leave = _drape_box(start, way)
     distances = np.full(len(way), np.inf)
-    some = np.flatnonzero(enter < leave)
-    enter, leave, way = enter[some], leave[some], way[some]
+    meeting = np.flatnonzero(enter < leave)  # the rays that meet the box
+    enter, leave, way = enter[meeting], leave[meeting], way[meeting]
 
     def above(along: Array) -> Array:
         """Whether each ray is above the cloth at its distance."""
@@ -230,15 +231,16 @@ def _drape_distance(surface: Surface, eye: Array, ahead: Array) -> Array:
     first = above(enter)
     step = (leave - enter) / STEPS
     # The step at whose end a ray is first on the other side than at the start; infinite if it stays on one side.
-    crossed = np.full(len(some), np.inf)
+    crossed = np.full(len(meeting), np.inf)
     for number in range(STEPS, 0, -1):  # from far to near, so that the nearest crossing is kept
         crossed[above(enter + step * number) != first] = number
-    near, far = enter + step * (crossed - 1), enter + step * crossed
     hit = np.isfinite(crossed)
-    near, far = np.where(hit, near, 0), np.where(hit, far, 0)  # the others are not used
+    near = np.where(hit, enter + step * (crossed - 1), 0)  # 0 for rays that cross nowhere, which are not used
+    far = np.where(hit, enter + step * crossed, 0)
     for _ in range(HALVINGS):
         middle = (near + far) / 2
-        before = above(middle) == first
-        near, far = np.where(before, middle, near), np.where(before, far, middle)
-    distances[some[hit]] = far[hit]
+        is_before_crossing = above(middle) == first
+        near = np.where(is_before_crossing, middle, near)
+        far = np.where(is_before_crossing, far, middle)
+    distances[meeting[hit]] = far[hit]
     return distances

@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
     path_tracer = load_path_tracer() if options.renderer == "mitsuba" else None
     data = Preparation(options.size, options.directions, options.views, options.lights, options.heldout)
     with Console() as console:
-        maps = recognise(options.folder, _given(options.map))
+        maps = recognise(options.folder, _files_of_maps(options.map))
         surface = read_surface(maps, data.size, options.depth)
         console.say(f"{options.folder}:\n{table(surface)}")
         bake(surface, data, options.out, console.show, options.seed, path_tracer)
@@ -47,17 +47,17 @@ def run(options: argparse.Namespace) -> int:
     return FINE
 
 
-def _given(words: list[str]) -> dict[str, str]:
+def _files_of_maps(words: list[str]) -> dict[str, str]:
     """The files of `--map MAP=FILE` by map."""
-    given: dict[str, str] = {}
+    file_of_map: dict[str, str] = {}
     for word in words:
         role, _, file = word.partition("=")
         fault = ""
-        if role in given:
+        if role in file_of_map:
             fault = "it is given twice"
         elif not (role and file):
             fault = "it is not MAP=FILE"
         if fault:
             raise InputError(f"--map {word}: {fault}: give one like albedo=photo.png")
-        given[role] = file
-    return given
+        file_of_map[role] = file
+    return file_of_map

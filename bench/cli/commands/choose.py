@@ -55,9 +55,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    size = parse_bytes(options, "max_bytes")
-    on_gpu = parse_bytes(options, "max_gpu_bytes")
-    wishes = Limits(size, options.max_ns, options.min_psnr, on_gpu)
+    most_bytes = parse_bytes(options, "max_bytes")
+    most_gpu_bytes = parse_bytes(options, "max_gpu_bytes")
+    wishes = Limits(size=most_bytes, time=options.max_ns, score=options.min_psnr, gpu=most_gpu_bytes)
     if wishes == Limits():
         raise InputError("choose: no wish is given: give --min-psnr, --max-bytes, --max-gpu-bytes or --max-ns")
     if options.copy:
@@ -80,9 +80,9 @@ def run(options: argparse.Namespace) -> int:
         return FAILED
     best = chosen(rungs, wishes, TIE_DB)
     if best is None:
-        close = nearest(rungs, wishes).of
-        time = f" (up to {longest_ns(close):,.0f}, 95 % interval)" if wishes.time else ""
-        say_line(f"{material}: no setting meets that; the nearest is {choice_in_words(close)}{time}")
+        nearest_row = nearest(rungs, wishes).of
+        time = f" (up to {longest_ns(nearest_row):,.0f}, 95 % interval)" if wishes.time else ""
+        say_line(f"{material}: no setting meets that; the nearest is {choice_in_words(nearest_row)}{time}")
         return NO
     say_line(f"{material}: {choice_in_words(best.of)}")
     _say_cost(folder, best.of)
@@ -95,8 +95,8 @@ def run(options: argparse.Namespace) -> int:
 
 def _say_cost(folder: Path, row: "TradeChoice") -> None:
     """Print the time of the chosen setting, and the bytes of its textures on a GPU."""
-    held = _gpu_bytes(folder, row.get("job", ""))
-    on_a_gpu = f"{held:,} bytes of textures, as `export` writes them" if held else "not exported"
+    gpu_bytes = _gpu_bytes(folder, row.get("job", ""))
+    on_a_gpu = f"{gpu_bytes:,} bytes of textures, as `export` writes them" if gpu_bytes else "not exported"
     longest = f"up to {longest_ns(row):,.0f} ns a sample by its 95 % interval"
     print(f"time: {timed_on(row)}, {longest}; on a GPU: {on_a_gpu}")
 
@@ -196,16 +196,18 @@ def _measured(folder: Path, suite: "Suite", options: argparse.Namespace) -> tupl
     codecs = {codec.codec for codec in suite.codecs}
     material = suite.materials[0].name
     trade = load_trade(folder)
-    every = trade["choices"] if trade else []
-    of_device = [row for row in every if (row["material"], row["device"]) == (material, options.device)]
-    rows = [row for row in of_device if row.get("codec") in codecs]
+    rows = []
+    for row in trade["choices"] if trade else []:
+        of_material = (row["material"], row["device"]) == (material, options.device)
+        if of_material and row.get("codec") in codecs:
+            rows.append(row)
     # A setting that failed is not tried again.
     tried = {row["label"] for row in rows if "validation" in row or "error" in row}
     rungs = usable(rows, material)
     if options.max_gpu_bytes:
         jobs = {rung.of.get("job", "") for rung in rungs}
-        held = {job: _gpu_bytes(folder, job) for job in jobs}
-        rungs = [replace(rung, gpu=held[rung.of.get("job", "")]) for rung in rungs]
+        gpu_bytes_of = {job: _gpu_bytes(folder, job) for job in jobs}
+        rungs = [replace(rung, gpu=gpu_bytes_of[rung.of.get("job", "")]) for rung in rungs]
     return rungs, [codec.label for codec in suite.codecs if codec.label not in tried]
 
 

@@ -63,22 +63,22 @@ def _place(options: argparse.Namespace, measured: Run) -> Path:
     return path
 
 
-def _say_limits(after: Run, measured: Run, run: str) -> None:
+def _say_limits(updated: Run, measured: Run, folder: str) -> None:
     """Print what the reference cannot tell: losses within chance, and codecs whose scatter is not known."""
-    drawn = pairs_by_seed(after)
-    losses = smallest_losses(after, seeds_of(measured))
+    with_own_pairs = pairs_by_seed(updated)
+    losses = smallest_losses(updated, seeds_of(measured))
     if losses:
         print("losses below these cannot be told from chance on these materials:")
         width = max(map(len, losses))
-        for name, each in losses.items():
-            listed = ", ".join(f"{word} {value:.2f} dB" for word, value in each.items())
+        for name, loss_of in losses.items():
+            listed = ", ".join(f"{word} {value:.2f} dB" for word, value in loss_of.items())
             say_line(f"  {name:<{width}}  {listed}")
-    few = [name for name in few_seeds(after) if name not in drawn]
+    few = [name for name in few_seeds(updated) if name not in with_own_pairs]
     if few:
-        say_line(f"too few seeds to tell a spread; add some with `run --seed N --out {run}`: {', '.join(few)}")
-    if drawn:
+        say_line(f"too few seeds to tell a spread; add some with `run --seed N --out {folder}`: {', '.join(few)}")
+    if with_own_pairs:
         say_line(
             "warning: each seed is scored at its own test pairs, so only seeds that a run shares with this reference "
             'show a change, and margins are wide; write split = "validation" into [data] of the suite, and run it '
-            f"again: {', '.join(drawn)}"
+            f"again: {', '.join(with_own_pairs)}"
         )

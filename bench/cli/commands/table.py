@@ -100,15 +100,18 @@ def parameters_table(folders: list[Path], format: str, choice: "Choice | None" =
             if job["status"] != "ok":
                 continue
             require(job, "tables", run.folder)
-            found = cast(TimedJob, {**job, "ns": {}})
-            if eager := run.timing(job):
-                found["ns"]["eager"] = eager["ns_per_sample"]
-            if fused := fused_times(run).get(job["job"]):
-                found["ns"]["fused"] = fused["ns_per_sample"]
-            if quickest := on_gpu.get(job["label"]):
-                found["ns"]["gpu"] = quickest["ns_per_sample"]
-                found["gpu"] = quickest["gpu"]
-            jobs.append(found)
+            timed = cast(TimedJob, {**job, "ns": {}})
+            eager = run.timing(job)
+            if eager:
+                timed["ns"]["eager"] = eager["ns_per_sample"]
+            fused = fused_times(run).get(job["job"])
+            if fused:
+                timed["ns"]["fused"] = fused["ns_per_sample"]
+            quickest = on_gpu.get(job["label"])
+            if quickest:
+                timed["ns"]["gpu"] = quickest["ns_per_sample"]
+                timed["gpu"] = quickest["gpu"]
+            jobs.append(timed)
     counted = [cast(TimedJob, count(name)) for name in PUBLISHED if name in codec_entries()]
     return parameters_text([*counted, *jobs], format, choice)
 

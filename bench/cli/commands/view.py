@@ -40,18 +40,18 @@ def run(options: argparse.Namespace) -> int:
     changes = assignments(options.set)
     with Console() as console:
         models = []
-        shown = 0.0
+        common_exposure = 0.0  # not known yet
         if options.truth:
             btf = open_named(options.truth, changes, console.show)
-            program, shown = drawable_truth(btf, console.show)
+            program, common_exposure = drawable_truth(btf, console.show)
             note = "truth: the training pairs, interpolated between directions"
-            models = [Shown(f"{btf.name}, truth", program, shown, note)]
+            models = [Shown(f"{btf.name}, truth", program, common_exposure, note)]
         for file in map(load, options.files):
             (program, exposure), note = _drawn(file, console.show)
-            if not shown:  # one exposure for all, the first one, so that brightness can be compared
-                shown = exposure
+            if not common_exposure:  # one for all, the first, so that brightness can be compared
+                common_exposure = exposure
             label = f"{file.header.path.stem}: {file.header.codec}, {file.header.file_bytes:,} bytes"
-            models.append(Shown(label, program, shown, note))
+            models.append(Shown(label, program, common_exposure, note))
         title = models[0].label.removesuffix(", truth") if options.truth else options.files[0].stem
         text = page(title, models)
     out = options.out or Path(tempfile.mkdtemp(prefix="neubtf-view-")) / "view.html"

@@ -115,7 +115,10 @@ def drawn(
     uv = torch.stack([(cell % cells + place[:, 0]) / cells, 1 - (cell // cells + place[:, 1]) / cells], 1)
     wo = torch.from_numpy(uniform(rng, len(cell), LOWEST_VIEW)).float()
     wi = torch.from_numpy(uniform(rng, len(cell) * lights, LOWEST_LIGHT)).float()
-    cell, uv, wo = (each.repeat_interleave(lights, 0) for each in (cell, uv, wo))
+    # Each place and view once for each of its lights.
+    cell = cell.repeat_interleave(lights, 0)
+    uv = uv.repeat_interleave(lights, 0)
+    wo = wo.repeat_interleave(lights, 0)
     return cell, wo, wi, material.query(uv, wo, wi).mean(1).view(-1, lights)
 
 
@@ -151,11 +154,13 @@ def _variances(material: Material, raw: Tensor, lights: int, rng: np.random.Gene
     """For some views of each cell: the variance of one sample drawn by the cosine, and by the lobes `raw` (cells², 5),
     and the mean, which is the albedo; each (cells² · views,)."""
     cell, wo, wi, values = drawn(material, math.isqrt(len(raw)), VIEWS, lights, rng)
-    whole = 2 * math.pi
-    albedo = values.mean(1) * whole
+    hemisphere = 2 * math.pi  # its solid angle
+    albedo = values.mean(1) * hemisphere
 
     def variance(density: Tensor) -> Tensor:
         """The mean of (f / p)² over directions of density p, less the square of the mean, by uniform directions."""
-        return (values.square() / density.view(-1, lights)).mean(1) * whole - albedo**2
+        return (values.square() / density.view(-1, lights)).mean(1) * hemisphere - albedo**2
 
-    return variance(wi[:, 2] / math.pi), variance(Lobe.from_stored(raw[cell]).density(wo, wi)), albedo
+    by_cosine = variance(wi[:, 2] / math.pi)
+    by_lobes = variance(Lobe.from_stored(raw[cell]).density(wo, wi))
+    return by_cosine, by_lobes, albedo

@@ -55,14 +55,14 @@ class MitsubaScene:
 
         rays, right, below = rays_through(col, row), rays_through(col + 1, row), rays_through(col, row + 1)
         hit = self.scene.ray_intersect(rays)
-        wanted = hit.is_valid() & (hit.bsdf() == mi.BSDFPtr(self.bsdf))
-        some = np.flatnonzero(np.asarray(wanted))
+        hits_bsdf = hit.is_valid() & (hit.bsdf() == mi.BSDFPtr(self.bsdf))
+        chosen = np.flatnonzero(np.asarray(hits_bsdf))
         position = _rows(hit.p)
         normal = _rows(hit.sh_frame.n)
         eye = np.broadcast_to(np.asarray(sensor.world_transform().translation()).ravel(), position.shape)
         columns = [_rows(hit.uv), position, normal, _rows(hit.dp_du), _rows(hit.dp_dv), eye]
         columns += [_rows(right.d), _rows(below.d)]
-        return Points(some, *(column[some] for column in columns))  # in the order of its fields
+        return Points(chosen, *(column[chosen] for column in columns))  # in the order of its fields
 
     def lights(self, points: Points, rng: np.random.Generator) -> list[Light]:
         """Every emitter that reaches the points without a shadow; for extended emitters, a few samples."""
@@ -109,11 +109,11 @@ def _chosen(scene: Values, path: Path, bsdf: str) -> Values:
     if bsdf not in ids:
         names = ", ".join(sorted(ids)) or "none"
         raise InputError(f"{path}: no shape has a BSDF with the id {bsdf!r}{did_you_mean(bsdf, ids)} (there: {names})")
-    wearing = [shape for shape in shapes if shape.bsdf().id() == bsdf]
-    for shape in wearing:
+    shapes_with_bsdf = [shape for shape in shapes if shape.bsdf().id() == bsdf]
+    for shape in shapes_with_bsdf:
         if shape.is_mesh() and not shape.has_vertex_texcoords():
             raise InputError(f"{path}: shape {shape.id()!r} has no texture coordinates: give its mesh uv")
-    return wearing[0].bsdf()
+    return shapes_with_bsdf[0].bsdf()
 
 
 def _rows(values: Values) -> Array:
