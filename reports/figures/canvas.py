@@ -46,10 +46,11 @@ class Figure:
         """The figure as "svg" or "pdf"; the same drawing gives the same bytes."""
         drawing = self.drawing.layered() if isinstance(self.drawing, Sheet) else self.drawing
         assert drawing
-        unnamed = ("Date", "Creator") if format == "svg" else ("CreationDate", "Creator", "Producer")
+        # What Matplotlib would write of itself and of the time: left out by None, so that bytes stay the same.
+        left_out = ("Date", "Creator") if format == "svg" else ("CreationDate", "Creator", "Producer")
         out = io.BytesIO()
         with style():
-            drawing.savefig(out, format=format, metadata=dict.fromkeys(unnamed))
+            drawing.savefig(out, format=format, metadata=dict.fromkeys(left_out))
         return out.getvalue()
 
 
@@ -127,11 +128,12 @@ class Sheet:
         """The sheet as PNG, grey in mode "L"; the same sheet gives the same bytes."""
         self.drawing.patch.set_alpha(0)
         self.drawing.canvas.draw()
-        drawn = np.asarray(self.drawing.canvas.buffer_rgba())  # type: ignore[attr-defined]  # texts and scales
-        used = drawn[..., 3] > 0
+        # Texts and scales (H, W, 4), which are blended over the pictures.
+        overlay = np.asarray(self.drawing.canvas.buffer_rgba())  # type: ignore[attr-defined]
+        covered = overlay[..., 3] > 0  # mask (H, W)
         pixels = self.pixels.copy()
-        alpha = drawn[used][:, 3:] / 255
-        pixels[used] = np.round(drawn[used][:, :3] * alpha + pixels[used] * (1 - alpha)).astype(np.uint8)
+        alpha = overlay[covered][:, 3:] / 255
+        pixels[covered] = np.round(overlay[covered][:, :3] * alpha + pixels[covered] * (1 - alpha)).astype(np.uint8)
         out = io.BytesIO()
         Image.fromarray(pixels).convert(mode).save(out, "png", compress_level=4)
         return out.getvalue()
@@ -188,8 +190,9 @@ def legend(axes: Any, handles: Sequence[Any], labels: Sequence[str]) -> None:
     """A legend beside the last axes of `plots`, which make room for it."""
     box = axes.legend(handles, list(map(short, labels)), loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0)
     drawing = axes.figure
-    wide = box.get_window_extent(drawing.canvas.get_renderer()).width / drawing.dpi + 0.3  # inches, with its margins
-    drawing.subplots_adjust(right=max(0.4, 1 - wide / drawing.get_figwidth()))
+    pixels = box.get_window_extent(drawing.canvas.get_renderer()).width
+    inches = pixels / drawing.dpi + 0.3  # with its margins
+    drawing.subplots_adjust(right=max(0.4, 1 - inches / drawing.get_figwidth()))
 
 
 def plots(width: float, height: float, count: int = 1) -> tuple[Drawing, list[Any]]:

@@ -87,20 +87,20 @@ def strip(run: Run, budget: Budget) -> Figure | None:
     for material in chain.from_iterable(by_kind(result.surfaces).values()):
         picked = result.picks(budget, [material])
         jobs = [picked[line][material].of[0] for line in result.ranked(budget, [material])]
-        known = _of_same_pairs(run, jobs)[:3]
-        if len(known) < 3:
+        best_three = _of_same_pairs(run, jobs)[:3]
+        if len(best_three) < 3:
             continue
-        best, _ = known[0]
+        best, _ = best_three[0]
         scores = arrays(run.folder, best, "slices", ("pairs", PSNR))
         if scores:
             with style():
-                return _strip(material, known, scores)
+                return _strip(material, best_three, scores)
     return None
 
 
 def _of_same_pairs(run: Run, jobs: Sequence[Job]) -> list[tuple[Job, Arrays]]:
     """The jobs with pictures of the same pairs as the first job that has any, each with its pictures."""
-    known: list[tuple[Job, Arrays]] = []
+    with_pictures: list[tuple[Job, Arrays]] = []
     first: Arrays | None = None
     for job in jobs:
         pictures = arrays(run.folder, job, "pictures")
@@ -109,31 +109,33 @@ def _of_same_pairs(run: Run, jobs: Sequence[Job]) -> list[tuple[Job, Arrays]]:
         if first is None:
             first = pictures
         if np.array_equal(pictures["pairs"], first["pairs"]):
-            known.append((job, pictures))
-    return known
+            with_pictures.append((job, pictures))
+    return with_pictures
 
 
-def _strip(material: str, known: Sequence[tuple[Job, Arrays]], scores: Arrays) -> Figure:
+def _strip(material: str, best_three: Sequence[tuple[Job, Arrays]], scores: Arrays) -> Figure:
     """The truth and the decoded pictures of one slice side by side, at which the best codec has its median error.
 
-    `known` has three jobs with their pictures, the best first; `scores` are the errors of that one.
+    `best_three` are jobs with their pictures, the best first; `scores` are the errors of that one.
     """
-    _, first = known[0]
+    _, first = best_three[0]
     truth = first["truth"]
     pairs = first["pairs"]
     errors = dict(zip(scores["pairs"].tolist(), scores[PSNR].tolist(), strict=True))
-    from_best = sorted(range(len(pairs)), key=lambda place: errors[pairs[place]])
-    shown = from_best[len(pairs) // 2]
+    places_by_error = sorted(range(len(pairs)), key=lambda place: errors[pairs[place]])
+    median = places_by_error[len(pairs) // 2]  # the place of the slice that is shown
     factor = math.ceil(2 * CELL / max(truth.shape[1:3]))
     words = [f"{material}, truth"]
-    for job, _ in known:
+    for job, _ in best_three:
         bits = round(8 * job["bytes"]["total"] / prod(job["shape"]))
         words.append(f"{job['codec']}: {fixed(stats_of(job, PSNR)['mean'], 2)} dB, {bits} bits a texel")
-    height, width = (side * factor for side in truth.shape[1:3])
+    height = factor * truth.shape[1]
+    width = factor * truth.shape[2]
     sheet = Sheet(4 * (width + _GAP) - _GAP, height + _BOTTOM)
-    for place, picture in enumerate([truth, *(each["decoded"] for _, each in known)]):
-        sheet.picture(place * (width + _GAP), 0, enlarged(picture[shown], factor))
-        sheet.text(place * (width + _GAP), height + _BOTTOM / 2, words[place])
+    slices = [truth, *(pictures["decoded"] for _, pictures in best_three)]  # each of all shown pairs
+    for column, slices_of_column in enumerate(slices):
+        sheet.picture(column * (width + _GAP), 0, enlarged(slices_of_column[median], factor))
+        sheet.text(column * (width + _GAP), height + _BOTTOM / 2, words[column])
     return Figure(material, "strip", f"{material}: truth and decoded; PSNR: mean over test slices", sheet.png(), sheet)
 
 

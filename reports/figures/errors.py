@@ -79,8 +79,8 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
     title = f"{material.name}: FLIP over the hemispheres"
     values = {}  # by side and number of the codec: FLIP by cell, (rings of θ, sectors of φ)
     for side in _SIDES:
-        for i, (_, each) in enumerate(maps):
-            values[side, i] = np.array(each[side]["value"], float)
+        for i, (_, polar) in enumerate(maps):
+            values[side, i] = np.array(polar[side]["value"], float)
     tops = [np.nanmax(value) for value in values.values() if np.isfinite(value).any()]
     top = max(tops, default=1.0)
     scale = Normalize(0, top)
@@ -121,8 +121,8 @@ def _disc(stored: dict[str, Any], value: np.ndarray, scale: Normalize) -> np.nda
     radius = np.hypot(x, y)
     ring = np.searchsorted(stored["theta_edges_deg"], radius, side="right") - 1
     inside = ring < len(value)
-    shown = value[np.where(inside, ring, 0), sector]  # ring 0 stands in for none, and is masked below
-    picture = coloured(np.where(inside, shown, np.nan), "cividis", scale)
+    value_of_pixel = value[np.where(inside, ring, 0), sector]  # ring 0 stands in for none, and is masked below
+    picture = coloured(np.where(inside, value_of_pixel, np.nan), "cividis", scale)
     pixel = _AXIS_DEG[1] - _AXIS_DEG[0]
     for edge in (30, 60, 90):
         picture[abs(radius - edge) < pixel] = (128, 128, 128, 255)

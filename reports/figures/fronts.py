@@ -76,12 +76,12 @@ def _look(styles: Styles, line: str) -> dict[str, Any]:
 
 def _mean_curve(curves: Mapping[str, Sequence[Point]], surfaces: Sequence[str]) -> dict[float, float]:
     """The mean over surfaces of a line's curves by bits a texel, where each of them reaches."""
-    found = {}
+    mean_of = {}
     for bits in _SIZES:
         mean = mean_at(curves, surfaces, bits)
         if mean is not None:
-            found[bits] = mean
-    return found
+            mean_of[bits] = mean
+    return mean_of
 
 
 def trade_fronts(run: Run) -> Iterator[Figure]:
@@ -102,13 +102,13 @@ def _fronts(material: str, rows: Sequence[TradeChoice], styles: Styles) -> Any:
     drawing, (speed, rate) = plots(11.5, max(5.0, 1.4 + 0.2 * len(groups)), 2)
     handles = []
     for name, group in groups.items():
-        default = not _how(group[0])
+        is_default = not _how(group[0])
         look = styles.of_codec(name) | {"linestyle": "none"}
-        if not default:
+        if not is_default:
             look["markerfacecolor"] = "white"
         psnr = [row["psnr"] for row in group]
         handles += speed.plot([row["ns_per_sample"] for row in group], psnr, **look, markersize=6)
-        if default:  # executions do not change bytes
+        if is_default:  # executions do not change bytes
             rate.plot([row["bytes"] for row in group], psnr, **look, markersize=6)
     fastest = [(row["ns_per_sample"], row["psnr"]) for row in rows if row["fastest"]]
     smallest = [(row["bytes"], row["psnr"]) for row in rows if row["smallest"]]
@@ -152,22 +152,22 @@ def plot_figures(run: Run, kind: str) -> Iterator[Figure]:
 
 def _figure(plot: Plot, material: MaterialRows, styles: Styles) -> Figure:
     """A plot of the page as a figure; a point is (x, PSNR), or (x, PSNR, low, high) with the interval of x."""
-    fits = plot["kind"] == "fits"
+    is_of_fits = plot["kind"] == "fits"
     curves: dict[str, list[list[float]]] = {}
     for series in plot["series"]:  # of each codec, or of a whole ladder of rates
         curves.setdefault(series.get("curve", series["label"]), []).extend(series["points"])
-    title = f"{material.name}: {'how soon a fit is good' if fits else plot['title'].lower()}"
+    title = f"{material.name}: {'how soon a fit is good' if is_of_fits else plot['title'].lower()}"
     drawing, (axes,) = plots(8.2, max(4.4, 1.6 + 0.2 * len(curves)))
-    look = {"markersize": 3} if fits else {"markersize": 6, "alpha": 0.9}
+    look = {"markersize": 3} if is_of_fits else {"markersize": 6, "alpha": 0.9}
     handles = []
     for name, points in curves.items():
-        x, y, *ends = zip(*sorted(points), strict=True)  # from a list a point to a tuple a number
-        drawn = styles.of_codec(name) | look
+        x, y, *ends = zip(*sorted(points), strict=True)  # all x, all y and, if there are intervals, both their ends
+        of_codec = styles.of_codec(name) | look
         if ends:
-            axes.hlines(y, *ends, color=drawn["color"], linewidth=1)
-        handles += axes.plot(x, y, **drawn, linewidth=1)
+            axes.hlines(y, *ends, color=of_codec["color"], linewidth=1)
+        handles += axes.plot(x, y, **of_codec, linewidth=1)
     low, high = axes.get_ylim()
-    if fits:
+    if is_of_fits:
         for goal in GOALS_DB:
             if low < goal < high:
                 axes.axhline(goal, color="0.6", linewidth=0.8, zorder=0)
@@ -181,9 +181,9 @@ def _figure(plot: Plot, material: MaterialRows, styles: Styles) -> Figure:
         log_ticks(axes.xaxis, "B" if plot["x"]["unit"] == "B" else "")
     xlabel = plot["x"]["label"] + ("" if marks else " (less is better)")
     axes.set(xlabel=xlabel, ylabel=plot["y"]["label"].replace("pairs)", "pairs; higher is better)"))
-    axes.set_title(title if fits else f"{title}\n{material.split}", loc="left")
+    axes.set_title(title if is_of_fits else f"{title}\n{material.split}", loc="left")
     absent = [codec.label for codec in material.codecs if codec.exact and codec.measured]
-    if absent and not fits:
+    if absent and not is_of_fits:
         drawing.supxlabel("not drawn, because they have no error: " + ", ".join(absent), fontsize=8)
     legend(axes, handles, list(curves))
     return Figure(material.name, plot["kind"], title, png(drawing), drawing)

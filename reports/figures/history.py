@@ -73,12 +73,12 @@ def _lines(
 
 def _mean(quantity: Callable[[Job, Timing], float | None], seeds: Sequence[Measured]) -> float:
     """The mean of a quantity over the seeds of a start; NaN, which is not drawn, if none has it."""
-    known = []
+    values = []
     for job, timing in seeds:
         value = quantity(job, timing)
         if value is not None:
-            known.append(value)
-    return fmean(known) if known else math.nan
+            values.append(value)
+    return fmean(values) if values else math.nan
 
 
 def _materials(runs: Sequence[Run]) -> dict[str, Codecs]:

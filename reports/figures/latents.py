@@ -22,7 +22,7 @@ _LINE = 16  # channels a line
 _MOST = 48  # channels a texture
 
 
-Textures = list[np.ndarray]
+Textures = list[np.ndarray]  # (H, W, channels) each
 
 
 @of_each_material
@@ -30,9 +30,9 @@ def latent_channels(run: Run, material: MaterialRows) -> Figure | None:
     """Every channel of the textures that the first seed's decoders read, a block a codec."""
     blocks = []
     for row in material.shown:
-        stored = _stored(run, row.job)
-        if stored:
-            blocks.append((row.label, _counted(stored), _cells(np.concatenate(stored, -1))))
+        of_job = _textures_of_job(run, row.job)
+        if of_job:
+            blocks.append((row.label, _channels_in_words(of_job), _cells(np.concatenate(of_job, -1))))
     if not blocks:
         return None
     title = f"{material.name}: channels of each codec's texture"
@@ -52,7 +52,7 @@ def latent_channels(run: Run, material: MaterialRows) -> Figure | None:
     return Figure(material.name, "latents", title, sheet.png("L"), sheet)
 
 
-def _counted(textures: Textures) -> str:
+def _channels_in_words(textures: Textures) -> str:
     """The channels of some textures in words."""
     counts = [texture.shape[-1] for texture in textures]
     plural = "s" if sum(counts) > 1 else ""
@@ -60,8 +60,8 @@ def _counted(textures: Textures) -> str:
     return f"{' + '.join(map(str, counts))} channel{plural}{more}"
 
 
-def _stored(run: Run, job: Job) -> Textures:
-    """The textures of a job's drawing; none if it is missing or unreadable."""
+def _textures_of_job(run: Run, job: Job) -> Textures:
+    """The textures of the program that a job stored as its `drawing`; none if that is missing or unreadable."""
     try:
         return textures(program(run.folder / job["drawing"]))
     except (InputError, KeyError):  # the records of a run are useful without its large files
@@ -79,7 +79,7 @@ def textures(program: Program) -> Textures:
     levels = [max(1, height >> k) * max(1, width >> k) for k in range(max(height, width).bit_length())]
     texels = list(accumulate(levels))  # of the finest level, of the two finest, and so on
     by_place = {"uv"}  # the names of values that depend on uv, so far
-    found: Textures = []
+    textures_found: Textures = []
     for step in program.steps:
         names = step.names()
         if by_place.isdisjoint(names):
@@ -92,9 +92,9 @@ def textures(program: Program) -> Textures:
             if table.ndim != 2 or len(table) not in texels:
                 continue
             texture = table[: height * width].reshape(height, width, -1)
-            if not any(np.array_equal(texture, other) for other in found):
-                found.append(texture)
-    return found
+            if not any(np.array_equal(texture, other) for other in textures_found):
+                textures_found.append(texture)
+    return textures_found
 
 
 def _standardised(texture: np.ndarray) -> np.ndarray:
@@ -103,8 +103,9 @@ def _standardised(texture: np.ndarray) -> np.ndarray:
     flat = texture.reshape(-1, texture.shape[-1]).astype(np.float64)
     deviation = flat.std(0)
     deviation[deviation <= 1e-6 * abs(flat).max(0)] = np.inf  # a constant channel is grey
-    shown = 255 / (1 + np.exp(-(flat - flat.mean(0)) / deviation))
-    return np.round(shown).astype(np.uint8).reshape(texture.shape)
+    standardised = (flat - flat.mean(0)) / deviation
+    grey = 255 / (1 + np.exp(-standardised))
+    return np.round(grey).astype(np.uint8).reshape(texture.shape)
 
 
 def _cells(texture: np.ndarray) -> np.ndarray:
@@ -112,13 +113,13 @@ def _cells(texture: np.ndarray) -> np.ndarray:
 
     A large texture is averaged over squares of texels, without a rest at its edges, and a small one is enlarged.
     """
-    shown = _standardised(texture[..., :_MOST])
-    height, width, count = shown.shape
+    grey = _standardised(texture[..., :_MOST])
+    height, width, count = grey.shape
     factor = max(height, width) // _CELL
     if factor > 1:
         factor = min(factor, height, width)
         rows, columns = height // factor, width // factor
-        whole = shown[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor, count)
-        shown = whole.mean((1, 3)).astype(np.uint8)
-    enlargement = max(1, math.ceil(_CELL / max(shown.shape[:2])))
-    return enlarged(shown, enlargement).transpose(2, 0, 1)
+        squares = grey[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor, count)
+        grey = squares.mean((1, 3)).astype(np.uint8)
+    enlargement = max(1, math.ceil(_CELL / max(grey.shape[:2])))
+    return enlarged(grey, enlargement).transpose(2, 0, 1)

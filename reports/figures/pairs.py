@@ -39,9 +39,13 @@ def pairs_figure(run: Run, name: str, pairs: Sequence[int], inset: Inset | None 
     square of a quarter of the shorter side is magnified in which the FLIP of all codecs together is largest.
     `InputError` if the material or a pair has no stored slices; it lists the pairs that have some.
     """
-    material = next((each for each in materials(run) if each.name == name), None)
-    stored = of_shown(run, material, "pictures") if material else []
-    rows = [(row, each) for row, each in stored if each.keys() >= {"truth", "decoded", "pairs", "wo_deg", "wi_deg"}]
+    by_name = {material.name: material for material in materials(run)}
+    material = by_name.get(name)
+    rows = []
+    if material:
+        for row, arrays_of_row in of_shown(run, material, "pictures"):
+            if arrays_of_row.keys() >= {"truth", "decoded", "pairs", "wo_deg", "wi_deg"}:
+                rows.append((row, arrays_of_row))
     if material is None or not rows:
         raise InputError(f"figure pairs: no slices of {name} are stored in {run.folder}")
     places = _places(rows[0][1], pairs)
@@ -53,17 +57,17 @@ def pairs_figure(run: Run, name: str, pairs: Sequence[int], inset: Inset | None 
 
 def _places(stored: Arrays, pairs: Sequence[int]) -> list[int]:
     """The indices into the stored arrays of the slices of some pairs, or by default of those to show."""
-    known = stored["pairs"].tolist()
+    stored_pairs = stored["pairs"].tolist()
     if not pairs and "sheet" in stored:
         return np.flatnonzero(stored["sheet"]).tolist()
     if not pairs:
-        return list(range(min(4, len(known))))
+        return list(range(min(4, len(stored_pairs))))
     for pair in pairs:
-        if pair not in known:
-            angles = zip(known, stored["wo_deg"], stored["wi_deg"], strict=True)
-            words = [f"{each} (view {wo[0]:.0f}°, light {wi[0]:.0f}°)" for each, wo, wi in angles]
+        if pair not in stored_pairs:
+            angles = zip(stored_pairs, stored["wo_deg"], stored["wi_deg"], strict=True)
+            words = [f"{number} (view {wo[0]:.0f}°, light {wi[0]:.0f}°)" for number, wo, wi in angles]
             raise InputError(f"figure pairs: no slice of pair {pair} is stored; there are {', '.join(words)}")
-    return [known.index(pair) for pair in pairs]
+    return [stored_pairs.index(pair) for pair in pairs]
 
 
 def _drawn(

@@ -38,12 +38,13 @@ def _figure(material: str, where: str, first: str, differences: Differences, sty
         axes.axvline(0, color="0.6", linewidth=0.8, zorder=0)
         axes.plot(0, 0, **styles.of_codec(first) | {"linestyle": "none"}, markersize=6)
         beside: Any = {"transform": axes.get_yaxis_transform(), "fontsize": 8, "va": "center"}
-        for row, (label, each) in enumerate(differences.items(), 1):
+        for row, (label, difference) in enumerate(differences.items(), 1):
             look = styles.of_codec(label) | {"linestyle": "none"}
-            axes.plot([each.low, each.high], [row, row], color=look["color"], linewidth=2.2, solid_capstyle="butt")
-            axes.plot(each.mean, row, **look, markersize=6)
-            remark = ", not told apart" if each.materials >= FEWEST and not each.apart else ""
-            axes.text(1.02, row, interval(each) + remark, **beside)
+            ends = [difference.low, difference.high]
+            axes.plot(ends, [row, row], color=look["color"], linewidth=2.2, solid_capstyle="butt")
+            axes.plot(difference.mean, row, **look, markersize=6)
+            remark = ", not told apart" if difference.materials >= FEWEST and not difference.apart else ""
+            axes.text(1.02, row, interval(difference) + remark, **beside)
         axes.set_yticks(range(len(differences) + 1), list(map(short, (first, *differences))), fontsize=8)
         axes.set(ylim=(len(differences) + 0.6, -0.6), xlabel="dB a slice of display PSNR (right of 0: better)")
         axes.grid(axis="y", visible=False)

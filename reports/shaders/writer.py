@@ -43,7 +43,8 @@ class Tables:
         rows, channels = table.shape
         single = channels == 1
         stride = math.ceil(channels / 4)
-        small = exact or single or table.dtype.kind != "f" or table.size < HALF_FROM or np.abs(table).max() > HALF_MOST
+        needs_floats = exact or single or table.dtype.kind != "f"
+        small = needs_floats or table.size < HALF_FROM or np.abs(table).max() > HALF_MOST
         key = (hashlib.sha256(table.tobytes()).digest(), table.shape, small)
         blocks = self.exact if small else self.half
         if key not in self._placed:
@@ -112,10 +113,10 @@ class Writer(Backend):
             texts = texts[:1]
         return f"{self.dialect.vec4}({', '.join(texts)})"
 
-    def floats(self, flat: list[str]) -> list[str]:
+    def floats(self, vectors: list[str]) -> list[str]:
         """Name vectors, given as expressions of four floats each, and return the names of all their floats in order."""
         scalars = []
-        for text in flat:
+        for text in vectors:
             name = self.name("vec4", text)
             scalars += [f"{name}.{c}" for c in SWIZZLE]
         return scalars
@@ -152,15 +153,15 @@ class Writer(Backend):
         """The sum of a row, put into a formula. Four floats that form a vector are added by a dot product with ones."""
         ones = f"{self.dialect.vec4}(1.0)" if self.dialect.name != "hlsl" else "float4(1.0, 1.0, 1.0, 1.0)"
         terms = []
-        whole = len(row) - len(row) % 4
-        for i in range(0, whole, 4):
+        in_fours = len(row) - len(row) % 4
+        for i in range(0, in_fours, 4):
             four = row[i : i + 4]
             text = self.vector(four)
             if text.isidentifier():
                 terms.append(f"dot({text}, {ones})")
             else:
                 terms += [self._float(x) for x in four]
-        terms += [self._float(x) for x in row[whole:]]
+        terms += [self._float(x) for x in row[in_fours:]]
         return self.name("float", formula.format(" + ".join(terms or ["0.0"])))
 
     def lengths(self, items: Array, rows: Callable[[Array], Rows]) -> list[str]:
