@@ -107,8 +107,9 @@ def _narrow(drawing: Drawing, width: float) -> None:
 
 def _folded(text: Text, width: float) -> str:
     """The words of a text on lines that fit into a width in inches."""
-    letter_inches = LETTER * float(text.get_fontsize()) / 72  # 72 points an inch
-    letters = max(8, int(width / letter_inches))  # not less than a short word, whatever the width
+    letter_points = LETTER * float(text.get_fontsize())
+    width_points = width * 72  # 72 points an inch
+    letters = max(8, int(width_points / letter_points))  # not less than a short word, whatever the width
     lines = []
     for line in text.get_text().split("\n"):
         lines += textwrap.wrap(line, letters)
