@@ -270,7 +270,7 @@ def _section(source: Publication) -> dict[str, Any]:
         "id": page_name("s", source.name),
         "name": source.name,
         "kind": kind[:1].upper() + kind[1:],
-        "split": next((material.split for material in source.materials if material.measured), ""),
+        "split": next((material.split_in_words for material in source.materials if material.measured), ""),
         "strip": strip(run, ENOUGH) if ranked else None,
         "leads": _leads(run) if ranked else [],
         "fronts": fronts(run) if ranked else [],
