@@ -102,8 +102,8 @@ class _Cells:
         self.letters = {reason: chr(ord("a") + i) for i, reason in enumerate(reasons)}
 
     def text(self, subject: str, extreme: str) -> str:
-        """The text of a cell: the verdict with its figure, as “pass 31.2 dB”; `n/a` with the letter of the reason; a dash
-        if the extreme was not tried. An extreme without a verdict, see `REPORTED`, shows its figure alone."""
+        """The text of a cell: the verdict with its figure, as “pass 31.2 dB”; `n/a` with the letter of the reason; a
+        dash if the extreme was not tried. An extreme without a verdict, see `REPORTED`, shows its figure alone."""
         record = self.records.get((subject, extreme))
         if record is None:
             return NONE
