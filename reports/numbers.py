@@ -10,17 +10,17 @@ NONE, EXACT, NOT_APPLICABLE, NOT_COMPARABLE = "—", "exact", "n/a", "n/c"
 
 
 def integer(value: int | None) -> str:
-    """With separators: 15,375,476."""
+    """An integer with separators: 15,375,476."""
     return NONE if value is None else f"{value:,}"
 
 
 def fixed(value: float | None, digits: int) -> str:
-    """With `digits` decimals."""
+    """A number with `digits` decimals and with separators: 1,234.50."""
     return NONE if value is None else f"{value:,.{digits}f}"
 
 
 def significant(value: float | None, digits: int = 3) -> str:
-    """With about `digits` digits, and no exponent for usual numbers: 0.00123, 12.3, 1,230."""
+    """A number with about `digits` digits, and no exponent from 0.00001 to 10,000,000: 0.00123, 12.3, 1,230."""
     if value is None:
         return NONE
     if value == 0:
@@ -33,16 +33,19 @@ def significant(value: float | None, digits: int = 3) -> str:
 
 
 def stated(stats: "Statistics", *names: str) -> Any:
-    """The number that a metric's statistics hold under a name, such as `pooled`; for several names, a tuple of those
-    that have numbers. `exact` if no slice has an error, `n/a` if none of them has a number, None without statistics."""
+    """The number that a metric's statistics hold under a name, such as `pooled`; for several names, a tuple of the
+    numbers of those that have one.
+
+    `exact` if no slice has an error, `n/a` if none of the names has a number, None without statistics.
+    """
     if not stats:
         return None
     if stats.get("exact") and stats["exact"] == stats.get("slices"):
         return EXACT
-    known = tuple(stats[name] for name in names if stats.get(name) is not None)
-    if not known:
+    numbers = tuple(stats[name] for name in names if stats.get(name) is not None)
+    if not numbers:
         return NOT_APPLICABLE
-    return known if len(names) > 1 else known[0]
+    return numbers if len(names) > 1 else numbers[0]
 
 
 def plus_minus(numbers: tuple[float, ...], digits: int) -> str:
@@ -51,7 +54,7 @@ def plus_minus(numbers: tuple[float, ...], digits: int) -> str:
 
 
 def signed(difference: float, digits: int = 2) -> str:
-    """With a sign and `digits` decimals: +0.31, −1.50."""
+    """A number with a sign and `digits` decimals: +0.31, −1.50."""
     return f"{difference:+.{digits}f}".replace("-", "−")
 
 

@@ -42,7 +42,7 @@ GAPS = {
     "rate": "The plot of rate and distortion is omitted: no codec has an error here.",
 }
 _SCRIPTS = ("core", "tables", "plots", "slices", "live")
-Picture = tuple[str, str]  # the label of a codec, "" for the truth, and words below
+Picture = tuple[str, str]  # the label of a codec ("" for the truth), and the words below the picture
 
 
 def document(
@@ -53,24 +53,27 @@ def document(
     values: Mapping[str, object],
     data: Iterable[Data] = (),
 ) -> Iterator[str]:
-    """A page in pieces, since its whole text would take several times its size in memory.
+    """The text of a page in pieces, because the whole text at once would take several times its size in memory.
 
-    Its template fills `main` from the `values`; `data` and the plots that it names follow.
+    `template` is the name of a file in `reports/templates/`, which is filled with `values`. The page's elements of
+    JSON follow: `data`, then one that has `codecs` and `plots`.
     """
     viewer = fragment()
     folder = files("reports") / "web"
     styles = [(folder / "report.css").read_text("utf-8"), viewer.css]
-    scripts = [viewer.script, *((folder / f"{name}.js").read_text("utf-8") for name in _SCRIPTS)]
-    every = chain(data, _drawn(codecs, plots))
-    return TEMPLATES.get_template(template).generate(values, title=title, styles=styles, scripts=scripts, data=every)
+    scripts = [viewer.script]
+    scripts += [(folder / f"{name}.js").read_text("utf-8") for name in _SCRIPTS]
+    all_data = chain(data, _plot_data(codecs, plots))
+    page = TEMPLATES.get_template(template)
+    return page.generate(values, title=title, styles=styles, scripts=scripts, data=all_data)
 
 
-def _drawn(codecs: series.Series, plots: Sequence[series.Plot]) -> Iterator[Data]:
-    """The plots, with five digits of each number, and what the page's code needs to draw them."""
+def _plot_data(codecs: series.Series, plots: Sequence[series.Plot]) -> Iterator[Data]:
+    """One element: the plots, with five digits of each number, and what the page's code needs to draw them."""
     # Numbers lie at any depth: write all as JSON, and round each one when it is read back.
-    rounded = json.loads(json.dumps(plots), parse_float=lambda text: float(f"{float(text):.5g}"))
-    drawn = {"codecs": codecs, "plots": rounded, "width": WIDTH, "magma": MAGMA.tolist()}
-    yield Data("data", as_json(drawn))
+    rounded_plots = json.loads(json.dumps(plots), parse_float=lambda text: float(f"{float(text):.5g}"))
+    content = {"codecs": codecs, "plots": rounded_plots, "width": WIDTH, "magma": MAGMA.tolist()}
+    yield Data("data", as_json(content))
 
 
 @dataclass(frozen=True)
@@ -79,12 +82,16 @@ class Scene:
 
     name: str
     gains: list[str]
-    strips: list[list[tuple[str, str]]]  # words and a picture
+    strips: list[list[tuple[str, str]]]  # for each frame its pictures: the words below one, and its data URL
     tables: list[Table]
 
 
 class Page:
-    """What stands on the page of a run. The page may take this `share` of the budgets of slices and live models."""
+    """What stands on the page of a run.
+
+    Methods that take a material give the content of its section; templates call them. The page may take this `share`
+    of the budgets of slices and live models.
+    """
 
     unfolded = OPEN
 
@@ -92,18 +99,20 @@ class Page:
         self.run = run
         self.tables = tables
         self.figures = figures
-        self.rest = [table for table in tables if not table.material and table.kind not in FIRST]
+        self.rest = [table for table in tables if not table.material and table.kind not in FIRST]  # for "More"
         self.materials = materials(run)
         self.records = PageRecords(run, self.materials)
         self.plots = series.plots_of(run)
         atlases = Atlases(run, self.materials, share)
-        self.slices = [atlases.slices_of(material) for material in self.materials]
+        self.slices = [atlases.slices_of(material) for material in self.materials]  # in the order of the materials
         self.measured = [material for material in self.materials if material.first]
-        self.sentence = _sentence(self.measured) if self.measured else ""
+        self.sentence = _what_was_measured(self.measured) if self.measured else ""
         self.nothing_measured = not any(table.kind == "main" for table in tables)
-        # Whose plots open the page: "" for the means over all materials or, where there are none, the first material.
-        over_all = any(not plot["material"] for plot in self.plots)
-        self.opening = self.measured[0].name if self.measured and not over_all else ""
+        has_means = any(plot["material"] == "" for plot in self.plots)  # plots of means over all materials
+        # The material whose plots open the page; "" if those of the means do, or if there are no plots.
+        self.opening = ""
+        if self.measured and not has_means:
+            self.opening = self.measured[0].name
         self.live = live(run, self.materials, share)
 
     def pieces(self) -> Iterator[str]:
@@ -113,7 +122,8 @@ class Page:
         return document("report.html", title, series.codecs(self.run), self.plots, {"page": self}, self.data())
 
     def data(self) -> Iterator[Data]:
-        """The data that the page refers to by their ids."""
+        """The elements of data, to which the page refers by their ids: slices and live models by the number of their
+        material, then the records."""
         for number, material in enumerate(self.materials):
             if material.first is None:
                 continue
@@ -124,7 +134,7 @@ class Page:
         yield Data("records-data", pack(self.records.records), "text/plain")
 
     def links(self) -> list[tuple[str, str]]:
-        """The contents of the page."""
+        """The contents of the page: the target of each link, and its text."""
         links = [("#summary", "Summary")]
         links += [(f"#m{i}", material.name) for i, material in enumerate(self.materials)]
         if self.rest:
@@ -144,15 +154,16 @@ class Page:
     def _strip(self, number: int) -> list[Picture]:
         """The truth of a material, and what the run's three best codecs and the reader's own best make of it."""
         material = self.materials[number]
-        shown = {row.label: row for row in material.shown}
-        known = {codec["label"] for codec in self.slices[number]["codecs"]}
-        best: dict[str, Row] = {}  # by codec: at the best of its settings
+        row_of = {row.label: row for row in material.shown}
+        labels_with_pictures = {codec["label"] for codec in self.slices[number]["codecs"]}
+        best_rows: dict[str, Row] = {}  # by codec: the row of the best of its settings
         for label in self._ranking(material):
-            if label in known:
-                best.setdefault(str(shown[label].job.get("codec")), shown[label])
-        if not best:
+            if label in labels_with_pictures:
+                row = row_of[label]
+                best_rows.setdefault(str(row.job.get("codec")), row)
+        if not best_rows:
             return []
-        rows = list(best.values())  # the best first
+        rows = list(best_rows.values())  # the best first
         leaders, others = rows[:3], rows[3:]
         best_own = [row for row in others if is_own(row.label)][:1]
         pictures = [("", f"{material.name}, truth")]
@@ -162,9 +173,11 @@ class Page:
         return pictures
 
     def _ranking(self, material: MaterialRows) -> list[str]:
-        """The labels from which a strip takes its codecs, the best of the whole run first, so that all strips show the
-        same codecs."""
-        return [each.label for each in ranked(self.run)]
+        """The labels from which the strip of a material takes its codecs, the best first.
+
+        Here they are in the order of the whole run, whatever the material, so that all strips show the same codecs.
+        """
+        return [standing.label for standing in ranked(self.run)]
 
     def summary(self) -> list[Table]:
         """The tables that open the page."""
@@ -184,10 +197,12 @@ class Page:
         psnr = names.index("PSNR")
         count = names.index("materials")
         rows_differ = len({row[count] for row in table.rows}) > 1
-        late = [count] if rows_differ else []
-        rest = [i for i in range(1, len(names)) if i not in (psnr, count)]
-        notes = [each for each in table.notes if each != missing_note(self.run)]
-        return replace(table.of_columns([0, psnr, *rest, *late]), notes=notes)
+        order = [0, psnr]  # the number 0 is the column of the codecs
+        order += [i for i in range(1, len(names)) if i not in (psnr, count)]
+        if rows_differ:
+            order.append(count)
+        notes = [note for note in table.notes if note != missing_note(self.run)]
+        return replace(table.of_columns(order), notes=notes)
 
     def scene(self, material: MaterialRows) -> Scene | None:
         """What the section of a material says of its scene, if the run is for one."""
@@ -196,30 +211,32 @@ class Page:
             return None
         name = material.measured[0].job["scene"]["name"]
         gains = list(scene_gains(material))
-        without_gains = []
+        without_gains = []  # the tables without the notes on gains, which the page shows above them
         for table in tables:
             notes = [note for note in table.notes if note not in gains]
             without_gains.append(replace(table, notes=notes))
         return Scene(name, gains, list(scene_strips(self.run, material)), without_gains)
 
     def kinds(self, material: MaterialRows) -> str:
-        """The kinds of plots in the section of a material."""
+        """The kinds of plots in the section of a material, as a list of words for the page's script."""
         kinds = "cost fits footprints slices"
-        return kinds if material.name == self.opening else f"rate speed {kinds}"
+        if material.name == self.opening:  # its plots of these two kinds open the page
+            return kinds
+        return f"rate speed {kinds}"
 
     def gaps(self, material: MaterialRows) -> list[str]:
         """Why plots are missing in the section of a material."""
-        drawn = {plot["kind"] for plot in self.plots if plot["material"] == material.name}
-        return [why for kind, why in GAPS.items() if kind not in drawn]
+        kinds_with_plot = {plot["kind"] for plot in self.plots if plot["material"] == material.name}
+        return [why for kind, why in GAPS.items() if kind not in kinds_with_plot]
 
     def kept_back(self, material: MaterialRows) -> str:
-        """Why the page must not show slices of a material; "" where it may."""
+        """Why the page must not show slices of a material; "" where it may. A run's own page may show them all."""
         return ""
 
     def not_live(self, material: MaterialRows) -> dict[str, list[str]]:
         """The labels of the codecs that are not live, by the reason."""
-        missing = self.live[material.name].missing
-        return grouped(missing, lambda label: missing[label])
+        reason_of = self.live[material.name].missing
+        return grouped(reason_of, lambda label: reason_of[label])
 
     def tables_of(self, material: MaterialRows) -> list[Table]:
         """The tables in the section of a material, those that are not folded away first."""
@@ -228,74 +245,95 @@ class Page:
 
     def figures_of(self, material: MaterialRows) -> list[Figure]:
         """The figures in the section of a material."""
-        return [each for each in self.figures if each.material == material.name and each.kind not in INTERACTIVE]
+        figures = [figure for figure in self.figures if figure.material == material.name]
+        return [figure for figure in figures if figure.kind not in INTERACTIVE]
 
     def notes(self) -> list[str]:
         """The notes on the whole run."""
         return list(run_notes(self.run))
 
 
-def _sentence(measured: Sequence[MaterialRows]) -> str:
-    """What was measured on what."""
-    shown = [row.job for material in measured for row in material.shown]
-    codecs = {str(job.get("codec")) for job in shown}
-    settings = {str(job.get("label")) for job in shown}
-    counted = f"{len(codecs)} codec{'s' * (len(codecs) > 1)}"
+def _what_was_measured(measured: Sequence[MaterialRows]) -> str:
+    """The sentence that opens the page: "2 codecs at 5 settings on satin, wool (64 × 64 texels, 625 training pairs, 150
+    held out): each was decoded from its file and compared with the held-out pairs."
+
+    The size and the pairs are left out if materials differ in them.
+    """
+    jobs = [row.job for material in measured for row in material.shown]
+    codecs = {str(job.get("codec")) for job in jobs}
+    settings = {str(job.get("label")) for job in jobs}
+    codecs_in_words = f"{len(codecs)} codec{'s' * (len(codecs) > 1)}"
     if len(settings) > len(codecs):
-        counted += f" at {len(settings)} settings"
+        codecs_in_words += f" at {len(settings)} settings"
     names = [material.name for material in measured]
-    listed = ", ".join(names[:6])
+    materials_in_words = ", ".join(names[:6])
     if len(names) > 6:
-        listed += f" and {len(names) - 6} more"
-    splits = {material.split for material in measured}
-    size = f" ({splits.pop()})" if len(splits) == 1 else ""
-    return f"{counted} on {listed}{size}: each was decoded from its file and compared with the {measured[0].deciding}."
+        materials_in_words += f" and {len(names) - 6} more"
+    splits_in_words = {material.split_in_words for material in measured}
+    if len(splits_in_words) == 1:
+        materials_in_words += f" ({splits_in_words.pop()})"
+    pairs_in_words = measured[0].deciding_in_words
+    return (
+        f"{codecs_in_words} on {materials_in_words}: each was decoded from its file and compared with the "
+        f"{pairs_in_words}."
+    )
 
 
 class PageRecords:
-    """The records of a run, by material and codec, each with its timing, until the budget is spent."""
+    """The records of a run, by material and codec, each with its timing, until the budget is spent.
+
+    The page has a `details` element for each entry of `names`, and its script fills it from `records`: both have the
+    run itself first, and are in the same order.
+    """
 
     def __init__(self, run: Run, materials: Sequence[MaterialRows]):
         self.run = run
-        self.records: list[Any] = list(run.starts[-1:])  # in the order of their elements
-        self.places: dict[tuple[str, str], str] = {}
-        self.names: list[tuple[str, str, str]] = []  # id, title, the fit in words
+        self.records: list[Any] = list(run.starts[-1:])
+        self.places: dict[tuple[str, str], str] = {}  # by material and label: a link to the element
+        self.names: list[tuple[str, str, str]] = []  # of each element: its id, its title, and the fit in words
         if run.starts:
             self.names.append(("provenance", "the run: machine, packages, revision, suite", ""))
-        self.left_out = 0
-        paths = set(field_names(ARTEFACT)) - {"file"}  # of this machine, where several runs are read together
-        left = RECORDS_BUDGET
+        self.left_out = 0  # the number of rows without an element
+        # Fields with paths: of several runs that are read together, these paths are absolute, and of this machine.
+        path_fields = set(field_names(ARTEFACT)) - {"file"}
+        characters_left = RECORDS_BUDGET
         for m, material in enumerate(materials):
             for c, codec in enumerate(material.codecs):
-                record = [_shown_record(row, without=paths) for row in codec.rows]
-                left -= len(json.dumps(record))
-                if left < 0:
+                record = [_record(row, without=path_fields) for row in codec.rows]
+                characters_left -= len(json.dumps(record))
+                if characters_left < 0:
                     self.left_out += 1
                     continue
-                self.places[material.name, codec.label] = f"#r{m}-{c}"
-                self.names.append((f"r{m}-{c}", f"{material.name}, {codec.label}", _fit_in_words(codec)))
+                element = f"r{m}-{c}"
+                self.places[material.name, codec.label] = f"#{element}"
+                self.names.append((element, f"{material.name}, {codec.label}", _fit_in_words(codec)))
                 self.records.append(record)
 
     def place(self, material: str, label: str) -> str:
-        """A link to the element of a codec's record; "" where there is none. Without a material, to its first one."""
+        """A link to the element of a codec's record; "" where there is none.
+
+        Without a material it is the record on the first material that has one.
+        """
         if material:
             return self.places.get((material, label), "")
-        for (_, other), place in self.places.items():
-            if other == label:
+        for (_, label_of_place), place in self.places.items():
+            if label_of_place == label:
                 return place
         return ""
 
 
-def _shown_record(row: Row, without: Set[str]) -> dict[str, Any]:
-    """A job without these fields, and the results of its timing, if it has one."""
-    record: dict[str, Any] = {"job": {name: value for name, value in row.job.items() if name not in without}}
+def _record(row: Row, without: Set[str]) -> dict[str, Any]:
+    """A record as the page shows it: the job without some fields, and the results of its timing, if it has one."""
+    job = {name: value for name, value in row.job.items() if name not in without}
+    record: dict[str, Any] = {"job": job}
     if row.timing:
         record["timing"] = kept(row.timing, RESULTS)
     return record
 
 
 def _fit_in_words(codec: CodecRows) -> str:
-    """Seeds, revision and file of a codec's fits, or the status of a failed one."""
+    """Seeds, revision and hash of a codec's fits, or the status of a failed one: "3 seeds, fitted by 1a2b3c4, file
+    0123456789ab". Revision and hash are those of the first seed."""
     job = codec.rows[0].job
     if job["status"] != "ok":
         return str(job["status"])

@@ -25,8 +25,9 @@ PUBLISHED = {
 }
 NEAREST_SUITE = "paper-nearest"
 NEAREST = {"wool": "fabric01", "corduroy": "fabric03", "bricks": "ceramic", "satin": "embroidery"}  # of that suite
+# Each metric of the table: its family, its name and unit in the header, and the decimals of our numbers.
 _METRICS = ((PSNR, "PSNR", "dB ↑", 2), (SSIM, "SSIM", "↑", 3), (FLIP, "FLIP", "↓", 3))
-_PAIRS = (("all", "all"), ("held out", "heldout"))
+_PAIRS = (("all", "all"), ("held out", "heldout"))  # groups of pairs: in words, and as records name them
 _NOTE = (
     "Mean ± standard deviation over slices. The paper's protocol differs: docs/metrics.md, “Tables”. LPIPS, its fourth "
     "row, is not computed here, by design; SSIM and FLIP depend on resolution."
@@ -42,12 +43,17 @@ def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | No
     """
     jobs = [job for job in run.jobs if job["material"] in PUBLISHED]
     jobs += [job for job in of_suite(run, NEAREST_SUITE) if job["material"] in NEAREST]
-    there = {job["material"] for job in jobs if job["status"] != "unavailable"}
-    missing = {name: where for name, where in (absent or {}).items() if name not in there}
-    missing |= {job["material"]: str(job.get("error", "")) for job in jobs if job["material"] not in there}
+    available = {job["material"] for job in jobs if job["status"] != "unavailable"}
+    missing: dict[str, str] = {}  # by material that could not be had: where to get it
+    for name, where in (absent or {}).items():
+        if name not in available:
+            missing[name] = where
+    for job in jobs:
+        if job["material"] not in available:
+            missing[job["material"]] = str(job.get("error", ""))
     rows: list[list[str]] = []
     for job in jobs:
-        if job["material"] in there:
+        if job["material"] in available:
             rows += _rows(job)
     for material in missing:
         if material in PUBLISHED:
@@ -73,16 +79,17 @@ def _rows(job: Job) -> Iterator[list[str]]:
     height, width = job.get("shape", (0, 0))
     if height != width:  # the paper's are square
         name += f", {height} × {width}"
-    of_method = job["label"].split()[0] == METHOD
-    figures = PUBLISHED[NEAREST.get(material, material)] if of_method else {}
+    published: Mapping[str, str] = {}  # by metric; the paper has figures of its own method alone
+    if job["label"].split()[0] == METHOD:
+        published = PUBLISHED[NEAREST.get(material, material)]
     measured = job["status"] == "ok"
-    shown = _PAIRS if measured else _PAIRS[:1]  # a job without numbers has one row, which says why
-    for pairs, group in shown:
+    pairs_of_rows = _PAIRS if measured else _PAIRS[:1]  # a job without numbers has one row, which says why
+    for pairs, group in pairs_of_rows:
         cells = [name, shown_label(job), pairs]
         for family, _, _, digits in _METRICS:
-            ours = _quality(job, family, group, digits) if measured else job["status"]
-            paper = figures.get(family, NONE) if group == "all" else ""
-            cells += [ours, paper]
+            cells.append(_quality(job, family, group, digits) if measured else job["status"])
+            # The paper's figures are over all pairs.
+            cells.append(published.get(family, NONE) if group == "all" else "")
         yield cells
 
 
@@ -95,8 +102,10 @@ def _quality(job: Job, family: str, group: str, digits: int) -> str:
 
 
 def ablation_table(run: Run) -> Table | None:
-    """A row for each change to a codec, with its quality on each material, a mean over seeds. None if the suite was not
-    run."""
+    """A row for each label of the suite `ablation`: a codec as it is, or with one change. None if it was not run.
+
+    On each material a row has its PSNR, the gain against the codec as it is, and SSIM, as means over seeds.
+    """
     jobs = [job for job in of_suite(run, SUITE) if job["status"] == "ok"]
     if not jobs:
         return None
@@ -109,24 +118,26 @@ def ablation_table(run: Run) -> Table | None:
         Note(("FLOP: of the decoder's network.", lambda name: "FLOP" in name)),
         "A change is told by the settings that differ from the row “as it is”.",
     ]
-    firsts: dict[str, Job] = {}
-    base: dict[str, str] = {}  # by codec: its first label in the suite, which is the codec as it is
+    first_job: dict[str, Job] = {}  # by label
+    unchanged: dict[str, str] = {}  # by codec: its first label in the suite, which is the codec as it is
     for job in jobs:
-        firsts.setdefault(job["label"], job)
-        base.setdefault(job["codec"], job["label"])
+        first_job.setdefault(job["label"], job)
+        unchanged.setdefault(job["codec"], job["label"])
     rows = []
-    for label, job in firsts.items():
-        whole = base[job["codec"]]
-        changes = " ".join(word for word in label.split()[1:] if word not in whole.split())
+    for label, job in first_job.items():
+        unchanged_label = unchanged[job["codec"]]
+        settings = label.split()[1:]
+        changes = " ".join(setting for setting in settings if setting not in unchanged_label.split())
         cost = [integer(job["parameters"]), integer(job["cost"].get("flops_per_sample"))]
         cells = [job["codec"], changes or "as it is", *cost]
         for material in materials:
-            ours = _mean(jobs, material, label, PSNR)
-            theirs = _mean(jobs, material, whole, PSNR)
+            psnr = _mean(jobs, material, label, PSNR)
+            unchanged_psnr = _mean(jobs, material, unchanged_label, PSNR)
             gain = ""
-            if ours is not None and theirs is not None and label != whole:
-                gain = signed(ours - theirs)
-            cells += [fixed(ours, 2), gain, fixed(_mean(jobs, material, label, SSIM), 3)]
+            if psnr is not None and unchanged_psnr is not None and label != unchanged_label:
+                gain = signed(psnr - unchanged_psnr)
+            ssim = _mean(jobs, material, label, SSIM)
+            cells += [fixed(psnr, 2), gain, fixed(ssim, 3)]
         rows.append(cells)
     if any(NONE in row for row in rows):
         notes.append(f"{NONE}: not measured.")
@@ -135,7 +146,7 @@ def ablation_table(run: Run) -> Table | None:
 
 
 def _mean(jobs: Iterable[Job], material: str, label: str, family: str) -> float | None:
-    """The mean over seeds of a mean over slices; None where there is no number."""
+    """The mean of a metric over slices, then over the seeds of a label on a material; None where there is no number."""
     numbers = []
     for job in jobs:
         if job["material"] == material and job["label"] == label:

@@ -45,29 +45,32 @@ _ZELTNER_CODE = Published("Zeltner 2024 (code)", 819, 8)  # the authors' of 2026
 
 
 def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
-    """A row for each different decoder among finished jobs of the codecs in `PUBLISHED`, as published before ours.
+    """A row for each different decoder among finished jobs of the codecs in `PUBLISHED`; None if there is none.
 
-    None where there is none. A job without a run was counted and not measured: see `bench.conformance.verdicts.count`.
+    The rows of a codec begin with its published recipe; ours follows. A job without the field `run` was not measured:
+    `bench.conformance.verdicts.count` made it only to count its parameters.
     """
     finished = [job for job in jobs if job["status"] == "ok" and job["codec"] in PUBLISHED]
     decoders = grouped(finished, _decoder)
     if not decoders:
         return None
     # By codec and recipe. Decoders that are equal in both stay in the order of the jobs, because sorting is stable.
-    alike = [decoders[key] for key in sorted(decoders, key=lambda key: key[:2])]
-    chosen = [min(group, key=lambda job: len(job["label"])) for group in alike]  # of each, the label of fewest settings
-    counted = list(chain.from_iterable(alike))
+    keys = sorted(decoders, key=lambda key: (key.place, key.is_our_recipe))
+    jobs_of_rows = [decoders[key] for key in keys]  # for each row, the jobs with its decoder
+    # The job that names a row has the shortest label, which has the fewest settings.
+    chosen = [min(same_decoder, key=lambda job: len(job["label"])) for same_decoder in jobs_of_rows]
+    counted = list(chain.from_iterable(jobs_of_rows))
     headers = [("method", ""), ("codec", "")]
-    for what in ("param.", "channels"):
-        headers += [(what, "ours"), (what, "paper"), (what, "diff.")]
+    for quantity in ("param.", "channels"):  # below them, the cells of `_beside`
+        headers += [(quantity, "ours"), (quantity, "paper"), (quantity, "diff.")]
     title = "Decoder parameters and texture channels, beside those published"
     notes = [
         "Ours: counted by torchinfo in what a codec file decodes to. Channels and inputs: docs/metrics.md, “Tables”."
     ]
     if any("run" not in job for job in counted):
         notes += ["recipe=paper is counted in a file of a single step, which changes no count; nothing else is of it."]
-    measured = {job["codec"] for job in chosen}
-    absent = dict.fromkeys(paper.method for codec, paper in PUBLISHED.items() if codec not in measured)
+    codecs = {job["codec"] for job in chosen}
+    absent = dict.fromkeys(paper.method for codec, paper in PUBLISHED.items() if codec not in codecs)
     if absent:
         notes.append(f"{NONE} {', '.join(absent)}: no codec of this method was measured.")
     rows = []
@@ -76,7 +79,7 @@ def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
         parameters = _beside(cast(int, job["parameters"]), paper.parameters)
         channels = _beside(job["cost"]["texture_channels"], paper.channels)
         rows.append([paper.method, shown_label(job), *parameters, *channels])
-    times = [_times(group) for group in alike]
+    times = [_times(same_decoder) for same_decoder in jobs_of_rows]
     if any(times):
         gpus = sorted({job["gpu"] for job in counted if "gpu" in job})
         headers += _time_headers(gpus)
@@ -89,7 +92,7 @@ def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
 
 
 def _time_headers(gpus: Sequence[str]) -> list[tuple[str, str]]:
-    """The headers of the times; that of a GPU only if one was measured."""
+    """The headers of the times; that of a GPU only if `gpus`, the names of those that were measured, has any."""
     headers = [("a sample", "ns eager"), ("a sample", "ns fused")]
     if gpus:
         headers.append(("a sample", "ns GPU"))
@@ -104,13 +107,21 @@ def _time_cells(job: TimedJob, ns: Mapping[str, float], gpus: Sequence[str]) -> 
     return [*cells, _published(job).ns]
 
 
-def _decoder(job: Job) -> tuple[int, bool, int, int]:
-    """What tells decoders apart: the place of the codec in `PUBLISHED`, whether the recipe is ours, the parameters, and
-    the channels of the texture. The first two also order the rows."""
+class _Decoder(NamedTuple):
+    """What tells decoders apart; the first two also order the rows."""
+
+    place: int  # of the codec in `PUBLISHED`
+    is_our_recipe: bool
+    parameters: int
+    channels: int  # of the texture
+
+
+def _decoder(job: Job) -> _Decoder:
+    """The decoder of a job, as a key."""
     # A codec without the setting `recipe` has only the one that was published.
-    ours = job.get("settings", {}).get("recipe", "paper") != "paper"
-    order = list(PUBLISHED).index(job["codec"])
-    return order, ours, cast(int, job["parameters"]), job["cost"]["texture_channels"]
+    is_our_recipe = job.get("settings", {}).get("recipe", "paper") != "paper"
+    place = list(PUBLISHED).index(job["codec"])
+    return _Decoder(place, is_our_recipe, cast(int, job["parameters"]), job["cost"]["texture_channels"])
 
 
 def _beside(ours: int, published: int) -> list[str]:
@@ -119,14 +130,17 @@ def _beside(ours: int, published: int) -> list[str]:
     return [integer(ours), integer(published), difference]
 
 
-def _times(group: Iterable[TimedJob]) -> dict[str, float]:
-    """The ns of a sample by execution, of all jobs with one decoder; of several with a time, that of the last."""
+def _times(same_decoder: Iterable[TimedJob]) -> dict[str, float]:
+    """The ns of a sample by execution, from all jobs with one decoder; if several jobs timed an execution, of the
+    last."""
     times: dict[str, float] = {}
-    for job in group:
+    for job in same_decoder:
         times |= job.get("ns", {})
     return times
 
 
 def _published(job: Job) -> Published:
-    """The numbers that belong beside a job: those of its codec's paper or, for that edition, of the authors' code."""
-    return _ZELTNER_CODE if job.get("settings", {}).get("edition") == "code" else PUBLISHED[job["codec"]]
+    """The numbers that belong beside a job: those of its codec's paper or, for edition=code, of the authors' code."""
+    if job.get("settings", {}).get("edition") == "code":  # only zeltner2024 has this setting
+        return _ZELTNER_CODE
+    return PUBLISHED[job["codec"]]

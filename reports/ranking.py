@@ -13,6 +13,7 @@ from reports.rows import materials
 @view
 def ranked(run: Run) -> list[Standing]:
     """Every measured codec, the best first; models of a scene come last, without a rank."""
+    # Jobs by material and label, those of models of whole materials apart from those of models of a scene.
     whole: dict[str, dict[str, list[Job]]] = {}
     of_scene: dict[str, dict[str, list[Job]]] = {}
     for material in materials(run):
@@ -20,8 +21,8 @@ def ranked(run: Run) -> list[Standing]:
             if codec.measured:
                 jobs = of_scene if codec.of_scene else whole
                 jobs.setdefault(material.name, {})[codec.label] = [row.job for row in codec.measured]
-    last = [replace(each, rank=None, wins=None) for each in standings(of_scene)]
-    return [*standings(whole), *last]
+    without_rank = [replace(standing, rank=None, wins=None) for standing in standings(of_scene)]
+    return [*standings(whole), *without_rank]
 
 
 @view
@@ -32,30 +33,32 @@ def against_one(run: Run, wanted: str = "") -> Against:
     that no result decides which row it is. Raises `InputError` for a row that is not there, or that was not measured
     on all materials.
     """
-    ranking = [each.label for each in ranked(run) if each.rank is not None]
-    order = dict.fromkeys(codec.label for material in materials(run) for codec in material.codecs)
-    racing = [label for label in order if label in ranking]  # those with a rank, in the order of the suite
+    best_first = [standing.label for standing in ranked(run) if standing.rank is not None]
+    labels_of_suite = dict.fromkeys(codec.label for material in materials(run) for codec in material.codecs)
+    in_suite_order = [label for label in labels_of_suite if label in best_first]
     if wanted:
-        first = _row_named(wanted, racing)
-    elif racing:
-        usual = [label for label in racing if label.split()[0] == AGAINST]
-        first = usual[0] if usual else racing[0]
-    else:
+        first = _row_named(wanted, in_suite_order)
+    elif in_suite_order:
+        of_usual_codec = [label for label in in_suite_order if label.split()[0] == AGAINST]
+        first = of_usual_codec[0] if of_usual_codec else in_suite_order[0]
+    else:  # no codec has a rank
         return Against("", {}, {})
-    return against(run, first, [label for label in ranking if label != first])
+    return against(run, first, [label for label in best_first if label != first])
 
 
 def rows_of(codec: str, run: Run) -> int:
     """The number of rows that a codec has among those that are ranked."""
-    return sum(each.rank is not None and each.label.split()[0] == codec for each in ranked(run))
+    labels = [standing.label for standing in ranked(run) if standing.rank is not None]
+    return sum(label.split()[0] == codec for label in labels)
 
 
 def _row_named(wanted: str, labels: Sequence[str]) -> str:
     """The label of the one row that is meant by `wanted`: a label, which may lack "(our recipe)", or a codec's name."""
-    named = [label for label in labels if wanted in (label, label.replace(" (our recipe)", ""))]
-    if not named:
-        named = [label for label in labels if label.split()[0] == wanted]
-    if len(named) != 1:
-        why = "it has several rows" if named else "no row on all materials has this label"
-        raise InputError(f"--against {wanted}: {why}: name one of {'; '.join(named or labels)}")
-    return named[0]
+    matches = [label for label in labels if wanted in (label, label.replace(" (our recipe)", ""))]
+    if not matches:
+        matches = [label for label in labels if label.split()[0] == wanted]
+    if len(matches) != 1:
+        why = "it has several rows" if matches else "no row on all materials has this label"
+        choices = matches or labels
+        raise InputError(f"--against {wanted}: {why}: name one of {'; '.join(choices)}")
+    return matches[0]

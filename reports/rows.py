@@ -31,15 +31,18 @@ NEW_RUN = "timed in another start than the other rows"
 
 @dataclass(frozen=True)
 class Row:
-    """One job of a material; `label` is the codec with its settings, `name` has the seed too if there are several."""
+    """One job of a material; `label` is the codec with its settings, `name` has the seed too if there are several.
+
+    An obstacle is the reason, in words, why a number must not be compared; "" where it may be.
+    """
 
     job: Job
     label: str
     name: str
     timing: Timing | None = None
     fused: TradeChoice | None = None  # its time as one kernel, if `neubtf-bench trade` measured it
-    obstacle: str = ""  # why its numbers are not comparable with the others'
-    timing_obstacle: str = ""
+    obstacle: str = ""  # of all its numbers
+    timing_obstacle: str = ""  # of its time alone
 
     @cached_property
     def measured(self) -> bool:
@@ -60,7 +63,7 @@ class Row:
     def psnr(self) -> float | None:
         """The mean display PSNR of the slices that decide, in dB; None if they have no error."""
         stats = self.stats(self.deciding_group, PSNR)
-        # No slice has an error. Where nothing was measured, both counts are absent, so equal: the answer is None, too.
+        # All slices are exact. Where nothing was measured, both counts are absent, so equal: the answer is None, too.
         if stats.get("exact") == stats.get("slices"):
             return None
         return stats.get("mean")
@@ -108,7 +111,8 @@ class MaterialRows:
 
     name: str
     rows: list[Row]
-    nowhere: frozenset[str] = frozenset()  # codecs without a result on any material: `unfinished` alone has them
+    # Labels without a result on any material of the run. Of all tables only that of unfinished jobs has them.
+    without_results: frozenset[str] = frozenset()
 
     @cached_property
     def measured(self) -> list[Row]:
@@ -119,7 +123,7 @@ class MaterialRows:
         """The rows by codec, of those that have a result on some material."""
         by_label: dict[str, list[Row]] = {}
         for row in self.rows:
-            if row.label not in self.nowhere:
+            if row.label not in self.without_results:
                 by_label.setdefault(row.label, []).append(row)
         return [CodecRows(label, rows) for label, rows in by_label.items()]
 
@@ -141,25 +145,28 @@ class MaterialRows:
     @cached_property
     def metrics(self) -> dict[str, MetricFacts]:
         """Every metric that a comparable row was scored with, as the records describe it."""
-        facts = {}
+        facts_by_name = {}
         for row in self.measured:
             for name in metrics_of(row.job):
-                facts[name] = facts_of(row.job, name)
-        return facts
+                facts_by_name[name] = facts_of(row.job, name)
+        return facts_by_name
 
     @property
-    def deciding(self) -> str:
-        """The pairs that decide, in words."""
+    def deciding_in_words(self) -> str:
+        """The pairs that decide: "held-out pairs" or "all pairs"."""
         return "held-out pairs" if self.measured[0].deciding_group == "heldout" else "all pairs"
 
     @property
-    def split(self) -> str:
-        """Size and pairs in words: "64 × 64 texels, 625 training pairs, 150 held out"."""
+    def split_in_words(self) -> str:
+        """The size and the pairs: "64 × 64 texels, 625 training pairs, 150 held out"."""
         if self.first is None:
             return "nothing measured"
         height, width = self.first["shape"]
         pairs = self.first["pairs"]
-        heldout = f"{pairs['heldout']:,} held out" if "heldout" in pairs else "none held out, so scored at all pairs"
+        if "heldout" in pairs:
+            heldout = f"{pairs['heldout']:,} held out"
+        else:
+            heldout = "none held out, so scored at all pairs"
         words = f"{height} × {width} texels, {pairs['train']:,} training pairs, {heldout}"
         if self.first.get("views") == 1:
             words += "; one view: answers from other views are not measured"
@@ -167,9 +174,9 @@ class MaterialRows:
 
 
 def of_suite(run: Run, suite: str) -> list[Job]:
-    """The jobs that a run of this suite made."""
-    made = {start.get("run") for start in run.starts if start.get("suite") == suite}
-    return [job for job in run.jobs if job.get("run") in made]
+    """The jobs that were made by the run's starts of this suite."""
+    starts_of_suite = {start.get("run") for start in run.starts if start.get("suite") == suite}
+    return [job for job in run.jobs if job.get("run") in starts_of_suite]
 
 
 def facts_of(job: Job, metric: str) -> MetricFacts:
@@ -177,9 +184,13 @@ def facts_of(job: Job, metric: str) -> MetricFacts:
 
     Frames, for example, are scored by SSIM, while slices are scored by the periodic variant.
     """
-    known = job["metrics"]
-    found = known.get(metric) or known.get(metric_of(known, metric))
-    return found or MetricFacts(unit="1", direction="higher")  # an older record does not describe it
+    described = job["metrics"]  # by name of metric
+    if described.get(metric):
+        return described[metric]
+    variant = metric_of(described, metric)  # "" if there is none
+    if described.get(variant):
+        return described[variant]
+    return MetricFacts(unit="1", direction="higher")  # an older record does not describe it
 
 
 @view
@@ -188,33 +199,43 @@ def materials(run: Run) -> list[MaterialRows]:
     finished = [job for job in run.jobs if job["status"] == "ok"]
     for job in finished:
         require(job, "tables", run.folder)
-    nowhere = frozenset(map(shown_label, run.jobs)) - set(map(shown_label, finished))
-    unlike = obstacles(run.jobs, run.published)
-    by_name = grouped(run.jobs, lambda job: str(job["material"]))
-    return [MaterialRows(name, list(_rows(run, jobs, unlike)), nowhere) for name, jobs in by_name.items()]
+    without_results = frozenset(map(shown_label, run.jobs)) - set(map(shown_label, finished))
+    obstacle_of = obstacles(run.jobs, run.published)
+    jobs_by_material = grouped(run.jobs, lambda job: str(job["material"]))
+    material_rows = []
+    for name, jobs in jobs_by_material.items():
+        rows = list(_rows(run, jobs, obstacle_of))
+        material_rows.append(MaterialRows(name, rows, without_results))
+    return material_rows
 
 
-def _rows(run: Run, jobs: list[Job], unlike: dict[str, str]) -> Iterator[Row]:
-    """The jobs of one material as rows; `unlike` has by job why its numbers cannot be compared."""
-    timings = {job["job"]: run.timing(job) for job in jobs if job["status"] == "ok"}
-    timed = [timing for timing in timings.values() if timing]
-    counts = Counter(timing["run"] for timing in timed)
+def _rows(run: Run, jobs: list[Job], obstacle_of: dict[str, str]) -> Iterator[Row]:
+    """The jobs of one material as rows; `obstacle_of` has by job why its numbers cannot be compared."""
+    timing_of = {job["job"]: run.timing(job) for job in jobs if job["status"] == "ok"}  # None for a job without one
+    timings = [timing for timing in timing_of.values() if timing]
+    counts = Counter(timing["run"] for timing in timings)  # of timings, by start
     # A timing of the start that timed most rows, against which the others are held; of several such starts, the last.
     # So a single codec that is timed again is the one with a star, and the times of all others stay as they are.
-    common = max(timed, key=lambda timing: (counts[timing["run"]], timing["run"]), default=Timing())
+    common = max(timings, key=lambda timing: (counts[timing["run"]], timing["run"]), default=Timing())
     seeds = {job.get("seed") for job in jobs}
     fused = fused_times(run)
     for job in jobs:
         label = shown_label(job)
-        name = f"{label} seed={job['seed']}" if len(seeds) > 1 else label
-        timing = timings.get(job["job"])
-        apart = _timed_apart(timing, common) if timing else ""
-        yield Row(job, label, name, timing, fused.get(job["job"]), unlike.get(job["job"], ""), apart)
+        timing = timing_of.get(job["job"])
+        yield Row(
+            job,
+            label,
+            name=f"{label} seed={job['seed']}" if len(seeds) > 1 else label,
+            timing=timing,
+            fused=fused.get(job["job"]),
+            obstacle=obstacle_of.get(job["job"], ""),
+            timing_obstacle=_timing_obstacle(timing, common) if timing else "",
+        )
 
 
-def _timed_apart(timing: Timing, common: Timing) -> str:
-    """Why a time is not comparable with those of the start that timed most rows; "" if it is."""
-    differ = [name for name in CONDITIONS if timing.get(name) != common.get(name)]
-    if differ:
-        return "timed under other conditions: " + ", ".join(f"{name} {timing.get(name)}" for name in differ)
+def _timing_obstacle(timing: Timing, common: Timing) -> str:
+    """Why a time is not comparable with `common`, one of the start that timed most rows; "" if it is."""
+    other_conditions = [f"{name} {timing.get(name)}" for name in CONDITIONS if timing.get(name) != common.get(name)]
+    if other_conditions:
+        return "timed under other conditions: " + ", ".join(other_conditions)
     return NEW_RUN if timing["run"] != common["run"] else ""

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from statistics import fmean
 
 from bench.metrics import stats_of
-from bench.records import MOST_DB, PSNR, SCENE_HELDOUT, SceneModel, fitted_to_scene
+from bench.records import MOST_DB, PSNR, SCENE_HELDOUT, Job, SceneModel, fitted_to_scene
 from reports.numbers import fixed, integer, significant
 from reports.rows import CodecRows, MaterialRows, Row
 from reports.table import Table
@@ -13,7 +13,7 @@ from reports.text import plain
 
 
 def scene_models_text(rows: Sequence[SceneModel]) -> str:
-    """The rows of `bench.demand.fitting.rows` for a terminal."""
+    """The table of the rows of `bench.demand.fitting.rows`, as text for a terminal."""
     headers = [("model", ""), ("total", "bytes ↓"), ("time", "ns ↓"), ("fit", "steps"), ("fit", "s")]
     headers += [("held-out PSNR", "dB ↑"), ("scene PSNR", "dB ↑"), ("scene FLIP", "↓"), ("outside PSNR", "dB ↑")]
     cells = []
@@ -21,17 +21,18 @@ def scene_models_text(rows: Sequence[SceneModel]) -> str:
         cost = [integer(row["bytes"]), significant(row["ns"]), integer(row["steps"]), fixed(row["seconds"], 1)]
         quality = [fixed(row["held_out"], 2), fixed(row["psnr"], 2), fixed(row["flip"], 4), fixed(row["outside"], 2)]
         cells.append([row["model"], *cost, *quality])
-    note = (
+    about_columns = (
         "Held-out: at pairs that no fit saw and that lie in the scene, between pairs that it uses. Scene: in the "
         "frames, whose reference is interpolated between the training pairs. Outside: at pairs that the scene does not "
         "use. —: no error, or no such pair."
     )
-    return plain([Table("scene", "the model of the scene beside the full one", headers, cells, [*gains(rows), note])])
+    notes = [*gains(rows), about_columns]
+    return plain([Table("scene", "the model of the scene beside the full one", headers, cells, notes)])
 
 
 def gains(rows: Sequence[SceneModel]) -> list[str]:
-    """One line on what a model of the scene saves and gains against the full one; none without such a model."""
-    by_model = {row["model"]: row for row in rows}
+    """A list of one line, on what the model of the scene saves and gains against the full one; empty without both."""
+    by_model = {row["model"]: row for row in rows}  # "full" and "scene"
     if len(by_model) < 2:
         return []
     full, scene = by_model["full"], by_model["scene"]
@@ -43,9 +44,11 @@ def gains(rows: Sequence[SceneModel]) -> list[str]:
 
 
 def gain(full_bytes: int, scene_bytes: int, qualities: Sequence[tuple[str, float | None, float | None]]) -> str:
-    """What a model of a scene saves in bytes, and gains in PSNR.
+    """What a model of a scene saves in bytes, and gains in PSNR: "The model of the scene takes 1,024 instead of 4,096
+    bytes (25%), +1.50 dB at held-out pairs."
 
-    Each of `qualities` is where PSNR was measured, in words, that of the full model, and that of the scene's model.
+    `qualities` has three parts for each group of slices: its name in words, the full model's PSNR of it, and the scene
+    model's. A PSNR that is None was not measured or has no error, so there is no difference.
     """
     words = [f"{scene_bytes:,} instead of {full_bytes:,} bytes ({scene_bytes / full_bytes:.0%})"]
     for name, full, scene in qualities:
@@ -55,39 +58,49 @@ def gain(full_bytes: int, scene_bytes: int, qualities: Sequence[tuple[str, float
 
 
 def in_pairs(material: MaterialRows) -> Iterator[tuple[Row, Row]]:
-    """Each model of the scene, after the whole model at the same codec, settings and seed."""
-    whole = {_but_scene(row): row for row in material.measured if not fitted_to_scene(row.job)}
+    """Pairs of a whole model and the model of the scene by the same codec, with the same settings and seed."""
+    whole_rows = {_key_without_scene(row): row for row in material.measured if not fitted_to_scene(row.job)}
     for row in material.measured:
-        full = whole.get(_but_scene(row))
-        if full is not None and fitted_to_scene(row.job):
-            yield full, row
+        whole_row = whole_rows.get(_key_without_scene(row))
+        if whole_row is not None and fitted_to_scene(row.job):
+            yield whole_row, row
 
 
 def scene_gains(material: MaterialRows) -> Iterator[str]:
     """What each model of the scene saves in bytes and gains in PSNR against the whole model at the same settings."""
-    for full, row in in_pairs(material):
-        full_held, scene_held = (stats_of(each.job, PSNR, SCENE_HELDOUT).get("mean") for each in (full, row))
-        full_frames, scene_frames = (each.job["scene"]["metrics"].get(PSNR) for each in (full, row))
-        qualities = [
-            ("held-out pairs", full_held, scene_held),
-            ("the pixels of its frames", full_frames, scene_frames),
-        ]
-        yield f"{row.name}: {gain(full.job['bytes']['total'], row.job['bytes']['total'], qualities)}"
+    for whole_row, row in in_pairs(material):
+        whole = whole_row.job
+        scene = row.job
+        heldout = "held-out pairs", _heldout_psnr(whole), _heldout_psnr(scene)
+        frames = "the pixels of its frames", _frames_psnr(whole), _frames_psnr(scene)
+        yield f"{row.name}: {gain(whole['bytes']['total'], scene['bytes']['total'], [heldout, frames])}"
+
+
+def _heldout_psnr(job: Job) -> float | None:
+    """The mean PSNR of the held-out pairs that lie in the scene, in dB."""
+    return stats_of(job, PSNR, SCENE_HELDOUT).get("mean")
+
+
+def _frames_psnr(job: Job) -> float | None:
+    """The PSNR of the frames of the scene, in dB; None if they have no error."""
+    return job["scene"]["metrics"].get(PSNR)
 
 
 def scene_quality(codec: CodecRows) -> float:
     """The mean PSNR of a codec's seeds in a scene, by which its table is sorted: at the held-out pairs that lie in the
-    scene or, without any, in its frames; the least of all if nothing was measured."""
+    scene or, without any, in its frames; minus infinity if nothing was measured."""
     values = []
     for row in codec.measured:
-        held = stats_of(row.job, PSNR, SCENE_HELDOUT)
-        in_frames = row.job["scene"]["metrics"].get(PSNR) if "scene" in row.job else None
-        value = held.get("mean") if held else in_frames
-        values.append(MOST_DB if value is None else value)  # None: there is no error
+        psnr = None
+        if stats_of(row.job, PSNR, SCENE_HELDOUT):
+            psnr = _heldout_psnr(row.job)
+        elif "scene" in row.job:
+            psnr = _frames_psnr(row.job)
+        values.append(MOST_DB if psnr is None else psnr)  # None: there is no error
     return fmean(values) if values else float("-inf")
 
 
-def _but_scene(row: Row) -> str:
+def _key_without_scene(row: Row) -> str:
     """A key of a row's codec, settings and seed that leaves out whether it was fitted to the scene."""
     settings = {key: value for key, value in row.job["settings"].items() if key != "scene"}
     return json.dumps([row.job.get("codec"), settings, row.job.get("seed")], sort_keys=True)

@@ -18,34 +18,42 @@ QUALITY = 90  # of WebP
 
 
 def scene_strips(run: Run, material: MaterialRows) -> Iterator[list[tuple[str, str]]]:
-    """A row of pictures, each with its words, for each stored frame; nothing if the run stored none."""
-    stored = {row.label: (row, frames) for row, frames in of_shown(run, material, "frames", ("truth", "decoded"))}
-    chosen = [stored[label] for label in _chosen(material) if label in stored]
-    if not chosen:
+    """For each stored frame its pictures: the words below one, and its data URL. Nothing if the run stored no frame."""
+    stored: dict[str, tuple[Row, Arrays]] = {}  # by label
+    for row, frames in of_shown(run, material, "frames", ("truth", "decoded")):
+        stored[row.label] = row, frames
+    models = [stored[label] for label in _labels_of_models(material) if label in stored]
+    if not models:
         return
-    _, first = chosen[0]
-    truth = first["truth"]  # (n, H, W, 3), the same for all
+    _, first_frames = models[0]
+    truth = first_frames["truth"]  # (n, H, W, 3), the same for all
+    models = _with_frames_like(models, truth)
     for number, picture in enumerate(truth):
         pictures = [("the reference table", _webp(picture))]
-        pictures += [(_caption(row), _webp(frames["decoded"][number])) for row, frames in _alike(chosen, truth)]
+        for row, frames in models:
+            pictures.append((_caption(row), _webp(frames["decoded"][number])))
         yield pictures
 
 
-def _chosen(material: MaterialRows) -> list[str]:
-    """The labels of the shown models: each model of the scene after its whole one, or else the best whole models."""
+def _labels_of_models(material: MaterialRows) -> list[str]:
+    """The labels of the models to show: the best models of the scene, each after the whole model beside it.
+
+    In a run without models of a scene, they are those of the best whole models.
+    """
     pairs = sorted(in_pairs(material), key=lambda pair: _psnr(pair[1]), reverse=True)
-    by_scene_model = {scene.label: [whole.label, scene.label] for whole, scene in pairs}  # the seeds of a model are one
-    if by_scene_model:
-        shown: list[str] = []
-        for labels in list(by_scene_model.values())[:PAIRS]:
-            shown += labels
-        return shown
-    return [row.label for row in sorted(material.shown, key=_psnr, reverse=True)[:WHOLE]]
+    labels_of_pairs = {scene.label: [whole.label, scene.label] for whole, scene in pairs}  # several seeds are one pair
+    if labels_of_pairs:
+        labels: list[str] = []
+        for labels_of_pair in list(labels_of_pairs.values())[:PAIRS]:
+            labels += labels_of_pair
+        return labels
+    best_first = sorted(material.shown, key=_psnr, reverse=True)
+    return [row.label for row in best_first[:WHOLE]]
 
 
-def _alike(chosen: list[tuple[Row, Arrays]], truth: np.ndarray) -> list[tuple[Row, Arrays]]:
+def _with_frames_like(models: list[tuple[Row, Arrays]], truth: np.ndarray) -> list[tuple[Row, Arrays]]:
     """The models whose decoded frames are as many and as large as those of the truth, (n, H, W, 3)."""
-    return [(row, frames) for row, frames in chosen if frames["decoded"].shape == truth.shape]
+    return [(row, frames) for row, frames in models if frames["decoded"].shape == truth.shape]
 
 
 def _psnr(row: Row) -> float:
@@ -57,8 +65,8 @@ def _psnr(row: Row) -> float:
 def _caption(row: Row) -> str:
     """The words below a picture: the label, the PSNR of all frames, and the bytes of the file."""
     psnr = _psnr(row)
-    shown = EXACT if psnr == float("inf") else f"{fixed(psnr, 2)} dB"
-    return f"{row.label}: {shown}, {integer(row.job['bytes']['total'])} bytes"
+    psnr_in_words = EXACT if psnr == float("inf") else f"{fixed(psnr, 2)} dB"
+    return f"{row.label}: {psnr_in_words}, {integer(row.job['bytes']['total'])} bytes"
 
 
 def _webp(picture: np.ndarray) -> str:

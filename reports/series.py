@@ -1,4 +1,8 @@
-"""The data of plots, for the page and for figures: points, curves and samples by codec, as JSON can hold them."""
+"""The data of plots, for the page and for figures: points, curves and samples by codec, as JSON can hold them.
+
+A plot has `material`, `kind`, `title`, its axes `x` and `y`, its `series`, and the labels of `missing` codecs. An entry
+of the series is a codec: its `label` and its `points`, lists of numbers; with `line`, a line joins them.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from statistics import fmean
@@ -26,8 +30,11 @@ _DASHES = {"--": "6 3", ":": "2 3", "-.": "6 3 2 3"}  # lines of Matplotlib as S
 def codecs(run: Run) -> Series:
     """Every codec that has a result with its colour, marker and line, in the order of the suite."""
     styles = Styles(run)
+    labels: dict[str, None] = {}  # each once, in order
+    for material in materials(run):
+        labels |= dict.fromkeys(codec.label for codec in material.codecs)
     entries = []
-    for label in dict.fromkeys(codec.label for material in materials(run) for codec in material.codecs):
+    for label in labels:
         look = styles.of_codec(label)
         entry = {"label": label, "colour": look["color"], "marker": look["marker"]}
         entry["hollow"] = look["markerfacecolor"] != look["color"]
@@ -41,39 +48,41 @@ def plots_of(run: Run) -> list[Plot]:
     """Every plot that has a point, those over all materials first."""
     curves = curves_by_material(run)
     measured = [material for material in materials(run) if material.measured]
-    by_material: list[Plot] = []
+    of_materials: list[Plot] = []
     for material in measured:
-        by_material += _of_material(run, material, curves.get(material.name, []))
-    means = []
+        of_materials += _of_material(run, material, curves.get(material.name, []))
+    of_means = []
     if len(measured) > 1:
-        means = [_mean(kind, by_material, len(measured)) for kind in _MEANS]
-    return [plot for plot in (*means, *by_material) if plot["series"]]
+        of_means = [_of_means(kind, of_materials, len(measured)) for kind in _MEANS]
+    return [plot for plot in (*of_means, *of_materials) if plot["series"]]
 
 
 def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -> Iterator[Plot]:
-    """The plots of a material, which show scores of the whole of it: models of a scene stand in none."""
+    """A plot of each kind, some without points. They show scores of the whole material, so models of a scene stand in
+    none."""
     whole = [codec for codec in material.codecs if not codec.of_scene]
-    best = whole  # the codecs in crowded plots
-    words = ""
+    in_crowded_plots = whole
+    remark = ""  # in the titles of crowded plots
     if len(whole) > MOST_LINES:
-        best = _at_their_best(whole)
-        words = ", each codec at its best setting"
+        in_crowded_plots = _at_their_best(whole)
+        remark = ", each codec at its best setting"
 
     def plot(kind: str, title: str, x: dict[str, Any], y: str, series: Series) -> Plot:
-        """A plot as JSON can hold it. `missing` are the codecs that should be in it, but have no point."""
-        drawn = {each["label"] for each in series}
-        due = best if kind in _CROWDED else whole
+        """A plot as JSON can hold it; `y` is the label of its axis."""
+        labels_with_points = {entry["label"] for entry in series}
+        expected = in_crowded_plots if kind in _CROWDED else whole
         return {
             "material": material.name,
             "kind": kind,
             "title": title,
             "x": x,
             "y": {"label": y},
-            "series": sorted(series, key=lambda each: is_own(each["label"])),  # what is drawn last is above
-            "missing": [codec.label for codec in due if codec.label not in drawn],
+            # Codecs from outside come last, because what is drawn last is above.
+            "series": sorted(series, key=lambda entry: is_own(entry["label"])),
+            "missing": [codec.label for codec in expected if codec.label not in labels_with_points],
         }
 
-    quality = f"{QUALITY} ({material.deciding})"
+    quality = f"{QUALITY} ({material.deciding_in_words})"
     x = {"label": "bytes of the file", "log": True, "unit": "B", "less": True}
     yield plot("rate", "Rate and distortion", x, quality, _points(whole, lambda row: [row.job["bytes"]["total"]]))
 
@@ -82,26 +91,37 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -
     x = {"label": "seconds of the fit", "log": True, "unit": "s", "less": True}
     yield plot("cost", "Fit and accuracy", x, quality, _points(whole, _fit_seconds))
 
-    shown = {codec.label for codec in best}
-    fitted = {}
+    labels = {codec.label for codec in in_crowded_plots}
+    fit_points = {}  # by label: [seconds, PSNR]
     for fit in curves:
-        if fit.label in shown:
-            fitted[fit.label] = [[second, psnr] for _, second, psnr in fit.points if second > 0]
-    yield plot("fits", f"Quality over seconds{words}", x, f"{QUALITY} (training samples)", _lines(fitted))
-    sides = {codec.label: _footprints(codec) for codec in best}
-    marks = sorted({side for points in sides.values() for side, _ in points})
-    x = {"label": "footprint in texels a side", "log": True, "unit": "texels", "ticks": marks}
-    several = any(len(points) > 1 for points in sides.values())
-    yield plot("footprints", f"Level of detail{words}", x, quality, _lines(sides) if several else [])
-    spans = {codec.label: _quantiles(run, codec.measured[0]) for codec in best if codec.measured}
+        if fit.label in labels:
+            # The axis is logarithmic, so it has no place for 0 seconds.
+            fit_points[fit.label] = [[seconds, psnr] for _, seconds, psnr in fit.points if seconds > 0]
+    yield plot("fits", f"Quality over seconds{remark}", x, f"{QUALITY} (training samples)", _lines(fit_points))
+
+    footprint_points = {codec.label: _footprints(codec) for codec in in_crowded_plots}
+    sides: set[float] = set()  # of all footprints, in texels
+    for points in footprint_points.values():
+        sides.update(side for side, _ in points)
+    x = {"label": "footprint in texels a side", "log": True, "unit": "texels", "ticks": sorted(sides)}
+    has_lines = any(len(points) > 1 for points in footprint_points.values())  # not single points alone
+    yield plot("footprints", f"Level of detail{remark}", x, quality, _lines(footprint_points) if has_lines else [])
+
     x = {"label": f"{QUALITY} a slice: from the worst 5 % to the best 5 %, the middle half thick", "unit": "dB"}
-    series = [{"label": label, "points": [span]} for label, span in spans.items() if span]
-    yield plot("slices", f"Slices by their error{words}", x, "", series)
+    series = []
+    for codec in in_crowded_plots:
+        quantiles = _quantiles(run, codec.measured[0]) if codec.measured else []
+        if quantiles:
+            series.append({"label": codec.label, "points": [quantiles]})
+    yield plot("slices", f"Slices by their error{remark}", x, "", series)
 
 
 def _at_their_best(codecs: Sequence[CodecRows]) -> list[CodecRows]:
-    """Each codec at the setting of its highest PSNR: more lines than `MOST_LINES` cannot be told apart."""
-    best: dict[str, tuple[float, CodecRows]] = {}
+    """Each codec at the setting of its highest PSNR: more lines than `MOST_LINES` cannot be told apart.
+
+    A codec as published counts as another one.
+    """
+    best: dict[str, tuple[float, CodecRows]] = {}  # by codec: the PSNR, and the rows of the setting
     for codec in codecs:
         if not codec.measured:
             continue
@@ -145,7 +165,7 @@ def _points(codecs: Sequence[CodecRows], of_row: Callable[[Row], list[float] | N
                 places.append(place)
                 qualities.append(row.psnr)
         if places:
-            x, *ends = zip(*places, strict=True)  # from a list a seed to a tuple a number
+            x, *ends = zip(*places, strict=True)  # from a list for each seed to a tuple for each number
             point = [fmean(x), fmean(qualities)]
             if ends:
                 lows, highs = ends
@@ -159,51 +179,56 @@ def _footprints(codec: CodecRows) -> list[list[float]]:
 
     A footprint is left out if a seed has no number for it, because it was not measured or has no error.
     """
-    stats = [row.job.get("footprints", {}) for row in codec.measured]
-    sides = {int(side) for each in stats for side in each if side.isdecimal()}
+    stats_of_seeds = [row.job.get("footprints", {}) for row in codec.measured]  # of each seed, by side as text
+    sides: set[int] = set()
+    for stats in stats_of_seeds:
+        sides.update(int(side) for side in stats if side.isdecimal())  # a record may hold any text as a side
     points = []
-    for side in sorted(sides - {0}):
-        means = [each.get(str(side), {}).get("mean") for each in stats]
-        known = [mean for mean in means if mean is not None]
-        if len(known) == len(means):
-            points.append([side, fmean(known)])
+    for side in sorted(sides - {0}):  # the axis is logarithmic, so it has no place for 0
+        means = [stats.get(str(side), {}).get("mean") for stats in stats_of_seeds]
+        numbers = [mean for mean in means if mean is not None]
+        if len(numbers) == len(means):
+            points.append([side, fmean(numbers)])
     return points
 
 
-def _mean(kind: str, by_material: Sequence[Plot], count: int) -> Plot:
-    """The plot of one kind over all materials: a point a codec, the mean of its points.
+def _of_means(kind: str, of_materials: Sequence[Plot], count: int) -> Plot:
+    """The plot of one kind over all materials, from those of each: a point a codec, the mean of its points.
 
     `count` is the number of materials. A codec without a point on one of them is among the `missing` ones.
     """
-    chosen = [plot for plot in by_material if plot["kind"] == kind]
-    by_label: dict[str, Series] = {}
-    for plot in chosen:
-        for each in plot["series"]:
-            by_label.setdefault(str(each["label"]), []).append(each)
+    plots = [plot for plot in of_materials if plot["kind"] == kind]
+    entries_by_label: dict[str, Series] = {}  # for each codec, its entries in these plots
+    for plot in plots:
+        for entry in plot["series"]:
+            entries_by_label.setdefault(str(entry["label"]), []).append(entry)
     series = []
-    for on_materials in by_label.values():
-        if len(on_materials) == count:
-            points = [each["points"][0] for each in on_materials]  # in these plots a codec has one point a material
-            mean = [fmean(numbers) for numbers in zip(*points, strict=True)]
-            series.append(on_materials[0] | {"points": [mean]})
-    drawn = {each["label"] for each in series}
-    labels = list(by_label)
-    for plot in chosen:
+    for entries in entries_by_label.values():
+        if len(entries) == count:
+            points = [entry["points"][0] for entry in entries]  # in these plots a codec has one point a material
+            mean_point = [fmean(numbers) for numbers in zip(*points, strict=True)]
+            series.append(entries[0] | {"points": [mean_point]})
+    labels_with_points = {entry["label"] for entry in series}
+    labels = list(entries_by_label)
+    for plot in plots:
         labels += plot["missing"]
-    missing = [label for label in dict.fromkeys(labels) if label not in drawn]
-    title = f"{chosen[0]['title']}, means over {count} materials"
-    return chosen[0] | {"material": "", "title": title, "series": series, "missing": missing}
+    missing = [label for label in dict.fromkeys(labels) if label not in labels_with_points]
+    title = f"{plots[0]['title']}, means over {count} materials"
+    return plots[0] | {"material": "", "title": title, "series": series, "missing": missing}
 
 
 def _quantiles(run: Run, row: Row) -> list[float]:
-    """The 5, 25, 50, 75 and 95 % quantiles of the PSNR of slices that decide, in dB; empty where none has an error."""
+    """The 5, 25, 50, 75 and 95 % quantiles of the PSNR of slices that decide, in dB.
+
+    Empty where the slices are not at hand, or none has a finite PSNR.
+    """
     try:
-        values = decibels(run.folder, row.job)
+        psnr_of_slices = decibels(run.folder, row.job)
     except InputError:  # the records of a run are useful without its large files
         return []
-    if values is None:
+    if psnr_of_slices is None:
         return []
-    known = values[np.isfinite(values)]
-    if not len(known):
+    finite = psnr_of_slices[np.isfinite(psnr_of_slices)]
+    if not len(finite):
         return []
-    return np.quantile(known, (0.05, 0.25, 0.5, 0.75, 0.95)).tolist()
+    return np.quantile(finite, (0.05, 0.25, 0.5, 0.75, 0.95)).tolist()

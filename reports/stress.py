@@ -19,15 +19,19 @@ def stress_tables(run: Run) -> list[Table]:
     if len(run.stress):
         return tables(run.stress)
     folder = run.folder.parent / STRESS
-    if folder.resolve() == run.folder.resolve() or not (folder / FILE).is_file():
+    is_this_run = folder.resolve() == run.folder.resolve()
+    if is_this_run or not (folder / FILE).is_file():
         return []
-    versions = set()
+    codec_versions = set()  # the name and the version of each codec that the run measured
     for job in run.jobs:
         if job["status"] == "ok":
             fit_key = job.get("fit_key") or {}
-            versions.add((job["codec"], fit_key.get("version")))
-    of_run = [record for record in load_run(folder).stress if (record["subject"], record.get("version")) in versions]
-    return tables(of_run)
+            codec_versions.add((job["codec"], fit_key.get("version")))
+    records = []
+    for record in load_run(folder).stress:
+        if (record["subject"], record.get("version")) in codec_versions:
+            records.append(record)
+    return tables(records)
 
 
 def tables(records: Iterable[Stress]) -> list[Table]:
@@ -35,37 +39,38 @@ def tables(records: Iterable[Stress]) -> list[Table]:
     ordered = sorted(records, key=lambda record: record["order"])  # the order of the catalogue
     of_codecs = [record for record in ordered if record["group"] != PICTURES]
     of_metrics = [record for record in ordered if record["group"] == PICTURES]
-    found = []
+    tables = []
     if of_codecs:
-        found.append(_codecs_table(of_codecs))
+        tables.append(_codecs_table(of_codecs))
     if of_metrics:
-        found.append(_metrics_table(of_metrics))
-    return found
+        tables.append(_metrics_table(of_metrics))
+    return tables
 
 
 def summary(run: Run) -> str:
-    """One line that counts the cells that passed; "" if nothing was tried."""
-    cells: list[str] = []
+    """One line that counts the verdicts in the cells of the tables; "" if nothing was tried."""
+    verdicts: list[str] = []
     for table in stress_tables(run):
         for row in table.rows:
-            cells += [cell for cell in row[1:] if cell and cell != NONE]
-    if not cells:
+            cells = row[1:]  # after the name; those of a row that names a group are empty
+            verdicts += [cell for cell in cells if cell and cell != NONE]
+    if not verdicts:
         return ""
-    failed = sum(cell.startswith("FAIL") for cell in cells)
-    without = sum(cell.startswith("n/a") for cell in cells)
-    passed = len(cells) - failed - without
-    return f"Extremes (table stress): {passed} pass, {failed} fail, {without} not applicable."
+    failed = sum(cell.startswith("FAIL") for cell in verdicts)
+    not_applicable = sum(cell.startswith("n/a") for cell in verdicts)
+    passed = len(verdicts) - failed - not_applicable
+    return f"Extremes (table stress): {passed} pass, {failed} fail, {not_applicable} not applicable."
 
 
 def _codecs_table(records: list[Stress]) -> Table:
-    """A row an extreme, by group, a column a codec."""
+    """A row an extreme, below a row that names its group; a column a codec."""
     cells = _Cells(records)
     codecs = sorted({record["subject"] for record in records})
-    groups: dict[str, dict[str, None]] = {}
+    extremes_of_group: dict[str, dict[str, None]] = {}  # each extreme once, in order
     for record in records:
-        groups.setdefault(record["group"], {})[record["extreme"]] = None
+        extremes_of_group.setdefault(record["group"], {})[record["extreme"]] = None
     rows = []
-    for group, extremes in groups.items():
+    for group, extremes in extremes_of_group.items():
         rows.append([f"{group}:", *[""] * len(codecs)])
         for extreme in extremes:
             rows.append([extreme, *(cells.text(codec, extreme) for codec in codecs)])
@@ -89,7 +94,7 @@ def _table(title: str, corner: str, columns: list[str], rows: list[list[str]], c
 
 
 class _Cells:
-    """Cells by subject and extreme; the reasons of cells that do not apply have letters."""
+    """Cells by subject and extreme. Where an extreme does not apply, the cell has a letter, and a note the reason."""
 
     def __init__(self, records: list[Stress]):
         self.records = {(record["subject"], record["extreme"]): record for record in records}
@@ -97,7 +102,8 @@ class _Cells:
         self.letters = {reason: chr(ord("a") + i) for i, reason in enumerate(reasons)}
 
     def text(self, subject: str, extreme: str) -> str:
-        """A cell: the verdict with its figure; `n/a` with the letter of the reason; a dash if it was not tried."""
+        """The text of a cell: the verdict with its figure, as “pass 31.2 dB”; `n/a` with the letter of the reason; a
+        dash if the extreme was not tried. An extreme without a verdict, see `REPORTED`, shows its figure alone."""
         record = self.records.get((subject, extreme))
         if record is None:
             return NONE
@@ -114,7 +120,8 @@ class _Cells:
         notes = [f"FAIL {record['subject']}, {record['extreme']}: {record['detail']}" for record in failed]
         if any(record["group"] != PICTURES for record in failed):
             notes.append('To try one cell again: neubtf-bench stress --codec CODEC --case "EXTREME"')
-        # By extreme with a measured margin: the record that uses most of it, and what share of it that uses.
+        # By extreme: the record that used the largest share of what is allowed, after this share. Extremes without a
+        # measured share are left out.
         worst: dict[str, tuple[float, Stress]] = {}
         for record in self.records.values():
             used = record.get("used")
@@ -123,9 +130,10 @@ class _Cells:
                 continue
             if extreme not in worst or used > worst[extreme][0]:
                 worst[extreme] = used, record
-        for name, (_, record) in worst.items():
-            notes.append(f"{name}, worst of all: {record['subject']}: {record['detail']}")
-        return [*notes, *(f"{letter}: {reason}" for reason, letter in self.letters.items())]
+        for extreme, (_, record) in worst.items():
+            notes.append(f"{extreme}, worst of all: {record['subject']}: {record['detail']}")
+        notes += [f"{letter}: {reason}" for reason, letter in self.letters.items()]
+        return notes
 
 
 def _reason(record: Stress) -> str:

@@ -30,27 +30,31 @@ class Styles:
 
     def __init__(self, run: Run):
         labels = dict.fromkeys(map(shown_label, run.jobs))
-        self.own = list(dict.fromkeys(_codec(label) for label in labels if is_own(label)))
-        self.variants: dict[str, list[str]] = {}  # the labels of each codec
+        self.outside_codecs = list(dict.fromkeys(_codec(label) for label in labels if is_own(label)))
+        self.labels_of_codec: dict[str, list[str]] = {}  # by name of codec, each of its settings
         for label in labels:
-            self.variants.setdefault(_codec(label), []).append(label)
+            self.labels_of_codec.setdefault(_codec(label), []).append(label)
 
     def of_codec(self, label: str) -> dict[str, Any]:
-        """How `plot` draws a label, or a ladder of rates; markers are hollow at every second setting."""
+        """How Matplotlib's `plot` draws a label, or a ladder of rates; markers are hollow at every second setting."""
         codec = _codec(label)
-        variants = self.variants.get(codec, [])
+        labels = self.labels_of_codec.get(codec, [])
         # A ladder of rates is named after its codec and has no label of its own: it looks like the first setting.
-        variant = variants.index(label) if label in variants else 0
-        known: Sequence[str] = self.own if is_own(label) else KNOWN
-        colours = OWN if is_own(label) else COLOURS
-        place = known.index(codec) if codec in known else len(known)
+        setting = labels.index(label) if label in labels else 0
+        codecs: Sequence[str]
+        colours: Sequence[str]
+        if is_own(label):
+            codecs, colours, layer = self.outside_codecs, OWN, 3
+        else:
+            codecs, colours, layer = KNOWN, COLOURS, 2
+        place = codecs.index(codec) if codec in codecs else len(codecs)  # a codec from outside that the run lacks
         colour = colours[place % len(colours)]
         return {
             "color": colour,
-            "zorder": 3 if is_own(label) else 2,
+            "zorder": layer,
             "marker": MARKERS[place % len(MARKERS)],
-            "markerfacecolor": "white" if variant % 2 else colour,
-            "linestyle": LINES[variant % len(LINES)],
+            "markerfacecolor": "white" if setting % 2 else colour,
+            "linestyle": LINES[setting % len(LINES)],
         }
 
 

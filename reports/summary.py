@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from statistics import fmean
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from bench.records import MOST_DB, Run
 from reports import columns
@@ -44,25 +44,30 @@ def summary_table(run: Run, intervals: bool = True, against: str = "") -> Table 
     notes: list[str] = ["Means over seeds, then over materials: docs/metrics.md, “Tables”."]
     notes += [*scene_notes(measured), *_lacking(measured)]
     if intervals:
-        more, cells, note = _differences(run, [row[0] for row in rows], [each.name for each in measured], against)
-        headers += more
-        rows = [[*row, *added] for row, added in zip(rows, cells, strict=True)]
-        notes += note
+        labels = [row[0] for row in rows]
+        names = [material.name for material in measured]
+        differences = _differences(run, labels, names, against)
+        headers += differences.headers
+        rows = [[*row, *cells] for row, cells in zip(rows, differences.rows, strict=True)]
+        notes += differences.notes
     timed = [row for material in measured for row in material.measured if not row.timing_obstacle]
     notes += [about_times(text) for text in (*one_texel_notes(timed), *height_notes(measured))]
     notes += left_out_notes(run)
     missing = missing_note(run)
     if missing:
         notes.append(missing)
-    names = ", ".join(material.name for material in measured)
-    title = f"Summary over {len(measured)} material{'s' * (len(measured) > 1)}: {names}"
+    materials_in_words = ", ".join(material.name for material in measured)
+    title = f"Summary over {len(measured)} material{'s' * (len(measured) > 1)}: {materials_in_words}"
     return Table("summary", title, headers, rows, notes, marks=best_cells(rows, scores))
 
 
 def _standing_cells(
     standing: "Standing", measured: Sequence[MaterialRows], chosen: Sequence[Column]
 ) -> tuple[list[str], list[float | None]]:
-    """The cells of a codec's row, and their scores; a codec without a rank has no means and no scores."""
+    """The cells of a codec's row, and a score for each by which it is marked (more is better; None: not marked).
+
+    A codec without a rank has no means and no scores. `chosen` are the columns after that of PSNR.
+    """
     has_rank = standing.rank is not None
     codecs: list[CodecRows] = []
     seeds: list[Row] = []
@@ -78,22 +83,26 @@ def _standing_cells(
         psnr = EXACT
     else:
         psnr = fixed(standing.psnr, 2)
-    materials_of = f"{standing.materials} of {len(measured)}"
-    # In the order of the headers of `summary_table`; the label and the number of materials are not scored.
-    row = [standing.label, materials_of, fixed(standing.rank, 1), integer(standing.wins), psnr]
-    rank_score = None if standing.rank is None else -standing.rank
-    score = [None, None, rank_score, standing.wins, standing.psnr]
+    # In the order of the headers of `summary_table`: each cell with its score.
+    scored_cells: list[tuple[str, float | None]] = [
+        (standing.label, None),
+        (f"{standing.materials} of {len(measured)}", None),
+        (fixed(standing.rank, 1), None if standing.rank is None else -standing.rank),
+        (integer(standing.wins), standing.wins),
+        (psnr, standing.psnr),
+    ]
     for column in chosen:
         mean = _mean(column, codecs) if has_rank else None
         star = column.star(seeds)
-        row.append(NONE if mean is None else column.write(mean) + star)
-        if mean is None or star:  # a time that was measured apart is not ranked
-            score.append(None)
+        if mean is None:
+            scored_cells.append((NONE, None))
+        elif star:  # a time that was measured apart is not ranked
+            scored_cells.append((column.write(mean) + star, None))
         else:
-            score.append(column.sign * mean)
-    if not has_rank:
-        score = [None] * len(score)
-    return row, score
+            scored_cells.append((column.write(mean), column.sign * mean))
+    cells = [cell for cell, _ in scored_cells]
+    scores = [score if has_rank else None for _, score in scored_cells]
+    return cells, scores
 
 
 def _lacking(measured: Sequence[MaterialRows]) -> list[str]:
@@ -114,44 +123,50 @@ def _lacking(measured: Sequence[MaterialRows]) -> list[str]:
     return [f"Without means, which would be over fewer materials: {words}. --material NAME chooses."]
 
 
-def _differences(
-    run: Run, labels: Sequence[str], materials: Sequence[str], wanted: str
-) -> tuple[list[tuple[str, str]], list[list[str]], list[Note]]:
-    """Headers, cells by row and notes of the paired differences of PSNR to the row `wanted`, or to the usual one.
+class _Differences(NamedTuple):
+    """The columns of paired differences of PSNR, which are added to the right of the summary."""
 
-    On `MANY` or more materials there is a column of the mean difference with its interval, and on a single material,
-    too. In between, such an interval would say little: the mean stands alone, and a column for each material has the
-    difference there with its interval.
+    headers: list[tuple[str, str]]
+    rows: list[list[str]]  # their cells, in the order of the rows of the summary
+    notes: list[Note]
+
+
+def _differences(run: Run, labels: Sequence[str], materials: Sequence[str], wanted: str) -> _Differences:
+    """The paired differences of PSNR of the rows with these labels to the row `wanted`, "" for the usual one.
+
+    On `MANY` or more materials there is one column: the mean difference with its interval. So it is on a single
+    material. In between, such an interval would say little: the column has the mean difference alone, and a further
+    column for each material has the difference there with its interval.
     """
     from reports.ranking import against_one, rows_of
 
     against = against_one(run, wanted)
     codec = against.first.partition(" ")[0]
-    several = rows_of(codec, run) > 1
-    alone = 1 < len(materials) < MANY  # whether each material has a column of its own
-    headers = [("against", against.first if several else codec)]
-    if alone:
+    codec_has_several_rows = rows_of(codec, run) > 1
+    column_for_each = 1 < len(materials) < MANY  # whether each material has a column of its own
+    headers = [("against", against.first if codec_has_several_rows else codec)]
+    if column_for_each:
         headers += [(f"on {name}", "dB") for name in materials]
     rows = []
     for label in labels:
-        whole = against.over.get(label)
-        if whole is None:
+        over_all = against.over.get(label)  # None for the row itself, and for rows that cannot be compared
+        if over_all is None:
             cells = [NONE]
-        elif alone:
-            mark = " *" if whole.apart else ""
-            cells = [signed(whole.mean) + mark]
+        elif column_for_each:
+            mark = " *" if over_all.apart else ""
+            cells = [signed(over_all.mean) + mark]
         else:
-            cells = [interval(whole)]
-        if alone:
+            cells = [interval(over_all)]
+        if column_for_each:
             for name in materials:
-                part = against.on.get(name, {}).get(label)
-                cells.append(NONE if part is None else interval(part))
+                on_material = against.on.get(name, {}).get(label)
+                cells.append(NONE if on_material is None else interval(on_material))
         rows.append(cells)
     notes = []
     if against.over:
-        text = _paired(against, first_of_several=several and not wanted, alone=alone)
+        text = _paired(against, codec_has_several_rows and not wanted, column_for_each)
         notes.append(Note((text, _is_difference)))
-    return headers, rows, notes
+    return _Differences(headers, rows, notes)
 
 
 def _is_difference(name: str) -> bool:
@@ -159,32 +174,36 @@ def _is_difference(name: str) -> bool:
     return name == "against" or name.startswith("on ")
 
 
-def _paired(against: "Against", first_of_several: bool, alone: bool) -> str:
+def _paired(against: "Against", first_of_several: bool, column_for_each: bool) -> str:
     """A note on the differences: to which row, what their intervals cover, and how many codecs are told apart.
 
-    `first_of_several`: that row is the first of several of its codec, by default. `alone`: each material has a column.
+    `first_of_several`: the row was picked by default, as the first of several rows of its codec. `column_for_each`:
+    each material has a column of its own.
     """
     from bench.compare.paired import FEWEST
 
-    every = against.over.values()
-    materials = max(each.materials for each in every)
-    seeds = max(each.seeds for each in every)
+    intervals = against.over.values()
+    materials = max(interval.materials for interval in intervals)
+    seeds = max(interval.seeds for interval in intervals)
     bootstrap = "a bootstrap over seeds and pairs" if seeds > 1 else "a bootstrap over pairs"
     which = " (its first row; --against LABEL picks another)" if first_of_several else ""
     text = f"Against {against.first}{which}: the mean paired difference of PSNR a slice in dB"
-    if alone:
+    if column_for_each:
         text += f"; on each material with its 95 % interval, by {bootstrap}, which speaks of that material only."
     else:
         method = bootstrap if materials == 1 else "Student's t"
         text += f" and its 95 % interval, by {method}."
     if materials < FEWEST:
         return f"{text} On fewer than {FEWEST} surfaces nothing is told apart."
-    count = sum(each.apart for each in every) or "None"
-    return f"{text} {count} of {len(every)} told apart (*), by Holm's correction over the rows."
+    count = sum(interval.apart for interval in intervals)
+    return f"{text} {count or 'None'} of {len(intervals)} told apart (*), by Holm's correction over the rows."
 
 
 def _mean(column: Column, codecs: Sequence[CodecRows]) -> float | None:
-    """The mean over materials of a column's means over seeds; None if a material has no number."""
+    """The mean over materials of a column's means over seeds; None if a material has no number.
+
+    `codecs` are the rows of one label, an item for each material.
+    """
     means = [column.mean(codec.measured) for codec in codecs if codec.measured]
     numbers = [mean for mean in means if mean is not None]
     if not numbers or len(numbers) < len(means):

@@ -9,7 +9,7 @@ from itertools import chain
 from reports.numbers import NONE
 
 BOLD, UNDERLINED = "bold", "underlined"  # marks of a cell, if a format can show them
-FEW = 3  # rows that may share a mark; a value that more rows have marks out none of them
+FEW = 3  # rows that may share a mark: a value that more rows have is no distinction
 DOT = "•"  # before the best of a column in plain text, which has no bold
 LEGEND = "Bold: the best of a column. Underlined: the second best."
 TERMS = {  # of headers, explained above the tables that have them
@@ -21,7 +21,8 @@ TERMS = {  # of headers, explained above the tables that have them
     "bits per": "8 × bytes of the whole file / texels",
     "× floor": "a multiple of the least time that a query can take, that of one bilinear fetch of a colour",
 }
-Part = tuple[str, Callable[[str], bool]]  # of a note: its text, and whether it is about the column of a name
+# Of a note: its text, and a function that says of the name of a column whether the text is about it.
+Part = tuple[str, Callable[[str], bool]]
 
 
 class Note(str):
@@ -46,11 +47,11 @@ class Note(str):
 
     def of(self, names: Sequence[str]) -> "Note":
         """The note without the parts that are about none of these columns."""
-        kept = []
+        parts = []
         for text, is_about in self.parts:
             if any(is_about(name) for name in names):
-                kept.append((text, is_about))
-        return Note(*kept, around=self.around)
+                parts.append((text, is_about))
+        return Note(*parts, around=self.around)
 
 
 @dataclass(frozen=True)
@@ -74,58 +75,66 @@ class Table:
 
     @property
     def terms(self) -> list[tuple[str, str]]:
-        """The terms of its headers that need a word, each with what it says."""
-        words = {word.rstrip(" ↑↓") for word in chain.from_iterable(self.headers)}
-        return [(term, says) for term, says in TERMS.items() if term in words]
+        """The terms of its headers that need an explanation, each with it."""
+        words = {word.rstrip(" ↑↓") for word in chain.from_iterable(self.headers)}  # names and units, without arrows
+        return [(term, explanation) for term, explanation in TERMS.items() if term in words]
 
     def of_columns(self, kept: Sequence[int]) -> "Table":
         """The table with only the columns at these places, in this order, and the notes about them.
 
         Rows without any number in these columns are left out.
         """
-        numbers = [i for i in kept if i >= self.words]
+        number_columns = [i for i in kept if i >= self.words]
         rows: list[list[str]] = []
-        places: dict[int, int] = {}  # of the kept rows: from the old to the new
-        for old, row in enumerate(self.rows):
-            if any(row[i] not in (NONE, "") for i in numbers):
-                places[old] = len(rows)
+        new_places: dict[int, int] = {}  # of the kept rows, by their old places
+        for old_place, row in enumerate(self.rows):
+            if any(row[i] not in (NONE, "") for i in number_columns):
+                new_places[old_place] = len(rows)
                 rows.append([row[i] for i in kept])
-        marks = {(places[row], kept.index(i)): mark for (row, i), mark in self.marks.items() if i in kept}
+        marks = {}
+        for (
+            old_place,
+            i,
+        ), mark in self.marks.items():  # a marked cell has a number, so its row is kept if its column is
+            if i in kept:
+                marks[new_places[old_place], kept.index(i)] = mark
         headers = [self.headers[i] for i in kept]
         names = [name for name, _ in headers[self.words :]]
         notes = []
         for note in self.notes:
-            left = note.of(names) if isinstance(note, Note) else note
-            if left:
-                notes.append(left)
+            note_on_kept = note.of(names) if isinstance(note, Note) else note
+            if note_on_kept:
+                notes.append(note_on_kept)
         return replace(self, headers=headers, rows=rows, notes=notes, marks=marks)
 
 
 def best_cells(rows: Sequence[Sequence[str]], scores: Sequence[Sequence[float | None]]) -> dict[tuple[int, int], str]:
     """The marks of cells by row and column, from a score of each cell (more is better); None gets no mark.
 
-    Cells are equally good if their numbers read the same; a deviation or interval after the number does not count. A
-    column has no mark if all its cells are equal, or if only one has a score. A number that more than `FEW` rows share
-    is not marked, nor a second best of zero.
+    Scores may have fewer rows than the table: its last rows then get no mark. Cells are equally good if their numbers
+    read the same; a deviation or interval after the number does not count. A column has no mark if all its cells are
+    equal, or if only one has a score. A number that more than `FEW` rows share is not marked, nor a second best of
+    zero.
     """
     marks: dict[tuple[int, int], str] = {}
     for column in range(len(scores[0]) if scores else 0):
-        raced: list[tuple[float, str, int]] = []  # score, number as shown, row
+        scored: list[tuple[float, str, int]] = []  # score, number as shown, row
         for i, row in enumerate(scores):
             score = row[column]
             if score is not None:
                 number, *_ = re.split(r" [±(]", rows[i][column])
-                raced.append((score, number, i))
-        raced.sort(key=lambda item: -item[0])
-        shared = Counter(number for _, number, _ in raced)
-        numbers = list(shared)  # the best first
+                scored.append((score, number, i))
+        scored.sort(key=lambda item: -item[0])  # the best first
+        rows_with = Counter(number for _, number, _ in scored)  # by number: how many rows show it
+        numbers = list(rows_with)  # each once, the best first
         if len(numbers) < 2:
             continue
-        look = {numbers[0]: BOLD}
-        is_zero = re.fullmatch("[0.]+", numbers[1])
+        best, second = numbers[:2]
+        mark_of = {best: BOLD}
+        is_zero = re.fullmatch("[0.]+", second)
         if not is_zero:
-            look[numbers[1]] = UNDERLINED
-        for _, number, i in raced:
-            if number in look and shared[number] <= FEW:
-                marks[i, column] = look[number]
+            mark_of[second] = UNDERLINED
+        for _, number, i in scored:
+            if number in mark_of and rows_with[number] <= FEW:
+                marks[i, column] = mark_of[number]
     return marks

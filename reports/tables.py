@@ -24,7 +24,7 @@ from reports.table import Table, best_cells
 from reports.times import times_tables, variant_tables
 from reports.trade import trade_tables
 
-Chosen = Callable[[MaterialRows], Sequence[Column]]  # the columns of a material
+ColumnsOf = Callable[[MaterialRows], Sequence[Column]]  # a function that gives the columns of a material's table
 _STALE = " †"  # after a codec whose records are of an older version than the installed one
 
 
@@ -39,55 +39,59 @@ def all_tables(run: Run, narrow: bool = False, kind: str | None = None, against:
     makers["summary"] = lambda run, _: [summary_table(run, against=against)]
     if narrow:
         makers["main"] = lambda run, rows: [*_QUALITY(run, rows), *_COST(run, rows)]
-    found: list[Table] = []
+    tables: list[Table] = []
     for name in KINDS:
         if kind in (None, name):
-            found += [table for table in makers[name](run, rows) if table]
-    return list(_marked(run, found))
+            tables += [table for table in makers[name](run, rows) if table]
+    return list(_with_stale_rows_marked(run, tables))
 
 
-def _marked(run: Run, tables: Iterable[Table]) -> Iterator[Table]:
+def _with_stale_rows_marked(run: Run, tables: Iterable[Table]) -> Iterator[Table]:
     """The tables, with a mark at each row whose numbers the installed version of its codec cannot make again."""
     reasons: dict[tuple[str, str], str] = {}  # by material and codec
     for job in run.jobs:
-        why = stale(job) if job["status"] == "ok" else ""
-        if why:
-            reasons[job["material"], job["codec"]] = why
+        reason = stale(job) if job["status"] == "ok" else ""
+        if reason:
+            reasons[job["material"], job["codec"]] = reason
     for table in tables:
         if table.kind == "times":  # settings are timed apart from any job: a stale job says nothing of them
             yield table
-        else:
-            # By codec; a table over all materials is concerned by the reasons on any of them.
-            here = {codec: why for (material, codec), why in reasons.items() if table.material in ("", material)}
-            yield _with_stale(table, here)
+            continue
+        reason_of_codec = {}
+        for (material, codec), reason in reasons.items():
+            if table.material in ("", material):  # a table over all materials has the stale rows of each
+                reason_of_codec[codec] = reason
+        yield _with_rows_marked(table, reason_of_codec)
 
 
-def _with_stale(table: Table, reasons: dict[str, str]) -> Table:
-    """The table with a mark at the rows of these codecs, and a note that gives the reasons, which are by codec."""
+def _with_rows_marked(table: Table, reason_of_codec: dict[str, str]) -> Table:
+    """The table with a mark at the rows of these codecs, and a note that gives the reasons why they are stale."""
     rows = []
-    marked: dict[str, str] = {}
+    reasons_of_rows: dict[str, str] = {}  # by codec that has a row here
     for row in table.rows:
         codec = row[0].partition(" ")[0].rstrip(",")  # of a label "codec key=value", or of a line "codec, key=value"
-        if codec in reasons:
+        if codec in reason_of_codec:
             row = [row[0] + _STALE, *row[1:]]
-            marked[codec] = reasons[codec]
+            reasons_of_rows[codec] = reason_of_codec[codec]
         rows.append(row)
     notes = list(table.notes)
-    if marked:
-        words = "; ".join(f"{codec}: {why}" for codec, why in marked.items())
+    if reasons_of_rows:
+        words = "; ".join(f"{codec}: {reason}" for codec, reason in reasons_of_rows.items())
         notes.append(f"†: stale, its numbers cannot be made again by the installed version: {words}.")
     return replace(table, rows=rows, notes=notes)
 
 
 def main_table(material: MaterialRows, chosen: Sequence[Column] = ()) -> Table | None:
-    """Cost, quality and time of each codec; None if nothing was measured."""
+    """Cost, quality and time of each codec, or only the `chosen` columns; None if nothing was measured."""
     return _table("main", material, "", chosen or columns.main(material), main_notes(material))
 
 
 def scene_table(material: MaterialRows) -> Table | None:
     """The quality of each codec in the frames of a scene, if the run was given one."""
-    scene = material.first.get("scene") if material.first else None
-    if material.first is None or not scene:
+    if material.first is None:
+        return None
+    scene = material.first.get("scene")
+    if not scene:
         return None
     count, height, width = scene["frames"]
     pictures = f"picture{'s' * (count != 1)}"
@@ -106,16 +110,17 @@ def scene_table(material: MaterialRows) -> Table | None:
 
 def unfinished_table(run: Run) -> Table | None:
     """Jobs without numbers and the reasons, including planned jobs that were not run."""
-    words = {"failed": "failed", "unavailable": "not available"}
     rows = []
     for material_rows in materials(run):
         for row in material_rows.rows:
-            state = row.job["status"]
-            if state != "ok":
-                why = " ".join(str(row.job.get("error", "")).split())
-                rows.append([row.job["material"], row.name, words.get(state, state), why])
+            status = row.job["status"]
+            if status != "ok":
+                status_in_words = "not available" if status == "unavailable" else status
+                why = " ".join(str(row.job.get("error", "")).split())  # on one line
+                rows.append([row.job["material"], row.name, status_in_words, why])
     for material, label, seeds in not_run(run):
-        rows.append([material, label, "not run", f"seed{'s' * (len(seeds) > 1)} {', '.join(map(str, seeds))}"])
+        seeds_in_words = f"seed{'s' * (len(seeds) > 1)} {', '.join(map(str, seeds))}"
+        rows.append([material, label, "not run", seeds_in_words])
     if not rows:
         return None
     headers = [("material", ""), ("codec", ""), ("state", ""), ("why", "")]
@@ -123,11 +128,15 @@ def unfinished_table(run: Run) -> Table | None:
 
 
 def _table(kind: str, material: MaterialRows, about: str, chosen: Sequence[Column], notes: list[str]) -> Table | None:
-    """A row a codec, the mean over its seeds; the best of each column bold, the second underlined."""
+    """A row a codec, the mean over its seeds; the best of each column bold, the second underlined. None without
+    columns, or if nothing was measured.
+
+    `about` are words for the title, after the name of the material. `notes` come first below the table.
+    """
     if not material.measured or not chosen:
         return None
     name = f"{material.name}: {about}" if about else material.name
-    title = f"{name} ({material.split})"
+    title = f"{name} ({material.split_in_words})"
     by_quality = scene_quality if kind == "scene" else _quality
     codecs = sorted(material.codecs, key=by_quality, reverse=True)
     chosen = [column for column in chosen if not column.sparse or _has_number(column, codecs)]
@@ -135,19 +144,23 @@ def _table(kind: str, material: MaterialRows, about: str, chosen: Sequence[Colum
     scores: list[list[float | None]] = []
     for codec in codecs:
         rows.append([codec.label, *_cells(codec, chosen)])
-        scores.append([None, *(_score(kind, column, codec) for column in chosen)])
+        scores.append([None])  # of the label
+        scores[-1] += [_score(kind, column, codec) for column in chosen]
     headers = [("codec", "")]
-    for i, column in enumerate(chosen, 1):  # the unit says what the deviation is over, if a cell shows one
-        has_deviation = any(" ± " in row[i] for row in rows)
-        over = f" ± {column.over}" if has_deviation else ""
-        headers.append((column.name, (column.unit + over).strip()))
-    native = _native_row(material.measured[0].job, chosen)
-    if native:
-        rows.append(native)
+    for i, column in enumerate(chosen, 1):  # after the label of the codec
+        unit = column.unit
+        if any(" ± " in row[i] for row in rows):  # a cell shows a deviation: the header says what it is over
+            unit += f" ± {column.over}"
+        headers.append((column.name, unit.strip()))
+    native_row = _native_row(material.measured[0].job, chosen)
+    if native_row:  # it has no scores, so it is never marked
+        rows.append(native_row)
     marks = best_cells(rows, scores)
-    last = [] if kind == "scene" else scene_notes([material])
-    notes = [*notes, *last, *_seeds(material)]
-    return Table(kind, title, headers, rows, notes, material=material.name, marks=marks)
+    all_notes = list(notes)
+    if kind != "scene":
+        all_notes += scene_notes([material])
+    all_notes += _seed_notes(material)
+    return Table(kind, title, headers, rows, all_notes, material=material.name, marks=marks)
 
 
 def _has_number(column: Column, codecs: Iterable[CodecRows]) -> bool:
@@ -156,7 +169,8 @@ def _has_number(column: Column, codecs: Iterable[CodecRows]) -> bool:
 
 
 def _cells(codec: CodecRows, chosen: Sequence[Column]) -> list[str]:
-    """The cells of a codec's row after its label. Without numbers they say why: `n/c` in all, or a first “failed”."""
+    """The cells of a codec's row after its label. Without numbers they say why: `n/c` in each cell, if a job is not
+    comparable; “failed” in the first cell, if a job failed."""
     if not codec.measured and any(row.obstacle for row in codec.rows):
         return [NOT_COMPARABLE] * len(chosen)
     cells = [column.cell(codec.measured) for column in chosen]
@@ -170,55 +184,67 @@ def _native_row(job: Job, chosen: Sequence[Column]) -> list[str]:
 
     Empty unless that file is a factorisation, such as a codec makes, and a chosen column has a number for it.
     """
-    own = job.get("provenance", {}).get("native")
-    if not own or not any(column.native for column in chosen):
+    native_file = job.get("provenance", {}).get("native")  # its `bytes`, its `rank`, and its `name` from some readers
+    if not native_file or not any(column.native for column in chosen):
         return []
-    facts = own | {"bits": columns.bits(job, own["bytes"])}
-    cells = [column.write(column.native(facts)) if column.native else NONE for column in chosen]
-    return [f"{own.get('name', 'dfmf')} (native)", *cells]
+    facts = native_file | {"bits": columns.bits(job, native_file["bytes"])}  # bits a texel
+    name = native_file.get("name", "dfmf")  # only the reader of UBO2014, whose files are of this format, gives no name
+    cells = [f"{name} (native)"]
+    for column in chosen:
+        cells.append(column.write(column.native(facts)) if column.native else NONE)
+    return cells
 
 
 def _quality(codec: CodecRows) -> tuple[bool, float]:
-    """What sorts a table, the greatest first: models of whole materials before those of a scene, each by the mean PSNR
-    of the codec's seeds. A codec without any number is the last of the models of whole materials."""
+    """The key that sorts a table, the greatest first: whether the codec models the whole material and not a scene, then
+    the mean PSNR of its seeds. A codec without any number is the last of the models of whole materials."""
     if not codec.measured:
         return True, -inf
-    qualities = []
+    psnr_of_seeds = []
     for row in codec.measured:
-        qualities.append(MOST_DB if row.psnr is None else row.psnr)
-    return not codec.of_scene, fmean(qualities)
+        psnr_of_seeds.append(MOST_DB if row.psnr is None else row.psnr)  # None: there is no error
+    is_whole = not codec.of_scene
+    return is_whole, fmean(psnr_of_seeds)
 
 
 def _score(kind: str, column: Column, codec: CodecRows) -> float | None:
-    """The number by which a cell is marked, more is better; None if the cell is not compared. A model of a scene is
-    compared only in the table of the scene, and there only in columns about the scene."""
-    whole_only = kind != "scene" or column.whole_only
-    if codec.of_scene and whole_only:
+    """The number by which a cell is marked, more is better; None if the cell is not compared.
+
+    A model of a scene is compared only in the table of the scene, and there only in columns about the scene.
+    """
+    is_about_scene = kind == "scene" and not column.whole_only
+    if codec.of_scene and not is_about_scene:
         return None
     return column.score(codec.measured)
 
 
-def _seeds(material: MaterialRows) -> Iterator[str]:
+def _seed_notes(material: MaterialRows) -> Iterator[str]:
     """Notes on several seeds, and on codecs that lack some."""
     seeds = material.seeds
     if len(seeds) < 2:
         return
     yield f"Seeds {', '.join(map(str, seeds))}: a number is their mean; “± seeds”: the deviation over them."
-    short = (codec for codec in material.codecs if 0 < len(codec.measured) < len(seeds))
-    for count, codecs in grouped(short, lambda codec: len(codec.measured)).items():
+    lacking = [codec for codec in material.codecs if 0 < len(codec.measured) < len(seeds)]
+    for count, codecs in grouped(lacking, lambda codec: len(codec.measured)).items():
         yield f"{count} of {len(seeds)} seeds: {', '.join(codec.label for codec in codecs)}."
 
 
-def _each(
-    kind: str, about: str, chosen: Chosen, notes: Callable[[MaterialRows], list[str]] = common_notes, note: str = ""
+def _of_each_material(
+    kind: str,
+    about: str,
+    columns_of: ColumnsOf,
+    notes_of: Callable[[MaterialRows], list[str]] = common_notes,
+    first_note: str = "",
 ) -> "Maker":
-    """A function that makes a table for each material that was measured; a `note` comes before other notes."""
-    first = [note] if note else []
+    """A function that makes a table for each material that was measured; for the arguments see `_table`."""
 
     def tables(_: Run, rows: list[MaterialRows]) -> Iterator[Table | None]:
         for material in rows:
             if material.measured:
-                yield _table(kind, material, about, chosen(material), [*first, *notes(material)])
+                notes = notes_of(material)
+                if first_note:
+                    notes = [first_note, *notes]
+                yield _table(kind, material, about, columns_of(material), notes)
 
     return tables
 
@@ -239,23 +265,33 @@ def _by_budget(kind: str) -> "Maker":
     return tables
 
 
-def _of_first(chosen: Callable[[Job], list[Column]]) -> Chosen:
-    """Columns of a material, made from its first comparable job, which says which groups and footprints there are."""
-    return lambda material: chosen(material.first) if material.first else []
+def _of_first_job(columns_of_job: Callable[[Job], list[Column]]) -> ColumnsOf:
+    """A function that gives the columns of a material by its first comparable job, whose groups of pairs and footprints
+    are those of all comparable jobs."""
+
+    def columns_of(material: MaterialRows) -> list[Column]:
+        return columns_of_job(material.first) if material.first else []
+
+    return columns_of
 
 
+# A function that makes the tables of a kind, from a run and its rows by material; None is no table.
 Maker = Callable[[Run, list[MaterialRows]], Iterable[Table | None]]
-_QUALITY = _each("main", "quality", columns.quality, quality_notes)
-_COST = _each("main", "size and time", lambda _: (*columns.SIZE, *columns.time()), cost_notes)
+_QUALITY = _of_each_material("main", "quality", columns.quality, quality_notes)
+_COST = _of_each_material("main", "size and time", lambda _: (*columns.SIZE, *columns.time()), cost_notes)
 _RELATIVE = "(…): relative to the mean radiance of the same pairs, because an absolute error is small in dark slices."
 _BOXES = "Answers over a square of this many texels a side, compared with the box-filtered truth."
 _OF_KIND: dict[str, Maker] = {
     **{kind: _by_budget(kind) for kind in BY_BUDGET},
-    "main": _each("main", "", columns.main, main_notes),
-    "slices": _each("slices", "as papers report it, mean ± std over slices", columns.papers, quality_notes),
-    "angular": _each("angular", "display PSNR by direction", _of_first(columns.bands)),
-    "radiance": _each("radiance", "error of radiance by direction", _of_first(columns.radiance_bands), note=_RELATIVE),
-    "footprints": _each("footprints", "display PSNR by footprint", _of_first(columns.footprints), note=_BOXES),
+    "main": _of_each_material("main", "", columns.main, main_notes),
+    "slices": _of_each_material("slices", "as papers report it, mean ± std over slices", columns.papers, quality_notes),
+    "angular": _of_each_material("angular", "display PSNR by direction", _of_first_job(columns.bands)),
+    "radiance": _of_each_material(
+        "radiance", "error of radiance by direction", _of_first_job(columns.radiance_bands), first_note=_RELATIVE
+    ),
+    "footprints": _of_each_material(
+        "footprints", "display PSNR by footprint", _of_first_job(columns.footprints), first_note=_BOXES
+    ),
     "scene": lambda _, rows: map(scene_table, rows),
     "fits": lambda run, _: fit_tables(run),
     "times": lambda run, _: times_tables(run),

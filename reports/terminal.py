@@ -14,7 +14,8 @@ from reports.text import plain, wrapped
 
 
 def terminal(run: Run) -> str:
-    """The tables of a run for a terminal of 120 columns; see the module."""
+    """The tables and notes of a run for a terminal of 120 columns: budgets, the summary without intervals, three tables
+    for each material, and jobs without a result."""
     run_materials = materials(run)
     tables: list[Table | None] = [*all_tables(run, kind="budgets")]
     if len(run_materials) > 1:
@@ -22,12 +23,12 @@ def terminal(run: Run) -> str:
     for material in run_materials:
         tables += [main_table(material, columns.short(material)), _detail(material), scene_table(material)]
     tables.append(unfinished_table(run))
-    shown = [table for table in tables if table]
+    made_tables = [table for table in tables if table]
     blocks = []
-    if not any(table.kind == "main" for table in shown):
+    if not any(table.kind == "main" for table in made_tables):
         blocks.append("Nothing was measured in this run.")
-    if shown:
-        blocks.append(plain(shown))
+    if made_tables:
+        blocks.append(plain(made_tables))
     notes = [note for note in (summary(run), *run_notes(run)) if note]
     blocks.append("\n".join(map(wrapped, notes)))
     return "\n\n".join(blocks).rstrip()
@@ -46,9 +47,11 @@ def _detail(material: MaterialRows) -> Table | None:
     if material.first is None:
         return None
     job = material.first
-    # The first band, all pairs that decide, and the first footprint, one texel, are what `PER_SLICE` shows.
-    chosen = [columns.PER_SLICE, *columns.bands(job)[1:], columns.RELATIVE_ERROR, *columns.footprints(job)[1:]]
-    table = main_table(material, columns.means(chosen))
+    # Without the first band, all pairs that decide, and the first footprint, one texel: `PER_SLICE` shows these.
+    bands = columns.bands(job)[1:]
+    footprints = columns.footprints(job)[1:]
+    chosen = columns.means([columns.PER_SLICE, *bands, columns.RELATIVE_ERROR, *footprints])
+    table = main_table(material, chosen)
     note = "dB: display PSNR by direction (and number of slices) and by footprint. RMSE: of radiance, over its mean."
     if table is None:
         return None

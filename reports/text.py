@@ -44,18 +44,19 @@ _SPECIAL = {
 
 
 def plain(tables: Sequence[Table]) -> str:
-    """Tables for a terminal, as wide as their columns make them; a note of several stands once, below the last one."""
-    blocks: list[str] = []
-    below: set[str] = set()  # the notes of the tables after this one
+    """Tables for a terminal, as wide as their columns make them. A note that several tables have stands once, below
+    the last of them."""
+    blocks: list[str] = []  # the last table first
+    notes_below: set[str] = set()  # the notes of the tables after this one
     for table in reversed(tables):
-        shown = _shown(table)
-        notes = [note for note in shown.notes if note not in below]
-        below.update(shown.notes)
-        blocks.append(_plain(replace(shown, notes=notes)))
+        printable = _printable(table)
+        notes = [note for note in printable.notes if note not in notes_below]
+        notes_below.update(printable.notes)
+        blocks.append(_plain(replace(printable, notes=notes)))
     return "\n\n".join(reversed(blocks))
 
 
-def _shown(table: Table) -> Table:
+def _printable(table: Table) -> Table:
     """The table as plain text shows it: no control characters, and a dot before the best of each column."""
     rows = [[visible(cell) for cell in row] for row in table.rows]
     for (i, j), mark in table.marks.items():
@@ -70,23 +71,25 @@ def _shown(table: Table) -> Table:
 
 def _plain(table: Table) -> str:
     """One table for a terminal: title, headers, cells and notes; words are aligned left, and numbers right."""
-    heads: list[list[str]] = []  # the lines of each header: its name, folded between words, then its unit
+    lines_of_headers: list[list[str]] = []  # of each column: its name, folded between words, then its unit
     for name, unit in table.headers:
-        heads.append([*textwrap.wrap(name, 9, break_long_words=False), *textwrap.wrap(unit, 8)])
-    top = list(zip_longest(*heads, fillvalue=""))  # from a list a column to a tuple a line of the terminal
+        lines_of_name = textwrap.wrap(name, 9, break_long_words=False)
+        lines_of_headers.append([*lines_of_name, *textwrap.wrap(unit, 8)])
+    # Lines of the terminal, each a tuple with the text of every column: those of the headers, then those of the rows.
+    top = list(zip_longest(*lines_of_headers, fillvalue=""))
     body: list[tuple[str, ...]] = []
     for row in table.rows:
         body += _folded(row, table)
     widths = [max(map(_width, column)) for column in zip(*top, *body, strict=True)]
     rule = ["-" * width for width in widths]
-    text = []
+    lines = []
     for cells in (*top, rule, *body):
         padded = []
         for i, (cell, width) in enumerate(zip(cells, widths, strict=True)):
             gap = " " * (width - _width(cell))
             padded.append(cell + gap if i < table.words else gap + cell)
-        text.append("  ".join(padded).rstrip())
-    return "\n".join([table.title, "", *text, *map(wrapped, table.notes)])
+        lines.append("  ".join(padded).rstrip())
+    return "\n".join([table.title, "", *lines, *map(wrapped, table.notes)])
 
 
 def _width(text: str) -> int:
@@ -95,16 +98,23 @@ def _width(text: str) -> int:
     As `rich.cells.cell_len`, without the import, which commands that draw nothing would wait for.
     """
     wide = sum(unicodedata.east_asian_width(character) in "WF" for character in text)
-    return len(text) + wide - sum(bool(unicodedata.combining(character)) for character in text)
+    combining = sum(bool(unicodedata.combining(character)) for character in text)
+    return len(text) + wide - combining
 
 
 def _folded(row: list[str], table: Table) -> Iterator[tuple[str, ...]]:
-    """The lines of one row: the words at its left are folded, and its numbers stand on the first line."""
-    # Widths in characters. With the gaps between them, four columns of words fill a terminal.
-    widths = (20, 24, 13, 57)[: table.words] if table.words > 1 else (table.fold,)
-    words = [textwrap.wrap(cell, width) or [""] for cell, width in zip(row, widths, strict=False)]
-    numbers = [[cell] for cell in row[table.words :]]
-    yield from zip_longest(*words, *numbers, fillvalue="")
+    """The lines of one row: the words at its left are folded, and its numbers stand on the first line.
+
+    A line has the text of every column, "" where that of a column ended on a line before.
+    """
+    widths: Sequence[int] = (table.fold,)  # in characters, of the columns of words
+    if table.words > 1:
+        widths = (20, 24, 13, 57)[: table.words]  # with the gaps between them, all four fill a terminal
+    lines_of_columns: list[list[str]] = []
+    for cell, width in zip(row, widths, strict=False):  # the row goes on with its numbers
+        lines_of_columns.append(textwrap.wrap(cell, width) or [""])
+    lines_of_columns += [[number] for number in row[table.words :]]
+    yield from zip_longest(*lines_of_columns, fillvalue="")
 
 
 def wrapped(note: str) -> str:
@@ -132,7 +142,9 @@ def grid(table: Table) -> str:
 
 def escaped(text: str) -> str:
     """Text escaped for Markdown, on one line."""
-    return re.sub(r"[\\`*|<\[#~]|(?<!\w)_|_(?!\w)", r"\\\g<0>", " ".join(visible(text).split()))
+    line = " ".join(visible(text).split())
+    # A "_" between letters or digits stays as it is, because Markdown takes it for no mark.
+    return re.sub(r"[\\`*|<\[#~]|(?<!\w)_|_(?!\w)", r"\\\g<0>", line)
 
 
 def results_csv(run: Run) -> str:
@@ -153,7 +165,7 @@ def results_csv(run: Run) -> str:
 
 
 def fields_csv(records: Sequence[Mapping[str, Any]]) -> str:
-    """A row a record, a column for each name of a field, in the order of appearance."""
+    """Records as CSV: a row for each, a column for each name of a field, in the order of appearance."""
     names = list(dict.fromkeys(chain.from_iterable(records)))
     lines = [[fields.get(name) for name in names] for fields in records]
     return _csv([names, *lines])
@@ -162,23 +174,23 @@ def fields_csv(records: Sequence[Mapping[str, Any]]) -> str:
 def table_csv(tables: Sequence[Table]) -> str:
     """The cells of tables as they are shown, numbers without separators; a line of headers wherever they change."""
     lines: list[Sequence[str | None]] = []
-    header: list[str] = []
+    headers: list[str] = []
     for table in tables:
-        before = header
-        header = [" ".join(words).strip() for words in table.headers]
+        headers_before = headers
+        headers = [f"{name} {unit}".strip() for name, unit in table.headers]
         if table.material:
-            header.insert(0, "material")
-        if header != before:
-            lines.append(header)
+            headers.insert(0, "material")
+        if headers != headers_before:
+            lines.append(headers)
         for row in table.rows:
-            line = [_as_read(cell) for cell in row]
+            line = [_for_programs(cell) for cell in row]
             if table.material:
                 line.insert(0, table.material)
             lines.append(line)
     return _csv(lines)
 
 
-def _as_read(cell: str) -> str | None:
+def _for_programs(cell: str) -> str | None:
     """A cell as programs read it: 42584 for 42,584, -1.5 for −1.5, None for a dash, and any other text as it is."""
     if cell == NONE:
         return None
@@ -197,10 +209,11 @@ def _csv(rows: Iterable[Sequence[Any]]) -> str:
 
 
 def _inert(cell: Any) -> Any:
-    """A cell that no program takes for a command: a text without control characters and, if a spreadsheet would run it
-    as a formula, after an apostrophe.
+    """The cell so that no program takes it for a command: a text without control characters, and with an apostrophe
+    before it if a spreadsheet would run it as a formula.
 
-    A number may begin with a sign. "—", or a sign alone, is no formula.
+    A spreadsheet runs what begins with "=", "+", "-" or "@". A number may begin with a sign, and a sign alone is no
+    formula.
     """
     if not isinstance(cell, str):
         return cell
@@ -210,28 +223,32 @@ def _inert(cell: Any) -> Any:
 
 
 def latex(tables: Sequence[Table]) -> str:
-    """Tables to be `\\input`, each a `table*` with its notes below it and a label: `tab:summary`, or see `label`."""
+    """Tables to be `\\input`, each a `table*` with its notes below it and a label.
+
+    The label is `tab:summary` for the only table of a kind, if it is not of one material, and else as `label` says.
+    """
     if not tables:
         return ""
     kinds = [table.kind for table in tables]
-    written = []
+    texts = []
     labels: set[str] = set()
     for table in tables:
-        alone = kinds.count(table.kind) == 1 and not table.material
-        called = _not_in(labels, f"tab:{table.kind}" if alone else label(table))
-        labels.add(called)
-        written.append(_latex(table, called))
-    return "\n".join([PACKAGES, *written])
+        is_only_one = kinds.count(table.kind) == 1 and not table.material
+        wanted_label = f"tab:{table.kind}" if is_only_one else label(table)
+        free_label = _free_label(wanted_label, labels)
+        labels.add(free_label)
+        texts.append(_latex(table, free_label))
+    return "\n".join([PACKAGES, *texts])
 
 
-def _not_in(labels: set[str], called: str) -> str:
-    """The label, with a number if it is taken, such as those of materials `a_b` and `a-b`."""
-    if called not in labels:
-        return called
+def _free_label(wanted: str, labels: set[str]) -> str:
+    """The wanted label, with a number if `labels` has it: materials `a_b` and `a-b` give the same label."""
+    if wanted not in labels:
+        return wanted
     numbers = count(2)
-    numbered = f"{called}-{next(numbers)}"
+    numbered = f"{wanted}-{next(numbers)}"
     while numbered in labels:
-        numbered = f"{called}-{next(numbers)}"
+        numbered = f"{wanted}-{next(numbers)}"
     return numbered
 
 
@@ -245,8 +262,8 @@ def latex_escaped(text: str) -> str:
     return f"{{}}{text}" if text.startswith(("[", "*")) else text
 
 
-def _latex(table: Table, called: str) -> str:
-    """One table as a `table*`; `called` is its label. In a table of words alone the last column is folded.
+def _latex(table: Table, label: str) -> str:
+    """One table as a `table*`. In a table of words alone the last column is folded.
 
     The table is set into a box first, so that `_FITTED` can measure its width.
     """
@@ -254,14 +271,15 @@ def _latex(table: Table, called: str) -> str:
     if table.words == len(table.headers):
         align = align[:-1] + r"p{0.5\textwidth}"
     heads = []
-    for line in zip(*table.headers, strict=True):  # the names, then the units
-        if any(line):
-            heads.append(_latex_line([latex_escaped(word) for word in line]))
+    names, units = zip(*table.headers, strict=True)
+    for words in (names, units):
+        if any(words):
+            heads.append(_latex_line([latex_escaped(word) for word in words]))
     cells = [[latex_escaped(cell) for cell in row] for row in table.rows]
     for (i, j), mark in table.marks.items():
         cells[i][j] = _LATEX_MARKS[mark] % cells[i][j]
     rows = [_latex_line(row) for row in cells]
-    lines = [r"\begin{table*}", r"\centering", rf"\caption{{{latex_escaped(table.title)}}}", rf"\label{{{called}}}"]
+    lines = [r"\begin{table*}", r"\centering", rf"\caption{{{latex_escaped(table.title)}}}", rf"\label{{{label}}}"]
     lines += [r"\footnotesize", r"\setlength{\tabcolsep}{3pt}", r"\sbox0{%", rf"\begin{{tabular}}{{@{{}}{align}@{{}}}}"]
     lines += [r"\toprule", *heads, r"\midrule", *rows]
     lines += [r"\bottomrule", r"\end{tabular}}%", _FITTED]
@@ -280,6 +298,8 @@ _FITTED = r"\ifdim\wd0>\linewidth\resizebox{\linewidth}{!}{\usebox0}\else\usebox
 
 
 def label(table: Table) -> str:
-    """The label of a table for `\\ref`, `tab:main-satin`: letters, digits and hyphens of its kind and title."""
-    words = re.findall("[A-Za-z0-9]+", unicodedata.normalize("NFKD", table.title.partition(" (")[0]))
+    """The label of a table for `\\ref`, such as `tab:main-satin`: its kind and its title, without what the title has in
+    brackets, in lower-case letters, digits and hyphens."""
+    title = unicodedata.normalize("NFKD", table.title.partition(" (")[0])  # a letter with an accent becomes two
+    words = re.findall("[A-Za-z0-9]+", title)
     return "-".join([f"tab:{table.kind}", *words]).lower()

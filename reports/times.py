@@ -16,61 +16,71 @@ _NOTE = (
 
 
 def times_tables(run: Run) -> Iterator[Table]:
-    """Times of settings: as budgets use them, in each execution and precision, over batches, and of steps of fits."""
+    """Four tables: times of settings as budgets use them, and those of `variant_tables`. Each only if it has a row."""
     yield from _settings(run, [timing for timing in run.timings if "rounds" in timing])
     yield from variant_tables(run, "times")
 
 
 def variant_tables(run: Run, kind: str) -> Iterator[Table]:
-    """Tables of a kind: times of settings in each execution and precision, over batches, and of steps of fits."""
+    """Up to three tables, as tables of a kind: settings in each execution and precision, settings over batches, and
+    steps of fits."""
+    # Only timings of settings in each execution and precision are compared with float64.
     variants = [timing for timing in run.timings if "of_tolerance" in timing]
     steps = [timing for timing in run.timings if timing["execution"] == "fit step"]
-    for table in (*_variants(run, variants), *_batches(run, variants), *_fits(run, steps)):
+    for table in (*_variants(run, variants), *_batches(variants), *_fits(run, steps)):
         yield replace(table, kind=kind)
 
 
-def _settings(run: Run, timed: list[Timing]) -> Iterator[Table]:
-    """A row a setting, the quickest first."""
-    if not timed:
+def _settings(run: Run, timings: list[Timing]) -> Iterator[Table]:
+    """A table with a row a setting, the quickest first; none without timings."""
+    if not timings:
         return
-    timed.sort(key=lambda timing: float(timing["ratio_to_floor"]))
-    rows = [_row(timing) for timing in timed]
+    timings.sort(key=lambda timing: float(timing["ratio_to_floor"]))
+    rows = [_row(timing) for timing in timings]
     headers = [("setting", ""), ("a query", "× floor ↓"), ("95 % interval", "× floor"), ("rounds apart", "%")]
     headers += [("between texels", "× floor ↓"), ("a sample", "ns ↓"), ("operations", "a query")]
-    yield Table("times", f"Times of settings: {_conditions(run, timed[0])}", headers, rows, [_NOTE])
+    yield Table("times", f"Times of settings: {_conditions(run, timings[0])}", headers, rows, [_NOTE])
 
 
 def _row(timing: Timing) -> list[str]:
-    """The cells of a setting. “Rounds apart” is by how many per cent the slowest round takes longer than the
-    quickest."""
+    """The cells of a setting, in the order of the headers of `_settings`. “Rounds apart” is by how many per cent the
+    slowest round takes longer than the quickest."""
     low, high = timing["ratio_interval95"]
     rounds = timing["rounds"]
-    apart = 100 * (max(rounds) / min(rounds) - 1)
-    between = timing.get("ratio_between_texels")
-    cells = [timing["label"], significant(timing["ratio_to_floor"], 3)]
-    cells += [f"{significant(low, 3)} to {significant(high, 3)}", significant(apart, 2)]
-    cells += [significant(between, 3) if between else NONE, significant(timing["ns_per_sample"], 3)]
-    return [*cells, f"{timing['flops']:,}"]
+    rounds_apart = 100 * (max(rounds) / min(rounds) - 1)
+    between_texels = timing.get("ratio_between_texels")
+    return [
+        timing["label"],
+        significant(timing["ratio_to_floor"], 3),
+        f"{significant(low, 3)} to {significant(high, 3)}",
+        significant(rounds_apart, 2),
+        significant(between_texels, 3) if between_texels else NONE,
+        significant(timing["ns_per_sample"], 3),
+        f"{timing['flops']:,}",
+    ]
 
 
-def _variants(run: Run, timed: list[Timing]) -> Iterator[Table]:
-    """A row a setting, a column an execution and precision: ns a sample, and the machine's limit as a share of it."""
-    if not timed:
+def _variants(run: Run, timings: list[Timing]) -> Iterator[Table]:
+    """A table with a row a setting, a column an execution and precision; see `_time_and_limit` for its cells. None
+    without timings."""
+    if not timings:
         return
-    usual = usual_batch(timed)
-    timed = [timing for timing in timed if timing["batch"] == usual]  # others: see `_batches`
-    names = list(dict.fromkeys(_variant(timing) for timing in timed))
-    by_label: dict[str, dict[str, Timing]] = {}
-    for timing in timed:
-        by_label.setdefault(timing["label"], {})[_variant(timing)] = timing
+    usual = usual_batch(timings)
+    timings = [timing for timing in timings if timing["batch"] == usual]  # other batches: see `_batches`
+    variants = list(dict.fromkeys(_variant(timing) for timing in timings))
+    timings_of_label: dict[str, dict[str, Timing]] = {}  # by label, then by variant
+    for timing in timings:
+        timings_of_label.setdefault(timing["label"], {})[_variant(timing)] = timing
     rows = []
-    for label, known in by_label.items():
+    for label, timing_of_variant in timings_of_label.items():
         cells = [_setting(label)]
-        for name in names:
-            cells.append(_share(known[name]) if name in known else NONE)
+        for variant in variants:
+            timing_or_none = timing_of_variant.get(variant)
+            cells.append(_time_and_limit(timing_or_none) if timing_or_none else NONE)
         rows.append(cells)
-    headers = [("setting", ""), *((name, "ns, % of limit") for name in names)]
-    place = _conditions(run, {**timed[0], "execution": "each", "dtype": "variant"})
+    headers = [("setting", ""), *((variant, "ns, % of limit") for variant in variants)]
+    # The title says the conditions that all share, and "each variant" in the place of execution and precision.
+    place = _conditions(run, {**timings[0], "execution": "each", "dtype": "variant"})
     note = (
         "ns a sample, and the time that arithmetic or reads take at the machine's measured rates, as a share of it. "
         "!: answers differ from float64's by more than the precision allows (docs/trade.md)."
@@ -84,48 +94,52 @@ def _setting(label: str) -> str:
 
 
 def _variant(timing: Timing) -> str:
+    """The execution and precision, as “fused float32”."""
     return f"{timing['execution']} {timing['dtype']}"
 
 
-def _share(timing: Timing) -> str:
-    """A cell: ns a sample, “!” if its answers are off, and how many per cent of this time the machine's limit is."""
-    share = 100 * timing["limit_ns"] / timing["ns_per_sample"]
-    wrong = "!" if timing["of_tolerance"] > 1 else ""
-    return f"{significant(timing['ns_per_sample'], 3)}{wrong}, {significant(share, 2)}"
+def _time_and_limit(timing: Timing) -> str:
+    """A cell: ns a sample, and how many per cent of this time the machine's limit is; “!” after the time if the answers
+    are off: “12.3!, 45”."""
+    percent = 100 * timing["limit_ns"] / timing["ns_per_sample"]
+    mark = "!" if timing["of_tolerance"] > 1 else ""
+    return f"{significant(timing['ns_per_sample'], 3)}{mark}, {significant(percent, 2)}"
 
 
-def _batches(run: Run, timed: list[Timing]) -> Iterator[Table]:
-    """A row a setting and execution in float32, a column a batch: ns a sample."""
-    timed = [timing for timing in timed if timing["dtype"] == "float32"]
-    batches = sorted({timing["batch"] for timing in timed})
-    by_row: dict[tuple[str, str], dict[int, Timing]] = {}
-    for timing in timed:
-        by_row.setdefault((timing["label"], timing["execution"]), {})[timing["batch"]] = timing
-    swept = {row: known for row, known in by_row.items() if len(known) > 1}  # timed at several batches
-    if not swept:
-        return
+def _batches(timings: list[Timing]) -> Iterator[Table]:
+    """A table with a row a setting and execution in float32, a column a batch: ns a sample. None if nothing was timed
+    at several batches."""
+    in_float32 = [timing for timing in timings if timing["dtype"] == "float32"]
+    batches = sorted({timing["batch"] for timing in in_float32})
+    ns_of_row: dict[tuple[str, str], dict[int, float]] = {}  # by label and execution, then by batch
+    for timing in in_float32:
+        ns_of_row.setdefault((timing["label"], timing["execution"]), {})[timing["batch"]] = timing["ns_per_sample"]
     rows = []
-    for (label, execution), known in swept.items():
-        cells = [_setting(label), execution]
-        for batch in batches:
-            cells.append(significant(known[batch]["ns_per_sample"], 3) if batch in known else NONE)
-        rows.append(cells)
+    for (label, execution), ns_of_batch in ns_of_row.items():
+        if len(ns_of_batch) > 1:
+            numbers = [significant(ns_of_batch.get(batch), 3) for batch in batches]
+            rows.append([_setting(label), execution, *numbers])
+    if not rows:
+        return
     headers = [("setting", ""), ("execution", ""), *((f"{batch:,}", "ns ↓") for batch in batches)]
     yield Table("times", "Batches: ns a sample in float32, by the samples of a query", headers, rows, [], words=2)
 
 
-def _fits(run: Run, timed: list[Timing]) -> Iterator[Table]:
-    """A row a codec: milliseconds of a step of its fit, the quickest first."""
-    if not timed:
+def _fits(run: Run, timings: list[Timing]) -> Iterator[Table]:
+    """A table with a row a setting: milliseconds of a step of its fit, the quickest first; none without timings."""
+    if not timings:
         return
-    timed.sort(key=lambda timing: float(timing["ns_per_sample"]))
-    rows = [[timing["label"], significant(timing["ns_per_sample"] / 1e6, 3)] for timing in timed]
-    place = _conditions(run, timed[0]).partition(", fit step")[0]
+    timings.sort(key=lambda timing: float(timing["ns_per_sample"]))
+    rows = []
+    for timing in timings:
+        milliseconds = timing["ns_per_sample"] / 1e6  # here a "sample" is one step
+        rows.append([timing["label"], significant(milliseconds, 3)])
+    place = _conditions(run, timings[0]).partition(", fit step")[0]  # without execution, precision and batch
     yield Table("times", f"Steps of fits: {place}", [("setting", ""), ("a step", "ms ↓")], rows, [])
 
 
 def _conditions(run: Run, timing: Timing) -> str:
-    """Where and how a timing was measured, in words."""
+    """Where and how a timing was measured: “Xeon 8480C, 1 thread, eager float32, batches of 65,536”."""
     starts = [start for start in run.starts if start["run"] == timing["run"]]
     machine = starts[0].get("machine", Machine()) if starts else Machine()
     place = timing.get("gpu") or machine.get("processor") or timing["device"]

@@ -39,7 +39,7 @@ def choices_csv(folder: Path) -> str:
     for choice in trade["choices"]:
         fields: dict[str, Any] = {}
         for name, value in choice.items():
-            fields[name] = json.dumps(value) if isinstance(value, dict) else value
+            fields[name] = json.dumps(value) if isinstance(value, dict) else value  # a cell holds no dict
         rows.append(fields)
     return fields_csv(rows)
 
@@ -58,31 +58,35 @@ _ABOVE = (
 
 
 def _choices(material: str, rows: Sequence[TradeChoice], answers: list[str]) -> Table:
-    """A row a choice: quality, bytes, time, and the noise of a path tracer where it was measured."""
-    noisy = any("noise" in row or "noise_error" in row for row in rows)
+    """A row a choice: quality, bytes, time, and the noise of a path tracer where it was measured.
+
+    `answers` are sentences about the material, such as which choice is the fastest: they are its first notes.
+    """
+    has_noise = any("noise" in row or "noise_error" in row for row in rows)
     headers = list(_CHOICES)
-    cells = [_choice(row) for row in rows]
+    cells = [_choice_cells(row) for row in rows]
     notes = [*answers, _conditions(rows)]
     notes += [f"{named(row)}: {row['error']}." for row in rows if "error" in row]
     if any(row.get("of_limit", 0) > 1 for row in rows):
         notes.append(_ABOVE)
-    if noisy:
+    if has_noise:
         headers += _NOISE
-        for row, line in zip(rows, cells, strict=True):
-            line += _noise_cells(row)
+        for row, cells_of_row in zip(rows, cells, strict=True):
+            cells_of_row += _noise_cells(row)
         notes += _noise_notes(rows)
     return Table("trade", f"{material}: gains and losses of each setting", headers, cells, notes, material=material)
 
 
 def _noise_cells(row: TradeChoice) -> list[str]:
-    """The cells of `_NOISE`: samples to equal noise, then seconds, both for directions by the cosine and from lobes."""
+    """The cells below `_NOISE`: samples to equal noise, then seconds to equal error, each for light directions by the
+    cosine and from lobes; dashes if noise was not measured."""
     noise = row.get("noise")
     if not noise:
         return [NONE] * len(_NOISE)
     return [significant(value) for value in (*noise["samples"], *noise["seconds"])]
 
 
-def _choice(row: TradeChoice) -> list[str]:
+def _choice_cells(row: TradeChoice) -> list[str]:
     """The cells of a choice, in the order of `_CHOICES`; the floor has times alone, and a failed choice dashes."""
     if "error" in row:
         return [named(row), *[NONE] * (len(_CHOICES) - 1)]
@@ -112,11 +116,13 @@ def _noise_notes(rows: Sequence[TradeChoice]) -> Iterator[str]:
             f"1 % noise: samples a pixel in a picture by Mitsuba ({scene}), light directions drawn by the cosine, and "
             "from lobes fitted to the file. Equal error: the processor's seconds for these samples. See docs/trade.md."
         )
-    yield from (f"{named(row)}: noise was not measured: {row['noise_error']}." for row in rows if "noise_error" in row)
+    for row in rows:
+        if "noise_error" in row:
+            yield f"{named(row)}: noise was not measured: {row['noise_error']}."
 
 
 def _conditions(rows: Sequence[TradeChoice]) -> str:
-    """A note on quality and times; it takes their conditions from the first choice that was timed."""
+    """A note on quality and times, with the conditions of the first choice that was timed."""
     timed = next((row for row in rows if "batch" in row), None)
     if timed is None:
         return "Nothing could be timed."
@@ -129,13 +135,16 @@ def _conditions(rows: Sequence[TradeChoice]) -> str:
 
 def _stability(material: str, rows: Sequence[TradeChoice]) -> Table:
     """A row an execution and precision: its time, and how far its answers are from those of eager float32."""
-    # PSNR of eager float32 by label: only its choices are named by their label alone.
-    plain = {row["label"]: row["psnr"] for row in rows if named(row) == row["label"] and "psnr" in row}
+    psnr_of_eager_float32 = {}  # by label
+    for row in rows:
+        is_eager_float32 = named(row) == row["label"]  # only its choices are named by their label alone
+        if is_eager_float32 and "psnr" in row:
+            psnr_of_eager_float32[row["label"]] = row["psnr"]
     cells = []
     for row in rows:
-        if "from_float32" in row:
+        if "from_float32" in row:  # PSNR in dB, None without any difference
             worst = EXACT if row["from_float32"] is None else fixed(row["from_float32"], 1)
-            gained = cast(float, row["psnr"]) - cast(float, plain[row["label"]])
+            gained = cast(float, row["psnr"]) - cast(float, psnr_of_eager_float32[row["label"]])
             time = significant(row["ratio_to_floor"])
             cells.append([named(row), time, worst, signed(gained), fixed(row["flip"], 3)])
     note = (
@@ -148,20 +157,22 @@ def _stability(material: str, rows: Sequence[TradeChoice]) -> Table:
     return Table("trade", title, headers, cells, [note], material=material)
 
 
-_CONDITION = ("part", "batch", "coherent", "footprint", "threads")
+_CONDITION = ("part", "batch", "coherent", "footprint", "threads")  # fields that tell the rows of a profile apart
 
 
 def _profile(material: str, records: Sequence[Profile]) -> Table:
     """ns a sample: a row a condition, a column a codec."""
-    names = list(dict.fromkeys(record["name"] for record in records))
-    by_condition = grouped(records, itemgetter(*_CONDITION))
+    codecs = list(dict.fromkeys(record["name"] for record in records))
+    records_of_condition = grouped(records, itemgetter(*_CONDITION))
     rows = []
-    for (part, batch, coherent, footprint, threads), alike in by_condition.items():
-        words = [part, integer(batch), "slice" if coherent else "random", significant(footprint), str(threads)]
-        timed = {record["name"]: record["ns_per_sample"] for record in alike}
-        rows.append([*words, *(significant(timed.get(name)) for name in names)])
+    for (part, batch, coherent, footprint, threads), same_condition in records_of_condition.items():
+        queries = "slice" if coherent else "random"
+        condition_cells = [part, integer(batch), queries, significant(footprint), str(threads)]
+        ns_of_codec = {record["name"]: record["ns_per_sample"] for record in same_condition}
+        time_cells = [significant(ns_of_codec.get(codec)) for codec in codecs]
+        rows.append([*condition_cells, *time_cells])
     headers = [("part", ""), ("batch", ""), ("queries", ""), ("footprint", "texels"), ("threads", "")]
-    headers += [(name, "ns ↓") for name in names]
+    headers += [(codec, "ns ↓") for codec in codecs]
     note = (
         "Eager, float32. decoder: its networks alone; evaluate: with the texture's fetch; query: with all checks. "
         "slice: all texels of one pair; random: random places, and directions up to 75°."
@@ -171,14 +182,16 @@ def _profile(material: str, records: Sequence[Profile]) -> Table:
 
 
 def _ceilings(ceilings: Sequence[Ceiling], left_out: Sequence[str]) -> Table:
-    """A row a ceiling, with what was left out; a flop a ns is a Gflop/s, and a byte a ns a GB/s."""
+    """A row for each device, number of threads and type of numbers; a note names the types that were left out."""
     headers = [("device", ""), ("threads", ""), ("numbers", ""), ("multiply-add", "Gflop/s"), ("copy", "GB/s")]
     rows = []
     for ceiling in ceilings:
+        # A flop a ns is a Gflop/s, and a byte a ns is a GB/s.
         rates = [significant(ceiling["flops_per_ns"]), significant(ceiling["bytes_per_ns"])]
         rows.append([ceiling["device"], str(ceiling["threads"]), ceiling["dtype"], *rates])
     note = (
         f"Left out, because this processor only emulates their precision: {', '.join(left_out)}. "
         "`neubtf-bench trade --emulated` measures them too."
     )
-    return Table("trade", "ceilings: measured rates of this machine", headers, rows, [note] if left_out else [])
+    notes = [note] if left_out else []
+    return Table("trade", "ceilings: measured rates of this machine", headers, rows, notes)

@@ -35,24 +35,26 @@ class _ReportFolder:
     def write(self, vector: bool) -> Report:
         """Write everything, and remove what only an earlier report had."""
         tables = all_tables(self.run)
-        narrow = [table for table in tables if table.kind != "main"]
-        narrow += all_tables(self.run, narrow=True, kind="main")
-        self.write_tables(tables, narrow)
-        drawn = self.write_figures(VECTOR if vector else _formats_there(self.folder / "figures"))
+        # For LaTeX and the page, which are narrow: each main table as two.
+        narrow_tables = [table for table in tables if table.kind != "main"]
+        narrow_tables += all_tables(self.run, narrow=True, kind="main")
+        self.write_tables(tables, narrow_tables)
+        formats = VECTOR if vector else _formats_there(self.folder / "figures")
+        page_figures = self.write_figures(formats)
         self.remove_old()
         page = self.folder / "report.html"
         with replacing(page) as partial, open(partial, "w", encoding="utf-8", newline="\n") as file:
-            file.writelines(Page(self.run, narrow, drawn).pieces())
+            file.writelines(Page(self.run, narrow_tables, page_figures).pieces())
         return Report(terminal(self.run), [*self.files, page])
 
     def write_figures(self, formats: Sequence[str]) -> list[Figure]:
         """Write every figure as PNG and in vector formats; returns them without their drawings, which take memory."""
-        drawn = []
+        without_drawings = []
         for draw in figures.ALL.values():
             for figure in draw(self.run):
                 self.files += _write_figure(figure, self.folder / "figures", formats)
-                drawn.append(replace(figure, drawing=None))
-        return drawn
+                without_drawings.append(replace(figure, drawing=None))
+        return without_drawings
 
     def write_tables(self, tables: Sequence[Table], narrow: Sequence[Table]) -> None:
         """Write all numbers as CSV, and each kind of table as Markdown and, `narrow`, as LaTeX."""
@@ -62,10 +64,10 @@ class _ReportFolder:
         if choices:
             self.files.append(put(folder / "trade.csv", choices.encode()))
         for kind in KINDS:
-            for suffix, text, candidates in ((".md", markdown, tables), (".tex", latex, narrow)):
-                chosen = [table for table in candidates if table.kind == kind]
-                if chosen:
-                    self.files.append(put(folder / f"{kind}{suffix}", text(chosen).encode()))
+            for suffix, as_text, all_kinds in ((".md", markdown, tables), (".tex", latex, narrow)):
+                tables_of_kind = [table for table in all_kinds if table.kind == kind]
+                if tables_of_kind:
+                    self.files.append(put(folder / f"{kind}{suffix}", as_text(tables_of_kind).encode()))
 
     def remove_old(self) -> None:
         """Remove tables and figures of an earlier report that this one does not have; files of other names stay."""
@@ -74,30 +76,33 @@ class _ReportFolder:
             patterns += [f"tables/{kind}.md", f"tables/{kind}.tex"]
         for name in _figure_names():
             patterns += [f"figures/{name}.{end}" for end in ("png", *VECTOR)]
-        there: set[Path] = set()
+        report_files: set[Path] = set()  # of this report and of earlier ones
         for pattern in patterns:
-            there.update(self.folder.glob(pattern))
-        for path in there - set(self.files):
+            report_files.update(self.folder.glob(pattern))
+        for path in report_files - set(self.files):
             path.unlink()
 
 
 def write_history(runs: Sequence[Run], folder: Path) -> list[Path]:
     """See `reports.write_history`."""
     files: list[Path] = []
-    drawn = []
+    inline_figures = []  # of each figure: the name of its material, and its SVG
     for figure in history_figures(runs):
         files += _write_figure(figure, folder, VECTOR)
-        inline = "<svg" + figure.vector("svg").decode().partition("<svg")[2]  # without its XML declaration
-        drawn.append((figure.material, inline))
-    page = TEMPLATES.get_template("history.html").render(figures=drawn)
+        svg = figure.vector("svg").decode()
+        without_declaration = "<svg" + svg.partition("<svg")[2]  # HTML allows no XML declaration inside
+        inline_figures.append((figure.material, without_declaration))
+    page = TEMPLATES.get_template("history.html").render(figures=inline_figures)
     return [*files, put(folder / "history.html", page.encode())]
 
 
 def _formats_there(folder: Path) -> list[str]:
     """The vector formats in which an earlier report drew figures. They are drawn again, because a report removes the
     figures of an earlier one that it does not write anew."""
-    there = {path.suffix for name in _figure_names() for path in folder.glob(f"{name}.*")}
-    return [end for end in VECTOR if f".{end}" in there]
+    suffixes: set[str] = set()
+    for name in _figure_names():
+        suffixes.update(path.suffix for path in folder.glob(f"{name}.*"))
+    return [end for end in VECTOR if f".{end}" in suffixes]
 
 
 def _figure_names() -> list[str]:
@@ -118,7 +123,7 @@ def _write_figure(figure: Figure, folder: Path, formats: Sequence[str]) -> list[
 
 
 def put(path: Path, content: bytes) -> Path:
-    """Write a file completely or not at all."""
+    """Write a file completely or not at all; returns its path."""
     with replacing(path) as partial:
         partial.write_bytes(content)
     return path

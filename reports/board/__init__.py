@@ -20,15 +20,17 @@ def write_site(
     """Write the pages of some records into a folder, each file whole or not at all; returns them, the front first.
 
     `runs` are at hand with their files: their pictures are shown where the material's licence is known to permit it,
-    and jobs that no records hold are shown beside them. Pages of an earlier site that are not written anew are removed.
+    and jobs that no records hold are shown beside them. `codecs` has by name what installed codecs say of themselves.
+    Pages of an earlier site that are not written anew are removed.
     """
     board = Board(with_files(records, runs), codecs)
     files = []
     for name, pieces in board.pages():
-        files.append(folder / name)
-        with replacing(files[-1]) as partial, open(partial, "w", **TEXT) as file:
+        path = folder / name
+        files.append(path)
+        with replacing(path) as partial, open(partial, "w", **TEXT) as file:
             file.writelines(pieces)
     for kind in ("codec", "material"):
-        for old in set(folder.glob(f"{kind}-*.html")) - set(files):
-            old.unlink()
+        for old_page in set(folder.glob(f"{kind}-*.html")) - set(files):
+            old_page.unlink()
     return files

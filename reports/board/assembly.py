@@ -19,9 +19,9 @@ def write_board(
 ) -> list[Path]:
     """Write the board of the files of records (`*.jsonl`) and archives (`*.zip`) in a folder; returns its pages.
 
-    `runs` are folders of runs, or folders that hold some, whose pictures are shown where that is allowed; `codecs` what
-    installed ones say of themselves; `unpack` reads an archive into a folder. `InputError` if the folder has no file of
-    records.
+    `runs` are folders of runs, or folders that hold some; their pictures are shown where that is allowed. `codecs` has
+    by name what installed codecs say of themselves. `unpack` unpacks an archive into a folder and reads its run. Raises
+    `InputError` if `records` has no file of records.
     """
     files = sorted(records.glob("*.jsonl"))
     if not files:
@@ -29,20 +29,21 @@ def write_board(
         remedy += "suite's repository has the published ones: give --records FOLDER"
         raise InputError(f"--records {records}: no file of records (*.jsonl) is there: {remedy}")
     with tempfile.TemporaryDirectory(prefix="neubtf-site-") as scratch:
-        found = [Publication(path.stem, load_run(path)) for path in files]
+        publications = [Publication(path.stem, load_run(path)) for path in files]
         for path in sorted(records.glob("*.zip")):
-            found.append(Publication(path.name, unpack(path, Path(scratch) / path.stem), claimed=True))
-        at_hand = [Publication(folder.name, load_run(folder)) for folder in _folders(runs)]
-        return write_site(found, at_hand, codecs, site)
+            run = unpack(path, Path(scratch) / path.stem)
+            publications.append(Publication(path.name, run, claimed=True))
+        at_hand = [Publication(folder.name, load_run(folder)) for folder in _folders_of_runs(runs)]
+        return write_site(publications, at_hand, codecs, site)
 
 
-def _folders(runs: Sequence[Path]) -> list[Path]:
-    """The folders of runs: each given one, or those inside it."""
-    folders: list[Path] = []
-    for run in runs:
-        if (run / FILE).exists():
-            folders.append(run)
-            continue
-        inside = sorted(path.parent for path in run.glob(f"*/{FILE}"))
-        folders += inside or [run]
-    return folders
+def _folders_of_runs(folders: Sequence[Path]) -> list[Path]:
+    """The folders that hold records: for each of some folders itself, or else those inside it."""
+    folders_of_runs: list[Path] = []
+    for folder in folders:
+        inside = sorted(path.parent for path in folder.glob(f"*/{FILE}"))
+        if inside and not (folder / FILE).exists():
+            folders_of_runs += inside
+        else:  # it has records itself, or none at all: then reading it says so
+            folders_of_runs.append(folder)
+    return folders_of_runs

@@ -23,38 +23,40 @@ from reports.tables import all_tables
 
 FRONT = "index.html"
 PAGES = 2.2  # all pages of materials together may have so many times the pictures of a run's page, which take 20 MB
-_KINDS = "rate speed cost"  # of plots over all materials
+_KINDS = "rate speed cost"  # of plots over all materials, as a list of words for the pages' script
 _FITS = "as published and ours"  # the name of a codec's plots of fits
 _NO_PICTURES = "No pictures: this page was made without the files of the run."
 _NOT_FREE = (
     "No pictures: the licence of this measured material is not known to permit them. Plots and tables are whole."
 )
-_Piece = tuple[str, Iterator[str]]  # the name of a page and its text
+_NamedPage = tuple[str, Iterator[str]]  # the name of a page's file, and its text in pieces
 
 
 class Board:
-    """All pages of some sources; what installed codecs say of themselves stands on theirs."""
+    """All pages of some sources. `codecs` has by name what installed codecs say of themselves on their pages."""
 
     def __init__(self, sources: Sequence[Publication], codecs: Mapping[str, Codec]):
-        self.sources = sorted((source for source in sources if source.materials), key=_place)
-        self.known = codecs
-        self.pictured: set[str] = set()  # the materials with pictures
+        self.sources = sorted((source for source in sources if source.materials), key=_front_order)
+        self.installed = codecs
+        self.materials_with_pictures: set[str] = set()
         names = set(codecs)
         for source in self.sources:
             names |= _codecs(source)
-            self.pictured |= {job["material"] for job in source.run.jobs if "pictures" in job or "drawing" in job}
+            for job in source.run.jobs:
+                if "pictures" in job or "drawing" in job:
+                    self.materials_with_pictures.add(job["material"])
         self.codecs = sorted(names)
-        self.places = {name: tables.places(name, self.sources) for name in self.codecs}
-        self.plots = {source.name: list(_plots(source)) for source in self.sources}
+        self.places = {name: tables.places(name, self.sources) for name in self.codecs}  # by codec
+        self.plots = {source.name: list(_plots(source)) for source in self.sources}  # by source
 
-    def pages(self) -> Iterator[_Piece]:
-        """Every page, the front first."""
+    def pages(self) -> Iterator[_NamedPage]:
+        """Every page, the front first; claimed results do not stand on the front."""
         yield FRONT, self._front([source for source in self.sources if not source.claimed])
         for name, sources in by_material(self.sources):
             yield page_name("material", name), MaterialPage(name, sources, self).pieces()
         for name in self.codecs:
-            mine = [source for source in self.sources if name in _codecs(source)]
-            yield page_name("codec", name), self._codec(name, mine)
+            sources_with_codec = [source for source in self.sources if name in _codecs(source)]
+            yield page_name("codec", name), self._codec_page(name, sources_with_codec)
 
     def _document(
         self,
@@ -75,55 +77,62 @@ class Board:
             plots += self.plots[source.name]
             parts += [(f"{source.name}/{material.name}", source, material.name) for material in source.materials]
         plots += more
-        labels = {each["label"] for plot in plots for each in plot["series"]}
-        looks = [look for look in series.codecs(joined(parts)) if look["label"] in labels]
+        labels_in_plots: set[str] = set()
+        for plot in plots:
+            labels_in_plots.update(entry["label"] for entry in plot["series"])
+        looks = [look for look in series.codecs(joined(parts)) if look["label"] in labels_in_plots]
         return document(template, title, looks, plots, {"kinds": _KINDS, "to_material": _to_material, **values})
 
     def _front(self, sources: Sequence[Publication]) -> Iterator[str]:
         """The front: a section for each source, then all materials, all codecs, and how to hand in results."""
-        links = [(page_name("s", source.name), source.name) for source in sources]
-        links += [("materials", "Materials"), ("codecs-list", "Codecs"), ("hand-in", "Hand in results")]
+        elements = [(page_name("s", source.name), source.name) for source in sources]  # ids, each with a link's text
+        elements += [("materials", "Materials"), ("codecs-list", "Codecs"), ("hand-in", "Hand in results")]
         values = {
-            "links": [(f"#{place}", name) for place, name in links],
+            "links": [(f"#{element}", words) for element, words in elements],
             "sources": map(_section, sources),  # one at a time, for their figures are large
             "budget": in_words(ENOUGH),
-            "materials": self._materials(),
-            "codecs": self._codecs(),
+            "materials": self._materials_table(),
+            "codecs": self._codecs_table(),
             "states": STATES,
             "to_codec": self.to_codec,
         }
         return self._document("front.html", "neubtf-bench: results", sources, values)
 
-    def _materials(self) -> Table:
+    def _materials_table(self) -> Table:
         """A row a material: the kinds of its truth, and the sources that have it."""
         rows = []
         for name, sources in by_material(self.sources):
             titles = ", ".join(source.title for source in sources)
-            rows.append([name, _kind(sources[0], name), titles])
+            rows.append([name, _kinds_in_words(sources[0], name), titles])
         return Table("list", "Materials", [("material", ""), ("truth", ""), ("results", "")], rows, words=3)
 
-    def _codecs(self) -> Table:
+    def _codecs_table(self) -> Table:
         """A row a codec: its line about itself, and in how many of its comparisons no other is better."""
         rows = []
-        for name, found in self.places.items():
-            won = f"{sum(place.gap >= 0 for place in found)} of {len(found)}" if found else "no result"
-            about = self.known[name].about if name in self.known else "not installed here"
+        for name, places in self.places.items():
+            won = "no result"
+            if places:
+                won = f"{sum(place.gap >= 0 for place in places)} of {len(places)}"
+            about = self.installed[name].about if name in self.installed else "not installed here"
             rows.append([name, about, won])
         headers = [("codec", ""), ("about", ""), ("best of", "")]
         return Table("list", "Codecs", headers, rows, ["Best of: the comparisons on its page."], words=2)
 
     def to_codec(self, _: str, label: str) -> str:
-        """The page of the codec that a row's label names; "" if it has none. Templates also give the material."""
+        """The page of the codec that a row's label names; "" if it has none.
+
+        Templates call this with a table's material, too, which does not matter here.
+        """
         if not label.strip():
             return ""
-        name = label.replace(",", " ").split(maxsplit=1)[0]
+        name = label.replace(",", " ").split(maxsplit=1)[0]  # of a label "codec key=value", or a line "codec, as …"
         return page_name("codec", name) if name in self.places else ""
 
-    def _codec(self, name: str, sources: Sequence[Publication]) -> Iterator[str]:
+    def _codec_page(self, name: str, sources: Sequence[Publication]) -> Iterator[str]:
         """The page of a codec: its settings if it is installed, where it stands, all its rows, and curves of its
         fits."""
-        codec = self.known.get(name)
-        links = [(codec.paper, "Paper"), (codec.code, "Code")] if codec else []
+        codec = self.installed.get(name)
+        links = [(codec.paper, "Paper"), (codec.code, "Code")] if codec else []  # a codec may have neither
         values = {
             "front": FRONT,
             "codec": codec,
@@ -147,18 +156,21 @@ class MaterialPage(Page):
         self.name = name
         self.sources = {source.title: source for source in sources}
         self.to_codec = board.to_codec
-        self.truth = _kind(sources[0], name)
-        self.origins = []
+        self.truth = _kinds_in_words(sources[0], name)
+        self.origins = []  # a table for each source
         for source in self.sources.values():
             for material in source.materials:
                 if material.name == name:
                     self.origins.append(tables.origins(source, material, source.title))
+        # In this run each source is a material of its own, under the source's title.
         run = joined([(source.title, source, name) for source in sources])
-        shown = [table for table in all_tables(run, narrow=True) if table.material]
-        super().__init__(run, shown, [], min(1, PAGES / max(1, len(board.pictured))))
-        self.live = {title: Live(each.models, {}) for title, each in self.live.items()}
+        tables_of_sources = [table for table in all_tables(run, narrow=True) if table.material]
+        share = min(1, PAGES / max(1, len(board.materials_with_pictures)))
+        super().__init__(run, tables_of_sources, [], share)
+        # The page does not say why codecs are not live, and has no plots of means over all "materials".
+        self.live = {title: Live(live.models, {}) for title, live in self.live.items()}
         self.plots = [plot for plot in self.plots if plot["material"]]
-        self.opening = ""
+        self.opening = ""  # so each section has all of its plots
 
     def pieces(self) -> Iterator[str]:
         """The page in pieces."""
@@ -167,17 +179,20 @@ class MaterialPage(Page):
 
     def links(self) -> list[tuple[str, str]]:
         """The front, and the contents of the page."""
-        return [(FRONT, "All results"), *((f"#m{i}", each.name) for i, each in enumerate(self.materials))]
+        links = [(FRONT, "All results")]
+        links += [(f"#m{i}", material.name) for i, material in enumerate(self.materials)]
+        return links
 
     def codecs(self) -> list[tuple[str, str]]:
-        """Links to the codecs that have a row here."""
+        """Links to the codecs that have a row here: the page of each, and its name."""
         names: set[str] = set()
         for material in self.materials:
             names.update(map(tables.codec_of, material.rows))
         return [(page_name("codec", name), name) for name in sorted(names)]
 
     def strips(self) -> list[tuple[int, list[Picture]]]:
-        """The first source with pictures: its number, and its pictures."""
+        """A list of one strip, that of the first source with pictures: its number, and its pictures. Empty without
+        pictures."""
         for number in range(len(self.materials)):
             pictures = self._strip(number)
             if pictures:
@@ -189,10 +204,13 @@ class MaterialPage(Page):
         return [row.label for row in sorted(material.shown, key=by_psnr, reverse=True)]
 
     def kept_back(self, material: MaterialRows) -> str:
-        """Why the page shows no slices of a material: it has no pictures, or none that may be published."""
+        """Why the page shows no slices of a material: it has no pictures, or none that may be published. "" if it shows
+        some: jobs name only pictures that may be published."""
         if any("pictures" in row.job for row in material.shown):
             return ""
-        return _NO_PICTURES if material.first is None or pictures_are_free(material.first) else _NOT_FREE
+        if material.first is None or pictures_are_free(material.first):
+            return _NO_PICTURES
+        return _NOT_FREE
 
 
 def _codecs(source: Publication) -> set[str]:
@@ -203,54 +221,61 @@ def _codecs(source: Publication) -> set[str]:
     return names
 
 
-def _place(source: Publication) -> tuple[bool, int]:
+def _front_order(source: Publication) -> tuple[bool, int]:
     """The key that sorts sources on the front: those with budgets first, then by the first kind of their truth."""
-    first_kind = _kind(source).partition(",")[0]
+    first_kind = _kinds_in_words(source).partition(",")[0]
     return not source.has_budgets, kind_order(first_kind)
 
 
 def _to_material(_: str, name: str) -> str:
-    """The page of the material that the first cell of a row names; what the whole table is of does not matter."""
+    """The page of the material that the first cell of a row names.
+
+    Templates call this with the material of the whole table, too, which does not matter here.
+    """
     return page_name("material", name)
 
 
 def _recipes(codec: Codec) -> Table:
-    """The settings of an installed codec."""
+    """The settings of an installed codec; the defaults as published only if it has that recipe."""
     headers = [("setting", ""), ("meaning", ""), ("ours", "")]
-    title = "The default of every setting"
     if any(published for _, _, _, published in codec.settings):
         headers.append(("as published", ""))
         title = "Both recipes: the defaults of every setting"
-    rows = [list(setting[: len(headers)]) for setting in codec.settings]
+        rows = [[name, meaning, ours, published] for name, meaning, ours, published in codec.settings]
+    else:
+        title = "The default of every setting"
+        rows = [[name, meaning, ours] for name, meaning, ours, _ in codec.settings]
     return Table("recipes", title, headers, rows, words=2)
 
 
 def _plots(source: Publication) -> Iterator[series.Plot]:
-    """The plots over all materials of a source, or those of its only one, under the name of the source."""
-    every = series.plots_of(source.run)
-    over_all = [plot for plot in every if not plot["material"]]
-    for plot in over_all or every:
+    """The plots of a source, of the kinds `_KINDS`: means over its materials or, of a single material, its own."""
+    plots = series.plots_of(source.run)
+    of_means = [plot for plot in plots if plot["material"] == ""]
+    for plot in of_means or plots:
         if plot["kind"] in _KINDS.split():
+            # A page has an element for each source, and its script puts there the plots of this "material".
             yield plot | {"material": source.name}
 
 
 def _fits(name: str, source: Publication) -> Iterator[series.Plot]:
     """Curves of a codec's fits over steps and over seconds, for each material where its published recipe has one."""
     for material, curves in curves_by_material(source.run).items():
-        mine = [fit for fit in curves if fit.label.split()[0] == name]
-        if not any("recipe=paper" in fit.label for fit in mine):
+        fits_of_codec = [fit for fit in curves if fit.label.split()[0] == name]
+        if not any("recipe=paper" in fit.label for fit in fits_of_codec):
             continue
-        over_steps: dict[str, list[list[float]]] = {}  # by label
+        # By label the points of a line. The axes are logarithmic, so the points at 0 are left out.
+        over_steps: dict[str, list[list[float]]] = {}
         over_seconds: dict[str, list[list[float]]] = {}
-        for fit in mine:
+        for fit in fits_of_codec:
             over_steps[fit.label] = [[step, psnr] for step, _, psnr in fit.points if step > 0]
             over_seconds[fit.label] = [[seconds, psnr] for _, seconds, psnr in fit.points if seconds > 0]
-        for unit, short, lines in (("steps", "", over_steps), ("seconds", "s", over_seconds)):
+        for unit, symbol, lines in (("steps", "", over_steps), ("seconds", "s", over_seconds)):
             yield {
                 "material": _FITS,
                 "kind": "fits",
                 "title": f"{material} of {source.title}: quality over {unit}",
-                "x": {"label": f"{unit} of the fit", "log": True, "unit": short, "less": True},
+                "x": {"label": f"{unit} of the fit", "log": True, "unit": symbol, "less": True},
                 "y": {"label": f"{series.QUALITY} (training samples)"},
                 "series": [{"label": label, "line": True, "points": line} for label, line in lines.items()],
                 "missing": [],
@@ -258,45 +283,55 @@ def _fits(name: str, source: Publication) -> Iterator[series.Plot]:
 
 
 def _section(source: Publication) -> dict[str, Any]:
-    """What the front shows of a source; budgets come first, where validation pairs chose settings."""
+    """What the front shows of a source, for its template: with budgets pictures, figures and tables of these, else the
+    summary alone."""
     run = source.run
-    kind = _kind(source)
-    ranked = source.has_budgets
-    open_tables: list[Table] = []
-    if ranked:
-        for name in ("front", "budgets", "curves"):
-            open_tables += all_tables(run, kind=name)
-    return {
+    kinds = _kinds_in_words(source)
+    splits_in_words = [material.split_in_words for material in source.materials if material.measured]
+    section: dict[str, Any] = {
         "id": page_name("s", source.name),
         "name": source.name,
-        "kind": kind[:1].upper() + kind[1:],
-        "split": next((material.split for material in source.materials if material.measured), ""),
-        "strip": strip(run, ENOUGH) if ranked else None,
-        "leads": _leads(run) if ranked else [],
-        "fronts": fronts(run) if ranked else [],
+        "kind": kinds[:1].upper() + kinds[1:],
+        "split": splits_in_words[0] if splits_in_words else "",
+    }
+    if not source.has_budgets:
+        nothing: dict[str, Any] = {"strip": None, "leads": [], "fronts": [], "tables": [], "ranks": []}
+        return section | nothing | {"folded": all_tables(run, kind="summary")}
+    open_tables: list[Table] = []
+    for kind in ("front", "budgets", "curves"):
+        open_tables += all_tables(run, kind=kind)
+    return section | {
+        "strip": strip(run, ENOUGH),
+        "leads": _leads(run),
+        "fronts": fronts(run),
         "tables": open_tables,
-        "ranks": critical_differences(run) if ranked else [],
-        "folded": all_tables(run, kind="when" if ranked else "summary"),
+        "ranks": critical_differences(run),
+        "folded": all_tables(run, kind="when"),
     }
 
 
 def _leads(run: Run) -> list[str]:
-    """Words for each kind of surface: which codec leads, and by how much before `AGAINST` or, where that leads itself
-    or is missing, before the second."""
+    """A clause for each kind of surface: "relief leads on rendered surfaces, 2.5 dB before neubtf-direct".
+
+    The lead is that before the codec `AGAINST` or, where it leads itself or is missing, before the second.
+    """
     result = budgets(run)
     points = hulls(result, result.surfaces)
-    told: list[str] = []
+    clauses: list[str] = []
     for kind, surfaces in by_kind(result.surfaces).items():
-        means = readings(result, points, ENOUGH, surfaces)
+        means = readings(result, points, ENOUGH, surfaces)  # by codec, the best first
         if len(means) > 1:
             best, *others = means
             other = AGAINST if AGAINST in others else others[0]
             lead = means[best].value - means[other].value
-            told.append(f"{best} leads on {kind} surfaces, {lead:.1f} dB before {other}")
-    return told
+            clauses.append(f"{best} leads on {kind} surfaces, {lead:.1f} dB before {other}")
+    return clauses
 
 
-def _kind(source: Publication, material: str = "") -> str:
-    """The kinds of truth of a source or of one of its materials, in words."""
-    jobs = (job for job in source.run.jobs if job["status"] == "ok" and material in ("", job["material"]))
-    return ", ".join(sorted({kind_of(job) for job in jobs}, key=kind_order))
+def _kinds_in_words(source: Publication, material: str = "") -> str:
+    """The kinds of truth of a source or of one of its materials: "measured, rendered"."""
+    kinds = set()
+    for job in source.run.jobs:
+        if job["status"] == "ok" and material in ("", job["material"]):
+            kinds.add(kind_of(job))
+    return ", ".join(sorted(kinds, key=kind_order))

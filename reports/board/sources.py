@@ -39,7 +39,7 @@ class Codec:
 
 @dataclass(frozen=True, eq=False)
 class Publication:
-    """Records of one file, archive or run. Nobody but who handed it in has scored what is `claimed`."""
+    """Records of one file, archive or run. What is `claimed` was scored only by those who handed it in."""
 
     name: str
     run: Run
@@ -52,7 +52,7 @@ class Publication:
 
     @cached_property
     def has_budgets(self) -> bool:
-        """Whether validation pairs chose among its settings, and its word counts."""
+        """Whether validation pairs can choose among its settings, and it is not claimed."""
         return not self.claimed and any(map(has_validation, self.run.jobs))
 
     @property
@@ -61,7 +61,7 @@ class Publication:
         return f"{self.name}, {CLAIMED}" if self.claimed else self.name
 
     def state(self, job: Job) -> str:
-        """Whose word a number is; of a job without one, its status."""
+        """Whose word a job's numbers are, see `STATES`; the status of a job without numbers."""
         if job["status"] != "ok":
             return str(job["status"])
         if self.claimed:
@@ -75,13 +75,13 @@ def may_be_shown(job: Job, run: Run) -> bool:
 
     A verified job comes from an archive, which may claim any licence: of those, only rendered materials are shown.
     """
-    stated: list[str] = []  # by the suites, where the material is from
+    wheres: list[str] = []  # what suites state of where the material is from
     for start in run.starts:
         materials = start.get("materials") or ()  # a record may hold null
         for material in materials:
             if isinstance(material, dict) and material.get("name") == job["material"]:
-                stated.append(str(material.get("where")))
-    where = " ".join(stated)
+                wheres.append(str(material.get("where")))
+    where = " ".join(wheres)
     provenance = job.get("provenance", {})
     source = provenance.get("source")
     stated_free = bool(provenance.get("free")) or (source == BAKED and "CC0" in where)
@@ -94,79 +94,98 @@ def with_files(records: Sequence[Publication], runs: Sequence[Publication]) -> l
     A run at hand follows as a source of its own, unless all its jobs are in records that are not claimed. A name that
     several sources have is followed by a number.
     """
-    at_hand: dict[tuple[str, ...], tuple[Run, Job]] = {}
+    at_hand: _AtHand = {}
     for source in runs:
         for job in source.run.jobs:
             if job["status"] == "ok":
                 at_hand[_key(job)] = source.run, job
-    known: set[tuple[str, ...]] = set()
+    keys_in_records: set[tuple[str, ...]] = set()
     for source in records:
         if not source.claimed:
-            known.update(_key(job) for job in source.run.jobs)
-    more = []
+            keys_in_records.update(_key(job) for job in source.run.jobs)
+    runs_beside_records = []
     for source in runs:
-        if any(_key(job) not in known for job in source.run.jobs):
+        if any(_key(job) not in keys_in_records for job in source.run.jobs):
+            # Only what may be published of a job: nothing of this machine.
             jobs = Records({job["job"]: published_job(job, source.run.folder) for job in source.run.jobs})
-            more.append(replace(source, run=replace(source.run, jobs=jobs)))
-    taken = Counter[str]()
-    named = []
-    for source in (*records, *more):
-        taken[source.name] += 1
-        count = taken[source.name]
+            runs_beside_records.append(replace(source, run=replace(source.run, jobs=jobs)))
+    sources_of_name = Counter[str]()
+    sources = []
+    for source in (*records, *runs_beside_records):
+        sources_of_name[source.name] += 1
+        count = sources_of_name[source.name]
         name = source.name if count == 1 else f"{source.name} ({count})"
-        named.append(replace(source, name=name, run=_placed(source.run, at_hand)))
-    return named
+        sources.append(replace(source, name=name, run=_with_paths(source.run, at_hand)))
+    return sources
 
 
-def _placed(run: Run, at_hand: dict[tuple[str, ...], tuple[Run, Job]]) -> Run:
+def _with_paths(run: Run, at_hand: "_AtHand") -> Run:
     """The run, each job with the absolute paths of files at hand that may be shown, and no other paths.
 
-    `at_hand` has, by `_key`, the run and the job whose files are at hand. Codec files are never shown.
+    Codec files are never shown.
     """
-    names = set(field_names(ARTEFACT))
+    path_fields = set(field_names(ARTEFACT))
     jobs: Records[Job] = Records()
     for job in run.jobs:
-        placed = {name: value for name, value in job.items() if name not in names or not isinstance(value, str)}
-        owner, local = at_hand.get(_key(job), (None, job))
-        if owner and may_be_shown(local, owner):
-            for name, path in local.items():
-                if name in names - {"file"} and isinstance(path, str):
-                    placed[name] = str(owner.folder.absolute() / path)
-        jobs.put(job["job"], cast(Job, placed))
+        fields: dict[str, object] = {}
+        for name, value in job.items():
+            is_path = name in path_fields and isinstance(value, str)  # the same field may hold packed arrays
+            if not is_path:
+                fields[name] = value
+        if _key(job) in at_hand:
+            local_run, local_job = at_hand[_key(job)]
+            if may_be_shown(local_job, local_run):
+                for name, path in local_job.items():
+                    if name in path_fields - {"file"} and isinstance(path, str):
+                        fields[name] = str(local_run.folder.absolute() / path)
+        jobs.put(job["job"], cast(Job, fields))
     return replace(run, jobs=jobs)
 
 
+# By the key of a measured file: the run and the job whose files are at hand.
+_AtHand = dict[tuple[str, ...], tuple[Run, Job]]
+
+
 def _key(job: Job) -> tuple[str, ...]:
-    """What names a measured file: its job, its hash, and that of its data."""
-    key = job.get("score_key", {})
-    return job["job"], str(key.get("sha256")), str(key.get("btf"))
+    """The key of a measured file: the name of its job, its hash, and the hash of its data."""
+    score_key = job.get("score_key", {})
+    return job["job"], str(score_key.get("sha256")), str(score_key.get("btf"))
 
 
 def joined(parts: Sequence[tuple[str, Publication, str]]) -> Run:
-    """One run of some materials. A part is the name that a material gets in it, its source, and its name there."""
+    """One run of materials from several sources.
+
+    A part is a material: its name in the joined run, its source, and its name in the source. Jobs get new names too,
+    so that those of two sources stay apart.
+    """
     run = Run(Path())
-    for name, source, material in parts:
+    for name, source, name_in_source in parts:
         for job in source.run.jobs:
-            if job["material"] == material:
-                called = f"{name}/{job['job']}"
-                run.jobs.put(called, job | {"job": called, "material": name})
+            if job["material"] == name_in_source:
+                new_job_name = f"{name}/{job['job']}"
+                run.jobs.put(new_job_name, job | {"job": new_job_name, "material": name})
                 timing = source.run.timing(job)
                 if timing:
-                    run.timings.put(called, timing | {"job": called})
+                    run.timings.put(new_job_name, timing | {"job": new_job_name})
     return run
 
 
 def page_name(kind: str, name: str) -> str:
-    """The file of a page: plain letters, whatever the name, and another one for each name."""
+    """The file of a page: plain letters, whatever the name, and a different file for each name: "material-satin.html".
+
+    A name that is not plain is told from others by a hash: "material-my-satin-1a2b3c4d.html".
+    """
     plain = re.sub(r"[^a-z0-9]+", "-", name.lower())[:60].strip("-")
+    if plain == name:
+        return f"{kind}-{plain}.html"
     digest = hashlib.sha256(name.encode(errors="replace")).hexdigest()[:8]
-    return f"{kind}-{plain}.html" if plain == name else f"{kind}-{plain}-{digest}.html"
+    return f"{kind}-{plain}-{digest}.html"
 
 
 def by_material(sources: Sequence[Publication]) -> Iterator[tuple[str, list[Publication]]]:
     """Every material that has a row, with its sources."""
-    by_name: dict[str, list[Publication]] = {}
+    sources_of_material: dict[str, list[Publication]] = {}
     for source in sources:
         for material in source.materials:
-            by_name.setdefault(material.name, []).append(source)
-    yield from by_name.items()
+            sources_of_material.setdefault(material.name, []).append(source)
+    yield from sources_of_material.items()

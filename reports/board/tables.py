@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from bench.compare.choosing.budgets import budgets, mean_bytes, shown
 from bench.records import PSNR
@@ -13,8 +14,22 @@ from reports.numbers import EXACT, NONE, fixed, integer, signed
 from reports.rows import MaterialRows, Row
 from reports.table import Table
 
-_FROM = ("state", "seed", "file", "fitted by", "scored by", "processor", "scored on")
-Entry = tuple[str, int, float]  # settings, bytes and test PSNR (dB; infinite if exact)
+_ORIGIN_HEADERS = ("state", "seed", "file", "fitted by", "scored by", "processor", "scored on")
+
+
+class Entry(NamedTuple):
+    """A setting of a codec in a comparison."""
+
+    label: str
+    size: int  # bytes
+    psnr: float  # of test pairs, in dB; infinite if exact
+
+
+class Candidate(NamedTuple):
+    """An entry of a comparison, with the name of its codec."""
+
+    codec: str
+    entry: Entry
 
 
 @dataclass(frozen=True)
@@ -29,20 +44,24 @@ class Place:
     @property
     def gap(self) -> float:
         """By how many dB the codec is better; 0 where both are exact, because infinity less infinity is no number."""
-        mine = _quality(self.mine)
-        best = _quality(self.best)
-        return 0.0 if mine == best else mine - best
+        if self.mine.psnr == self.best.psnr:
+            return 0.0
+        return self.mine.psnr - self.best.psnr
 
 
 def origins(source: Publication, material: MaterialRows, name: str) -> Table:
-    """Where each row of a material is from: whose word, seed, hash, revisions, processor."""
-    rows = [[row.label, *_from(source, row)] for row in material.rows]
-    headers = [("codec", ""), *((header, "") for header in _FROM)]
+    """Where each row of a material is from: whose word, seed, hash, revisions, processor.
+
+    `name` is that of the material on the page.
+    """
+    rows = [[row.label, *_origin_cells(source, row)] for row in material.rows]
+    headers = [("codec", "")]
+    headers += [(header, "") for header in _ORIGIN_HEADERS]
     return Table("origins", f"{name}: where each row is from", headers, rows, [STATES], material=name)
 
 
-def _from(source: Publication, row: Row) -> list[str]:
-    """The cells of `_FROM`."""
+def _origin_cells(source: Publication, row: Row) -> list[str]:
+    """The cells below `_ORIGIN_HEADERS`; a dash where the record does not say."""
     job = row.job
     fitted = job.get("fitted") or {}
     scored = job.get("scored") or {}
@@ -64,19 +83,20 @@ def _from(source: Publication, row: Row) -> list[str]:
 def all_rows(name: str, sources: Sequence[Publication]) -> Table | None:
     """Every row of a codec, of every source and material, with its numbers and where they are from."""
     times = [column for column in columns.time() if not column.sparse]
-    wanted = [columns.TOTAL, columns.BITS, columns.HELDOUT, *times]
+    number_columns = [columns.TOTAL, columns.BITS, columns.HELDOUT, *times]
     rows = []
     for source in sources:
         for material in source.materials:
             for row in material.rows:
                 if codec_of(row) == name:
                     measured = [row] if row.measured else []
-                    numbers = [column.cell(measured) for column in wanted]
-                    rows.append([material.name, source.title, row.label, *numbers, *_from(source, row)])
+                    numbers = [column.cell(measured) for column in number_columns]
+                    rows.append([material.name, source.title, row.label, *numbers, *_origin_cells(source, row)])
     if not rows:
         return None
-    headers = [("material", ""), ("results", ""), ("row", ""), *((each.name, each.unit) for each in wanted)]
-    headers += [(header, "") for header in _FROM]
+    headers = [("material", ""), ("results", ""), ("row", "")]
+    headers += [(column.name, column.unit) for column in number_columns]
+    headers += [(header, "") for header in _ORIGIN_HEADERS]
     return Table("rows", f"{name}: every row", headers, rows, [STATES], words=3)
 
 
@@ -87,70 +107,72 @@ def codec_of(row: Row) -> str:
 
 def places(name: str, sources: Sequence[Publication]) -> list[Place]:
     """Where a codec stands against the best of the others, its best place first; claimed results do not count."""
-    found: list[Place] = []
+    places: list[Place] = []
     for source in sources:
         if not source.claimed:
-            found += _places(name, source)
-    return sorted(found, key=lambda place: -place.gap)
+            places += _places_in(source, name)
+    return sorted(places, key=lambda place: -place.gap)
 
 
-def _places(name: str, source: Publication) -> Iterator[Place]:
+def _places_in(source: Publication, name: str) -> Iterator[Place]:
     """Where a codec stands in one source, on each material: at each budget or, if the source has no budgets, by the
     best of all its settings, whatever their bytes."""
     if source.has_budgets:
-        yield from _at_budgets(name, source)
+        yield from _places_at_budgets(source, name)
         return
     for material in source.materials:
-        known = []
+        candidates = []
         for codec in material.codecs:
             if not codec.measured:
                 continue
-            quality = math.inf if codec.exact else columns.HELDOUT.mean(codec.measured)
-            if quality is not None:
+            psnr = math.inf if codec.exact else columns.HELDOUT.mean(codec.measured)
+            if psnr is not None:
                 size = mean_bytes([row.job for row in codec.measured])
-                known.append((codec_of(codec.rows[0]), (codec.label, size, quality)))
-        yield from _place(material.name, source.name, name, known)
+                candidates.append(Candidate(codec_of(codec.rows[0]), Entry(codec.label, size, psnr)))
+        place = _place(material.name, source.name, name, candidates)
+        if place:
+            yield place
 
 
-def _place(material: str, results: str, name: str, known: Sequence[tuple[str, Entry]]) -> Iterator[Place]:
-    """The best entry of a codec beside the best of the others; nothing if either is missing.
-
-    `known` has the entries of one comparison, each after the name of its codec.
-    """
-    mine = [entry for codec, entry in known if codec == name]
-    others = [entry for codec, entry in known if codec != name]
-    if mine and others:
-        yield Place(material, results, max(mine, key=_quality), max(others, key=_quality))
+def _place(material: str, results: str, name: str, candidates: Sequence[Candidate]) -> Place | None:
+    """The best entry of a codec beside the best of the others; None if either is missing. For `results` see `Place`."""
+    mine = [entry for codec, entry in candidates if codec == name]
+    others = [entry for codec, entry in candidates if codec != name]
+    if not mine or not others:
+        return None
+    return Place(material, results, max(mine, key=_psnr), max(others, key=_psnr))
 
 
-def _quality(entry: Entry) -> float:
-    """The test PSNR of an entry, by which the best is found."""
-    return entry[2]
+def _psnr(entry: Entry) -> float:
+    return entry.psnr
 
 
-def _at_budgets(name: str, source: Publication) -> Iterator[Place]:
+def _places_at_budgets(source: Publication, name: str) -> Iterator[Place]:
     """Where a codec stands on each surface at each budget, among the rungs that validation pairs choose."""
     result = budgets(source.run)
     for budget in result.limits:
         for material in result.surfaces:
-            known = []
+            candidates = []
             for line, rungs in result.picks(budget, [material]).items():
                 rung = rungs[material]
-                quality = shown(rung, PSNR)
-                if quality is not None:
-                    codec = line.partition(",")[0]
-                    known.append((codec, (line, mean_bytes(rung.of), quality)))
-            yield from _place(material, f"{source.name}, {in_words(budget)}", name, known)
+                psnr = shown(rung, PSNR)
+                if psnr is not None:
+                    codec = line.partition(",")[0]  # of a line "codec", or "codec, as published"
+                    candidates.append(Candidate(codec, Entry(line, mean_bytes(rung.of), psnr)))
+            place = _place(material, f"{source.name}, {in_words(budget)}", name, candidates)
+            if place:
+                yield place
 
 
-def standing(name: str, found: Sequence[Place]) -> Table | None:
+def standing(name: str, places: Sequence[Place]) -> Table | None:
     """The table of where a codec stands, a row a place; None without any."""
     rows = []
-    for place in found:
-        (mine, size, quality), (best, its_size, its_quality) = place.mine, place.best
-        decibels = [_decibels(quality), _decibels(its_quality)]
-        gap = _gap_in_words(place.gap)
-        rows.append([place.material, place.results, mine, best, integer(size), integer(its_size), *decibels, gap])
+    for place in places:
+        mine = place.mine
+        best = place.best
+        cells = [place.material, place.results, mine.label, best.label]
+        cells += [integer(mine.size), integer(best.size), _decibels(mine.psnr), _decibels(best.psnr)]
+        rows.append([*cells, _gap_in_words(place.gap)])
     if not rows:
         return None
     headers = [("material", ""), ("results", ""), (name, ""), ("best of the others", "")]

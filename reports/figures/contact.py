@@ -46,7 +46,7 @@ def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
     pair = 2 * cell[0] + 2 * _GAP  # the width of two columns
     title = f"{material.name}: slices as decoded, and FLIP maps"
     sheet = Sheet(_LEFT + count * pair, _TOP + (len(rows) + 1) * (cell[1] + _GAP) + _BOTTOM)
-    sheet.text(_GAP, 14, f"{title} ({material.split})", fontsize=10)
+    sheet.text(_GAP, 14, f"{title} ({material.split_in_words})", fontsize=10)
     for k in range(count):
         left = _LEFT + k * pair
         sheet.text(left, _TOP - 34, _angles("view", first["wo_deg"][k]))

@@ -53,7 +53,7 @@ def abrdf_maps(run: Run, material: MaterialRows) -> Figure | None:
         top = float(positive.max())
         scale = LogNorm(max(float(positive.min()), top * 1e-5), top * 1.0001, clip=True)
     sheet = Sheet(2 * _EDGE + max(columns, 3) * cell[0] + _BAR, _ABRDF_TOP + rows * cell[1])
-    sheet.text(_EDGE, 16, f"{title} ({material.split})", fontsize=9)
+    sheet.text(_EDGE, 16, f"{title} ({material.split_in_words})", fontsize=9)
     for number, (label, error) in enumerate(maps):
         left = _EDGE + number % columns * cell[0]
         above = _ABRDF_TOP + number // columns * cell[1]
@@ -86,7 +86,7 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
     scale = Normalize(0, top)
     blocks, per_line = grid_of(len(maps), 6)
     sheet = Sheet(2 * _EDGE + max(per_line, 4) * _CELL + _BAR, _TOP + blocks * _BLOCK)
-    sheet.text(_EDGE, 14, f"{title} ({material.split})", fontsize=9)
+    sheet.text(_EDGE, 14, f"{title} ({material.split_in_words})", fontsize=9)
     sheet.text(_EDGE, 32, "θ 0° in the centre, rings at 30°, 60°, 90°; φ counter-clockwise from the right")
     for (side, i), value in values.items():
         label, polar = maps[i]
@@ -147,8 +147,8 @@ def angle_curves(run: Run, material: MaterialRows) -> Figure | None:
             centres, decibels = _rings(row, scores, side)
             handles += axes.plot(centres, decibels, **styles.of_codec(row.label), markersize=5, linewidth=1.2)
         axes.set(xlabel=f"{name} in degrees", xlim=(0, 90), xticks=EDGES_DEG)
-    panels[0].set_ylabel(f"display PSNR, dB ({material.deciding}; higher is better)")
-    panels[0].set_title(f"{title}\n{material.split}", loc="left")
+    panels[0].set_ylabel(f"display PSNR, dB ({material.deciding_in_words}; higher is better)")
+    panels[0].set_title(f"{title}\n{material.split_in_words}", loc="left")
     names = [f"{row.label} (no error)" if row.psnr is None else row.label for row, _ in curves]
     legend(panels[1], handles, names)
     return Figure(material.name, "angles", title, png(drawing), drawing)

@@ -181,7 +181,7 @@ def _figure(plot: Plot, material: MaterialRows, styles: Styles) -> Figure:
         log_ticks(axes.xaxis, "B" if plot["x"]["unit"] == "B" else "")
     xlabel = plot["x"]["label"] + ("" if marks else " (less is better)")
     axes.set(xlabel=xlabel, ylabel=plot["y"]["label"].replace("pairs)", "pairs; higher is better)"))
-    axes.set_title(title if is_of_fits else f"{title}\n{material.split}", loc="left")
+    axes.set_title(title if is_of_fits else f"{title}\n{material.split_in_words}", loc="left")
     absent = [codec.label for codec in material.codecs if codec.exact and codec.measured]
     if absent and not is_of_fits:
         drawing.supxlabel("not drawn, because they have no error: " + ", ".join(absent), fontsize=8)

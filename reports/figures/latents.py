@@ -39,7 +39,7 @@ def latent_channels(run: Run, material: MaterialRows) -> Figure | None:
     cell = max(max(cells.shape[1:]) for *_, cells in blocks) + _GAP
     lines = [math.ceil(len(cells) / _LINE) for *_, cells in blocks]
     sheet = Sheet(_LEFT + _LINE * cell + _GAP, _TOP + sum(lines) * (cell + _GAP))
-    sheet.text(_GAP, 14, f"{title} ({material.split})", fontsize=10)
+    sheet.text(_GAP, 14, f"{title} ({material.split_in_words})", fontsize=10)
     sheet.text(_GAP, 34, "each channel at mean 0 and variance 1, through a sigmoid: black to white", color="0.35")
     top = _TOP
     for (label, count, cells), height in zip(blocks, lines, strict=True):

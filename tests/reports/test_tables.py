@@ -164,9 +164,9 @@ def test_models_of_a_scene_have_no_rank_and_change_that_of_no_other(made):
 
 def test_a_run_of_one_view_says_so(made):
     (one,) = materials(load_run(made.job(views=1).folder))
-    assert one.split.endswith("; one view: answers from other views are not measured")
+    assert one.split_in_words.endswith("; one view: answers from other views are not measured")
     (two,) = materials(load_run(made.job(views=2).folder))
-    assert "view" not in two.split
+    assert "view" not in two.split_in_words
 
 
 def test_a_run_judged_by_a_scene_has_a_table_of_it(made):
