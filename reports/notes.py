@@ -211,7 +211,11 @@ def _provenance(start: RunStart) -> str:
     for name in ("neubtf-bench", "torch", "numpy"):
         if name in packages:
             parts.append(f"{name} {packages[name]}")
-    parts += [str(machine.get("processor", "?")), f"{machine.get('cores', '?')} cores", f"device {start.get('device', '?')}"]
+    parts += [
+        str(machine.get("processor", "?")),
+        f"{machine.get('cores', '?')} cores",
+        f"device {start.get('device', '?')}",
+    ]
     return ", ".join(parts) + "."
 
 
