@@ -170,7 +170,7 @@ def coloured(answer: Tensor, colours: Tensor) -> Tensor:
 
 
 class Pool(Samples):
-    """At most `most` texels of each of many BTFs; those of `fit.unseen` come last, and the decoder is not fitted to them.
+    """At most `most` texels of each of many BTFs, those of `fit.unseen` last, to which the decoder is not fitted.
 
     Texel t is of the material number `material[t]`. `wo` and `wi` have `PAIRS` rows for each material, one after the
     other.

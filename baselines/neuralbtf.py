@@ -113,9 +113,9 @@ def harmonics(w: Tensor) -> Tensor:
     mixed = math.sqrt(15 / 4 / math.pi)
     zonal = math.sqrt(5 / 16 / math.pi)
     squares = math.sqrt(15 / 16 / math.pi)
-    degree_2 = [mixed * x * y, -mixed * y * z, zonal * (3 * z * z - 1), -mixed * x * z, squares * (x * x - y * y)]
     degree_0 = torch.full_like(x, constant)
     degree_1 = [-linear * y, linear * z, -linear * x]
+    degree_2 = [mixed * x * y, -mixed * y * z, zonal * (3 * z * z - 1), -mixed * x * z, squares * (x * x - y * y)]
     return torch.stack([degree_0, *degree_1, *degree_2], 1)
 
 
