@@ -16,15 +16,19 @@ PLACES = (11, 5, 0)  # lowest bit of each channel
 
 def widened(ends: Tensor) -> Tensor:
     """Colours (…, 3) of 5, 6, 5 bits as eight bits, int64."""
-    # The b bits move to the top of eight, and the highest 8 − b of them repeat below.
-    return torch.stack([(c << (8 - b)) | (c >> (2 * b - 8)) for c, b in zip(ends.unbind(-1), BITS, strict=True)], -1)
+    channels = []
+    for channel, bits in zip(ends.unbind(-1), BITS, strict=True):
+        missing = 8 - bits
+        # The bits move to the top of eight, and the highest of them repeat in the missing ones below.
+        channels.append((channel << missing) | (channel >> (bits - missing)))
+    return torch.stack(channels, -1)
 
 
 def between(first: Tensor, second: Tensor, step: Tensor) -> Tensor:
     """The colour (…, 3) of eight bits, int64, at steps (…,) 0 … 3 from `first` to `second` (…, 3)."""
-    # A third of the sum in whole numbers, rounded to the nearest by the + 1.
     step = step[..., None]
-    return ((3 - step) * first + step * second + 1) // 3
+    three_times = (3 - step) * first + step * second
+    return (three_times + 1) // 3  # by the + 1 rounded to the nearest
 
 
 def write(ends: Tensor, steps: Tensor) -> Tensor:
@@ -36,11 +40,14 @@ def write(ends: Tensor, steps: Tensor) -> Tensor:
     colours = (ends << torch.tensor(PLACES)).sum(2)  # (n, 2): the bits of all channels in one number
     swapped = colours[:, :1] < colours[:, 1:]
     colours = torch.where(swapped, colours.flip(1), colours)
-    steps = torch.where(swapped, 3 - steps, steps).masked_fill(colours[:, :1] == colours[:, 1:], 0)
-    # (n, 1): two bits a texel in one number, those of the first texel lowest.
-    bits = (torch.tensor(CODES)[steps] << (2 * torch.arange(16))).sum(1, keepdim=True)
-    words = torch.cat([colours, bits & 0xFFFF, bits >> 16], 1)  # (n, 4) of 16 bits
-    return torch.stack([words & 255, words >> 8], 2).flatten(1).to(torch.uint8)  # (n, 4, 2), then (n, 8)
+    steps = torch.where(swapped, 3 - steps, steps)
+    steps = steps.masked_fill(colours[:, :1] == colours[:, 1:], 0)
+    codes = torch.tensor(CODES)[steps]  # (n, 16) of two bits
+    # (n, 1): the codes in one number of 32 bits, that of the first texel lowest.
+    all_codes = (codes << (2 * torch.arange(16))).sum(1, keepdim=True)
+    words = torch.cat([colours, all_codes & 0xFFFF, all_codes >> 16], 1)  # (n, 4) of 16 bits
+    low_high = torch.stack([words & 255, words >> 8], 2)  # (n, 4, 2) bytes
+    return low_high.flatten(1).to(torch.uint8)
 
 
 def read(blocks: Tensor) -> Tensor:
@@ -51,14 +58,16 @@ def read(blocks: Tensor) -> Tensor:
     low, high = blocks.long().unflatten(1, (4, 2)).unbind(2)  # (n, 4) each
     words = low | (high << 8)  # (n, 4) of 16 bits: two colours, then the codes of the texels
     colours = words[:, :2]
-    # Each channel shifted to the bottom, and its own 5 or 6 bits kept.
-    ends = (colours[..., None] >> torch.tensor(PLACES)) & (2 ** torch.tensor(BITS) - 1)  # (n, 2, 3)
+    # Each channel is shifted to the bottom, and its own 5 or 6 bits are kept.
+    masks = 2 ** torch.tensor(BITS) - 1
+    ends = (colours[..., None] >> torch.tensor(PLACES)) & masks  # (n, 2, 3)
     first, second = widened(ends).unbind(1)  # (n, 3)
     # Eight codes a word, the lowest bits first: (n, 2, 8), then (n, 16).
     codes = ((words[:, 2:, None] >> (2 * torch.arange(8))) & 3).flatten(1)
-    steps = torch.tensor(CODES).argsort()[codes]  # argsort inverts the permutation
-    of_four = between(first[:, None], second[:, None], steps)  # (n, 16, 3)
+    step_of_code = torch.tensor(CODES).argsort()  # argsort inverts the permutation
+    # The texels' colours (n, 16, 3) if the block has four colours, and if it has three and black.
+    of_four = between(first[:, None], second[:, None], step_of_code[codes])
     palette = torch.stack([first, second, (first + second) // 2, torch.zeros_like(first)], 1)  # (n, 4, 3)
-    of_three = palette.gather(1, codes[..., None].expand(-1, -1, 3))  # (n, 16, 3)
+    of_three = palette.gather(1, codes[..., None].expand(-1, -1, 3))
     has_four = colours[:, :1] > colours[:, 1:]
     return torch.where(has_four[..., None], of_four, of_three)

@@ -8,6 +8,7 @@ through the fit ends and places between them are rounded as in the file. See doc
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -61,8 +62,8 @@ class BCF(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         fitting = fitted(BCFObjective, self.settings, btf, fit)
-        blocks, low, span = fitting.blocks()
-        texture = {"blocks": blocks.flatten(), "low": low, "span": span}
+        stored = fitting.stored_blocks()
+        texture = {"blocks": stored.blocks.flatten(), "low": stored.low, "span": stored.span}
         return fitting.parts(texture, size=torch.tensor(btf.shape, dtype=torch.int32))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
@@ -70,22 +71,29 @@ class BCF(Codec):
         size = tuple(parts.other["size"].tolist())
         textures = self.settings.textures
         low, span = parts.texture["low"].float(), parts.texture["span"].float()
-        if min(size) < 1 or parts.texture["blocks"].shape != (math.prod(across(size)) * textures * bc1.BYTES,):
+        blocks = parts.texture["blocks"]
+        expected_bytes = math.prod(blocks_across(size)) * textures * bc1.BYTES
+        if min(size) < 1 or blocks.shape != (expected_bytes,):
             raise InputError(f"its blocks do not fit {size[0]} × {size[1]} texels: encode it again")
-        codes = decoded(parts.texture["blocks"].view(-1, textures, bc1.BYTES), size)  # (H, W, T, 3)
+        codes = decoded(blocks.view(-1, textures, bc1.BYTES), size)  # (H, W, T, 3)
         texture = low + span * (codes.flatten(2) / 255)  # (H, W, 3 · T)
         return TextureMaterial(network, texture, float(parts.other["gain"]), self.settings.directions).to(device)
 
 
-def across(size: tuple[int, ...]) -> tuple[int, int]:
+def blocks_across(size: tuple[int, ...]) -> tuple[int, int]:
     """The numbers of rows and columns of blocks that cover a picture (H, W): its sides over 4, rounded up."""
     return -(-size[0] // bc1.SIDE), -(-size[1] // bc1.SIDE)
 
 
-def members(size: tuple[int, int]) -> Tensor:
-    """The texel (B, 16) of each place in each block of a picture (H, W), which repeats beyond its borders."""
+def texels_of_blocks(size: tuple[int, int]) -> Tensor:
+    """The texel (B, 16) of each place in each block of a picture (H, W), as row · W + column.
+
+    Blocks and the places in them go row by row. Beyond its borders the picture repeats.
+    """
+    rows, cols = blocks_across(size)
     # Rows and columns that whole blocks cover; those beyond the border are the first ones again.
-    row, col = (torch.arange(count * bc1.SIDE) % side for count, side in zip(across(size), size, strict=True))
+    row = torch.arange(rows * bc1.SIDE) % size[0]
+    col = torch.arange(cols * bc1.SIDE) % size[1]
     texel = row[:, None] * size[1] + col  # (rows · 4, columns · 4)
     blocks = texel.unflatten(1, (-1, bc1.SIDE)).unflatten(0, (-1, bc1.SIDE))  # (rows, 4, columns, 4)
     return blocks.transpose(1, 2).flatten(2).flatten(0, 1)  # (rows, columns, 16), then (B, 16)
@@ -93,12 +101,20 @@ def members(size: tuple[int, int]) -> Tensor:
 
 def decoded(blocks: Tensor, size: tuple[int, ...]) -> Tensor:
     """The codes (H, W, T, 3), 0 … 255, of blocks (B, T, 8) that cover a picture (H, W)."""
-    rows, cols = across(size)
+    rows, cols = blocks_across(size)
     colours = bc1.read(blocks.flatten(0, 1))  # (B · T, 16, 3)
     by_place = colours.unflatten(0, (rows, cols, -1)).unflatten(3, (bc1.SIDE, bc1.SIDE))  # (rows, columns, T, 4, 4, 3)
-    # (rows, 4, columns, 4, T, 3), then (rows · 4, columns · 4, T, 3).
-    picture = by_place.permute(0, 3, 1, 4, 2, 5).flatten(2, 3).flatten(0, 1)
+    by_row = by_place.permute(0, 3, 1, 4, 2, 5)  # (rows, 4, columns, 4, T, 3)
+    picture = by_row.flatten(2, 3).flatten(0, 1)  # (rows · 4, columns · 4, T, 3)
     return picture[: size[0], : size[1]]
+
+
+class StoredBlocks(NamedTuple):
+    """The fitted blocks as the file holds them."""
+
+    blocks: Tensor  # (B · T, 8), uint8
+    low: Tensor  # (3 · T,), the lowest value of each channel
+    span: Tensor  # (3 · T,), its range
 
 
 class BCFObjective(DirectedObjective):
@@ -106,22 +122,26 @@ class BCFObjective(DirectedObjective):
 
     def __init__(self, samples: Samples, settings: BCF.Settings, generator: torch.Generator):
         super().__init__(samples, settings, generator)
-        within = members(samples.shape)
+        within = texels_of_blocks(samples.shape)  # (B, 16)
+        # (texels, 3, T): channel c of texture t is the latent c · T + t.
         latents = first_latents(samples, 3 * settings.textures, settings.start, generator).unflatten(1, (3, -1))
         ends, shares = lines(latents.mT[within])  # of latents (B, 16, T, 3)
         self.ends = nn.Parameter(ends)
         block = torch.empty(samples.texels, dtype=torch.long)
         share = torch.empty(samples.texels, settings.textures)
-        # The block of each texel, and its share there. Backwards: a texel that several blocks hold is set by each in
-        # turn, so the first block stays.
-        places = within.flatten().flip(0)  # (B · 16,)
-        order = torch.arange(within.numel()).flip(0)
-        block[places] = order // within.shape[1]
-        share[places] = shares.flatten(0, 1)[order]
+        # The block of each texel, and its share there. A texel that repeats beyond the border is in several blocks.
+        # Blocks are gone through backwards, and each overwrites the one before, so the first block stays.
+        texels = within.flatten().flip(0)  # (B · 16,)
+        places = torch.arange(within.numel()).flip(0)  # the place of each of these texels in `within`
+        block[texels] = places // within.shape[1]
+        share[texels] = shares.flatten(0, 1)[places]
         self.share = nn.Parameter(share)
-        self.block, self.within, self.levels = (nn.Buffer(x, persistent=False) for x in (block, within, LEVELS))
+        self.block = nn.Buffer(block, persistent=False)  # (texels,)
+        self.within = nn.Buffer(within, persistent=False)  # (B, 16)
+        self.levels = nn.Buffer(LEVELS, persistent=False)  # (3,)
         # The range of each channel's codes; a span of 0 means that there are none yet.
-        self.low, self.span = (nn.Buffer(torch.zeros(settings.textures, 3)) for _ in range(2))
+        self.low = nn.Buffer(torch.zeros(settings.textures, 3))
+        self.span = nn.Buffer(torch.zeros(settings.textures, 3))
         self.ranged = False  # whether the range is set: kept on the host, which else would wait for a GPU at each step
 
     def restored(self) -> None:
@@ -129,7 +149,10 @@ class BCFObjective(DirectedObjective):
         self.ranged = bool(self.span.any())
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        """The network sees latents on the lines of their blocks; later rounded ones, whose gradients ignore this."""
+        """The network sees latents on the lines of their blocks, from halfway on rounded as in the file.
+
+        The gradient ignores the rounding.
+        """
         with torch.no_grad():
             self.share.clamp_(0, 1)
         first, second = self.ends[:, self.block[batch.texel]]  # (n, T, 3) each
@@ -137,8 +160,8 @@ class BCFObjective(DirectedObjective):
         latents = first + share[..., None] * (second - first)
         if progress >= ROUNDED_FROM:
             with torch.no_grad():
-                change = self.rounded(first, second, share) - latents
-            latents = latents + change
+                change_by_rounding = self.rounded(first, second, share) - latents
+            latents = latents + change_by_rounding
         return self.answers(latents.flatten(1), batch.pair)
 
     def codes(self, ends: Tensor) -> Tensor:
@@ -148,37 +171,49 @@ class BCFObjective(DirectedObjective):
             self.low.copy_(low)
             self.span.copy_((high - low).clamp_min(1e-6))
             self.ranged = True
-        return ((ends - self.low) / self.span * self.levels).round().clamp_min(0).minimum(self.levels).long()
+        codes = ((ends - self.low) / self.span * self.levels).round()
+        return codes.clamp_min(0).minimum(self.levels).long()
 
     def rounded(self, first: Tensor, second: Tensor, share: Tensor) -> Tensor:
         """The latents (n, T, 3) that a file gives back for texels with those ends (n, T, 3) and shares (n, T)."""
-        a, b = (bc1.widened(self.codes(end)) for end in (first, second))
-        return self.low + self.span * (bc1.between(a, b, (3 * share).round().long()) / 255)
+        first_colour = bc1.widened(self.codes(first))
+        second_colour = bc1.widened(self.codes(second))
+        colour = bc1.between(first_colour, second_colour, (3 * share).round().long())
+        return self.low + self.span * (colour / 255)
 
     @torch.no_grad()
-    def blocks(self) -> tuple[Tensor, Tensor, Tensor]:
-        """The blocks (B · T, 8) of the file, and the lowest value and the range (3 · T,) of its channels."""
+    def stored_blocks(self) -> StoredBlocks:
+        """The blocks and the channels' ranges for the file."""
         self.share.clamp_(0, 1)
         first, second = self.ends
-        latents = self.rounded(first[self.block], second[self.block], self.share)
-        # The steps anew: a texel that a block repeats from beyond the border was fitted on the line of another block.
-        ends = self.codes(self.ends)
-        a, b = (self.low + self.span * (bc1.widened(end) / 255) for end in ends)  # (B, T, 3)
-        along = (b - a)[:, None]  # (B, 1, T, 3)
-        wanted = latents[self.within] - a[:, None]  # (B, 16, T, 3)
-        share = (wanted * along).sum(3) / along.square().sum(3).clamp_min(1e-12)
+        latents = self.rounded(first[self.block], second[self.block], self.share)  # (texels, T, 3)
+        # The steps are found anew from the latents: a texel that a block repeats from beyond the border was fitted on
+        # the line of another block.
+        ends = self.codes(self.ends)  # (2, B, T, 3)
+        start, end = (self.low + self.span * (bc1.widened(codes) / 255) for codes in ends)  # (B, T, 3)
+        line = (end - start)[:, None]  # (B, 1, T, 3)
+        from_start = latents[self.within] - start[:, None]  # (B, 16, T, 3)
+        # The share of the line at which a texel's projection lies; a line may have no length.
+        share = (from_start * line).sum(3) / line.square().sum(3).clamp_min(1e-12)  # (B, 16, T)
         steps = (3 * share).round().clamp(0, 3).long().transpose(1, 2).flatten(0, 1)  # (B · T, 16)
-        blocks = bc1.write(ends.movedim(0, 2).flatten(0, 1).cpu(), steps.cpu())  # of ends (B · T, 2, 3)
-        return blocks, self.low.flatten().cpu(), self.span.flatten().cpu()
+        ends_of_block = ends.movedim(0, 2).flatten(0, 1)  # (B · T, 2, 3)
+        blocks = bc1.write(ends_of_block.cpu(), steps.cpu())
+        return StoredBlocks(blocks, self.low.flatten().cpu(), self.span.flatten().cpu())
 
 
 def lines(latents: Tensor) -> tuple[Tensor, Tensor]:
-    """The ends (2, B, T, 3) of the principal axis of each block's latents (B, 16, T, 3), and the shares (B, 16, T)."""
+    """The line of each block along the principal axis of its latents (B, 16, T, 3), T textures of 16 texels.
+
+    Returns the lines' ends (2, B, T, 3), and at which share of the way from the first to the second end each texel's
+    projection lies, (B, 16, T).
+    """
     middle = latents.mean(1, keepdim=True)  # (B, 1, T, 3)
-    apart = latents - middle
-    # The last eigenvector has the largest eigenvalue.
-    axis = torch.linalg.eigh(torch.einsum("bptc,bptd->btcd", apart, apart))[1][..., -1]  # (B, T, 3)
-    along = torch.einsum("bptc,btc->bpt", apart, axis)  # (B, 16, T)
+    centred = latents - middle
+    scatter = torch.einsum("bptc,bptd->btcd", centred, centred)  # (B, T, 3, 3)
+    _, eigenvectors = torch.linalg.eigh(scatter)
+    axis = eigenvectors[..., -1]  # (B, T, 3); the last has the largest eigenvalue
+    along = torch.einsum("bptc,btc->bpt", centred, axis)  # (B, 16, T)
     low, high = along.amin(1).clamp(max=-LEAST), along.amax(1).clamp_min(LEAST)  # (B, T)
     ends = torch.stack([middle[:, 0] + end[..., None] * axis for end in (low, high)])
-    return ends, (along - low[:, None]) / (high - low)[:, None]
+    shares = (along - low[:, None]) / (high - low)[:, None]
+    return ends, shares

@@ -129,7 +129,7 @@ class BiplaneDecoder(nn.Module):
 
     def __init__(self, generator: torch.Generator | None = None):
         super().__init__()
-        layers = [nn.Linear(a, b) for a, b in pairwise(WIDTHS)]
+        layers = [nn.Linear(inputs, outputs) for inputs, outputs in pairwise(WIDTHS)]
         for layer in layers:
             bound = layer.in_features**-0.5
             nn.init.uniform_(layer.weight, -bound, bound, generator)
@@ -139,13 +139,17 @@ class BiplaneDecoder(nn.Module):
     @property
     def flops(self) -> int:
         """Operations of one sample, a fused multiply-add counted as two."""
-        return sum(2 * a * b for a, b in pairwise(WIDTHS)) + sum(WIDTHS[1:]) + 2 * 256  # and the sums of two residuals
+        matrices = sum(2 * inputs * outputs for inputs, outputs in pairwise(WIDTHS))
+        biases = sum(WIDTHS[1:])
+        residuals = 2 * 256  # two sums of 256 channels
+        return matrices + biases + residuals
 
     def forward(self, inputs: Tensor) -> Tensor:
         """Answers (n, 3) from 0 to 1 to numbers (n, 14): x, y of the difference vector, then both planes' features."""
         first, *inner, last = self.layers
-        x = _leaky(first(inputs.to(next(self.parameters()).dtype)))
-        for narrow, wide in zip(inner[::2], inner[1::2], strict=True):
+        dtype = next(self.parameters()).dtype  # weights may be halves
+        x = _leaky(first(inputs.to(dtype)))
+        for narrow, wide in zip(inner[::2], inner[1::2], strict=True):  # a residual block is two layers
             x = _leaky(x + wide(_leaky(narrow(x))))
         return last(x).to(inputs.dtype).sigmoid()
 
@@ -156,20 +160,24 @@ def _leaky(x: Tensor) -> Tensor:
 
 
 def coloured(answer: Tensor, colours: Tensor) -> Tensor:
-    """Log radiance (n, 3) of the decoder's answers (n, 3): times a matrix, and plus an offset, of (n, 12)."""
+    """Log radiance (n, 3): the decoder's answers (n, 3) times a matrix, plus an offset.
+
+    `colours` (n, 12) has both of each sample: the matrix's nine numbers, a row an answer, a column a colour; then the
+    offset's three.
+    """
     matrix, offset = colours.tensor_split([MATRIX], dim=1)
-    return (answer[:, :, None] * matrix.unflatten(1, (3, 3))).sum(1) + offset  # of (n, 3 answers, 3 colours)
+    return (answer[:, :, None] * matrix.unflatten(1, (3, 3))).sum(1) + offset
 
 
 class Pool(Samples):
-    """Some texels of many BTFs; those of `fit.unseen` come last.
+    """At most `most` texels of each of many BTFs, those of `fit.unseen` last, to which the decoder is not fitted.
 
     Texel t is of the material number `material[t]`. `wo` and `wi` have `PAIRS` rows for each material, one after the
     other.
     """
 
     def __init__(self, btfs: Sequence[BTF], most: int, fit: Fit):
-        # `Samples.__init__` reads one BTF; this holds parts of several, of the same form.
+        # `Samples.__init__` would read one BTF. This holds parts of several, in the same attributes.
         generator = fit.generator()
         abrdfs: list[Tensor] = []
         wo: list[Tensor] = []
@@ -178,7 +186,7 @@ class Pool(Samples):
         for number, btf in enumerate(fit.progress([*btfs, *fit.unseen], "materials")):
             texel = torch.randperm(btf.shape[0] * btf.shape[1], generator=generator)[:most].to(fit.device)
             order = torch.randperm(len(btf), generator=generator)
-            pair = order[torch.arange(PAIRS) % len(btf)]  # repeated in turns, where there are fewer
+            pair = order[torch.arange(PAIRS) % len(btf)]  # (PAIRS,), repeated in turns if the BTF has fewer
             gain = gain_of(btf.subset(btf.split().train), fit)  # as when the material itself is encoded
             samples = Samples(btf, gain, fit)
             abrdfs += [samples.abrdfs(block)[:, pair].half() for block in texel.split(BLOCK)]
@@ -203,20 +211,26 @@ class BiplaneObjective(TextureObjective):
         material = samples.material if isinstance(samples, Pool) else torch.zeros(samples.texels, dtype=torch.long)
         count = int(material.max()) + 1
         self.texture = nn.Parameter(RANDOM_SPREAD * torch.randn(samples.texels, FEATURES, generator=generator))
-        self.free = nn.Parameter(RANDOM_SPREAD * torch.randn(count, SIDE, SIDE, FEATURES, generator=generator))
-        # The mean of each texel, if the decoder answers 1/2 three times: a matrix of thirds makes 1/2 of it.
+        # The planes over half vectors as they are fitted, before the blur.
+        first_planes = RANDOM_SPREAD * torch.randn(count, SIDE, SIDE, FEATURES, generator=generator)
+        self.half_planes = nn.Parameter(first_planes)
+        # A first decoder answers about 1/2 three times, of which a matrix of thirds makes 1/2 in each colour. With
+        # mean − 1/2 as offset each texel starts at its mean.
         colours = torch.full((samples.texels, COLOURS), 1 / 3)
         blocks = torch.arange(samples.texels, device=samples.device).split(BLOCK)
-        colours[:, MATRIX:] = torch.cat([samples.abrdfs(block).mean(1) for block in blocks]).cpu() - 0.5
+        means = torch.cat([samples.abrdfs(block).mean(1) for block in blocks]).cpu()  # (texels, 3)
+        colours[:, MATRIX:] = means - 0.5
         self.colours = nn.Parameter(colours)
-        bits = getattr(settings, "bits", 32)  # nothing of a pool is stored
+        bits = getattr(settings, "bits", 32)  # a pool has no such setting: nothing of it is stored
         self.rounded_texels = Rounding(FEATURES + COLOURS, bits)
         self.rounded_planes = Rounding(FEATURES, bits)
         h, d = half_and_difference(samples.wo, samples.wi, settings.difference)
         corner, weight = texel_corners((SIDE, SIDE), places(h, SIDE))
-        held = (material, corner, weight, d[:, :2], blurring(SIDE, settings.blur))
-        # (texels,), twice (pairs, 4), (pairs, 2), and the kernel.
-        self.material, self.corner, self.weight, self.d, self.kernel = (nn.Buffer(x, persistent=False) for x in held)
+        self.material = nn.Buffer(material, persistent=False)  # (texels,), the number of each texel's material
+        self.corner = nn.Buffer(corner, persistent=False)  # (pairs, 4), texels of the plane around a half vector
+        self.weight = nn.Buffer(weight, persistent=False)  # (pairs, 4)
+        self.d = nn.Buffer(d[:, :2], persistent=False)  # (pairs, 2), x and y of the difference vector
+        self.kernel = nn.Buffer(blurring(SIDE, settings.blur), persistent=False)
 
     def stored_networks(self) -> list[nn.Module]:
         fitted = any(p.requires_grad for p in self.network.parameters())
@@ -224,21 +238,27 @@ class BiplaneObjective(TextureObjective):
 
     def groups(self) -> list[ParameterGroup]:
         """The planes and colours at `plane_rate`, then the decoder at `rate`, unless it is fixed."""
-        planes = [{"params": [self.texture, self.free, self.colours], "lr": self.settings.plane_rate}]
-        shared = [p for p in self.network.parameters() if p.requires_grad]
-        return [*planes, {"params": shared, "lr": self.settings.rate}] if shared else planes
+        groups = [{"params": [self.texture, self.half_planes, self.colours], "lr": self.settings.plane_rate}]
+        decoder = [p for p in self.network.parameters() if p.requires_grad]
+        if decoder:
+            groups.append({"params": decoder, "lr": self.settings.rate})
+        return groups
 
     def planes(self) -> Tensor:
         """The planes (materials, SIDE, SIDE, 6) over half vectors, blurred."""
-        return blurred(self.free, self.kernel)
+        return blurred(self.half_planes, self.kernel)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        """The loss of one step, plus that of an equal share of the texels that the decoder does not learn from."""
+        """The loss of one step, plus that of an equal share of the texels that the decoder does not learn from.
+
+        Their planes and colours are fitted, too, because the curve of the training shows their error.
+        """
         trained, texels, settings = self.samples.trained, self.samples.texels, self.settings
         loss = super().loss(generator, progress)
         # As many more samples as there are more texels; none in the fit of one material.
-        if count := math.ceil(settings.batch * (texels / trained - 1)):
-            batch = self.samples.draw_unseen(count, generator)
+        unseen_count = math.ceil(settings.batch * (texels / trained - 1))
+        if unseen_count:
+            batch = self.samples.draw_unseen(unseen_count, generator)
             self.network.requires_grad_(False)
             loss = loss + distance(self.predict(batch, progress), batch.target, settings.loss)
             self.network.requires_grad_(True)
@@ -250,8 +270,8 @@ class BiplaneObjective(TextureObjective):
     def answers(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """The decoder's answers (n, 3) to a batch, and the matrices and offsets (n, 12) that colour them, rounded."""
         material = self.material[batch.texel]
-        # (n,): the row of the pair in `self.corner`, `self.weight` and `self.d`, which hold the materials one after
-        # the other. A single material is number 0.
+        # (n,): the row of the pair in `self.corner`, `self.weight` and `self.d`, which hold the `PAIRS` rows of a
+        # pool's materials one after the other. A single material is number 0, and may have any number of pairs.
         row = batch.pair + material * PAIRS
         corner = self.corner[row] + (material * SIDE**2)[:, None]  # (n, 4) texels of all materials' planes
         texels = self.rounded_texels(torch.cat([self.texture, self.colours], 1)).index_select(0, batch.texel)
@@ -271,44 +291,52 @@ class BiplaneObjective(TextureObjective):
         texels are nearer are the means of all stored, in steps of their own.
         """
         pairs, device = self.samples.pairs, self.samples.device
-        checked = torch.linspace(0, pairs - 1, min(pairs, CHECKED)).round().long().to(device)
-        chosen = list[Tensor]()
-        all_means = list[Tensor]()
+        checked = torch.linspace(0, pairs - 1, min(pairs, CHECKED)).round().long().to(device)  # (P,)
+        better_rows = list[Tensor]()  # of the texture, in blocks of texels: the fitted row or that of the mean
+        mean_rows = list[Tensor]()
         means_suffice = True
         for texel in torch.arange(len(self.colours), device=device).split(BLOCK):
             abrdfs = self.samples.abrdfs(texel)
             truth = abrdfs[:, checked]  # (t, P, 3), of t texels and P pairs
             # Each texel with each pair: (t · P,), and targets (t · P, 3).
             batch = Batch(texel.repeat_interleave(len(checked)), checked.repeat(len(texel)), truth.flatten(0, 1))
-            answer, held = self.answers(batch)
-            own = torch.cat([self.texture[texel], self.colours[texel]], 1)
-            # A matrix of 0, and the mean as offset.
-            mean = torch.cat([self.texture[texel], functional.pad(abrdfs.mean(1), (MATRIX, 0))], 1)
-            # Matrices and offsets (t · P, 12), then errors (t,).
-            held_mean, exact_mean = (
-                each[:, FEATURES:].repeat_interleave(len(checked), 0) for each in (self.rounded_texels(mean), mean)
-            )
-            error, mean_error, exact_mean_error = (
-                (coloured(answer, each).reshape(truth.shape) - truth).square().mean((1, 2))
-                for each in (held, held_mean, exact_mean)
-            )
-            chosen.append(torch.where((error < mean_error)[:, None], own, mean))
-            all_means.append(mean)
+            answer, fitted_colours = self.answers(batch)  # (t · P, 3), (t · P, 12)
+            fitted_row = torch.cat([self.texture[texel], self.colours[texel]], 1)  # (t, 18)
+            mean_colours = functional.pad(abrdfs.mean(1), (MATRIX, 0))  # (t, 12): a matrix of 0, the mean as offset
+            mean_row = torch.cat([self.texture[texel], mean_colours], 1)
+            rounded_mean_colours = self.rounded_texels(mean_row)[:, FEATURES:]
+
+            error = _error(answer, fitted_colours, truth)
+            mean_error = _error(answer, rounded_mean_colours.repeat_interleave(len(checked), 0), truth)
+            exact_mean_error = _error(answer, mean_colours.repeat_interleave(len(checked), 0), truth)
+            better_rows.append(torch.where((error < mean_error)[:, None], fitted_row, mean_row))
+            mean_rows.append(mean_row)
             means_suffice = means_suffice and not bool((error < exact_mean_error).any())
         if not means_suffice:
-            return torch.cat(chosen)
-        texture = torch.cat(all_means)
+            return torch.cat(better_rows)
+        texture = torch.cat(mean_rows)
         self.rounded_texels.fit_to(texture)
         return texture
+
+
+def _error(answer: Tensor, colours: Tensor, truth: Tensor) -> Tensor:
+    """The mean squared error (t,) of each texel.
+
+    Answers (t · P, 3), coloured by (t · P, 12), should be the truth (t, P, 3).
+    """
+    level = coloured(answer, colours).reshape(truth.shape)
+    return (level - truth).square().mean((1, 2))
 
 
 class BiplaneMaterial(Material):
     """A texture (H, W, 6 + 12) of features and colours, a plane (SIDE, SIDE, 6) over half vectors, and the decoder."""
 
     def __init__(self, decoder: BiplaneDecoder, texture: Tensor, half: Tensor, gain: float, difference: Difference):
-        count = sum(p.numel() for p in decoder.parameters())
-        flops = decoder.flops + 2 * 9 + 3 + 2 * 4 * FEATURES  # and matrix, offset, and four texels of the plane
-        cost = DecoderCost.of_texture(texture, count, flops)
+        parameters = sum(p.numel() for p in decoder.parameters())
+        matrix, offset = 2 * MATRIX, 3
+        plane = 2 * 4 * FEATURES  # multiply and add the numbers of four texels
+        flops = decoder.flops + matrix + offset + plane
+        cost = DecoderCost.of_texture(texture, parameters, flops)  # adds the texture's own reads
         cost = replace(cost, table_floats=half.numel())
         super().__init__((texture.shape[0], texture.shape[1]), cost)
         self.decoder = decoder

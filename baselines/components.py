@@ -19,30 +19,38 @@ PROBED_PAIRS, PROBED_TEXELS = 32, 1_024  # samples that measure the error of rou
 def principal(btf: BTF, fit: Fit, gain: float | None, count: int, passes: int, block_bytes: int = 0) -> Factors:
     """The `count` strongest principal components of the texels' ABRDFs, found in `passes` passes over the data.
 
-    With a `gain` of log1p(gain · radiance), else of radiance, as `bench.training.svd.blocks` reads it.
+    ABRDFs hold log1p(gain · radiance), or radiance if `gain` is None, in the rows of `bench.training.svd.blocks`.
+    `block_bytes` are those of slices read together; 0: its default.
     """
-    read = partial(blocks, btf, fit, gain=gain, block_bytes=block_bytes)
+    read = partial(blocks, btf, fit, gain=gain, block_bytes=block_bytes)  # the label of the pass is left open
     shape = (3 * len(btf), btf.shape[0] * btf.shape[1])
     return truncated_svd(read, shape, count, passes, fit.generator(), fit.device, fit.row_weights)
 
 
 def probed(btf: BTF, fit: Fit, gain: float | None) -> tuple[Tensor, Tensor]:
-    """Some pairs (P,) and their values (3 · P, texels), as `blocks` reads them."""
+    """At most `PROBED_PAIRS` random pairs (P,) in order, and their values (3 · P, texels), as `blocks` reads them."""
     pairs = torch.randperm(len(btf), generator=fit.generator())[:PROBED_PAIRS].sort().values
-    return pairs, torch.cat(list(blocks(btf.subset(pairs.numpy()), fit, "some slices", gain)))
+    values = list(blocks(btf.subset(pairs.numpy()), fit, "some slices", gain))
+    return pairs, torch.cat(values)
 
 
 def rounded_coefficients(
     texture: Tensor, bits: int, mean: Tensor, rows: Tensor, values: Tensor, least: int = 1
 ) -> Rounding:
-    """The rounding of coefficients (H, W, C): mean (F, 1) + rows (F, C) · coefficients are values (F, texels).
+    """The rounding of a texture of coefficients (H, W, C), chosen by the error that it causes in some values.
 
-    Each channel takes `least` bits or more.
+    The values (F, texels) are mean (F, 1) + rows (F, C) · coefficients (C, texels). Each channel takes `least` bits or
+    more.
     """
-    flat = texture.flatten(0, 1)
+    coefficients = texture.flatten(0, 1)  # (texels, C)
     # Every so many texels, rounded up, so that at most `PROBED_TEXELS` are taken, evenly.
-    some = slice(None, None, -(-len(flat) // PROBED_TEXELS))
-    rounding = round_after(flat[some], bits, lambda each: mean + rows @ each.T, values[:, some], least)
+    probed_texels = slice(None, None, -(-len(coefficients) // PROBED_TEXELS))
+
+    def answers(coefficients: Tensor) -> Tensor:
+        """The values (F, n) of coefficients (n, C)."""
+        return mean + rows @ coefficients.T
+
+    rounding = round_after(coefficients[probed_texels], bits, answers, values[:, probed_texels], least)
     return rounding.fit_to(texture)
 
 
@@ -56,7 +64,10 @@ class ComponentsMaterial(Material):
         self.gain = gain
 
     def combined(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
-        """Σ weight · components of pair · coefficients: (n, P), (n, P), (n, k + 1) → (n, 3)."""
+        """Σ weight · components of a pair · coefficients, over P pairs and k + 1 components: (n, 3).
+
+        Pairs and weights are (n, P), coefficients (n, k + 1).
+        """
         raise NotImplementedError
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
@@ -67,8 +78,9 @@ class ComponentsMaterial(Material):
         """
         coefficients = functional.pad(sample_texture(self.texture, uv), (1, 0), value=1.0)  # (n, k + 1)
         if self.gain is None:
-            pair, weight = self.interpolator(wo, wi)
+            pair, weight = self.interpolator(wo, wi)  # these weights include the cosines
             return self.combined(pair, weight, coefficients)
         pair, share = self.interpolator.shares(wo, wi)
         level = self.combined(pair, share, coefficients).clamp_min(0)
-        return to_radiance(level, self.gain) * (wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level))
+        cosine_ratio = wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level)
+        return to_radiance(level, self.gain) * cosine_ratio

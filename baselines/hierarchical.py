@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from baselines.neumip import COARSE_SHARE, Networks, NeuMIP, NeuMIPObjective, Pyramid, PyramidSettings, _log
+from baselines.neumip import COARSE_SHARE, Networks, NeuMIP, NeuMIPObjective, Pyramid, PyramidSettings, log_of
 from baselines.pyramids import queries_of, sampled
 from bench.inputs.settings import BatchSize, NotNegative, Range
 from bench.material import DecoderCost, Material, sample_texture, saturated, to_radiance
@@ -42,10 +42,17 @@ class Inception(nn.Module):
     def __init__(self, generator: torch.Generator | None):
         super().__init__()
         point, three, five, pooled = BRANCHES
-        # Inputs and outputs: 1 × 1; 1 × 1 and after it 3 × 3; 1 × 1 and after it 5 × 5; 1 × 1 after the maximum.
-        # A kernel of 3 × 3 has 9 inputs a channel, one of 5 × 5 has 25.
-        shapes = (CHANNELS, point), (CHANNELS, three), (9 * three, three), (CHANNELS, five), (25 * five, five)
-        self.kernels: Any = nn.ModuleList(linear(*shape, generator) for shape in (*shapes, (CHANNELS, pooled)))
+        # A kernel of 3 × 3 has 9 inputs a channel, one of 5 × 5 has 25. The order is that of the draws and of the file.
+        self.kernels: Any = nn.ModuleList(
+            [
+                linear(CHANNELS, point, generator),
+                linear(CHANNELS, three, generator),  # before the 3 × 3
+                linear(9 * three, three, generator),
+                linear(CHANNELS, five, generator),  # before the 5 × 5
+                linear(25 * five, five, generator),
+                linear(CHANNELS, pooled, generator),  # after the maximum
+            ]
+        )
 
     def forward(self, x: Tensor) -> Tensor:
         """The branches' answers, one after the other in the channels, for the inner S − 4 texels a side."""
@@ -59,23 +66,28 @@ class Inception(nn.Module):
 
     def flops(self, side: int) -> int:
         """Operations of an answer of side × side texels, a fused multiply-add counted as two."""
-        counts = (side, side + 2, side, side + 4, side, side)  # a side of each kernel's answer, in their order
-        return sum(2 * n * n * int(layer.weight.numel()) for n, layer in zip(counts, self.kernels, strict=True))
+        # A 1 × 1 before a larger kernel answers all the texels that this kernel reads.
+        point, to_three, three, to_five, five, pooled = (int(layer.weight.numel()) for layer in self.kernels)
+        multiply_adds = (
+            side**2 * (point + three + five + pooled) + (side + 2) ** 2 * to_three + (side + 4) ** 2 * to_five
+        )
+        return 2 * multiply_adds
 
 
 def linear(inputs: int, outputs: int, generator: torch.Generator | None) -> nn.Linear:
-    """A layer as `bench.training.Decoder` starts its own, after He et al. 2015."""
+    """A layer that starts as those of `bench.training.Decoder` do, after He et al. 2015."""
     layer = nn.Linear(inputs, outputs)
     with torch.no_grad():
-        bound = math.sqrt(6 / inputs)
-        layer.weight.uniform_(-bound, bound, generator=generator)
-        layer.bias.uniform_(-1 / math.sqrt(inputs), 1 / math.sqrt(inputs), generator=generator)
+        weight_bound = math.sqrt(6 / inputs)
+        layer.weight.uniform_(-weight_bound, weight_bound, generator=generator)
+        bias_bound = 1 / math.sqrt(inputs)
+        layer.bias.uniform_(-bias_bound, bias_bound, generator=generator)
     return layer
 
 
 def convolved(x: Tensor, layer: nn.Linear) -> Tensor:
     """Pictures (n, C, S, S) under a layer of k × k kernels and a ReLU: (n, D, S − k + 1, S − k + 1)."""
-    side = math.isqrt(layer.in_features // x.shape[1])
+    side = math.isqrt(layer.in_features // x.shape[1])  # k, since a layer has C · k · k inputs
     kernel = layer.weight.unflatten(1, (x.shape[1], side, side))  # (D, C, k, k)
     return saturated(functional.conv2d(x, kernel, layer.bias)).relu()
 
@@ -104,14 +116,16 @@ class Hierarchy(nn.Module):
         self.layers[-1].bias.copy_(outputs)
 
     def forward(self, directions: Tensor, numbers: Tensor) -> Tensor:
-        """Outputs (n, S − 8, S − 8, 3) of directions (n, D) and of numbers (n, S, S, E) of each place."""
+        """Outputs (n, S − 8, S − 8, 3) of inputs of directions (n, D) and of numbers (n, S, S, E) of each place."""
         first, *modules, last = self.layers
         dtype = first.weight.dtype
         count = directions.shape[1]
-        seen = functional.linear(directions.to(dtype), first.weight[:, :count], first.bias)  # (n, 25)
-        own = functional.linear(numbers.to(dtype), first.weight[:, count:])  # (n, S, S, 25)
-        # In half precision each may be infinite, and their sum then no number.
-        x = saturated(saturated(own) + saturated(seen)[:, None, None]).permute(0, 3, 1, 2)  # (n, 25, S, S)
+        # The first layer in two parts: that of the directions is the same for all S × S places.
+        of_directions = functional.linear(directions.to(dtype), first.weight[:, :count], first.bias)  # (n, 25)
+        of_places = functional.linear(numbers.to(dtype), first.weight[:, count:])  # (n, S, S, 25)
+        # In half precision both may be infinite with opposite signs, and their sum then no number.
+        x = saturated(saturated(of_places) + saturated(of_directions)[:, None, None])
+        x = x.permute(0, 3, 1, 2)  # (n, 25, S, S)
         for module in modules:
             x = module(x)
         return saturated(last(x.permute(0, 2, 3, 1))).to(numbers.dtype)
@@ -123,53 +137,69 @@ class HierarchicalNetworks(Networks):
     def first(self, settings: Any, generator: torch.Generator | None) -> Hierarchy:
         """The decoder, as a fit starts with it; the octaves that it sees are noted for `seen` and `placed`."""
         self.octaves, self.places = settings.octaves, settings.places
-        seen = COUNTS[settings.directions] * max(1, 2 * settings.octaves)  # sin and cos of each octave, or none
-        return Hierarchy(seen + 4 * settings.places + settings.channels, generator)
+        numbers = COUNTS[settings.directions]  # of the directions
+        of_directions = 2 * settings.octaves * numbers if settings.octaves else numbers  # sin and cos of each octave
+        of_place = 4 * settings.places  # sin and cos of each octave of u and of v
+        return Hierarchy(of_directions + of_place + settings.channels, generator)
 
     def seen(self, wo: Tensor, wi: Tensor) -> Tensor:
-        """What the decoder sees of unit directions (n, 3)."""
+        """What the decoder sees of unit directions (n, 3): their numbers, or with `octaves` the sines of these."""
         numbers = torch.cat(direction_inputs(wo, wi, self.directions), 1)
         return sines(numbers, self.octaves) if self.octaves else numbers
 
     def pictures(
         self, pyramid: Pyramid, textures: tuple[Tensor, Tensor | None], queries: tuple[Tensor, ...], side: int = 1
     ) -> Tensor:
-        """gain · radiance (n, S, S, 3), not clamped, of pictures of S × S texels of a level, which see S + 8.
+        """gain · radiance (n, S, S, 3), not clamped, of pictures of S × S texels of a level, S = `side`.
 
-        Queries: uv (n, 2) of their middles, wo and wi (n, 3), and level (n,), whole in a fit.
+        The decoder sees (S + 8) × (S + 8) texels around a middle. Queries are uv (n, 2) of these middles, wo and wi
+        (n, 3), and level (n,), in a fit whole numbers of an integer type. `textures` are the table and the offset's.
         """
         middle, wo, wi, level = queries
         table, offset = textures
         wide = side + 2 * HALO  # S + 8
         # Texels from the middle along u and v, row by row from the top, where v is largest.
-        apart = torch.arange(wide, device=middle.device) - (wide - 1) / 2
-        grid = torch.stack([apart.expand(wide, wide), -apart[:, None].expand(wide, wide)], 2)  # (S + 8, S + 8, 2)
-        step = 2.0 ** level[:, None] / pyramid.sizes[0].flip(0)  # (n, 2), of a texel along u and v
+        distance_to_middle = torch.arange(wide, device=middle.device) - (wide - 1) / 2
+        right = distance_to_middle.expand(wide, wide)
+        up = -distance_to_middle[:, None].expand(wide, wide)
+        grid = torch.stack([right, up], 2)  # (S + 8, S + 8, 2)
+        step = 2.0 ** level[:, None] / pyramid.sizes[0].flip(0)  # (n, 2), of a texel of the level along u and v
         uv = (middle[:, None, None] + grid * step[:, None, None]).flatten(0, 2)  # (n · texels, 2)
         texels = wide * wide
-        each = level.repeat_interleave(texels)  # the level of each texel
-        place = self.placed(uv, each, pyramid.side)
-        fits = not level.is_floating_point()
+        texel_levels = level.repeat_interleave(texels)  # (n · texels,)
+        place = self.placed(uv, texel_levels, pyramid.side)
+        in_fit = not level.is_floating_point()  # only then the fetches need a gradient; the others are faster
         if offset is not None:
-            finest = offset.unflatten(0, pyramid.levels[0])
-            own = pyramid.fetch(offset, uv, torch.zeros_like(each)) if fits else sample_texture(finest, uv)
-            uv = self.move(uv, own, wo.repeat_interleave(texels, 0), pyramid.reach)
-        latents = pyramid.fetch(table, uv, each) if fits else sampled(pyramid, table, uv, each)
+            if in_fit:
+                offset_latents = pyramid.fetch(offset, uv, torch.zeros_like(texel_levels))
+            else:
+                offset_latents = sample_texture(offset.unflatten(0, pyramid.levels[0]), uv)
+            uv = self.move(uv, offset_latents, wo.repeat_interleave(texels, 0), pyramid.reach)
+        if in_fit:
+            latents = pyramid.fetch(table, uv, texel_levels)
+        else:
+            latents = sampled(pyramid, table, uv, texel_levels)
         numbers = torch.cat([place.to(latents.dtype), latents], 1).unflatten(0, (len(middle), wide, wide))
-        out = self.decoder(self.seen(wo, wi), numbers)  # (n, S, S, 3)
+        out = self.decoder(self.seen(wo, wi), numbers)  # (n, S, S, 3), in YUV
         return to_radiance(out @ self.to_rgb.to(out.dtype), gain=1.0)
 
     def placed(self, uv: Tensor, level: Tensor, side: int) -> Tensor:
-        """The sines (n, 4 · places) of uv (n, 2); an octave fades out from two texels of the level a period to one."""
+        """The sines (n, 4 · places) of uv (n, 2) at levels (n,) of a texture of `side` texels.
+
+        Octave k repeats 2ᵏ times in the texture. It counts whole where a period has two texels of the level or more,
+        fades out below, and is 0 from one texel on.
+        """
         octave = torch.arange(self.places, device=uv.device)
-        share = (math.log2(side) - level[:, None] - octave).clamp(0, 1)  # (n, places)
+        texels_of_period = math.log2(side) - level[:, None] - octave  # (n, places), as log2
+        share = texels_of_period.clamp(0, 1)
         waves = sines(2 * uv - 1, self.places).unflatten(1, (4, -1))  # (n, 4, places)
         return waves.mul(share[:, None]).flatten(1)
 
 
 def sines(numbers: Tensor, octaves: int) -> Tensor:
     """sin and cos of 2ᵏ π x, k from 0, of numbers x (n, C): (n, 2 C · octaves), the octaves of each side by side."""
-    angle = (numbers[:, :, None] * (math.pi * 2.0 ** torch.arange(octaves, device=numbers.device))).flatten(1)
+    frequency = math.pi * 2.0 ** torch.arange(octaves, device=numbers.device)
+    angle = (numbers[:, :, None] * frequency).flatten(1)  # (n, C · octaves)
     return torch.cat([angle.sin(), angle.cos()], 1)
 
 
@@ -182,45 +212,54 @@ class HierarchicalObjective(NeuMIPObjective):
     def predict(self, batch: Batch, progress: float) -> Tensor:
         """Each sample is answered by itself, as the material does, at the finest level."""
         textures = self.textures(progress)
-        queries = queries_of(self.levels, 0, batch)
-        parts = zip(*(each.split(ANSWERED) for each in queries), strict=True)
-        answers = [self.networks.pictures(self.pyramid, textures, part) for part in parts]
-        return _log(torch.cat(answers)[:, 0, 0])  # pictures of one texel
+        uv, wo, wi, level = (values.split(ANSWERED) for values in queries_of(self.levels, 0, batch))
+        answers = []
+        for queries in zip(uv, wo, wi, level, strict=True):  # a part of them at a time
+            answers.append(self.networks.pictures(self.pyramid, textures, queries))
+        return log_of(torch.cat(answers)[:, 0, 0])  # pictures of one texel
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss of patches: of log radiance, or of fourth roots of radiance × exposure; later of gradients, too."""
         settings = self.settings
         patch = self.settings.patch
-        count = max(1, settings.batch // patch**2)
+        count = max(1, settings.batch // patch**2)  # patches of all levels
         coarse = count // COARSE_SHARE if len(self.levels) > 1 else 0
-        drawn = [self._patches(0, count - coarse, generator)]
+        patches = [self._patches(0, count - coarse, generator)]
         if coarse:
             level = int(torch.randint(1, len(self.levels), (), generator=generator))
-            drawn.append(self._patches(level, coarse, generator))
-        *queries, target = (torch.cat(both) for both in zip(*drawn, strict=True))
-        ours = self.networks.pictures(self.pyramid, self.textures(progress), tuple(queries), patch)
+            patches.append(self._patches(level, coarse, generator))
+        *queries, target = (torch.cat(of_levels) for of_levels in zip(*patches, strict=True))
+        ours = self.networks.pictures(self.pyramid, self.textures(progress), tuple(queries), patch)  # gain · radiance
         if settings.loss == "root":
-            ours, target = ((x / LOG_SCALE).clamp_min(DARKEST) ** 0.25 for x in (ours, target.expm1()))
+            ours = (ours / LOG_SCALE).clamp_min(DARKEST) ** 0.25
+            target = (target.expm1() / LOG_SCALE).clamp_min(DARKEST) ** 0.25
+            loss = distance(ours, target, "l1")
         else:
-            ours = _log(ours)
-        loss = distance(ours, target, "l1" if settings.loss == "root" else settings.loss)
-        if settings.gradient and progress >= GRADIENT_FROM and patch > 2:
+            ours = log_of(ours)
+            loss = distance(ours, target, settings.loss)
+        if settings.gradient and progress >= GRADIENT_FROM and patch > 2:  # Sobel's kernels have three texels a side
             loss = loss + settings.gradient * gradients(ours - target).square().mean()
         return loss
 
     def _patches(self, level: int, count: int, generator: torch.Generator) -> tuple[Tensor, ...]:
-        """Middles, directions, level and log radiance (count, S, S, 3) of random patches of a level, which wrap."""
+        """Random patches of S × S texels of a level, which wrap around its borders.
+
+        Returns uv (count, 2) of their middles, wo and wi (count, 3), the level (count,), and log radiance
+        (count, S, S, 3).
+        """
         samples = self.levels[level]
         patch = self.settings.patch
         height, width = samples.shape
-        corner = samples.draw(count, generator)
+        corner = samples.draw(count, generator)  # a patch begins at each of these samples, and has their directions
         uv, wo, wi, levels = queries_of(self.levels, level, corner)
-        # From the centre of the first texel to that of the patch, along u and v.
-        across, down = ((patch - 1) / 2 * (2**level / self.pyramid.sizes[0].flip(0))).unbind()
+        texel_size = 2**level / self.pyramid.sizes[0].flip(0)  # (2,), of the level, along u and v
+        across, down = ((patch - 1) / 2 * texel_size).unbind()  # from the first texel's centre to the patch's
         middle = torch.stack([uv[:, 0] + across, uv[:, 1] - down], 1)
         along = torch.arange(patch, device=uv.device)
-        row = (corner.texel.div(width, rounding_mode="floor")[:, None] + along).remainder(height)  # (n, S)
-        col = (corner.texel.remainder(width)[:, None] + along).remainder(width)  # (n, S)
+        first_row = corner.texel.div(width, rounding_mode="floor")
+        first_col = corner.texel.remainder(width)
+        row = (first_row[:, None] + along).remainder(height)  # (n, S)
+        col = (first_col[:, None] + along).remainder(width)  # (n, S)
         texels = (row[:, :, None] * width + col[:, None]).flatten()  # (n · S²,)
         target = samples.seen(texels, corner.pair.repeat_interleave(patch**2)).target
         return middle, wo, wi, levels, target.unflatten(0, (count, patch, patch))
@@ -239,20 +278,33 @@ class HierarchicalMaterial(Material):
     def __init__(
         self, pyramid: Pyramid, networks: HierarchicalNetworks, table: Tensor, offset: Tensor | None, gain: float
     ):
-        first, a, b, last = networks.decoder.layers
+        first, first_module, second_module, last = networks.decoder.layers
         channels = table.shape[1]
-        reads = channels * (8 + (0 if offset is None else 4))  # eight texels of two levels, four of the offset's
-        numbers = 4 * networks.places + channels
-        moved = 0 if networks.offset is None else networks.offset.architecture.flops
+        texels_read = 8  # of two levels
+        texture_channels = channels
+        texture_floats = table.numel()
+        offset_flops = 0
+        if offset is not None and networks.offset is not None:
+            texels_read += 4
+            texture_channels += channels
+            texture_floats += offset.numel()
+            offset_flops = networks.offset.architecture.flops
+        numbers_read = texels_read * channels  # each is multiplied and added
+        inputs_of_place = 4 * networks.places + channels
+        inputs_of_directions = first.in_features - inputs_of_place
+        # At each of 9 × 9 places: the offset, the reads, and the first layer's part of the place.
+        flops = SIDE**2 * (offset_flops + 2 * numbers_read + 2 * inputs_of_place * CHANNELS)
+        flops += 2 * inputs_of_directions * CHANNELS  # once
         # The first module answers all but two places at each border, the second the one in the middle.
-        flops = SIDE**2 * (moved + 2 * reads + 2 * numbers * CHANNELS) + a.flops(SIDE - 4) + b.flops(1)
-        flops += 2 * CHANNELS * (first.in_features - numbers) + 2 * last.weight.numel() + 2 * 9
+        flops += first_module.flops(SIDE - 4) + second_module.flops(1)
+        flops += 2 * last.weight.numel()
+        flops += 2 * 9  # YUV to RGB
         cost = DecoderCost(
             parameters=sum(p.numel() for p in networks.parameters()),
-            texture_channels=channels * (1 if offset is None else 2),
-            texture_floats=table.numel() + (0 if offset is None else offset.numel()),
+            texture_channels=texture_channels,
+            texture_floats=texture_floats,
             flops_per_sample=flops,
-            bytes_per_sample=SIDE**2 * reads * table.element_size(),
+            bytes_per_sample=SIDE**2 * numbers_read * table.element_size(),
         )
         super().__init__(pyramid.levels[0], cost)
         self.networks = networks

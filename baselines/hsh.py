@@ -6,6 +6,7 @@ each texel has the products of the light's and the view's harmonics, as in Gunaw
 for view and light interpolation", 2009).
 """
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
@@ -60,20 +61,22 @@ class HSH(Codec):
         """Solve for all texels at once: the coefficients of a texel are those of red, then of green and of blue."""
         gain = gain_of(btf, fit)
         settings = self.settings
-        counts = len(btf.layout.lights), len(btf.layout.views)
         # n bands are n² harmonics, of which there should be no more than directions.
-        bands = [min(n, math.isqrt(count)) for n, count in zip((settings.lights, settings.views), counts, strict=True)]
+        light_bands = min(settings.lights, math.isqrt(len(btf.layout.lights)))
+        view_bands = min(settings.views, math.isqrt(len(btf.layout.views)))
+        bands = [light_bands, view_bands]
         cosine = _cosine(torch.from_numpy(btf.wi), settings.cosine)
-        solve = self._solution(btf, bands, cosine, fit).to(fit.device)
+        solve = self._solution(btf, bands, cosine, fit).to(fit.device)  # (K, N)
         texels = btf.shape[0] * btf.shape[1]
         coefficients = torch.zeros(len(solve), texels * 3, device=fit.device)
         step = max(1, BLOCK_BYTES // (texels * 12))  # pictures read at once, of three float32 a texel
-        pictures = fit.progress(btf, total=len(btf))
+        pictures = iter(fit.progress(btf, total=len(btf)))
         for rows in torch.arange(len(btf)).split(step):
-            # The next pictures, (rows, texels · 3): `rows` ends first, so that no picture is taken and lost.
-            block = torch.from_numpy(np.stack([picture for _, picture in zip(rows, pictures, strict=False)])).flatten(1)
-            values = block.clamp_min(0).to(fit.device) / cosine[rows].to(fit.device)
-            coefficients += solve[:, rows] @ ((gain * values).log1p() if settings.domain == "log" else values)
+            block = np.stack(list(itertools.islice(pictures, len(rows))))  # (rows, H, W, 3), the next pictures
+            values = torch.from_numpy(block).flatten(1).clamp_min(0).to(fit.device) / cosine[rows].to(fit.device)
+            if settings.domain == "log":
+                values = (gain * values).log1p()
+            coefficients += solve[:, rows] @ values  # of values (rows, texels · 3)
         texture = coefficients.unflatten(1, (*btf.shape, 3)).permute(1, 2, 3, 0).flatten(2)  # (H, W, 3 · K)
         rounding = self._rounding(btf, texture, gain, bands, fit)
         other = {"gain": torch.tensor([gain]), "bands": torch.tensor(bands, dtype=torch.uint8)}
@@ -81,30 +84,35 @@ class HSH(Codec):
 
     def _rounding(self, btf: BTF, texture: Tensor, gain: float, bands: list[int], fit: Fit) -> Rounding:
         """How the coefficients are rounded, by their errors at some pairs."""
-        pairs, values = probed(btf, fit, None)
+        pairs, values = probed(btf, fit, None)  # radiance (3 · P, texels): `gain` enters after the division below
         wo, wi = torch.from_numpy(btf.wo)[pairs], torch.from_numpy(btf.wi)[pairs]
         cosine = _cosine(wi, self.settings.cosine).repeat_interleave(3, 0)
         values = values.clamp_min(0) / cosine.to(values)
         if self.settings.domain == "log":
             values = (gain * values).log1p()
-        # Each colour has its own coefficients; an error of radiance is one of radiance / cosine times the cosine.
-        # (P, 3, 3, K), then (3 · P, 3 · K).
-        rows = torch.einsum("pk,cd->pcdk", basis(wo, wi, bands), torch.eye(3)).flatten(2).flatten(0, 1) * cosine
+        # Each colour has coefficients of its own: the rows of a colour are 0 at those of the others.
+        of_colours = torch.einsum("pk,cd->pcdk", basis(wo, wi, bands), torch.eye(3))  # (P, 3, 3, K)
+        # An error of radiance is one of radiance / cosine times the cosine, so rows and values are multiplied by it.
+        rows = of_colours.flatten(2).flatten(0, 1) * cosine  # (3 · P, 3 · K)
         rows = rows.to(values)
-        known = torch.zeros(len(rows), 1, device=values.device)
+        no_mean = torch.zeros(len(rows), 1, device=values.device)
         # Harmonics that a surface hardly has take no bits; a file of more codes needs a bit of each, or is not opened.
         least = 0 if texture.numel() <= MOST_CODES else 1
-        return rounded_coefficients(texture, self.settings.bits, known, rows, values * cosine.to(values), least)
+        return rounded_coefficients(texture, self.settings.bits, no_mean, rows, values * cosine.to(values), least)
 
     def _solution(self, btf: BTF, bands: list[int], cosine: Tensor, fit: Fit) -> Tensor:
         """The matrix (K, N) from the values of the pairs to the coefficients: weighted, regularised least squares."""
         terms = basis(torch.from_numpy(btf.wo).double(), torch.from_numpy(btf.wi).double(), bands)  # (N, K)
         # An error of radiance is one of radiance / cosine times the cosine.
-        weight = cosine.double().square() * (1 if fit.density is None else fit.density.weights.double()[:, None])
-        light, view = (torch.tensor(_roughness(count)) for count in bands)
-        # The normal equations: (terms' weighted products + ridge) · solution = (weighted terms)'.
-        rough = (light[:, None] + view).flatten().double().square()  # (K,)
-        normal = terms.T @ (weight * terms) + len(btf) * torch.diag(self.settings.smoothness * rough + RIDGE)
+        weight = cosine.double().square()  # (N, 1)
+        if fit.density is not None:
+            weight = weight * fit.density.weights.double()[:, None]
+        light_roughness, view_roughness = (torch.tensor(_roughness(count)) for count in bands)
+        # In the order of `basis`: of each harmonic of the light all of the view.
+        roughness = (light_roughness[:, None] + view_roughness).flatten().double()  # (K,)
+        # The normal equations: (terms' weighted products + penalty) · solution = (weighted terms)'.
+        penalty = len(btf) * torch.diag(self.settings.smoothness * roughness.square() + RIDGE)
+        normal = terms.T @ (weight * terms) + penalty
         return torch.linalg.solve(normal, (weight * terms).T).float()
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
@@ -117,16 +125,19 @@ class HSH(Codec):
 
 
 def _roughness(bands: int) -> list[float]:
-    """How much each harmonic varies: l (l + 1), minus its Laplacian's eigenvalue, for each of the 2l + 1 of band l."""
-    found = []
+    """How much each of bands² harmonics varies: l (l + 1) for the 2l + 1 of band l.
+
+    It is minus the eigenvalue of the Laplacian.
+    """
+    roughness = []
     for band in range(bands):
-        found += [band * (band + 1.0)] * (2 * band + 1)
-    return found
+        roughness += [band * (band + 1.0)] * (2 * band + 1)
+    return roughness
 
 
-def _cosine(wi: Tensor, used: bool) -> Tensor:
-    """The cosine (n, 1) that radiance is divided by, or 1."""
-    return wi[:, 2:].clamp_min(LEAST_COSINE) if used else torch.ones_like(wi[:, 2:])
+def _cosine(wi: Tensor, divided: bool) -> Tensor:
+    """The cosines (n, 1) of lights (n, 3), by which radiance is divided; ones if it is not divided."""
+    return wi[:, 2:].clamp_min(LEAST_COSINE) if divided else torch.ones_like(wi[:, 2:])
 
 
 def basis(wo: Tensor, wi: Tensor, bands: list[int]) -> Tensor:
@@ -142,18 +153,23 @@ def harmonics(directions: Tensor, bands: int) -> Tensor:
     """
     x, y, z = directions.unbind(1)
     z = z.clamp_min(0)
-    around = 2 * (z / (1 + z)).sqrt()  # P_l^m has (1 − t²)^(m/2), t = 2z − 1; with cos mφ that is Re (a + ib)^m
-    a, b, t = around * x, around * y, 2 * z - 1
-    real, imaginary = torch.ones_like(t), torch.zeros_like(t)
-    terms: dict[tuple[int, int], Tensor] = {}
+    # With t = 2z − 1, P_l^m has the factor √(1 − t²)^m. With a = √(1 − t²) cos φ and b = √(1 − t²) sin φ this factor
+    # times cos mφ is the real part of (a + ib)^m, and times sin mφ the imaginary one. As √(1 − t²) = 2 √(z (1 − z))
+    # and √(x² + y²) = √(1 − z²), a and b are x and y times 2 √(z / (1 + z)).
+    stretch = 2 * (z / (1 + z)).sqrt()
+    a, b, t = stretch * x, stretch * y, 2 * z - 1
+    real, imaginary = torch.ones_like(t), torch.zeros_like(t)  # of (a + ib)^m
+    terms: dict[tuple[int, int], Tensor] = {}  # H_l^m by (l, m)
     for m in range(bands):
-        # P_m^m without its (1 − t²)^(m/2) is 1 · 3 · 5 · … · (2m − 1). Higher bands follow from the two before them.
+        # P_m^m without its factor is 1 · 3 · 5 · … · (2m − 1). Higher bands follow from the two before them.
         before, legendre = torch.zeros_like(t), torch.full_like(t, math.prod(range(1, 2 * m, 2)))
         for band in range(m, bands):
             if band > m:
-                before, legendre = legendre, (t * (2 * band - 1) * legendre - (band + m - 1) * before) / (band - m)
+                following = (t * (2 * band - 1) * legendre - (band + m - 1) * before) / (band - m)
+                before, legendre = legendre, following
             norm = math.sqrt((2 * band + 1) * math.factorial(band - m) / (2 * math.pi * math.factorial(band + m)))
-            scaled = legendre * (norm * (math.sqrt(2) if m else 1))
+            both_signs = math.sqrt(2) if m else 1
+            scaled = legendre * (norm * both_signs)
             terms[band, m] = scaled * real
             if m:
                 terms[band, -m] = scaled * imaginary
@@ -170,8 +186,10 @@ class HSHMaterial(Material):
 
     def __init__(self, texture: Tensor, bands: list[int], gain: float | None, cosine: bool):
         height, width, channels = texture.shape
-        # Multiply and add each coefficient; a harmonic takes about six operations.
-        flops = 2 * channels + channels // 3 + 6 * sum(n * n for n in bands)
+        times_coefficients = 2 * channels  # multiply and add each coefficient
+        products = channels // 3  # one for each harmonic of the light with each of the view
+        harmonics_made = 6 * sum(n * n for n in bands)  # about six operations each
+        flops = times_coefficients + products + harmonics_made
         super().__init__((height, width), DecoderCost.of_texture(texture, flops=flops))
         self.texture = texture
         self.bands = bands
@@ -181,5 +199,5 @@ class HSHMaterial(Material):
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         coefficients = sample_texture(self.texture, uv).to(wi.dtype).unflatten(1, (3, -1))
         level = torch.einsum("nck,nk->nc", coefficients, basis(wo, wi, self.bands))
-        value = level if self.gain is None else to_radiance(level, self.gain)
-        return value * _cosine(wi, self.cosine)
+        radiance = level if self.gain is None else to_radiance(level, self.gain)
+        return radiance * _cosine(wi, self.cosine)

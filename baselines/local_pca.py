@@ -45,35 +45,41 @@ class LocalPCA(Codec):
         gain = gain_of(btf, fit)
         settings = self.settings
         mean, directions, points = reduced(btf, gain, max(SPANNED, settings.components), fit)
-        found = local_components(points, settings.clusters, settings.components, fit.seed)
-        count = len(found.means)
-        components = found.axes.shape[2]
-        # The mean of each cluster is its first component, whose coefficient is 1.
-        own = torch.cat([torch.from_numpy(found.means)[..., None], torch.from_numpy(found.axes)], 2)
-        table = directions @ own.movedim(0, 1).flatten(1)  # (3 · pairs, clusters · (components + 1))
-        table[:, :: components + 1] += mean[:, None]  # to the first component of each cluster, its mean
-        table = table.unflatten(0, (-1, 3))  # (pairs, 3, clusters · (components + 1))
-        texture = torch.from_numpy(found.coefficients).unflatten(0, btf.shape)  # (H, W, components)
+        local = local_components(points, settings.clusters, settings.components, fit.seed)
+        count = len(local.means)
+        k = local.axes.shape[2]
+        # The mean of each cluster is its first component, whose coefficient is 1: (clusters, spanned, k + 1).
+        components = torch.cat([torch.from_numpy(local.means)[..., None], torch.from_numpy(local.axes)], 2)
+        table = directions @ components.movedim(0, 1).flatten(1)  # (3 · pairs, clusters · (k + 1))
+        table[:, :: k + 1] += mean[:, None]  # the mean of all texels, to the first component of each cluster
+        table = table.unflatten(0, (-1, 3))  # (pairs, 3, clusters · (k + 1))
+        texture = torch.from_numpy(local.coefficients).unflatten(0, btf.shape)  # (H, W, k)
 
-        label = torch.from_numpy(found.label)
+        label = torch.from_numpy(local.label)
         pairs, values = probed(btf, fit, gain)
         # Every so many texels, rounded up, so that at most `PROBED_TEXELS` are taken, evenly.
-        some = slice(None, None, -(-len(label) // PROBED_TEXELS))
-        mine = label[some]  # (n,)
-        seen = texture.flatten(0, 1)[some]  # (n, k)
-        target = values[:, some].cpu()  # (3 · P, n)
+        probed_texels = slice(None, None, -(-len(label) // PROBED_TEXELS))
+        probed_labels = label[probed_texels]  # (n,)
+        probed_coefficients = texture.flatten(0, 1)[probed_texels]  # (n, k)
+        probed_table = table[pairs]  # (P, 3, clusters · (k + 1))
+        target = values[:, probed_texels].cpu()  # (3 · P, n)
 
         def answers(table: Tensor, coefficients: Tensor) -> Tensor:
-            """Log radiance (3 · P, n) of a table (P, 3, clusters · (k + 1)) and the coefficients (n, k) of `some`."""
-            rows = table.flatten(0, 1).unflatten(1, (count, -1))[:, mine]  # (3 · P, n, k + 1)
+            """Log radiance (3 · P, n) of the probed pairs and texels, from a table and coefficients of them."""
+            rows = table.flatten(0, 1).unflatten(1, (count, -1))[:, probed_labels]  # (3 · P, n, k + 1)
             return (rows * functional.pad(coefficients, (1, 0), value=1.0)).sum(2)
 
-        of_table = round_after(table[pairs], settings.bits, lambda each: answers(each, seen), target)
-        of_texture = round_after(seen, settings.bits, lambda each: answers(table[pairs], each), target)
-        stored = store_texture("coefficients", texture, of_texture.fit_to(texture))
+        bits = settings.bits
+        table_rounding = round_after(
+            probed_table, bits, lambda rounded: answers(rounded, probed_coefficients), target
+        ).fit_to(table)
+        texture_rounding = round_after(
+            probed_coefficients, bits, lambda rounded: answers(probed_table, rounded), target
+        ).fit_to(texture)
+        coefficients = store_texture("coefficients", texture, texture_rounding)
         return Parts(
-            decoder=store_texture("components", table, of_table.fit_to(table)),
-            texture=stored | {"clusters": pack_index(found.label, count)},
+            decoder=store_texture("components", table, table_rounding),
+            texture=coefficients | {"clusters": pack_index(local.label, count)},
             other={"gain": torch.tensor([gain]), "count": torch.tensor([count]), **pack_layout(btf.layout)},
         )
 
@@ -91,7 +97,10 @@ class LocalPCA(Codec):
 
 @dataclass(frozen=True)
 class LocalComponents:
-    """Of each cluster a mean and orthogonal components; of each point its cluster and its coefficients (at most 1)."""
+    """Of each cluster a mean and orthogonal components; of each point its cluster and its coefficients.
+
+    A point is about its cluster's mean + axes · its coefficients, which are from −1 to 1.
+    """
 
     means: np.ndarray  # (clusters, k)
     axes: np.ndarray  # (clusters, k, components)
@@ -100,22 +109,22 @@ class LocalComponents:
 
 
 def local_components(points: np.ndarray, clusters: int, components: int, seed: int) -> LocalComponents:
-    """Clusters of points (n, k), float32, and the components of each, by turns until no point moves."""
+    """At most `clusters` clusters of points (n, k), float32, and their components, by turns until no point moves."""
     components = min(components, points.shape[1])
     label = clustered(points, clusters, seed)
     for _ in range(ROUNDS):
         means, axes = _fitted(points, label, components)
         # Errors (clusters, n), of which each point takes the least.
-        moved = np.stack([_error(points - mean, axis) for mean, axis in zip(means, axes, strict=True)]).argmin(0)
-        moved = np.unique(moved, return_inverse=True)[1]  # numbered without gaps
-        if np.array_equal(moved, label):
+        errors = np.stack([_error(points - mean, axis) for mean, axis in zip(means, axes, strict=True)])
+        _, new_label = np.unique(errors.argmin(0), return_inverse=True)  # the inverse numbers without gaps
+        if np.array_equal(new_label, label):
             break
-        label = moved
+        label = new_label
     means, axes = _fitted(points, label, components)
     coefficients = np.einsum("nk,nkc->nc", points - means[label], axes[label])
-    peak = np.abs(coefficients).max(0, initial=0)
-    peak[peak == 0] = 1
     # Coefficients are divided by the largest of their component, which is multiplied by it instead.
+    peak = np.abs(coefficients).max(0, initial=0)  # (components,)
+    peak[peak == 0] = 1
     return LocalComponents(means, axes * peak, label, coefficients / peak)
 
 
@@ -147,19 +156,25 @@ class LocalPCAMaterial(Material):
         pairs = len(table)
         components = texture.shape[2]
         row = 3 * (components + 1)  # numbers that a cluster has of a pair
+        # Of each of the four texels: its coefficients, its label, and its cluster's rows of some pairs.
+        numbers_read = 4 * (components + interpolator.reads * row)
+        label_bytes = 4 * label.element_size()
+        # Rows are mixed over the pairs, and the mixed row is multiplied by the coefficients.
+        multiply_adds = 4 * (interpolator.reads * row + row)
         cost = DecoderCost(
-            texture_channels=components + 1,
+            texture_channels=components + 1,  # the label is one more
             texture_floats=texture.numel() + label.numel(),
             table_floats=table.numel(),
-            flops_per_sample=4 * 2 * row * (interpolator.reads + 1),
-            bytes_per_sample=4 * (4 * (components + interpolator.reads * row) + label.element_size()),
+            flops_per_sample=2 * multiply_adds,
+            bytes_per_sample=4 * numbers_read + label_bytes,  # numbers are float32
         )
         super().__init__((texture.shape[0], texture.shape[1]), cost)
         self.label = label
         self.coefficients = texture.flatten(0, 1)
         self.pairs = pairs
         # (clusters · N, 3 · (k + 1)): a row for each pair of a cluster, one cluster after the other.
-        self.table = table.unflatten(2, (-1, components + 1)).permute(2, 0, 1, 3).flatten(0, 1).flatten(1).contiguous()
+        of_clusters = table.unflatten(2, (-1, components + 1)).permute(2, 0, 1, 3)  # (clusters, N, 3, k + 1)
+        self.table = of_clusters.flatten(0, 1).flatten(1).contiguous()
         self.interpolator = interpolator
         self.gain = gain
 
@@ -174,8 +189,11 @@ class LocalPCAMaterial(Material):
         )
         # Products of halves may overflow a half with either sign, so they are added in float32.
         dtype = at_least_float32(rows.dtype)
-        numbers = saturated(rows).to(dtype).unflatten(0, row.shape[:2]).unflatten(2, (3, -1))  # (n, 4, 3, k + 1)
-        known = functional.pad(self.coefficients[texel], (1, 0), value=1.0).to(dtype)  # (n, 4, k + 1)
-        known *= texel_weight[..., None].to(dtype)
-        level = (numbers * known[:, :, None]).sum((1, 3)).clamp_min(0)
-        return to_radiance(level, self.gain) * (wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level))
+        components = saturated(rows).to(dtype).unflatten(0, row.shape[:2]).unflatten(2, (3, -1))  # (n, 4, 3, k + 1)
+        # The mean's coefficient, 1, comes first. All are weighted by the texels' shares: (n, 4, k + 1).
+        coefficients = functional.pad(self.coefficients[texel], (1, 0), value=1.0).to(dtype)
+        coefficients *= texel_weight[..., None].to(dtype)
+        level = (components * coefficients[:, :, None]).sum((1, 3)).clamp_min(0)
+        # The pairs' radiance includes the cosine of their lights: see `ComponentsMaterial.evaluate`.
+        cosine_ratio = wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level)
+        return to_radiance(level, self.gain) * cosine_ratio

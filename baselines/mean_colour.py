@@ -9,7 +9,7 @@ from torch import Tensor
 from bench.btf import BTF
 from bench.codec import Codec, Fit, Parts
 from bench.material import DecoderCost, Material, sample_texture
-from bench.training.quantise import pack, unpack
+from bench.training.quantise import FloatPrecision, pack, unpack
 
 
 class MeanColour(Codec):
@@ -27,7 +27,8 @@ class MeanColour(Codec):
         mean = np.zeros((*btf.shape, 3))
         for picture in fit.progress(btf, total=len(btf)):
             mean += picture / len(btf)
-        return Parts(texture=pack("mean", torch.from_numpy(mean), "half" if self.settings.half else "float32"))
+        precision: FloatPrecision = "half" if self.settings.half else "float32"
+        return Parts(texture=pack("mean", torch.from_numpy(mean), precision))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         return MeanColourMaterial(unpack("mean", parts.texture)).to(device)

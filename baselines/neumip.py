@@ -61,7 +61,9 @@ class PyramidSettings(TextureSettings):
 
 def level_count(size: tuple[int, int]) -> int:
     """The number of levels of a picture (H, W): the authors' ⌊log2 of the longer side⌋, sides of at least one texel."""
-    return max(1, min(int(math.log2(max(size))), int(math.log2(min(size))) + 1))
+    as_published = int(math.log2(max(size)))
+    with_sides = int(math.log2(min(size))) + 1  # further levels would have no texel along the shorter side
+    return max(1, min(as_published, with_sides))
 
 
 class Pyramid(Levels):
@@ -97,21 +99,29 @@ class Networks(nn.Module):
         """Set the networks to answer one log radiance (3,) for any latents, with the mask half open."""
         # Three outputs are the colour; further ones are the mask.
         outputs = torch.zeros(len(self.decoder.layers[-1].bias))
-        rgb = (level.cpu().expm1() / (HALF_OPEN if len(outputs) > 3 else 1)).log1p()
-        outputs[:3] = torch.linalg.solve(self.to_rgb.T, rgb)  # as YUV
+        radiance = level.cpu().expm1()
+        if len(outputs) > 3:
+            radiance = radiance / HALF_OPEN
+        outputs[:3] = torch.linalg.solve(self.to_rgb.T, radiance.log1p())  # as YUV
         self.decoder.start_at(outputs)
 
     def move(self, uv: Tensor, latents: Tensor, wo: Tensor, reach: Tensor) -> Tensor:
-        """uv (n, 2) shifted along the view wo (n, 3) by the offset network's output for latents (n, 7)."""
+        """uv (n, 2) shifted along the view wo (n, 3) by the offset network's output for latents (n, 7).
+
+        `reach` (2,) is that of `Pyramid`: uv of an offset of 1.
+        """
         assert self.offset is not None
-        depth = self.offset(torch.cat([latents, wo[:, :2]], 1))
+        depth = self.offset(torch.cat([latents, wo[:, :2]], 1))  # (n, 1)
         return uv + depth.to(uv.dtype) * (wo[:, :2] * reach) / wo[:, 2:].clamp_min(LOWEST_COSINE)
 
     def colour(self, latents: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
         """gain · radiance (n, 3), not clamped, of latents (n, 7): YUV → RGB → expm1, times a mask if there is one."""
         out = self.decoder(torch.cat([*direction_inputs(wo, wi, self.directions), latents], 1))
         rgb = to_radiance(out[:, :3] @ self.to_rgb.to(out.dtype), gain=1.0)
-        return rgb * (SHUT + out[:, 3:].sigmoid()) if out.shape[1] > 3 else rgb
+        if out.shape[1] > 3:
+            mask = SHUT + out[:, 3:].sigmoid()
+            rgb = rgb * mask
+        return rgb
 
 
 def answer(
@@ -145,11 +155,15 @@ class NeuMIPObjective(Objective):
         self.rounded_offset = Rounding(settings.channels, settings.bits) if settings.offset else None
 
     def _levels(self, finest: Tensor, generator: torch.Generator) -> Tensor:
-        """The first latents of all levels: box averages of the finest ones, or random as they are."""
+        """The first latents (rows, C) of all levels: the finest ones (H · W, C), and box averages of them.
+
+        If the finest are random, the others are as random.
+        """
         if self.settings.start == "random":
             count = sum(self.pyramid.counts[1:])
             channels = finest.shape[1]
-            return torch.cat([finest, RANDOM_SPREAD * torch.randn(count, channels, generator=generator)])
+            coarser = RANDOM_SPREAD * torch.randn(count, channels, generator=generator)
+            return torch.cat([finest, coarser])
         picture = finest.T.unflatten(1, self.samples.shape)  # (C, H, W)
         levels = (functional.adaptive_avg_pool2d(picture, size) for size in self.pyramid.levels)
         return torch.cat([level.flatten(1).T for level in levels])  # (rows of all levels, C)
@@ -167,20 +181,23 @@ class NeuMIPObjective(Objective):
     def blurred(self, progress: float) -> tuple[Tensor, Tensor | None]:
         """The table and the offset texture as they are looked up at some progress of the fit, from 0 to 1.
 
-        A level of half as many texels a side is blurred by half as many of them.
+        The offset's is always blurred, the table only by the setting `blur`. A level of half as many texels a side is
+        blurred by half as many of them. The offset's texture is None if there is no offset.
         """
         sigma = LAST_BLUR
-        if self.settings.blur:
-            sigma = max(LAST_BLUR, FIRST_BLUR * math.exp(-FADING * progress))
         table: Tensor = self.table
         if self.settings.blur:
-            levels = zip(table.split(self.pyramid.counts), self.pyramid.levels, strict=True)
-            table = torch.cat([blur(level, size, sigma / 2**i) for i, (level, size) in enumerate(levels)])
-        offset: Tensor | None = self.offset
-        return table, None if offset is None else blur(offset, self.samples.shape, max(sigma, OFFSET_BLUR))
+            sigma = max(LAST_BLUR, FIRST_BLUR * math.exp(-FADING * progress))
+            levels = []
+            for level, values in enumerate(table.split(self.pyramid.counts)):
+                levels.append(blur(values, self.pyramid.levels[level], sigma / 2**level))
+            table = torch.cat(levels)
+        if self.offset is None:
+            return table, None
+        return table, blur(self.offset, self.samples.shape, max(sigma, OFFSET_BLUR))
 
     def textures(self, progress: float) -> tuple[Tensor, Tensor | None]:
-        """The same, rounded as the file will hold it."""
+        """The table and the offset texture of `blurred`, rounded as the file will hold them."""
         table, offset = self.blurred(progress)
         if offset is not None and self.rounded_offset is not None:
             offset = self.rounded_offset(offset)
@@ -188,33 +205,43 @@ class NeuMIPObjective(Objective):
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         queries = queries_of(self.levels, 0, batch)
-        return _log(answer(self.networks, self.pyramid, *self.textures(progress), queries))
+        return log_of(answer(self.networks, self.pyramid, *self.textures(progress), queries))
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """Three errors by the weights of `LOSSES`, the last of radiance × exposure; or the loss `display`."""
         queries, target, pair = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)
         ours = answer(self.networks, self.pyramid, *self.textures(progress), queries)
         if self.settings.loss == "display":
-            return self.distance(_log(ours), target, pair, progress)
-        squared, log, linear = LOSSES[self.settings.loss]  # weights
-        loss = squared * functional.mse_loss(_log(ours), target) + log * functional.l1_loss(_log(ours), target)
-        return loss + linear * functional.l1_loss(ours, target.expm1()) / LOG_SCALE
+            return self.distance(log_of(ours), target, pair, progress)
+        squared_weight, absolute_weight, linear_weight = LOSSES[self.settings.loss]
+        squared = functional.mse_loss(log_of(ours), target)
+        absolute = functional.l1_loss(log_of(ours), target)
+        linear = functional.l1_loss(ours, target.expm1())
+        return squared_weight * squared + absolute_weight * absolute + linear_weight * linear / LOG_SCALE
 
 
-def _log(values: Tensor) -> Tensor:
-    """The authors' log curve, log1p(max(x, −0.1)): below 0 there is still a gradient."""
+def log_of(values: Tensor) -> Tensor:
+    """Log radiance of gain · radiance x, any shape, by the authors' curve log1p(max(x, −0.1)).
+
+    Between −0.1 and 0 there is still a gradient.
+    """
     return values.clamp_min(-0.1).log1p()
 
 
 def blur(texture: Tensor, size: tuple[int, int], sigma: float) -> Tensor:
-    """A periodic texture (H · W, C) convolved with a Gaussian of σ in texels, by its transfer exp(−2 π² σ² f²)."""
+    """A periodic texture (H · W, C) of a size (H, W), convolved with a Gaussian of σ in texels.
+
+    Its spectrum is multiplied by the Gaussian's, exp(−2 π² σ² f²).
+    """
     height, width = size
     device = texture.device
-    # Frequencies (H,) and (W // 2 + 1,).
-    down, across = torch.fft.fftfreq(height, device=device), torch.fft.rfftfreq(width, device=device)
-    transfer = (-2 * (math.pi * sigma) ** 2 * (down.square()[:, None] + across.square())).exp()[..., None]
+    down = torch.fft.fftfreq(height, device=device)  # (H,), frequencies
+    across = torch.fft.rfftfreq(width, device=device)  # (W // 2 + 1,)
+    squared_frequency = down.square()[:, None] + across.square()  # (H, W // 2 + 1)
+    gaussian = (-2 * (math.pi * sigma) ** 2 * squared_frequency).exp()
     spectrum = torch.fft.rfft2(texture.reshape(height, width, -1), dim=(0, 1))  # (H, W // 2 + 1, C)
-    return torch.fft.irfft2(spectrum * transfer, s=size, dim=(0, 1)).reshape(height * width, -1)
+    smooth = torch.fft.irfft2(spectrum * gaussian[..., None], s=size, dim=(0, 1))
+    return smooth.reshape(height * width, -1)
 
 
 class NeuMIPMaterial(Material):
@@ -225,14 +252,25 @@ class NeuMIPMaterial(Material):
         channels = networks.decoder.architecture.inputs - COUNTS[networks.directions]
         if table.shape != (sum(pyramid.counts), channels):
             raise InputError(f"a pyramid over {size} has {sum(pyramid.counts)} rows, not {tuple(table.shape)}")
-        architectures = [each.architecture for each in (networks.decoder, networks.offset) if each is not None]
-        reads = channels * (8 + (0 if offset is None else 4))  # eight texels of two levels, four of the offset's
+        decoder = networks.decoder.architecture
+        parameters, network_flops = decoder.parameters, decoder.flops
+        texels_read = 8  # of two levels
+        texture_channels = channels
+        texture_floats = table.numel()
+        if offset is not None and networks.offset is not None:
+            parameters += networks.offset.architecture.parameters
+            network_flops += networks.offset.architecture.flops
+            texels_read += 4
+            texture_channels += channels
+            texture_floats += offset.numel()
+        numbers_read = texels_read * channels  # each is multiplied and added
+        yuv_to_rgb = 2 * 9
         cost = DecoderCost(
-            parameters=sum(each.parameters for each in architectures),
-            texture_channels=channels * len(architectures),
-            texture_floats=table.numel() + (0 if offset is None else offset.numel()),
-            flops_per_sample=sum(each.flops for each in architectures) + 2 * reads + 2 * 9,  # and YUV to RGB
-            bytes_per_sample=reads * table.element_size(),
+            parameters=parameters,
+            texture_channels=texture_channels,
+            texture_floats=texture_floats,
+            flops_per_sample=network_flops + 2 * numbers_read + yuv_to_rgb,
+            bytes_per_sample=numbers_read * table.element_size(),
         )
         super().__init__(size, cost)
         self.networks = networks
@@ -293,8 +331,8 @@ class NeuMIP(Codec):
         progress = train(objective, fit, self.settings.steps, self.settings.patience)
         # As blurred in the last step, because the file holds what is looked up.
         pyramid, offset = objective.blurred(progress=progress)
-        levels_of = Pyramid(btf.shape, count).levels
-        texture = store_texture("pyramid", pyramid.detach(), objective.rounded_table, levels_of)
+        level_sizes = objective.pyramid.levels
+        texture = store_texture("pyramid", pyramid.detach(), objective.rounded_table, level_sizes)
         if offset is not None and objective.rounded_offset is not None:
             texture |= store_texture("offset", offset.detach(), objective.rounded_offset, [btf.shape])
         other = {"gain": torch.tensor([gain]), "size": torch.tensor(btf.shape, dtype=torch.int32)}
@@ -305,8 +343,9 @@ class NeuMIP(Codec):
     def decode(self, parts: Parts, device: torch.device) -> Material:
         networks = load_network(self.objective.made_of(self.settings), parts.decoder)
         height, width = parts.other["size"].tolist()
-        levels = int(parts.other["levels"]) if "levels" in parts.other else None
-        if min(height, width) < 1 or not 1 <= (levels or 1) <= level_count((height, width)):
+        levels = int(parts.other["levels"]) if "levels" in parts.other else None  # None or 0: all of them
+        too_small = min(height, width) < 1
+        if too_small or (levels is not None and not 0 <= levels <= level_count((height, width))):
             raise ValueError(f"a pyramid of {levels} levels over {height} × {width} texels")
         pyramid = Pyramid((height, width), levels)
         offset = load_texture("offset", parts.texture, [(height, width)]) if self.settings.offset else None

@@ -78,7 +78,7 @@ class NeuralBTF(Codec):
         """Fit the textures and the networks, and store each texture under its own name."""
         fitting = fitted(NeuralBTFObjective, self.settings, btf, fit)
         texture: dict[str, Tensor] = {}
-        for name, values in fitting.free.items():
+        for name, values in fitting.textures.items():
             texture |= store_texture(name, values, fitting.roundings[name])
         return fitting.parts(texture)
 
@@ -86,14 +86,17 @@ class NeuralBTF(Codec):
         networks = load_network(Networks(self.settings), parts.decoder)
         textures = {name: load_texture(name, parts.texture) for name in names(self.settings)}
         size = (textures["level0"].shape[0], textures["level0"].shape[1])
-        for name, wanted in names(self.settings, size).items():
-            if textures[name].shape != (*wanted, self.settings.channels) or min(size) < 1:
+        for name, (rows, cols) in names(self.settings, size).items():
+            if textures[name].shape != (rows, cols, self.settings.channels) or min(size) < 1:
                 raise InputError(f"texture {name} of this file is not of {size[0]} × {size[1]} texels: encode it again")
         return NeuralBTFMaterial(networks, list(textures.values()), float(parts.other["gain"])).to(device)
 
 
 def names(settings: NeuralBTF.Settings, size: tuple[int, int] = (1, 1)) -> dict[str, tuple[int, int]]:
-    """The size of each texture of a picture (H, W) by name: the levels, the finest first, then the offset's."""
+    """The sizes (rows, columns) of the textures of a picture (H, W), by name.
+
+    They are "level0", the finest, "level1" and so on, and with an offset "offset".
+    """
     factors = {f"level{level}": 1 << level for level in range(settings.levels)}  # 2^level texels a point
     if settings.reduction:
         factors["offset"] = settings.reduction
@@ -104,16 +107,23 @@ def names(settings: NeuralBTF.Settings, size: tuple[int, int] = (1, 1)) -> dict[
 def harmonics(w: Tensor) -> Tensor:
     """The real spherical harmonics (n, 9) of degrees 0 to 2 of vectors (n, 3), as polynomials of x, y, z."""
     x, y, z = w.unbind(1)
-    # The factors that make them orthonormal over the sphere.
-    root = [math.sqrt(share / math.pi) for share in (1 / 4, 3 / 4, 15 / 4, 5 / 16, 15 / 16)]
-    second = [root[2] * x * y, -root[2] * y * z, root[3] * (3 * z * z - 1), -root[2] * x * z]
-    first = [torch.full_like(x, root[0]), -root[1] * y, root[1] * z, -root[1] * x]
-    return torch.stack([*first, *second, root[4] * (x * x - y * y)], 1)
+    # The factors make them orthonormal over the sphere.
+    constant = math.sqrt(1 / 4 / math.pi)
+    linear = math.sqrt(3 / 4 / math.pi)
+    mixed = math.sqrt(15 / 4 / math.pi)
+    zonal = math.sqrt(5 / 16 / math.pi)
+    squares = math.sqrt(15 / 16 / math.pi)
+    degree_0 = torch.full_like(x, constant)
+    degree_1 = [-linear * y, linear * z, -linear * x]
+    degree_2 = [mixed * x * y, -mixed * y * z, zonal * (3 * z * z - 1), -mixed * x * z, squares * (x * x - y * y)]
+    return torch.stack([degree_0, *degree_1, *degree_2], 1)
 
 
 def seen(wo: Tensor, wi: Tensor, kind: Inputs) -> Tensor:
-    """The network's inputs for two directions (n, 3): (n, 18), the light's first, or (n, 9), the view's first."""
-    if kind == "harmonics":  # of 2 ω − 1: the authors' encoder expects directions from 0 to 1, and is given ω itself
+    """The network's inputs for two directions (n, 3): harmonics (n, 18), the light's first, or xyz (n, 9) of view,
+    light and half vector."""
+    if kind == "harmonics":
+        # Of 2 ω − 1, as published: the authors' encoder expects numbers from 0 to 1, and is given ω itself.
         return torch.cat([harmonics(2 * wi - 1), harmonics(2 * wo - 1)], 1)
     return torch.cat(direction_inputs(wo, wi, kind), 1)
 
@@ -132,36 +142,47 @@ class Networks(nn.Module):
             self.gate = nn.Parameter(torch.zeros(1))
 
     def forward(self, textures: list[Tensor], uv: Tensor, wo: Tensor, directions: Tensor) -> Tensor:
-        """The output (n, 3) of textures (H, W, C), as `names`, at uv (n, 2), for a view (n, 3) and inputs of `seen`."""
-        if self.offset is not None:
-            *textures, texture = textures  # the offset's is the last
-            moved = self.offset(torch.cat([sample_texture(texture, uv), wo], 1)).tanh()
-            uv = uv + (self.gate * moved).to(uv.dtype)
-        return self.decoder(torch.cat([*(sample_texture(each, uv) for each in textures), directions], 1))
+        """The output (n, 3) at uv (n, 2), for views wo (n, 3) and inputs of `seen`.
 
-    def level(self, numbers: Tensor) -> Tensor:
-        """The log radiance (n, 3) of an answer: itself, or as published that of radiance × exposure."""
-        return (LOG_SCALE * numbers.clamp_min(0)).log1p() if self.settings.relative else numbers
+        Textures (H, W, C) are in the order of `names`.
+        """
+        levels = textures
+        if self.offset is not None:
+            *levels, offset_texture = textures
+            shift = self.offset(torch.cat([sample_texture(offset_texture, uv), wo], 1)).tanh()  # (n, 2)
+            uv = uv + (self.gate * shift).to(uv.dtype)
+        latents = [sample_texture(level, uv) for level in levels]
+        return self.decoder(torch.cat([*latents, directions], 1))
+
+    def level(self, outputs: Tensor) -> Tensor:
+        """The log radiance (n, 3) of outputs (n, 3), which as published are radiance × exposure, else log radiance."""
+        return (LOG_SCALE * outputs.clamp_min(0)).log1p() if self.settings.relative else outputs
 
 
 class NeuralBTFObjective(TextureObjective):
-    """The textures and the networks, all free."""
+    """The textures and the networks, all of them fitted."""
 
     def __init__(self, samples: Samples, settings: NeuralBTF.Settings, generator: torch.Generator):
         super().__init__(samples, settings)
         self.network: Networks = Networks(settings, generator)
-        mean = samples.mean(generator)
-        self.network.decoder.start_at(mean.expm1() / LOG_SCALE if settings.relative else mean)
-        self.free = nn.ParameterDict(first_textures(samples, settings, generator))
-        self.roundings: Any = nn.ModuleDict({name: Rounding(settings.channels, settings.bits) for name in self.free})
-        self.directions = nn.Buffer(seen(samples.wo, samples.wi, settings.directions), persistent=False)
+        first_output = samples.mean(generator)  # log radiance
+        if settings.relative:  # the network answers radiance × exposure
+            first_output = first_output.expm1() / LOG_SCALE
+        self.network.decoder.start_at(first_output)
+        self.textures = nn.ParameterDict(first_textures(samples, settings, generator))
+        self.roundings: Any = nn.ModuleDict()
+        for name in self.textures:
+            self.roundings[name] = Rounding(settings.channels, settings.bits)
+        directions = seen(samples.wo, samples.wi, settings.directions)
+        self.directions = nn.Buffer(directions, persistent=False)  # the network's inputs of each pair
 
     def rate(self, step: int, steps: int, group: int) -> float:
+        """The share of a group's highest rate at a step; without `decay` always all of it."""
         return super().rate(step, steps, group) if self.settings.decay else 1.0
 
     def answer(self, batch: Batch) -> Tensor:
         """The network's output at the texels and pairs of a batch."""
-        textures = [self.roundings[name](values) for name, values in self.free.items()]
+        textures = [self.roundings[name](values) for name, values in self.textures.items()]
         uv = self.samples.centres(batch.texel)
         wo = self.samples.wo[batch.pair]
         return self.network(textures, uv, wo, self.directions.index_select(0, batch.pair))
@@ -170,13 +191,17 @@ class NeuralBTFObjective(TextureObjective):
         return self.network.level(self.answer(batch))
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        """As published: squared error of radiance × exposure over the square of the answer, which is held constant."""
+        """The loss of log radiance; or as published the relative one of radiance × exposure.
+
+        That is the squared error over the square of the answer, which is held constant.
+        """
         if not self.settings.relative:
             return super().loss(generator, progress)
         batch = self.samples.draw(self.settings.batch, generator)
         ours = self.answer(batch)
         target = batch.target.expm1() / LOG_SCALE
-        return ((ours - target).square() / (ours.detach().square() + DARK)).mean()
+        scale = ours.detach().square() + DARK
+        return ((ours - target).square() / scale).mean()
 
 
 def first_textures(samples: Samples, settings: NeuralBTF.Settings, generator: torch.Generator) -> dict[str, Tensor]:
@@ -186,18 +211,18 @@ def first_textures(samples: Samples, settings: NeuralBTF.Settings, generator: to
     """
     sizes = names(settings, samples.shape)
     channels = settings.channels
+    textures: dict[str, Tensor] = {}
     if settings.start == "random":
-        textures = {}
         for name, size in sizes.items():
             spread = 0.0 if name == "offset" else FIRST
             textures[name] = spread * (2 * torch.rand(*size, channels, generator=generator) - 1)
         return textures
     latents = first_latents(samples, settings.levels * channels, settings.start, generator)
     picture = latents.T.unflatten(1, samples.shape)  # (levels · C, H, W)
-    parts = [*picture.split(channels), picture[:channels]]  # of the levels, then of the offset, if there is one
-    textures = {}
-    for (name, size), part in zip(sizes.items(), parts, strict=False):
-        mean = functional.adaptive_avg_pool2d(part, size)
+    channels_of_texture = {f"level{level}": part for level, part in enumerate(picture.split(channels))}
+    channels_of_texture["offset"] = picture[:channels]
+    for name, size in sizes.items():
+        mean = functional.adaptive_avg_pool2d(channels_of_texture[name], size)
         textures[name] = mean.permute(1, 2, 0).contiguous()  # (H, W, C)
     return textures
 
@@ -206,15 +231,17 @@ class NeuralBTFMaterial(Material):
     """The levels (H, W, C), the finest first, then the offset's texture if there is one, and the networks."""
 
     def __init__(self, networks: Networks, textures: list[Tensor], gain: float):
-        architectures = [each.architecture for each in (networks.decoder, networks.offset) if each is not None]
-        channels = sum(texture.shape[2] for texture in textures)
         size = (textures[0].shape[0], textures[0].shape[1])
+        network_flops = networks.decoder.architecture.flops
+        if networks.offset is not None:
+            network_flops += networks.offset.architecture.flops
+        numbers_read = 4 * sum(texture.shape[2] for texture in textures)  # four texels of each texture
         cost = DecoderCost(
             parameters=sum(p.numel() for p in networks.parameters()),
             texture_channels=sum(texture.shape[2] for texture in textures if texture.shape[:2] == size),
             texture_floats=sum(texture.numel() for texture in textures),
-            flops_per_sample=sum(each.flops for each in architectures) + 2 * 4 * channels,
-            bytes_per_sample=4 * channels * textures[0].element_size(),
+            flops_per_sample=network_flops + 2 * numbers_read,  # each is multiplied and added
+            bytes_per_sample=numbers_read * textures[0].element_size(),
         )
         super().__init__(size, cost)
         self.networks = networks
@@ -226,7 +253,7 @@ class NeuralBTFMaterial(Material):
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         textures = [getattr(self, f"texture{place}") for place in range(self.count)]
         settings = self.networks.settings
-        numbers = self.networks(textures, uv, wo, seen(wo, wi, settings.directions))
-        if settings.relative:
-            return numbers.to(at_least_float32(numbers.dtype)) * (LOG_SCALE / self.gain)
-        return to_radiance(numbers, self.gain)
+        outputs = self.networks(textures, uv, wo, seen(wo, wi, settings.directions))
+        if settings.relative:  # outputs are radiance × exposure, and the gain is LOG_SCALE · exposure
+            return outputs.to(at_least_float32(outputs.dtype)) * (LOG_SCALE / self.gain)
+        return to_radiance(outputs, self.gain)

@@ -70,7 +70,7 @@ class NTC(Codec):
 
         @property
         def architecture(self) -> Architecture:
-            inputs = 4 * self.fine + self.coarse + PLACE + COUNTS[self.directions]
+            inputs = 4 * self.fine + self.coarse + PLACE + COUNTS[self.directions]  # the finer grid at four points
             widths = (self.width,) * self.layers
             sine = self.activation == "sine"
             return Architecture(
@@ -81,8 +81,9 @@ class NTC(Codec):
         """Fit both grids and the network, and store the grids' codes, row by row, a few bits each."""
         bits = self.settings.bits
         fitting = fitted(NTCObjective, self.settings, btf, fit)
-        packed = (pack_bits(codes_of(grid, bits).flatten(), bits) for grid in fitting.free)
-        texture = dict(zip(GRIDS, packed, strict=True))
+        texture: dict[str, Tensor] = {}
+        for name, grid in zip(GRIDS, fitting.unrounded_grids, strict=True):
+            texture[name] = pack_bits(codes_of(grid, bits).flatten(), bits)
         return fitting.parts(texture, size=torch.tensor(btf.shape, dtype=torch.int32))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
@@ -93,23 +94,30 @@ class NTC(Codec):
         grids = []
         for name, (rows, cols) in zip(GRIDS, sizes(size, settings.reduction), strict=True):
             packed = parts.texture[name]
-            count = rows * cols * getattr(settings, name)
-            # The bytes of all codes, rounded up.
-            if min(size) < 1 or packed.shape != ((count * bits + 7) // 8,):
+            features = getattr(settings, name)  # a setting is named as its grid
+            count = rows * cols * features
+            expected_bytes = (count * bits + 7) // 8  # of all codes, rounded up
+            if min(size) < 1 or packed.shape != (expected_bytes,):
                 raise InputError(f"its {name} grid does not fit {size[0]} × {size[1]} texels: encode it again")
-            grids.append(values_of(unpack_bits(packed, count, bits), bits).reshape(rows * cols, -1))
+            values = values_of(unpack_bits(packed, count, bits), bits)
+            grids.append(values.reshape(rows * cols, -1))
         return NTCMaterial(network, size, grids, float(parts.other["gain"]), settings).to(device)
 
 
-def sizes(size: tuple[int, ...], reduction: int) -> tuple[tuple[int, int], ...]:
+def sizes(size: tuple[int, ...], reduction: int) -> tuple[tuple[int, int], tuple[int, int]]:
     """The sizes (rows, columns) of the finer and of the coarser grid of a picture (H, W)."""
-    # Rounded up, so that the grid covers the picture.
-    return tuple((-(-size[0] // each), -(-size[1] // each)) for each in (reduction, 2 * reduction))
+
+    def grid_size(texels_of_point: int) -> tuple[int, int]:
+        """Sides are rounded up, so that the grid covers the picture."""
+        return -(-size[0] // texels_of_point), -(-size[1] // texels_of_point)
+
+    return grid_size(reduction), grid_size(2 * reduction)
 
 
 def codes_of(values: Tensor, bits: int) -> Tensor:
     """Codes of `bits` bits, int64, of values from −1 to 1, any shape; values beyond are clamped."""
-    return ((values.detach().clamp(-1, 1) + 1) / 2 * (2**bits - 1)).round().long()
+    shares = (values.detach().clamp(-1, 1) + 1) / 2  # from 0 to 1
+    return (shares * (2**bits - 1)).round().long()
 
 
 def values_of(codes: Tensor, bits: int) -> Tensor:
@@ -120,10 +128,14 @@ def values_of(codes: Tensor, bits: int) -> Tensor:
 def encoded_places(size: tuple[int, ...]) -> Tensor:
     """The tiled encoding (H · W, 12) of each texel's place: triangle waves of 8, 4 and 2 texels, at two phases."""
     row, col = torch.meshgrid(*(torch.arange(side) + 0.5 for side in size), indexing="ij")
-    place = torch.stack([col, row], 2).flatten(0, 1)[:, None, :, None] / TILE  # (H · W, octave, axis, phase)
-    # In turns of each wave; the second phase is a quarter of a turn later. A wave is 1 in the middle of its turn.
-    turns = place * 2.0 ** torch.arange(OCTAVES)[:, None, None] + torch.tensor([0.0, 0.25])
-    return (1 - 4 * (turns - turns.floor() - 0.5).abs()).flatten(1)
+    # The axes of the next tensors are H · W, octaves, x and y, and phases.
+    place = torch.stack([col, row], 2).flatten(0, 1)[:, None, :, None] / TILE  # in tiles
+    octaves = 2.0 ** torch.arange(OCTAVES)[:, None, None]
+    phases = torch.tensor([0.0, 0.25])  # in turns of a wave
+    turns = place * octaves + phases
+    # A triangle wave is −1 where a turn begins, and 1 in its middle.
+    from_middle = (turns - turns.floor() - 0.5).abs()
+    return (1 - 4 * from_middle).flatten(1)
 
 
 def corners_of_texels(grid: tuple[int, int], size: tuple[int, ...]) -> tuple[Tensor, Tensor]:
@@ -131,18 +143,22 @@ def corners_of_texels(grid: tuple[int, int], size: tuple[int, ...]) -> tuple[Ten
 
     Places are counted in whole numbers. Those of floats would fall to either side of a point that they should meet.
     """
-    firsts, afters = [], []
+    firsts = []  # of rows, then of columns: the point before each texel
+    shares = []  # how far the texel is from this point to the next, from 0 to 1
     for points, side in zip(grid, size, strict=True):
         # Texel i lies (i + 1/2) · points / side − 1/2 points behind the first one, here in units of 1 / (2 · side).
         place = (2 * torch.arange(side) + 1) * points - side
         firsts.append(place.div(2 * side, rounding_mode="floor"))
-        afters.append(place.remainder(2 * side) / (2 * side))
+        shares.append(place.remainder(2 * side) / (2 * side))
     row, col = torch.meshgrid(*firsts, indexing="ij")  # (H, W)
-    below, right = torch.meshgrid(*afters, indexing="ij")
-    north, south = (each.remainder(grid[0]) * grid[1] for each in (row, row + 1))
-    west, east = (each.remainder(grid[1]) for each in (col, col + 1))
+    below, right = torch.meshgrid(*shares, indexing="ij")  # weights of the points below and at the right
     above, left = 1 - below, 1 - right
-    index = torch.stack([north + west, north + east, south + west, south + east], 2)
+    # The flat index of a point is the sum of that of its row's first point and of its column.
+    top = row.remainder(grid[0]) * grid[1]
+    bottom = (row + 1).remainder(grid[0]) * grid[1]
+    west = col.remainder(grid[1])
+    east = (col + 1).remainder(grid[1])
+    index = torch.stack([top + west, top + east, bottom + west, bottom + east], 2)
     weight = torch.stack([above * left, above * right, below * left, below * right], 2)
     return index.flatten(0, 1), weight.flatten(0, 1)
 
@@ -152,22 +168,25 @@ class Reader(nn.Module):
 
     def __init__(self, size: tuple[int, ...], reduction: int):
         super().__init__()
-        (fine, _), (coarse, weight) = (corners_of_texels(grid, size) for grid in sizes(size, reduction))
-        # Three of (H · W, 4), and the encoded places (H · W, 12).
-        self.fine, self.coarse, self.weight, self.place = (
-            nn.Buffer(values, persistent=False) for values in (fine, coarse, weight, encoded_places(size))
-        )
+        fine_grid, coarse_grid = sizes(size, reduction)
+        fine, _ = corners_of_texels(fine_grid, size)  # all four points enter the network, so they need no weights
+        coarse, weight = corners_of_texels(coarse_grid, size)
+        self.fine = nn.Buffer(fine, persistent=False)  # (H · W, 4)
+        self.coarse = nn.Buffer(coarse, persistent=False)  # (H · W, 4)
+        self.weight = nn.Buffer(weight, persistent=False)  # (H · W, 4), of the coarser grid's points
+        self.place = nn.Buffer(encoded_places(size), persistent=False)  # (H · W, 12)
 
     def forward(self, texel: Tensor, fine: Tensor, coarse: Tensor) -> Tensor:
-        """The numbers (n, 4 · F + C + 12) of texels (n,), of grids (points, F) and (points, C)."""
-        near = fine.index_select(0, self.fine[texel].flatten()).unflatten(0, (-1, 4)).flatten(1)  # (n, 4 · F)
-        around = coarse.index_select(0, self.coarse[texel].flatten()).unflatten(0, (-1, 4))  # (n, 4, C)
-        wide = (around * self.weight[texel][..., None].to(around.dtype)).sum(1)  # (n, C)
-        return torch.cat([near, wide, self.place[texel].to(near.dtype)], 1)
+        """The network's numbers (n, 4 · F + C + 12) of texels (n,), given the grids (points, F) and (points, C)."""
+        fine_points = fine.index_select(0, self.fine[texel].flatten()).unflatten(0, (-1, 4))  # (n, 4, F)
+        of_fine = fine_points.flatten(1)  # (n, 4 · F)
+        coarse_points = coarse.index_select(0, self.coarse[texel].flatten()).unflatten(0, (-1, 4))  # (n, 4, C)
+        of_coarse = (coarse_points * self.weight[texel][..., None].to(coarse_points.dtype)).sum(1)  # (n, C)
+        return torch.cat([of_fine, of_coarse, self.place[texel].to(of_fine.dtype)], 1)
 
 
 class NTCObjective(DirectedObjective):
-    """Both grids, (points, features), and the network, all free."""
+    """Both grids, (points, features), and the network, all of them fitted."""
 
     def __init__(self, samples: Samples, settings: NTC.Settings, generator: torch.Generator):
         super().__init__(samples, settings, generator)
@@ -175,21 +194,25 @@ class NTCObjective(DirectedObjective):
         channels = [settings.fine, settings.coarse]
         latents = first_latents(samples, sum(channels), settings.start, generator)
         first = latents.T.unflatten(1, samples.shape)  # (F + C, H, W)
-        both = zip(first.split(channels), sizes(samples.shape, settings.reduction), strict=True)
-        means = (functional.adaptive_avg_pool2d(part, size).flatten(1).T for part, size in both)
-        self.free = nn.ParameterList([nn.Parameter(grid.clamp(-1, 1).contiguous()) for grid in means])
+        self.unrounded_grids = nn.ParameterList()
+        for picture, size in zip(first.split(channels), sizes(samples.shape, settings.reduction), strict=True):
+            grid = functional.adaptive_avg_pool2d(picture, size).flatten(1).T  # (points, features)
+            self.unrounded_grids.append(nn.Parameter(grid.clamp(-1, 1).contiguous()))
 
     def grids(self, progress: float, generator: torch.Generator | None = None) -> list[Tensor]:
         """Both grids as they are read at some progress of the fit; a generator draws their noise."""
         bits, rounding = self.settings.bits, self.settings.rounding
         grids = []
-        for grid in self.free:
+        for grid in self.unrounded_grids:
             with torch.no_grad():
                 stored = values_of(codes_of(grid.clamp_(-1, 1), bits), bits)
-            if progress >= ROUNDED_FROM[rounding]:  # as published, noisy grids then stop moving
-                # Rounded ones go on: of `grid + (stored - grid).detach()` the gradient ignores the rounding.
-                grids.append(stored if rounding == "noise" else grid + (stored - grid).detach())
+            if progress >= ROUNDED_FROM[rounding]:
+                if rounding == "noise":  # as published, the grids then stop moving: `stored` has no gradient
+                    grids.append(stored)
+                else:  # of this sum, which is `stored`, the gradient ignores the rounding
+                    grids.append(grid + (stored - grid).detach())
             elif rounding == "noise" and generator is not None:
+                # Uniform noise as wide as the step between two codes.
                 noise = torch.rand(grid.shape, generator=generator).to(grid.device, non_blocking=True) - 0.5
                 grids.append(grid + noise * (2 / (2**bits - 1)))
             else:
@@ -206,18 +229,22 @@ class NTCObjective(DirectedObjective):
 
 
 def hashed(uv: Tensor) -> Tensor:
-    """A number (n, 1) from 0 to below 1 of each uv (n, 2): a fixed hash of its bits."""
+    """A number (n, 1) from 0 to below 1 of each uv (n, 2): a fixed hash of its bits, which looks random.
+
+    Odd factors and shifts mix the bits in 32-bit arithmetic; & 0xFFFFFFFF keeps 32 bits.
+    """
     bits = uv.float().contiguous().view(torch.int32).long() & 0xFFFFFFFF  # as if unsigned
     x = (bits[:, :1] * 0x85EBCA6B + bits[:, 1:] * 0xC2B2AE35) & 0xFFFFFFFF
     for shift in (16, 15):
         x = ((x ^ (x >> shift)) * 0x2C1B3C6D) & 0xFFFFFFFF
-    return (x ^ (x >> 12)).bitwise_and(0xFFFFFF).float() / (1 << 24)
+    lowest_24_bits = (x ^ (x >> 12)).bitwise_and(0xFFFFFF)  # as many as a float32 holds
+    return lowest_24_bits.float() / (1 << 24)
 
 
 class NTCMaterial(Material):
     """Two grids, (points, features), and the network, which answers the four texels around a place, one by one."""
 
-    one_texel = False
+    one_texel = False  # whether a query is answered by one texel, drawn at random, not by four
 
     def __init__(
         self, network: Decoder, size: tuple[int, ...], grids: list[Tensor], gain: float, settings: NTC.Settings
@@ -226,14 +253,16 @@ class NTCMaterial(Material):
         fine, coarse = grids
         channels = fine.shape[1] + coarse.shape[1]
         floats = fine.numel() + coarse.numel()
-        # Of four texels: the network, four points of the coarser grid, and three colours to be mixed.
-        flops = 4 * (architecture.flops + 2 * 4 * coarse.shape[1] + 6)
+        coarse_points = 2 * 4 * coarse.shape[1]  # four points, multiplied and added
+        mixed_colours = 2 * 3
+        flops_of_texel = architecture.flops + coarse_points + mixed_colours
+        numbers_of_texel = 4 * channels  # at four points of both grids
         cost = DecoderCost(
             parameters=architecture.parameters,
             texture_channels=channels,
             texture_floats=floats,
-            flops_per_sample=flops,
-            bytes_per_sample=4 * 4 * channels * fine.element_size(),
+            flops_per_sample=4 * flops_of_texel,  # of four texels
+            bytes_per_sample=4 * numbers_of_texel * fine.element_size(),
         )
         super().__init__((size[0], size[1]), cost)
         self.network = network
@@ -253,12 +282,13 @@ class NTCMaterial(Material):
         """The network answers each of four texels, or one that is drawn by their weights; their radiances are mixed."""
         texel, weight = texel_corners(self.size, uv)
         if self.one_texel:
-            # The first of the four whose running sum of weights is above the number: (n, 1).
-            drawn = (weight.cumsum(1)[:, :3] <= hashed(uv)).sum(1, keepdim=True)
-            texel = texel.gather(1, drawn)
+            # The first of the four whose running sum of weights is above the hash: (n, 1). The last needs no test.
+            corner = (weight.cumsum(1)[:, :3] <= hashed(uv)).sum(1, keepdim=True)
+            texel = texel.gather(1, corner)
             weight = torch.ones_like(weight[:, :1])
-        count = texel.shape[1]
+        count = texel.shape[1]  # texels a query
         directions = torch.cat(direction_inputs(wo, wi, self.directions), 1).repeat_interleave(count, 0)
         features = self.reader(texel.flatten(), self.fine, self.coarse)
-        texels = to_radiance(self.network(torch.cat([features, directions.to(features.dtype)], 1)), self.gain)
-        return (texels.clamp_min(0).unflatten(0, (-1, count)) * weight[..., None].to(texels.dtype)).sum(1)
+        outputs = self.network(torch.cat([features, directions.to(features.dtype)], 1))  # (n · count, 3)
+        texels = to_radiance(outputs, self.gain).clamp_min(0).unflatten(0, (-1, count))
+        return (texels * weight[..., None].to(texels.dtype)).sum(1)

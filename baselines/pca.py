@@ -16,7 +16,7 @@ from bench.inputs.settings import Count, Range
 from bench.material import DecoderCost, Material, at_least_float32, saturated
 from bench.metrics.display import exposure
 from bench.training import Bits, load_texture, round_after, store_texture
-from bench.training.quantise import pack, unpack
+from bench.training.quantise import FloatPrecision, pack, unpack
 from bench.training.svd import Factors, strongest
 
 LOG_GAIN = 8.0  # the suite's log domain: log1p(8 · exposure · x)
@@ -53,37 +53,45 @@ class PCA(Codec):
         """Coefficients (H, W, k), components (N, 3, k + 1), the mean first; of radiance k, the mean apart as floats."""
         log = self.settings.domain == "log"
         gain = LOG_GAIN * exposure(btf, fit.seed) if log else 1.0
-        # 12 bytes: three float32 a texel and pair. A fit to a scene always reads all.
-        large = 12 * len(btf) * btf.shape[0] * btf.shape[1] > LARGE and not fit.density
-        level = gain if log else None
-        factors = self._of_part(btf, fit, level) if large else self._of_all(btf, fit, level)
+        log_gain = gain if log else None  # None: radiance is decomposed as it is
+        matrix_bytes = 12 * len(btf) * btf.shape[0] * btf.shape[1]  # three float32 a texel and pair
+        if matrix_bytes > LARGE and not fit.density:  # a fit to a scene always reads all
+            factors = self._of_part(btf, fit, log_gain)
+        else:
+            factors = self._of_all(btf, fit, log_gain)
         bits = self.settings.bits
         texture = factors.coefficients.T.unflatten(0, btf.shape)  # (H, W, k)
         mean = factors.mean.reshape(-1, 3)  # (N, 3)
         basis = factors.basis.unflatten(0, (-1, 3))  # (N, 3, k)
-        # Some values, which tell how finely coefficients and components must be rounded.
-        pairs, values = probed(btf, fit, level)
-        known = mean[pairs].reshape(-1, 1)  # (3 · P, 1)
+        # Some values, (3 · P, texels), which tell how finely coefficients and components must be rounded.
+        pairs, values = probed(btf, fit, log_gain)
+        apart_mean = mean[pairs].reshape(-1, 1)  # (3 · P, 1), the mean that is no row of the components
         rows = basis[pairs].flatten(0, 1)  # (3 · P, k)
-        rounding = rounded_coefficients(texture, bits, known, rows, values)
+        rounding = rounded_coefficients(texture, bits, apart_mean, rows, values)
         coefficients = factors.coefficients  # (k, texels)
         decoder = dict[str, Tensor]()
         if log:  # the mean is one more component, whose coefficient is 1
             basis = torch.cat([mean[..., None], basis], 2)  # (N, 3, k + 1)
             rows = basis[pairs].flatten(0, 1)
             coefficients = functional.pad(coefficients, (0, 0, 1, 0), value=1.0)  # (k + 1, texels)
-            known = torch.zeros_like(known)
+            apart_mean = torch.zeros_like(apart_mean)
         else:  # its range is that of the highlights, so eight bits are too few
-            decoder = pack("mean", mean, "float32" if bits == 32 else "half")
-        of_basis = round_after(rows, bits, lambda each: known + each @ coefficients, values).fit_to(basis)
+            precision: FloatPrecision = "float32" if bits == 32 else "half"
+            decoder = pack("mean", mean, precision)
+
+        def answers(rows: Tensor) -> Tensor:
+            """The values (3 · P, texels) that components (3 · P, k or k + 1), the rows of the probed pairs, give."""
+            return apart_mean + rows @ coefficients
+
+        basis_rounding = round_after(rows, bits, answers, values).fit_to(basis)
         return Parts(
-            decoder=decoder | store_texture("basis", basis, of_basis),
+            decoder=decoder | store_texture("basis", basis, basis_rounding),
             texture=store_texture("coefficients", texture, rounding),
             other={"gain": torch.tensor([gain]), **pack_layout(btf.layout)},
         )
 
     def _of_all(self, btf: BTF, fit: Fit, gain: float | None, spare: int = 0) -> Factors:
-        """The components of all texels and pairs, `spare` ones beyond those requested."""
+        """The components of all texels and pairs: as many as requested, and `spare` more."""
         return principal(btf, fit, gain, self.settings.components + spare, self.settings.passes)
 
     def _of_part(self, btf: BTF, fit: Fit, gain: float | None) -> Factors:
@@ -93,22 +101,24 @@ class PCA(Codec):
         their coefficients at some texels, by least squares, which gives components of all pairs. The strongest of these
         are kept. Against a reading of everything the error of a row grows by 0.6 %.
         """
-        counts = ((len(btf), PART_PAIRS), (btf.shape[0] * btf.shape[1], PART_TEXELS))
-        # Some pairs and some texels at random, each in order.
-        orders = (torch.randperm(count, generator=fit.generator())[:most] for count, most in counts)
-        pairs, texels = (order.sort().values for order in orders)
+        # Some pairs and some texels at random, each in order; each draw starts from the seed of the fit.
+        pairs = torch.randperm(len(btf), generator=fit.generator())[:PART_PAIRS].sort().values
+        texel_count = btf.shape[0] * btf.shape[1]
+        texels = torch.randperm(texel_count, generator=fit.generator())[:PART_TEXELS].sort().values
         factors = self._of_all(btf.subset(pairs.numpy()), fit, gain, SPARE)
-        # (k + 1, texels): the mean is the first component, whose coefficient is 1. `solve` is (k + 1, texels), too.
-        known = functional.pad(factors.coefficients[:, texels].double(), (0, 0, 1, 0), value=1.0)
-        solve = torch.linalg.pinv(known).T.float()
-        place = np.divmod(texels.numpy(), btf.shape[1])  # rows and columns
-        rows = []
+        # The mean is the first component, whose coefficient is 1: (k + 1, texels).
+        coefficients = functional.pad(factors.coefficients[:, texels].double(), (0, 0, 1, 0), value=1.0)
+        # The least squares of values = coefficientsᵀ · components: solve · values, with solve (k + 1, texels).
+        solve = torch.linalg.pinv(coefficients).T.float()
+        rows, columns = np.divmod(texels.numpy(), btf.shape[1])
+        components = []
         for start in fit.progress(range(0, len(btf), PAIRS_AT_ONCE), "fitting each pair"):
-            some = btf.subset(np.arange(start, min(start + PAIRS_AT_ONCE, len(btf))))
-            values = torch.from_numpy(some.texels(*place)).flatten(1).to(fit.device)  # (texels, 3 · pairs)
-            # (k + 1, 3 · pairs), of radiance or of its logarithm.
-            rows.append(solve @ (values if gain is None else values.clamp_min_(0).mul_(gain).log1p_()))
-        table = torch.cat(rows, 1)  # (k + 1, 3 · N), the mean first
+            next_pairs = btf.subset(np.arange(start, min(start + PAIRS_AT_ONCE, len(btf))))
+            values = torch.from_numpy(next_pairs.texels(rows, columns)).flatten(1).to(fit.device)
+            if gain is not None:
+                values.clamp_min_(0).mul_(gain).log1p_()
+            components.append(solve @ values)  # (k + 1, 3 · pairs), of values (texels, 3 · pairs)
+        table = torch.cat(components, 1)  # (k + 1, 3 · N), the mean first
         return strongest(Factors(table[0], table[1:].T, factors.coefficients), self.settings.components)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
@@ -119,7 +129,8 @@ class PCA(Codec):
             table = torch.cat([unpack("mean", parts.decoder)[..., None], table], 2)
         if table.ndim != 3 or table.shape[2] != texture.shape[2] + 1:  # (N, 3, k + 1): the mean's coefficient is 1
             raise ValueError(f"components {tuple(table.shape)} for coefficients {tuple(texture.shape)}")
-        return PCAMaterial(texture, table, PairInterpolator(unpack_layout(parts.other, len(table))), gain).to(device)
+        interpolator = PairInterpolator(unpack_layout(parts.other, len(table)))
+        return PCAMaterial(texture, table, interpolator, gain).to(device)
 
 
 class PCAMaterial(ComponentsMaterial):
@@ -127,13 +138,17 @@ class PCAMaterial(ComponentsMaterial):
 
     def __init__(self, texture: Tensor, table: Tensor, interpolator: PairInterpolator, gain: float | None):
         components = texture.shape[2]
-        row = table[0].numel()
+        row = table[0].numel()  # numbers of a pair: 3 · (k + 1)
+        coefficients_read = 4 * components  # of four texels
+        table_read = interpolator.reads * row
+        # Each number that is read enters a weighted sum; the mixed row is then multiplied by the coefficients.
+        multiply_adds = coefficients_read + table_read + row
         cost = DecoderCost(
             texture_channels=components,
             texture_floats=texture.numel(),
             table_floats=table.numel(),
-            flops_per_sample=2 * (4 * components + interpolator.reads * row + row),
-            bytes_per_sample=4 * (4 * components + interpolator.reads * row),
+            flops_per_sample=2 * multiply_adds,
+            bytes_per_sample=4 * (coefficients_read + table_read),  # float32
         )
         super().__init__(texture, interpolator, gain, cost)
         self.table = table.flatten(1)
@@ -144,4 +159,5 @@ class PCAMaterial(ComponentsMaterial):
         rows = saturated(rows)  # shares in halves may add up to slightly more than 1
         # Products of halves may overflow a half with either sign, so they are added in float32.
         dtype = at_least_float32(rows.dtype)
-        return (rows.reshape(len(pair), 3, -1).to(dtype) * coefficients[:, None].to(dtype)).sum(-1)
+        components = rows.reshape(len(pair), 3, -1).to(dtype)  # (n, 3, k + 1)
+        return (components * coefficients[:, None].to(dtype)).sum(-1)

@@ -19,15 +19,20 @@ def half_and_difference(wo: Tensor, wi: Tensor, kind: Difference) -> tuple[Tenso
     if kind == "nearest":
         # The turn that takes h to z: w − (w · (h + z)) / (1 + h_z) (h + z) + 2 (w · h) z.
         z = torch.cat([torch.zeros_like(h[:, :2]), torch.ones_like(h[:, :1])], 1)
-        along = (wi * (h + z)).sum(1, keepdim=True) / (1 + h[:, 2:])
-        return h, wi - along * (h + z) + 2 * (wi * h).sum(1, keepdim=True) * z
+        share_of_sum = (wi * (h + z)).sum(1, keepdim=True) / (1 + h[:, 2:])
+        wi_h = (wi * h).sum(1, keepdim=True)
+        return h, wi - share_of_sum * (h + z) + 2 * wi_h * z
     # The turn about z by −φ, then about y by −θ, of h = (sin θ cos φ, sin θ sin φ, cos θ). Where h is z, φ is 0.
-    sine = torch.linalg.vector_norm(h[:, :2], dim=1, keepdim=True)
-    zenith = torch.cat([torch.ones_like(sine), torch.zeros_like(sine)], 1)
-    cos_phi, sin_phi = torch.where(sine > 0, h[:, :2] / sine, zenith).unbind(1)  # (n,) each
+    sin_theta = torch.linalg.vector_norm(h[:, :2], dim=1, keepdim=True)
+    cos_sin_of_0 = torch.cat([torch.ones_like(sin_theta), torch.zeros_like(sin_theta)], 1)
+    cos_phi, sin_phi = torch.where(sin_theta > 0, h[:, :2] / sin_theta, cos_sin_of_0).unbind(1)  # (n,) each
+    # The light after the first turn; its z stays.
     x = cos_phi * wi[:, 0] + sin_phi * wi[:, 1]
     y = cos_phi * wi[:, 1] - sin_phi * wi[:, 0]
-    return h, torch.stack([h[:, 2] * x - sine[:, 0] * wi[:, 2], y, (wi * h).sum(1)], 1)
+    # The light after the second turn; its y stays, and its z is the cosine between light and half vector.
+    turned_x = h[:, 2] * x - sin_theta[:, 0] * wi[:, 2]
+    turned_z = (wi * h).sum(1)
+    return h, torch.stack([turned_x, y, turned_z], 1)
 
 
 def places(directions: Tensor, resolution: int) -> Tensor:
@@ -35,18 +40,24 @@ def places(directions: Tensor, resolution: int) -> Tensor:
 
     −1 is the centre of the first texel and 1 that of the last, so that nothing wraps around.
     """
-    return (directions[:, :2].clamp(-1, 1) * (1 - 1 / resolution) + 1) / 2
+    # Half a texel is 1 / resolution of the plane from −1 to 1.
+    within_centres = directions[:, :2].clamp(-1, 1) * (1 - 1 / resolution)
+    return (within_centres + 1) / 2
 
 
 def blurring(side: int, sigma: float) -> Tensor:
-    """The kernel (side, side) that blurs one side of a plane by a Gaussian of σ texels; nothing wraps."""
-    apart = torch.arange(side)[:, None] - torch.arange(side)  # (side, side), in texels
-    kernel = (-0.5 * (apart / max(sigma, 1e-3)) ** 2).exp()
+    """The matrix (side, side) that blurs one side of a plane by a Gaussian of σ texels; nothing wraps.
+
+    Row i has the weights of all texels in the blurred texel i; they add up to 1.
+    """
+    distance = torch.arange(side)[:, None] - torch.arange(side)  # (side, side), in texels
+    # A σ of 0 blurs nothing; the least one has the same effect, and does not divide by 0.
+    kernel = (-0.5 * (distance / max(sigma, 1e-3)) ** 2).exp()
     return kernel / kernel.sum(1, keepdim=True)
 
 
 def blurred(planes: Tensor, kernel: Tensor) -> Tensor:
-    """Planes (p, side, side, C) blurred along both sides by a kernel (side, side) of `blurring`."""
+    """Planes (p, side, side, C) blurred along both sides by a matrix (side, side) of `blurring`."""
     # One side after the other, because einsum would first expand all four indices of both kernels.
     rows = torch.einsum("ia,pabc->pibc", kernel, planes)
     return torch.einsum("jb,pibc->pijc", kernel, rows)

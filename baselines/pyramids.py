@@ -29,20 +29,21 @@ def fitted_levels(btf: BTF, fit: Fit, count: int) -> int:
 def drawn(
     levels: Sequence[Samples], count: int, share: int, generator: torch.Generator
 ) -> tuple[Queries, Tensor, Tensor]:
-    """The queries, targets and directions (n,) of random samples.
+    """`count` random samples: their queries, their targets (count, 3), and their pairs of directions (count,).
 
     One of `share` is of a random coarser level, if there is one.
     """
     coarse = count // share if len(levels) > 1 else 0
-    batches = [(0, levels[0].draw(count - coarse, generator))]
+    batches = [levels[0].draw(count - coarse, generator)]
+    queries = [queries_of(levels, 0, batches[0])]
     if coarse:
         level = int(torch.randint(1, len(levels), (), generator=generator))
-        batches.append((level, levels[level].draw(coarse, generator)))
-    uv, wo, wi, whole = zip(*(queries_of(levels, *batch) for batch in batches), strict=True)  # of each batch
-    queries = torch.cat(uv), torch.cat(wo), torch.cat(wi), torch.cat(whole)
-    target = torch.cat([batch.target for _, batch in batches])
-    pair = torch.cat([batch.pair for _, batch in batches])
-    return queries, target, pair
+        batches.append(levels[level].draw(coarse, generator))
+        queries.append(queries_of(levels, level, batches[1]))
+    uv, wo, wi, level_of_detail = (torch.cat(parts) for parts in zip(*queries, strict=True))
+    target = torch.cat([batch.target for batch in batches])
+    pair = torch.cat([batch.pair for batch in batches])
+    return (uv, wo, wi, level_of_detail), target, pair
 
 
 def queries_of(levels: Sequence[Samples], level: int, batch: Batch) -> Queries:
@@ -56,7 +57,9 @@ def queries_of(levels: Sequence[Samples], level: int, batch: Batch) -> Queries:
     height, width = levels[0].shape
     row = batch.texel.div(samples.shape[1], rounding_mode="floor")
     col = batch.texel - row * samples.shape[1]
-    uv = torch.stack([(col + 0.5) * (factor / width), 1 - (row + 0.5) * (factor / height)], 1)
+    u = (col + 0.5) * (factor / width)
+    v = 1 - (row + 0.5) * (factor / height)  # rows count downwards
+    uv = torch.stack([u, v], 1)
     return uv, samples.wo[batch.pair], samples.wi[batch.pair], torch.full_like(batch.texel, level)
 
 
@@ -78,30 +81,37 @@ class Levels(nn.Module):
 
     def corners(self, uv: Tensor, level: Tensor) -> tuple[Tensor, Tensor]:
         """Rows of the table (n, 4) and bilinear weights (n, 4) around uv, at one level a query; see `bench.btf`."""
-        size = self.sizes[level]  # (n, 2), as place and first
-        # Half precision cannot address texels, so places are computed in float32 for any dtype.
+        size = self.sizes[level]  # (n, 2), as all pairs of row and column here
+        # The place in texels; whole numbers are texel centres. Half precision cannot address texels, so places are
+        # computed in float32 for any dtype.
         place = torch.stack([1 - uv[:, 1].float(), uv[:, 0].float()], 1) * size - 0.5
         first = place.detach().floor()
         shares = place - first
         first = first.long()
-        (top, left), (bottom, right) = first.remainder(size).unbind(1), (first + 1).remainder(size).unbind(1)
-        down, across = shares.unbind(1)
+        top, left = first.remainder(size).unbind(1)
+        bottom, right = (first + 1).remainder(size).unbind(1)
+        down, across = shares.unbind(1)  # the shares of the lower row and of the right column
         start = self.starts[level]
         width = size[:, 1]
-        upper, lower = start + top * width, start + bottom * width
+        upper, lower = start + top * width, start + bottom * width  # the row of the table of each row's first texel
         index = torch.stack([upper + left, upper + right, lower + left, lower + right], 1)
-        upper_share, left_share = 1 - down, 1 - across
-        return index, torch.stack([upper_share * left_share, upper_share * across, down * left_share, down * across], 1)
+        up, back = 1 - down, 1 - across  # the shares of the upper row and of the left column
+        weight = torch.stack([up * back, up * across, down * back, down * across], 1)
+        return index, weight
 
     def around(self, uv: Tensor, level: Tensor) -> tuple[Tensor, Tensor]:
-        """Rows of the table and weights, (n, 4) at whole numbers as levels (n,), (n, 8) between two at real ones."""
-        lower = level.long()
-        index, weight = self.corners(uv, lower)
+        """Rows of the table and their weights around uv (n, 2) at levels (n,).
+
+        Integers are levels: (n, 4). Floats may lie between two levels: (n, 8), four rows of each.
+        """
+        finer = level.long()
+        index, weight = self.corners(uv, finer)
         if level.is_floating_point():
-            share = (level - lower)[:, None]
-            upper, upper_weight = self.corners(uv, (lower + 1).clamp_max(len(self.levels) - 1))
-            index = torch.cat([index, upper], 1)
-            weight = torch.cat([weight * (1 - share), upper_weight * share], 1)
+            share = (level - finer)[:, None]
+            coarser = (finer + 1).clamp_max(len(self.levels) - 1)
+            coarser_index, coarser_weight = self.corners(uv, coarser)
+            index = torch.cat([index, coarser_index], 1)
+            weight = torch.cat([weight * (1 - share), coarser_weight * share], 1)
         return index, weight
 
 
@@ -114,8 +124,10 @@ def mixed(table: Tensor, index: Tensor, weight: Tensor) -> Tensor:
 def sampled(levels: Levels, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
     """Values (n, C) of a table at uv (n, 2), without a gradient: one bilinear fetch if all levels are the finest."""
     # A recording and a GPU take no branch: the first cannot, the second would have to wait for `level.any()`.
-    if not (torch.compiler.is_exporting() or is_gpu(uv.device) or level.any()):
-        return sample_texture(table[: levels.counts[0]].unflatten(0, levels.levels[0]), uv)
+    can_branch = not (torch.compiler.is_exporting() or is_gpu(uv.device))
+    if can_branch and not level.any():
+        finest = table[: levels.counts[0]].unflatten(0, levels.levels[0])  # (H, W, C)
+        return sample_texture(finest, uv)
     index, weight = levels.around(uv, level)
     return functional.embedding_bag(index, table, per_sample_weights=weight.to(table.dtype), mode="sum")
 
@@ -139,4 +151,4 @@ class Pyramid(Levels):
         """Values (n, C) of a table at uv (n, 2) in [0, 1], bilinear, periodic, and linear between two levels."""
         if not (table.requires_grad or uv.requires_grad):
             return sampled(self, table, uv, level)
-        return mixed(table, *self.around(uv, level))  # a bag's gradient would take longer
+        return mixed(table, *self.around(uv, level))  # the gradient of `sampled` would take longer

@@ -62,8 +62,9 @@ class Encoder(nn.Module):
         self.linear = nn.Linear(channels * length, latents)
         with torch.no_grad():
             for layer in (*self.convolutions, self.linear):
-                fan = layer.weight[0].numel()  # inputs of one output; the spread is that of He et al. 2015
-                layer.weight.normal_(0, (2 / fan) ** 0.5, generator=generator)
+                inputs_of_output = layer.weight[0].numel()
+                spread = (2 / inputs_of_output) ** 0.5  # He et al. 2015
+                layer.weight.normal_(0, spread, generator=generator)
                 layer.bias.zero_()
 
     def forward(self, abrdfs: Tensor) -> Tensor:
@@ -76,13 +77,15 @@ class Encoder(nn.Module):
 
 def statistics(abrdfs: Tensor) -> Tensor:
     """The mean and the deviation (n, 2, 3) of log ABRDFs (n, pairs, 3) over their pairs."""
-    return torch.stack([abrdfs.mean(1), abrdfs.std(1, correction=0).clamp_min(LEAST_DEVIATION)], 1)
+    deviation = abrdfs.std(1, correction=0).clamp_min(LEAST_DEVIATION)
+    return torch.stack([abrdfs.mean(1), deviation], 1)
 
 
 def encoded(encoder: nn.Module, abrdfs: Tensor, stats: Tensor) -> Tensor:
     """The latents (n, D) of log ABRDFs (n, pairs, 3) with their statistics (n, 2, 3)."""
     mean, deviation = stats.unbind(1)  # (n, 3) each
-    return encoder((abrdfs - mean[:, None]) / deviation[:, None])
+    normalised = (abrdfs - mean[:, None]) / deviation[:, None]
+    return encoder(normalised)
 
 
 def coordinates(wo: Tensor, wi: Tensor, directions: Directions = "stereographic") -> Tensor:
@@ -94,9 +97,10 @@ def coordinates(wo: Tensor, wi: Tensor, directions: Directions = "stereographic"
 
 
 def radiance(decoder: Decoder, rows: Tensor, where: Tensor) -> Tensor:
-    """Log radiance (n, 3) of latents and statistics (n, D + 6) at coordinates of directions (n, k)."""
+    """Log radiance (n, 3) of rows (n, D + 6) of latents and statistics, at coordinates (n, k) of directions."""
     latents, mean, deviation = rows.tensor_split([-STATISTICS, -3], dim=1)  # (n, D), (n, 3), (n, 3)
-    return mean + deviation * decoder(torch.cat([latents, where], 1))
+    normalised = decoder(torch.cat([latents, where], 1))
+    return mean + deviation * normalised
 
 
 @dataclass(frozen=True)
@@ -114,15 +118,17 @@ class Fitted(TextureObjective):
     """The fit of a decoder, whatever makes its latents; each texel's statistics are taken from the data."""
 
     network: Decoder
-    coordinates: Tensor  # (pairs, k): the decoder's inputs of each pair
+    coordinates: (
+        Tensor  # (pairs, k): the decoder's inputs of each pair, for `where`; subclasses set it or override that
+    )
 
     def __init__(self, samples: Samples, decoder: Decoder, settings: RainerSettings, fit: Fit):
         super().__init__(samples, settings)
         self.network = decoder
         blocks = torch.arange(samples.texels, device=fit.device).split(BLOCK)
-        stats = [statistics(samples.abrdfs(block)) for block in fit.progress(blocks, "texel statistics")]
+        of_blocks = [statistics(samples.abrdfs(block)) for block in fit.progress(blocks, "texel statistics")]
         # (texels, 2, 3): mean and deviation of each texel's log ABRDF.
-        self.statistics = nn.Buffer(torch.cat(stats), persistent=False)
+        self.statistics = nn.Buffer(torch.cat(of_blocks), persistent=False)
 
     def where(self, batch: Batch) -> Tensor:
         """The decoder's coordinates (n, k) of the pairs of a batch."""
@@ -161,8 +167,8 @@ class Autoencoder(Fitted):
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         """Log radiance (n, 3) at a batch; each of its texels is encoded once, without a gradient."""
-        texel, place = batch.texel.unique(return_inverse=True)
-        return self.decode(self.encode(texel)[place], batch)
+        distinct_texels, place = batch.texel.unique(return_inverse=True)  # `place` (n,) is where each is among these
+        return self.decode(self.encode(distinct_texels)[place], batch)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss at a few random texels, each encoded once and decoded at several random pairs."""
@@ -170,7 +176,7 @@ class Autoencoder(Fitted):
         texel = torch.randint(self.samples.trained, (settings.texels,), generator=generator)
         texel = texel.to(self.samples.device, non_blocking=True)
         batch = self.samples.draw_at(texel.repeat_interleave(settings.pairs), generator)
-        latents = self.latents(texel).repeat_interleave(settings.pairs, 0)
+        latents = self.latents(texel).repeat_interleave(settings.pairs, 0)  # (texels · pairs, D)
         return distance(self.decode(latents, batch), batch.target, settings.loss)
 
 
@@ -178,9 +184,9 @@ class RainerMaterial(Material):
     """A texture (H, W, D + 6) of latents, means and deviations, fetched bilinearly, and the decoder."""
 
     def __init__(self, decoder: Decoder, texture: Tensor, gain: float, directions: Directions = "stereographic"):
-        shape = decoder.architecture
-        flops = shape.flops + 6  # and three multiply-adds with mean and deviation
-        cost = DecoderCost.of_texture(texture, shape.parameters, flops)
+        architecture = decoder.architecture
+        statistics_flops = 2 * 3  # times the deviation, plus the mean
+        cost = DecoderCost.of_texture(texture, architecture.parameters, architecture.flops + statistics_flops)
         super().__init__((texture.shape[0], texture.shape[1]), cost)
         self.decoder = decoder
         self.texture = texture

@@ -64,9 +64,10 @@ class Rainer2019(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         samples = Samples(btf, gain_of(btf, fit), fit)
-        fitting = (Encoded if self.settings.start == "encoder" else Free)(samples, self.settings, fit)
+        objective = Encoded if self.settings.start == "encoder" else FreeLatents
+        fitting = objective(samples, self.settings, fit)
         train(fitting, fit, self.settings.steps, self.settings.patience)
-        texture, rounding = fitting.stored(fit)
+        texture, rounding = fitting.stored_texture(fit)
         return fitting.parts(store_texture("latents", texture.reshape(*btf.shape, -1), rounding))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
@@ -87,16 +88,17 @@ class Encoded(rainer.Autoencoder):
         super().__init__(samples, encoder, Decoder(settings.architecture, generator), settings, fit)
         self.coordinates = rainer.coordinates(samples.wo, samples.wi, settings.directions)
 
-    def stored(self, fit: Fit) -> tuple[Tensor, Rounding]:
+    def stored_texture(self, fit: Fit) -> tuple[Tensor, Rounding]:
         """The final texture (texels, D + 6) of the encoder, and its rounding."""
         texels = torch.arange(self.samples.texels, device=fit.device)
         texture = torch.cat([self.encode(texels), self.statistics.flatten(1)], 1)
         batch = self.samples.draw(ROUNDING_SAMPLES, fit.generator())
         bits = self.settings.bits
-        return texture, round_after(texture, bits, lambda values: self.answers(values, batch), batch.target)
+        rounding = round_after(texture, bits, lambda values: self.answers(values, batch), batch.target)
+        return texture, rounding
 
 
-class Free(rainer.Fitted):
+class FreeLatents(rainer.Fitted):
     """The decoder and free latents, without an encoder; the file holds no encoder in either case."""
 
     settings: Rainer2019.Settings
@@ -104,20 +106,20 @@ class Free(rainer.Fitted):
     def __init__(self, samples: Samples, settings: Rainer2019.Settings, fit: Fit):
         generator = fit.generator()
         super().__init__(samples, Decoder(settings.architecture, generator), settings, fit)
-        self.texture = nn.Parameter(first_latents(samples, settings.latents, "components", generator))
+        self.latents = nn.Parameter(first_latents(samples, settings.latents, "components", generator))  # (texels, D)
         self.coordinates = rainer.coordinates(samples.wo, samples.wi, settings.directions)
         self.rounding = Rounding(settings.latents + rainer.STATISTICS, settings.bits)
 
-    def whole(self) -> Tensor:
+    def texture(self) -> Tensor:
         """The texture (texels, D + 6) of latents and statistics."""
-        return torch.cat([self.texture, self.statistics.flatten(1)], 1)
+        return torch.cat([self.latents, self.statistics.flatten(1)], 1)
 
-    def stored(self, fit: Fit) -> tuple[Tensor, Rounding]:
-        """That texture, and its rounding, which the fit knew."""
-        return self.whole(), self.rounding
+    def stored_texture(self, fit: Fit) -> tuple[Tensor, Rounding]:
+        """The final texture (texels, D + 6), and the rounding that it was fitted with."""
+        return self.texture(), self.rounding
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        return self.answers(self.rounding(self.whole()), batch)
+        return self.answers(self.rounding(self.texture()), batch)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss at as many random samples as the encoder's fit decodes in a step."""

@@ -92,7 +92,8 @@ class Rainer2020(Codec):
 
         def answers(texture: Tensor) -> Tensor:
             """Log radiance (n, 3) of a texture (H · W, D + 6) at the samples of `batch`."""
-            return rainer.radiance(coder.decoder, texture.index_select(0, batch.texel), where)
+            rows = texture.index_select(0, batch.texel)
+            return rainer.radiance(coder.decoder, rows, where)
 
         rounding = round_after(texture, self.settings.bits, answers, batch.target)
         return Parts(
@@ -110,15 +111,21 @@ class Rainer2020(Codec):
 
 
 def canonical_pairs() -> Layout:
-    """The pairs that the encoder sees: a product of evenly thinned directions of UBO2003."""
-    side = ubo2003()[thin(ubo2003(), CANONICAL)]
-    return Layout.of(np.repeat(side, CANONICAL, 0), np.tile(side, (CANONICAL, 1)))  # each with each
+    """The pairs that the encoder sees: each of some directions as the view with each as the light.
+
+    The directions are evenly thinned ones of UBO2003.
+    """
+    directions = ubo2003()[thin(ubo2003(), CANONICAL)]  # (CANONICAL, 3)
+    wo = np.repeat(directions, CANONICAL, 0)
+    wi = np.tile(directions, (CANONICAL, 1))
+    return Layout.of(wo, wi)
 
 
 def decoder_of(network: TrainedNetwork) -> Decoder:
     """The decoder of a trained network."""
     settings = Rainer2020Network(**network.settings).settings
-    return load_network(Decoder(rainer.architecture(settings.latents, settings.activation)), network.parts.decoder)
+    architecture = rainer.architecture(settings.latents, settings.activation)
+    return load_network(Decoder(architecture), network.parts.decoder)
 
 
 class Coder(torch.nn.Module):
@@ -136,6 +143,7 @@ class Coder(torch.nn.Module):
         self.encoder = load_network(rainer.Encoder(len(canonical.view), settings.latents), stored)
         self.decoder = decoder_of(network)
         self.resampled = Resampler(samples.btf.layout, canonical)
+        # P pairs of the material, evenly spread over all, and their coordinates for the decoder.
         count = min(samples.pairs, CHECKED)
         self.checked = nn.Buffer(torch.linspace(0, samples.pairs - 1, count).round().long())  # (P,)
         self.where = nn.Buffer(rainer.coordinates(samples.wo, samples.wi).cpu()[self.checked])  # (P, 4)
@@ -148,20 +156,22 @@ class Coder(torch.nn.Module):
         are nearer to the ABRDF than its mean, and not far too bright; else the mean of the material's own pairs, and 0.
         """
         canonical = self.resampled(abrdfs)  # (n, C, 3)
-        own = rainer.statistics(abrdfs)  # (n, 2, 3): mean and deviation
-        stats = rainer.statistics(canonical)
+        stats = rainer.statistics(canonical)  # (n, 2, 3): mean and deviation
         latents = rainer.encoded(self.encoder, canonical, stats)
         count = len(self.where)
         where = self.where.repeat(len(latents), 1)  # (n · P, 4)
         rows = torch.cat([latents, stats.flatten(1)], 1).repeat_interleave(count, 0)  # (n · P, D + 6)
         answers = rainer.radiance(self.decoder, rows, where).unflatten(0, (-1, count))  # (n, P, 3)
         truth = abrdfs[:, self.checked]  # (n, P, 3)
-        mean = own[:, :1]  # (n, 1, 3)
-        usable = (answers - truth).square().mean(1) <= (mean - truth).square().mean(1)  # (n, 3), by channel
+        mean = abrdfs.mean(1, keepdim=True)  # (n, 1, 3), of the material's own pairs
+        error = (answers - truth).square().mean(1)  # (n, 3), by channel
+        mean_error = (mean - truth).square().mean(1)
+        usable = error <= mean_error
         # One answer that is far too bright would shine for every texel around it.
         usable &= answers.amax(1).expm1() <= FIREFLY * abrdfs.amax(1).expm1()
-        plain = torch.cat([mean, torch.zeros_like(mean)], 1)  # (n, 2, 3)
-        return torch.cat([latents, stats.where(usable[:, None], plain).flatten(1)], 1)
+        mean_alone = torch.cat([mean, torch.zeros_like(mean)], 1)  # (n, 2, 3): the mean, and a deviation of 0
+        stored_stats = stats.where(usable[:, None], mean_alone)
+        return torch.cat([latents, stored_stats.flatten(1)], 1)
 
 
 class Resampler(torch.nn.Module):
@@ -170,66 +180,75 @@ class Resampler(torch.nn.Module):
     def __init__(self, layout: Layout, target: Layout):
         super().__init__()
         wo, wi = target.views[target.view], target.lights[target.light]
-        taps = PairInterpolator(layout)(torch.from_numpy(wo), torch.from_numpy(wi))
-        self.sample, self.weight = nn.Buffer(taps.sample), nn.Buffer(taps.weight)
+        around = PairInterpolator(layout)(torch.from_numpy(wo), torch.from_numpy(wi))
+        # (C, k): the k pairs of the layout around each pair of the target, and their weights.
+        self.sample, self.weight = nn.Buffer(around.sample), nn.Buffer(around.weight)
 
     def forward(self, abrdfs: Tensor) -> Tensor:
-        """Log ABRDFs (n, N, 3) at the target's C pairs: (n, C, 3).
-
-        `sample` and `weight` are (C, k): the k pairs around each target. One after the other is added, in radiance.
-        """
+        """Log ABRDFs (n, N, 3) at the target's C pairs: (n, C, 3)."""
         radiance = abrdfs.expm1()
-        each = zip(self.sample.unbind(1), self.weight.unbind(1), strict=True)
-        return sum(radiance[:, sample] * weight[:, None] for sample, weight in each).log1p()  # type: ignore[union-attr]
+        total = torch.zeros((), device=abrdfs.device)
+        # One of the k pairs after the other, because all at once would take k times the memory.
+        for sample, weight in zip(self.sample.unbind(1), self.weight.unbind(1), strict=True):
+            total = total + radiance[:, sample] * weight[:, None]
+        return total.log1p()
 
 
 class Pool(Samples):
     """Some texels of many BTFs: log ABRDFs at the canonical pairs to encode, and at other pairs to answer for.
 
-    Those of `fit.unseen` come last, for the curve. Pair p of texel t has the coordinates `where[material[t], p]`.
+    Of each BTF there are at most `most` texels. Those of `fit.unseen` come last, for the curve. Pair p of texel t has
+    the coordinates `where[material[t], p]`.
     """
 
     def __init__(self, btfs: Sequence[BTF], canonical: Layout, most: int, fit: Fit):
+        # `Samples.__init__` would read one BTF. This holds parts of several, in the same attributes.
         generator = fit.generator()
         device = fit.device
-        every = fit.progress([*btfs, *fit.unseen], "materials")
-        drawn = [_drawn(btf, canonical, most, generator, fit) for btf in every]
-        inputs, targets, where = zip(*drawn, strict=True)
+        materials = [
+            _training_texels(btf, canonical, most, generator, fit)
+            for btf in fit.progress([*btfs, *fit.unseen], "materials")
+        ]
+        inputs, targets, where = zip(*materials, strict=True)  # of each the tensors of all materials
         self.device = device
         self.inputs = torch.cat(inputs)  # (texels, C, 3)
         self.table = torch.cat(targets)  # (texels, TARGETS, 3)
         self.texels = len(self.inputs)
         self.pairs = TARGETS
         self.where = torch.stack(where)  # (materials, TARGETS, 4)
-        counts = torch.tensor([len(texels) for texels in inputs], device=device)
+        counts = torch.tensor([len(abrdfs) for abrdfs in inputs], device=device)  # texels of each material
         self.trained = int(counts[: len(btfs)].sum())
-        self.material = torch.arange(len(drawn), device=device).repeat_interleave(counts)
+        self.material = torch.arange(len(materials), device=device).repeat_interleave(counts)  # (texels,)
 
     def abrdfs(self, texel: Tensor) -> Tensor:
         """The log ABRDFs (n, C, 3) of some texels (n,) at the canonical pairs, not at those that `at` answers for."""
         return self.inputs[texel].float()
 
 
-def _drawn(
+def _training_texels(
     btf: BTF, canonical: Layout, most: int, generator: torch.Generator, fit: Fit
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """For some texels: inputs of the encoder (n, C, 3), targets (n, TARGETS, 3) and their coordinates (TARGETS, 4)."""
+    """Of n random texels the inputs of the encoder, (n, C, 3), and the targets of the decoder, (n, TARGETS, 3).
+
+    The last tensor has the coordinates (TARGETS, 4) of the targets' pairs.
+    """
     texel = torch.randperm(btf.shape[0] * btf.shape[1], generator=generator)[:most].to(fit.device)
-    given = btf.subset(btf.split().train)
-    queried = btf.subset(_target_pairs(btf, generator))
-    gain = gain_of(given, fit)
-    resampled = Resampler(given.layout, canonical).to(fit.device)
-    samples = Samples(given, gain, fit)
-    inputs = torch.cat([resampled(samples.abrdfs(block)).half() for block in texel.split(rainer.BLOCK)])
-    targets = Samples(queried, gain, fit)
-    return inputs, targets.abrdfs(texel).half(), rainer.coordinates(targets.wo, targets.wi)
+    input_pairs = btf.subset(btf.split().train)  # as when the material itself is encoded
+    target_pairs = btf.subset(_target_pairs(btf, generator))
+    gain = gain_of(input_pairs, fit)
+    resampler = Resampler(input_pairs.layout, canonical).to(fit.device)
+    input_samples = Samples(input_pairs, gain, fit)
+    inputs = [resampler(input_samples.abrdfs(block)).half() for block in texel.split(rainer.BLOCK)]
+    target_samples = Samples(target_pairs, gain, fit)
+    targets = target_samples.abrdfs(texel).half()
+    return torch.cat(inputs), targets, rainer.coordinates(target_samples.wo, target_samples.wi)
 
 
 def _target_pairs(btf: BTF, generator: torch.Generator) -> np.ndarray:
     """`TARGETS` pairs: held-out ones if the BTF declares them, else any; repeated in turns if there are fewer."""
     pairs = np.arange(len(btf)) if btf.heldout is None else np.flatnonzero(btf.heldout)
-    # `resize` cuts the random order to `TARGETS`, or repeats it.
-    return pairs[np.resize(torch.randperm(len(pairs), generator=generator).numpy(), TARGETS)]
+    order = torch.randperm(len(pairs), generator=generator).numpy()
+    return pairs[np.resize(order, TARGETS)]  # `resize` cuts the random order, or repeats it
 
 
 class Rainer2020Objective(rainer.Autoencoder):

@@ -49,8 +49,9 @@ class SVBRDF(Codec):
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Fit the maps, and store their codes (H, W, 7), eight bits each, and the factor on the radiance."""
         fitting = fitted(MapsObjective, self.settings, btf, fit)
-        codes = codes_of(fitting.maps(fitting.free.detach())).reshape(*btf.shape, STORED)
-        other = {"scale": fitting.scale.detach().exp().cpu(), "size": torch.tensor(btf.shape, dtype=torch.int32)}
+        maps = fitting.maps(fitting.numbers.detach())
+        codes = codes_of(maps).reshape(*btf.shape, STORED)
+        other = {"scale": fitting.log_scale.detach().exp().cpu(), "size": torch.tensor(btf.shape, dtype=torch.int32)}
         return Parts(texture={"maps": compress(codes, [8] * STORED)}, other=other)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
@@ -61,62 +62,81 @@ class SVBRDF(Codec):
 
 def shaded(maps: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
     """f_r · cos θ_i (n, 3) of texels' maps (n, `CHANNELS`); their normals are normalised here."""
-    normal = maps[:, 3:6] / maps[:, 3:6].square().sum(1, keepdim=True).clamp_min(1e-12).sqrt()
+    length = maps[:, 3:6].square().sum(1, keepdim=True).clamp_min(1e-12).sqrt()
+    normal = maps[:, 3:6] / length
     x, y, z = normal.unbind(1)
-    side = (1 - x * x).clamp_min(1e-6).sqrt()  # the length of the x axis without its part along the normal
+    tangent_length = (1 - x * x).clamp_min(1e-6).sqrt()  # of the x axis without its part along the normal
 
     def local(w: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """A direction along the tangent, x dropped onto the surface, the bitangent and the normal."""
-        n = (w * normal).sum(1)
-        return (w[:, 0] - x * n) / side, (z * w[:, 1] - y * w[:, 2]) / side, n
+        """The parts (n,) of directions (n, 3) along the tangent, the bitangent and the normal.
+
+        The tangent is the x axis without its part along the normal, at length 1; the bitangent is normal × tangent.
+        """
+        along_normal = (w * normal).sum(1)
+        along_tangent = (w[:, 0] - x * along_normal) / tangent_length
+        along_bitangent = (z * w[:, 1] - y * w[:, 2]) / tangent_length
+        return along_tangent, along_bitangent, along_normal
 
     # `brdf` has the axis of colours first.
     values: dict[str, Any] = {"base": maps[:, :3].T, "roughness": maps[:, 6], "metalness": maps[:, 7]}
     points = brdf.points(local(wo), values | {"specular": 1.0, "anisotropy": 0.0})
     wo_wi = (wo * wi).sum(1)
     through, specular = brdf.reflect(points, local(wi), wo_wi)
-    return (points.diffuse * through + brdf.specular_colour(points, wo_wi) * specular).T
+    colours = points.diffuse * through + brdf.specular_colour(points, wo_wi) * specular  # (3, n)
+    return colours.T
 
 
 class MapsObjective(Objective):
-    """Seven free numbers a texel: logits of base colour, roughness and metalness, and two slopes of the normal."""
+    """Seven fitted numbers a texel, and the logarithm of a factor on the radiance.
+
+    The numbers are the logits of the base colour, two slopes of the normal, and the logits of roughness and metalness.
+    """
 
     def __init__(self, samples: Samples, settings: Any, generator: torch.Generator):
         super().__init__(samples, settings)
         albedo = _albedo(samples, generator)
-        # `or`: the maximum if the percentile is 0.
-        bright = float(np.percentile(albedo.cpu().numpy(), 90)) or float(albedo.max())
+        bright = float(np.percentile(albedo.cpu().numpy(), 90))
+        if bright == 0:  # most texels are black
+            bright = float(albedo.max())
+        bright = max(bright, DARK)
         # Measured data may have any unit, so a factor on the reflected radiance is fitted with the maps.
-        self.scale = nn.Parameter(torch.tensor([max(bright, DARK) / WHITE]).log())
-        base = (albedo * (WHITE / max(bright, DARK))).clamp(0.01, 0.99).logit()
-        # No slope, and the logits of roughness and metalness.
-        rest = torch.tensor([0, 0, *torch.tensor([ROUGHNESS, METALNESS]).logit()]).expand(len(base), 4)
-        self.free = nn.Parameter(torch.cat([base.cpu(), rest], 1))
+        self.log_scale = nn.Parameter(torch.tensor([bright / WHITE]).log())
+        base = (albedo * (WHITE / bright)).clamp(0.01, 0.99).logit()  # (texels, 3)
+        roughness, metalness = torch.tensor([ROUGHNESS, METALNESS]).logit()
+        # The normal has no slopes. These four numbers are the same for each texel.
+        rest = torch.tensor([0, 0, roughness, metalness]).expand(len(base), 4)
+        self.numbers = nn.Parameter(torch.cat([base.cpu(), rest], 1))
 
     def groups(self) -> list[ParameterGroup]:
         rate = self.settings.rate
-        return [{"params": [self.free], "lr": rate}, {"params": [self.scale], "lr": SCALE_RATE * rate}]
+        return [{"params": [self.numbers], "lr": rate}, {"params": [self.log_scale], "lr": SCALE_RATE * rate}]
 
-    def maps(self, free: Tensor) -> Tensor:
-        """The maps (n, `CHANNELS`) of free numbers (n, 7); normals are not normalised."""
-        return torch.cat([free[:, :3].sigmoid(), free[:, 3:5], torch.ones_like(free[:, :1]), free[:, 5:].sigmoid()], 1)
+    def maps(self, numbers: Tensor) -> Tensor:
+        """The maps (n, `CHANNELS`) of the fitted numbers (n, 7) of some texels; normals are not normalised."""
+        base_colour = numbers[:, :3].sigmoid()
+        normal_xy = numbers[:, 3:5]  # the slopes, for a z of 1
+        normal_z = torch.ones_like(numbers[:, :1])
+        roughness_metalness = numbers[:, 5:].sigmoid()
+        return torch.cat([base_colour, normal_xy, normal_z, roughness_metalness], 1)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        maps = self.maps(self.free.index_select(0, batch.texel))
+        maps = self.maps(self.numbers.index_select(0, batch.texel))
         radiance = shaded(maps, self.samples.wo[batch.pair], self.samples.wi[batch.pair])
-        return (self.samples.gain * self.scale.exp() * radiance).log1p()
+        return (self.samples.gain * self.log_scale.exp() * radiance).log1p()
 
 
 def _albedo(samples: Samples, generator: torch.Generator) -> Tensor:
     """The factor (texels, 3) by which a rough white plane is nearest to the texels, over some pairs."""
     pairs = torch.randperm(samples.pairs, generator=generator)[:SEEN].sort().values.to(samples.device)
-    # In the order of `CHANNELS`.
+    # White base colour, a flat normal, roughness 1, metalness 0: in the order of `CHANNELS`.
     white = torch.tensor([1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0], device=samples.device).expand(len(pairs), CHANNELS)
-    seen = shaded(white, samples.wo[pairs], samples.wi[pairs])[:, 0]  # (pairs,): white in each colour
-    # The least squares of radiance = factor · seen: Σ seen · radiance / Σ seen².
+    of_plane = shaded(white, samples.wo[pairs], samples.wi[pairs])[:, 0]  # (pairs,): one colour, as all are equal
+    # The least squares of radiance = factor · of_plane: Σ of_plane · radiance / Σ of_plane².
+    weights = of_plane / of_plane.square().sum()
     total = torch.zeros(samples.texels, 3, device=samples.device)
-    for pair, weight in zip(pairs.split(READ), (seen / seen.square().sum()).split(READ), strict=True):
-        total += (samples.slices(pair).expm1() * weight[:, None]).sum(1)  # of (texels, READ, 3)
+    for some_pairs, some_weights in zip(pairs.split(READ), weights.split(READ), strict=True):
+        radiance = samples.slices(some_pairs).expm1()  # (texels, READ, 3), times the gain
+        total += (radiance * some_weights[:, None]).sum(1)
     return total / samples.gain
 
 
@@ -136,6 +156,7 @@ def maps_of(codes: Tensor) -> Tensor:
     shares = codes.float() / 255
     colour = torch.from_numpy(decode_srgb(shares[:, :3].numpy())).float()
     xy = 2 * shares[:, 3:5] - 1
+    # The normal has length 1. Rounded or altered x and y may leave nothing for z, which stays above 0.
     z = (1 - xy.square().sum(1, keepdim=True)).clamp_min(1e-4).sqrt()
     return torch.cat([colour, xy, z, shares[:, 5:]], 1)
 
@@ -149,17 +170,21 @@ class MapsMaterial(Material):
         self.pyramid = Pyramid(size)
         self.scale = scale
         self.table = table = self.pyramid.table(maps_of(codes.flatten(0, 1)))
-        read = 8 * CHANNELS  # of four texels at two levels
+        numbers_read = 8 * CHANNELS  # of four texels at two levels
         cost = DecoderCost(
             texture_channels=CHANNELS,
             texture_floats=table.numel(),
-            flops_per_sample=FLOPS + 2 * read,
-            bytes_per_sample=read * table.element_size(),
+            flops_per_sample=FLOPS + 2 * numbers_read,  # each is multiplied and added
+            bytes_per_sample=numbers_read * table.element_size(),
         )
         super().__init__(size, cost)
 
     def maps(self) -> tuple[dict[str, np.ndarray], float]:
-        """The pictures as the file holds them; a normal from −1 to 1 is 0 to 255, its z computed."""
+        """The pictures (H, W, 3) or (H, W) as bytes, by the names that renderers use, and the factor on the radiance.
+
+        Base colour, roughness and metalness are the file's own codes. A normal from −1 to 1 is 0 to 255; its z is
+        computed.
+        """
         codes = self.codes.cpu()
         normal = maps_of(codes.flatten(0, 1))[:, 3:6].reshape(*self.size, 3)
         pictures = {

@@ -20,7 +20,9 @@ class Table(Codec):
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """All values as halves, (pairs, H, W, 3), over a scale that brings the largest of them into range."""
-        peak = max(float(np.abs(picture).max()) for picture in fit.progress(btf, "finding the range", len(btf)))
+        peak = 0.0
+        for picture in fit.progress(btf, "finding the range", len(btf)):
+            peak = max(peak, float(np.abs(picture).max()))
         scale = half_scale(peak)
         values = torch.empty(len(btf), *btf.shape, 3, dtype=torch.float16)
         for i, picture in enumerate(fit.progress(btf, total=len(btf))):
@@ -38,12 +40,12 @@ class TableMaterial(Material):
 
     def __init__(self, values: Tensor, interpolator: PairInterpolator, scale: float):
         pairs, height, width, channels = values.shape
-        reads = 4 * interpolator.reads * channels
+        numbers_read = 4 * interpolator.reads * channels  # of four texels at some pairs
         cost = DecoderCost(
             texture_channels=pairs * channels,
             texture_floats=values.numel(),
-            flops_per_sample=2 * reads,
-            bytes_per_sample=reads * values.element_size(),
+            flops_per_sample=2 * numbers_read,  # each is multiplied and added
+            bytes_per_sample=numbers_read * values.element_size(),
         )
         super().__init__((height, width), cost)
         self.values = values.reshape(-1, channels)
@@ -59,11 +61,11 @@ class TableMaterial(Material):
         pair, pair_weight = self.interpolator(wo, wi)
         # Rows of the flat table: H · W texels of the first pair, then of the second, and so on.
         row = pair[:, :, None] * (self.size[0] * self.size[1]) + texel[:, None, :]  # (n, P, 4)
+        row = row.flatten(1)  # (n, P · 4)
         weight = (pair_weight[:, :, None] * texel_weight[:, None, :].to(wo.dtype)).flatten(1)  # (n, P · 4)
         if self.values.dtype == weight.dtype:
-            rgb = functional.embedding_bag(row.flatten(1), self.values, per_sample_weights=weight, mode="sum")
+            rgb = functional.embedding_bag(row, self.values, per_sample_weights=weight, mode="sum")
         else:  # halves end at 65,504, and weights of grazing lights are above 1, so they are added in float32
-            # (n, P · 4, 3)
-            corners = self.values.index_select(0, row.flatten()).unflatten(0, (len(row), -1)).to(weight.dtype)
-            rgb = torch.einsum("nk,nkc->nc", weight, corners)
+            corners = self.values.index_select(0, row.flatten()).unflatten(0, row.shape)  # (n, P · 4, 3)
+            rgb = torch.einsum("nk,nkc->nc", weight, corners.to(weight.dtype))
         return rgb * self.scale

@@ -84,7 +84,7 @@ class TriplePlane(Codec):
 
 
 class TriplePlaneObjective(TextureObjective):
-    """The three planes and the network, all free."""
+    """The three planes and the network, all of them fitted."""
 
     texture_rate = "plane_rate"
 
@@ -96,23 +96,27 @@ class TriplePlaneObjective(TextureObjective):
         self.texture = nn.Parameter(first_latents(samples, channels, settings.start, generator))
         first = RANDOM_SPREAD * torch.randn(2, side, side, channels, generator=generator)
         if settings.start != "random":
-            # x and y of the direction that each texel of a plane stands for: row 0 is y = 1, as in a texture.
+            # The first two channels are x and y of the direction that each texel of a plane stands for: row 0 is y = 1,
+            # as in a texture.
             along = torch.linspace(-1, 1, side)
-            place = torch.stack([along.expand(side, side), -along[:, None].expand(side, side)], 2)  # (S, S, 2)
-            first[..., : min(2, channels)] = place[..., :channels]
-        self.free = nn.Parameter(first)
-        self.rounded_texture, self.rounded_planes = (Rounding(channels, settings.bits) for _ in range(2))
-        uv = [places(w, side).cpu() for w in half_and_difference(samples.wo, samples.wi, settings.difference)]
-        # The indices of both planes, and the weights of both; then one tensor (N, 2, 4) of each.
-        corners = zip(*(texel_corners((side, side), each) for each in uv), strict=True)
-        texel, weight = (torch.stack(both, 1) for both in corners)
-        texel += torch.tensor([[0], [side * side]])  # the second plane's rows follow those of the first
+            xy = torch.stack([along.expand(side, side), -along[:, None].expand(side, side)], 2)  # (S, S, 2)
+            first[..., : min(2, channels)] = xy[..., :channels]
+        self.direction_planes = nn.Parameter(first)  # over half vectors, and over difference vectors; not blurred
+        self.rounded_texture = Rounding(channels, settings.bits)
+        self.rounded_planes = Rounding(channels, settings.bits)
+        # The texels and the weights (N, 4) at which each pair's vector reads its plane.
+        h, d = half_and_difference(samples.wo, samples.wi, settings.difference)
+        h_texel, h_weight = texel_corners((side, side), places(h, side).cpu())
+        d_texel, d_weight = texel_corners((side, side), places(d, side).cpu())
+        texel = torch.stack([h_texel, d_texel + side * side], 1)  # the second plane's rows follow those of the first
+        weight = torch.stack([h_weight, d_weight], 1)
         self.kernel = nn.Buffer(blurring(side, settings.blur), persistent=False)
-        self.texel, self.weight = (nn.Buffer(each, persistent=False) for each in (texel, weight))  # (N, 2, 4)
+        self.texel = nn.Buffer(texel, persistent=False)  # (N, 2, 4)
+        self.weight = nn.Buffer(weight, persistent=False)  # (N, 2, 4)
 
     def planes(self) -> Tensor:
         """The planes (2, side, side, C) over the half and the difference vector, blurred."""
-        return blurred(self.free, self.kernel)
+        return blurred(self.direction_planes, self.kernel)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         """The network sees the features of texel, half vector and difference vector, in this order."""
@@ -132,8 +136,9 @@ class TriplePlaneMaterial(Material):
         channels = texture.shape[2]
         if any(plane.shape[2] != channels for plane in planes) or 3 * channels != architecture.inputs:
             raise ValueError(f"planes of {channels} channels for a network of {architecture.inputs} inputs")
-        flops = architecture.flops + 2 * 8 * channels  # and four texels of each plane over directions
-        cost = DecoderCost.of_texture(texture, architecture.parameters, flops)
+        plane_numbers_read = 2 * 4 * channels  # four texels of each of the two planes over directions
+        flops = architecture.flops + 2 * plane_numbers_read  # each is multiplied and added
+        cost = DecoderCost.of_texture(texture, architecture.parameters, flops)  # adds the texture's own reads
         cost = replace(cost, table_floats=sum(plane.numel() for plane in planes))
         super().__init__((texture.shape[0], texture.shape[1]), cost)
         self.network = network
@@ -144,8 +149,9 @@ class TriplePlaneMaterial(Material):
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         h, d = half_and_difference(wo, wi, self.difference)
-        planes = ((self.half, h), (self.diff, d))
         # Weights of halves may add up to a little more than 1.
-        fetched = [saturated(sample_texture(plane, places(w, len(plane)))) for plane, w in planes]
-        level = self.network(torch.cat([sample_texture(self.texture, uv), *fetched], 1))
+        of_half = saturated(sample_texture(self.half, places(h, len(self.half))))
+        of_difference = saturated(sample_texture(self.diff, places(d, len(self.diff))))
+        of_texel = sample_texture(self.texture, uv)
+        level = self.network(torch.cat([of_texel, of_half, of_difference], 1))
         return to_radiance(level, self.gain)

@@ -62,12 +62,12 @@ class Tucker(Codec):
         settings = self.settings
         layout = btf.layout
         gain = gain_of(btf, fit)
-        level = gain if settings.domain == "log" else None
-        factors = principal(btf, fit, level, OVERSAMPLED * settings.components, PASSES)
-        tensor, turn = _tensor(factors, layout)
-        ranks = _ranks(settings, layout)
-        texel, view, light, core = factored(tensor, (settings.components, *ranks), settings.alternations)
-        coefficients = turn.T @ texel  # (T, K)
+        log_gain = gain if settings.domain == "log" else None  # None: radiance is decomposed as it is
+        factors = principal(btf, fit, log_gain, OVERSAMPLED * settings.components, PASSES)
+        tensor, texel_basis = _tensor(factors, layout)
+        ranks = (settings.components, *_direction_ranks(settings, layout))
+        texel, view, light, core = factored(tensor, ranks, settings.alternations)
+        coefficients = texel_basis.T @ texel  # (T, K)
         # Coefficients in [−1, 1], as in `pca`, so that eight bits suit all slices of the core equally.
         scale = coefficients.abs().amax(0).clamp_min(torch.finfo(torch.float32).tiny)  # (K,)
         core[1:] *= scale[:, None, None, None]
@@ -75,16 +75,18 @@ class Tucker(Codec):
         core = core.permute(1, 2, 3, 0).contiguous()  # (J, M, 3, K + 1)
         coefficients = (coefficients / scale).reshape(*btf.shape, -1)  # (H, W, K)
         bits = settings.bits
-        pairs, values = probed(btf, fit, level)
-        joined = [mode[index[pairs]] for mode, index in zip((view, light), _modes(layout), strict=True)]
-        rows = torch.einsum("pj,pm,jmck->pck", *joined, core).flatten(0, 1)  # (3 · P, K + 1)
+        pairs, values = probed(btf, fit, log_gain)
+        view_index, light_index = _modes(layout)
+        views, lights = view[view_index[pairs]], light[light_index[pairs]]  # (P, J), (P, M)
+        rows = torch.einsum("pj,pm,jmck->pck", views, lights, core).flatten(0, 1)  # (3 · P, K + 1)
         rounding = rounded_coefficients(coefficients, bits, rows[:, :1], rows[:, 1:], values)
-        fine: FloatPrecision = "float32" if bits == 32 else "half"
+        precision: FloatPrecision = "float32" if bits == 32 else "half"
+        # One channel for each slice of the core, because their sizes differ by orders of magnitude.
+        decoder = store_texture("core", core, rounding_with_zero(core, bits))
+        decoder |= pack("view", view, precision)
+        decoder |= pack("light", light, precision)
         return Parts(
-            # One channel for each slice of the core, because their sizes differ by orders of magnitude.
-            decoder=store_texture("core", core, rounding_with_zero(core, bits))
-            | pack("view", view, fine)
-            | pack("light", light, fine),
+            decoder=decoder,
             texture=store_texture("coefficients", coefficients, rounding),
             other={"gain": torch.tensor([gain]), **pack_layout(layout)},
         )
@@ -94,12 +96,13 @@ class Tucker(Codec):
         core = load_texture("core", parts.decoder)
         view, light = unpack("view", parts.decoder), unpack("light", parts.decoder)
         layout = unpack_layout(parts.other)
-        index = _modes(layout)
-        wanted = (view.shape[1], light.shape[1], 3, texture.shape[2] + 1)
-        if core.shape != wanted or any(int(i.max()) >= len(f) for i, f in zip(index, (view, light), strict=True)):
-            raise ValueError(f"its core is {tuple(core.shape)}, but its factors need {wanted}")
+        view_index, light_index = _modes(layout)
+        core_shape = (view.shape[1], light.shape[1], 3, texture.shape[2] + 1)
+        beyond = int(view_index.max()) >= len(view) or int(light_index.max()) >= len(light)
+        if core.shape != core_shape or beyond:
+            raise ValueError(f"its core is {tuple(core.shape)}, but its factors need {core_shape}")
         gain = float(parts.other["gain"]) if self.settings.domain == "log" else None
-        modes = view[index[0]], light[index[1]]
+        modes = view[view_index], light[light_index]  # (N, J), (N, M), of all pairs
         return TuckerMaterial(texture, core, modes, PairInterpolator(layout), gain).to(device)
 
 
@@ -110,8 +113,11 @@ def _modes(layout: Layout) -> tuple[Tensor, Tensor]:
     return torch.from_numpy(layout.view).long(), torch.from_numpy(layout.light).long()
 
 
-def _ranks(settings: Tucker.Settings, layout: Layout) -> tuple[int, int]:
-    """The most components of the modes of views and of lights; pairs that form no product share one mode."""
+def _direction_ranks(settings: Tucker.Settings, layout: Layout) -> tuple[int, int]:
+    """The most components of the modes of views and of lights.
+
+    Pairs that form no product are one mode, as in `_modes`, whose components may be as many as those of both.
+    """
     if layout.grid is None:
         return min(settings.views * settings.lights, len(layout.view)), 1
     return min(settings.views, len(layout.views)), min(settings.lights, len(layout.lights))
@@ -134,14 +140,17 @@ def _tensor(factors: Factors, layout: Layout) -> tuple[Tensor, Tensor]:
 def leading(tensor: Tensor, mode: int, rank: int) -> Tensor:
     """The orthonormal basis (size, ≤ rank) of a mode that keeps most of the tensor's energy."""
     rows = tensor.movedim(mode, 0).flatten(1).double()  # (size, all others)
-    return torch.linalg.eigh(rows @ rows.T)[1].flip(1)[:, :rank].to(tensor.dtype)  # the last is the strongest
+    _, eigenvectors = torch.linalg.eigh(rows @ rows.T)
+    strongest_first = eigenvectors.flip(1)  # the last has the largest eigenvalue
+    return strongest_first[:, :rank].to(tensor.dtype)
 
 
 def factored(tensor: Tensor, ranks: tuple[int, int, int], alternations: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Bases of texels (k, K), views (V, J) and lights (L, M), and the core (K + 1, J, M, 3), of (k + 1, V, L, 3).
 
-    The first slice, the mean, is kept beside the texels' components. Each alternation finds the best basis of a mode
-    given the others: De Lathauwer, De Moor, Vandewalle, "On the best rank-1 and rank-(R₁, …, R_N) approximation", 2000.
+    K, J and M are at most the `ranks`. The tensor's first slice, the mean, is kept beside the texels' components. Each
+    alternation finds the best basis of a mode given the others: De Lathauwer, De Moor, Vandewalle, "On the best rank-1
+    and rank-(R₁, …, R_N) approximation", 2000.
     """
     view, light = leading(tensor, 1, ranks[1]), leading(tensor, 2, ranks[2])
     texel = leading(tensor[1:], 0, ranks[0])
@@ -151,14 +160,18 @@ def factored(tensor: Tensor, ranks: tuple[int, int, int], alternations: int) -> 
         light = leading(torch.einsum("kvlc,vj->kjlc", reduced, view), 2, ranks[2])
         texel = leading(torch.einsum("kvlc,vj,lm->kjmc", tensor[1:], view, light), 0, ranks[0])
     view, light, texel = _signed(view), _signed(light), _signed(texel)
-    core = torch.einsum("kvlc,vj,lm->kjmc", tensor, view, light)
-    return texel, view, light, torch.cat([core[:1], torch.einsum("kjmc,kK->Kjmc", core[1:], texel)])
+    reduced = torch.einsum("kvlc,vj,lm->kjmc", tensor, view, light)  # (k + 1, J, M, 3)
+    core = torch.cat([reduced[:1], torch.einsum("kjmc,kK->Kjmc", reduced[1:], texel)])
+    return texel, view, light, core
 
 
 def _signed(basis: Tensor) -> Tensor:
-    """A basis (size, ≤ size), each vector positive along 1, ½, ⅓, …: in a decomposition rounding decides the sign."""
-    along = 1 / torch.arange(1, len(basis) + 1, dtype=basis.dtype, device=basis.device)
-    return basis * torch.where(along @ basis < 0, -1.0, 1.0)
+    """A basis (size, ≤ size), each vector with the sign that makes its product with (1, ½, ⅓, …) positive.
+
+    A decomposition leaves the sign open, so rounding would decide it.
+    """
+    reference = 1 / torch.arange(1, len(basis) + 1, dtype=basis.dtype, device=basis.device)
+    return basis * torch.where(reference @ basis < 0, -1.0, 1.0)
 
 
 def rounding_with_zero(values: Tensor, bits: int) -> Rounding:
@@ -168,8 +181,9 @@ def rounding_with_zero(values: Tensor, bits: int) -> Rounding:
     """
     rounding = Rounding(values.shape[-1], max(8, bits)).to(values.device)
     low, high = torch.aminmax(values.flatten(0, -2), dim=0)
-    # `low` becomes a multiple of the step, so that 0 is a level, too. It may fall by up to a step: of 255, one is left.
-    step = ((high - low) / 254).clamp_min(1e-12)
+    # `low` is rounded down to a multiple of the step, so that 0 is a level, too. Eight bits have 255 steps: 254 span
+    # the values, and one is left for what `low` falls.
+    step = ((high - low) / 254).clamp_min(1e-12)  # more than 0, also for equal values
     rounding.low.copy_((low / step).floor() * step)
     rounding.step.copy_(step)
     rounding.bits.fill_(8)
@@ -177,20 +191,30 @@ def rounding_with_zero(values: Tensor, bits: int) -> Rounding:
 
 
 class TuckerMaterial(ComponentsMaterial):
-    """Coefficients (H, W, K) bilinear over texels, components (N, J), (N, M) of pairs' views and lights, the core."""
+    """Coefficients (H, W, K) bilinear over texels, components of pairs' views and lights, and the core.
+
+    `modes` are the components (N, J) of the views and (N, M) of the lights; the core is (J, M, 3, K + 1).
+    """
 
     def __init__(
         self, texture: Tensor, core: Tensor, modes: Sequence[Tensor], interpolator: PairInterpolator, gain: float | None
     ):
         components = texture.shape[2]
-        joined = core.shape[0] * core.shape[1]
-        directions = interpolator.reads * (core.shape[0] + core.shape[1])
+        view_count, light_count = core.shape[:2]  # J, M
+        coefficients_read = 4 * components  # of four texels
+        directions_read = interpolator.reads * (view_count + light_count)  # components of some pairs' view and light
+        # The four steps of an answer, each in multiply-adds.
+        mixed_texels = coefficients_read
+        products_of_pairs = interpolator.reads * view_count * light_count  # view ⊗ light of each pair, added up
+        times_core = core.numel()
+        times_coefficients = 3 * components
+        multiply_adds = mixed_texels + products_of_pairs + times_core + times_coefficients
         cost = DecoderCost(
             texture_channels=components,
             texture_floats=texture.numel(),
             table_floats=core.numel() + sum(mode.numel() for mode in modes),
-            flops_per_sample=2 * (4 * components + interpolator.reads * joined + core.numel() + 3 * components),
-            bytes_per_sample=4 * (4 * components + directions + core.numel()),
+            flops_per_sample=2 * multiply_adds,
+            bytes_per_sample=4 * (coefficients_read + directions_read + core.numel()),  # float32
         )
         super().__init__(texture, interpolator, gain, cost)
         self.core = core.flatten(2).flatten(0, 1)  # (J · M, 3 · (K + 1))
@@ -198,12 +222,13 @@ class TuckerMaterial(ComponentsMaterial):
 
     def combined(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
         """Σ weight · view ⊗ light of pairs, through the core to eigen-ABRDFs, times the coefficients: (n, 3)."""
-        if len(pair) > 1 and pair.stride(0) == weight.stride(0) == 0:  # a slice: one pair of directions
+        # In a slice all queries have one pair of directions, expanded: its rows are made once.
+        if len(pair) > 1 and pair.stride(0) == weight.stride(0) == 0:
             pair, weight = pair[:1], weight[:1]
         # Products of halves may overflow a half with either sign, so they are added in float32.
         dtype = at_least_float32(coefficients.dtype)
-        # (n, P, J) and (n, P, M), of P pairs.
-        view, light = (functional.embedding(pair, mode).to(dtype) for mode in (self.view, self.light))
-        joined = torch.einsum("npj,npm->njm", view * weight[..., None].to(dtype), light).flatten(1)
-        rows = saturated(joined @ self.core.to(dtype)).unflatten(1, (3, -1))  # (n, 3, K + 1)
+        view = functional.embedding(pair, self.view).to(dtype)  # (n, P, J), of P pairs
+        light = functional.embedding(pair, self.light).to(dtype)  # (n, P, M)
+        products = torch.einsum("npj,npm->njm", view * weight[..., None].to(dtype), light).flatten(1)  # (n, J · M)
+        rows = saturated(products @ self.core.to(dtype)).unflatten(1, (3, -1))  # (n, 3, K + 1)
         return (rows * coefficients[:, None].to(dtype)).sum(-1)

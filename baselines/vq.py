@@ -55,42 +55,52 @@ class VQ(Codec):
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """The codebooks (codes of all stages, N, 3), one after the other, and an index (H · W) of each stage."""
         gain = gain_of(btf, fit)
-        points = reduced(btf, gain, self.settings.components, fit)[2]
-        labels = []
+        _, _, points = reduced(btf, gain, self.settings.components, fit)
+        labels: list[np.ndarray] = []  # of each stage, the cluster (texels,) of each texel
         for stage in fit.progress(range(self.settings.stages), "clustering"):
             # A stage sees what is left after the earlier ones: each point without the mean of its cluster.
-            labels.append(clustered(points, self.settings.codes, fit.seed + stage))
-            points = points - _means(points, labels[-1])[labels[-1]]
-        counts = [int(label.max()) + 1 for label in labels]
-        books = _codebooks(btf, gain, labels, fit)
-        # Where each stage's entries start: the sum of all counts before its own.
-        starts = torch.tensor(counts).cumsum(0) - torch.tensor(counts)
-        rows = torch.from_numpy(np.stack(labels, 1)) + starts  # (texels, stages), rows of the codebook
-        codebook = torch.cat(books)
+            label = clustered(points, self.settings.codes, fit.seed + stage)
+            points = points - _means(points, label)[label]
+            labels.append(label)
+        counts = [int(label.max()) + 1 for label in labels]  # entries of each stage's codebook
+        rows = torch.from_numpy(np.stack(labels, 1)) + _starts(counts)  # (texels, stages), rows of the codebook
+        codebook = torch.cat(_codebooks(btf, gain, labels, fit))
         pairs, values = probed(btf, fit, gain)
         # Every so many texels, rounded up, so that at most `PROBED_TEXELS` are taken, evenly.
-        some = slice(None, None, -(-len(rows) // PROBED_TEXELS))
-        target = values[:, some].T.cpu()  # (n, 3 · P)
-        bits = self.settings.bits
-        # The lambda looks up (n, stages, P, 3).
-        rounding = round_after(codebook[:, pairs], bits, lambda book: book[rows[some]].sum(1).flatten(1), target)
-        size, codes = (torch.tensor(numbers, dtype=torch.int32) for numbers in (btf.shape, counts))
+        probed_texels = slice(None, None, -(-len(rows) // PROBED_TEXELS))
+        target = values[:, probed_texels].T.cpu()  # (n, 3 · P)
+
+        def answers(book: Tensor) -> Tensor:
+            """Log radiance (n, 3 · P) of the probed texels, from a codebook (codes, P, 3) of the probed pairs."""
+            of_stages = book[rows[probed_texels]]  # (n, stages, P, 3)
+            return of_stages.sum(1).flatten(1)
+
+        rounding = round_after(codebook[:, pairs], self.settings.bits, answers, target)
+        indices: dict[str, Tensor] = {}
+        for stage, (label, count) in enumerate(zip(labels, counts, strict=True)):
+            indices[f"index{stage}"] = pack_index(label, count)
+        other = {
+            "gain": torch.tensor([gain]),
+            "size": torch.tensor(btf.shape, dtype=torch.int32),
+            "codes": torch.tensor(counts, dtype=torch.int32),
+            **pack_layout(btf.layout),
+        }
         return Parts(
-            decoder=store_texture("codebook", codebook, rounding.fit_to(codebook)),
-            texture={f"index{s}": pack_index(*each) for s, each in enumerate(zip(labels, counts, strict=True))},
-            other={"gain": torch.tensor([gain]), "size": size, "codes": codes, **pack_layout(btf.layout)},
+            decoder=store_texture("codebook", codebook, rounding.fit_to(codebook)), texture=indices, other=other
         )
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         height, width = parts.other["size"].tolist()
         counts = parts.other["codes"].tolist()
-        stored = sum(packed.numel() for name, packed in parts.texture.items() if name.startswith("index"))
-        # A label takes at least a bit, but for the labels of a stage of one code: an altered file could ask for any.
-        if height * width * len(counts) > max(MOST_LABELS, 8 * stored):
-            raise ValueError(f"an index of {stored} bytes for {height} × {width} texels and {len(counts)} stages")
-        index = [unpack_index(parts.texture[f"index{s}"], height * width, count) for s, count in enumerate(counts)]
-        starts = torch.tensor(counts).cumsum(0) - torch.tensor(counts)
-        rows = torch.stack(index, 1) + starts  # (texels, stages)
+        index_bytes = sum(packed.numel() for name, packed in parts.texture.items() if name.startswith("index"))
+        # A label takes at least a bit. Only those of a stage of one code take none, so an altered file could claim any
+        # number of them: hence the limit.
+        if height * width * len(counts) > max(MOST_LABELS, 8 * index_bytes):
+            raise ValueError(f"an index of {index_bytes} bytes for {height} × {width} texels and {len(counts)} stages")
+        labels = []
+        for stage, count in enumerate(counts):
+            labels.append(unpack_index(parts.texture[f"index{stage}"], height * width, count))
+        rows = torch.stack(labels, 1) + _starts(counts)  # (texels, stages)
         codebook = load_texture("codebook", parts.decoder)
         gain = float(parts.other["gain"])
         if min(counts) < 1 or len(codebook) != sum(counts):
@@ -106,13 +116,14 @@ class VQMaterial(Material):
         self, size: tuple[int, int], rows: Tensor, codebook: Tensor, interpolator: PairInterpolator, gain: float
     ):
         stages = rows.shape[1]
-        values = 4 * stages * interpolator.reads * 3  # that a query reads
+        labels_read = 4 * stages  # of four texels
+        numbers_read = labels_read * interpolator.reads * 3  # of the codebook: three colours of some pairs
         cost = DecoderCost(
             texture_channels=stages,
             texture_floats=rows.numel(),
             table_floats=codebook.numel(),
-            flops_per_sample=2 * values,
-            bytes_per_sample=4 * stages * rows.element_size() + values * codebook.element_size(),
+            flops_per_sample=2 * numbers_read,  # each is multiplied and added
+            bytes_per_sample=labels_read * rows.element_size() + numbers_read * codebook.element_size(),
         )
         super().__init__(size, cost)
         self.rows = rows
@@ -130,7 +141,14 @@ class VQMaterial(Material):
         weight = weight.expand(row.shape).to(self.codebook.dtype).flatten(1)  # (n, 4 · stages · P)
         mixed = functional.embedding_bag(row.flatten(1), self.codebook, per_sample_weights=weight, mode="sum")
         level = saturated(mixed).to(share.dtype).clamp_min(0)  # shares in halves may add up to more than 1
-        return to_radiance(level, self.gain) * (wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level))
+        # The pairs' radiance includes the cosine of their lights: see `ComponentsMaterial.evaluate`.
+        cosine_ratio = wi[:, 2:] / self.interpolator.mean_cosine(pair, share, level)
+        return to_radiance(level, self.gain) * cosine_ratio
+
+
+def _starts(counts: list[int]) -> Tensor:
+    """The row (stages,) of the codebook at which each stage's entries start: the sum of the counts before its own."""
+    return torch.tensor(counts).cumsum(0) - torch.tensor(counts)
 
 
 def _means(points: np.ndarray, label: np.ndarray) -> np.ndarray:
@@ -143,26 +161,27 @@ def _means(points: np.ndarray, label: np.ndarray) -> np.ndarray:
 def _codebooks(btf: BTF, gain: float, labels: list[np.ndarray], fit: Fit) -> list[Tensor]:
     """The codebook (codes, N, 3) of each stage: the mean of its members, less the answers of earlier stages.
 
-    `labels` holds the cluster (n,) of each texel, of each stage.
+    `labels` holds the cluster (texels,) of each texel, of each stage.
     """
-    counts = [torch.from_numpy(np.bincount(label)) for label in labels]
-    rows = [torch.from_numpy(label).to(fit.device) for label in labels]
-    sums = [torch.empty(len(count), 3 * len(btf)) for count in counts]
+    member_counts = [torch.from_numpy(np.bincount(label)) for label in labels]  # of each stage, (codes,)
+    device_labels = [torch.from_numpy(label).to(fit.device) for label in labels]
+    # Of each stage the sum of each cluster's ABRDFs, (codes, 3 · N), filled block by block.
+    sums = [torch.empty(len(counts), 3 * len(btf)) for counts in member_counts]
     start = 0
-    for block in blocks(btf, fit, "codebook", gain, BLOCK_BYTES):
-        for row, out in zip(rows, sums, strict=True):
-            part = torch.zeros(len(out), len(block), device=fit.device)
-            part.index_add_(0, row, block.T)  # a block has a row a channel of a pair, a column a texel
-            out[:, start : start + len(block)] = part.cpu()
+    for block in blocks(btf, fit, "codebook", gain, BLOCK_BYTES):  # (rows, texels), a row a channel of a pair
+        for label, stage_sums in zip(device_labels, sums, strict=True):
+            block_sums = torch.zeros(len(stage_sums), len(block), device=fit.device)
+            block_sums.index_add_(0, label, block.T)
+            stage_sums[:, start : start + len(block)] = block_sums.cpu()
         start += len(block)
     books: list[Tensor] = []
-    for stage, (out, count) in enumerate(zip(sums, counts, strict=True)):
-        book = out / count[:, None]
+    for stage, counts in enumerate(member_counts):
+        book = sums[stage] / counts[:, None]  # the means
         for earlier in range(stage):
             # How many members of each cluster are in each cluster of the earlier stage, then which share of them.
-            members = np.zeros((len(count), len(counts[earlier])), np.float32)
-            np.add.at(members, (labels[stage], labels[earlier]), 1)
-            shares = torch.from_numpy(members) / count[:, None]
+            common = np.zeros((len(counts), len(member_counts[earlier])), np.float32)
+            np.add.at(common, (labels[stage], labels[earlier]), 1)
+            shares = torch.from_numpy(common) / counts[:, None]
             book = book - shares @ books[earlier].flatten(1)
-        books.append(book.reshape(len(count), -1, 3))
+        books.append(book.reshape(len(counts), -1, 3))
     return books

@@ -82,8 +82,8 @@ class Zeltner2024(Codec):
 
 def sigmoid(outputs: Tensor) -> Tensor:
     """gain · radiance of the network's outputs x, any shape, at least in float32: s eˣ / (eˣ + s), s = `BRIGHTEST`."""
-    raised = outputs.to(at_least_float32(outputs.dtype)).clamp(max=HIGHEST_LEVEL).exp()
-    return raised / (1 + raised / BRIGHTEST)
+    exponential = outputs.to(at_least_float32(outputs.dtype)).clamp(max=HIGHEST_LEVEL).exp()
+    return exponential / (1 + exponential / BRIGHTEST)
 
 
 class FramedNetwork(nn.Module):
@@ -92,22 +92,33 @@ class FramedNetwork(nn.Module):
     def __init__(self, settings: Zeltner2024.Settings, generator: torch.Generator | None = None):
         super().__init__()
         self.code = settings.edition == "code"
-        self.directions = 4 if self.code else 2 + settings.halfway
-        self.seen = (8 if self.code else 3 * self.directions) * max(1, settings.frames)  # numbers of directions
-        inputs = settings.latents + self.seen
+        if self.code:
+            self.directions = 4  # half vector, difference vector, wi and wo
+            numbers_of_frame = 3 + 3 + 1 + 1  # of wi and wo only the cosine
+        else:
+            self.directions = 3 if settings.halfway else 2  # wo, wi, and the half vector
+            numbers_of_frame = 3 * self.directions
+        self.direction_inputs = numbers_of_frame * max(1, settings.frames)  # without frames the surface's own axes
+        inputs = settings.latents + self.direction_inputs
         architecture = Architecture(inputs, (settings.width,) * settings.layers, activation=settings.activation)
-        # The authors' frames have no bias; outputs are added to the surface's own axes.
-        self.frames = Frames(settings.latents, settings.frames, generator, bias=False) if settings.frames else None
+        self.frames: Frames | None = None
+        if settings.frames:  # the authors' frames have no bias; outputs are added to the surface's own axes
+            self.frames = Frames(settings.latents, settings.frames, generator, bias=False)
         self.decoder = Decoder(architecture, generator)
 
     def forward(self, latents: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
         """The network's outputs (n, 3) for latents (n, D) and directions (n, 3)."""
         if self.code:
-            directions = torch.stack([*half_and_difference(wo, wi, "nearest"), wi, wo], 1)  # (n, 4, 3)
+            half, difference = half_and_difference(wo, wi, "nearest")
+            directions = torch.stack([half, difference, wi, wo], 1)  # (n, 4, 3)
         else:
             half = functional.normalize(wo + wi, dim=1)
             directions = torch.stack([wo, wi, half][: self.directions], 1)  # two without `halfway`
-        turned = directions.flatten(1) if self.frames is None else self.frames.turned(latents, directions)
+        # x, y, z in each frame, (n, directions · 3 · frames), one direction after the other.
+        if self.frames is None:
+            turned = directions.flatten(1)
+        else:
+            turned = self.frames.turned(latents, directions)
         if self.code:
             # Half and difference vector whole, as x, y, z in each frame; of wi and wo only z, their cosines.
             whole, cosines = turned.unflatten(1, (4, -1)).split([2, 2], 1)  # (n, 2, 3 · frames) each
@@ -116,13 +127,15 @@ class FramedNetwork(nn.Module):
 
 
 class Zeltner2024Objective(TextureObjective):
-    """The neural texture (H · W, D) and the network, both free."""
+    """The neural texture (H · W, D) and the network, both of them fitted."""
 
     def __init__(self, samples: Samples, settings: Zeltner2024.Settings, generator: torch.Generator):
         super().__init__(samples, settings)
         self.network = FramedNetwork(settings, generator)
-        mean = samples.mean(generator)
-        self.network.decoder.start_at(mean.expm1().clamp_min(1e-4).log() if self.network.code else mean)
+        first_output = samples.mean(generator)  # log radiance, log1p(x) with x = gain · radiance
+        if self.network.code:  # an output is about log x: see `sigmoid`; of 0 it would be infinite
+            first_output = first_output.expm1().clamp_min(1e-4).log()
+        self.network.decoder.start_at(first_output)
         self.texture = nn.Parameter(first_latents(samples, settings.latents, settings.start, generator))
         self.rounding = Rounding(settings.latents, settings.bits)
 
@@ -140,14 +153,19 @@ class Zeltner2024Objective(TextureObjective):
         return sigmoid(outputs).log1p() if self.network.code else outputs
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        """In the authors' code the distance of 3 (∛x − 1), computed from log x, which also has a gradient near 0."""
+        """The loss of log radiance; in the authors' code the distance of 3 (∛x − 1), x = gain · radiance.
+
+        The − 1 cancels. ∛x is computed from log x, which also has a gradient where x is nearly 0.
+        """
         if not self.network.code:
             return super().loss(generator, progress)
         batch = self.samples.draw(self.settings.batch, generator)
         outputs = self.outputs(batch)
         # log x = output − log(1 + eᵒᵘᵗᵖᵘᵗ / s), from `sigmoid`; a third of it is the logarithm of the cube root.
-        ours = (outputs - functional.softplus(outputs - math.log(BRIGHTEST))) / 3
-        return distance(3 * ours.exp(), 3 * batch.target.expm1() ** (1 / 3), self.settings.loss)
+        log_of_root = (outputs - functional.softplus(outputs - math.log(BRIGHTEST))) / 3
+        ours = 3 * log_of_root.exp()
+        target = 3 * batch.target.expm1() ** (1 / 3)
+        return distance(ours, target, self.settings.loss)
 
 
 class Zeltner2024Material(Material):
@@ -155,11 +173,12 @@ class Zeltner2024Material(Material):
 
     def __init__(self, network: FramedNetwork, texture: Tensor, gain: float):
         architecture, frames = network.decoder.architecture, network.frames
-        if texture.shape[2] != architecture.inputs - network.seen:
+        if texture.shape[2] != architecture.inputs - network.direction_inputs:
             raise ValueError(f"a texture of {texture.shape[2]} channels for a network of {architecture.inputs} inputs")
-        flops = architecture.flops + (frames.flops(network.directions) if frames else 0)
-        count = sum(p.numel() for p in network.parameters())
-        super().__init__((texture.shape[0], texture.shape[1]), DecoderCost.of_texture(texture, count, flops))
+        frame_flops = frames.flops(network.directions) if frames else 0
+        parameters = sum(p.numel() for p in network.parameters())
+        cost = DecoderCost.of_texture(texture, parameters, architecture.flops + frame_flops)
+        super().__init__((texture.shape[0], texture.shape[1]), cost)
         self.network = network
         self.texture = texture
         self.gain = gain

@@ -71,28 +71,34 @@ class Network(nn.Module):
     @property
     def flops(self) -> int:
         """Operations of one sample, a fused multiply-add counted as two."""
-        return self.decoder.architecture.flops + (self.offset.flops if self.offset is not None else 0)
+        offset_flops = self.offset.flops if self.offset is not None else 0
+        return self.decoder.architecture.flops + offset_flops
 
     def start_at(self, level: Tensor) -> None:
-        """Set the network to answer one log radiance (3,) for any inputs, with the mask open."""
-        rest = self.decoder.architecture.outputs - 3
-        self.decoder.start_at(functional.pad(level.cpu(), (0, rest), value=2.0))
+        """Set the network to answer one log radiance (3,) for any inputs, with the mask nearly open."""
+        mask_outputs = self.decoder.architecture.outputs - 3
+        outputs = functional.pad(level.cpu(), (0, mask_outputs), value=2.0)  # the sigmoid of 2 is 0.88
+        self.decoder.start_at(outputs)
 
     def forward(self, latents: list[Tensor], level: Tensor, wo: Tensor, wi: Tensor, excess: Tensor | None) -> Tensor:
         """Log radiance (n, 3) of the latents (n, C) of each grid.
 
-        `level` (n, 1) is that of detail, `excess` (n, 1) in texels, if there is a relief.
+        `level` (n, 1) is the level of detail. `excess` (n, 1) is how far the relief rises above the ray to the light,
+        in texels; None without a relief or without its shadow.
         """
         numbers = [level / DEEPEST, *direction_inputs(wo, wi, "xyzh")]
         if excess is not None:
             numbers.append((excess * SHADOW).tanh())
-        inputs = [*latents, *(each.to(latents[0].dtype) for each in numbers)]
+        dtype = latents[0].dtype  # as that of the network; directions may be more precise
+        inputs = [*latents, *(values.to(dtype) for values in numbers)]
         out = self.decoder(torch.cat(inputs, 1)).to(wo.dtype)
         if excess is None:
             return out
-        # log1p(mask · radiance): a mask removes light, but a log radiance would rarely go below 0.
+        # log1p(mask · radiance): a mask removes light, but a log radiance would rarely go below 0. The limits keep both
+        # logarithm and exponential finite.
         radiance = out[:, :3].clamp(max=60).expm1()
-        return (radiance * out[:, 3:].sigmoid()).clamp_min(-0.5).log1p()
+        mask = out[:, 3:].sigmoid()
+        return (radiance * mask).clamp_min(-0.5).log1p()
 
 
 class Pyramids(nn.Module):
@@ -103,33 +109,34 @@ class Pyramids(nn.Module):
         self.side = max(size)
         self.coarsest = level_count(size) - 1
         names = channels(settings, offset=not relief)
-        self.each: Any = nn.ModuleDict({name: Pyramid(size_of(name, size)) for name in names})
+        self.pyramids: Any = nn.ModuleDict({name: Pyramid(size_of(name, size)) for name in names})
 
     def tables(self, grids: dict[str, Tensor]) -> dict[str, Tensor]:
-        """All levels (rows, C) of each grid (h, w, C)."""
-        return {name: self.each[name].table(values.flatten(0, 1)) for name, values in grids.items()}
+        """The table of all levels (rows, C) of each grid (h, w, C), by the grid's name."""
+        return {name: self.pyramids[name].table(values.flatten(0, 1)) for name, values in grids.items()}
 
     def level(self, footprint: Tensor) -> Tensor:
         """The level (n,) of footprints (n,) in texture units: log2 of texels, of those that the texture has."""
         return (footprint.float() * self.side).log2().clamp(0, self.coarsest)
 
     def fetch(self, tables: dict[str, Tensor], uv: Tensor, level: Tensor) -> list[Tensor]:
-        """The channels (n, C) of each grid but the offset's at uv (n, 2), at its own level for those of the texture."""
-        found = []
-        for name, pyramid in self.each.items():
+        """The channels (n, C) of each grid but the offset's, at uv (n, 2) and levels (n,) of the texture."""
+        channels_of_grids = []
+        for name, pyramid in self.pyramids.items():
             if name != "offset":
                 # A grid of half the resolution is one level coarser, so its own level is one less.
                 coarser = int(math.log2(FACTORS[name]))
-                own = (level - coarser).clamp(0, len(pyramid.levels) - 1)
-                found.append(pyramid.fetch(tables[name], uv, own))
-        return found
+                grid_level = (level - coarser).clamp(0, len(pyramid.levels) - 1)
+                channels_of_grids.append(pyramid.fetch(tables[name], uv, grid_level))
+        return channels_of_grids
 
     def moved(self, network: Network, tables: dict[str, Tensor], uv: Tensor, wo: Tensor) -> Tensor:
         """uv (n, 2) as the offset moves it, if the network has one."""
         if network.offset is None:
             return uv
         finest = torch.zeros(len(uv), dtype=torch.long, device=uv.device)
-        return network.offset.moved(uv, self.each["offset"].fetch(tables["offset"], uv, finest), wo)
+        offset_channels = self.pyramids["offset"].fetch(tables["offset"], uv, finest)
+        return network.offset.moved(uv, offset_channels, wo)
 
 
 def answer(
@@ -140,14 +147,18 @@ def answer(
     queries: Queries,
     height: Tensor | None = None,
 ) -> Tensor:
-    """Log radiance (n, 3) of queries; `height` (H, W) is that of the relief, in a fit that refines it."""
+    """Log radiance (n, 3) of queries, from the `tables` of all grids.
+
+    Without a relief the offset moves the look-up. `height` (H, W) is that of the relief in a fit that refines it: the
+    place where a ray hits then has a gradient to it.
+    """
     uv, wo, wi, level = queries
-    excess = None
+    excess = None  # unless there is a relief with a shadow: see `Network.forward`
     if relief is None:
         uv = pyramids.moved(network, tables, uv, wo)
     else:
         with torch.no_grad():
-            uv, z = relief.meet(uv, wo)
+            uv, z = relief.meet(uv, wo)  # z (n, 1) is the height there
             if network.shadow:
                 excess = relief.excess(uv, z, wi)
         if height is not None:
@@ -167,21 +178,29 @@ class ReliefMaterial(Material):
         relief: Surface | None,
         gain: float,
     ):
-        # Reads of the height: the linear search along the view, four texels a secant, the search toward the light.
-        steps = geometry.VIEW_STEPS + 1 + 4 * geometry.SECANTS + (geometry.LIGHT_STEPS if network.shadow else 0)
-        taps = 0 if relief is None else steps
+        texture_channels = grids["latents"].shape[2] if "latents" in grids else 0
+        heights = heights_read = 0
+        if relief is not None:
+            texture_channels += 1
+            heights = relief.height.numel() + relief.padded.numel()
+            heights_read = geometry.VIEW_STEPS + 1  # the linear search along the view
+            heights_read += 4 * geometry.SECANTS  # four texels each
+            if network.shadow:
+                heights_read += geometry.LIGHT_STEPS
         tables = pyramids.tables(grids)
-        heights = 0 if relief is None else relief.height.numel() + relief.padded.numel()
-        reads = 0
+        numbers_read = 0
         for name, table in tables.items():
-            texels = 4 if name == "offset" else 8
-            reads += texels * table.shape[1]
+            texels = 4 if name == "offset" else 8  # of one level, or of two
+            numbers_read += texels * table.shape[1]
+        # Each number is multiplied and added; a step of a search takes about eight operations.
+        flops = network.flops + 2 * numbers_read + 8 * heights_read
+        bytes_of_number = next(iter(tables.values())).element_size()
         cost = DecoderCost(
             parameters=sum(p.numel() for p in network.parameters()),
-            texture_channels=(grids["latents"].shape[2] if "latents" in grids else 0) + (relief is not None),
+            texture_channels=texture_channels,
             texture_floats=sum(table.numel() for table in tables.values()) + heights,
-            flops_per_sample=network.flops + 2 * reads + 8 * taps,
-            bytes_per_sample=reads * next(iter(tables.values())).element_size() + 4 * taps,
+            flops_per_sample=flops,
+            bytes_per_sample=numbers_read * bytes_of_number + 4 * heights_read,  # heights are float32
         )
         super().__init__(size, cost)
         # The relief is separate from the network: it holds places, which stay float32 even if the network is shorter.
@@ -200,14 +219,24 @@ class ReliefMaterial(Material):
 
 
 def rectified(samples: Samples, height: Tensor, pair: Tensor) -> Tensor:
-    """`Samples.slices` of the surface points of a height (H, W), where each view sees them, not of the plane."""
+    """As `Samples.slices` log radiance (texels, pairs, 3) of some pairs (pairs,), but of the points of a surface.
+
+    Each slice is read where its view sees the surface point of a texel, at its height (H, W).
+    """
     centres = samples.centres(torch.arange(samples.texels, device=samples.device))
     rise = height.reshape(-1, 1).to(samples.device)  # (texels, 1)
-    slices = []
-    for i, flat in zip(pair.tolist(), samples.slices(pair).unbind(1), strict=True):
-        place = wrapped(centres - rise * slope(samples.wo[i : i + 1], samples.shape))
-        slices.append(sample_texture(flat.reshape(*samples.shape, 3), place))
-    return torch.stack(slices, 1)
+    surface_slices = []
+    for i, plane_slice in zip(pair.tolist(), samples.slices(pair).unbind(1), strict=True):
+        wo = samples.wo[i : i + 1]  # (1, 3)
+        place = wrapped(centres - rise * slope(wo, samples.shape))
+        surface_slices.append(sample_texture(plane_slice.reshape(*samples.shape, 3), place))
+    return torch.stack(surface_slices, 1)
+
+
+def marched_surface(height: Tensor) -> Surface:
+    """The surface of a height (H, W) in the steps that a file holds."""
+    _, _, height_in_steps = stepped(height)
+    return Surface(height_in_steps)
 
 
 class ReliefObjective(Objective):
@@ -223,11 +252,16 @@ class ReliefObjective(Objective):
         self.pyramids = Pyramids(settings, self.samples.shape, height is not None)
         self.first_height: Tensor | None
         self.register_buffer("first_height", height, persistent=False)
-        # The shift of the found height in texels, before smoothing.
-        self.offset = nn.Parameter(torch.zeros_like(height)) if height is not None and settings.refine else None
-        self.relief = None if height is None else Surface(stepped(height)[2])
-        self.moved = False  # whether the marched surface differs from the found one
-        slices = None if height is None else partial(rectified, self.samples, height)
+        # The shift of the first height in texels, before smoothing; None if no height is refined.
+        self.height_shift: nn.Parameter | None = None
+        self.relief: Surface | None = None  # the surface that is marched
+        slices = None  # that the first latents are components of; None: those of the samples
+        if height is not None:
+            if settings.refine:
+                self.height_shift = nn.Parameter(torch.zeros_like(height))
+            self.relief = marched_surface(height)
+            slices = partial(rectified, self.samples, height)
+        self.moved = False  # whether the marched surface differs from the first one
         first = first_latents(self.samples, total(settings), settings.start, generator, slices)
         self.grids = Grids(first, self.samples.shape, settings, offset=height is None)
 
@@ -238,23 +272,25 @@ class ReliefObjective(Objective):
         """The network's groups, the grids' at `latent_rate`, and that of the height's shift if it is refined."""
         settings = self.settings
         networks = groups_of([self.network], settings.rate, settings.optimiser, settings.hidden_rate)
-        refined = [] if self.offset is None else [{"params": [self.offset], "lr": HEIGHT_RATE}]
-        return [*networks, {"params": list(self.grids.parameters()), "lr": settings.latent_rate}, *refined]
+        groups = [*networks, {"params": list(self.grids.parameters()), "lr": settings.latent_rate}]
+        if self.height_shift is not None:
+            groups.append({"params": [self.height_shift], "lr": HEIGHT_RATE})
+        return groups
 
     @property
     def height(self) -> Tensor | None:
         """The height (H, W) as refined so far, not rounded; none without a relief."""
-        if self.first_height is None or self.offset is None:
+        if self.first_height is None or self.height_shift is None:
             return self.first_height
-        moved = self.first_height + smoothed(self.offset) / self.samples.shape[1]
-        return moved.clamp(-HIGHEST, HIGHEST)
+        shift = smoothed(self.height_shift) / self.samples.shape[1]  # in widths of the picture, as the height
+        return (self.first_height + shift).clamp(-HIGHEST, HIGHEST)
 
     @torch.no_grad()
     def renew(self) -> None:
         """March the height as it is now, in the steps that the file will hold."""
         height = self.height
         if height is not None and height.isfinite().all():  # otherwise the fit diverges, and its loop handles that
-            self.relief = Surface(stepped(height)[2]).to(height.device)
+            self.relief = marched_surface(height).to(height.device)
 
     def tables(self) -> dict[str, Tensor]:
         """The pyramids as they are looked up: from half of the fit on those of the file."""
@@ -262,19 +298,22 @@ class ReliefObjective(Objective):
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         """Log radiance (n, 3) at the finest level; at the end of a fit, on the height as the file will hold it."""
-        if progress == 1 and self.offset is not None:
+        if progress == 1 and self.height_shift is not None:
             self.renew()
-        return answer(self.network, self.pyramids, self.relief, self.tables(), queries_of(self.levels, 0, batch))
+        queries = queries_of(self.levels, 0, batch)
+        return answer(self.network, self.pyramids, self.relief, self.tables(), queries)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss at random samples of all levels, which in the second half also moves a height that is refined."""
         queries, target, pair = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)
-        height = self.height if self.offset is not None and progress >= REFINED_FROM else None
-        # By the number of the step, so that a resumed fit marches the same surface. A fit that was set back to before
-        # the height moved marches the found height.
-        if (height is not None or self.moved) and round(progress * self.settings.steps) % RENEWED == 0:
+        moves_height = self.height_shift is not None and progress >= REFINED_FROM
+        height = self.height if moves_height else None
+        # The surface is renewed by the number of the step, so that a resumed fit marches the same one. If a fit was set
+        # back to before the height moved, `moved` is still set, and the first height is marched again.
+        step = round(progress * self.settings.steps)
+        if (moves_height or self.moved) and step % RENEWED == 0:
             self.renew()
-            self.moved = height is not None
+            self.moved = moves_height
         ours = answer(self.network, self.pyramids, self.relief, self.tables(), queries, height)
         return self.distance(ours, target, pair, progress)
 
@@ -327,8 +366,9 @@ class Relief(Codec):
         surface = None
         if "height" in parts.texture:
             codes = expand(parts.texture["height"], (height, width, 1))[..., 0]
+            heights = restored(codes, parts.texture["height.range"])
             # Larger heights, and NaN, are from an altered file, but a search through them must still end.
-            surface = Surface(restored(codes, parts.texture["height.range"]).nan_to_num(0).clamp(-HIGHEST, HIGHEST))
+            surface = Surface(heights.nan_to_num(0).clamp(-HIGHEST, HIGHEST))
         network = load_network(Network(self.settings, surface is not None), parts.decoder)
         pyramids = Pyramids(self.settings, (height, width), surface is not None)
         grids = load_grids(parts.texture, self.settings, (height, width), offset=surface is None)

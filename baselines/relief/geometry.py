@@ -44,14 +44,20 @@ class Surface(nn.Module):
         super().__init__()
         self.shape = (height.shape[0], height.shape[1])
         self.low, self.high = float(height.min()), float(height.max())
-        self.height = nn.Buffer(height.float()[..., None], persistent=False)
+        self.height = nn.Buffer(height.float()[..., None], persistent=False)  # (H, W, 1), a texture
+        # Rows and columns of the finer copy without its margin: whole multiples of the height's.
         self.fine = [side * max(1, round(FINENESS / side)) for side in self.shape]
-        if math.prod(self.fine) > MOST_FINE:  # a strip of texels
+        if math.prod(self.fine) > MOST_FINE:  # one side is a few texels, the other very long
             self.fine = [*self.shape]
+        # A ray is followed over at most this height, so it leaves its place by at most `reach` widths of the picture.
         rise = max(self.high - self.low, abs(self.low), abs(self.high))
-        wide = self.shape[1] / self.shape[0]
-        self.margin = [int(rise / LOWEST * grow * side) + 2 for side, grow in zip(self.fine, (wide, 1), strict=True)]
-        growth = math.prod(1 + 2 * more / side for side, more in zip(self.fine, self.margin, strict=True))
+        reach = rise / LOWEST
+        rows, cols = self.fine
+        reach_in_rows = int(reach * (self.shape[1] / self.shape[0]) * rows)
+        reach_in_cols = int(reach * cols)
+        # Rows above and below, columns left and right; two more for rounding.
+        self.margin = [reach_in_rows + 2, reach_in_cols + 2]
+        growth = (1 + 2 * self.margin[0] / rows) * (1 + 2 * self.margin[1] / cols)
         self.wraps = growth > MOST_PADDED or growth * math.prod(self.fine) > MOST_FINE
         if self.wraps:
             self.margin = [0, 0]
@@ -63,15 +69,17 @@ class Surface(nn.Module):
         device = self.height.device
         v = 1 - (torch.arange(-above, rows + above, device=device) + 0.5) / rows
         u = (torch.arange(-left, cols + left, device=device) + 0.5) / cols
-        found = self.height.new_empty(len(v), len(u))
+        padded = self.height.new_empty(len(v), len(u))
+        # Rows and columns of a block of at most `BLOCK` samples.
         tall = max(1, BLOCK // len(u))
         wide = min(BLOCK, len(u))
         for row, col in itertools.product(range(0, len(v), tall), range(0, len(u), wide)):
-            part = found[row : row + tall, col : col + wide]
-            # (rows, columns, 2); reversed, because v goes with the rows, but u comes first.
-            uv = torch.stack(torch.meshgrid(v[row : row + tall], u[col : col + wide], indexing="ij")[::-1], -1)
-            part.copy_(sample_texture(self.height, (uv - uv.floor()).flatten(0, 1)).reshape(part.shape))
-        return found
+            block = padded[row : row + tall, col : col + wide]
+            block_v, block_u = torch.meshgrid(v[row : row + tall], u[col : col + wide], indexing="ij")
+            uv = torch.stack([block_u, block_v], -1)  # (rows, columns, 2)
+            heights = sample_texture(self.height, (uv - uv.floor()).flatten(0, 1))
+            block.copy_(heights.reshape(block.shape))
+        return padded
 
     def _nearest(self, u: Tensor, v: Tensor) -> Tensor:
         """The nearest heights at u and v, of any one shape, within the margin around [0, 1); or anywhere, if it wraps.
@@ -83,12 +91,13 @@ class Surface(nn.Module):
             row = ((1 - v) * rows).floor().int().remainder(rows)
             col = (u * cols).floor().int().remainder(cols)
             return self.padded.flatten().take((row * cols + col).long())
-        col = (u * cols + left).int()
+        col = (u * cols + left).int()  # of the copy with its margin, so never below 0
         row = ((1 - v) * rows + above).int()
         if torch.compiler.is_exporting():  # a shader wraps around: a margin would make its texture much larger
             inner = self.padded[above : above + rows, left : left + cols].flatten()
             return inner.take(((row - above).remainder(rows) * cols + (col - left).remainder(cols)).long())
-        return self.padded.view(-1).take(row.mul_(self.padded.shape[1]).add_(col).long())
+        place = row.mul_(self.padded.shape[1]).add_(col)  # in place, to save memory in a search
+        return self.padded.view(-1).take(place.long())
 
     def meet(self, uv: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
         """Where rays through uv (n, 2) in [0, 1) on the plane, toward wo (n, 3), first hit the surface from above.
@@ -100,16 +109,21 @@ class Surface(nn.Module):
         z = (self.high - step * torch.arange(VIEW_STEPS + 1, device=uv.device, dtype=uv.dtype))[:, None]  # (steps, 1)
         # How far the surface is above the ray, (steps, n): negative before the hit.
         over = self._nearest(*_along(uv, along, z)) - z  # queries last: reductions over steps are fast
-        # The first step at which the ray is not above the surface has the highest rank of all such steps.
+        # Step i leads from z[i] to z[i + 1]. Steps have falling ranks, VIEW_STEPS for step 0 to 1 for the last, so the
+        # first step that ends within the surface has the highest rank of all such steps.
         rank = torch.arange(VIEW_STEPS, 0, -1, device=uv.device, dtype=torch.uint8)[:, None]
-        # The last step is at the lowest height, where only rounding can keep a ray from the surface.
-        first = (VIEW_STEPS - ((over[1:] >= 0) * rank).amax(0, keepdim=True).long()).clamp_max(VIEW_STEPS - 1)
-        upper, lower = z[first[0]], z[first[0] + 1]  # (n, 1), as their gaps; `first` is (1, n)
+        highest_rank = ((over[1:] >= 0) * rank).amax(0, keepdim=True).long()  # (1, n); 0 if no step does
+        # The last step ends at the lowest height, where only rounding can keep a ray from the surface.
+        first = (VIEW_STEPS - highest_rank).clamp_max(VIEW_STEPS - 1)
+        # The heights at which this step begins and ends, and the gaps, how far the surface is above the ray there: all
+        # (n, 1). The upper gap is at most 0, the lower one at least.
+        upper, lower = z[first[0]], z[first[0] + 1]
         upper_gap, lower_gap = over.gather(0, first).T.clamp_max(0), over.gather(0, first + 1).T.clamp_min(0)
         for _ in range(SECANTS):
             # Where the gap would be 0 if it were a line between both; this point replaces the end on its own side.
             middle = lower + (upper - lower) * lower_gap / (lower_gap - upper_gap).clamp_min(1e-9)
-            gap = sample_texture(self.height, wrapped(uv + along * middle)).to(uv.dtype) - middle
+            surface_height = sample_texture(self.height, wrapped(uv + along * middle)).to(uv.dtype)
+            gap = surface_height - middle
             inside = gap >= 0
             lower, lower_gap = torch.where(inside, middle, lower), torch.where(inside, gap, lower_gap)
             upper, upper_gap = torch.where(inside, upper, middle), torch.where(inside, upper_gap, gap)
@@ -124,24 +138,32 @@ class Surface(nn.Module):
         along = slope(wo, self.shape)
         rise = sample_texture(height[..., None], uv)  # (n, 1)
         with torch.no_grad():
-            # The change of height over one texel's width along the ray's direction on the plane.
-            half = along / (2 * self.shape[1])
-            ahead, behind = (sample_texture(self.height, wrapped(uv + move)) for move in (half, -half))
-            facing = (1 - (ahead - behind) * self.shape[1]).clamp_min(LEAST_FACING)
+            # ∇h · along, by the change of height over as much of the ray as rises by a texel's width.
+            half_step = along / (2 * self.shape[1])
+            ahead = sample_texture(self.height, wrapped(uv + half_step))
+            behind = sample_texture(self.height, wrapped(uv - half_step))
+            change_of_height = (ahead - behind) * self.shape[1]
+            facing = (1 - change_of_height).clamp_min(LEAST_FACING)
+        # The difference is 0, and has the gradient of the rise.
         return uv + along * ((rise - rise.detach()) / facing)
 
     def excess(self, uv: Tensor, z: Tensor, wi: Tensor) -> Tensor:
         """The largest rise (n, 1) of the surface, in texels, above rays from uv at height z (n, 1) toward wi."""
         along = slope(wi, self.shape)
         share = (torch.arange(LIGHT_STEPS, device=uv.device, dtype=uv.dtype) + 0.5) / LIGHT_STEPS  # (steps,)
+        # Of the ray above z at each step; beyond the highest height nothing can block it.
         rise = (self.high - z).clamp_min(0).T * share[:, None]  # (steps, n)
         over = self._nearest(*_along(uv, along, rise)) - (z.T + rise)
         return over.amax(0)[:, None] * self.shape[1]
 
 
 def _along(uv: Tensor, along: Tensor, z: Tensor) -> tuple[Tensor, Tensor]:
-    """u and v (steps, n) of rays through uv (n, 2) at heights z (steps, n) or (steps, 1)."""
-    (u, v), (across, up) = uv.T.contiguous(), along.T.contiguous()  # (n,) each
+    """u and v (steps, n) of rays through uv (n, 2) at heights z (steps, n) or (steps, 1) above it.
+
+    `along` (n, 2) is the change of uv per unit of height.
+    """
+    u, v = uv.T.contiguous()  # (n,) each
+    across, up = along.T.contiguous()
     return u + across * z, v + up * z
 
 
@@ -153,13 +175,19 @@ def wrapped(uv: Tensor) -> Tensor:
 
 
 def stepped(height: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """The codes of a height (H, W) from 0, the lowest height and the step (2,), and the height as read back."""
+    """A height (H, W) in steps, as a file holds it.
+
+    Returns the codes (H, W), whole numbers from 0; their extent (2,), the lowest height and the step; and the height
+    (H, W) as read back from both.
+    """
     low, high = height.aminmax()
-    step = torch.maximum(height.new_tensor(STEP * LOWEST / height.shape[1]), (high - low) / (MOST_CODES - 2))
+    # Steps that a look-up hardly shows, or larger ones if those would be more than `MOST_CODES`.
+    fine_step = height.new_tensor(STEP * LOWEST / height.shape[1])
+    step = torch.maximum(fine_step, (high - low) / (MOST_CODES - 2))
     codes = (height / step).round()
-    least = codes.min()
-    codes = codes - least
-    extent = torch.stack([least * step, step])
+    lowest_code = codes.min()
+    codes = codes - lowest_code
+    extent = torch.stack([lowest_code * step, step])
     return codes, extent, restored(codes, extent)
 
 
@@ -178,28 +206,31 @@ def smoothed(picture: Tensor) -> Tensor:
 
 def shifted(slices: Tensor, view: Tensor, z: float) -> Tensor:
     """The values of surface points in slices (L, H, W) of a view (3,), if all points have the height z."""
-    x, y, up = view.tolist()
+    x, y, cosine = view.tolist()
     # In texels, which are square: a unit of height is W of them. Rows count downwards, y upwards.
-    cols = -z * x / up * slices.shape[2]
-    rows = z * y / up * slices.shape[2]
-    return _moved(_moved(slices, rows, axis=1), cols, axis=2)
+    cols = -z * x / cosine * slices.shape[2]
+    rows = z * y / cosine * slices.shape[2]
+    return _rolled(_rolled(slices, rows, axis=1), cols, axis=2)
 
 
-def _moved(slices: Tensor, texels: float, axis: int) -> Tensor:
-    """Periodic slices, each place showing what lies so many texels behind it along an axis, linear."""
+def _rolled(slices: Tensor, texels: float, axis: int) -> Tensor:
+    """Periodic slices, rolled back along an axis: place i shows what was at i + texels, linear between two texels."""
     whole = math.floor(texels)
-    near = slices.roll(-whole, axis)
-    return torch.lerp(near, near.roll(-1, axis), texels - whole) if texels != whole else near
+    before = slices.roll(-whole, axis)
+    if texels == whole:
+        return before
+    after = before.roll(-1, axis)
+    return torch.lerp(before, after, texels - whole)
 
 
 def blurred(costs: Tensor) -> Tensor:
     """Costs (Z, H, W) convolved with a periodic Gaussian of `BLUR` texels."""
-    reach = torch.arange(-2, 3)
-    kernel = (-0.5 * (reach / BLUR).square()).exp()
+    steps = torch.arange(-2, 3)  # in texels
+    kernel = (-0.5 * (steps / BLUR).square()).exp()
+    kernel = kernel / kernel.sum()
     for axis in (1, 2):
-        shares = zip(kernel / kernel.sum(), reach, strict=True)
-        weighted = torch.stack([share * costs.roll(int(step), axis) for share, step in shares])  # (5, Z, H, W)
-        costs = weighted.sum(0)
+        weighted = [weight * costs.roll(int(step), axis) for weight, step in zip(kernel, steps, strict=True)]
+        costs = torch.stack(weighted).sum(0)  # of (5, Z, H, W)
     return costs
 
 
@@ -209,10 +240,13 @@ def least(costs: Tensor) -> Tensor:
 
 
 def refined(costs: Tensor, heights: Tensor) -> Tensor:
-    """The height (H, W) of least cost, by a parabola through it and its two neighbours."""
-    best = least(costs).clamp(1, len(heights) - 2)  # (1, H, W)
-    below, at, above = (costs.gather(0, best + step)[0] for step in (-1, 0, 1))  # (H, W) each
-    bend = (below - 2 * at + above).clamp_min(1e-9)
-    # The lowest place of the parabola, in steps of height, at most half a step from the cheapest.
+    """The height (H, W) of least cost, from costs (Z, H, W) of evenly spaced heights (Z,).
+
+    It is the lowest place of a parabola through the cheapest height and its two neighbours.
+    """
+    best = least(costs).clamp(1, len(heights) - 2)  # (1, H, W), with a neighbour on each side
+    below, at, above = (costs.gather(0, best + step)[0] for step in (-1, 0, 1))  # costs (H, W) each
+    bend = (below - 2 * at + above).clamp_min(1e-9)  # 0 where all three are equal
+    # In steps of height, at most half a step from the cheapest.
     place = best[0] + (0.5 * (below - above) / bend).clamp(-0.5, 0.5)
     return (heights[0] + place * (heights[1] - heights[0])).cpu()

@@ -12,6 +12,7 @@ explain most of a point's ABRDF. If much of the surface hides behind itself, the
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -38,56 +39,72 @@ def refine(height: Tensor, slices: Tensor, views: Tensor) -> Tensor:
     """A height (H, W) within ± `REACH`, from a first one and log radiances (V, L, H, W) of views (V, 3)."""
     if hidden(height, views) > MOST_HIDDEN:
         return height
-    _, mean, weight, basis = _components(height, slices, views)
+    model = _components(height, slices, views)
     low, high = float(height.min()), float(height.max())
     beyond = max(BEYOND * (high - low), LEAST_BEYOND)
     heights = torch.linspace(max(low - beyond, -REACH), min(high + beyond, REACH), HEIGHTS)
     costs = []
     for z in heights.tolist():
-        moved = torch.cat([shifted(each, view, z) for each, view in zip(slices, views, strict=True)])
-        left = moved.flatten(1) * weight - mean  # (N, H · W)
-        # What the components do not explain: the vectors without their projections on the orthonormal basis.
-        costs.append((left - basis @ (basis.T @ left)).abs_().mean(0).reshape(height.shape))
+        at_z = torch.cat([shifted(of_view, view, z) for of_view, view in zip(slices, views, strict=True)])
+        centred = at_z.flatten(1) * model.weight - model.mean  # (N, H · W)
+        cost = _residual(centred, model.basis).abs_().mean(0)
+        costs.append(cost.reshape(height.shape))
     return refined(blurred(torch.stack(costs)), heights)
 
 
 def unexplained(height: Tensor, slices: Tensor, views: Tensor) -> float:
     """The mean |log radiance| that the components of the surface points do not explain; arguments as of `refine`."""
-    apart, _, _, basis = _components(height, slices, views)
-    return float((apart - basis @ (basis.T @ apart)).abs().mean())
+    model = _components(height, slices, views)
+    return float(_residual(model.centred, model.basis).abs().mean())
 
 
-def _components(height: Tensor, slices: Tensor, views: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """The surface points' weighted ABRDFs (N, H · W) without their mean, that mean, the weights and the components.
+def _residual(centred: Tensor, basis: Tensor) -> Tensor:
+    """What an orthonormal basis (N, k) does not explain of vectors (N, n): these without their projections on it."""
+    return centred - basis @ (basis.T @ centred)
 
-    Mean and weights are (N, 1), the components (N, `COMPONENTS`) orthonormal. N counts views and lights.
-    """
-    radiance = torch.cat([_at_surface(each, view, height) for each, view in zip(slices, views, strict=True)])
+
+class _Components(NamedTuple):
+    """Principal components of the ABRDFs of surface points; an ABRDF is of N views with each of their lights."""
+
+    centred: Tensor  # (N, H · W), the ABRDFs, weighted, without their mean
+    mean: Tensor  # (N, 1), of the weighted ABRDFs
+    weight: Tensor  # (N, 1), of each view
+    basis: Tensor  # (N, `COMPONENTS`), orthonormal
+
+
+def _components(height: Tensor, slices: Tensor, views: Tensor) -> _Components:
+    """The components of the surface points at a height (H, W); arguments as of `refine`."""
+    radiance = torch.cat([_at_surface(of_view, view, height) for of_view, view in zip(slices, views, strict=True)])
     # A grazing view sees many points poorly, so its weight in squares is ω_o.z.
     weight = views[:, 2].to(slices).sqrt().repeat_interleave(slices.shape[1])[:, None]
     mean = (radiance * weight).mean(1, keepdim=True)
-    apart = radiance * weight - mean
-    double = apart.double()
-    basis = torch.linalg.eigh(double @ double.T)[1][:, -COMPONENTS:]  # the last have the largest eigenvalues
-    return apart, mean, weight, basis.to(radiance)
+    centred = radiance * weight - mean
+    double = centred.double()
+    _, eigenvectors = torch.linalg.eigh(double @ double.T)
+    basis = eigenvectors[:, -COMPONENTS:]  # the last have the largest eigenvalues
+    return _Components(centred, mean, weight, basis.to(radiance))
 
 
 def hidden(height: Tensor, views: Tensor) -> float:
     """The share of surface points, over all views (V, 3), that another point hides by more than a texel."""
     surface = Surface(height)
-    flat = height.reshape(-1, 1)
+    point_heights = height.reshape(-1, 1)  # (H · W, 1)
     shape = (height.shape[0], height.shape[1])
     count = 0
     for view in views.float():
         along = slope(view[None], shape)
-        _, met = surface.meet(wrapped(_places(height, view)), view.expand(len(flat), 3))  # heights (H · W, 1)
-        count += int(((met - flat).abs() * along.norm() * shape[1] > 1).sum())
-    return count / (len(views) * len(flat))
+        # A ray through the place where the view would show a point meets the point itself, or one that hides it.
+        place = wrapped(_places(height, view))
+        _, met_heights = surface.meet(place, view.expand(len(point_heights), 3))
+        texels_apart = (met_heights - point_heights).abs() * along.norm() * shape[1]
+        count += int((texels_apart > 1).sum())
+    return count / (len(views) * len(point_heights))
 
 
 def _at_surface(slices: Tensor, view: Tensor, height: Tensor) -> Tensor:
     """The log radiance (L, H · W) of each surface point in slices (L, H, W) of a view (3,), at its visible place."""
-    return sample_texture(slices.permute(1, 2, 0), wrapped(_places(height, view)).to(slices)).T
+    place = wrapped(_places(height, view)).to(slices)
+    return sample_texture(slices.permute(1, 2, 0), place).T
 
 
 def _places(height: Tensor, view: Tensor) -> Tensor:
@@ -118,14 +135,17 @@ def find(btf: BTF, gain: float, fit: Fit) -> SweptHeight | None:
     # The view of each row of the grid is that of its first pair: (V, 3).
     views = torch.from_numpy(btf.layout.views[[int(btf.layout.view[row[0]]) for row in grid]]).float()
     slices = _read(btf, grid, gain, fit)
-    halves = [[0, *range(start, len(views), 2)] for start in (1, 2)]  # the most frontal view is in both
+    # Every other view, beside the most frontal one, which is in both halves.
+    halves = [0, *range(1, len(views), 2)], [0, *range(2, len(views), 2)]
     heights = [_swept(slices[half], views[half]) for half in halves]
-    # Each half's height is tested on the other half of the views.
     gains = []
-    for height, half in zip(heights, halves[::-1], strict=True):
-        plane, relief = (unexplained(each, slices[half], views[half]) for each in (torch.zeros_like(height), height))
-        gains.append((plane - relief) / max(plane, LEAST_LEFT))
-    return SweptHeight(_swept(slices, views), min(gains), _likeness(*(height.flatten() for height in heights)))
+    for height, other_half in zip(heights, halves[::-1], strict=True):
+        test_slices, test_views = slices[other_half], views[other_half]
+        plane_error = unexplained(torch.zeros_like(height), test_slices, test_views)
+        relief_error = unexplained(height, test_slices, test_views)
+        gains.append((plane_error - relief_error) / max(plane_error, LEAST_LEFT))
+    likeness = _likeness(heights[0].flatten(), heights[1].flatten())
+    return SweptHeight(_swept(slices, views), min(gains), likeness)
 
 
 def _swept(slices: Tensor, views: Tensor) -> Tensor:
@@ -133,34 +153,40 @@ def _swept(slices: Tensor, views: Tensor) -> Tensor:
 
     A coarse sweep over all heights, a fine one over the range that it found, and `refine`.
     """
-    heights = torch.linspace(-REACH, REACH, HEIGHTS)
+    coarse_heights = torch.linspace(-REACH, REACH, HEIGHTS)
     # The lowest and the highest of the texels' cheapest heights.
-    low, high = (float(heights[int(i)]) for i in least(_costs(slices, views, heights)).aminmax())
-    step = float(heights[1] - heights[0])
-    heights = torch.linspace(low - step, high + step, HEIGHTS)
-    return refine(refined(_costs(slices, views, heights), heights), slices, views)
+    lowest, highest = least(_costs(slices, views, coarse_heights)).aminmax()  # as indices
+    low, high = float(coarse_heights[int(lowest)]), float(coarse_heights[int(highest)])
+    step = float(coarse_heights[1] - coarse_heights[0])
+    fine_heights = torch.linspace(low - step, high + step, HEIGHTS)
+    first_height = refined(_costs(slices, views, fine_heights), fine_heights)
+    return refine(first_height, slices, views)
 
 
-def _likeness(one: Tensor, other: Tensor) -> float:
+def _likeness(a: Tensor, b: Tensor) -> float:
     """The correlation of two heights (n,); 0 where one is constant."""
-    one, other = one - one.mean(), other - other.mean()
-    return float((one @ other) / (one.norm() * other.norm()).clamp_min(1e-12))
+    a, b = a - a.mean(), b - b.mean()
+    return float((a @ b) / (a.norm() * b.norm()).clamp_min(1e-12))
 
 
 def _grid(layout: Layout) -> np.ndarray | None:
     """Pairs (V, L) of some views, the most frontal first, each with the same lights; None if there are too few."""
-    pairs = np.full((len(layout.views), len(layout.lights)), -1)  # −1: not measured
+    pairs = np.full((len(layout.views), len(layout.lights)), -1)  # (views, lights); −1: not measured
     pairs[layout.view, layout.light] = np.arange(len(layout.view))
+    measured = pairs >= 0
     # The most frontal of the views that have two lights or more.
-    front = int(np.argmax(np.where((pairs >= 0).sum(1) > 1, layout.views[:, 2], -1)))
-    lights = np.flatnonzero(pairs[front] >= 0)
+    frontality = np.where(measured.sum(1) > 1, layout.views[:, 2], -1)
+    front = int(np.argmax(frontality))
+    lights = np.flatnonzero(measured[front])
     lights = lights[thin(layout.lights[lights], min(MOST_LIGHTS, len(lights)))]
-    full = np.flatnonzero((pairs[:, lights] >= 0).all(1))
-    full = full[full != front]
-    if len(lights) < 2 or len(full) < 2:
+    # The other views that have all these lights.
+    others = np.flatnonzero(measured[:, lights].all(1))
+    others = others[others != front]
+    if len(lights) < 2 or len(others) < 2:
         return None
-    full = full[thin(layout.views[full], min(MOST_VIEWS - 1, len(full)))]
-    return pairs[np.concatenate([[front], full])][:, lights]
+    others = others[thin(layout.views[others], min(MOST_VIEWS - 1, len(others)))]
+    views = np.concatenate([[front], others])
+    return pairs[views][:, lights]
 
 
 def _read(btf: BTF, grid: np.ndarray, gain: float, fit: Fit) -> Tensor:
@@ -172,19 +198,20 @@ def _read(btf: BTF, grid: np.ndarray, gain: float, fit: Fit) -> Tensor:
     bytes_of_a_light = len(grid) * height * width * 4  # one float32 a texel and view
     most_lights = max(2, MEMORY // bytes_of_a_light)
     grid = grid[:, :most_lights]
-    slices = fit.progress(btf.subset(grid.reshape(-1)), "sweeping", grid.size)
-    logs = [torch.from_numpy(np.maximum(each, 0)).mul_(gain).log1p_().mean(-1) for each in slices]
-    return torch.stack(logs).reshape(*grid.shape, *btf.shape).to(fit.device)
+    levels = []
+    for picture in fit.progress(btf.subset(grid.reshape(-1)), "sweeping", grid.size):
+        log_radiance = torch.from_numpy(np.maximum(picture, 0)).mul_(gain).log1p_()  # (H, W, 3)
+        levels.append(log_radiance.mean(-1))
+    return torch.stack(levels).reshape(*grid.shape, *btf.shape).to(fit.device)
 
 
 def _costs(slices: Tensor, views: Tensor, heights: Tensor) -> Tensor:
     """The disagreement of the views with the first at each height and surface point: (heights, H, W)."""
     costs = torch.zeros(len(heights), *slices.shape[2:], device=slices.device)
-    weights = (views[1:, 2] / views[1:, 2].sum()).tolist()
+    weights = (views[1:, 2] / views[1:, 2].sum()).tolist()  # views count by their cosine; all weights add up to 1
     for i, z in enumerate(heights.tolist()):
-        front = shifted(slices[0], views[0], z)
-        # Each (L, H, W); views count by their cosine, the sum of all weights being 1.
-        for view, each, weight in zip(views[1:], slices[1:], weights, strict=True):
-            apart = (shifted(each, view, z) - front).abs_().clamp_max_(TRUNCATION)
-            costs[i].add_(apart.mean(0), alpha=weight)
+        front = shifted(slices[0], views[0], z)  # (L, H, W)
+        for view, of_view, weight in zip(views[1:], slices[1:], weights, strict=True):
+            difference = (shifted(of_view, view, z) - front).abs_().clamp_max_(TRUNCATION)
+            costs[i].add_(difference.mean(0), alpha=weight)
     return blurred(costs)

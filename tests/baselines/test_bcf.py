@@ -59,7 +59,7 @@ def test_the_fit_sees_what_the_file_gives_back(size: tuple[int, int]) -> None:
     fitting = BCFObjective(Samples(btf, gain_of(btf, fit), fit), settings, fit.generator())
     with torch.no_grad():
         fitting.ends += 0.1 * torch.randn(fitting.ends.shape, generator=fit.generator())
-    blocks, low, span = fitting.blocks()
+    blocks, low, span = fitting.stored_blocks()
     stored = low + span * (decoded(blocks.reshape(-1, 2, 8), size).flatten(2) / 255)
     first, second = fitting.ends.detach()
     seen = fitting.rounded(first[fitting.block], second[fitting.block], fitting.share.detach())

@@ -66,8 +66,8 @@ def test_at_first_nothing_is_moved_and_as_published_the_textures_are_next_to_not
             [1.0] * 3 if recipe == "paper" else [pytest.approx(each, abs=1e-2) for each in (1 / 11, 0.5, 0.0)]
         )
         if recipe == "paper":
-            assert 5e-5 < max(fitting.free[f"level{level}"].abs().max().item() for level in range(3)) <= 1e-4
-            assert not fitting.free["offset"].any()
+            assert 5e-5 < max(fitting.textures[f"level{level}"].abs().max().item() for level in range(3)) <= 1e-4
+            assert not fitting.textures["offset"].any()
 
 
 def test_the_published_loss_is_relative_to_the_answer() -> None:

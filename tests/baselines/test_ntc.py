@@ -157,7 +157,7 @@ def test_in_the_end_the_fit_sees_what_the_file_gives_back(rounding: str) -> None
     fit, settings = Fit(), NTC.Settings(rounding=rounding, reduction=2)
     btf = cropped(5, 7)
     fitting = NTCObjective(Samples(btf, gain_of(btf, fit), fit), settings, fit.generator())
-    for grid, seen in zip(fitting.free, fitting.grids(1.0), strict=True):
+    for grid, seen in zip(fitting.unrounded_grids, fitting.grids(1.0), strict=True):
         # A straight-through sum rounds the last bit.
         torch.testing.assert_close(seen, values_of(codes_of(grid, 4), 4), rtol=0, atol=1e-7)
         assert seen.requires_grad == (rounding == "round")
@@ -166,4 +166,4 @@ def test_in_the_end_the_fit_sees_what_the_file_gives_back(rounding: str) -> None
     if rounding == "noise":
         apart = (early[0] - early[1]).abs()
         assert 0.5 * step < apart.max() <= step
-    assert all(((grid - fitting.free[0]).abs() <= 0.5 * step + 1e-6).all() for grid in early)
+    assert all(((grid - fitting.unrounded_grids[0]).abs() <= 0.5 * step + 1e-6).all() for grid in early)
