@@ -164,8 +164,8 @@ def test_a_refined_height_that_diverges_is_set_back(monkeypatch: pytest.MonkeyPa
 
     def loss(self: ReliefObjective, generator: torch.Generator, progress: float) -> Tensor:
         if progress >= 0.5 and not poisoned:
-            assert self.offset is not None
-            self.offset.data[0, 0] = torch.nan
+            assert self.height_shift is not None
+            self.height_shift.data[0, 0] = torch.nan
             poisoned.append(progress)
         return found(self, generator, progress)
 
