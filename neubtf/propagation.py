@@ -55,7 +55,7 @@ class FittedMaterial:
     def guided(self, texture: Tensor) -> tuple[NeuBTF, Parts]:
         """The codec and the parts of a file of this material with another neural texture (H, W, D).
 
-        The file has no encoder. It is stored for no scene, whose demand was that on the old texture.
+        The file has no encoder, and is of no scene: the new texture is fitted to none.
         """
         codec = NeuBTF(**self.header.settings | {"keep_encoder": False, "scene": False})
         texture_tensors = store_alike("latents", texture, self.parts.texture)

@@ -67,7 +67,8 @@ class Style(nn.Module):
             if scale > 0:
                 ours = functional.avg_pool2d(ours, 2, ceil_mode=True)
                 theirs = functional.avg_pool2d(theirs, 2, ceil_mode=True)
-            rows_fit, cols_fit = (wraps or side >= KERNEL for side, wraps in zip(ours.shape[2:], periodic, strict=True))
+            rows_fit = periodic[0] or ours.shape[2] >= KERNEL
+            cols_fit = periodic[1] or ours.shape[3] >= KERNEL
             if rows_fit and cols_fit:
                 our_gram = _gram(ours, filters, periodic)
                 their_gram = _gram(theirs, filters, periodic)

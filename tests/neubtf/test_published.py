@@ -75,7 +75,7 @@ def test_slices_and_single_pairs_are_the_radiance_of_the_window(windows: list[Cr
     drawn = fitting.averaged(elements.texels, elements.weights, pairs)
     for at, window in enumerate(windows):
         texels = window.texels(fitting.samples.shape)
-        whole = fitting.radiance(window, texels, torch.arange(81)).flatten(2).movedim(1, -1)  # (81, n, 3)
+        whole = fitting.window_of_slices(window, texels, torch.arange(81)).flatten(2).movedim(1, -1)  # (81, n, 3)
         torch.testing.assert_close(elements.targets[at], whole[elements.pairs[at]], rtol=1e-4, atol=1e-5)
         own = whole[pairs[at], torch.arange(whole.shape[1])]
         torch.testing.assert_close(drawn[at], own, rtol=1e-4, atol=1e-5)
