@@ -40,14 +40,22 @@ class Crop:
         those of the whole picture is 1e-4 of their deviation, with none 0.15. A side that would need all its texels is
         taken whole. The inner texels reach over the border only if the picture is periodic, the surroundings always.
         """
-        places = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
-        sides = [_Side.drawn(*each, largest, scale, periodic, around) for each in zip(shape, places, strict=True)]
-        return cls(*zip(*sides, strict=True))  # of each field both sides
+        row_place, col_place = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
+        rows = _Side.drawn(shape[0], row_place, largest, scale, periodic, around)
+        cols = _Side.drawn(shape[1], col_place, largest, scale, periodic, around)
+        return cls(
+            corner=(rows.corner, cols.corner),
+            source=(rows.source, cols.source),
+            size=(rows.size, cols.size),
+            around=(rows.around, cols.around),
+            whole=(rows.whole, cols.whole),
+        )
 
     def inner(self) -> Tensor:
         """The texels (n,) of the window without its surroundings, as row · width + column of its size, row by row."""
         (height, width), (above, left) = self.size, self.around
-        return torch.arange(height * width).view(height, width)[above : height - above, left : width - left].ravel()
+        texels = torch.arange(height * width).view(height, width)
+        return texels[above : height - above, left : width - left].ravel()
 
     @property
     def inner_size(self) -> tuple[int, int]:
@@ -65,16 +73,19 @@ class Crop:
 
     def texels(self, shape: tuple[int, int]) -> Tensor:
         """The source's texels (n,) in a picture of a shape (H, W), as row · W + column, row by row."""
-        axes = zip(self.corner, self.source, shape, strict=True)
-        row, col = (torch.arange(first, first + count) % side for first, count, side in axes)
-        return (row[:, None] * shape[1] + col).flatten()  # beyond a border, on at the opposite one
+        (first_row, first_col), (rows, cols) = self.corner, self.source
+        # Beyond a border the source continues at the opposite one.
+        row = torch.arange(first_row, first_row + rows) % shape[0]
+        col = torch.arange(first_col, first_col + cols) % shape[1]
+        return (row[:, None] * shape[1] + col).flatten()
 
     def taps(self, texel: Tensor) -> tuple[Tensor, Tensor]:
         """The source texels (n, k) and weights (n, k) whose weighted mean gives some texels (n,) of the window."""
-        places = (texel // self.size[1], texel % self.size[1])
-        (row, high), (col, wide) = (_taps(*axis) for axis in zip(self.source, self.size, places, strict=True))
+        row, row_weight = _taps(self.source[0], self.size[0], texel // self.size[1])
+        col, col_weight = _taps(self.source[1], self.size[1], texel % self.size[1])
         index = row[:, :, None] * self.source[1] + col[:, None, :]  # (n, rows, columns)
-        return index.flatten(1), (high[:, :, None] * wide[:, None, :]).flatten(1)
+        weight = row_weight[:, :, None] * col_weight[:, None, :]
+        return index.flatten(1), weight.flatten(1)
 
     @property
     def keeps_scale(self) -> bool:
@@ -99,14 +110,19 @@ class _Side(NamedTuple):
 
     @classmethod
     def drawn(cls, side: int, place: float, largest: int, scale: float, periodic: bool, around: int) -> "_Side":
-        """One side of `Crop.drawn`, of a picture's `side` texels; `place`, from 0 to 1, chooses where it begins."""
+        """One side of `Crop.drawn`, of a picture's `side` texels; `place`, from 0 to 1, chooses where it begins.
+
+        Without the surroundings, `source` texels become `size`; `beyond` more on each end become `around`.
+        """
         beyond = math.ceil(around / scale)
         size = _fitting(min(round(side * scale), largest))
         source = min(round(size / scale), side)
+        needs_all_texels = source < side <= source + 2 * beyond
         # At its own scale a side that is not a multiple of the stride is cut: the autoencoder would pad it by more.
-        if source < side <= source + 2 * beyond and (scale < 1 or side % STRIDE == 0):
+        if needs_all_texels and (scale < 1 or side % STRIDE == 0):
             size, source = _fitting(round(side * scale)), side
-        corner = int(place * (side if periodic else side - source + 1))
+        corners = side if periodic else side - source + 1  # at how many texels the inner window may begin
+        corner = int(place * corners)
         if source == side:
             return cls(corner, source, size, around=0, whole=True)
         return cls((corner - beyond) % side, source + 2 * beyond, size + 2 * around, around, whole=False)
@@ -114,8 +130,11 @@ class _Side(NamedTuple):
 
 def draw_scale(smallest: float, keep: float, generator: torch.Generator) -> float:
     """A scale: 1 with probability `keep`, else uniform between `smallest` and 1."""
+    # Both numbers are always drawn, so that later draws do not depend on the choice.
     chance, share = torch.rand(2, generator=generator, dtype=torch.float64).tolist()
-    return 1.0 if chance < keep else smallest + (1 - smallest) * share
+    if chance < keep:
+        return 1.0
+    return smallest + (1 - smallest) * share
 
 
 def taps_of(windows: Sequence[Crop], shape: tuple[int, int], device: torch.device) -> tuple[Tensor, Tensor]:
@@ -123,44 +142,55 @@ def taps_of(windows: Sequence[Crop], shape: tuple[int, int], device: torch.devic
 
     The windows have one size, though not one source; a texel is row · W + column.
     """
-    row, high = (taps.to(device, non_blocking=True) for taps in _axis_taps(windows, shape, 0))
-    col, wide = (taps.to(device, non_blocking=True) for taps in _axis_taps(windows, shape, 1))
+    row, row_weight = (values.to(device, non_blocking=True) for values in _axis_taps(windows, shape, 0))
+    col, col_weight = (values.to(device, non_blocking=True) for values in _axis_taps(windows, shape, 1))
     texel = row[:, :, None, :, None] * shape[1] + col[:, None, :, None, :]  # (windows, h, w, rows, columns)
-    weight = high[:, :, None, :, None] * wide[:, None, :, None, :]
+    weight = row_weight[:, :, None, :, None] * col_weight[:, None, :, None, :]
     return texel.flatten(3).flatten(1, 2), weight.flatten(3).flatten(1, 2)
 
 
 def _axis_taps(windows: Sequence[Crop], shape: tuple[int, int], axis: int) -> tuple[Tensor, Tensor]:
-    """Rows, or columns, of a picture and their weights (windows, h or w, k); weights of 0 fill up to the most."""
+    """Along an axis, the places in a picture and their weights, (windows, side, k), that give each window's texels.
+
+    A window that needs fewer places than k is filled up with weights of 0.
+    """
     tables = [_rescale(window.source[axis], window.size[axis]) for window in windows]
     most = max(index.shape[1] for index, _ in tables)
     places, weights = list[Tensor](), list[Tensor]()
     for window, (index, weight) in zip(windows, tables, strict=True):
-        filled = (0, most - index.shape[1])
-        places.append(functional.pad((window.corner[axis] + index) % shape[axis], filled))
-        weights.append(functional.pad(weight, filled))
+        padding = (0, most - index.shape[1])  # behind the last column
+        places.append(functional.pad((window.corner[axis] + index) % shape[axis], padding))
+        weights.append(functional.pad(weight, padding))
     return torch.stack(places), torch.stack(weights)
 
 
 def _taps(side: int, cut: int, place: Tensor) -> tuple[Tensor, Tensor]:
-    """Source indices and weights (n, k) that a rescale from `side` to `cut` averages at each position (n,)."""
-    index, weight = (each.to(place.device, non_blocking=True) for each in _rescale(side, cut))
+    """As `_rescale`, but only of some places (n,) of the rescaled side: (n, k)."""
+    index, weight = _rescale(side, cut)
+    index = index.to(place.device, non_blocking=True)
+    weight = weight.to(place.device, non_blocking=True)
     return index[place], weight[place]
 
 
 @lru_cache(maxsize=1024)  # a fit draws the same few sizes again and again
 def _rescale(side: int, cut: int) -> tuple[Tensor, Tensor]:
-    """Source indices and weights (cut, k) that a rescale from `side` to `cut` averages at each position."""
+    """The source's texels and their weights, (cut, k), that a rescale from `side` to `cut` texels averages.
+
+    For `side = 4` and `cut = 2` row 0 has the texels 0, 1 and 2, and what each of them contributes to texel 0.
+    """
     matrix = torch.eye(side)  # rescaled along its rows, it holds the weights (cut, side)
     if side != cut:
         matrix = functional.interpolate(matrix[None, None], (cut, side), mode="bilinear", antialias=True)[0, 0]
-    weight, index = matrix.topk(int((matrix > 0).sum(1).max()))  # as many as any position needs
+    most = int((matrix > 0).sum(1).max())  # texels that any row needs; others have further ones of weight 0
+    weight, index = matrix.topk(most)
     return index, weight
 
 
 def _fitting(side: int) -> int:
-    """The largest multiple of the stride within a side, or the side if it is shorter than the stride."""
-    return side // STRIDE * STRIDE or max(side, 1)
+    """The largest multiple of the stride within a side, or the side, at least 1, if it is shorter than the stride."""
+    if side < STRIDE:
+        return max(side, 1)
+    return side // STRIDE * STRIDE
 
 
 @dataclass(frozen=True)
@@ -186,24 +216,26 @@ def turned(pictures: Tensor, turn: Tensor) -> Tensor:
     """Pictures (B, 3, H, W), the hue of each turned by shares (B,) of the wheel, clipped to [0, 1]; grey stays grey."""
     angle = 2 * math.pi * turn
     # Rodrigues' rotation around (1, 1, 1)/√3: cos + (1 − cos)/3 on the diagonal, (1 − cos)/3 ± sin/√3 beside it.
-    third, side = (1 - angle.cos()) / 3, angle.sin() / math.sqrt(3)
-    same, less, more = third + angle.cos(), third - side, third + side
-    matrix = torch.stack([same, less, more, more, same, less, less, more, same], 1).view(-1, 3, 3)  # (B, 3, 3)
+    third = (1 - angle.cos()) / 3
+    sine_part = angle.sin() / math.sqrt(3)
+    diagonal, less, more = third + angle.cos(), third - sine_part, third + sine_part
+    entries = [diagonal, less, more, more, diagonal, less, less, more, diagonal]  # row by row
+    matrix = torch.stack(entries, 1).view(-1, 3, 3)  # (B, 3, 3)
     return torch.einsum("bij,bjhw->bihw", matrix.to(pictures, non_blocking=True), pictures).clamp(0, 1)
 
 
 def blurred(pictures: Tensor, sigma: Tensor) -> Tensor:
     """Periodic pictures (B, C, H, W), each after a Gaussian of its σ (B,) in texels, on the CPU, cut off at 3 σ."""
-    radii = (3 * sigma).ceil()
+    radii = (3 * sigma).ceil()  # (B,)
     radius = int(radii.max())
     offsets = torch.arange(-radius, radius + 1)
     weights = (-0.5 * (offsets / sigma.clamp_min(LEAST_BLUR)[:, None]).square()).exp()  # (B, offsets)
-    weights = weights * (offsets.abs() <= radii[:, None])
+    weights = weights * (offsets.abs() <= radii[:, None])  # each picture is cut off at its own radius
     total = weights.sum(1).to(pictures, non_blocking=True)[:, None, None, None]  # (B, 1, 1, 1)
     weights = weights.to(pictures, non_blocking=True)[:, :, None, None, None]  # (B, offsets, 1, 1, 1)
     for dim in (2, 3):
-        summed = torch.zeros_like(pictures)
-        for place, offset in enumerate(range(-radius, radius + 1)):
-            summed = summed + pictures.roll(offset, dim) * weights[:, place]
-        pictures = summed / total
+        weighted_sum = torch.zeros_like(pictures)
+        for i, offset in enumerate(offsets.tolist()):
+            weighted_sum = weighted_sum + pictures.roll(offset, dim) * weights[:, i]
+        pictures = weighted_sum / total
     return pictures

@@ -80,15 +80,22 @@ class Autoencoder(nn.Module):
 
     def __init__(self, channels: int, generator: torch.Generator | None = None, rectified: bool = False):
         super().__init__()
+        # In each list of modules, 0 is of full, 1 of half and 2 of quarter resolution. The order of all modules is that
+        # of the draws and of the weights in files.
         self.rectified = rectified
         full, half, deep = WIDTHS
+        full_expansion, half_expansion, deep_expansion = EXPANSIONS
         self.stem = Circular(3, full, kernel=3)
-        self.encoders = nn.ModuleList(Block(*each) for each in zip(WIDTHS, EXPANSIONS, strict=True))
-        self.downs = nn.ModuleList([nn.Conv2d(full, half, 2, 2), nn.Conv2d(half, deep, 2, 2)])  # 2 × 2, stride 2
+        self.encoders = nn.ModuleList(
+            [Block(full, full_expansion), Block(half, half_expansion), Block(deep, deep_expansion)]
+        )
+        self.downs = nn.ModuleList(
+            [nn.Conv2d(full, half, kernel_size=2, stride=2), nn.Conv2d(half, deep, kernel_size=2, stride=2)]
+        )
         self.attention = Attention(deep, rectified)
-        self.ups = nn.ModuleList([nn.Conv2d(half, full, 1), nn.Conv2d(deep, half, 1)])  # 1 × 1, as the skips
-        self.skips = nn.ModuleList([nn.Conv2d(full, full, 1), nn.Conv2d(half, half, 1)])
-        self.decoders = nn.ModuleList(Block(*each) for each in zip(WIDTHS[:2], EXPANSIONS[:2], strict=True))
+        self.ups = nn.ModuleList([nn.Conv2d(half, full, kernel_size=1), nn.Conv2d(deep, half, kernel_size=1)])
+        self.skips = nn.ModuleList([nn.Conv2d(full, full, kernel_size=1), nn.Conv2d(half, half, kernel_size=1)])
+        self.decoders = nn.ModuleList([Block(full, full_expansion), Block(half, half_expansion)])
         self.norm = ChannelNorm(full)
         self.head = nn.Conv2d(full, channels, 1)
         _orthogonal(self, generator)
@@ -100,12 +107,13 @@ class Autoencoder(nn.Module):
         height, width = guidance.shape[2:]
         if height % STRIDE == 0 and width % STRIDE == 0:
             # Repeat a period that is too short for the kernels; this does not change its texture.
-            tile = guidance.repeat(1, 1, -(-LEAST // height), -(-LEAST // width))
+            tile = guidance.repeat(1, 1, -(-LEAST // height), -(-LEAST // width))  # LEAST / side, rounded up
             features = self.encode(tile)
             return self.decode(features, Pooled.of_cells(features.deep))[..., :height, :width]
-        features = self.encode(surrounded(guidance, (0, 0), (_up(height), _up(width))))
-        halo = HALO // STRIDE
-        pooled = Pooled.of_cells(features.deep[..., halo:-halo, halo:-halo])
+        # A side that does not fit the cells is handled as a tile: with a halo, which is not pooled, and cut off.
+        features = self.encode(surrounded(guidance, (0, 0), (_rounded_up(height), _rounded_up(width))))
+        halo_cells = HALO // STRIDE
+        pooled = Pooled.of_cells(features.deep[..., halo_cells:-halo_cells, halo_cells:-halo_cells])
         return self.decode(features, pooled)[..., HALO : HALO + height, HALO : HALO + width]
 
     def encode(self, guidance: Tensor) -> Features:
@@ -116,21 +124,23 @@ class Autoencoder(nn.Module):
 
     def decode(self, features: Features, pooled: Pooled) -> Tensor:
         """The texture (B, D, H, W) of features, given the statistics of the whole picture that they belong to."""
-        x = self.attention(features.deep, pooled)
-        x = self.decoders[1](SCALE * (_doubled(self.ups[1](x)) + self.skips[1](features.half)))
-        x = self.decoders[0](SCALE * (_doubled(self.ups[0](x)) + self.skips[0](features.full)))
-        return self.head(self.norm(x))
+        deep = self.attention(features.deep, pooled)
+        half = SCALE * (_doubled(self.ups[1](deep)) + self.skips[1](features.half))
+        half = self.decoders[1](half)
+        full = SCALE * (_doubled(self.ups[0](half)) + self.skips[0](features.full))
+        full = self.decoders[0](full)
+        return self.head(self.norm(full))
 
 
 def surrounded(picture: Tensor, corner: tuple[int, int], size: tuple[int, int]) -> Tensor:
     """A window of a periodic picture (B, C, H, W), from `corner` on (row, column), with HALO texels on each side."""
     for dim, first, count in zip((2, 3), corner, size, strict=True):
-        there = torch.arange(first - HALO, first + count + HALO, device=picture.device) % picture.shape[dim]
-        picture = picture.index_select(dim, there)
+        places = torch.arange(first - HALO, first + count + HALO, device=picture.device) % picture.shape[dim]
+        picture = picture.index_select(dim, places)
     return picture
 
 
-def _up(side: int) -> int:
+def _rounded_up(side: int) -> int:
     """The least multiple of the stride that is no less than a side."""
     return -(-side // STRIDE) * STRIDE
 
@@ -174,8 +184,9 @@ class Block(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Channels (B, C, H, W) to as many; the pointwise layers need them last."""
-        hidden = self.norm(self.spatial(x).movedim(1, -1))
-        return SCALE * (x + self.back(functional.gelu(self.wider(hidden))).movedim(-1, 1))
+        hidden = self.norm(self.spatial(x).movedim(1, -1))  # (B, H, W, C)
+        change = self.back(functional.gelu(self.wider(hidden))).movedim(-1, 1)  # (B, C, H, W)
+        return SCALE * (x + change)
 
 
 class Attention(nn.Module):
@@ -190,10 +201,11 @@ class Attention(nn.Module):
 
     def forward(self, x: Tensor, pooled: Pooled) -> Tensor:
         """The cells (B, C, h, w) plus themselves times both gains; `pooled` is of the whole picture."""
-        gain = self.perceptron(pooled.total / pooled.cells) + self.perceptron(pooled.peak)  # (B, C)
-        y = x * gain.sigmoid()[..., None, None]
-        where = torch.cat([y.mean(1, keepdim=True), y.amax(1, keepdim=True)], 1)  # (B, 2, h, w)
-        return SCALE * (x + y * self.spatial(where).sigmoid())
+        channel_gain = self.perceptron(pooled.total / pooled.cells) + self.perceptron(pooled.peak)  # (B, C)
+        y = x * channel_gain.sigmoid()[..., None, None]
+        mean_and_peak = torch.cat([y.mean(1, keepdim=True), y.amax(1, keepdim=True)], 1)  # (B, 2, h, w)
+        cell_gain = self.spatial(mean_and_peak).sigmoid()  # (B, 1, h, w)
+        return SCALE * (x + y * cell_gain)
 
 
 def _orthogonal(network: nn.Module, generator: torch.Generator | None) -> None:
@@ -215,9 +227,10 @@ class Encoder(nn.Module):
 
     @classmethod
     def for_guidance(cls, guidance: Tensor, autoencoder: Autoencoder) -> "Encoder":
-        """An encoder to which a guidance image (1, 3, H, W) has mean 0 and deviation 1, the mean of its channels'.
+        """An encoder whose autoencoder sees this guidance image (1, 3, H, W) with mean 0 and about deviation 1.
 
-        The bias of the autoencoder's head changes: each channel's mean becomes 0.
+        It is divided by the mean of its channels' deviations. The bias of the autoencoder's head changes: each channel
+        of this guidance's texture then has mean 0.
         """
         spread = guidance[0].flatten(1).std(1, correction=0).mean().item()
         encoder = cls(autoencoder, guidance.mean().item(), max(spread, LEAST_SPREAD))
@@ -237,9 +250,11 @@ class Encoder(nn.Module):
 
 def store_encoder(encoder: Encoder, guidance: Tensor) -> dict[str, Tensor]:
     """The encoder part of a file: weights, rounded to half, normalisation, and the guidance, bytes (H, W, 3)."""
-    stored = {"weights": to_vector(encoder.autoencoder).half(), "normal": encoder.normal, "guidance": guidance}
-    # Of the paper's recipe alone: files without it, of ours and older ones, have GELU.
-    return stored | ({"rectified": torch.ones(1, dtype=torch.uint8)} if encoder.autoencoder.rectified else {})
+    tensors = {"weights": to_vector(encoder.autoencoder).half(), "normal": encoder.normal, "guidance": guidance}
+    # Only files of the paper's recipe have this tensor. Those of ours, and older ones, have GELU.
+    if encoder.autoencoder.rectified:
+        tensors["rectified"] = torch.ones(1, dtype=torch.uint8)
+    return tensors
 
 
 def load_encoder(tensors: dict[str, Tensor], channels: int) -> Encoder:
@@ -251,7 +266,10 @@ def load_encoder(tensors: dict[str, Tensor], channels: int) -> Encoder:
 
 
 def read_encoder(path: Path) -> tuple[Encoder, Tensor]:
-    """The encoder and the guidance, bytes (H, W, 3), of a file. `InputError` if none, `ContainerError` if damaged."""
+    """The encoder and the guidance, bytes (H, W, 3), of a file.
+
+    Raises `InputError` if it has none, and `ContainerError` if it is damaged.
+    """
     header, parts = container.read_parts(path)
     if header.codec != "neubtf":
         raise InputError(f"{path}: its codec is {header.codec}: only neubtf makes textures from guidance images")
@@ -266,13 +284,15 @@ def displayed(log_radiance: Tensor) -> Tensor:
     Computed where the tensor is: a step of a fit would wait for a GPU whose numbers NumPy needs.
     """
     linear = (log_radiance.expm1() / LOG_SCALE).clamp(0, 1).double()
-    curved = 1.055 * linear.pow(1 / 2.4) - 0.055
-    return torch.where(linear <= 0.0031308, 12.92 * linear, curved).to(log_radiance)
+    # The curve of sRGB: a line up to 0.0031308, and a power above.
+    power = 1.055 * linear.pow(1 / 2.4) - 0.055
+    return torch.where(linear <= 0.0031308, 12.92 * linear, power).to(log_radiance)
 
 
 def eight_bits(guidance: Tensor) -> Tensor:
     """A guidance image (1, 3, H, W) in [0, 1] as bytes (H, W, 3), as a PNG and a codec file store it."""
-    return (guidance[0].movedim(0, -1).clamp(0, 1) * 255).round().to(torch.uint8).cpu()
+    picture = guidance[0].movedim(0, -1)  # (H, W, 3)
+    return (picture.clamp(0, 1) * 255).round().to(torch.uint8).cpu()
 
 
 def as_guidance(picture: Tensor) -> Tensor:

@@ -60,10 +60,14 @@ class NeuBTF(Codec):
         """See `StagedSettings`."""
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """Fit, then make the texture by the encoder as it is stored, whose texture a file with it gives again."""
+        """Fit, then make the texture by the encoder with its weights as stored.
+
+        So a file that keeps the encoder gives the same texture again.
+        """
         gain, generator, settings = gain_of(btf, fit), fit.generator(), self.settings
         samples = Samples(btf, gain, fit)
-        guidance = as_guidance(eight_bits(displayed(slice_of(samples, guiding_pair(samples)))))
+        guiding_slice = displayed(slice_of(samples, guiding_pair(samples)))  # (1, 3, H, W)
+        guidance = as_guidance(eight_bits(guiding_slice))  # rounded as in a file
         autoencoder = Autoencoder(settings.latents, generator, rectified=settings.recipe == "paper")
         encoder = Encoder.for_guidance(guidance, autoencoder)
         objective = Published if settings.recipe == "paper" else Staged
@@ -71,8 +75,8 @@ class NeuBTF(Codec):
         train(fitting, fit, settings.steps)
         if isinstance(fitting, Published):
             guidance = fitting.best_guidance(fit)
-        stored = store_encoder(encoder, eight_bits(guidance))
-        texture = texture_of(stored, settings.latents, fit.device)
+        encoder_tensors = store_encoder(encoder, eight_bits(guidance))
+        texture = texture_of(encoder_tensors, settings.latents, fit.device)
         batch = samples.draw(settings.batch, fit.generator())
 
         def answers(texture: Tensor) -> Tensor:
@@ -83,7 +87,7 @@ class NeuBTF(Codec):
         return Parts(
             decoder=store_network(fitting.renderer, settings.weights),
             texture=store_texture("latents", texture, rounding),
-            encoder=stored if settings.keep_encoder else {},
+            encoder=encoder_tensors if settings.keep_encoder else {},
             other={"gain": torch.tensor([gain])},
         )
 
@@ -92,27 +96,30 @@ class NeuBTF(Codec):
 
 
 @torch.no_grad()
-def texture_of(stored: dict[str, Tensor], channels: int, device: torch.device) -> Tensor:
-    """The neural texture (H, W, D) that an encoder, as it is stored, makes of its own guidance."""
-    height, width, _ = stored["guidance"].shape
+def texture_of(encoder_tensors: dict[str, Tensor], channels: int, device: torch.device) -> Tensor:
+    """The neural texture (H, W, D) that an encoder of `store_encoder` makes of its own guidance."""
+    height, width, _ = encoder_tensors["guidance"].shape
     if height % STRIDE or width % STRIDE:
         log.info("the guidance of %d × %d texels is padded circularly to multiples of %d", height, width, STRIDE)
-    encoder = load_encoder(stored, channels).to(device)
-    texture: Tensor = encoder(as_guidance(stored["guidance"].to(device)))
+    encoder = load_encoder(encoder_tensors, channels).to(device)
+    texture: Tensor = encoder(as_guidance(encoder_tensors["guidance"].to(device)))
     return texture[0].movedim(0, -1)
 
 
 def guiding_pair(samples: Samples) -> int:
-    """The pair whose slice is the guidance: the most frontal with at least `TELLING` times the best contrast of others.
+    """The pair whose slice is the guidance: the most frontal one with enough contrast.
 
-    A texture made from a slice of less would be nearly constant.
+    That is at least `TELLING` times the best contrast of at most `TRIED` slices. A texture made from a slice of less
+    would be nearly constant.
     """
-    some = range(0, samples.pairs, -(-samples.pairs // TRIED))
-    least = TELLING * max(_contrast(samples, pair) for pair in some)
-    frontal = (samples.wo[:, 2] + samples.wi[:, 2]).argsort(descending=True, stable=True)
-    return next(pair for pair in frontal.tolist() if _contrast(samples, pair) >= least)
+    tried_pairs = range(0, samples.pairs, -(-samples.pairs // TRIED))  # spread over all
+    least_contrast = TELLING * max(_contrast(samples, pair) for pair in tried_pairs)
+    frontality = samples.wo[:, 2] + samples.wi[:, 2]
+    most_frontal_first = frontality.argsort(descending=True, stable=True).tolist()
+    return next(pair for pair in most_frontal_first if _contrast(samples, pair) >= least_contrast)
 
 
 def _contrast(samples: Samples, pair: int) -> float:
     """The contrast of a displayed slice: the deviation over texels, mean over channels."""
-    return displayed(slice_of(samples, pair))[0].flatten(1).std(1, correction=0).mean().item()
+    picture = displayed(slice_of(samples, pair))[0]  # (3, H, W)
+    return picture.flatten(1).std(1, correction=0).mean().item()

@@ -45,8 +45,9 @@ class NeuBTFDirect(Codec):
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         if is_gridded(self.settings):
             return fitted(GriddedObjective, self.settings, btf, fit).file()
-        direct = fitted(Direct, self.settings, btf, fit)
-        return direct.parts(store_texture("latents", direct.texture.reshape(*btf.shape, -1), direct.rounding))
+        fitting = fitted(Direct, self.settings, btf, fit)
+        texture = fitting.texture.reshape(*btf.shape, -1)
+        return fitting.parts(store_texture("latents", texture, fitting.rounding))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         if is_gridded(self.settings):
@@ -55,12 +56,14 @@ class NeuBTFDirect(Codec):
 
 
 class Direct(DirectedObjective):
-    """The neural texture (H · W, D) and the renderer, both free."""
+    """The neural texture (H · W, D) and the renderer, both of them fitted."""
 
     def __init__(self, samples: Samples, settings: NeuBTFDirect.Settings, generator: torch.Generator):
-        super().__init__(samples, settings, generator, about=settings.recipe == "paper")  # SIREN's last layer
+        as_siren = settings.recipe == "paper"  # its last layer starts as SIREN's, not at the mean of the data
+        super().__init__(samples, settings, generator, about=as_siren)
         self.texture = nn.Parameter(first_latents(samples, settings.latents, settings.start, generator))
         self.rounding = Rounding(settings.latents, settings.bits)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        return self.answers(self.rounding(self.texture).index_select(0, batch.texel), batch.pair)
+        latents = self.rounding(self.texture).index_select(0, batch.texel)
+        return self.answers(latents, batch.pair)

@@ -38,12 +38,12 @@ class GriddedNetwork(nn.Module):
         """The channels (n, D) of all grids (h, w, C) at uv (n, 2), where the offset moves it for views wo (n, 3)."""
         if self.offset is not None:
             uv = self.offset.moved(uv, sample_texture(grids["offset"], uv), wo)
-        seen = [sample_texture(grid, uv) for name, grid in grids.items() if name != "offset"]
-        return torch.cat(seen, 1)
+        latents = [sample_texture(grid, uv) for name, grid in grids.items() if name != "offset"]
+        return torch.cat(latents, 1)
 
 
 class GriddedObjective(DirectedObjective):
-    """The grids and both networks, all free."""
+    """The grids and both networks, all of them fitted."""
 
     def __init__(self, samples: Samples, settings: Any, generator: torch.Generator):
         as_siren = settings.recipe == "paper"  # its last layer starts as SIREN's, not at the mean of the data
@@ -59,7 +59,8 @@ class GriddedObjective(DirectedObjective):
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         uv, wo = self.samples.centres(batch.texel), self.samples.wo.index_select(0, batch.pair)
-        return self.answers(self.network.fetch(self.grids.rounded(), uv, wo), batch.pair)
+        latents = self.network.fetch(self.grids.rounded(), uv, wo)
+        return self.answers(latents, batch.pair)
 
     def file(self) -> Parts:
         """The tensors of a file."""
@@ -81,22 +82,27 @@ class GriddedMaterial(Material):
     def __init__(
         self, network: GriddedNetwork, grids: dict[str, Tensor], size: tuple[int, int], gain: float, directions: Any
     ):
-        reads = sum(4 * grid.shape[2] for grid in grids.values())  # the four texels around a place, of each grid
+        numbers_read = sum(4 * grid.shape[2] for grid in grids.values())  # four texels around a place, of each grid
+        mixed = 2 * numbers_read  # each is multiplied and added
         offset_flops = network.offset.flops if network.offset is not None else 0
         cost = DecoderCost(
             parameters=sum(parameter.numel() for parameter in network.parameters()),
             texture_channels=grids["latents"].shape[2],  # of full resolution
             texture_floats=sum(grid.numel() for grid in grids.values()),
-            flops_per_sample=network.decoder.architecture.flops + offset_flops + 2 * reads,  # a weighted sum of reads
-            bytes_per_sample=reads * grids["latents"].element_size(),
+            flops_per_sample=network.decoder.architecture.flops + offset_flops + mixed,
+            bytes_per_sample=numbers_read * grids["latents"].element_size(),
         )
         super().__init__(size, cost)
-        self.network, self.gain, self.directions, self.names = network, gain, directions, list(grids)
-        for name, grid in grids.items():  # attributes, since `to` moves the tensors that are
+        self.network = network
+        self.gain = gain
+        self.directions = directions
+        self.names = list(grids)
+        for name, grid in grids.items():  # as attributes, because `Material.to` moves only tensors that are
             setattr(self, f"grid_{name}", grid)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         grids = {name: getattr(self, f"grid_{name}") for name in self.names}
-        numbers = self.network.fetch(grids, uv, wo)
-        seen = [each.to(numbers.dtype) for each in direction_inputs(wo, wi, self.directions)]
-        return to_radiance(self.network(torch.cat([numbers, *seen], 1)), self.gain)
+        latents = self.network.fetch(grids, uv, wo)
+        directions = [values.to(latents.dtype) for values in direction_inputs(wo, wi, self.directions)]
+        level = self.network(torch.cat([latents, *directions], 1))
+        return to_radiance(level, self.gain)

@@ -44,11 +44,12 @@ class Treatment:
             raise InputError(f"--scale {self.scale:g}: must be above 0")
         if not 0 <= self.margin <= 0.5:
             raise InputError(f"--make-tileable {self.margin:g}: must be from 0 to 0.5, at most half of a side")
-        if self.exposure not in (MATCH, RADIANCE) and not 0 < _number(self.exposure) < np.inf:
+        is_factor = 0 < _number(self.exposure) < np.inf
+        if self.exposure not in (MATCH, RADIANCE) and not is_factor:
             raise InputError(f"--exposure {self.exposure}: give {MATCH}, {RADIANCE}, or a factor above 0")
 
     def size(self, height: int, width: int) -> tuple[int, int]:
-        """The size (H, W) of a shrunk picture, at least 1."""
+        """The size (H, W) of a picture of some height and width after its scaling, at least 1."""
         return max(1, round(height * self.scale)), max(1, round(width * self.scale))
 
 
@@ -62,19 +63,20 @@ def read_guidance(path: Path, treatment: Treatment, own: Tensor, exposure: float
     files = FolderFiles(path.parent)
     if not path.is_file():
         raise InputError(f"{path}: there is no such file: give a picture")
-    size = picture_size(files, path.name)
-    height, width = treatment.size(*size)
+    picture_height, picture_width = picture_size(files, path.name)
+    height, width = treatment.size(picture_height, picture_width)
     if height * width > LARGEST:
-        fits = np.floor(np.sqrt(LARGEST / (size[0] * size[1])) * 1000) / 1000
+        largest_scale = np.sqrt(LARGEST / (picture_height * picture_width))
+        scale = np.floor(largest_scale * 1000) / 1000  # rounded down to three digits
         raise InputError(
             f"{path}: it gives a texture of {width} × {height} texels, but the limit is {LARGEST:,}: "
-            f"cut it, or give --scale {fits:g}"
+            f"cut it, or give --scale {scale:g}"
         )
     image, factor = guidance_of(read_picture(files, path.name), treatment, own, exposure)
     provenance = {
         "guidance": path.name,
         "guidance_sha256": file_digest(path),
-        "guidance_pixels": f"{size[1]} x {size[0]}",
+        "guidance_pixels": f"{picture_width} x {picture_height}",
         "guidance_factor": round(factor, 6),
         "scale": treatment.scale,
         "blended": treatment.margin,
@@ -85,7 +87,10 @@ def read_guidance(path: Path, treatment: Treatment, own: Tensor, exposure: float
 
 
 def guidance_of(picture: Array, treatment: Treatment, own: Tensor, exposure: float) -> tuple[Tensor, float]:
-    """The guidance image (1, 3, H, W) of a linear picture (H, W, 3), and the factor that it was exposed with."""
+    """The guidance image (1, 3, H, W) of a linear picture (H, W, 3), and the factor that it was exposed with.
+
+    `own` and `exposure` are of the material, as in `read_guidance`.
+    """
     height, width = treatment.size(picture.shape[0], picture.shape[1])
     if (height, width) != picture.shape[:2]:
         # One channel at a time, because averages take double precision.
@@ -98,15 +103,19 @@ def guidance_of(picture: Array, treatment: Treatment, own: Tensor, exposure: flo
     return image, factor
 
 
-def _factor(picture: Array, how: str, own: Tensor, exposure: float) -> float:
-    """The factor on linear values of a picture (H, W, 3): see `Treatment.exposure`; 1 for a black one to be matched."""
-    if how == RADIANCE:
+def _factor(picture: Array, method: str, own: Tensor, exposure: float) -> float:
+    """The factor on linear values of a picture (H, W, 3); 1 for a black one to be matched.
+
+    `method` is `Treatment.exposure`; `own` and `exposure` are of the material, as in `read_guidance`.
+    """
+    if method == RADIANCE:
         return exposure
-    if how != MATCH:
-        return _number(how)
-    ours = float(np.maximum(picture, 0).mean((0, 1), dtype=np.float64) @ LUMA)
-    theirs = float(decode_srgb(own.numpy() / 255).mean((0, 1)) @ LUMA)
-    return theirs / ours if ours > 0 else 1.0
+    if method != MATCH:
+        return _number(method)
+    # The mean luminance of the picture, and of the material's own guidance.
+    luminance = float(np.maximum(picture, 0).mean((0, 1), dtype=np.float64) @ LUMA)
+    own_luminance = float(decode_srgb(own.numpy() / 255).mean((0, 1)) @ LUMA)
+    return own_luminance / luminance if luminance > 0 else 1.0
 
 
 def _number(text: str) -> float:
@@ -118,19 +127,24 @@ def _number(text: str) -> float:
 
 
 def blended(picture: Array, margin: float) -> Array:
-    """A linear picture (H, W, 3), ≥ 0; its far margins, a share of each side, are blended into its near ones.
+    """A linear picture (h, w, 3), ≥ 0: that of (H, W, 3) with its far margins blended into its near ones.
 
-    The picture loses the margins, and up to three more texels, so that the autoencoder's cells fit the period.
+    A margin is a share of a side. The picture loses the margins, and up to three more texels, so that the autoencoder's
+    cells fit the period. Without a margin it stays as it is.
     """
     overlap = (_overlap(picture.shape[0], margin), _overlap(picture.shape[1], margin))
-    return np.maximum(make_periodic(picture, overlap), 0).astype(np.float32) if any(overlap) else picture
+    if not any(overlap):
+        return picture
+    return np.maximum(make_periodic(picture, overlap), 0).astype(np.float32)
 
 
 def _overlap(side: int, margin: float) -> int:
     """Texels of a side to blend away: the margin's, and up to three more if the rest then fits the stride."""
     least = round(side * margin)
     fitting = least + (side - least) % STRIDE
-    return fitting if least and 2 * fitting <= side else least
+    if least > 0 and 2 * fitting <= side:  # an overlap is at most half of the side
+        return fitting
+    return least
 
 
 class Seam(NamedTuple):
@@ -147,21 +161,28 @@ def seam_of(material: NeuBTFMaterial, pairs: Array) -> tuple[Seam, Seam]:
     two of the autoencoder's cells, larger than those within a cell; the ratios are infinite if there is no such step.
     """
     exposure = material.gain / LOG_SCALE
-    slices = [to_display(material.slice(wo.tolist(), wi.tolist()).numpy(), exposure) for wo, wi in pairs]
-    left_right = np.mean([_steps(each, 1) for each in slices], 0)
-    top_bottom = np.mean([_steps(each, 0) for each in slices], 0)
+    slices = []
+    for wo, wi in pairs:
+        radiance = material.slice(wo.tolist(), wi.tolist()).numpy()
+        slices.append(to_display(radiance, exposure))
+    left_right = np.mean([_steps(picture, axis=1) for picture in slices], 0)
+    top_bottom = np.mean([_steps(picture, axis=0) for picture in slices], 0)
     return _seam(left_right), _seam(top_bottom)
 
 
 def _steps(picture: Array, axis: int) -> Array:
-    """The mean |difference| between each column (or row) and the next, the last with the first."""
-    along = np.moveaxis(picture, axis, 0)
-    return np.abs(np.diff(along, axis=0, append=along[:1])).mean((1, 2))
+    """The mean |difference| of each row of a picture (H, W, 3) from the next, (H,), the last from the first.
+
+    Those are the rows for axis 0; for axis 1 they are the columns, (W,).
+    """
+    rows = np.moveaxis(picture, axis, 0)
+    return np.abs(np.diff(rows, axis=0, append=rows[:1])).mean((1, 2))
 
 
 def _seam(steps: Array) -> Seam:
-    """The seam of a ring of steps, the last of which crosses the border; see `seam_of`."""
-    inside = steps[STRIDE - 1 : -1 : STRIDE]  # from one cell to the next
-    if not inside.any():
+    """The seam of the differences of `_steps`, the last of which crosses the border; see `seam_of`."""
+    across_border = steps[-1]
+    between_cells = steps[STRIDE - 1 : -1 : STRIDE]
+    if not between_cells.any():
         return Seam(np.inf, np.inf)
-    return Seam(float(steps[-1] / inside.mean()), float(steps[-1] / inside.max()))
+    return Seam(float(across_border / between_cells.mean()), float(across_border / between_cells.max()))

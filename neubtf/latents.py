@@ -17,29 +17,38 @@ WHITE = 255
 
 
 def standardised(texture: Tensor) -> Tensor:
-    """A texture (H, W, D) with each channel c at mean 0 and variance 1 or 0, then the paper's 1 / (e^(1 − c) + 1)."""
+    """A texture (H, W, D) with each channel c at mean 0 and variance 1, then the paper's 1 / (e^(1 − c) + 1).
+
+    A constant channel becomes 0 everywhere before the curve.
+    """
     flat = texture.double().flatten(0, 1)
-    deviation = flat.std(0, correction=0)
-    steady = deviation <= 1e-6 * flat.abs().amax(0)
-    scaled = (flat - flat.mean(0)) / torch.where(steady, torch.inf, deviation)
+    deviation = flat.std(0, correction=0)  # (D,)
+    is_constant = deviation <= 1e-6 * flat.abs().amax(0)  # but for rounding
+    scaled = (flat - flat.mean(0)) / torch.where(is_constant, torch.inf, deviation)
     return (scaled - 1).sigmoid().reshape(texture.shape).float()
 
 
 def sheet(texture: Tensor) -> np.ndarray:
     """The contact sheet (h, w) uint8 of a texture (H, W, D): channels row by row, about square."""
-    shown = standardised(texture).numpy()
-    longest = max(shown.shape[:2])
+    channels = standardised(texture).numpy()  # from 0 to 1
+    longest = max(channels.shape[:2])
     if longest >= 2 * SIDE:
-        shown = box_filter(shown, longest // SIDE if min(shown.shape[:2]) >= longest // SIDE else 1)
-    grow = -(-SIDE // max(shown.shape[:2]))
-    cells = (shown * WHITE).round().astype(np.uint8).repeat(grow, 0).repeat(grow, 1)  # (h, w, D)
+        shrink = longest // SIDE
+        if min(channels.shape[:2]) >= shrink:  # a narrower texture would have no texel left on its short side
+            channels = box_filter(channels, shrink)
+    grow = -(-SIDE // max(channels.shape[:2]))  # pixels a side of a texel, rounded up
+    bytes_of_texels = (channels * WHITE).round().astype(np.uint8)
+    cells = bytes_of_texels.repeat(grow, 0).repeat(grow, 1)  # (h, w, D)
     height, width, count = cells.shape
-    columns = min(count, max(1, round(np.sqrt(count * (height + GAP) / (width + GAP)))))
+    # Each cell has its gap above and at the left. The sheet is about square.
+    framed_height, framed_width = height + GAP, width + GAP
+    columns = round(np.sqrt(count * framed_height / framed_width))
+    columns = min(count, max(1, columns))
     rows = -(-count // columns)
-    framed = np.full((rows * columns, height + GAP, width + GAP), WHITE, np.uint8)
+    framed = np.full((rows * columns, framed_height, framed_width), WHITE, np.uint8)
     framed[:count, GAP:, GAP:] = cells.transpose(2, 0, 1)
-    # (rows, columns, h, w), then (rows, h, columns, w), then (rows · h, columns · w).
-    page = framed.reshape(rows, columns, height + GAP, -1).swapaxes(1, 2).reshape(rows * (height + GAP), -1)
+    by_row = framed.reshape(rows, columns, framed_height, framed_width).swapaxes(1, 2)  # (rows, h, columns, w)
+    page = by_row.reshape(rows * framed_height, columns * framed_width)
     return np.pad(page, ((0, GAP), (0, GAP)), constant_values=WHITE)
 
 

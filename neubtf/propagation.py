@@ -26,7 +26,10 @@ TILE = 384  # texels a side, without the halo; a multiple of the stride
 
 @dataclass(frozen=True)
 class FittedMaterial:
-    """A fitted material that can be guided: its file, its encoder, and its own guidance, bytes (H, W, 3)."""
+    """A fitted material of which new textures can be made: its file, its encoder, and its own guidance.
+
+    The guidance has bytes (H, W, 3).
+    """
 
     header: Header
     parts: Parts
@@ -35,27 +38,34 @@ class FittedMaterial:
 
     @classmethod
     def read(cls, path: Path) -> "FittedMaterial":
-        """`InputError` for a file without autoencoder, `ContainerError` if it is damaged or of another version."""
+        """The material of a file of codec neubtf.
+
+        Raises `InputError` for a file without autoencoder, `ContainerError` if it is damaged or of another version.
+        """
         encoder, guidance = read_encoder(path)
         header = loading.load(path).header  # refuse a file that does not decode
-        return cls(header, container.read_parts(path)[1], encoder, guidance)
+        _, parts = container.read_parts(path)
+        return cls(header, parts, encoder, guidance)
 
     @property
     def exposure(self) -> float:
-        """From radiance to the display."""
+        """The factor from radiance to linear values of the display."""
         return self.parts.other["gain"].item() / LOG_SCALE
 
     def guided(self, texture: Tensor) -> tuple[NeuBTF, Parts]:
-        """The file of this material with another neural texture (H, W, D), and without the encoder."""
+        """The codec and the parts of a file of this material with another neural texture (H, W, D).
+
+        The file has no encoder, and is of no scene: the new texture is fitted to none.
+        """
         codec = NeuBTF(**self.header.settings | {"keep_encoder": False, "scene": False})
-        stored = store_alike("latents", texture, self.parts.texture)
-        return codec, Parts(decoder=self.parts.decoder, texture=stored, other=self.parts.other)
+        texture_tensors = store_alike("latents", texture, self.parts.texture)
+        return codec, Parts(decoder=self.parts.decoder, texture=texture_tensors, other=self.parts.other)
 
 
 def propagate(
     path: Path, picture: Path, out: Path, treatment: Treatment, show: Progress = silent, device: str = "cpu"
 ) -> Header:
-    """Write the material of a file with a new neural texture, made from a picture; its provenance names both.
+    """Write the material of a file with a new neural texture, made from a picture; the new header names both.
 
     Raises `InputError` for a file without autoencoder and a picture that cannot be read, and leaves nothing behind.
     """
@@ -65,37 +75,43 @@ def propagate(
     guidance, provenance = read_guidance(picture, treatment, source.guidance, source.exposure)
     texture = textured(source.encoder.to(device), guidance.to(device), show)
     codec, parts = source.guided(texture)
-    del texture
+    del texture  # up to a gigabyte, of which `parts` has the codes
     return container.save(out, codec, parts, {"file_sha256": source.header.sha256} | provenance)
 
 
 @torch.no_grad()
 def textured(encoder: Encoder, guidance: Tensor, show: Progress = silent, tile: int = TILE) -> Tensor:
-    """The neural texture (H, W, D) of a guidance image (1, 3, H, W), that of `encoder(guidance)` within rounding."""
+    """The neural texture (H, W, D) of a guidance image (1, 3, H, W), made in tiles of `tile` texels a side.
+
+    Within rounding it is that of `encoder(guidance)`.
+    """
     height, width = guidance.shape[2:]
     network = encoder.autoencoder
-    windows = list(_windows(height, width, tile))
-    inner = slice(HALO // STRIDE, -(HALO // STRIDE))  # cells without the halo
+    tiles = list(_tiles(height, width, tile))
+    inner_cells = slice(HALO // STRIDE, -(HALO // STRIDE))  # without the halo
     pooled: Pooled | None = None
-    for corner, size in followed(show, windows, "pooling", len(windows)):
+    for corner, size in followed(show, tiles, "pooling", len(tiles)):
         window = encoder.prepared(surrounded(guidance, corner, size))
-        here = Pooled.of_cells(network.encode(window).deep[..., inner, inner])
-        pooled = here if pooled is None else pooled.joined(here)
+        pooled_tile = Pooled.of_cells(network.encode(window).deep[..., inner_cells, inner_cells])
+        pooled = pooled_tile if pooled is None else pooled.joined(pooled_tile)
     assert pooled is not None
     texture = torch.empty(height, width, network.head.out_channels)
-    for (row, col), size in followed(show, windows, "making the texture", len(windows)):
+    for (row, col), size in followed(show, tiles, "making the texture", len(tiles)):
         window = encoder.prepared(surrounded(guidance, (row, col), size))
-        # (h, w, D), without the halo.
-        part = network.decode(network.encode(window), pooled)[0, :, HALO:-HALO, HALO:-HALO].movedim(0, -1)
+        with_halo = network.decode(network.encode(window), pooled)[0]  # (D, h, w)
+        tile_texture = with_halo[:, HALO:-HALO, HALO:-HALO].movedim(0, -1)  # (h, w, D)
         # If a side is not a multiple of the stride, texels beyond the far border are cut off.
-        there = texture[row : row + size[0], col : col + size[1]]
-        there.copy_(part[: there.shape[0], : there.shape[1]])
+        target = texture[row : row + size[0], col : col + size[1]]
+        target.copy_(tile_texture[: target.shape[0], : target.shape[1]])
     return texture
 
 
-def _windows(height: int, width: int, tile: int) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
-    """Corner and size of tiles that cover a picture, all multiples of the stride."""
-    rows, cols = (-(-side // STRIDE) * STRIDE for side in (height, width))
+def _tiles(height: int, width: int, tile: int) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+    """The corner (row, column) and the size (rows, columns) of tiles that cover a picture, all multiples of the stride.
+
+    The last tiles may reach beyond the picture.
+    """
+    rows, cols = (-(-side // STRIDE) * STRIDE for side in (height, width))  # rounded up
     for row in range(0, rows, tile):
         for col in range(0, cols, tile):
             yield (row, col), (min(tile, rows - row), min(tile, cols - col))

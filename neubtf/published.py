@@ -40,8 +40,8 @@ SCALES = 3  # full, half and quarter resolution
 BANK_SEED = 0x57  # the bank is the same for every fit: it is part of the loss, not of the network
 
 
-def shown(log_radiance: Tensor) -> Tensor:
-    """Linear radiance × exposure in [0, 1] of log1p(8 · exposure · radiance), any shape."""
+def linear_display(log_radiance: Tensor) -> Tensor:
+    """Linear values of the display: radiance × exposure in [0, 1], of log1p(8 · exposure · radiance), any shape."""
     return (log_radiance.expm1() / LOG_SCALE).clamp(0, 1)
 
 
@@ -64,21 +64,32 @@ class Style(nn.Module):
         """The distance of pictures that repeat, or not, in rows and in columns, at scales that fit the filters."""
         distances = list[Tensor]()
         for scale, filters in enumerate(self.bank):
-            if scale:
-                ours, theirs = (functional.avg_pool2d(x, 2, ceil_mode=True) for x in (ours, theirs))
-            sides = zip(ours.shape[2:], periodic, strict=True)
-            if all(wraps or side >= KERNEL for side, wraps in sides):
-                distances.append(functional.mse_loss(_gram(ours, filters, periodic), _gram(theirs, filters, periodic)))
-        return torch.stack(distances).mean() if distances else torch.zeros((), device=ours.device)
+            if scale > 0:
+                ours = functional.avg_pool2d(ours, 2, ceil_mode=True)
+                theirs = functional.avg_pool2d(theirs, 2, ceil_mode=True)
+            rows_fit = periodic[0] or ours.shape[2] >= KERNEL
+            cols_fit = periodic[1] or ours.shape[3] >= KERNEL
+            if rows_fit and cols_fit:
+                our_gram = _gram(ours, filters, periodic)
+                their_gram = _gram(theirs, filters, periodic)
+                distances.append(functional.mse_loss(our_gram, their_gram))
+        if not distances:
+            return torch.zeros((), device=ours.device)
+        return torch.stack(distances).mean()
 
 
 def _gram(pictures: Tensor, filters: Tensor, periodic: tuple[bool, bool]) -> Tensor:
-    """(B, F, F): the mean over texels of products of rectified responses; of inner texels if it does not repeat."""
+    """The Gram matrices (B, F, F) of pictures (B, 3, H, W) under F filters.
+
+    An entry is the mean over texels of the product of two filters' rectified responses. Along a side that does not
+    repeat these are the inner texels, at which the filters fit.
+    """
     half = KERNEL // 2
     for dim, wraps in zip((2, 3), periodic, strict=True):
-        size = pictures.shape[dim]
         if wraps:
-            pictures = pictures.index_select(dim, torch.arange(-half, size + half, device=pictures.device) % size)
+            size = pictures.shape[dim]
+            places = torch.arange(-half, size + half, device=pictures.device) % size
+            pictures = pictures.index_select(dim, places)
     responses = functional.conv2d(pictures, filters).relu().flatten(2)  # (B, F, texels)
     return responses @ responses.mT / responses.shape[2]
 
@@ -92,8 +103,9 @@ def focal_frequency(ours: Tensor, theirs: Tensor) -> Tensor:
     difference = torch.fft.fft2(ours - theirs, norm="ortho")
     squared = difference.real.square() + difference.imag.square()
     with torch.no_grad():
-        weight = squared.sqrt()
-        weight = weight / weight.amax((2, 3), keepdim=True).clamp_min(torch.finfo(weight.dtype).tiny)
+        magnitude = squared.sqrt()
+        largest = magnitude.amax((2, 3), keepdim=True).clamp_min(torch.finfo(magnitude.dtype).tiny)
+        weight = magnitude / largest
     return (weight * squared).mean()
 
 
@@ -121,8 +133,8 @@ class Published(Guided):
     ):
         super().__init__(samples, settings, encoder, guidance, generator)
         self.style = Style()
-        self.brightness = float(decode_srgb(guidance.cpu().numpy()).mean())
-        self.means = nn.Buffer(slice_means(samples), persistent=False)
+        self.guidance_mean = float(decode_srgb(guidance.cpu().numpy()).mean())  # in linear light
+        self.means = nn.Buffer(slice_means(samples), persistent=False)  # (pairs,)
         # What the steps call. Functions, not modules, which would stand in the state of the fit a second time.
         self.encoded = self._quickest(encoder.forward)
         self.answers = self._quickest(self.answered)
@@ -147,15 +159,15 @@ class Published(Guided):
         Every slice was an input. Some tell much more than the most frontal one, which hides the ribs of corduroy.
         """
         batch = self.samples.draw(JUDGED, fit.generator())
-        every = -(-self.samples.pairs // CANDIDATES)
-        best, least = self.guidance.clone(), self._error(self.guidance, batch)
-        for pair in fit.progress(range(0, self.samples.pairs, every), "guidance images"):
+        step = -(-self.samples.pairs // CANDIDATES)  # every so many pairs, rounded up
+        best_picture, least_error = self.guidance.clone(), self._error(self.guidance, batch)
+        for pair in fit.progress(range(0, self.samples.pairs, step), "guidance images"):
             level = self.exposed(slice_of(self.samples, pair), torch.tensor([pair], device=self.samples.device))
             picture = as_guidance(eight_bits(displayed(level))).to(self.guidance)
             error = self._error(picture, batch)
-            if error < least:
-                best, least = picture, error
-        return best
+            if error < least_error:
+                best_picture, least_error = picture, error
+        return best_picture
 
     def _error(self, guidance: Tensor, batch: Batch) -> float:
         """The loss of the pixels of a batch, for the texture of a guidance image."""
@@ -168,73 +180,80 @@ class Published(Guided):
         return settings.pixel * pixel + settings.style * style + settings.frequency * frequency
 
     def batch(self, generator: torch.Generator) -> list[Elements]:
-        """The elements of a step, drawn at random, in groups of one size."""
+        """The elements of a step, drawn at random, in groups whose windows have one size."""
         settings, samples = self.settings, self.samples
-        alike: dict[Crop, list[Crop]] = {}
+        windows_of_size: dict[Crop, list[Crop]] = {}  # by the window without its place and its scale
         for _ in range(settings.slices):
             scale = draw_scale(settings.smallest, settings.keep_scale, generator)
             window = Crop.drawn(samples.shape, settings.crop, scale, samples.btf.periodic, generator, settings.around)
-            alike.setdefault(window.at_origin(), []).append(window)
-        return [self.elements(windows, generator) for windows in alike.values()]
+            windows_of_size.setdefault(window.at_origin(), []).append(window)
+        return [self.elements(windows, generator) for windows in windows_of_size.values()]
 
     def elements(self, windows: list[Crop], generator: torch.Generator) -> Elements:
-        """An element in each of some windows of one size, drawn at random."""
+        """An element in each of some windows of one size; its pairs are drawn at random."""
         device = self.samples.device
-        texels, weights = taps_of(windows, self.samples.shape, device)
-        drawn = torch.randint(self.samples.pairs, (len(windows), 1 + self.settings.targets), generator=generator)
-        pairs = drawn.to(device, non_blocking=True)
+        texels, weights = taps_of(windows, self.samples.shape, device)  # (E, h · w, k)
+        pair_shape = (len(windows), 1 + self.settings.targets)  # of each element the input, then the targets
+        pairs = torch.randint(self.samples.pairs, pair_shape, generator=generator).to(device, non_blocking=True)
         levels = self.averaged(texels[:, None], weights[:, None], pairs[:, :, None])  # (E, 1 + targets, h · w, 3)
+        input_levels, target_levels = levels[:, 0], levels[:, 1:]
+        input_pairs, target_pairs = pairs[:, 0], pairs[:, 1:]
         window = windows[0].at_origin()
-        views = pictures(levels[:, 0].flatten(0, 1), window.size)  # (E, 3, h, w), the inputs
-        picture = self.disturbance.disturbed(displayed(self.exposed(views, pairs[:, 0])), generator)
+        input_slices = pictures(input_levels.flatten(0, 1), window.size)  # (E, 3, h, w)
+        picture = self.disturbance.disturbed(displayed(self.exposed(input_slices, input_pairs)), generator)
         inner = window.inner().to(device, non_blocking=True)
         return Elements(
             window=window,
             picture=picture,
-            views=pairs[:, 0],
-            targets=levels[:, 1:, inner],
-            pairs=pairs[:, 1:],
+            views=input_pairs,
+            targets=target_levels[:, :, inner],
+            pairs=target_pairs,
             texels=texels[:, inner],
             weights=weights[:, inner],
         )
 
     def averaged(self, texels: Tensor, weights: Tensor, pairs: Tensor) -> Tensor:
         """Log radiance (…, 3) of weighted means over texels (…, k), at pairs (…); the axes before k are broadcast."""
-        each = pairs[..., None]
-        shape = torch.broadcast_shapes(texels.shape, each.shape)
-        level = self.samples.at(texels.expand(shape).flatten(), each.expand(shape).flatten()).target
-        radiance = level.expm1().unflatten(0, shape)  # (…, k, 3)
+        pair_of_texel = pairs[..., None]
+        shape = torch.broadcast_shapes(texels.shape, pair_of_texel.shape)
+        levels = self.samples.at(texels.expand(shape).flatten(), pair_of_texel.expand(shape).flatten()).target
+        radiance = levels.expm1().unflatten(0, shape)  # (…, k, 3)
         return (radiance * weights[..., None]).sum(-2).log1p()
 
     def exposed(self, levels: Tensor, pairs: Tensor) -> Tensor:
-        """Log radiance (E, 3, h, w) of parts of the slices of pairs (E,), once each slice has the guidance's mean.
+        """Log radiance (E, 3, h, w) of parts of slices, exposed so that each whole slice has the guidance's mean.
 
-        A later photograph comes in the same way: the mean of all of it is brought to the guidance's.
+        The slices are those of pairs (E,). A photograph that becomes guidance later is treated in the same way: the
+        mean of all of it is brought to the guidance's.
         """
-        factor = self.brightness / self.means[pairs]
+        factor = self.guidance_mean / self.means[pairs]
         return (levels.expm1() * factor[:, None, None, None]).log1p()
 
     def losses(self, batch: list[Elements], generator: torch.Generator) -> Tensor:
         """The losses (3,) of pixels, style and spectrum, not weighted, as means over elements."""
-        each = [len(elements.views) * self._compared(elements, generator) for elements in batch]
-        return torch.stack(each).sum(0) / sum(len(elements.views) for elements in batch)
+        sums = [len(elements.views) * self._losses_of(elements, generator) for elements in batch]
+        count = sum(len(elements.views) for elements in batch)
+        return torch.stack(sums).sum(0) / count
 
-    def _compared(self, elements: Elements, generator: torch.Generator) -> Tensor:
+    def _losses_of(self, elements: Elements, generator: torch.Generator) -> Tensor:
         """The losses (3,) of elements with windows of one size; their surroundings are left out."""
         settings, device = self.settings, self.samples.device
         inner = elements.window.inner().to(device, non_blocking=True)
-        textures = self.encoded(elements.picture)
+        textures = self.encoded(elements.picture)  # (E, D, h, w)
         latents = textures.flatten(2)[..., inner].movedim(1, -1)  # (E, n, D)
         count, targets, texels, _ = elements.targets.shape
 
+        # Style and spectrum compare whole pictures, at the pairs of the targets: E · targets · n answers.
         repeated = latents[:, None].expand(-1, targets, -1, -1).flatten(0, 2)  # (E · targets · n, D)
         pairs = elements.pairs[:, :, None].expand(-1, -1, texels).flatten()  # (E · targets · n,)
-        rendered, levels = self.answers(repeated, pairs), elements.targets.flatten(0, 2)
-        ours, truth = (shown(pictures(values, elements.window.inner_size)) for values in (rendered, levels))
+        rendered = self.answers(repeated, pairs)
+        levels = elements.targets.flatten(0, 2)
+        ours = linear_display(pictures(rendered, elements.window.inner_size))
+        truth = linear_display(pictures(levels, elements.window.inner_size))
 
         if settings.texel_pairs:  # the pixels are compared at pairs of their own, E · n · texel_pairs answers
-            drawn = torch.randint(self.samples.pairs, (count, texels, settings.texel_pairs), generator=generator)
-            pairs = drawn.to(device, non_blocking=True)
+            pair_shape = (count, texels, settings.texel_pairs)
+            pairs = torch.randint(self.samples.pairs, pair_shape, generator=generator).to(device, non_blocking=True)
             levels = self.averaged(elements.texels[:, :, None], elements.weights[:, :, None], pairs).flatten(0, 2)
             repeated = latents[:, :, None].expand(-1, -1, settings.texel_pairs, -1).flatten(0, 2)
             rendered = self.answers(repeated, pairs.flatten())
@@ -245,5 +264,8 @@ class Published(Guided):
 
 def slice_means(samples: Samples) -> Tensor:
     """The mean (pairs,) of each slice as it is displayed, in linear light, at least `DARKEST`."""
-    means = [shown(samples.slices(pairs)).mean((0, 2)) for pairs in torch.arange(samples.pairs).split(AT_ONCE)]
+    means = []
+    for pairs in torch.arange(samples.pairs).split(AT_ONCE):
+        slices = linear_display(samples.slices(pairs))  # (texels, pairs, 3)
+        means.append(slices.mean((0, 2)))
     return torch.cat(means).clamp_min(DARKEST)

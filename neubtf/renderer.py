@@ -34,8 +34,15 @@ class RendererSettings:
 
     @property
     def architecture(self) -> Architecture:
-        inputs, widths = self.latents + COUNTS[self.directions], (self.width,) * self.layers
-        return Architecture(inputs, widths, 3, self.activation, self.omega, self.norm, self.residual)
+        return Architecture(
+            inputs=self.latents + COUNTS[self.directions],
+            widths=(self.width,) * self.layers,
+            outputs=3,
+            activation=self.activation,
+            omega=self.omega,
+            norm=self.norm,
+            residual=self.residual,
+        )
 
 
 def render(renderer: Decoder, latents: Tensor, wo: Tensor, wi: Tensor, directions: Directions) -> Tensor:

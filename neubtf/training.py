@@ -32,7 +32,8 @@ from neubtf.augmentation import Crop, Disturbance, draw_scale
 from neubtf.autoencoder import STRIDE, Encoder, displayed
 from neubtf.renderer import RendererSettings, render
 
-ENCODERS = {"adam": 1, "muon": 2}  # its groups of parameters, before those of the renderer and the texture
+# How many groups of parameters are the encoder's; they come before those of the renderer and the texture.
+ENCODER_GROUPS = {"adam": 1, "muon": 2}
 
 
 @dataclass(frozen=True)
@@ -73,12 +74,12 @@ class StagedSettings(NetworkSettings, RendererSettings):
 
 
 class Example(NamedTuple):
-    """The input of one step: a window, its texels as row · W + column, its picture, and the shown pair."""
+    """The input of one step: a window, its texels as row · W + column, its picture, and the pair of its slice."""
 
     window: Crop
     texels: Tensor  # (h · w,) of the window's source
     picture: Tensor  # (1, 3, h, w)
-    pair: int | None  # None: the guidance
+    pair: int | None  # None: the picture is the guidance
 
     @property
     def inner(self) -> Tensor:
@@ -103,17 +104,18 @@ class Guided(Objective):
         return [self.renderer]
 
     def groups(self) -> list[ParameterGroup]:
-        """Those of the encoder come first: `ENCODERS` counts them, so that `Staged.rate` can stop the others."""
+        """Those of the encoder come first: `ENCODER_GROUPS` counts them, so that `Staged.rate` can stop the others."""
         settings = self.settings
         renderer = groups_of([self.renderer], settings.rate, settings.optimiser, settings.hidden_rate)
         encoder = groups_of([self.encoder], settings.encoder_rate, settings.optimiser, settings.encoder_hidden_rate)
         return [*encoder, *renderer]
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        return self.rendered(by_texel(self.encoder(self.guidance)), batch.texel, batch.pair)
+        latents = by_texel(self.encoder(self.guidance))
+        return self.rendered(latents, batch.texel, batch.pair)
 
     def rendered(self, latents: Tensor, texel: Tensor, pair: Tensor) -> Tensor:
-        """Log radiance (n, 3) of some of the latents and pairs."""
+        """Log radiance (n, 3) of some texels (n,) of latents (H · W, D), each at one pair (n,)."""
         return self.answered(latents.index_select(0, texel), pair)
 
     def answered(self, latents: Tensor, pair: Tensor) -> Tensor:
@@ -121,11 +123,17 @@ class Guided(Objective):
         wo, wi = self.samples.wo[pair], self.samples.wi[pair]
         return render(self.renderer, latents, wo, wi, self.settings.directions)
 
-    def radiance(self, window: Crop, texels: Tensor, pairs: Tensor) -> Tensor:
-        """Log radiance (B, 3, h, w) of a window of the slices of some pairs (B,); averages are of radiance."""
-        each = pairs.to(texels.device, non_blocking=True).repeat_interleave(len(texels))  # (B · texels,)
-        values = pictures(self.samples.at(texels.repeat(len(pairs)), each).target, window.source)
-        return values if window.keeps_scale else window.rescaled(values.expm1()).log1p()
+    def window_of_slices(self, window: Crop, texels: Tensor, pairs: Tensor) -> Tensor:
+        """Log radiance (B, 3, h, w) of a window of the slices of some pairs (B,); a rescale averages radiance.
+
+        `texels` are those of the window's source.
+        """
+        texel_pairs = pairs.to(texels.device, non_blocking=True).repeat_interleave(len(texels))  # (B · texels,)
+        levels = self.samples.at(texels.repeat(len(pairs)), texel_pairs).target  # (B · texels, 3)
+        source = pictures(levels, window.source)
+        if window.keeps_scale:
+            return source
+        return window.rescaled(source.expm1()).log1p()
 
 
 class Staged(Guided):
@@ -135,29 +143,36 @@ class Staged(Guided):
         self, samples: Samples, settings: StagedSettings, encoder: Encoder, guidance: Tensor, generator: torch.Generator
     ):
         super().__init__(samples, settings, encoder, guidance, generator)
-        with torch.no_grad():  # the encoder's output for the guidance is near textures that it can learn
-            texture = by_texel(encoder(guidance)).contiguous()
         if settings.start == "components":
             texture = first_latents(samples, settings.latents, "components", generator)
+        else:
+            with torch.no_grad():  # the encoder's output for the guidance is near textures that it can learn
+                texture = by_texel(encoder(guidance)).contiguous()
         self.texture = nn.Parameter(texture)
         # The first step of each stage.
-        self.starts = [
-            round(share * settings.steps) for share in (0, settings.direct, settings.direct + settings.taught)
-        ]
+        taught_from = round(settings.direct * settings.steps)
+        guided_from = round((settings.direct + settings.taught) * settings.steps)
+        self.starts = [0, taught_from, guided_from]
 
     def groups(self) -> list[ParameterGroup]:
         return [*super().groups(), {"params": [self.texture], "lr": self.settings.rate}]
 
     def stage(self, step: int) -> int:
-        """The stage of a step, from 0 to 2."""
-        return bisect.bisect(self.starts, step) - 1
+        """The stage of a step: 0 is direct, 1 taught, 2 guided. A stage without steps is skipped."""
+        return bisect.bisect(self.starts, step) - 1  # the last stage that has begun
 
     def rate(self, step: int, steps: int, group: int) -> float:
-        """Each stage has its own warm-up and fall; after a direct stage, the guided one moves the encoder alone."""
+        """The share of a group's highest rate at a step: each stage has its own warm-up and fall.
+
+        After a direct stage, the guided one moves the encoder alone: the others' rate is 0.
+        """
         stage = self.stage(step)
-        start, end = [*self.starts, steps][stage : stage + 2]  # of the stage
-        fixed = stage == 2 and self.settings.direct > 0 and group >= ENCODERS[self.settings.optimiser]
-        return 0.0 if fixed else super().rate(step - start, end - start, group)
+        start = self.starts[stage]
+        end = self.starts[stage + 1] if stage < 2 else steps
+        of_encoder = group < ENCODER_GROUPS[self.settings.optimiser]
+        if stage == 2 and self.settings.direct > 0 and not of_encoder:
+            return 0.0
+        return super().rate(step - start, end - start, group)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         direct = self.stage(round(progress * self.settings.steps)) == 0
@@ -166,50 +181,67 @@ class Staged(Guided):
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss of the stage to which a step belongs."""
-        losses = (self._direct, self._taught, self._guided)
-        return losses[self.stage(round(progress * self.settings.steps))](generator)
+        match self.stage(round(progress * self.settings.steps)):
+            case 0:
+                return self._direct(generator)
+            case 1:
+                return self._taught(generator)
+            case _:
+                return self._guided(generator)
 
     def example(self, smallest: float, generator: torch.Generator) -> Example:
-        """A random slice, disturbed, or the guidance; the guidance keeps its scale."""
+        """A random slice, disturbed, at a scale of at least `smallest`; or the guidance, at its own scale."""
         samples, settings = self.samples, self.settings
         exploring = float(torch.rand((), generator=generator)) < settings.explore
         scale = draw_scale(smallest, settings.keep_scale, generator) if exploring else 1.0
         window = Crop.drawn(samples.shape, settings.crop, scale, samples.btf.periodic, generator, settings.around)
-        window = window if exploring else window.aligned()
+        if not exploring:  # the cells of the window are then those of the whole guidance
+            window = window.aligned()
         texels = window.texels(samples.shape).to(samples.device, non_blocking=True)
         if not exploring:
-            return Example(window, texels, pictures(by_texel(self.guidance)[texels], window.size), None)
+            picture = pictures(by_texel(self.guidance)[texels], window.size)
+            return Example(window, texels, picture, pair=None)
         pair = int(torch.randint(samples.pairs, (), generator=generator))
-        picture = displayed(self.radiance(window, texels, torch.tensor([pair])))
-        return Example(window, texels, self.disturbance.disturbed(picture, generator), pair)
+        slice_window = displayed(self.window_of_slices(window, texels, torch.tensor([pair])))
+        picture = self.disturbance.disturbed(slice_window, generator)
+        return Example(window, texels, picture, pair)
 
     def _direct(self, generator: torch.Generator) -> Tensor:
         """The loss of texture and renderer at random samples, without the encoder."""
         batch = self.samples.draw(self.settings.batch, generator)
-        return distance(self.rendered(self.texture, batch.texel, batch.pair), batch.target, self.settings.loss)
+        rendered = self.rendered(self.texture, batch.texel, batch.pair)
+        return distance(rendered, batch.target, self.settings.loss)
 
     def _taught(self, generator: torch.Generator) -> Tensor:
         """The squared error of the encoder's latents from the fitted texture's, over the deviation of each channel."""
         example = self.example(smallest=1.0, generator=generator)
         texture = self.texture.detach()
         inner = example.inner
+        # A window at its own scale has a texel for each of its source, so both can be compared.
         error = by_texel(self.encoder(example.picture))[inner] - texture[example.texels[inner]]
-        return (error / texture.std(0, correction=0).clamp_min(1e-3)).square().mean()
+        deviation = texture.std(0, correction=0).clamp_min(1e-3)  # (D,), not 0 for a constant channel
+        return (error / deviation).square().mean()
 
     def _guided(self, generator: torch.Generator) -> Tensor:
-        """The loss of single random samples: a slice holds thousands of texels, but one pair only."""
+        """The loss of single random samples of the window, each at a random pair.
+
+        A slice would hold thousands of texels, but of one pair only.
+        """
         example = self.example(self.settings.smallest, generator)
         size = (self.settings.batch,)
         latents = by_texel(self.encoder(example.picture))
         inner = example.inner
-        here = inner[torch.randint(len(inner), size, generator=generator).to(latents.device, non_blocking=True)]
+        drawn_places = torch.randint(len(inner), size, generator=generator)
+        texel = inner[drawn_places.to(latents.device, non_blocking=True)]  # (n,), of the window
         pair = torch.randint(self.samples.pairs, size, generator=generator).to(latents.device, non_blocking=True)
-        index, weight = example.window.taps(here)  # (n, k)
-        each = pair.repeat_interleave(index.shape[1])  # (n · k,)
-        levels = self.samples.at(example.texels[index].flatten(), each).target
-        values = levels.expm1().unflatten(0, index.shape)  # (n, k, 3)
-        truth = (values * weight[..., None]).sum(1).log1p()
-        loss = distance(self.rendered(latents, here, pair), truth, self.settings.loss)
+        # The truth is a weighted mean of the radiance of k texels of the window's source.
+        index, weight = example.window.taps(texel)  # (n, k)
+        source_texels = example.texels[index]
+        source_pairs = pair.repeat_interleave(index.shape[1])  # (n · k,)
+        levels = self.samples.at(source_texels.flatten(), source_pairs).target
+        radiance = levels.expm1().unflatten(0, index.shape)  # (n, k, 3)
+        truth = (radiance * weight[..., None]).sum(1).log1p()
+        loss = distance(self.rendered(latents, texel, pair), truth, self.settings.loss)
         return loss if example.pair is None else self.settings.explore_weight * loss
 
 
@@ -225,4 +257,5 @@ def pictures(values: Tensor, size: tuple[int, int]) -> Tensor:
 
 def slice_of(samples: Samples, pair: int) -> Tensor:
     """Log radiance (1, 3, H, W) of one pair."""
-    return pictures(samples.slices(torch.tensor([pair]))[:, 0], samples.shape)
+    levels = samples.slices(torch.tensor([pair]))[:, 0]  # (H · W, 3)
+    return pictures(levels, samples.shape)

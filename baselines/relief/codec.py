@@ -209,7 +209,7 @@ class ReliefMaterial(Material):
         self.relief = relief
         self.gain = gain
         self.names = list(tables)
-        for name, table in tables.items():  # attributes, since `to` moves the tensors that are
+        for name, table in tables.items():  # as attributes, because `Material.to` moves only tensors that are
             setattr(self, f"table_{name}", table)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:

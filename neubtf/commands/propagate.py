@@ -54,7 +54,7 @@ def run(options: argparse.Namespace, terminal: Terminal) -> int:
     terminal.say_file(header)
     material = load(header.path).material
     assert isinstance(material, NeuBTFMaterial)
-    seams = zip(("left–right", "top–bottom"), seam_of(material, FRONTAL), strict=True)
-    ratios = ", ".join(f"{side} {seam.of_mean:.2f}" for side, seam in seams)
+    left_right, top_bottom = seam_of(material, FRONTAL)
+    ratios = f"left–right {left_right.of_mean:.2f}, top–bottom {top_bottom.of_mean:.2f}"
     terminal.say(f"seam (gradient across the border, relative to those inside): {ratios}")
     return FINE

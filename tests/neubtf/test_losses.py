@@ -6,7 +6,7 @@ import torch
 from scipy.ndimage import correlate
 from torch import Tensor
 
-from neubtf.published import SCALES, Style, focal_frequency, shown
+from neubtf.published import SCALES, Style, focal_frequency, linear_display
 
 
 def pictures(seed: int, size: tuple[int, int] = (12, 20)) -> Tensor:
@@ -68,7 +68,7 @@ def test_the_weight_of_a_frequency_is_held_constant() -> None:
 def test_black_and_white_have_gradients(ours: float, theirs: float) -> None:
     level = torch.full((1, 3, 8, 8), math.log1p(8 * ours), requires_grad=True)
     truth = torch.full((1, 3, 8, 8), theirs)
-    loss = focal_frequency(shown(level), truth) + Style()(shown(level), truth)
+    loss = focal_frequency(linear_display(level), truth) + Style()(linear_display(level), truth)
     loss.backward()
     assert loss.item() == pytest.approx(0, abs=1e-9) if ours == theirs else loss.item() > 0.01
     assert level.grad is not None
@@ -77,5 +77,5 @@ def test_black_and_white_have_gradients(ours: float, theirs: float) -> None:
 
 def test_log_radiance_is_shown_linear_and_clipped() -> None:
     linear = torch.tensor([0.0, 0.3, 1.0, 7.0], dtype=torch.float64)
-    torch.testing.assert_close(shown((8 * linear).log1p()), linear.clamp(0, 1))
-    assert shown(torch.tensor(-0.5)) == 0
+    torch.testing.assert_close(linear_display((8 * linear).log1p()), linear.clamp(0, 1))
+    assert linear_display(torch.tensor(-0.5)) == 0

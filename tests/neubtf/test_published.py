@@ -14,7 +14,7 @@ from bench.training import Samples
 from neubtf.augmentation import Crop
 from neubtf.autoencoder import Autoencoder, Encoder, as_guidance, displayed, eight_bits
 from neubtf.codec import NeuBTF
-from neubtf.published import COMPILED_FROM, DARKEST, JUDGED, Elements, Published, shown, slice_means
+from neubtf.published import COMPILED_FROM, DARKEST, JUDGED, Elements, Published, linear_display, slice_means
 from neubtf.training import by_texel, slice_of
 
 GREY = torch.full((1, 3, 16, 16), 0.3)  # a guidance image
@@ -75,7 +75,7 @@ def test_slices_and_single_pairs_are_the_radiance_of_the_window(windows: list[Cr
     drawn = fitting.averaged(elements.texels, elements.weights, pairs)
     for at, window in enumerate(windows):
         texels = window.texels(fitting.samples.shape)
-        whole = fitting.radiance(window, texels, torch.arange(81)).flatten(2).movedim(1, -1)  # (81, n, 3)
+        whole = fitting.window_of_slices(window, texels, torch.arange(81)).flatten(2).movedim(1, -1)  # (81, n, 3)
         torch.testing.assert_close(elements.targets[at], whole[elements.pairs[at]], rtol=1e-4, atol=1e-5)
         own = whole[pairs[at], torch.arange(whole.shape[1])]
         torch.testing.assert_close(drawn[at], own, rtol=1e-4, atol=1e-5)
@@ -117,7 +117,7 @@ def test_the_papers_recipe_shows_every_slice_at_the_guidances_brightness() -> No
 
 
 def test_shown_is_radiance_in_the_range_of_a_display() -> None:
-    np.testing.assert_allclose(shown(torch.tensor([0.0, 8 * 0.5, 8 * 2.0]).log1p()), [0, 0.5, 1], rtol=1e-6)
+    np.testing.assert_allclose(linear_display(torch.tensor([0.0, 8 * 0.5, 8 * 2.0]).log1p()), [0, 0.5, 1], rtol=1e-6)
 
 
 def test_the_guidance_of_a_file_is_the_slice_whose_texture_answers_best() -> None:
