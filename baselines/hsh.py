@@ -182,7 +182,10 @@ def harmonics(directions: Tensor, bands: int) -> Tensor:
 
 
 class HSHMaterial(Material):
-    """Coefficients (H, W, 3 · K) bilinear over texels, times the harmonics of the query's directions."""
+    """Coefficients (H, W, 3 · K) bilinear over texels, times the harmonics of the query's directions.
+
+    `gain` is None if radiance was fitted, not its logarithm. Larger footprints are not filtered.
+    """
 
     def __init__(self, texture: Tensor, bands: list[int], gain: float | None, cosine: bool):
         height, width, channels = texture.shape
@@ -199,5 +202,6 @@ class HSHMaterial(Material):
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
         coefficients = sample_texture(self.texture, uv).to(wi.dtype).unflatten(1, (3, -1))
         level = torch.einsum("nck,nk->nc", coefficients, basis(wo, wi, self.bands))
+        # `level` is log1p(gain · radiance), or without `gain` radiance; with `cosine`, of radiance over the cosine.
         radiance = level if self.gain is None else to_radiance(level, self.gain)
         return radiance * _cosine(wi, self.cosine)

@@ -245,7 +245,10 @@ def _training_texels(
 
 
 def _target_pairs(btf: BTF, generator: torch.Generator) -> np.ndarray:
-    """`TARGETS` pairs: held-out ones if the BTF declares them, else any; repeated in turns if there are fewer."""
+    """`TARGETS` pairs: held-out ones if the BTF declares them, else any; repeated in turns if there are fewer.
+
+    The encoder sees training pairs alone. So a decoder that answers held-out ones learns to interpolate between them.
+    """
     pairs = np.arange(len(btf)) if btf.heldout is None else np.flatnonzero(btf.heldout)
     order = torch.randperm(len(pairs), generator=generator).numpy()
     return pairs[np.resize(order, TARGETS)]  # `resize` cuts the random order, or repeats it

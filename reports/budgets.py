@@ -1,4 +1,9 @@
-"""Tables of each codec's quality within budgets of bytes and time, of rungs that `bench.compare` chooses."""
+"""Tables of each codec's quality within budgets of bytes and time.
+
+A *rung* is one setting of a codec, as measured; the rungs of a codec, from few bytes to many, are its *ladder*. Its
+*curve* on a surface joins the rungs on the upper convex hull of quality over bytes. `bench.compare.choosing` chooses
+the rungs; docs/metrics.md has the rules.
+"""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -53,10 +58,11 @@ _CHOICE = "A codec's rung is chosen by validation pairs, its numbers are of test
 def budgets_table(run: Run) -> Iterator[Table]:
     """A row a codec, a column a budget: PSNR, mean over materials. A table a kind of surface, then one over all.
 
-    At a size PSNR is read off curves, so that no step of a ladder decides; within a time it is that of a rung.
+    PSNR at a size is read off curves: it does not depend on where the codec has its rungs. Within a time it is that of
+    the best rung in time.
     """
     result = budgets(run)
-    points = hulls(result, result.surfaces)
+    points = hulls(result, result.surfaces)  # of the curves
     kinds = by_kind(result.surfaces)
     tables = list[Table]()
     for kind, surfaces in kinds.items():

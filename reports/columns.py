@@ -438,9 +438,12 @@ def scene(job: Job) -> list[Column]:
 
 
 def _not_of_radiance(job: Job, names: Iterable[str]) -> Iterator[tuple[str, MetricFacts]]:
-    """The names of metrics, each with what the record says of it, without those of the errors of radiance."""
+    """The names of metrics, each with what the record says of it, without errors of radiance.
+
+    Those are stated relative to the mean radiance, in a table of their own.
+    """
     for name in names:
-        if not is_relative(name):
+        if not is_relative(name):  # it is not an error of radiance
             yield name, facts_of(job, name)
 
 

@@ -102,14 +102,15 @@ def _metrics(material: MaterialRows) -> Iterator[str]:
         words = [f"{name} version {facts.get('version', '?')}"]
         if facts["unit"] and facts["unit"] != "1":  # "1": it has no unit
             words.append(facts["unit"])
-        space = facts.get("space")
-        if space and space != "1":
+        space = facts.get("space")  # in which errors are measured, such as `display`
+        if space and space != "1":  # "1": in none
             words.append(space)
         words.append(f"{facts['direction']} is better")
         columns = {label_of(name)}
         if name == PSNR:  # several columns show it under other names, and need its definition as well
             columns |= {"PSNR train", "train", "worst tenth", "PSNR pooled"}
-        parts.append((", ".join(words), columns.__contains__))
+        is_about = columns.__contains__  # of the name of a column
+        parts.append((", ".join(words), is_about))
     if parts:
         yield Note(*parts, around=("Metrics: ", "; ", "."))
 

@@ -38,8 +38,9 @@ SUITE = "ablation"
 def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | None:
     """Two rows for each codec on each material of the paper's table, or on one that is nearest to it; else None.
 
-    A material that could not be had has one row with the paper's figures beside `none yet`, and a note says where to
-    get it. `absent` says where by material, for materials that no job of the run names.
+    A material of the paper that could not be had has one row with the paper's figures beside `none yet`; a nearest one
+    has no row. A note says of either where to get it. `absent` says where by material, for materials that no job of the
+    run names.
     """
     jobs = [job for job in run.jobs if job["material"] in PUBLISHED]
     jobs += [job for job in of_suite(run, NEAREST_SUITE) if job["material"] in NEAREST]

@@ -43,8 +43,10 @@ def committed(suite: str) -> Path:
 def reference(run: Run, before: Run | None = None) -> str:
     """The text of a run's reference. Raises `InputError` if the run is empty or has jobs without a result.
 
-    If the seeds of a row gave the same records as in the reference `before`, its further seeds in `before` are kept:
-    the codec did not change, so they still measure its scatter.
+    A row of a reference is one setting of a codec on one material, with a job for each seed. Jobs of the suite's own
+    seeds are kept whole, with their times; those of further seeds only measure the codec's scatter. If the seeds of a
+    row gave the same records as in the reference `before`, its further seeds in `before` are kept: the codec did not
+    change, so they still measure its scatter.
     """
     jobs = _in_order(run.jobs)
     if not jobs:
@@ -56,10 +58,13 @@ def reference(run: Run, before: Run | None = None) -> str:
             f"{run.folder}: {len(unfinished)} job(s) without a result, the first {job['job']} ({job['error']}): "
             "a reference needs a complete run"
         )
-    judged = _judged_seeds(run) or {job["seed"] for job in jobs}
-    reduced = [_reduced(job, run.folder, whole=job["seed"] in judged) for job in jobs]
-    kept_seeds = _seeds_to_keep(reduced, list(before.jobs) if before else [])
-    timings = _timings(run, [job for job in jobs if job["seed"] in judged])
+    suite_seeds = _judged_seeds(run)
+    if not suite_seeds:  # the suite is unknown, so no seed is a further one
+        suite_seeds = {job["seed"] for job in jobs}
+    reduced = [_reduced(job, run.folder, whole=job["seed"] in suite_seeds) for job in jobs]
+    jobs_before = list(before.jobs) if before else []
+    kept_seeds = _seeds_to_keep(reduced, jobs_before)
+    timings = _timings(run, [job for job in jobs if job["seed"] in suite_seeds])
     starts = [kept(start, records.REFERENCE) for start in run.starts[-1:]]  # the last, if there is one
     for start in starts:
         packages = start.get("packages", {})

@@ -38,7 +38,7 @@ class NotApplicable(Exception):  # noqa: N818 (it is not an error)
 
 
 class CheckError(AssertionError):
-    """A codec breaks a promise of the interface; `figure` is the wrong number, for a table."""
+    """A codec breaks a promise of the interface. `figure` is the measured number that is wrong, as a table shows it."""
 
     def __init__(self, message: str, figure: str = ""):
         super().__init__(message)
@@ -97,8 +97,9 @@ class CodecUnderTest:
         """Encode a BTF, by default the small material, into a file of that name."""
         fit = Fit(seed=1, network=self.network, show=self.show)
         folder = os.getcwd()
-        # This is not `fit_to_file`, which would set the process's generators back: here they go on, so that a codec
-        # that draws from them gives another file the second time. `chdir` returns to the folder at the end.
+        # Not by `fit_to_file`, which restores the random state of the process after a fit. Here that state moves on:
+        # so a codec that draws from it, and not from its seed, writes another file the second time, which is an error.
+        # Fits need gradients, even if the caller has switched them off. `chdir` returns to the folder at the end.
         with chdir(folder), torch.enable_grad():
             parts = fitted(self.codec, btf or self.btf, fit).parts
             folder_now = working_folder()

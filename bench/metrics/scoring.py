@@ -325,6 +325,9 @@ def worst(values: Array) -> float | None:
 def _statistics(metric: SliceMetric, raw: Array) -> Statistics:
     """What a record holds of a metric's raw values (n,) of n slices, which have no NaN.
 
+    A raw value can be averaged, such as the mean squared error of a slice. `metric.values` makes of each the value that
+    is shown, such as dB; `metric.pool` makes that of their average.
+
     `mean` and `std` are of the finite numbers (the PSNR of a slice without error is infinite), `pooled` is of all; each
     is None where there is nothing to measure.
     """

@@ -244,17 +244,18 @@ def _judged(job: Job, workbench: Workbench, folder: Path, out: Path, show: Progr
     misfits = list(misnamed(job, header))
     if misfits:
         return Verified(job["job"], DIFFERS, "; ".join(misfits))
-    measured = evaluate(workbench, loaded, threads=1, keep=partial(keep, out), show=show)
-    measured |= {"score_key": score_key(workbench, header), "scored": stamp(), "machine": machine(), "status": "ok"}
-    measured["verified"] = True
+    # The key of the fit: of the file, but for the version of the store of textures, which files do not hold.
     fit: FitKey = {"codec": header.codec, "version": header.version, "settings": header.settings}
-    if "store" in job["fit_key"]:  # no file says it
+    if "store" in job["fit_key"]:
         fit["store"] = job["fit_key"]["store"]
     fit["training"] = workbench.training.fingerprint
     if header.network:
         fit["shared"] = header.network
+    # The record has the names of the claimed job, such as its material and seed; all else is measured here.
     record: Job = {**kept(job, NAMES), "split": split, "fit_key": fit}
-    record |= measured
+    record |= evaluate(workbench, loaded, threads=1, keep=partial(keep, out), show=show)
+    record |= {"score_key": score_key(workbench, header), "scored": stamp(), "machine": machine(), "status": "ok"}
+    record["verified"] = True
     record["file"] = f"files/{file.name}"
     atomic.write(out / record["file"], file.read_bytes())
     reasons = list(differences(job, record))

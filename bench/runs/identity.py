@@ -169,6 +169,7 @@ def _imported(nodes: list[ast.AST], module: str, path: Path) -> Iterator[str]:
     guards = [node for node in nodes if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)]
     only_for_types: set[int] = set()  # the identities of the nodes within a guard
     for guard in guards:
+        # The `else` of a guard does run. Such a guard counts whole: a module too many does no harm, one too few would.
         if not guard.orelse:
             only_for_types.update(id(inner) for inner in ast.walk(guard))
     for node in nodes:

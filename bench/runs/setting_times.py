@@ -122,7 +122,10 @@ def contestants(suite: Suite, folder: Path, device: str, show: Progress) -> Cont
 def decoded(
     suite: Suite, surfaces: Sequence[MaterialSpec], folder: Path, device: str, show: Progress
 ) -> Iterator[tuple[tuple[str, str], Material]]:
-    """As `contestants`, one by one and on some surfaces; what cannot be fitted here is left out, with a warning."""
+    """As `contestants`, one by one and on some surfaces; what cannot be fitted here is left out, with a warning.
+
+    Also left out, without one, are codecs whose answers come from another program: their time cannot be measured.
+    """
     for surface in surfaces:
         btf: BTF | None = None
         specs = [spec for spec in suite.codecs if not spec.materials or surface.name in spec.materials]
@@ -140,7 +143,7 @@ def decoded(
                 if isinstance(error, MissingDataError) and btf is None:
                     break  # the surface is not there
                 continue
-            if not material.opaque:
+            if not material.opaque:  # no other program answers
                 yield (surface.name, spec.label), material
 
 

@@ -92,7 +92,11 @@ class _Measuring:
         records.append(folder, start)
 
     def everything(self) -> None:
-        """One setting of each codec, steps of fits, batches of some of these settings, then all other settings."""
+        """One setting of each codec, steps of fits, batches of other sizes, then all other settings.
+
+        Other batches are timed of the first `SWEPT` of these settings that have a network: what a small batch costs
+        more is the launches of its layers.
+        """
         usual = timing.batch_on(self.device)
         # Of one codec the last setting replaces the others: suites list the largest last.
         last_of_each = tuple({spec.codec: spec for spec in self.suite.codecs}.values())

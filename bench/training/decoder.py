@@ -17,7 +17,8 @@ from bench.material import sample_texture, saturated
 Activation = Literal["relu", "leaky-relu", "smelu", "silu", "sine"]
 
 FREE = 1 << 22  # weights that any network may have, even if its file holds fewer numbers
-_most: ContextVar[int | None] = ContextVar("_most", default=None)  # weights of a network that is being decoded
+# The most weights of a network while a file is decoded: see `decoding`. None at other times.
+_most_weights: ContextVar[int | None] = ContextVar("_most_weights", default=None)
 LEAK = 0.01  # slope of the leaky ReLU below 0
 BEND = 0.5  # SmeLU is the leaky ReLU, its kink rounded by a parabola from −BEND to BEND
 PARABOLA = (1 - LEAK) / (4 * BEND)  # SmeLU adds PARABOLA · (BEND − |x|)² there
@@ -82,8 +83,8 @@ class Decoder(Network):
 
     def __init__(self, architecture: Architecture, generator: torch.Generator | None = None):
         super().__init__()
-        most = _most.get()
-        if most is not None and architecture.parameters > most:
+        most_weights = _most_weights.get()
+        if most_weights is not None and architecture.parameters > most_weights:
             raise ValueError(f"it has a network of {architecture.parameters:,} weights, but fewer numbers")
         self.architecture = architecture
         self.layers: Any = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(architecture.sizes))
@@ -181,8 +182,8 @@ def decoding(numbers: int) -> Iterator[None]:
 
     Otherwise the settings in a file's header, which cost no bytes, could ask for any size.
     """
-    before = _most.set(max(FREE, numbers))
+    before = _most_weights.set(max(FREE, numbers))
     try:
         yield
     finally:
-        _most.reset(before)
+        _most_weights.reset(before)

@@ -1,4 +1,8 @@
-"""Queries at the extremes, asked of the ordinary material after it went through its file."""
+"""Queries at the extremes, asked of the ordinary material after it went through its file.
+
+The docstring of an expectation, such as `bounded`, is what the report shows as expected; it raises `CheckError` with a
+message and the measured figure.
+"""
 
 import math
 from collections.abc import Callable
