@@ -30,11 +30,13 @@ BLUR = 0.7  # texels, σ of a Gaussian over the costs
 
 
 def slope(direction: Tensor, shape: tuple[int, int]) -> Tensor:
-    """Change of uv (n, 2) per unit of height along a ray with `direction` (n, 3)."""
-    across = direction[:, :2] / direction[:, 2:].clamp_min(LOWEST)
-    if shape[0] == shape[1]:
+    """Change of uv (n, 2) per unit of height along a ray with `direction` (n, 3), over a picture of `shape` (H, W)."""
+    across = direction[:, :2] / direction[:, 2:].clamp_min(LOWEST)  # in widths of the picture, as heights are
+    height, width = shape
+    if height == width:
         return across
-    return torch.cat([across[:, :1], across[:, 1:] * (shape[1] / shape[0])], 1)
+    # u counts widths and v heights of the picture, which are height / width of a width.
+    return torch.cat([across[:, :1], across[:, 1:] * (width / height)], 1)
 
 
 class Surface(nn.Module):

@@ -58,7 +58,11 @@ class Console:
         self.bars.stop()
 
     def show(self, label: str, done: int, total: int) -> None:
-        """Move the progress bar of that label (without its remark), and remove it when it is full."""
+        """Move the progress bar of that label, and remove it when it is full; without a terminal, say it now and then.
+
+        A label may end with a remark that changes, such as "wool/neumip: fitting · 28.1 dB"; what stands before it
+        names the bar.
+        """
         label = visible(label)
         from bench.codec import REMARK  # here, since `list` and `compare` start without PyTorch
 

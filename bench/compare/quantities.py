@@ -186,14 +186,14 @@ def _footprint(side: str, job: Job) -> float | None:
 
 
 def _part(part: str) -> Quantity:
-    """The bytes of a part of the file."""
+    """The bytes of a part of the file, such as `decoder` or `texture`."""
 
     def value(job: Job) -> float | None:
         """The bytes of the part in a job's file; None if it has no such part."""
         sizes = dict(job["bytes"])
         return cast(int | None, sizes.get(part))
 
-    return Quantity(f"{part} bytes", "", "lower", 0, value)
+    return Quantity(f"{part} bytes", unit="", better="lower", digits=0, value=value)
 
 
 def _number(stats: Statistics, pooled: float | None, decibels: bool = True) -> float | None:

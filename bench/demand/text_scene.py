@@ -175,8 +175,10 @@ def _height(place: Array) -> Array:
     x, y = place[..., 0], place[..., 1]
     square = x * x + y * y
     radius = np.sqrt(square)
+    ball = 0.75 * np.exp(-2.2 * square)
+    # Seven waves around the middle. They begin flat there, where the angle jumps, and fade out.
     folds = 0.11 * np.sin(7 * np.arctan2(y, x)) * np.minimum(1, square) * np.exp(-0.4 * radius)
-    return np.asarray(0.75 * np.exp(-2.2 * square) + folds - 0.25)
+    return np.asarray(ball + folds - 0.25)
 
 
 def _unit_of(surface: Surface) -> Array:

@@ -251,7 +251,10 @@ class HDR(SliceMetric):
             self.range = Range(float(start), float(stop))
 
     def for_material(self, sample: Array) -> "HDR":
-        """The same with the range of the sample's luminances above 0; of a black sample the one exposure 0."""
+        """The same with the range of exposures for a sample (n, 3) of a material's radiance, in place of any other.
+
+        It is that of the luminances above 0; of a black sample the one exposure 0.
+        """
         luminance = np.maximum(sample, 0) @ LUMA
         lit = luminance[luminance > 0]
         start, stop = self.range_of(lit) if len(lit) else (0.0, 0.0)

@@ -287,8 +287,12 @@ def footprint_errors(
 
 
 def summarise_footprints(errors: dict[int, Array]) -> dict[str, Statistics]:
-    """The summary of `footprint_errors` for a record: of each footprint the display PSNR. {"1": {"psnr_display": pooled
-    over pairs, "mean": over slices, "exact": …, "slices": …}, …}."""
+    """The display PSNR at each footprint, for a record, by the footprint's side in texels as text.
+
+    `errors` are of `footprint_errors`: by side in texels, the mean squared error (n,) of each of n slices. The answer
+    is {"1": {"psnr_display": …, "mean": …, "exact": …, "slices": n}, …}: the PSNR of the mean error, the mean PSNR of
+    slices, and the number of slices without an error.
+    """
     summary: dict[str, Statistics] = {}
     for factor, raw in errors.items():
         stats = _statistics(DisplayPSNR(), raw)

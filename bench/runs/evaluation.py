@@ -63,8 +63,9 @@ def conditions(workbench: Workbench) -> ScoreKey:
         key["demand"] = workbench.demand.fingerprint
     if len(workbench.scored) < len(workbench.btf):
         key["scored"] = len(workbench.scored)
-    # Only some of the pairs that decide are scored: the mean depends on which.
-    if len(workbench.deciding) < len(workbench.groups[deciding_group(workbench.groups)]):
+    # The pairs whose mean ranks codecs. If only some of them are scored, the mean depends on which.
+    all_deciding = workbench.groups[deciding_group(workbench.groups)]
+    if len(workbench.deciding) < len(all_deciding):
         key["deciding"] = sha256(workbench.deciding.astype("<i8").tobytes()).hexdigest()[:16]
     return key
 

@@ -55,7 +55,7 @@ def _shortest(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] |
         IN_CONTEXT: lzma.compress(shifted.tobytes(), lzma.FORMAT_RAW, filters=_coder(IN_CONTEXT, planes.size)),
     }
     if codes.numel() <= MOST_PREDICTED:
-        pictures = _pictures(codes.shape, sizes)
+        pictures = _picture_sizes(codes.shape, sizes)
         if pictures:
             ways[PREDICTED] = predicted_codes.encode(planes.T, np.array(bits), pictures)
     # Of the ways from which `expand` accepts so many codes.
@@ -64,8 +64,11 @@ def _shortest(codes: Tensor, bits: list[int], sizes: Sequence[tuple[int, int]] |
     return shortest, ways[shortest]
 
 
-def _pictures(shape: Sequence[int], sizes: Sequence[tuple[int, int]] | None) -> Sequence[tuple[int, int]]:
-    """The sizes of the pictures of codes (…, C); none if they are not known or take too many steps."""
+def _picture_sizes(shape: Sequence[int], sizes: Sequence[tuple[int, int]] | None) -> Sequence[tuple[int, int]]:
+    """The sizes (H, W) of the pictures that codes (…, C) are: `sizes`, or that of one picture.
+
+    None if they are not known, do not add up to the codes, or would take too many steps to decode from neighbours.
+    """
     if sizes is None:
         # Codes (…, H, W, C) are one picture, with all before W as its rows.
         sizes = [(math.prod(shape[:-2]), shape[-2])] if len(shape) > 2 else []
@@ -113,7 +116,7 @@ def _expanded(
     channels = shape[-1]
     count = math.prod(shape)
     size = count // channels
-    pictures = _pictures(shape, sizes)
+    pictures = _picture_sizes(shape, sizes)
     if way == PREDICTED:
         if not pictures:
             raise InputError("a texture of this file does not say how its codes lie: encode it again")

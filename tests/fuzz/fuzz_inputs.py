@@ -361,7 +361,7 @@ def job() -> Any:
     what = Opening(task.run, task.material, task.data, task.repetition)
     workbench = opened(what, lambda *_: None).__enter__()
     made = Attempt(task, workbench, lambda *_: None)
-    made._file()
+    made._file_and_facts()
     return made
 
 

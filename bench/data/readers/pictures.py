@@ -206,7 +206,8 @@ class PictureSource(Source):
 
 def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
     """(H, W) from the frame header of a JPEG (ITU T.81, B.2.2); None if the data end before it."""
-    offset = 2
+    offset = 2  # after the marker of the start
+    # The part of a frame header that is read has 10 bytes: marker 2, length 2, bits 1, height 2, width 2, channels 1.
     while offset + 10 <= len(data):
         if data[offset] != 0xFF:
             raise InputError(

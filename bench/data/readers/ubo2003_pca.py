@@ -224,7 +224,10 @@ class LocalPCA(Source):
 
 
 def _verify_checksums(data: bytes) -> None:
-    """Raise if a chunk of a PNG does not match its checksum, or if the end is missing; Pillow accepts both."""
+    """Raise `ValueError` if a chunk of a PNG does not match its checksum; Pillow accepts it.
+
+    Pillow also accepts a PNG without its end. Here `unpack_from` raises `struct.error` where the data end too early.
+    """
     offset = PNG_START
     name = b""
     # A chunk is the size of its content (4 bytes), its name (4), its content, and the checksum (4) of name and content.
