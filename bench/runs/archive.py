@@ -1,7 +1,10 @@
 """Packs the records and codec files of a run into one archive, and scores an archive's files again on this machine.
 
-The archive is a zip: `records.jsonl` as `bench.compare.reference` keeps it, and the codec files in `files/`, with the
-networks that they share. Nothing in it is run: jobs of a codec that is not installed here are listed but not verified.
+A run writes one record, a dictionary, for each job (a codec with its settings on a material, with a seed) and one for
+each start. The archive is a zip: `records.jsonl`, these records as `bench.compare.reference` shortens them, and the
+codec files in `files/`, with the networks that they share. Whoever submits an archive claims that its records are true.
+Whoever verifies it decodes and scores the files again, and compares the claims with these measurements. Nothing in an
+archive is run: jobs of a codec that is not installed here are listed but not verified.
 """
 
 import dataclasses
@@ -56,7 +59,7 @@ MOST_BAKED = 4 << 30  # bytes of radiance that an archive may make us bake, befo
 # The largest change by rounding on another processor: of PSNR in dB, and of other numbers as a share.
 DECIBELS = 0.01
 RELATIVE = 1e-3
-SHOWN = 4  # reasons that a verdict lists
+MOST_REASONS = 4  # that a verdict lists
 _STARTED = ("kind", "run", "suite", "data", "materials", "jobs")  # fields taken from the start of a submitted run
 _OTHER = "the data of {} here differ from the submitted data"
 AGREES, DIFFERS, NOT_VERIFIED = "agrees", "differs", "not verified"
@@ -74,14 +77,15 @@ def chosen(run: Run, codecs: list[str]) -> Run:
     if not part.jobs:
         of_codecs = f" of {' or '.join(codecs)}" if codecs else ""
         raise InputError(f"{run.folder}: no job{of_codecs} has a result")
+    # Whoever verifies the jobs prepares the same data, and needs the preparation for it.
     if not any("materials" in start for start in run.starts):
         raise InputError(f"{run.folder}: its records do not say how materials were prepared: run the suite again")
     return part
 
 
 def pack(run: Run, lines: str, path: Path) -> None:
-    """Write the archive of a run's jobs, whose records are these lines. `InputError` if a file is gone."""
-    files: dict[Path, None] = {}  # in order, each once
+    """Write the archive of a run's jobs. `lines` becomes its `records.jsonl`. `InputError` if a codec file is gone."""
+    files: dict[Path, None] = {}  # used as an ordered set: several jobs may have one file, or share one network
     for job in run.jobs:
         files[_file_of(run, job["file"], str(job["score_key"].get("sha256")))] = None
     for job in run.jobs:  # the networks that these files need
@@ -118,6 +122,7 @@ def unpack(path: Path, folder: Path) -> Run:
         for name in files.entries:
             if not _belongs(name):
                 raise InputError(f"{path}: {name!r} does not belong in an archive of results")
+        # A small zip can unpack to terabytes, so its sizes are checked before anything is unpacked.
         most = min(MOST_BYTES, max(LEAST_BYTES, RATIO * files.length))
         if sum(map(files.size, files.entries)) > most:
             raise InputError(f"{path}: it unpacks to more than {most >> 20:,} MiB: submit and verify it in parts")
@@ -159,6 +164,7 @@ def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, st
     """
     starts = {start["run"]: start for start in run.starts}
     for start in starts.values():
+        # Who measured, and with what, is said of this machine; only what the jobs are comes from the archive.
         here: RunStart = {"text": "", "device": "cpu", "threads": 1}
         here |= provenance()
         submitted = {key: value for key, value in start.items() if key in _STARTED}
@@ -169,7 +175,7 @@ def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, st
             yield _verified(job, starts.get(job.get("run", ""), RunStart()), run.folder, out, show, places or {})
         except InputError as error:
             yield Verified(name, NOT_VERIFIED, str(error))
-        except OSError:
+        except OSError:  # such as a full disk: it says nothing of the job
             raise
         except Exception as error:  # records and codec files of others may raise any error
             what = f"{type(error).__name__}: {error}".splitlines()[0]
@@ -186,7 +192,8 @@ def _verified(
     records.require(job, "verification", folder)
     if job["codec"] not in (*codec_entries(), COMMAND):
         libraries = ", ".join(f"{each} {version}" for each, version in job["fit_key"].get("libraries", {}).items())
-        codec = f"codec {job['codec']} version {job['fit_key']['version']}, code {str(job['fit_key']['code'])[:12]}"
+        short_hash = str(job["fit_key"]["code"])[:12]
+        codec = f"codec {job['codec']} version {job['fit_key']['version']}, code {short_hash}"
         return Verified(name, NOT_VERIFIED, f"{codec} is not installed here ({libraries})")
     if "pooled" not in metrics_of(job).get(PSNR, {}):
         return Verified(name, NOT_VERIFIED, "its record has no scores to compare")
@@ -199,11 +206,15 @@ def _verified(
     with opened(Opening(job["run"], spec, data, int(job["seed"]), metrics), show) as workbench:
         if workbench.btf.fingerprint != job["score_key"]["btf"]:
             return Verified(name, NOT_VERIFIED, _OTHER.format(spec.name))
-        return _judged(job, workbench, folder, out, show, data.split)
+        return _scored_again(job, workbench, folder, out, show, data.split)
 
 
 def _material(job: Job, start: RunStart, places: Mapping[str, str]) -> MaterialSpec:
-    """The material of a job, with its path on this machine. `InputError` if the archive or the machine lacks it."""
+    """How the material of a job was prepared, with its path on this machine.
+
+    `places` maps names of materials to paths that the user of this machine gave. `InputError` if the archive does not
+    hold the material, or would choose the path itself.
+    """
     stated = start.get("materials") or []  # the record may hold null
     listed = [table("materials of its run", MaterialSpec, each) for each in stated]
     named = [spec for spec in listed if spec.name == job["material"]]
@@ -222,21 +233,26 @@ def _material(job: Job, start: RunStart, places: Mapping[str, str]) -> MaterialS
 
 
 def _obstacle_of_data(job: Job, spec: MaterialSpec, data: Preparation) -> str:
-    """Why the data of a job are not to be prepared; "" if they may be.
+    """Why the data of a job are not to be prepared, in words; "" if they may be.
 
-    Known before preparing them, they differ from the submitted ones; or else they are too large to be baked on trust.
+    Preparing data, by rendering or reading all their slices, takes long. So this asks first whether they can be the
+    submitted data. Where only the prepared data tell, it refuses those that are too large to be made on trust.
     """
     kind = kind_of(spec)
-    outline = kind.outline(spec, data, draw_of(spec, data, int(job["seed"])))  # None if it cannot be known before
+    # What identifies the data, known without making them; None for kinds of material of which it cannot be known.
+    outline = kind.outline(spec, data, draw_of(spec, data, int(job["seed"])))
     if outline is not None:
-        return "" if outline.fingerprint == job["score_key"]["btf"] else _OTHER.format(spec.name)
+        same = outline.fingerprint == job["score_key"]["btf"]
+        return "" if same else _OTHER.format(spec.name)
     needed = kind.bytes_made(spec, data)
-    return f"baking {spec.name} would need {needed >> 30} GiB" if needed > MOST_BAKED else ""
+    if needed > MOST_BAKED:
+        return f"baking {spec.name} would need {needed >> 30} GiB"
+    return ""
 
 
-def _judged(job: Job, workbench: Workbench, folder: Path, out: Path, show: Progress, split: str) -> Verified:
-    """Score the file of a job here, write the record, and compare it with what the job claims."""
-    file = folder / "files" / Path(job["file"]).name
+def _scored_again(job: Job, workbench: Workbench, folder: Path, out: Path, show: Progress, split: str) -> Verified:
+    """Score the file of a job here, and compare with what the job claims; writes the record and the file into `out`."""
+    file = folder / "files" / Path(job["file"]).name  # the name alone: a claimed path could lead out of the archive
     loaded = loading.load(file)
     header = loaded.header
     if header.codec != job["codec"]:
@@ -253,6 +269,7 @@ def _judged(job: Job, workbench: Workbench, folder: Path, out: Path, show: Progr
         fit["shared"] = header.network
     # The record has the names of the claimed job, such as its material and seed; all else is measured here.
     record: Job = {**kept(job, NAMES), "split": split, "fit_key": fit}
+    # Large arrays, such as pictures of slices, go into files below `out`.
     record |= evaluate(workbench, loaded, threads=1, keep=partial(keep, out), show=show)
     record |= {"score_key": score_key(workbench, header), "scored": stamp(), "machine": machine(), "status": "ok"}
     record["verified"] = True
@@ -260,9 +277,9 @@ def _judged(job: Job, workbench: Workbench, folder: Path, out: Path, show: Progr
     atomic.write(out / record["file"], file.read_bytes())
     reasons = list(differences(job, record))
     records.append(out, record)
-    why = "; ".join(reasons[:SHOWN])
-    if len(reasons) > SHOWN:
-        why += f" and {len(reasons) - SHOWN} more"
+    why = "; ".join(reasons[:MOST_REASONS])
+    if len(reasons) > MOST_REASONS:
+        why += f" and {len(reasons) - MOST_REASONS} more"
     return Verified(job["job"], DIFFERS if reasons else AGREES, why, record)
 
 
@@ -276,7 +293,8 @@ def differences(claimed: Job, here: Job) -> Iterator[str]:
 def _unlike(place: str, claimed: Any, measured: Any) -> Iterator[str]:
     """Where a measured value differs from the claimed one by more than machines differ, in words.
 
-    `place` is the path of the value in the record, such as `scores/heldout/metrics/psnr_display/mean`.
+    Both are values as in JSON, dictionaries of dictionaries included. `place` is the path of the value in the record,
+    such as `scores/heldout/metrics/psnr_display/mean`.
     """
     if isinstance(claimed, dict) and isinstance(measured, dict):
         for name, value in claimed.items():
@@ -285,6 +303,7 @@ def _unlike(place: str, claimed: Any, measured: Any) -> Iterator[str]:
             yield from _unlike(f"{place}/{name}", value, measured.get(name))
         return
     close = claimed == measured
+    # Counts, texts and missing values (None) must be equal; only floats may differ by rounding.
     if float in (type(claimed), type(measured)) and None not in (claimed, measured):
         decibels = "/psnr" in place or place.startswith("footprints/")
         limit = DECIBELS if decibels else RELATIVE * abs(measured)
@@ -294,7 +313,11 @@ def _unlike(place: str, claimed: Any, measured: Any) -> Iterator[str]:
 
 
 def misnamed(claimed: Job, header: Header) -> Iterator[str]:
-    """Why the names of a job do not fit its file: a label holds the codec and the settings that are not defaults."""
+    """Why the names of a job do not fit its file, in words; nothing if they do.
+
+    A label is the codec and the settings that are not defaults, such as `pca components=4`. A curve is the settings
+    that the rungs of one curve share, such as `pca`: a part of the label's words. A job is material/label/seed.
+    """
     label = str(claimed["label"])
     curve = str(claimed["curve"])
     programs = {}  # settings of the codec `command`, which its label leaves out

@@ -1,4 +1,8 @@
-"""Decoded materials as programs with an exposure, so that `reports` draws them without PyTorch."""
+"""Decoded materials as programs with an exposure, so that `reports` draws them without PyTorch.
+
+A program is a list of array operations recorded from a decoder (`bench.program`): NumPy or a shader runs it. An
+exposure is the factor that brings linear radiance into the range of a display.
+"""
 
 import numpy as np
 import torch
@@ -13,7 +17,7 @@ from bench.metrics.display import exposure, exposure_of
 from bench.program import Program
 from bench.program.recording import program_of
 
-QUERIES = 65_536
+QUERIES = 65_536  # random ones, whose answers give the exposure of a material without a BTF
 SPARSE = 9  # the most views, and the most lights, of a truth that a page shows live
 SPARSE_FLOATS = 1_000_000  # the most floats of such a truth
 BAKED = 13  # views, and lights, of a material that cannot be a program: 5.5 MB at 64² texels
@@ -31,7 +35,10 @@ def drawable(material: Material) -> tuple[Program, float]:
 
 
 def baked(material: Material, name: str, show: Progress = silent) -> BTF:
-    """The slices of a material at `BAKED` × `BAKED` pairs, used instead of a program."""
+    """The slices of a material at `BAKED` views × `BAKED` lights, for materials that cannot be a program.
+
+    A slice is the linear radiance (H, W, 3) of all texels for one view and one light.
+    """
     wo, wi = thinned_product(ubo2003(), BAKED, BAKED)
     pairs = followed(show, zip(wo.tolist(), wi.tolist(), strict=True), f"baking {name}", len(wo))
     slices = [material.slice(view, light).numpy() for view, light in pairs]
@@ -50,13 +57,13 @@ def sparse_truth(btf: BTF) -> Program | None:
     The table has a product of few training views and lights or, if they form no product, as many training pairs.
     """
     train = btf.subset(btf.split().train)
-    # count² slices of H · W · 3 floats fit.
+    # `count` views × `count` lights are count² slices of H · W · 3 floats.
     floats_of_slice = 3 * btf.shape[0] * btf.shape[1]
     count = min(SPARSE, int((SPARSE_FLOATS / floats_of_slice) ** 0.5))
     if count < 3:
         return None
     layout = train.layout
-    if layout.grid is None:
+    if layout.grid is None:  # the pairs are no product of views and lights
         return _interpolated(thinned(train, count * count), silent)
     views = thin(layout.views, min(count, len(layout.views)))
     lights = thin(layout.lights, min(count, len(layout.lights)))

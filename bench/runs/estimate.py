@@ -1,4 +1,8 @@
-"""Estimates how long the jobs of a run still take, from those that are done: by codec and by the steps of a fit."""
+"""Estimates how long the jobs of a run still take, from those that are done: by codec and by the steps of a fit.
+
+A job is the fit of one codec with its settings to one material, and its scoring. Its record holds what was measured. A
+record of an earlier run *holds* if code, settings and data are the same: then the job takes no time.
+"""
 
 import time
 from collections import defaultdict
@@ -48,7 +52,7 @@ class Estimate:
         self.steps: defaultdict[str, int] = defaultdict(int)  # of the same jobs
 
     def ended(self, record: Job, cached: str) -> None:
-        """Count a job that ended, given its record and what was reused for it."""
+        """Count a job that ended, given its record and what was reused for it: "" (nothing), "file" or "record"."""
         name = record["job"]
         now = time.monotonic()
         self.waiting.discard(name)
@@ -63,7 +67,7 @@ class Estimate:
 
     @property
     def first(self) -> str:
-        """The message before the run starts."""
+        """The message before the run starts, such as `12 jobs, 4 of them recorded: about 20 min left`."""
         jobs = f"{self.total} job" + "s" * (self.total != 1)
         left = len(self.waiting - self.holds)
         recorded = f", {len(self.holds)} of them recorded" if self.holds else ""
@@ -93,11 +97,12 @@ class Estimate:
         return self._and_then(ended) if self.waiting else ended
 
     def _and_then(self, text: str) -> str:
+        """A text, followed by what comes after the jobs, if anything does."""
         return f"{text}, then {self.then}" if self.then else text
 
 
 def duration(seconds: float) -> str:
-    """A length of time in words, in minutes or hours."""
+    """A length of time in words, in minutes or hours: "half a minute", "5 min", "1 h 20 min"."""
     if seconds <= 30:
         return "half a minute"
     hours, rest = divmod(max(1, round(seconds / 60)), 60)

@@ -1,4 +1,10 @@
-"""Scores one codec file against its material: figures go into the record, large arrays into files beside it."""
+"""Scores one codec file against its material: figures go into the record, large arrays into files beside it.
+
+A pair is a view direction with a light direction; the slice of a pair is the radiance (H, W, 3) of all texels for it. A
+file is scored at the pairs `workbench.scored`. *Deciding* pairs are those whose mean error ranks codecs: held-out
+pairs, which no fit has seen, or all pairs if none are held out. A *footprint* is the square of texels, 1, 2, 4 or 8
+wide, that one query covers when a surface is seen from afar.
+"""
 
 import dataclasses
 from collections.abc import Callable
@@ -43,7 +49,7 @@ from bench.runs.workbench import Workbench
 
 DRAWN_FLOATS = 2_000_000  # the most floats of a texture that a page draws live
 COARSE = (2, 4, 8)  # footprints in texels that are scored in addition to slices, whose footprint is one texel
-Keep = Callable[[str, dict[str, Any]], str]
+Keep = Callable[[str, dict[str, Any]], str]  # stores content under a name, and returns the name for the record
 
 
 def score_key(workbench: Workbench, header: Header) -> ScoreKey:
@@ -83,7 +89,10 @@ def evaluate(workbench: Workbench, file: Loaded, threads: int, keep: Keep, show:
 
 
 def scored(workbench: Workbench, material: Material, name: str, threads: int, keep: Keep, show: Progress) -> Job:
-    """Score any material: its record without settings and bytes; kept files are called after `name`."""
+    """Score any material: its record without settings and bytes; kept files are called after `name`.
+
+    Pairs are scored by `threads` threads of PyTorch. `keep` stores scores by slice, angular maps and pictures in files.
+    """
     decoder = Slices(workbench, material, show)
     groups = dict(workbench.groups)
     decides = deciding_group(workbench.groups)
@@ -95,15 +104,17 @@ def scored(workbench: Workbench, material: Material, name: str, threads: int, ke
         pictures = _pictures(workbench, decoder)
         in_scene = _in_scene(workbench, material)
     summary = scoring.summarise(scores, workbench.btf.wo, workbench.btf.wi, groups)
-    finest = summary[decides]["metrics"][PSNR]
-    # A slice is the footprint of one texel, so its scores stand beside those of larger footprints, in their form.
-    at_one_texel: Statistics = {PSNR: finest["pooled"]} | {key: finest[key] for key in ("mean", "exact", "slices")}
     if workbench.scene_shares is not None:
         summary["scene"] = scoring.weighted(scores, workbench.scene_shares)
     if workbench.heldout_shares is not None:
         summary[SCENE_HELDOUT] = scoring.weighted(scores, workbench.heldout_shares)
+    finest = summary[decides]["metrics"][PSNR]
+    # A slice is the footprint of one texel, so its scores stand beside those of larger footprints, in their form.
+    at_one_texel: Statistics = {PSNR: finest["pooled"]} | {key: finest[key] for key in ("mean", "exact", "slices")}
+    # By angle: means in bins of each group of pairs, which are too large for the record, and maps over directions.
     angular: dict[str, Any] = {"bins": {name: group.pop("bins", {}) for name, group in summary.items()}}
     angular["polar"] = scoring.polar_maps(scores, workbench.btf.wo, workbench.btf.wi)
+    # An opaque material, such as another program, does not tell its parameters.
     record: Job = {
         "shape": list(workbench.btf.shape),
         "pairs": {name: len(pairs) for name, pairs in workbench.groups.items()},
@@ -139,7 +150,10 @@ def metric_facts(metric: Metric) -> MetricFacts:
 
 
 def drawing(file: Loaded, keep: Keep) -> Job:
-    """Store what a page needs to draw the material live; returns `drawing`, or `not_drawn` with the reason."""
+    """Store what a page needs to draw the material live.
+
+    Returns the part of a record: `drawing`, the name of the stored file, or `not_drawn`, the reason in words.
+    """
     if file.material.cost.texture_floats > DRAWN_FLOATS:
         return {"not_drawn": f"its texture has more than {DRAWN_FLOATS:,} floats"}
     try:
@@ -187,11 +201,11 @@ class _InScene(NamedTuple):
 
 def _in_scene(workbench: Workbench, material: Material) -> _InScene | None:
     """How a material does in the scene; None without a scene."""
-    judge = workbench.judge
-    if judge is None:
+    frame_scorer = workbench.frame_scorer
+    if frame_scorer is None:
         return None
-    frames = judge.frames(material)
-    return _InScene(judge.record(frames), judge.pictures(frames))
+    frames = frame_scorer.frames(material)
+    return _InScene(frame_scorer.record(frames), frame_scorer.pictures(frames))
 
 
 def _slices(workbench: Workbench, scores: scoring.Scores, coarse: dict[int, np.ndarray]) -> dict[str, np.ndarray]:
@@ -201,13 +215,14 @@ def _slices(workbench: Workbench, scores: scoring.Scores, coarse: dict[int, np.n
     others. `coarse` has these errors by footprint, of the deciding pairs in order.
     """
     heldout = np.isin(scores.pairs, workbench.groups.get("heldout", []))
+    # `abrdf` (H, W) is the error of each texel over all directions. `raw` has each metric by slice, before any mean.
     arrays = {"pairs": scores.pairs, "heldout": heldout, "abrdf": scores.abrdf} | scores.raw
     arrays["wo_deg"] = np.stack(to_degrees(workbench.btf.wo[scores.pairs]), 1)
     arrays["wi_deg"] = np.stack(to_degrees(workbench.btf.wi[scores.pairs]), 1)
     decides = np.isin(workbench.scored, workbench.deciding)
-    for factor, raw in coarse.items():
+    for factor, errors in coarse.items():
         arrays[f"footprint_{factor}"] = np.full(len(decides), np.nan)
-        arrays[f"footprint_{factor}"][decides] = raw
+        arrays[f"footprint_{factor}"][decides] = errors
     return arrays
 
 
@@ -227,7 +242,7 @@ def _pictures(workbench: Workbench, decoder: Slices) -> dict[str, np.ndarray]:
         "sheet": np.isin(workbench.shown, workbench.sheet),
     }
     flip = workbench.scorer.metrics.get(metric_of(workbench.scorer.names, FLIP))
-    if flip and min(workbench.btf.shape) >= flip.smallest:
+    if flip and min(workbench.btf.shape) >= flip.smallest:  # FLIP filters over an area; smaller slices have no map
         error = flip.error_map(flip.prepare(truth, workbench.exposure), np.maximum(decoded, 0))
         pictures["flip"] = np.round(magma(error) * 255).astype(np.uint8)
     return pictures

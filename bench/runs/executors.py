@@ -1,7 +1,8 @@
 """Where jobs run: in this process, in worker processes of this machine, or on the workers of a Dask cluster.
 
-All three are a `concurrent.futures.Executor`; any other executor works too. Tasks and answers are plain data that this
-suite's own processes pickle for each other. Nothing is ever unpickled from a file.
+All three are a `concurrent.futures.Executor`; any other executor works too. A job is the fit of one codec to one
+material, and its scoring. Tasks, which say what a job is to do, and answers are plain data that this suite's own
+processes pickle for each other. Nothing is ever unpickled from a file.
 """
 
 import math
@@ -28,7 +29,7 @@ from bench.machine.threads import handling
 
 T = TypeVar("T")
 Show = Callable[[str, int, int], None]  # shows the progress of a job: label, done, total
-PATIENCE = "10s"  # how long to wait for the first answer of a scheduler
+PATIENCE = "10s"  # in the words of Dask: how long to wait for the first answer of a scheduler
 VISIBLE = {"cuda": "CUDA_VISIBLE_DEVICES", "xpu": "ZE_AFFINITY_MASK"}  # what chooses the GPUs of a process
 THREAD_COUNTS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
@@ -76,7 +77,10 @@ def processes(count: int, threads: int, device: str = "cpu", limit: float | None
 
 @contextmanager
 def dask(address: str, resources: dict[str, float]) -> Iterator[Workers]:
-    """Run jobs on a Dask scheduler, given by address or scheduler file; a job takes `resources` of its worker."""
+    """Run jobs on a Dask scheduler, given by address or scheduler file.
+
+    A job takes `resources` of its worker, such as {"GPU": 1}. `InputError` if no scheduler answers.
+    """
     with installed("--scheduler needs Dask: pip install 'neubtf-bench[dask]'"):
         from distributed import Client
     file = address.endswith(".json")
@@ -87,6 +91,7 @@ def dask(address: str, resources: dict[str, float]) -> Iterator[Workers]:
         client = Client(**where, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(f"--scheduler {address}: no Dask scheduler answers there ({error})") from error
+    # As pure functions, the default of Dask, equal calls would run once: a repeated job would get its first answer.
     executor = client.get_executor(pure=False, resources=resources or None)
     try:
         _require_package(client)
@@ -116,6 +121,7 @@ class InProcess(Executor):
     """Runs a submitted call immediately, in the calling thread."""
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        """Call a function now. An error, as in any executor, is raised when the result is asked for."""
         future: Future[T] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
@@ -149,7 +155,7 @@ class Processes(Executor):
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Call a function in the first worker that is free, which is started if it has no process."""
         seat = self.free.get()
-        if seat not in self.pools:
+        if seat not in self.pools:  # it had no job yet, or its process was ended
             context = multiprocessing.get_context("spawn")  # a fork copies locks of threads, and cannot use CUDA
             theirs, leash = context.Pipe(duplex=False)  # the worker ends when this process closes the leash
             heard, told = context.Pipe(duplex=False)  # the worker tells its progress, and a thread here hears it
@@ -160,7 +166,7 @@ class Processes(Executor):
         pool, _, told = self.pools[seat]
         # Worker processes ignore Ctrl-C: this one ends them and prints the message.
         with handling(signal.SIGINT, signal.SIG_IGN):
-            process = pool.submit(os.getpid)
+            process = pool.submit(os.getpid)  # its answer says that the process has started
             job = pool.submit(fn, *args, **kwargs)
         return self.watchers.submit(self._watch, seat, process, job, told)
 
@@ -200,7 +206,7 @@ class Processes(Executor):
         return next(iter(workers.values()), None)
 
     def _end(self, seat: int, wait: bool) -> None:
-        """End the worker of a seat; its process ends when its pipe, the leash, is closed."""
+        """End the worker of a seat, if it has one; its process ends when its pipe, the leash, is closed."""
         entry = self.pools.pop(seat, None)
         if entry:
             pool, leash, told = entry
@@ -219,7 +225,7 @@ def _end_of(worker: BaseProcess | None) -> str:
     """How a worker process ended, in words."""
     if worker is None:
         return "it could not be started"
-    worker.join(1.0)
+    worker.join(1.0)  # seconds: it has ended already, and is collected so that its exit code is known
     return ending(worker.exitcode)
 
 
@@ -239,7 +245,7 @@ def tell(label: str, done: int, total: int) -> None:
 
 
 def _heard(connection: Connection, show: Show) -> None:
-    """Show what a worker tells, until it ends."""
+    """Show what a worker tells, until it ends: tuples of label, done, total."""
     from bench.codec import ended_bars  # here: a worker imports this module before it may import PyTorch
 
     with suppress(EOFError, OSError), ended_bars(show) as show_in_bars:
@@ -269,7 +275,10 @@ def _prepare(threads: int, gpu: dict[str, str], leash: Connection, told: Connect
 
 
 def _gpus(count: int, device: str) -> list[dict[str, str]]:
-    """The variable that gives a process its own GPU, for each of `count` jobs."""
+    """For each of `count` jobs, the environment variable that gives its process its own GPU, by name and value.
+
+    If the variable is set already, as a cluster's scheduler does, only the GPUs that it names are handed out.
+    """
     variable = VISIBLE.get(device)
     if variable is None:
         raise InputError(f"--jobs {count}: no variable gives a process its own {device}: leave --jobs out")

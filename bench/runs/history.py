@@ -1,6 +1,7 @@
 """Loads the records of many runs as one pandas frame: one row for each job, failed ones included.
 
-Columns are named after the fields of a record, as in a run's `tables/results.csv`: `bytes/total`,
+A job is one codec with its settings on one material; its record holds what was measured. Columns are named after the
+fields of a record, as in a run's `tables/results.csv`: `bytes/total`,
 `scores/heldout/metrics/psnr_display/mean`, `timing/ns_per_sample`. The columns that identify the run come first.
 Nothing is rounded. Only rows whose `codec_version`, `training`, `btf` and `metric_version/…` agree are comparable.
 """
@@ -14,7 +15,7 @@ import pandas as pd
 
 from bench.records import FitKey, Job, Run, RunStart, flattened, load_run
 
-_STARTED = "%Y%m%dT%H%M%S.%f"
+_START_TIME = "%Y%m%dT%H%M%S.%f"
 
 
 def load_runs(paths: str | PathLike[str] | Iterable[str | PathLike[str]]) -> pd.DataFrame:
@@ -31,14 +32,15 @@ def load_runs(paths: str | PathLike[str] | Iterable[str | PathLike[str]]) -> pd.
         rows += [dict(_fields(path, run, job)) for job in run.jobs]
     frame = pd.DataFrame(rows)
     if "started" in frame:
-        frame["started"] = pd.to_datetime(frame["started"], format=_STARTED, utc=True, errors="coerce")
+        frame["started"] = pd.to_datetime(frame["started"], format=_START_TIME, utc=True, errors="coerce")
     return frame
 
 
 def _fields(path: str, run: Run, job: Job) -> Iterator[tuple[str, Any]]:
-    """The columns of a job: the run, the machine, its record and timing, its fit."""
+    """The columns of a job by name: the run (in the folder or file `path`), the machine, its record and timing, its
+    fit."""
     starts = [start for start in run.starts if start.get("run") == job.get("run")]
-    start = starts[0] if starts else RunStart()
+    start = starts[0] if starts else RunStart()  # files of published records may lack it
     packages = start.get("packages", {})
     fit = job.get("fit_key", FitKey())
     yield "folder", path

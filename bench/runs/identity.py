@@ -47,21 +47,22 @@ def identity(codec: Codec, *more: str) -> FitKey:
 @cache
 def _identity(roots: frozenset[str]) -> FitKey:
     """`code` and `libraries` as in `identity`: of these modules, and what they import of their packages and `bench`."""
-    own = {root.partition(".")[0] for root in roots} | {"bench"}
-    sources, libraries = _reached(roots, own)
+    own_packages = {root.partition(".")[0] for root in roots} | {"bench"}
+    sources, libraries = _reached(roots, own_packages)
+    # Sorted, so that the hash does not depend on the order in which modules are reached.
     lines = "\n".join(f"{name} {digest}" for name, digest in sorted(sources.items()))
     versions: dict[str, str | None] = {}
     for name in sorted(libraries):
         number = _version(name)
-        if number:
+        if number:  # a name that no distribution provides, such as an optional import that is missing, has none
             versions[name] = number
     return {"code": hashlib.sha256(lines.encode()).hexdigest(), "libraries": versions}
 
 
-def _reached(roots: Iterable[str], own: set[str]) -> tuple[dict[str, str], set[str]]:
-    """A digest of each module that the roots import, directly or through others, and the libraries they import.
+def _reached(roots: Iterable[str], own_packages: set[str]) -> tuple[dict[str, str], set[str]]:
+    """A digest by name of each module that the roots import, directly or through others, and the libraries they import.
 
-    `own` are the top-level packages whose modules are read even if they are installed.
+    `own_packages` are the top-level packages whose modules are read even if they are installed.
     """
     sources: dict[str, str] = {}
     libraries: set[str] = set()
@@ -71,18 +72,19 @@ def _reached(roots: Iterable[str], own: set[str]) -> tuple[dict[str, str], set[s
         top = name.partition(".")[0]
         if name in sources or top in sys.stdlib_module_names:
             continue
-        if top not in own and _is_library(top):
+        if top not in own_packages and _is_library(top):
             libraries.add(top)
             continue
         path = _file(name)
-        if path is None:
+        if path is None:  # `from module import name` may name a function: it has no file of its own
             continue
         source = _source(path, name)
         sources[name] = source.digest
         waiting += source.imported
         if "." in name:
             waiting.append(name.rpartition(".")[0])  # a package runs before its modules
-        if source.imports_by_name and top != "bench":  # it may import any module of its package
+        # It may import any module of its package. In `bench` these are codecs, which are roots, and names for scripts.
+        if source.imports_by_name and top != "bench":
             waiting += _everything_in(top)
     for root in roots:
         if root not in sources:
@@ -92,7 +94,7 @@ def _reached(roots: Iterable[str], own: set[str]) -> tuple[dict[str, str], set[s
 
 
 def _is_library(top: str) -> bool:
-    """Whether a top-level package is an installed distribution, or has no file."""
+    """Whether a top-level package is an installed distribution, or has no file, as a module compiled into Python."""
     file = _top_file(top)
     return file is None or bool(INSTALLED & set(file.parts))
 
@@ -107,13 +109,13 @@ class _Source(NamedTuple):
 
 @cache
 def _source(path: Path, module: str) -> _Source:
-    """Read a module's file without running it."""
+    """What counts of a module's file, which is read but not run."""
     content = path.read_bytes()
     try:
         tree = ast.parse(content)
     except (SyntaxError, ValueError):  # compiled
         return _Source(hashlib.sha256(content).hexdigest())
-    nodes = list(ast.walk(tree))  # once: walking is what takes the time
+    nodes = list(ast.walk(tree))  # walked only once, because that is what takes the time
     by_name = any(isinstance(node, ast.Call) and _called(node) in BY_NAME for node in nodes)
     imported = tuple(_imported(nodes, module, path))
     for node in nodes:
@@ -132,7 +134,10 @@ def _called(call: ast.Call) -> str:
 
 @cache
 def _file(module: str) -> Path | None:
-    """The file of a module, found without importing it; None if there is none."""
+    """The file of a module, found without importing it; None if there is none.
+
+    A top-level module is found as Python finds it, and modules inside it by their place in its folder.
+    """
     loaded = getattr(sys.modules.get(module), "__file__", None)
     if loaded:
         return Path(loaded)
@@ -140,9 +145,12 @@ def _file(module: str) -> Path | None:
     top_file = _top_file(top)
     if top_file is None:
         return None
-    inside = top_file.parent.joinpath(*parts)
-    endings = (".py", "/__init__.py", *EXTENSION_SUFFIXES)
-    candidates = [Path(f"{inside}{ending}") for ending in endings] if parts else [top_file]
+    if not parts:
+        candidates = [top_file]
+    else:
+        inside = top_file.parent.joinpath(*parts)
+        endings = (".py", "/__init__.py", *EXTENSION_SUFFIXES)
+        candidates = [Path(f"{inside}{ending}") for ending in endings]
     for path in candidates:
         if path.is_file():
             return path
@@ -150,7 +158,10 @@ def _file(module: str) -> Path | None:
 
 
 def _top_file(top: str) -> Path | None:
-    """The file of a top-level module or package."""
+    """The file of a top-level module or package; None if there is none.
+
+    For a package without `__init__.py` it is the place where that file would be.
+    """
     try:
         spec = importlib.util.find_spec(top)
     except (ImportError, ValueError):

@@ -1,5 +1,8 @@
 """Runs one job in any process: opens its material, fits, writes the file, scores it, and returns a record.
 
+A job is one codec with its settings on one material, for one seed, which is a number of a repetition. A `Task` is what
+a worker gets of it. A record is a dictionary of what was measured; an *earlier* record is one of an earlier run.
+
 A job has two keys. The *fit key* names everything that the file depends on: see `Job.fit_key`. A job is not fitted
 again if a file with its fit key exists, and its header and the facts of its fit, written beside it, agree on key and
 hash. The *score key* names everything that the numbers depend on: see `bench.runs.evaluation`. A job is not scored
@@ -61,7 +64,7 @@ class Outcome:
 
 def work(task: Task, show: Progress = silent) -> Outcome:
     """Run one job. A failure becomes a record with its error; an error that fails every job raises `InputError`."""
-    if not lock.reaches(task.folder, task.run):
+    if not lock.reaches(task.folder, task.run):  # the worker is on another host, which lacks the folder
         raise lock.unseen(task.folder, f"on {platform.node()}")
     try:
         what = Opening(
@@ -82,7 +85,7 @@ def work(task: Task, show: Progress = silent) -> Outcome:
 
 
 def failed(task: Task, error: str, more: Job | None = None) -> Outcome:
-    """The outcome of a job that failed, with `more` fields of its record."""
+    """The outcome of a job that failed, with the text of its error, and `more` fields of its record."""
     record: Job = {**task.base, "status": "failed", "error": error}
     if more:
         record |= more
@@ -90,7 +93,10 @@ def failed(task: Task, error: str, more: Job | None = None) -> Outcome:
 
 
 def attributed(task: Task, error: str) -> str:
-    """An error, prefixed with codec and distribution if the codec comes from another distribution."""
+    """An error in words; begins with codec and distribution if the codec comes from another distribution than this.
+
+    Users then see whose code it was.
+    """
     name = task.codec.codec
     return f"{called(codec_entries()[name])}: {error}" if from_outside(name) else error
 
@@ -136,6 +142,7 @@ class Attempt:
             "torch": torch.__version__,
         }
         key |= identity(self.codec)
+        # Absent where a codec has no such thing, so that the keys of all other codecs stay as they were.
         if self.network:
             key["shared"] = self.network.sha256
         if isinstance(self.codec, Programs):
@@ -165,7 +172,7 @@ class Attempt:
         """Encode, decode and score, or find that this is done. `MissingDataError` if data are missing."""
         try:
             return self._outcome(self.task.earlier or Job())
-        except (MissingDataError, KeyboardInterrupt):
+        except (MissingDataError, KeyboardInterrupt):  # neither says that the job would fail again
             raise
         except BaseException as error:  # errors, even `sys.exit`, are recorded and shown, and decide the exit code
             _raise_where_no_job_can_help(error)
@@ -179,7 +186,8 @@ class Attempt:
             more["fit_key"] = self.fit_key
         except InputError:  # a codec that cannot be made has no key
             pass
-        if isinstance(error, PluginError):  # the key does not cover metrics: the next run tries again
+        # The key does not cover metrics, which may be mended: a key that never matches makes the next run try again.
+        if isinstance(error, PluginError):
             more["fit_key"] = {}
         if isinstance(error, CodecError | PluginError):  # its message names the codec or the plug-in already
             text = str(error)
@@ -211,6 +219,7 @@ class Attempt:
         scores = evaluate(self.workbench, file, self.task.threads, self.keep, self.show)
         if self.task.repetition:  # only the first seed has pictures
             return scores
+        # A drawing is recorded on the CPU, whose results are the same on each machine.
         if is_gpu(self.task.device):
             file = loading.load(header.path, "cpu", self.network)
         self._keep_truth()
@@ -288,9 +297,13 @@ class Attempt:
 
 
 def _facts_of_record(facts: Facts, cached: bool) -> Job:
-    """The facts of a fit that the record holds. They are not in the file, so that its bytes do not change."""
+    """The facts of a fit that the record of its job holds; `cached`: the fit is one of an earlier run.
+
+    They are seconds, the PSNR over the steps, and time and revision. None is in the codec file, whose bytes must not
+    change from one fit to the next.
+    """
     record: Job = {"fit_seconds": facts["fit_seconds"], "history": facts["history"], "fit_cached": cached}
-    if "fitted" in facts:
+    if "fitted" in facts:  # facts of older fits lack it
         record["fitted"] = facts["fitted"]
     return record
 
@@ -310,7 +323,7 @@ def _raise_where_no_job_can_help(error: BaseException) -> None:
     """Raise `InputError` if a disk is full or may not be written: each further job would fail alike."""
     if not isinstance(error, OSError):
         return
-    hopeless = error.errno in NO_PLACE
+    hopeless = error.errno in NO_PLACE  # a full disk, an exhausted quota, a disk that is read only
     if error.errno in (errno.EACCES, errno.EPERM):  # a cache that may not be written is needed by every job
         hopeless = Path(str(error.filename)).is_relative_to(atomic.cache_dir())
     if hopeless:

@@ -1,6 +1,7 @@
 """Functions for scripts, most of them in `bench`: open a BTF, encode it, load the file, score it; see docs/api.md.
 
-The commands of `neubtf-bench` call the same code, so that a script measures the same as a run.
+The commands of `neubtf-bench` call the same code, so that a script measures the same as a run. A *demand* says which
+directions and footprints the frames of a scene ask for, and how often (`bench.demand`); a codec can be fitted to it.
 """
 
 import dataclasses
@@ -38,7 +39,7 @@ from bench.runs.evaluation import conditions, evaluate, score_key, scored
 from bench.runs.workbench import Workbench
 
 log = logging.getLogger(__name__)
-MATERIALS = 224  # the default number of variations that a shared network is trained on
+MATERIALS = 224  # the default number of variations, which are random materials, that a shared network is trained on
 UNSEEN = range(100_000, 100_016)  # variations for its curve, kept out of training
 
 
@@ -74,7 +75,7 @@ def encode(
     the scene of `demand`, a demand file. The fit calls `show(label, done, total)` as it progresses.
     """
     if not isinstance(btf, BTF):
-        raise InputError(f"bench.encode: give a BTF, not {_shown(btf)}: bench.open(name) opens one")
+        raise InputError(f"bench.encode: give a BTF, not {_wrong_type(btf)}: bench.open(name) opens one")
     if isinstance(codec, Codec) and settings:
         raise InputError(f"encode: codec {codec.name} already has its settings: give {min(settings)} when you make it")
     instance = codec if isinstance(codec, Codec) else make_codec(codec, settings)
@@ -111,7 +112,7 @@ class SceneFit:
     rows: list[SceneModel]
 
     def described(self) -> str:
-        """The verdict in one line."""
+        """The verdict in one line, such as "The scene model takes 60% of the bytes: …"."""
         found = self.found
         if not found.met:
             verdict = f"The target is not reached; this is the {'scene' if found.scene else 'full'} model"
@@ -152,6 +153,7 @@ def encode_for_scene(
     held_out = btf.subset(np.setdiff1d(np.arange(len(btf)), training))
     with tempfile.TemporaryDirectory() as folder, torch_threads(threads):
         search = fitting.Search(instance, btf.subset(training), scorer, fit, Path(folder), scene.uniform)
+        # Without figures of its own, the goal is relative to the full model, which the search fits first.
         result = search.run(None if wanted == fitting.Goal() else wanted)
         rows = fitting.rows(result, scorer, threads, held_out)
         atomic.write(Path(out), result.chosen.header.path.read_bytes())
@@ -179,9 +181,9 @@ def score(
     include those in its scene. Raises `ContainerError` for a bad file, `InputError` if the BTF has another resolution.
     """
     if not isinstance(btf, BTF):
-        raise InputError(f"bench.score: the truth must be a BTF, not {_shown(btf)}: bench.open(name) opens one")
+        raise InputError(f"bench.score: the truth must be a BTF, not {_wrong_type(btf)}: bench.open(name) opens one")
     if not isinstance(decoded, str | os.PathLike | Material | BTF):
-        given = f"not {_shown(decoded)}: arrays become a BTF by bench.from_arrays(radiance, wo, wi)"
+        given = f"not {_wrong_type(decoded)}: arrays become a BTF by bench.from_arrays(radiance, wo, wi)"
         raise InputError(f"bench.score: give a codec file, a folder, a material or a BTF, {given}")
     workbench = Workbench(btf, btf.name, demand=load_demand(Path(demand)) if demand else None)
     if isinstance(decoded, str | os.PathLike) and not Path(decoded).is_dir():
@@ -199,13 +201,13 @@ def score(
     return cast(Job, {name: value for name, value in figures.items() if name not in kept_files})
 
 
-def _shown(value: object) -> str:
+def _wrong_type(value: object) -> str:
     """A value of a wrong type, for a message."""
     return repr(value) if isinstance(value, str) else f"an object of type {type(value).__name__}"
 
 
 def _material(decoded: str | Path | Material | BTF, btf: BTF) -> tuple[str, Material]:
-    """The name and the material of data decoded elsewhere."""
+    """The name and the material of what has no codec file: a material, or slices as a BTF or in a folder."""
     if isinstance(decoded, Material):
         name = type(decoded).__name__
         _same_size(name, decoded.size, btf)

@@ -80,7 +80,7 @@ def _is_ours(folder: Path, run: str) -> bool:
 def _acquire(folder: Path, run: str) -> int:
     """The descriptor of the lock's file, which is open, locked and signed. `InputError` if another run has the lock."""
     while True:  # again if the holder removed the file meanwhile
-        file = os.open(folder / FILE, os.O_RDWR | os.O_CREAT, 0o644)
+        file = os.open(folder / FILE, os.O_RDWR | os.O_CREAT, 0o644)  # readable for all: it names the holder to others
         try:
             kept_by_kernel = True
             try:
@@ -89,7 +89,7 @@ def _acquire(folder: Path, run: str) -> int:
                 raise
             except OSError:  # the file system cannot lock: what the file says must do
                 kept_by_kernel = False
-            if is_still(file, folder / FILE):
+            if is_still(file, folder / FILE):  # the open file is the one of that name, not one that was removed
                 _refuse_if_alive(folder, kept_by_kernel)
                 since = f"{datetime.now(UTC):%F %T} UTC"
                 holder = {"process": os.getpid(), "host": platform.node(), "since": since, "run": run}
@@ -107,7 +107,7 @@ def _acquire(folder: Path, run: str) -> int:
 
 
 def _refuse_if_alive(folder: Path, kept_by_kernel: bool) -> None:
-    """Check that the process that signed the lock before is gone. `InputError` if it may still run.
+    """Check that the process that signed the lock before is gone; warns if one was. `InputError` if it may still run.
 
     `kept_by_kernel`: we hold the kernel's lock, so no process of this host does.
     """
@@ -137,9 +137,9 @@ def _holder(path: Path) -> dict[str, Any]:
 def _runs(process: int) -> bool:
     """Whether a process of this machine still runs, perhaps one of another user."""
     try:
-        os.kill(process, 0)
+        os.kill(process, 0)  # signal 0 ends nothing: it only asks whether the process can be reached
     except OSError as error:
-        return not isinstance(error, ProcessLookupError)
+        return not isinstance(error, ProcessLookupError)  # any other error, such as a missing permission: it exists
     return True
 
 

@@ -44,9 +44,11 @@ def codec_revision(name: str) -> str | None:
         return None
     folder = path if path.is_dir() else path.parent
     repository = _git(folder, "rev-parse", "--show-toplevel")
-    suite = _git(Path(__file__).parent, "rev-parse", "--show-toplevel")
-    tracked = _git(folder, "ls-files", "--", str(path))
-    return _revision_of(folder) if tracked and repository != suite else None
+    repository_of_suite = _git(Path(__file__).parent, "rev-parse", "--show-toplevel")
+    tracked_files = _git(folder, "ls-files", "--", str(path))  # "" for an environment that lies inside a checkout
+    if not tracked_files or repository == repository_of_suite:
+        return None
+    return _revision_of(folder)
 
 
 def _package_of(codec: str) -> Path | None:
@@ -57,6 +59,7 @@ def _package_of(codec: str) -> Path | None:
     spec = find_spec(entry.module.partition(".")[0])
     if spec is None:
         return None
+    # The file of a module or of a package's `__init__.py`; the folders of a package without one.
     for place in (spec.origin, *(spec.submodule_search_locations or ())):
         if place and Path(place).exists():
             return Path(place)
@@ -79,7 +82,7 @@ def _git(folder: Path, *words: str) -> str | None:
 
 @cache
 def processor() -> str:
-    """The name of the CPU type, on which bytes depend."""
+    """The name of the CPU type, such as "AMD EPYC 7763", on which the last bits of a fit, and so its bytes, depend."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
@@ -87,7 +90,7 @@ def processor() -> str:
     for line in lines:
         if line.startswith("model name"):
             return line.split(":", 1)[1].strip()
-    return platform.machine()
+    return platform.machine()  # Linux names the model on x86 only
 
 
 def stamp(codec: str = "") -> dict[str, str | None]:

@@ -1,7 +1,9 @@
 """Runs a suite: hands its jobs to workers, records their answers, then times the decoders when nothing else runs.
 
-Only this process writes records, under the lock of the run's folder. `bench.runs.job` defines a job and decides whether
-it is done already; `bench.runs.executors` defines where it runs. Every run measures the timing again.
+A job is one codec with its settings on one material, for one seed. A `Task` is what a worker gets of it, and an
+`Outcome` what it answers: the record of the job, a dictionary of what was measured. Only this process writes records,
+under the lock of the run's folder. `bench.runs.job` runs a job and decides whether it is done already;
+`bench.runs.executors` defines where it runs. Every run measures the timing again.
 """
 
 import dataclasses
@@ -70,6 +72,7 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
         networks = _networks(codecs, options.folder)
         try:
             with _workers(suite, options)() as workers:
+                # On a cluster, all workers are asked before the first job, not each when its first job fails.
                 if workers.everywhere:
                     reaches_of_worker = workers.everywhere(lock.reaches, options.folder.absolute(), run_id)
                     without_folder = [worker for worker, reaches in reaches_of_worker.items() if not reaches]
@@ -80,7 +83,7 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
                 yield from session.jobs(faults)
         finally:
             _tidy(options.folder)
-        session.time()
+        session.time()  # when the workers have ended, so that nothing else runs
 
 
 def _make_codecs(suite: Suite) -> tuple[list[Codec], dict[str, str]]:
@@ -93,7 +96,7 @@ def _make_codecs(suite: Suite) -> tuple[list[Codec], dict[str, str]]:
         except CodecError as error:
             faults[spec.label] = str(error)
             continue
-        if isinstance(codec, Programs):
+        if isinstance(codec, Programs):  # only permitted programs are started; whoever gives the suite permits its own
             permit(codec.settings.decode)
         codecs.append(codec)
     return codecs, faults
@@ -108,9 +111,10 @@ def _workers(suite: Suite, options: Options) -> Seats:
 
 
 def _networks(codecs: list[Codec], folder: Path) -> dict[str, str]:
-    """The file of the network of each codec that shares one over materials, by codec; missing networks are left out.
+    """For codecs that share one network over all materials, the network's file in the run's folder, by codec.
 
-    Writes the files into the run's folder, for its workers, and so that it can be decoded wherever it is copied.
+    Writes these files: workers read them, and a folder that is copied elsewhere can still be decoded. Networks that are
+    missing on this machine are left out.
     """
     networks: dict[str, str] = {}
     one_of_each = {codec.name: codec for codec in codecs}  # all settings of a codec share one network
@@ -186,8 +190,9 @@ class _Session:
         record = self.before.job(name)
         if record is None or options.fresh or (record["status"] == "failed" and options.retry_failed):
             return None
-        file_is_gone = record["status"] == "ok" and not (options.folder / record["file"]).exists()
-        return None if file_is_gone else record
+        if record["status"] == "ok" and not (options.folder / record["file"]).exists():
+            return None
+        return record
 
     def start(self) -> None:
         """Record the start of the run: suite, machine, and the names of its jobs, which may end in another order."""
@@ -216,22 +221,26 @@ class _Session:
 
     def _outcomes(self, faults: dict[str, str]) -> Iterator[Outcome]:
         """The outcome of each job as it ends; first of those whose codec could not be made."""
-        sound = []
-        # By material, and by repetition, because each repetition opens its material with other test pairs.
+        # A worker keeps one material open, so jobs are sorted by material, and by repetition, because each repetition
+        # opens its material with other test pairs.
         names = [material.name for material in self.suite.materials]
-        for task in sorted(self.tasks, key=lambda task: (names.index(task.material.name), task.repetition)):
+        in_order = sorted(self.tasks, key=lambda task: (names.index(task.material.name), task.repetition))
+        runnable = []
+        for task in in_order:
             fault = faults.get(task.codec.label)
             if fault:
                 yield failed(task, fault)
             else:
-                sound.append(task)
+                runnable.append(task)
         self.workers.show_with(self.options.show)
         call = partial(work, show=self.options.show if self.workers.here else tell)
-        yield from _with_restarts(sound, self.workers, call)
+        yield from _with_restarts(runnable, self.workers, call)
 
     def time(self) -> None:
-        """Time the decoders of each material in turns, each of the first seed that has a file, since the time does not
-        depend on the seed."""
+        """Time the decoders of each material in turns, and write the records.
+
+        Of a codec's seeds the first with a file is timed, since the time does not depend on the seed.
+        """
         if not present(self.options.device):
             remedy = "run the same command on a machine with a GPU"
             log.warning("no decoder is timed, because there is no GPU here: %s", remedy)
@@ -248,6 +257,7 @@ class _Session:
                     records.append(self.options.folder, record | {"run": self.run_id})
 
     def _show(self, material: str, label: str, done: int, total: int) -> None:
+        """Show the progress of timing, with the name of the material before the label."""
         self.options.show(f"{material}: {label}", done, total)
 
 
@@ -257,6 +267,7 @@ def _with_restarts(tasks: list[Task], workers: Workers, call: Callable[[Task], O
     running: dict[Future[Outcome], Task] = {}
     try:
         while waiting or running:
+            # Further tasks would only queue at the workers, and be lost with them.
             while waiting and len(running) < workers.at_once:
                 task = waiting.popleft()
                 running[workers.executor.submit(call, task)] = task
@@ -269,13 +280,13 @@ def _with_restarts(tasks: list[Task], workers: Workers, call: Callable[[Task], O
                 else:
                     yield _outcome(task, future)
                 del future  # while it is held, a cluster recomputes a lost result, although it was already received
-    finally:
+    finally:  # also where the caller stops early: jobs that have not begun do not run
         for future in running:
             future.cancel()
 
 
 def _outcome(task: Task, future: Future[Outcome]) -> Outcome:
-    """The answer of a worker. `InputError` if the run cannot continue."""
+    """The answer of a worker; a failed outcome if the worker died. `InputError` if the run cannot continue."""
     try:
         return future.result()
     except InputError:
@@ -290,10 +301,11 @@ def _outcome(task: Task, future: Future[Outcome]) -> Outcome:
 
 
 def timings(folder: Path, jobs: list[Job], device: str, threads: int, show: Progress = silent) -> list[Timing]:
-    """The timing of each job's decoder.
+    """The timing of each job's decoder, of files in the folder of a run.
 
-    If some decoders are from outside, all are timed in a worker process. If that dies, only those of the suite are
-    timed, in this process.
+    Codecs are from outside if another distribution holds them: their decoders may crash, and end the process. If some
+    decoders are from outside, all are timed in a worker process. If that dies, only those of the suite are timed, in
+    this process.
     """
     ours = [job for job in jobs if not from_outside(job["codec"])]
     if len(ours) < len(jobs):
@@ -311,7 +323,7 @@ def measured(folder: Path, jobs: list[Job], device: str, threads: int, show: Pro
     materials = {}
     for job in jobs:
         material = unreported(recorded(folder, job, device))
-        if not material.opaque:
+        if not material.opaque:  # another program answers: its time would be that of exchanging files
             materials[job["job"]] = material
     if not materials:
         return []

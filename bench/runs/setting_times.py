@@ -1,8 +1,10 @@
 """Times every setting of a suite on one machine, in one run: tables then compare times of nothing else.
 
-The time of a query depends on the settings and on what a file was found to need (`relief` needs a height on some
-surfaces), not on what was fitted. So each setting is fitted for one step, on few surfaces, and all of them take turns
-with the floor. Files of one setting with the same operations a query are one entry, over surfaces and rounds.
+A setting is a codec with the values of its settings, such as `pca components=4`. The floor is one bilinear fetch of a
+colour, which every codec must do at least; times are ratios to it. The time of a query depends on the settings and on
+what a file was found to need (`relief` needs a height on some surfaces), not on what was fitted. So each setting is
+fitted for one step, on few surfaces, and all of them take turns with the floor. Files of one setting with the same
+operations a query are one entry, over surfaces and rounds.
 """
 
 import dataclasses
@@ -50,7 +52,7 @@ class Entry:
     between: list[np.ndarray] = field(default_factory=list)  # ratios between texels, where quality is of texels
 
     def record(self, run: str) -> records.Timing:
-        """The record of its times, without those of single turns."""
+        """The record of its times in a run, given by its name; without the times of single turns, which are many."""
         pooled = timing.Timing(np.concatenate(self.samples), np.concatenate(self.ratios)).summary()
         row: records.Timing = {
             "kind": "timing",
@@ -122,7 +124,8 @@ def contestants(suite: Suite, folder: Path, device: str, show: Progress) -> Cont
 def decoded(
     suite: Suite, surfaces: Sequence[MaterialSpec], folder: Path, device: str, show: Progress
 ) -> Iterator[tuple[tuple[str, str], Material]]:
-    """As `contestants`, one by one and on some surfaces; what cannot be fitted here is left out, with a warning.
+    """As `contestants`, one by one and on some surfaces; writes the missing files. What cannot be fitted here is left
+    out, with a warning.
 
     Also left out, without one, are codecs whose answers come from another program: their time cannot be measured.
     """
@@ -141,7 +144,7 @@ def decoded(
             except InputError as error:
                 log.warning("%s on %s: not timed: %s", spec.label, surface.name, error)
                 if isinstance(error, MissingDataError) and btf is None:
-                    break  # the surface is not there
+                    break  # the surface is not there: no other setting can be fitted to it
                 continue
             if not material.opaque:  # no other program answers
                 yield (surface.name, spec.label), material
@@ -188,8 +191,8 @@ def _round(materials: Contestants, entries: dict[tuple[str, int], Entry], thread
         entry = entries.setdefault((label, flops), Entry(label, flops))
         anywhere = timing_of[f"{surface}/{label}"]
         at_one_texel = timing_of.get(f"{surface}/{label} at one texel")
-        deciding = at_one_texel or anywhere
-        entry.ratios.append(deciding.ratios)
-        entry.samples.append(deciding.samples)
+        where_scored = at_one_texel or anywhere
+        entry.ratios.append(where_scored.ratios)
+        entry.samples.append(where_scored.samples)
         if at_one_texel:
             entry.between.append(anywhere.ratios)

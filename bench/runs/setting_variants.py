@@ -1,8 +1,10 @@
 """Times each setting of a suite in every execution, precision and batch, and the steps of fits: for a GPU above all.
 
-It is sized for a GPU that is at hand for minutes: it ends by itself, writes after each setting, and goes on where an
-earlier process stopped. First comes one setting of each codec, the last that the suite lists, then the steps of fits,
-batches of other sizes, and all other settings. Before a variant is timed, its answers are compared with float64's.
+A setting is a codec with the values of its settings, such as `pca components=4`. A variant is an execution (eager,
+compiled or fused) with a precision: it answers the same queries from the same file. It is sized for a GPU that is at
+hand for minutes: it ends by itself, writes after each setting, and goes on where an earlier process stopped. First
+comes one setting of each codec, the last that the suite lists, then the steps of fits, batches of other sizes, and all
+other settings. Before a variant is timed, its answers are compared with float64's.
 """
 
 import copy
@@ -84,10 +86,11 @@ class _Measuring:
         self.clock = clock
         self.show = show
         self.found: list[Timing] = []
-        known = load_run(folder) if (folder / records.FILE).exists() else Run(folder)
-        self.done = {timed["job"] for timed in known.timings if timed.get("device") == str(device)} | self.given_up()
-        measured = [precision for precision in DTYPES if _is_native(precision, device)]
-        self.ceilings = [ceiling(device, suite.threads, precision) for precision in measured]
+        earlier = load_run(folder) if (folder / records.FILE).exists() else Run(folder)
+        # Names of what an earlier process has timed on this device, and of what cannot be timed.
+        self.done = {timed["job"] for timed in earlier.timings if timed.get("device") == str(device)} | self.given_up()
+        native_precisions = [precision for precision in DTYPES if _is_native(precision, device)]
+        self.ceilings = [ceiling(device, suite.threads, precision) for precision in native_precisions]
         start: RunStart = {**start_of(suite, run, str(device)), "ceilings": self.ceilings}
         records.append(folder, start)
 
@@ -120,10 +123,10 @@ class _Measuring:
         surface = surfaces_of(self.suite)[:1]
         files = decoded(replace(self.suite, codecs=specs), surface, self.folder, str(self.device), self.show)
         while not self.clock.over:
-            each = next(files, None)
-            if each is None:
+            next_file = next(files, None)
+            if next_file is None:
                 return
-            (_, label), material = each
+            (_, label), material = next_file
             yield by_label[label], material
 
     def time(self, label: str, material: Material, batch: int) -> None:
@@ -160,6 +163,7 @@ class _Measuring:
         for name, variant in missing.items():
             if self.clock.over:
                 break
+            # A fault of a GPU may end this process. The next one then finds the variant's name in this file.
             tried = self.folder / TRIED
             atomic.write(tried, name.encode())
             try:
@@ -250,7 +254,7 @@ def ceiling(device: torch.device, threads: int, precision: str) -> Ceiling:
     """The measured rates of a device in a precision; `dtype` names the precision, such as tf32."""
     products = torch.backends.cuda.matmul  # how PyTorch multiplies matrices on a GPU
     before = products.allow_tf32
-    products.allow_tf32 = precision == "tf32"
+    products.allow_tf32 = precision == "tf32"  # of the type float32, and so a setting instead of a type
     try:
         measured = roofline(device, threads, DTYPES[precision])
     finally:
@@ -262,6 +266,7 @@ def ceiling(device: torch.device, threads: int, precision: str) -> Ceiling:
 def _limit(material: Material, variant: Variant, ceilings: list[Ceiling]) -> float:
     """The fewest ns a sample that the measured ceilings allow in a variant's precision."""
     dtype = DTYPES[variant.precision]
+    # `cost` counts bytes of float32, which has four.
     cost = replace(material.cost, bytes_per_sample=round(material.cost.bytes_per_sample * dtype.itemsize / 4))
     usable = {"float32", variant.precision}  # short types may be widened where that is quicker
     return min(limit_ns(cost, each) for each in ceilings if each["dtype"] in usable)
@@ -281,7 +286,7 @@ def _fits(suite: Suite, device: str, clock: Clock, done: set[str], show: Progres
         name = f"fit/{spec.label}/{device}"
         if clock.over:
             return
-        if name in done:
+        if name in done:  # an earlier process has timed it
             continue
         show(f"{spec.label}: steps of its fit", 0, 1)
         try:
@@ -310,7 +315,7 @@ def _fits(suite: Suite, device: str, clock: Clock, done: set[str], show: Progres
 
 
 def _seconds_of_fit(spec: CodecSpec, steps: int, train: Any, device: str, threads: int) -> float:
-    """Wall seconds of a fit of so many steps."""
+    """Wall seconds of a fit of so many steps to the training pairs `train`, a BTF."""
     codec: Codec = make_codec(spec.codec, spec.settings | {"steps": steps})
     fit = Fit(torch.device(device), threads, network=shared.find_for(codec))
     start = time.perf_counter()

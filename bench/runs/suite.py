@@ -13,8 +13,9 @@
     components = [8, 16]             # a list is a sweep: one job for each value
     materials = ["satin"]            # run it only on these of the suite's materials (default: all)
 
-docs/suites.md describes every key. The path of a material is tried as written, then under `$NEUBTF_DATA`; that of a
-demand only as written.
+A table `[[codecs]]` gives a `CodecSpec` for each combination of its lists; its *label* is codec and settings in words,
+such as `pca components=8`. docs/suites.md describes every key. The path of a material is tried as written, then under
+`$NEUBTF_DATA`; that of a demand only as written.
 """
 
 import dataclasses
@@ -64,8 +65,8 @@ class CodecSpec:
 
 
 def _label(codec: str, settings: dict[str, Any]) -> str:
-    """The name of a codec with settings: `pca bits=8 components=4`."""
-    if codec == COMMAND:  # command lines are not a useful name
+    """The name of a codec with settings, sorted by name: `pca bits=8 components=4`."""
+    if codec == COMMAND:  # its settings are command lines of the user's programs, which are not a useful name
         codec = settings.get("called", codec)
         settings = {key: value for key, value in settings.items() if key not in ("called", "encode", "decode")}
     words = [codec]
@@ -96,11 +97,11 @@ class Suite:
     @property
     def cells(self) -> list[tuple[MaterialSpec, CodecSpec, int]]:
         """Material, codec and seed of each job, in order. A codec that names materials runs on these alone."""
-        chosen = []
+        cells = []
         for material, codec, seed in itertools.product(self.materials, self.codecs, self.seeds):
             if not codec.materials or material.name in codec.materials:
-                chosen.append((material, codec, seed))
-        return chosen
+                cells.append((material, codec, seed))
+        return cells
 
 
 @dataclass(frozen=True)
@@ -164,6 +165,7 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
     """Parse a suite from TOML text; errors name it `file`. All is checked before anything is opened."""
     file = file or f"suite {name}"
     entries = parse_toml(file, text)
+    # Materials and codecs have forms of their own; all other keys are fields of `Suite`, and converted by their types.
     materials = entries.pop("materials", [])
     codecs = entries.pop("codecs", [])
     for key, value in (("materials", materials), ("codecs", codecs)):
@@ -229,7 +231,7 @@ def with_changes(
     if materials:
         known = {spec.name: spec for spec in suite.materials}
         everywhere = tuple(dataclasses.replace(spec, materials=()) for spec in suite.codecs)
-        chosen_materials = [known.get(name, named(name)) for name in materials]
+        chosen_materials = [known.get(name, named(name)) for name in materials]  # others by name or path
         suite = dataclasses.replace(suite, materials=told_apart(chosen_materials), codecs=everywhere)
     if codecs:
         chosen: list[CodecSpec] = []
@@ -247,7 +249,7 @@ def told_apart(materials: list[MaterialSpec]) -> tuple[MaterialSpec, ...]:
 
     Jobs, records and tables know a material by its name alone. `InputError` if one material is given twice.
     """
-    paths = [_absolute_path(spec) for spec in materials]
+    paths = [_absolute_path(spec) for spec in materials]  # texts; of a built-in material its name
     twice = _twice(paths)
     if twice:
         raise InputError(f"--material {twice}: it is given twice")
@@ -257,7 +259,7 @@ def told_apart(materials: list[MaterialSpec]) -> tuple[MaterialSpec, ...]:
         ambiguous = {name for name, count in Counter(names).items() if count > 1}
         for place, path in enumerate(paths):
             if names[place] in ambiguous:
-                names[place] = "-".join(Path(path).parts[-1 - folders :])
+                names[place] = "-".join(Path(path).parts[-1 - folders :])  # so many folders, and the last part
     twice = _twice(names)
     if twice:
         raise InputError(f"--material: two materials are named {twice}: rename a folder")
@@ -272,18 +274,24 @@ def _absolute_path(spec: MaterialSpec) -> str:
 
 
 def canonical(suite: Suite) -> Suite:
-    """The suite without settings that equal their defaults, and without the duplicates that this leaves: a row has one
-    name, however the suite spells it. Loads the codecs."""
-    unique: dict[str, CodecSpec] = {}
+    """The suite without settings that equal their defaults, and without the duplicates that this leaves.
+
+    Equal jobs then have equal names, however the suite spells them. Loads the codecs.
+    """
     try:
         specs = [dataclasses.replace(spec, settings=changed_settings(spec)) for spec in suite.codecs]
     except InputError as error:
         raise InputError(f"suite {suite.name}: {error}") from error
+    unique: dict[str, CodecSpec] = {}  # by label
     for spec in specs:
-        first = unique.setdefault(spec.label, spec)  # of this label; it may be this one
-        materials: tuple[str, ...] = ()  # none named is all materials, as soon as one of the two is for all
+        if spec.label not in unique:
+            unique[spec.label] = spec
+            continue
+        first = unique[spec.label]
         if first.materials and spec.materials:
-            materials = tuple(dict.fromkeys(first.materials + spec.materials))
+            materials = tuple(dict.fromkeys(first.materials + spec.materials))  # of both, each once
+        else:
+            materials = ()  # one of the two is for all materials, so both together are
         unique[spec.label] = dataclasses.replace(first, materials=materials)
     return dataclasses.replace(suite, codecs=tuple(unique.values()))
 
@@ -301,17 +309,18 @@ def changed_settings(spec: CodecSpec) -> dict[str, Any]:
             default |= {RECIPE: codec.Settings.recipe}  # type: ignore[attr-defined]
     except CodecError:  # its jobs fail with this error
         return spec.settings
+    # A recipe may overrule settings: `parsed` has the values in force, and what no field holds as it was given.
     parsed = spec.settings | dataclasses.asdict(codec.settings) | chosen
     return {key: parsed[key] for key in spec.settings if chosen.get(key) != default.get(key)}
 
 
 def _change(suite: Suite, key: str, value: str) -> Suite:
     """The suite with one setting changed, KEY, CODEC.KEY or data.KEY. `InputError` if it changes nothing."""
-    scope, _, name = key.rpartition(".")
+    scope, _, name = key.rpartition(".")  # the scope is "", a codec or "data"
     if scope == "data":
         suite = dataclasses.replace(suite, data=changed(suite.data, {key: value}))
         reasons = [kind_of(spec).ignores(spec, key) for spec in suite.materials]
-        if all(reasons):
+        if all(reasons):  # each material ignores it
             raise InputError(f"--set {key}: {reasons[0]}")
         return suite
     codecs = []
@@ -335,13 +344,13 @@ def _hint(suite: Suite, scope: str, name: str) -> str:
     codecs = {spec.codec for spec in suite.codecs}
     if scope and scope not in codecs:
         return f": it runs no codec {scope!r}{did_you_mean(scope, [*codecs, 'data'])}"
-    known = {f"data.{field.name}" for field in dataclasses.fields(Preparation)}
+    setting_keys = {f"data.{field.name}" for field in dataclasses.fields(Preparation)}
     meant = {scope} if scope else codecs
     for codec in meant:
         with suppress(CodecError):  # its jobs fail with this error
-            known |= setting_names(load_codec(codec))
+            setting_keys |= setting_names(load_codec(codec))
     for written in (name, f"data.{name}"):  # the scope may be forgotten
-        near = difflib.get_close_matches(written, sorted(known), n=1)
+        near = difflib.get_close_matches(written, sorted(setting_keys), n=1)
         if near:
             return f"; did you mean {near[0]!r}?"
     return f" (or write data.{name})"
@@ -373,9 +382,10 @@ def _has(codec: str, scope: str, setting: str) -> bool:
 
 
 def _set(spec: CodecSpec, setting: str, value: str) -> CodecSpec:
-    """The entry with a setting converted from a word."""
+    """The entry of a suite with one setting changed, whose value is a word of the command line."""
     from bench.codec import COMMON
 
+    # The codec converts the word. Common settings are attributes of a codec, its own ones those of `settings`.
     codec = make_codec(spec.codec, {setting: value})
     owner = codec if setting in COMMON else codec.settings
     return dataclasses.replace(spec, settings=spec.settings | {setting: getattr(owner, setting)})
@@ -398,13 +408,14 @@ def _swept(where: str, entries: list[Any]) -> Iterator[CodecSpec]:
         settings = dict(entry)
         codec = converted(f"{where}.codec", str, settings.pop("codec", None))
         materials = converted(f"{where}.materials", Words, settings.pop("materials", []))
+        # Settings with a list of values are swept. A single value becomes a list of one, for `itertools.product`.
         swept = {key: value for key, value in settings.items() if isinstance(value, list)}
-        lists = [swept.get(key, [value]) for key, value in settings.items()]  # a single value is a list of one
+        lists = [swept.get(key, [value]) for key, value in settings.items()]
         for key, values in zip(settings, lists, strict=True):
             for value in values:  # a text, true or false, or a number; the codec checks more
                 kind = type(value) if isinstance(value, str | bool) else float
                 converted(f"{where}.{key}", kind, value)
         jobs += math.prod(map(len, lists))
-        _check_jobs(where, jobs)
+        _check_jobs(where, jobs)  # before they are made: a short file may ask for billions
         for chosen in itertools.product(*lists):
             yield CodecSpec(codec, dict(zip(settings, chosen, strict=True)), tuple(swept), materials)

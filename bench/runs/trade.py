@@ -1,7 +1,10 @@
 """Measures the trade-offs of a suite: quality, bytes and time of every setting, execution and precision.
 
-A *choice* is a codec file with an execution and a precision. These two do not change the file: all of them are scored
-and timed from the same one. The results go into `trade.json` beside the run's records, which is rewritten each time.
+A *choice* is a codec file with an execution (eager, compiled or fused) and a precision; the two together are a variant.
+Variants do not change the file: all are scored and timed from the same one. An entry of the suite may be a *sweep* over
+the values of a setting; only the files of other entries are tried in several variants. *Ceilings* are the rates of
+arithmetic and memory that were measured on the device. The results go into `trade.json` beside the run's records, which
+is rewritten each time.
 """
 
 import json
@@ -122,7 +125,7 @@ def measure(
         left_out = [text for text in possible if native.emulated(Variant.parse(text).precision, target)]
     suite = replace(suite, variants=tuple(text for text in possible if text not in left_out))
     ceilings = _ceilings(suite, target, cores)
-    result: Trade = {
+    result: Trade = {  # `answers`, sentences that a reader wants first, come last
         "format": TRADE_FORMAT,
         "suite": suite.name,
         "ceilings": ceilings,
@@ -263,57 +266,85 @@ def _choices(
     """Every choice of one material: quality, bytes, time in turns with all others, and whether it is on a front.
 
     First each file is scored in each variant, a row each; then all that could be are timed together, and the times join
-    the rows. The last row is the floor.
+    the rows. The last row is the floor, one bilinear fetch of a colour. Keeps what it measured in the run's folder, for
+    the case that it is interrupted.
     """
+    unfinished = Unfinished(run.folder)
     rows: list[TradeChoice] = []
     timed: dict[int, Material] = {}  # by the number of the row
-    unfinished = Unfinished(run.folder)
     for job in jobs:
         material = recorded(run.folder, job, device)
         for variant in (Variant(), *_variants(suite, job, material)):
-            row: TradeChoice = {
-                "material": job["material"],
-                "job": job["job"],
-                "label": job["label"],
-                "codec": job["codec"],
-                "settings": job["settings"],
-                "execution": variant.execution,
-                "precision": variant.precision,
-                "bytes": job["bytes"]["total"],
-                "parameters": job["parameters"],
-                "device": device,
-                "sha256": job["score_key"]["sha256"],
-            }
+            row = _row(job, variant, device)
             if native.emulated(variant.precision, material.device):
                 row["emulated"] = True
             try:
                 ready = prepared(material, variant)
-                if variant == Variant():  # the run has scored it
-                    slices = read_arrays(run.folder / job["slices"], MAX_FILE)
-                    decide = slices["heldout"] if deciding_group(job["scores"]) == "heldout" else slice(None)
-                    row |= _figures(job, slices[PSNR][decide])
+                if variant == Variant():  # eager float32, in which the run has scored the file
+                    row |= _figures_of_run(run, job)
                 else:
                     key = json.dumps([job["score_key"], variant.execution, variant.precision, device, suite.threads])
-                    row |= unfinished.figures_of(
-                        key, partial(_figures_of_variant, workbench, ready, material, suite.threads, show)
-                    )
+                    measure = partial(_figures_of_variant, workbench, ready, material, suite.threads, show)
+                    row |= unfinished.figures_of(key, measure)
             except Exception as error:  # an error in one variant must not lose the figures of the others
                 words = " ".join(str(error).split())
                 if not isinstance(error, InputError):  # an unexpected error
                     words = f"{type(error).__name__}: {words}"
                 row["error"] = words
-                rows.append(row)
-                continue
+            else:
+                timed[len(rows)] = ready
             rows.append(row)
-            timed[len(rows) - 1] = ready
+    floor = _add_times(workbench.name, rows, timed, suite.threads, device, ceilings, unfinished, show)
+    _mark_fronts([row for row in rows if "error" not in row])
+    return [*rows, floor]
+
+
+def _row(job: Job, variant: Variant, device: str) -> TradeChoice:
+    """What is known of a choice before it is measured."""
+    return {
+        "material": job["material"],
+        "job": job["job"],
+        "label": job["label"],
+        "codec": job["codec"],
+        "settings": job["settings"],
+        "execution": variant.execution,
+        "precision": variant.precision,
+        "bytes": job["bytes"]["total"],
+        "parameters": job["parameters"],
+        "device": device,
+        "sha256": job["score_key"]["sha256"],
+    }
+
+
+def _figures_of_run(run: Run, job: Job) -> TradeChoice:
+    """The figures of a file as the run scored it, from its record and the errors of its slices."""
+    slices = read_arrays(run.folder / job["slices"], MAX_FILE)
+    squared_errors = slices[PSNR]
+    if deciding_group(job["scores"]) == "heldout":
+        squared_errors = squared_errors[slices["heldout"]]
+    return _figures(job, squared_errors)
+
+
+def _add_times(
+    material_name: str,
+    rows: list[TradeChoice],
+    timed: dict[int, Material],
+    threads: int,
+    device: str,
+    ceilings: list[Ceiling],
+    unfinished: Unfinished,
+    show: Progress,
+) -> TradeChoice:
+    """Time materials in turns and add the times to their rows, of which `timed` gives the numbers; returns the
+    floor's."""
     batch = timing.batch_on(device, BATCH)
-    conditions: TradeChoice = {"batch": batch, "threads": suite.threads, "device": device}
+    conditions: TradeChoice = {"batch": batch, "threads": threads, "device": device}
     if is_gpu(device):
         conditions["gpu"] = device_name(device)
     # Turns of an interrupted timing count again only if the same contestants were timed under the same conditions.
     contestants = [[rows[i]["sha256"], rows[i]["execution"], rows[i]["precision"]] for i in timed]
-    kept_turns = unfinished.turns(json.dumps([workbench.name, conditions, machine(), contestants]))
-    of_these_threads = [ceiling for ceiling in ceilings if ceiling["threads"] == suite.threads]
+    kept_turns = unfinished.turns(json.dumps([material_name, conditions, machine(), contestants]))
+    of_these_threads = [ceiling for ceiling in ceilings if ceiling["threads"] == threads]
     materials = {str(i): ready for i, ready in timed.items()}
     measured = _timed(materials, of_these_threads, batch, show, kept_turns)
     for i, ready in timed.items():
@@ -322,13 +353,12 @@ def _choices(
         rows[i] |= times | conditions
         rows[i] |= {"limit_ns": least, "of_limit": least / times["ns_per_sample"]}
     floor: TradeChoice = {
-        "material": workbench.name,
+        "material": material_name,
         "label": timing.FLOOR,
         "execution": "eager",
         "precision": "float32",
     }
-    _mark_fronts([row for row in rows if "error" not in row])
-    return [*rows, floor | conditions | _times(measured[timing.FLOOR])]
+    return floor | conditions | _times(measured[timing.FLOOR])
 
 
 def _times(measured: timing.Timing) -> TradeChoice:
@@ -361,7 +391,11 @@ def _timed(
 
 
 def _variants(suite: Suite, job: Job, material: Material) -> list[Variant]:
-    """The variants of the suite, for an entry without a sweep; without a network only variants of whole codecs."""
+    """The variants of the suite that a job's file is tried in, besides eager float32.
+
+    None for an entry with a sweep, whose many files would take too long. Without a network only the variants that
+    change a whole material remain.
+    """
     if not _plain(suite, job):
         return []
     variants = [Variant.parse(text) for text in suite.variants]
@@ -404,7 +438,9 @@ def _score(workbench: Workbench, material: Material, threads: int, show: Progres
 
 
 def _deviation(workbench: Workbench, ours: Material, plain: Material, show: Progress) -> TradeChoice:
-    """PSNR, against the answers of eager float32, of the held-out slice that differs most; None if none differs."""
+    """`from_float32`: PSNR against the answers of eager float32, of the deciding slice that differs most; None if none
+    differs.
+    """
     our_slice = Slices(workbench, ours, show).slice
     plain_slice = Slices(workbench, plain, show).slice
     exposure = workbench.scorer.exposure
@@ -440,9 +476,12 @@ def _path_tracer() -> ModuleType:
 
 
 def _add_noise(run: Run, row: TradeChoice, show: Progress) -> None:
-    """Add the noise of a path tracer with the file of a choice as material, or why it was not measured; not to other
-    executions and precisions, which have the same noise."""
-    if "sha256" not in row or (row["execution"], row["precision"]) != (Variant().execution, Variant().precision):
+    """Add to a row the noise of a path tracer with its file as material, or why it was not measured.
+
+    Other executions and precisions have the same noise, and get none. Neither does the floor, which has no file.
+    """
+    is_eager_float32 = (row["execution"], row["precision"]) == (Variant().execution, Variant().precision)
+    if "sha256" not in row or not is_eager_float32:
         return
     job = run.job(row["job"])
     assert job is not None  # the choice is one of its file
@@ -474,7 +513,11 @@ def _mark_fronts(rows: list[TradeChoice]) -> None:
 def _on_front(quality: Sequence[float], costs: Sequence[float]) -> list[bool]:
     """Whether each place of quality and cost is on the Pareto front."""
     places = list(zip(quality, costs, strict=True))
-    return [not any(_beats(other, place) for other in places) for place in places]
+    on_front = []
+    for place in places:
+        beaten = any(_beats(other, place) for other in places)
+        on_front.append(not beaten)
+    return on_front
 
 
 def _beats(other: tuple[float, float], place: tuple[float, float]) -> bool:

@@ -1,7 +1,8 @@
 """What a trade has measured of one material before it ends: figures of choices, and turns of their timing.
 
-Scoring and timing all choices takes minutes. Both stand in files of the run's folder until `trade.json` is written, so
-that the same command goes on where it was interrupted.
+A trade compares choices: a choice is a codec file with an execution and a precision. Scoring and timing all choices of
+a material takes minutes. Both stand in files of the run's folder until `trade.json` is written, so that the same
+command goes on where it was interrupted.
 """
 
 import json
@@ -22,13 +23,14 @@ class Unfinished:
         self.folder = folder
         try:
             self.figures: dict[str, TradeChoice] = dict(json.loads((folder / FIGURES).read_text(encoding="utf-8")))
-        except (OSError, ValueError, TypeError, RecursionError):
+        except (OSError, ValueError, TypeError, RecursionError):  # no file, or not one of ours: measure again
             self.figures = {}
 
     def figures_of(self, key: str, measure: Callable[[], TradeChoice]) -> TradeChoice:
-        """The figures under a key that names all they depend on: kept ones, else those that `measure` gives."""
+        """The figures under a key that names all they depend on: kept ones, else those that `measure` gives, now
+        kept."""
         if key not in self.figures:
-            self.figures[key] = measure()
+            self.figures[key] = measure()  # seconds to minutes, so it is written at once
             atomic.write(self.folder / FIGURES, json.dumps(self.figures, allow_nan=False).encode())
         return self.figures[key].copy()
 
@@ -38,6 +40,6 @@ class Unfinished:
 
 
 def forget(folder: Path) -> None:
-    """Remove the unfinished measurements: they are finished."""
+    """Remove the unfinished measurements from a folder, once `trade.json` holds the finished ones."""
     for name in (FIGURES, TURNS):
         (folder / name).unlink(missing_ok=True)

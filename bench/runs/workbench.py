@@ -1,4 +1,9 @@
-"""Opens a material of a run once per process, and holds what its jobs share: split, exposure, scorer."""
+"""Opens a material of a run once per process, and holds what its jobs share: split, exposure, scorer.
+
+The split divides the pairs of view and light into training pairs, validation pairs, by which settings are chosen, and
+held-out pairs, which are reported. The exposure brings radiance into the range of a display. A *demand* says how often
+the frames of a scene ask for each pair.
+"""
 
 import threading
 from collections.abc import Iterator
@@ -27,8 +32,8 @@ from bench.metrics import DEFAULTS, chosen_names
 from bench.metrics.scoring import Scorer
 from bench.records import OUTSIDE, VALIDATION, deciding_group
 
-STORED = 16  # how many slices are stored as pictures, for the slice viewer of a report
-SHOWN = ((10, 40), (40, 20), (68, 30), (30, 68))  # (θ_o, θ_i) in degrees of the slices that contact sheets show
+MOST_STORED = 16  # how many slices are stored as pictures, for the slice viewer of a report
+SHEET_ANGLES = ((10, 40), (40, 20), (68, 30), (30, 68))  # (θ_o, θ_i) in degrees of the slices that contact sheets show
 
 
 @dataclass(frozen=True)
@@ -74,7 +79,7 @@ class Workbench:
         return Scorer(self.btf, names, threads=self.scorers, sampled=self.training)
 
     @cached_property
-    def judge(self) -> FrameScorer | None:
+    def frame_scorer(self) -> FrameScorer | None:
         """The scorer of the scene's frames; None without a demand."""
         return FrameScorer(table_of(self.btf), self.demand) if self.demand else None
 
@@ -103,10 +108,14 @@ class Workbench:
 
     @cached_property
     def groups(self) -> dict[str, np.ndarray]:
-        """Pair indices by the name under which reports show them."""
+        """The indices of the pairs of each group, by the name under which reports show it. Empty groups are left out.
+
+        Held-out pairs are inside the hull if training pairs lie around them in each direction, and else outside: there
+        a decoder must extrapolate.
+        """
         heldout = np.sort(np.concatenate([np.empty(0, int), *self.split.heldout.values()])).astype(int)
         groups = {"all": np.arange(len(self.btf)), "train": self.split.train, "heldout": heldout}
-        if len(self.split.heldout) > 1:
+        if len(self.split.heldout) > 1:  # views, lights or pairs of both were held out, each a group of its own
             groups |= {f"heldout, {name}": pairs for name, pairs in self.split.heldout.items()}
         if len(heldout):
             wo = torch.from_numpy(self.btf.wo[heldout])
@@ -131,6 +140,7 @@ class Workbench:
         sets = [self.groups.get(name, np.empty(0, int)) for name in ("train", "heldout", VALIDATION)]
         for place, pairs in enumerate(sets):
             of_training = place == 0
+            # The BTF's `heldout` is set where test pairs were drawn or declared.
             may_be_thinned = of_training or self.btf.heldout is None
             if len(pairs) > self.most_scored and may_be_thinned:
                 sets[place] = np.random.default_rng(0).choice(pairs, self.most_scored, replace=False)
@@ -138,21 +148,22 @@ class Workbench:
 
     @cached_property
     def sheet(self) -> np.ndarray:
-        """The few pairs (n,) that a contact sheet shows: of those that decide, the nearest to each of `SHOWN`."""
+        """The few pairs (n,) that a contact sheet shows: of those that decide, the nearest to each of
+        `SHEET_ANGLES`."""
         theta_o, _ = to_degrees(self.btf.wo[self.deciding])
         theta_i, _ = to_degrees(self.btf.wi[self.deciding])
         angles = np.stack([theta_o, theta_i], 1)
-        nearest = [int(np.linalg.norm(angles - wanted, axis=1).argmin()) for wanted in np.array(SHOWN)]
+        nearest = [int(np.linalg.norm(angles - wanted, axis=1).argmin()) for wanted in np.array(SHEET_ANGLES)]
         return self.deciding[np.unique(nearest)]
 
     @cached_property
     def shown(self) -> np.ndarray:
         """The pairs (n,) whose slices are stored as pictures: those of `sheet`, then in each step the one that is
-        farthest from all before, up to `STORED`."""
+        farthest from all before, up to `MOST_STORED`."""
         places = np.concatenate([self.btf.wo[self.deciding], self.btf.wi[self.deciding]], 1)
         chosen = [int(i) for i in np.flatnonzero(np.isin(self.deciding, self.sheet))]
-        distance = np.linalg.norm(places[:, None] - places[chosen], axis=2).min(1)
-        while len(chosen) < min(STORED, len(places)):
+        distance = np.linalg.norm(places[:, None] - places[chosen], axis=2).min(1)  # of each pair to the nearest chosen
+        while len(chosen) < min(MOST_STORED, len(places)):
             chosen.append(int(distance.argmax()))
             distance = np.minimum(distance, np.linalg.norm(places - places[chosen[-1]], axis=1))
         return np.sort(self.deciding[np.unique(chosen)])

@@ -16,7 +16,7 @@ from bench.material import DecoderCost, Material
 from bench.metrics.scoring import footprint_errors
 from bench.runs.drawing import sparse_truth
 from bench.runs.evaluation import Slices, drawing, evaluate, score_key
-from bench.runs.workbench import SHOWN, STORED, Workbench
+from bench.runs.workbench import MOST_STORED, SHEET_ANGLES, Workbench
 
 WAVES = torch.tensor([3.0, 2.0])  # of the picture, across and down
 
@@ -49,10 +49,10 @@ def test_an_exact_material_is_exact_at_every_footprint_whatever_its_size(size):
 def test_the_stored_pairs_are_many_held_out_and_spread_and_hold_those_of_the_sheet():
     bench = Workbench(tiny_btf(), "tiny")
     decides = bench.groups.get("heldout", bench.groups["all"])
-    assert len(bench.shown) == min(STORED, len(decides)) == len(set(bench.shown.tolist()))
+    assert len(bench.shown) == min(MOST_STORED, len(decides)) == len(set(bench.shown.tolist()))
     assert set(bench.shown.tolist()) <= set(decides.tolist())
     assert set(bench.sheet.tolist()) <= set(bench.shown.tolist())
-    assert 1 <= len(bench.sheet) <= len(SHOWN)
+    assert 1 <= len(bench.sheet) <= len(SHEET_ANGLES)
     directions = np.concatenate([bench.btf.wo, bench.btf.wi], 1).astype(float)
 
     def nearest(pairs):
