@@ -1,8 +1,11 @@
 """Compares two runs: finds what got worse by more than chance and by enough to matter.
 
-A row is a material and a codec with its settings; its numbers are means over the seeds that both runs have, or over
-all seeds if they share none. `bench.compare.verdicts` states the rules. Fits scatter independently, so the mean of
-several rows can show a loss that no single row can tell from chance. Imports neither PyTorch nor pandas.
+The base is the older run, or a reference that was kept of it; new is the run under test. A job is one fit of a codec to
+a material; its seed is the number of its repetition. A row is a material and a codec with its settings, whose jobs
+differ in the seed; its numbers are means over the seeds that both runs have, or over all seeds if they share none. A
+*deciding* number, such as PSNR, has a tolerance, and its change decides the verdict on the row; others are only shown.
+`bench.compare.verdicts` states the rules. Fits scatter independently, so the mean of several rows can show a loss that
+no single row can tell from chance. Imports neither PyTorch nor pandas.
 """
 
 import json
@@ -54,6 +57,7 @@ class Comparison:
         if self.having(Verdict.FAILED):
             return FAILED
         changes = chain.from_iterable(row.deciding for row in self.rows)
+        # Without any number that was compared, "nothing got worse" would say nothing.
         if not any(change.verdict in DECIDED for change in changes):
             return NOTHING
         if any(row.forbids for row in (*self.rows, *self.means)):
@@ -81,22 +85,22 @@ def compare(
     check_names("codec", codecs, {_codec(job) for job in every})
     before = _wanted(base, materials, codecs)
     after = _wanted(new, materials, codecs)
-    before = _renamed(before, after)
+    before = _renamed(before, after)  # a default that changed, changes labels
     times_before = multiples(before, list(base.timings))
     times_after = multiples(after, list(new.timings))
-    declared = set(chain.from_iterable(start.get("seeds", ()) for start in new.starts))
-    if not declared:  # no start says its seeds
-        declared = {job["seed"] for job in after}
-    # Rows by material, in the order in which materials first appear; then in that of labels.
-    order = list(dict.fromkeys(job["material"] for job in [*before, *after]))
+    declared_seeds = set(chain.from_iterable(start.get("seeds", ()) for start in new.starts))
+    if not declared_seeds:  # no start says its seeds
+        declared_seeds = {job["seed"] for job in after}
+    # A row's key is (material, label). Materials come in the order in which they first appear, labels in theirs.
+    materials_in_order = list(dict.fromkeys(job["material"] for job in [*before, *after]))
     keys = dict.fromkeys((job["material"], job["label"]) for job in [*before, *after])
 
     rows_before = by_row(sorted(before, key=lambda job: job["seed"]))
     rows_after = by_row(sorted(after, key=lambda job: job["seed"]))
     rows = []
-    for key in sorted(keys, key=lambda key: order.index(key[0])):
+    for key in sorted(keys, key=lambda key: materials_in_order.index(key[0])):
         timing = advice(times_before.get(key), times_after.get(key))
-        row = compared((base, new), rows_before.get(key, []), rows_after.get(key, []), declared, timing)
+        row = compared((base, new), rows_before.get(key, []), rows_after.get(key, []), declared_seeds, timing)
         rows.append(replace(row, allowed=any(_names(pattern, row) for pattern in allow)))
     return Comparison(rows, list(_notes(base, new, rows)), means(rows))
 
@@ -109,7 +113,7 @@ def _wanted(run: Run, materials: Sequence[str], codecs: Sequence[str]) -> list[J
             continue
         if codecs and _codec(job) not in codecs:
             continue
-        if job["status"] == "ok":
+        if job["status"] == "ok":  # others have no numbers
             require(job, "comparison", run.folder)
         jobs.append(job)
     return jobs
@@ -131,13 +135,14 @@ def means(rows: Sequence[ComparedRow]) -> list[ComparedRow]:
 
 
 def _mean(label: str, rows: list[ComparedRow], every: bool) -> ComparedRow | None:
-    """The row of means over several rows; None where no quantity was judged on two or more of them.
+    """The row of means over several rows; None where no quantity got a verdict on two or more of them.
 
     `every` says that the rows are of all codecs, not of one: their mean has a tolerance of its own.
     """
     changes: dict[str, list[Change]] = {}
     for row in rows:
         for change in row.deciding:
+            # Sizes, which have no metric, are exact on each row; and a mean with an infinite number says nothing.
             if change.quantity.metric and change.verdict in DECIDED and _is_finite(change):
                 changes.setdefault(change.quantity.name, []).append(change)
     merged = [_merged(of_quantity, every) for of_quantity in changes.values() if len(of_quantity) > 1]
@@ -201,7 +206,7 @@ def _together(changes: list[Change], weights: list[float]) -> Chance | None:
             for_freedom.append(variance**2 / change.chance.freedom)
             for_meier.append(weight * (1 - weight) / change.chance.freedom)
     total = math.fsum(variances)
-    if not total:
+    if not total:  # no row scatters
         return None
     freedom = total**2 / math.fsum(for_freedom)
     correction = 1 + 4 * math.fsum(for_meier)
@@ -210,7 +215,10 @@ def _together(changes: list[Change], weights: list[float]) -> Chance | None:
 
 def _renamed(before: list[Job], after: list[Job]) -> list[Job]:
     """The jobs of `before`. A label that `after` lacks is replaced by the label that `after` has for equal settings, if
-    there is one."""
+    there is one.
+
+    Labels name the settings that differ from the defaults, so a new default gives the same settings another label.
+    """
     rows_after = {(job["material"], job["label"]) for job in after}
     label_after = {_identity(job): job["label"] for job in after if job["status"] == "ok"}
     renamed = []
@@ -249,7 +257,7 @@ def check_names(what: str, names: Sequence[str], known: set[str]) -> None:
 
 
 def _notes(base: Run, new: Run, rows: list[ComparedRow]) -> Iterator[str]:
-    """Notes on the comparison: unreadable lines, changed conditions, bases with one seed."""
+    """Sentences that tables show below the comparison: unreadable lines, changed conditions, bases with one seed."""
     if new.unreadable:
         yield f"{len(new.unreadable)} line(s) of NEW could not be read: {', '.join(map(str, new.unreadable))}"
     if base.starts and new.starts:
@@ -260,6 +268,7 @@ def _notes(base: Run, new: Run, rows: list[ComparedRow]) -> Iterator[str]:
             yield "not measured under the same conditions: " + "; ".join(changed)
     guessed = []
     for row in rows:
+        # `spread` is None where one seed alone measures the scatter.
         if any(change.margin and change.spread is None for change in row.deciding):
             guessed.append(row.name)
     if guessed:
@@ -276,7 +285,9 @@ def _conditions(start: RunStart) -> dict[str, object]:
 
 
 def compare_extremes(base: Run, new: Run, codecs: Sequence[str] = (), allow: Sequence[str] = ()) -> tuple[str, int]:
-    """Compare two stress tests cell by cell: each cell, `CODEC: EXTREME`, that got worse, as text; and the exit code.
+    """Compare two stress tests cell by cell; returns the cells that got worse, as text, and the exit code.
+
+    A stress test asks each codec at extremes, such as grazing directions; a cell is `CODEC: EXTREME`.
 
     A codec's version does not matter: an extreme that held must still hold; see `docs/stress.md`. The code is 1 if a
     cell that `allow` does not name got worse, 4 if the two have no cell in common. Raises `InputError` for a codec that

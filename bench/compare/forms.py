@@ -1,4 +1,8 @@
-"""A comparison as annotations of GitHub Actions and as JUnit XML; a run as input of github-action-benchmark."""
+"""A comparison as annotations of GitHub Actions and as JUnit XML; a run as input of github-action-benchmark.
+
+A comparison has a row for each material and codec with its settings. A row *forbids* if it stops the change under test:
+if its numbers got worse, or it is gone, failed or not comparable, and that was not allowed by name.
+"""
 
 import json
 import math
@@ -16,7 +20,7 @@ from bench.compare.verdicts import Verdict
 from bench.inputs.errors import visible
 from bench.records import Run, by_row
 
-SHOWN = 10  # annotations of each kind in a step: GitHub shows no more
+MOST_ANNOTATIONS = 10  # annotations of each kind in a step: GitHub shows no more
 FILES = {
     "higher": "bigger-is-better.json",
     "lower": "smaller-is-better.json",
@@ -46,12 +50,12 @@ def _data(text: str) -> str:
 
 
 def _few(findings: list[tuple[str, str]]) -> list[tuple[str, str]]:
-    """At most `SHOWN` findings: the last one counts the rest, and names them."""
-    if len(findings) <= SHOWN:
+    """At most `MOST_ANNOTATIONS` findings, each a title and a message: the last one counts the rest, and names them."""
+    if len(findings) <= MOST_ANNOTATIONS:
         return findings
-    not_shown = findings[SHOWN - 1 :]
+    not_shown = findings[MOST_ANNOTATIONS - 1 :]
     names = ", ".join(name for name, _ in not_shown)
-    return [*findings[: SHOWN - 1], (f"{len(not_shown)} more", names)]
+    return [*findings[: MOST_ANNOTATIONS - 1], (f"{len(not_shown)} more", names)]
 
 
 def junit(comparison: Comparison) -> str:

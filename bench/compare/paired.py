@@ -1,10 +1,11 @@
 """Computes the mean difference of two results, slice by slice at the same pairs, with a 95 % interval.
 
-All codecs find the same slices hard, so the difference slice by slice is known far better than either mean. A *cell*
-holds the differences of one material and one seed. For several materials the interval is Student's over their means,
-so it includes the scatter of materials, fits and pairs; it holds for materials like these. For one material the
-interval comes from a bootstrap, which draws seeds, then pairs of each seed, with replacement; seeds that are scored at
-the same pairs draw the same ones. It holds for that material only, and with one seed it lacks the scatter of fits.
+All codecs find the same slices hard, so the difference slice by slice is known far better than either mean. A slice is
+all texels for one pair of view and light. A *cell* holds the differences of one material and one seed. For several
+materials the interval is Student's over their means, so it includes the scatter of materials, fits and pairs; it holds
+for materials like these. For one material the interval comes from a bootstrap, which draws seeds, then pairs of each
+seed, with replacement; seeds that are scored at the same pairs draw the same ones. It holds for that material only, and
+with one seed it lacks the scatter of fits.
 """
 
 import base64
@@ -94,15 +95,15 @@ def against_jobs(folder: Path, first: str, jobs: Mapping[str, Mapping[tuple[str,
         both = [(job, theirs[key]) for key, job in ours.items() if key in theirs]
         try:
             cells = _cells(both, lambda job: read(job["material"], job["seed"]), partial(decibels, folder))
-        except InputError:
+        except InputError:  # slices of one codec that cannot be read must not cost the table of all others
             continue
-        whole = interval(cells)
-        if whole:
-            differences.over[label] = whole
-        for material, own in grouped(cells, lambda cell: cell.material).items():
-            part = interval(own)
-            if part:
-                differences.on.setdefault(material, {})[label] = part
+        over_all = interval(cells)
+        if over_all:
+            differences.over[label] = over_all
+        for material, cells_of_material in grouped(cells, lambda cell: cell.material).items():
+            on_material = interval(cells_of_material)
+            if on_material:
+                differences.on.setdefault(material, {})[label] = on_material
     return replace(differences, over=told_apart(differences.over))
 
 
@@ -139,7 +140,7 @@ def _cells(pairs: Iterable[tuple[Job, Job]], ours_of: Slices, theirs_of: Slices)
         theirs = theirs_of(second)
         if ours is None or theirs is None:
             continue
-        if 0 < len(ours) == len(theirs):
+        if 0 < len(ours) == len(theirs):  # slices without a number are left out, so lengths may differ
             cells.append(Cell(first["material"], first["seed"], first_key["btf"], theirs - ours))
     return cells
 
@@ -155,7 +156,7 @@ def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
     of_materials = []
     for of_seeds in by_material.values():
         of_materials.append(np.mean([cell.differences.mean() for cell in of_seeds]))
-    means = np.array(of_materials)
+    means = np.array(of_materials)  # (materials,) in dB
     chance = 1.0
     if len(means) > 1:
         reach, of_equals = _student(means)
@@ -163,6 +164,7 @@ def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
         if len(means) >= FEWEST:
             chance = of_equals
     else:
+        # One material says nothing of others, so the interval is of its pairs and fits alone.
         low, high = np.percentile(_bootstrap_means(cells, draws), [2.5, 97.5])
     seeds = max(len(of_seeds) for of_seeds in by_material.values())
     slices = sum(len(cell.differences) for cell in cells)
@@ -209,8 +211,9 @@ def _drawn(counts: tuple[int, ...], seeds: int, draws: int) -> tuple[list[np.nda
 
 
 def decibels(folder: Path, job: Job) -> np.ndarray | None:
-    """The PSNR (n,) in dB of each slice of the pairs that decide, in the order of the BTF, at most `MOST_DB`.
+    """The PSNR (n,) in dB of each slice of the deciding pairs, in the order of the BTF, at most `MOST_DB`.
 
+    Deciding pairs are the held-out ones, or all pairs if none are held out.
     It is read from the file beside the record, or from a reference, which stores it packed; None if it is in neither.
     """
     stored = job.get("slices")
@@ -226,7 +229,7 @@ def decibels(folder: Path, job: Job) -> np.ndarray | None:
         return None
     try:
         arrays = read_arrays(path, MAX_FILE, (PSNR, "heldout"))
-        raw = arrays[PSNR]
+        raw = arrays[PSNR]  # mean squared error of each slice; NaN where the metric does not apply
         heldout = arrays["heldout"]
         if raw.ndim != 1 or raw.shape != heldout.shape or (raw.dtype.kind, heldout.dtype.kind) != ("f", "b"):
             raise ValueError(f"{PSNR} and heldout are {raw.shape} {raw.dtype} and {heldout.shape} {heldout.dtype}")

@@ -1,4 +1,10 @@
-"""Defines the numbers that a comparison reads from records: how to find and write each, which way is better."""
+"""Defines the numbers that a comparison reads from records: how to find and write each, which way is better.
+
+The record of a job is a dictionary of what was measured. It has scores of each group of pairs of view and light: of
+training pairs (`train`), of held-out pairs, and of parts of these, such as pairs with a grazing view. A group has for
+each metric a mean over its slices (`mean`) and a number of all texels together (`pooled`). A number is *exact* where
+there is no error at all, so that a PSNR is infinite. A *deciding* number has a tolerance, and can make a job worse.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -9,7 +15,7 @@ from typing import cast
 from bench.metrics import PERIODIC, in_decibels, metric_of
 from bench.records import FLIP, MOST_DB, PSNR, Job, Statistics, deciding_group, metrics_of
 
-FOOTPRINTS = "footprints"  # used in place of a metric's name
+FOOTPRINTS = "footprints"  # in place of a metric's name: PSNR of averages over squares of 2, 4 and 8 texels
 MAIN = "PSNR"  # the mean over slices, which tables rank by
 
 
@@ -43,7 +49,7 @@ class Quantity:
         if self.metric == FOOTPRINTS:
             return job["score_key"].get(FOOTPRINTS, 1) if self.value(job) is not None else None
         if not self.metric:
-            return 0
+            return 0  # sizes have no version, so any two agree
         described = job["metrics"].get(self.metric)
         return described["version"] if described else None
 
@@ -66,7 +72,7 @@ class Quantity:
         if not math.isfinite(change):
             got_worse = (change < 0) == (self.better == "higher")
             return "not exact" if got_worse else "exact now"
-        if not round(change, self.digits):
+        if not round(change, self.digits):  # instead of "+0.00" or "−0.00"
             return "="
         return f"{change:+,.{self.digits}f}".replace("-", "−")
 
@@ -78,7 +84,9 @@ DIFFERENCE = Tolerance(certain=0.0005, drawn=0.003, one_seed=0.005, common=0.001
 
 
 def deciding(job: Job) -> list[Quantity]:
-    """The quantities that decide a verdict: parameters, bytes, and PSNR and FLIP of held-out pairs.
+    """The quantities of a job that decide a verdict: parameters, bytes, and PSNR and FLIP of held-out pairs.
+
+    A job has those that its suite measured.
 
     PSNR is a mean over slices: of all pairs, at grazing directions, over footprints; and of training pairs, which
     hardly scatters over seeds, so it shows a worse fit where held-out pairs are too hard to tell.
@@ -169,7 +177,10 @@ def _footprints(job: Job) -> float | None:
 
 
 def average(values: Sequence[float | None]) -> float | None:
-    """The mean of the finite values; infinite if all are exact, None if one was not measured or there are none."""
+    """The mean of the finite values; infinite if all are exact, None if one was not measured or there are none.
+
+    Infinite ones are left out, because a mean with them would be infinite whatever the others are.
+    """
     measured = [value for value in values if value is not None]
     if not measured or len(measured) < len(values):
         return None

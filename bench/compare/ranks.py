@@ -29,8 +29,10 @@ class Ranks(NamedTuple):
 
 
 def ranks(scores: Mapping[str, Sequence[float]]) -> Ranks | None:
-    """The mean ranks of codecs by their scores on the same materials, more is better; ties share their places. None for
-    fewer than two codecs or three materials, which tell nothing apart."""
+    """The mean ranks of codecs by their scores, a list for each codec over the same materials; more is better.
+
+    Ties share their places. None for fewer than two codecs or three materials, which tell nothing apart.
+    """
     from scipy.stats import rankdata, studentized_range  # slow to import
 
     table = np.array(list(scores.values()))
@@ -57,11 +59,12 @@ class Standing:
 
 def standings(cells: Jobs) -> list[Standing]:
     """Every codec by rank, then PSNR; one that was not measured on all materials has no rank, and comes last."""
-    on_each = [_qualities(codecs) for codecs in cells.values()]  # of each material, by label
+    on_each = [_qualities(codecs) for codecs in cells.values()]  # of each material: PSNR by label
     values: dict[str, list[float]] = {}
     for qualities in on_each:
         for label, value in qualities.items():
             values.setdefault(label, []).append(value)
+    # Those measured on all materials: a rank among fewer materials would not be comparable.
     racing = [label for label in values if len(values[label]) == len(on_each)]
     places: dict[str, list[float]] = {label: [] for label in racing}
     wins = dict.fromkeys(racing, 0)
@@ -70,7 +73,8 @@ def standings(cells: Jobs) -> list[Standing]:
             places[label].append(place)
         best = max((qualities[label] for label in racing), default=0.0)
         for label in racing:
-            wins[label] += qualities[label] + SAME_DB >= best
+            if qualities[label] + SAME_DB >= best:
+                wins[label] += 1
     every = []
     for label, of_label in values.items():
         standing = Standing(label, len(of_label), fmean(of_label))

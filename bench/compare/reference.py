@@ -1,9 +1,10 @@
 """Writes the records of a run in a file small enough to commit: a reference, or the results beside a document.
 
-A *reference* holds what a comparison needs; the same records give the same bytes. It contains no folder, host or time,
-but the processor and the versions of packages, because a comparison notes when they differ. *Results* hold everything
-that tables show, and nothing of host names, timing samples, tracebacks and pictures. Both hold the scores of slices,
-packed, so that paired intervals can be computed, and numbers of seven digits.
+A run has a record, a dictionary, for each job: a fit of a codec with its settings to a material, with a seed. The jobs
+of a row differ in the seed alone. A *reference* holds what a comparison needs; the same records give the same bytes. It
+contains no folder, host or time, but the processor and the versions of packages, because a comparison notes when they
+differ. *Results* hold everything that tables show, and nothing of host names, timing samples, tracebacks and pictures.
+Both hold the scores of slices, packed, so that paired intervals can be computed, and numbers of seven digits.
 """
 
 import json
@@ -58,7 +59,7 @@ def reference(run: Run, before: Run | None = None) -> str:
             f"{run.folder}: {len(unfinished)} job(s) without a result, the first {job['job']} ({job['error']}): "
             "a reference needs a complete run"
         )
-    suite_seeds = _judged_seeds(run)
+    suite_seeds = _seeds_of_suite(run)
     if not suite_seeds:  # the suite is unknown, so no seed is a further one
         suite_seeds = {job["seed"] for job in jobs}
     reduced = [_reduced(job, run.folder, whole=job["seed"] in suite_seeds) for job in jobs]
@@ -66,7 +67,7 @@ def reference(run: Run, before: Run | None = None) -> str:
     kept_seeds = _seeds_to_keep(reduced, jobs_before)
     timings = _timings(run, [job for job in jobs if job["seed"] in suite_seeds])
     starts = [kept(start, records.REFERENCE) for start in run.starts[-1:]]  # the last, if there is one
-    for start in starts:
+    for start in starts:  # of the packages only those on which numbers depend
         packages = start.get("packages", {})
         start["packages"] = {name: packages[name] for name in ("neubtf-bench", "torch", "numpy") if name in packages}
     lines = [*starts, *_in_order([*reduced, *kept_seeds]), *timings]
@@ -74,7 +75,7 @@ def reference(run: Run, before: Run | None = None) -> str:
 
 
 def few_seeds(run: Run) -> list[str]:
-    """The names of rows whose seeds differ and are too few to estimate the scatter."""
+    """The names, material/label, of rows whose seeds differ in PSNR and are too few to estimate their scatter."""
     names = []
     for row, jobs in by_row(run.jobs).items():
         values = {stats_of(job, PSNR).get("mean") for job in jobs}
@@ -85,7 +86,8 @@ def few_seeds(run: Run) -> list[str]:
 
 
 def pairs_by_seed(run: Run) -> list[str]:
-    """The names of rows whose seeds are scored at different pairs, so that their numbers differ by these, too."""
+    """The names, material/label, of rows whose seeds are scored at different pairs: their numbers differ by these,
+    too."""
     names = []
     for row, jobs in by_row(run.jobs).items():
         btfs = {job["score_key"]["btf"] for job in jobs}
@@ -119,7 +121,7 @@ def smallest_losses(run: Run, count: int) -> dict[str, dict[str, float]]:
 
 def seeds_of(run: Run) -> int:
     """The number of seeds that a run of the suite will have; that of the run itself if its suite is unknown."""
-    return len(_judged_seeds(run)) or len({job["seed"] for job in run.jobs})
+    return len(_seeds_of_suite(run)) or len({job["seed"] for job in run.jobs})
 
 
 def _timings(run: Run, jobs: list[Job]) -> Iterator[Timing]:
@@ -136,7 +138,7 @@ def _seeds_to_keep(jobs: list[Job], before: list[Job]) -> Iterator[Job]:
     now = {job["job"]: job for job in jobs}
     for earlier in by_row(before).values():
         unchanged = [now[job["job"]] == job for job in earlier if job["job"] in now]
-        if not unchanged or not all(unchanged):
+        if not unchanged or not all(unchanged):  # the codec changed, or nothing says that it did not
             continue
         for job in earlier:
             if job["job"] not in now:
@@ -151,7 +153,7 @@ def _in_order(every: Iterable[Job]) -> list[Job]:
     return sorted(jobs, key=lambda job: (materials.index(job["material"]), labels.index(job["label"]), job["seed"]))
 
 
-def _judged_seeds(run: Run) -> set[int]:
+def _seeds_of_suite(run: Run) -> set[int]:
     """The seeds of the run's suite, by which a change is judged; further seeds only measure the scatter of a codec.
 
     Empty if the suite is unknown.
@@ -166,7 +168,11 @@ def _judged_seeds(run: Run) -> set[int]:
 
 
 def _reduced(job: Job, folder: Path, whole: bool) -> Job:
-    """A job's line; if not `whole`, only the numbers that decide."""
+    """The record of a job as a reference keeps it; if not `whole`, only the numbers that decide a comparison.
+
+    Scores are of groups of pairs: the deciding group (held-out pairs, or all if none are held out), its parts at
+    grazing directions, and training pairs.
+    """
     line = kept(job, records.REFERENCE)
     decides = deciding_group(job["scores"])
     names = list(metrics_of(job))
@@ -207,7 +213,7 @@ def _shorter(metrics: dict[str, Statistics], names: list[str], pooled: bool) -> 
 def _short(stats: Statistics, *numbers: str) -> Statistics:
     """The named numbers; if one is None, also the fields that tell whether it is exact or was never measured."""
     chosen = {name: stats[name] for name in numbers if name in stats}
-    if None in chosen.values():
+    if None in chosen.values():  # JSON has no infinity: a PSNR without error is None, too
         chosen |= {key: stats[key] for key in ("exact", "slices")}
     return chosen
 

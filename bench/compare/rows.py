@@ -1,5 +1,7 @@
 """Compares one row: a material and a codec with its settings, in two runs.
 
+Its jobs differ in the seed alone. The base is the older run, new the one under test. A *quantity* is a number of a
+record, such as PSNR; a `Change` holds its means in both runs and the verdict.
 Decoding times are compared as multiples of `mean-colour` timed in the same run; they are shown and decide nothing.
 """
 
@@ -19,7 +21,11 @@ ORDER = (Verdict.FAILED, Verdict.GONE, Verdict.WORSE, Verdict.UNLIKE, Verdict.BE
 
 @dataclass(frozen=True)
 class Multiple:
-    """Mean time over that of `mean-colour`, the 95 % interval that contains those of all seeds, and the conditions."""
+    """A decoding time as a multiple of that of `mean-colour`, which answers every query with one stored colour.
+
+    `interval` is the 95 % interval that contains those of all seeds, and `conditions` are values of `CONDITIONS`, such
+    as the device.
+    """
 
     mean: float
     interval: tuple[float, float]
@@ -165,7 +171,7 @@ def compared(
     verdict, why = _unfinished(base, after, declared)
     if not base or not new:
         return ComparedRow(*name, verdict or Verdict.NEW, why)
-    # Others, say of an older version, tell nothing of its scatter.
+    # A base may hold seeds of several versions of a codec. Those unlike the first tell nothing of its scatter.
     base = [job for job in base if not fitted_unlike(base[0], job)]
     ours, theirs = _paired(base, new)  # of base, and of new
     # Each job of new against the base's of its seed; against its first one if they share no seed.
@@ -191,9 +197,9 @@ def worst(changes: list[Change]) -> Verdict:
 
 
 def _changes(runs: tuple[Run, Run], ours: list[Job], theirs: list[Job], base: list[Job]) -> list[Change]:
-    """The deciding numbers, judged; none if neither side has a score.
+    """The changes of the deciding numbers, with verdicts; none if neither side has a score.
 
-    `ours` and `theirs` are the compared jobs of base and new, and `base` all jobs of the base.
+    `ours` and `theirs` are the compared jobs of base and new, and `base` all jobs of the base's row.
     """
     quantities = deciding(base[0])
     metrics = [quantity for quantity in quantities if quantity.metric]
@@ -205,7 +211,9 @@ def _changes(runs: tuple[Run, Run], ours: list[Job], theirs: list[Job], base: li
     apart = between(runs[0], ours, runs[1], theirs)
     with_interval = []
     for change in changes:
-        with_interval.append(replace(change, interval=apart) if change.quantity.name == MAIN else change)
+        if change.quantity.name == MAIN:  # the interval is of its differences slice by slice
+            change = replace(change, interval=apart)
+        with_interval.append(change)
     return with_interval
 
 

@@ -1,5 +1,8 @@
 """Decides when a change is a regression, and when two records cannot be compared.
 
+A base, which is an older run or a reference, is compared with a new run, row by row: a row is a codec with its settings
+on a material, with a job for each seed. A *quantity* is a number of a job's record, such as PSNR.
+
 A loss or a gain counts if it exceeds its *margin*, so is larger than chance and large enough to matter. If the seeds
 of a codec agree, its margin is a small tolerance. If they differ, it is max(tolerance, t · s · √(1/n + 1/m)): s is the
 standard deviation over the seeds of the base, n and m are the numbers of seeds in the means of base and new, and t is
@@ -103,7 +106,7 @@ def judge(
     before = [quantity.value(job) for job in base]
     after = [quantity.value(job) for job in new]
     values = _scatter_values(quantity, base, new, reference)
-    paired = not _same_pairs(reference)
+    paired = not _same_pairs(reference)  # each seed has test pairs of its own, so only equal seeds are compared
     if quantity.tolerance is not None and not paired and not _unchanged(before, after):
         # Every seed is scored at the same pairs, so all seeds of the base say equally much.
         base = reference
@@ -111,6 +114,7 @@ def judge(
     obstacle = _obstacle(quantity, base[0], new[0], before, after)
     if obstacle:
         return Change(quantity, average(before), average(after), Verdict.UNLIKE, why=obstacle)
+    # Sizes have no metric. Their scatter is judged by their own numbers, a metric's by whether files are the same.
     certain = bool(quantity.metric) and one_file(reference)  # known to be deterministic
     spread = 0.0 if certain else _spread(values)
     change = Change(quantity, average(before), average(after), Verdict.SHOWN, spread=spread)
@@ -198,7 +202,7 @@ def scatter(known: Values, new: Values, n: int) -> Chance | None:
     finite_new = _finite(new)
     if len(finite) < 2 or not new:
         return None
-    groups = [finite]
+    groups = [finite]  # each a list of numbers, one a seed, that scatter alike
     if len(finite) < FEW_SEEDS and len(finite_new) > 1:
         groups.append(finite_new)
     # The pooled variance: each group about its own mean, weighted by its degrees of freedom.
@@ -266,7 +270,7 @@ def unlike(base: Job, new: Job) -> str:
 
 
 def other_settings(base: Job, new: Job) -> str:
-    """The settings in which two jobs differ, as text; the jobs are compared nevertheless."""
+    """The settings in which two jobs differ, as text such as "bits 8 → 6"; the jobs are compared nevertheless."""
     before, after = base["fit_key"]["settings"], new["fit_key"]["settings"]
     changed = [key for key in sorted({*before, *after}) if before.get(key) != after.get(key)]
     return ", ".join(f"{key} {before.get(key, '—')} → {after.get(key, '—')}" for key in changed)

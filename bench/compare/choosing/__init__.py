@@ -1,8 +1,9 @@
 """Chooses the best measured settings within limits, by validation pairs only, never by test pairs.
 
 A *rung* is a codec at some settings, with its cost and its score: the mean over validation slices of display PSNR.
-`budgets` chooses among the jobs of a run; the choices of a trade, which `bench.runs.trade` measures, are rungs here.
-Imports nothing heavy, so an answer from stored measurements comes at once.
+Validation pairs, of view and light, choose; test pairs are those that tables report. A choice of a trade is a codec
+file with an execution and a precision. `budgets` chooses among the jobs of a run; the choices of a trade, which
+`bench.runs.trade` measures, are rungs here. Imports nothing heavy, so an answer from stored measurements comes at once.
 """
 
 import math
@@ -56,7 +57,7 @@ class Limits:
         misses = []
         if self.size is not None:
             misses.append(rung.size / self.size - 1)
-        if self.time is not None:
+        if self.time is not None:  # a rung whose time was not measured misses it by infinity
             misses.append(_time(rung) / self.time - 1)
         if self.gpu is not None:
             misses.append(math.inf if rung.gpu is None else rung.gpu / self.gpu - 1)
@@ -82,7 +83,7 @@ def chosen(rungs: Sequence[Rung], limits: Limits, tie: float = 0.0) -> Rung | No
 
 
 def nearest(rungs: Sequence[Rung], limits: Limits) -> Rung:
-    """The rung that misses the limits least."""
+    """The rung that misses the limits least, for a message where none meets them."""
     return min(rungs, key=lambda rung: sum(max(0.0, miss) for miss in limits.misses(rung)))
 
 

@@ -1,7 +1,8 @@
 """Chooses each codec's best rung within budgets of bytes and time by validation pairs, and gives its test scores.
 
 A *line* is a codec, or a codec as published (`recipe=paper`); its rungs over some materials are its settings that were
-measured on each of them. One is chosen for each budget and material. Test pairs are only shown.
+measured on each of them. A surface is a material. One rung is chosen for each budget and material. Test pairs are only
+shown.
 """
 
 from collections.abc import Collection, Iterable, Sequence
@@ -109,7 +110,7 @@ class Budgets:
             for rung in rungs.values():
                 for job in rung.of:
                     jobs[line][job["material"], job["seed"]] = job
-        if AGAINST not in jobs:
+        if AGAINST not in jobs:  # nothing to compare with
             return set()
         over = against_jobs(run.folder, AGAINST, jobs).over
         return {line for line, difference in over.items() if difference.apart}
@@ -126,9 +127,9 @@ class Budgets:
 def budgets(run: Run) -> Budgets:
     """The rungs of a run, and budgets of bytes and of time."""
     done = [job for job in run.jobs if job["status"] == "ok" and not fitted_to_scene(job)]
-    judged = [job for job in done if has_validation(job)]
-    obstacle = obstacles(judged, run.published)
-    alike = [job for job in judged if job["job"] not in obstacle]
+    with_validation = [job for job in done if has_validation(job)]
+    obstacle = obstacles(with_validation, run.published)  # by name of a job, why it is not comparable
+    alike = [job for job in with_validation if job["job"] not in obstacle]
     times = _times(run, alike)
     limits = [Budget(BYTES, most) for most in BITS]
     for kind in times:
@@ -140,7 +141,8 @@ def budgets(run: Run) -> Budgets:
         of_line = rungs.setdefault(line_of(job), {}).setdefault(job["label"], {})
         of_line.setdefault(job["material"], []).append(job)
     without = [job for job in done if not has_validation(job)]
-    unlike = [job for job in judged if job["job"] in obstacle]
+    unlike = [job for job in with_validation if job["job"] in obstacle]
+    # Surfaces are the materials on which some rung fits some budget, which takes `picks` of all to know.
     every_material = Budgets({}, limits, rungs, times, without, unlike)
     surfaces = {}
     job_of_material = {job["material"]: job for job in alike}

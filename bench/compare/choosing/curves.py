@@ -1,8 +1,9 @@
 """Curves of quality over bytes: what a codec reaches at a size, and by how much it is ahead of another at equal sizes.
 
-A curve is of one codec on one surface. Its points are the rungs on the upper convex hull that validation pairs leave
-over the logarithm of bytes; they are shown with their scores of test pairs, and joined linearly over log bytes. From
-the best rung a curve goes on level to the largest that was measured, since a file may be smaller than it may be; it is
+A line is a codec, or a codec as published; a rung is one setting of it, with the size of its file and its scores. A
+curve is of one line on one surface. Its points are the rungs on the upper convex hull that validation pairs leave over
+the logarithm of bytes; they are shown with their scores of test pairs, and joined linearly over log bytes. From the
+best rung a curve goes on level to the largest that was measured, since a file may be smaller than it may be; it is
 never extrapolated. Two curves are compared over the range that both have, by Bjøntegaard's differences (VCEG-M33,
 2001): BD-PSNR is the mean gap in dB over log bytes, BD-rate the mean gap in log bytes over dB.
 """
@@ -82,7 +83,7 @@ def hulls(result: Budgets, surfaces: Iterable[str]) -> dict[str, dict[str, Seque
             if len(rungs) < LEAST_RUNGS:
                 continue
             points = _hull(rungs)
-            if len(points) > 1:
+            if len(points) > 1:  # a single point is no curve
                 points_of.setdefault(line, {})[surface] = points
     return points_of
 
@@ -135,7 +136,7 @@ def curve_of(
     values = list[float]()
     for place, point in enumerate(points):
         jobs = point.jobs
-        if place and jobs is points[place - 1].jobs:  # the level end of a curve, so draws must be those before
+        if place and jobs is points[place - 1].jobs:  # the level end of a curve: the same number, not a draw of its own
             values.append(values[-1])
             continue
         if draw is not None and len(jobs) > 1:
@@ -176,7 +177,7 @@ def bd_rate(ours: Curve, theirs: Curve) -> float | None:
     lines = []  # of log bytes over values
     for curve in (ours, theirs):
         highest = np.maximum.accumulate(curve.values).tolist()
-        reached = highest.index(highest[-1]) + 1  # more bytes add nothing from here on
+        reached = highest.index(highest[-1]) + 1  # so many points; more bytes add nothing from the last of them on
         lines.append(_Line(highest[:reached], curve.sizes[:reached]))
     gap = _mean_gap(*lines)
     if gap is None:
