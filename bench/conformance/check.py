@@ -63,7 +63,8 @@ def tiny_radiance(row: np.ndarray, col: np.ndarray, wo: np.ndarray, wi: np.ndarr
 
 
 def others(btf: BTF) -> list[BTF]:
-    """Five materials beside a BTF: its colours in every other order."""
+    """Five materials beside a BTF, on which a network shared over materials is trained: its colours in every other
+    order."""
     values = np.stack(list(btf))
     recoloured = []
     _, *orders = itertools.permutations(range(3))  # the first is the order that the BTF has
@@ -146,19 +147,20 @@ class CodecUnderTest:
 def _require_same(what: str, ours: Tensor, theirs: Tensor, tolerance: float) -> None:
     """Raise `CheckError` unless two answers, of equal shape, differ at most by `tolerance` times the larger of 1 and
     the largest of `theirs`."""
-    worst = (ours - theirs).abs().max().item() if len(ours) else 0.0
+    worst = (ours - theirs).abs().max().item() if len(ours) else 0.0  # an empty tensor has no maximum
     allowed = tolerance * max(1.0, theirs.abs().max().item())
     if ours.shape != theirs.shape or not worst <= allowed:  # NaN is no agreement
         raise CheckError(f"{what}: answers differ by {worst:.3g}, allowed {allowed:.3g}", f"{worst:.2g}")
 
 
+# What the fresh process runs: argv has the codec file, the file of the queries and that of the answers.
 FRESH = """
 import sys, torch
 from safetensors.torch import load_file, save_file
 from bench.codecs import loading
 torch.set_num_threads(1)
 queries = load_file(sys.argv[2])
-rgb = loading.load(sys.argv[1])[1].query(*(queries[k] for k in ("uv", "wo", "wi", "footprint")))
+rgb = loading.load(sys.argv[1]).material.query(*(queries[k] for k in ("uv", "wo", "wi", "footprint")))
 save_file({"rgb": rgb}, sys.argv[3])
 """
 
@@ -197,7 +199,7 @@ def batches(tested: CodecUnderTest) -> None:
 
 def order(tested: CodecUnderTest) -> None:
     """the order of queries does not matter"""
-    backward = [column.flip(0) for column in tested.queries]
+    backward = [column.flip(0) for column in tested.queries]  # uv, ω_o, ω_i, footprint: the last query comes first
     _require_same("reversed", tested.material.query(*backward).flip(0), tested.answers, ROUNDING)
 
 
@@ -213,7 +215,7 @@ def wraps(tested: CodecUnderTest) -> None:
 def refuses(tested: CodecUnderTest) -> None:
     """a query that is not finite is refused, and the row is named"""
     uv, wo, wi, footprint = (q.clone() for q in tested.queries)
-    wo[123, 1] = float("nan")
+    wo[123, 1] = float("nan")  # any row in the middle of the batch
     try:
         tested.material.query(uv, wo, wi, footprint)
     except InputError as error:
@@ -267,7 +269,7 @@ def slices(tested: CodecUnderTest) -> None:
     height, width = tested.material.size
     if (height, width) != tested.btf.shape:
         raise CheckError(f"size is {(height, width)}, the BTF's is {tested.btf.shape}")
-    wo, wi = tested.btf.wo[5], tested.btf.wi[5]
+    wo, wi = tested.btf.wo[5], tested.btf.wi[5]  # any pair that is not the first
     uv = texel_centres(height, width)
     view, light = (torch.from_numpy(w).expand(len(uv), 3) for w in (wo, wi))
     answers = tested.material.query(uv, view, light, 1 / max(height, width))
@@ -297,7 +299,7 @@ def on_a_gpu(tested: CodecUnderTest) -> None:
     settings = settings_dict(tested.codec)
     queries = [column[:64] for column in tested.queries]
     if "steps" in settings:
-        settings["steps"] = 4  # an emulated GPU takes long for a kernel
+        settings["steps"] = 4  # an emulated GPU takes long for a kernel, and a few steps run all code of a fit
     codec = type(tested.codec)(**settings)
     try:
         with emulated.emulated() as device, torch_threads(1):

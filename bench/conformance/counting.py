@@ -1,7 +1,9 @@
 """Counts what a decoder holds and its file stores, and compares it with what its codec declares.
 
-Every number of the file's decoder part is one of a network's parameters or one of a table's; both are declared. So no
-number of a decoder is left out of the tables, whatever holds it: modules, frozen weights or plain tensors.
+A file has a decoder part, the weights of networks and tables such as codebooks, and textures, numbers for each texel; a
+decoder is what it decodes to. Every number of the file's decoder part is one of a network's parameters or one of a
+table's; both are declared. So no number of a decoder is left out of the tables, whatever holds it: modules, frozen
+weights or plain tensors.
 """
 
 import math
@@ -66,7 +68,7 @@ def decoder_floats(decoder: dict[str, Tensor]) -> range:
     """
     # A name without a dot is never left out: what stands before its last dot is "".
     counted = {name: values for name, values in decoder.items() if name.rpartition(".")[0] not in decoder}
-    different: dict[str, Tensor] = {}
+    different: dict[str, Tensor] = {}  # those of `counted` without repetitions
     for name, values in counted.items():
         if not any(values.dtype == other.dtype and torch.equal(values, other) for other in different.values()):
             different[name] = values
@@ -135,7 +137,7 @@ def texture_channels(texture: dict[str, Tensor], size: tuple[int, int]) -> int |
 def _channels(shape: tuple[int, ...], size: tuple[int, int]) -> int | None:
     """The channels of one tensor: its shape contains `size` (H, W), or its rows are the texels of all levels. 0 for a
     coarser texture, None for another layout."""
-    places = [i for i in range(len(shape) - 1) if shape[i : i + 2] == size]
+    places = [i for i in range(len(shape) - 1) if shape[i : i + 2] == size]  # where H and W follow each other
     if places:
         return math.prod(shape) // math.prod(size)
     if len(shape) == 2 and shape[0] >= math.prod(size):

@@ -32,8 +32,14 @@ _WAITING = {
     *("aten::equal", "aten::repeat_interleave", "aten::_linalg_eigh", "aten::_linalg_svd", "aten::linalg_inv_ex"),
     "aten::_linalg_solve_ex",
 }
-_WITHOUT_KERNEL = ("aten::empty", "aten::set_", "aten::resize_")
+_WITHOUT_KERNEL = (  # beginnings of names of operations that start nothing on a GPU
+    "aten::empty",
+    "aten::set_",
+    "aten::resize_",
+)
 _aten = torch.ops.aten
+# Makes a tensor one over a given storage. Called with `_cpu_keys`, PyTorch runs its CPU code for a tensor of the
+# device.
 _place = _aten.set_.source_Storage_storage_offset
 _clone: Callable[[Any], Any] = torch.UntypedStorage.clone
 _cpu_keys: Any = torch._C.DispatchKeySet(torch._C.DispatchKey.CPU)
@@ -97,10 +103,11 @@ class HostEvent:
         self.seconds = 0.0
 
     def record(self) -> None:
+        """Note the time at which all kernels before have ended, which is now."""
         self.seconds = time.perf_counter()
 
     def synchronize(self) -> None:
-        pass
+        """Wait until the event has happened, which it has."""
 
     def elapsed_time(self, end: "HostEvent") -> float:
         """Milliseconds until another event."""
@@ -219,8 +226,8 @@ class _Operands:
         if id(value) not in self.lowered_tensors:
             return _device(value, self.storages.get(value.untyped_storage()._cdata))
         host, ours = self.lowered_tensors[id(value)]  # written in place
-        kept = ours.shape == host.shape and ours.untyped_storage().nbytes() == host.untyped_storage().nbytes()
-        if kept:
+        same_size = ours.shape == host.shape and ours.untyped_storage().nbytes() == host.untyped_storage().nbytes()
+        if same_size:
             return ours
         return _device(host, out=ours)  # it was resized, so the device's has to follow
 

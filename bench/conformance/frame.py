@@ -65,8 +65,9 @@ def _moved(change: Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]) -> Radianc
 def _reshaped(uv: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
     """The radiance (n, 3) of the texels of (H, W), row by row, taken for a picture (W, H)."""
     height, width = SHAPE
-    texel, weight = texel_corners((width, height), uv)  # (n, 4): four texels around each place, and their shares
-    centres = texel_centres(*SHAPE)[texel]
+    # (n, 4) each: the numbers of the four texels around each place, row by row, and their shares in bilinear blending.
+    texel, weight = texel_corners((width, height), uv)
+    centres = texel_centres(*SHAPE)[texel]  # (n, 4, 2): where the texels of these numbers lie in the picture (H, W)
     radiance = torch.zeros(len(uv), 3)
     for corner in range(4):
         radiance = radiance + weight[:, corner : corner + 1] * truth(centres[:, corner], wo, wi)
@@ -186,7 +187,7 @@ class FrameAnswers:
 
     def mistake(self) -> str:
         """Describe the mistake in words; empty if there is none."""
-        likely = []  # the error of each mistake, and its description
+        likely = []  # pairs: the error of the answers to an arrangement, and its description
         for description, share in self.shares().items():
             if share > WRONG:
                 wrong = ARRANGEMENTS[description](*self.queries)
@@ -201,7 +202,7 @@ class FrameAnswers:
             likely.append((self.error(right.double() * scale), f"as {scale:.3g} times the truth"))
         if not likely:
             return ""
-        _, nearest = min(likely)
+        _, nearest = min(likely)  # the description whose error is smallest
         return REMEDIES.get(nearest, f"your answers fit better {nearest}")
 
     def undecided(self) -> list[str]:

@@ -1,4 +1,8 @@
-"""The conformance test that anyone can run against their own codec: `neubtf-bench check NAME`."""
+"""The conformance test that anyone can run against their own codec: `neubtf-bench check NAME`.
+
+A check is one promise of the codec interface, an extreme a case of `bench.conformance.stress`. The record of the stress
+test, which is committed, says which built-in codecs pass each extreme.
+"""
 
 import dataclasses
 import tempfile
@@ -15,7 +19,7 @@ from bench.codecs.encoding import raised
 from bench.codecs.registry import load_codec, make_codec
 from bench.conformance import emulated, stress
 from bench.conformance.check import STAGES, Check, CodecUnderTest, NotApplicable, more_steps
-from bench.conformance.stress.case import Measured, judged, short
+from bench.conformance.stress.case import Measured, short, verdict_of
 from bench.material import parameters
 from bench.records import Job, Stress, load_run
 
@@ -72,7 +76,7 @@ def _stage(tested: CodecUnderTest, checks: tuple[Check, ...]) -> Iterator[Result
         return Measured(detail=promise(tested) or "")
 
     for promise in checks:
-        verdict = judged(partial(with_note, promise), NotApplicable, partial(raised, codec=tested.codec))
+        verdict = verdict_of(partial(with_note, promise), NotApplicable, partial(raised, codec=tested.codec))
         # The field of the result in which the verdict's detail stands.
         field = {"fail": "failure", "n/a": "reason", "pass": "note"}[verdict.verdict]
         yield Result(promise.__doc__ or promise.__name__, **{field: verdict.detail})
@@ -132,7 +136,8 @@ def count(name: str) -> Job:
     """
     codec_class = load_codec(name)
     names = {field.name for field in dataclasses.fields(codec_class.Settings)}
-    smallest = {"steps": 1, "batch": 64, "bits": 8}  # a fit that is only counted
+    # A fit that is only counted: one step of a small batch, and a fixed number of bits, which a fit need not search.
+    smallest = {"steps": 1, "batch": 64, "bits": 8}
     settings: dict[str, Any] = {key: value for key, value in smallest.items() if key in names}
     if "paper" in codec_class.recipes:
         settings["recipe"] = "paper"

@@ -2,7 +2,8 @@
 
 Each case has a name, a function that makes it, and one sentence that says what must hold. There are cases of materials
 (`data`), queries (`queries`), numbers inside a decoder (`networks`) and rules for all queries (`invariants`), and of
-pictures for metrics and losses (`metrics`). The cheap ones are part of `neubtf-bench check`.
+pictures for metrics and losses (`metrics`). Most start from the *ordinary* material: a small smooth BTF in closed form
+(`bench.conformance.check.tiny_btf`). The cheap ones are part of `neubtf-bench check`.
 """
 
 from bench.conformance.stress import data, invariants, networks, queries

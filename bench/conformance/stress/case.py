@@ -1,4 +1,7 @@
-"""A case of the catalogue, the codec that it is tried on, and its result."""
+"""A case of the catalogue of extremes, the codec that it is tried on (its subject), and its result.
+
+The *ordinary* material is the small BTF of the conformance test, from which most extremes are made.
+"""
 
 import dataclasses
 import time
@@ -89,7 +92,7 @@ class Subject:
         return "steps" in vars(self.tested.codec.settings)
 
     def codec(self, **changes: Any) -> Codec:
-        """The codec with some settings changed."""
+        """The codec with some settings changed, given by name and value."""
         tested = self.tested.codec
         return type(tested)(**settings_dict(tested) | changes)
 
@@ -151,7 +154,7 @@ def short(kind: type[Configured]) -> dict[str, Any]:
 
 
 def judge(case: Case, subject: Subject) -> CaseVerdict:
-    """Try a case on a codec. Any exception that the codec raises is its failure."""
+    """Try a case on a codec, on one thread of PyTorch. Any exception that the codec raises is its failure."""
 
     def test() -> Measured | None:
         """The test of the case, if it applies to the codec."""
@@ -160,13 +163,16 @@ def judge(case: Case, subject: Subject) -> CaseVerdict:
         return case.test(subject)
 
     with torch_threads(1):
-        return judged(test, NotApplicable, partial(raised, codec=subject.tested.codec))
+        return verdict_of(test, NotApplicable, partial(raised, codec=subject.tested.codec))
 
 
-def judged(
+def verdict_of(
     test: Callable[[], Measured | None], inapplicable: type[Exception], described: Callable[[BaseException], str]
 ) -> CaseVerdict:
-    """The result of a test: any exception is a failure, except a reason why it does not apply."""
+    """The result of a test, with its duration: any exception is a failure, except a reason why it does not apply.
+
+    `inapplicable` is the kind of exception that gives such a reason; `described` puts an unexpected one into words.
+    """
     start = time.perf_counter()
     try:
         measured = test() or Measured()

@@ -1,4 +1,4 @@
-"""Rules for every decoder at any query, and for every fit.
+"""Rules for every decoder at any query, and for every fit, tried on the ordinary material: a small one in closed form.
 
 Reciprocity and conservation of energy are measured against the small material's closed form. No codec here is built to
 keep either, so the figure is reported; that of a mean colour, which ignores directions, is the bound.
@@ -28,13 +28,13 @@ from bench.conformance.stress.queries import Queries, query_in_words, spread
 from bench.directions.hemisphere import uniform
 from bench.material import sample_texture
 
-MANY = 10_000
-LINES = 2_000
+MANY = 10_000  # queries of a rule
+LINES = 2_000  # of `no_jump`
 HALVINGS = 20  # 2⁻²⁰ is 1e-6
 STEP = 1e-6  # a query moves by this distance
 SLOPE = 100.0  # the largest slope of answers, in brightest samples per unit of distance
 SHORT_STEPS = 16  # roundings allowed in |Δ|: three layers of linear, norm, ω, sine and sum, and the fetch
-HIGH_RATE = 1e30
+HIGH_RATE = 1e30  # a learning rate with which any fit diverges
 GROUP = "invariants"
 NEAR = f"|Δ| ≤ r · (|x| + mean), r = {SHORT_STEPS}"
 SAYS_CONTINUOUS = f"moved by {STEP:g}, answers move by at most {SLOPE:g} × {STEP:g} of the brightest sample"

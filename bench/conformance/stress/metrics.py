@@ -1,4 +1,7 @@
-"""Metrics and losses at the extremes: pictures that are equal, black, white, one texel, HDR or negative."""
+"""Metrics and losses at the extremes: pictures that are equal, black, white, one texel, HDR or negative.
+
+A metric gives a *raw* number for two pictures, such as a mean squared error, and turns it into its unit, such as dB.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,7 +14,7 @@ from torch import Tensor
 
 from bench import metrics
 from bench.btf import Array
-from bench.conformance.stress.case import CaseVerdict, judged, require
+from bench.conformance.stress.case import CaseVerdict, require, verdict_of
 from bench.inputs.errors import InputError
 from bench.metrics.base import SliceMetric
 from bench.metrics.display import LOG_SCALE
@@ -32,7 +35,8 @@ def flat(value: float) -> Array:
 
 def hdr(seed: int) -> Array:
     """A picture (SIDE, SIDE, 3) of radiance from 1e-8 to 1e6."""
-    return 10 ** (np.random.default_rng(seed).random((SIDE, SIDE, 3)).astype(np.float32) * 14 - 8)
+    exponent = np.random.default_rng(seed).random((SIDE, SIDE, 3)).astype(np.float32) * 14 - 8  # from −8 to 6
+    return 10**exponent
 
 
 @dataclass(frozen=True)
@@ -73,7 +77,7 @@ def scored(metric: SliceMetric, case: PictureCase) -> None:
     require(np.isfinite(raw), f"{raw}", f"the raw number is {raw}")
     value = float(metric.values(np.array([raw]))[0])
     require(not np.isnan(value), "NaN", "the number in its unit is NaN")
-    perfect = abs(raw - metric.perfect) <= 1e-12
+    perfect = abs(raw - metric.perfect) <= 1e-12  # up to rounding in float64
     require(perfect == case.equal, f"{raw:.3g}", f"the raw number is {raw!r}; a perfect one is {metric.perfect}")
 
 
@@ -90,8 +94,8 @@ def weighed(loss: Callable[[Tensor, Tensor], Tensor], case: PictureCase) -> None
     value.backward()
     assert ours.grad is not None
     require(value.isfinite() and ours.grad.isfinite().all(), "not finite", "the loss or its gradient is not finite")
-    none = value.item() == 0 and not ours.grad.any()
-    require(none == case.equal, f"{value.item():.3g}", f"the loss is {value.item()!r}")
+    no_error = value.item() == 0 and not ours.grad.any()
+    require(no_error == case.equal, f"{value.item():.3g}", f"the loss is {value.item()!r}")
 
 
 def subjects() -> dict[str, Callable[[PictureCase], None]]:
@@ -106,4 +110,4 @@ def subjects() -> dict[str, Callable[[PictureCase], None]]:
 
 def judge(test: Callable[[PictureCase], None], case: PictureCase) -> CaseVerdict:
     """Try a metric or a loss on two pictures; the case does not apply if a picture is too small for it."""
-    return judged(lambda: test(case), InputError, lambda error: f"{type(error).__name__}: {error}".splitlines()[0])
+    return verdict_of(lambda: test(case), InputError, lambda error: f"{type(error).__name__}: {error}".splitlines()[0])

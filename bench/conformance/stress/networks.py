@@ -21,8 +21,8 @@ from bench.metrics.psnr import psnr
 from bench.training.decoder import Decoder
 
 SHORT_FLOATS = {"fp16": torch.float16, "bf16": torch.bfloat16}
-ARGUMENT = 1e5
-SHOWN = 1024  # queries that show what a short float costs
+ARGUMENT = 1e5  # of sines: far beyond any that a network reaches
+COMPARED = 1024  # queries that show what a short float costs
 FINITE = "finite and not negative"
 
 
@@ -36,7 +36,7 @@ def scaled_texture(subject: Subject) -> Material:
 
 def largest_weights(subject: Subject) -> Material:
     """Every stored weight at half's maximum, its sign kept."""
-    if subject.parts.network:
+    if subject.parts.network:  # shared over materials: its weights are in another file
         material = subject.decode(subject.parts)
         for network in material.modules():
             for p in network.parameters():
@@ -64,7 +64,7 @@ def constant_vector(subject: Subject) -> Material:
     for layer in of_kind(material, nn.Linear):
         assert isinstance(layer, nn.Linear)
         layer.weight.zero_()
-        layer.bias.fill_(0.7)
+        layer.bias.fill_(0.7)  # any number but 0
     return material
 
 
@@ -92,7 +92,7 @@ def overflowing_level(subject: Subject) -> Material:
     applicable(material.modules(), "has no network")
     last = _answering(material)
     applicable(last.bias is not None, "its last layer has no bias")
-    last.bias.fill_(1e3)
+    last.bias.fill_(1e3)  # of a log radiance: expm1 of a float32 overflows above 88
     return material
 
 
@@ -154,7 +154,7 @@ def exact_sine(subject: Subject) -> None:
 def short_sound(subject: Subject, dtype: torch.dtype) -> Measured:
     """Check all answers in a short float; the figure is what it costs the ordinary material."""
     all_sound(subject, dtype)
-    queries = spread(SHOWN, theta_max_deg=75.0)
+    queries = spread(COMPARED, theta_max_deg=75.0)
     double = subject.decode(subject.parts).to(dtype=torch.float64).query(*queries)
     ours = subject.decode(subject.parts).to(dtype=dtype).query(*queries)
     return Measured(decibels(ours, double))
@@ -196,7 +196,7 @@ def gradients_at_zero(subject: Subject) -> None:
     for network in material.modules():
         leaves += network.parameters()
     for name, value in vars(material).items():
-        if isinstance(value, Tensor) and value.is_floating_point():
+        if isinstance(value, Tensor) and value.is_floating_point():  # a texture, perhaps stored in a shorter type
             setattr(material, name, torch.zeros_like(value.float()).requires_grad_())
             leaves.append(getattr(material, name))
     for leaf in leaves:

@@ -1,4 +1,8 @@
-"""Queries and materials drawn by Hypothesis from a seed; a failure is shrunk to the smallest case, as a command."""
+"""Queries and materials drawn by the package Hypothesis; a failure is shrunk to the smallest case, as a command.
+
+Hypothesis calls a test with many drawn values of a *strategy*, which says what to draw. When one fails, it tries
+simpler values until none simpler fails.
+"""
 
 import importlib.util
 from collections.abc import Callable, Sequence
@@ -20,7 +24,7 @@ DATA_HOLDS = "finite, not negative, at most twice the brightest sample"
 def query_holds(subject: Subject, numbers: Sequence[float]) -> list[float]:
     """The answer to one query: u v, ω_o, ω_i, footprint, as `query_in_words` writes it. `CheckError` if it is wrong."""
     row = torch.tensor(numbers, dtype=torch.float32)
-    query = Queries(row[None, :2], row[None, 2:5], row[None, 5:8], row[8:])
+    query = Queries(uv=row[None, :2], wo=row[None, 2:5], wi=row[None, 5:8], footprint=row[8:])
     material = subject.tested.material
     (answer,) = material.query(*query)
     listed = str(answer.tolist())
@@ -51,7 +55,7 @@ def drawn(height: int, width: int, views: int, lights: int, exponent: int, seed:
 
 def data_hold(subject: Subject, numbers: Sequence[int]) -> float:
     """The largest decoded value of a material that `drawn` makes from six numbers; `CheckError` if a value is wrong."""
-    changes = {"steps": 10} if subject.fits else {}
+    changes = {"steps": 10} if subject.fits else {}  # dozens of materials are fitted; quality is not asked here
     encoded = subject.encode(drawn(*numbers), **changes)
     decoded = encoded.decoded
     brightest = encoded.truth.max()
@@ -100,9 +104,9 @@ def _search(subject: Subject, word: str, strategy: Any, count: int, holds: Calla
 
     @hypothesis.settings(
         max_examples=count,
-        derandomize=True,
-        database=None,
-        deadline=None,
+        derandomize=True,  # the same values in each process
+        database=None,  # remembers nothing from one run to the next
+        deadline=None,  # a test may take any time
         suppress_health_check=list(hypothesis.HealthCheck),
         phases=(hypothesis.Phase.generate, hypothesis.Phase.shrink),
     )

@@ -1,4 +1,4 @@
-"""Queries at the extremes, asked of the ordinary material after it went through its file.
+"""Queries at the extremes, asked of the ordinary material, a small smooth one, after it went through its file.
 
 The docstring of an expectation, such as `bounded`, is what the report shows as expected; it raises `CheckError` with a
 message and the measured figure.
@@ -18,7 +18,7 @@ from bench.conformance.stress.case import Case, Subject, require
 from bench.directions.hemisphere import from_angles, from_degrees, uniform
 from bench.inputs.errors import InputError
 
-COUNT = 64
+COUNT = 64  # queries of a case
 UP = torch.tensor([0.0, 0.0, 1.0])
 BOUND = 2.0  # an answer above this many times the brightest sample is a firefly
 
@@ -97,7 +97,7 @@ def dark(subject: Subject, queries: Queries) -> None:
 def refused(subject: Subject, queries: Queries) -> None:
     """an error that names the row; within 1e-3 of unit length it is answered"""
     bad = queries.wo.clone()
-    bad[41] *= 2
+    bad[41] *= 2  # any row in the middle
     try:
         subject.tested.material.query(queries.uv, bad, queries.wi, queries.footprint)
     except InputError as error:
@@ -146,7 +146,7 @@ def footprint(size: float) -> Callable[[], Queries]:
 
 def batch_of(count: int, subject: Subject) -> None:
     """One batch of so many queries: a few different ones in turns, which are asked again in a small batch."""
-    few = spread(1021, seed=3)
+    few = spread(1021, seed=3)  # divides no size of a chunk, so equal queries stand at many places of chunks
     turns = torch.arange(count) % len(few.uv)
     many = Queries(*(column[turns] for column in few))
     answers, wanted = subject.answers(many), subject.answers(few)

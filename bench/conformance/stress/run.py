@@ -1,4 +1,8 @@
-"""Tries the catalogue on codecs, and the pictures on metrics and losses, as records."""
+"""Tries the catalogue on codecs, and the pictures on metrics and losses, as records.
+
+The catalogue is the cases of `bench.conformance.stress`: extremes of data, queries, networks and rules. Each codec and
+case gives a record, a dictionary with the verdict, that a report shows as a cell.
+"""
 
 import dataclasses
 import logging
@@ -19,19 +23,21 @@ from bench.runs.executors import Workers
 
 def chosen(codecs: Sequence[str], names: Sequence[str]) -> tuple[list[str], list[Case]]:
     """The chosen codecs (by default all installed ones) and cases (by default all). `InputError` for unknown names."""
-    known = {case.name: case for case in CASES}
+    case_of = {case.name: case for case in CASES}
     for name in names:
-        if name not in known:
-            raise InputError(f"--case {name}: no such case{did_you_mean(name, known)} (see stress --list)")
+        if name not in case_of:
+            raise InputError(f"--case {name}: no such case{did_you_mean(name, case_of)} (see stress --list)")
     wanted = codecs or sorted(codec_entries())
     kinds = [load_codec(name) for name in wanted]
-    cases = [known[name] for name in names] if names else list(CASES)
+    cases = [case_of[name] for name in names] if names else list(CASES)
     return [kind.name for kind in kinds], cases
 
 
 def run(codecs: Sequence[str], cases: Sequence[Case], workers: Workers, show: Progress = silent) -> Iterator[Stress]:
-    """A record for each codec and case, as workers finish: the material cases of a codec are one task, its other cases
-    another."""
+    """A record for each codec and case, as workers finish.
+
+    The cases of data, each of which is a fit, are one task of a codec; its other cases, which share one fit, another.
+    """
     names = {case.name for case in cases}
     wanted = [case for case in CASES if case.name in names]
     of_data = [case.name for case in wanted if case.group == "data"]
@@ -61,11 +67,12 @@ def attempt(codec: str, names: Sequence[str]) -> list[Stress]:
     try:
         with tempfile.TemporaryDirectory() as folder:
             subject = subject_of(kind, Path(folder))
-            return [
-                {**_record(codec, case, judge(case, subject)), "version": kind.version, "order": order}
-                for order, case in enumerate(CASES)
-                if case.name in names
-            ]
+            of_codec = []
+            for order, case in enumerate(CASES):  # the place in the catalogue, by which reports sort
+                if case.name in names:
+                    record = _record(codec, case, judge(case, subject))
+                    of_codec.append(cast(Stress, {**record, "version": kind.version, "order": order}))
+            return of_codec
     finally:
         logging.disable(before)
 
