@@ -33,7 +33,8 @@ class Atlases:
     """The slices of all materials of a run, as pictures of one quality: the best at which they all fit into the page.
 
     They may take the `share` of `BUDGET`: less than 1 for a page of a board with many pages. If they do not fit even at
-    the worst quality, only every `step`-th pair is shown. To choose the quality, the constructor reads the stored truths.
+    the worst quality, only every `step`-th pair is shown. To choose the quality, the constructor reads the stored
+    truths.
     """
 
     def __init__(self, run: Run, materials: Sequence[MaterialRows], share: float = 1):
@@ -151,8 +152,8 @@ def webp(picture: Image.Image, **options: Any) -> str:
 def _levels(maps: np.ndarray) -> np.ndarray:
     """Maps drawn in the colours of magma, (n, H, W, 3) uint8, as grey pictures of the levels 0 to 255 of their colours.
 
-    Grey is the same in all channels, (n, H, W, 3) uint8, and compresses better; the viewer colours it again. Magma grows
-    brighter with its level, so the brightness of a colour tells its level.
+    Grey is the same in all channels, (n, H, W, 3) uint8, and compresses better; the viewer colours it again. Magma
+    grows brighter with its level, so the brightness of a colour tells its level.
     """
     luma = np.array([0.299, 0.587, 0.114])  # brightness of R, G and B, by Rec. 601
     # Because colours are rounded to 8 bits, one of magma may be a little darker than the one before it, but a search

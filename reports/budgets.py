@@ -7,9 +7,9 @@ or on the time of a fit. The *curve* of a line on a surface joins its rungs on t
 bytes. Rungs are chosen by *validation* pairs of directions, and shown with their scores at *test* pairs.
 `bench.compare.choosing` chooses them; docs/metrics.md has the rules.
 
-Times of queries are multiples of the *floor*, the time of one bilinear fetch of a colour. The *lead* of a line is by how
-many dB it is ahead of the line `AGAINST` at equal bytes; two lines are *told apart* if chance hardly explains the gap.
-A cell without a number is a dash, `NONE`.
+Times of queries are multiples of the *floor*, the time of one bilinear fetch of a colour. The *lead* of a line is by
+how many dB it is ahead of the line `AGAINST` at equal bytes; two lines are *told apart* if chance hardly explains the
+gap. A cell without a number is a dash, `NONE`.
 """
 
 from collections import Counter
@@ -360,7 +360,8 @@ def front_table(run: Run) -> Iterator[Table]:
 def _mean_time(result: Budgets, rungs: Sequence[Sequence[Job]]) -> float | None:
     """The mean time of a query, × floor, over the rungs that were timed; None if none was.
 
-    A rung is given by its jobs, one a seed. Times are those of the execution `eager`, which runs operation by operation.
+    A rung is given by its jobs, one a seed. Times are those of the execution `eager`, which runs operation by
+    operation.
     """
     time_of_job = result.times.get(EAGER, {})
     times = [time_of_job.get(jobs[0]["job"]) for jobs in rungs]  # of a rung, that of its first seed

@@ -136,8 +136,8 @@ class Choice:
     def _renamed_header(self, header: tuple[str, str]) -> tuple[str, str]:
         """A header with its new name, which may be given for its name alone or for its name with its unit.
 
-        A new name for "PSNR dB ↑" replaces name and unit: ("PSNR", "dB ↑ ± seeds") becomes ("quality", "± seeds"). A new
-        name for "PSNR" replaces the name alone.
+        A new name for "PSNR dB ↑" replaces name and unit: ("PSNR", "dB ↑ ± seeds") becomes ("quality", "± seeds"). A
+        new name for "PSNR" replaces the name alone.
         """
         name, unit = header
         name_and_unit = _name_and_unit(header)

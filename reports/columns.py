@@ -1,11 +1,11 @@
 """The columns of tables by material: each finds its number in a record, and writes one seed or several as a cell.
 
-A table has one row a codec with its settings; a cell is over the jobs of that row, one a seed. A *row* in this module is
-a `Row`, one such job. Quality is measured slice by slice: a *slice* is one picture of the material, all texels at one
-pair of view and light directions. The pairs that *decide* are the held-out ones, which no codec sees in its fit, or all
-pairs where none are held out. A record has statistics of each *group* of pairs (`train`, `heldout`, `heldout, grazing
-view`): `mean` and `std` over its slices, `pooled` (of the mean error of all slices together), `worst` (the mean of the
-worst tenth). A metric may have variants (`ssim`, `ssim_periodic`), which are one *family*.
+A table has one row a codec with its settings; a cell is over the jobs of that row, one a seed. A *row* in this module
+is a `Row`, one such job. Quality is measured slice by slice: a *slice* is one picture of the material, all texels at
+one pair of view and light directions. The pairs that *decide* are the held-out ones, which no codec sees in its fit, or
+all pairs where none are held out. A record has statistics of each *group* of pairs (`train`, `heldout`, `heldout,
+grazing view`): `mean` and `std` over its slices, `pooled` (of the mean error of all slices together), `worst` (the mean
+of the worst tenth). A metric may have variants (`ssim`, `ssim_periodic`), which are one *family*.
 
 Times are × *floor*: multiples of the time of one bilinear fetch of a colour. An *exact* slice has no error, so its PSNR
 has no number.
