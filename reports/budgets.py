@@ -74,7 +74,7 @@ def budgets_table(run: Run) -> Iterator[Table]:
     tables = list[Table]()
     for kind, surfaces in kinds.items():
         tables += _table_of_surfaces(run, result, points, surfaces, kind)
-    if len(kinds) > 1:
+    if len(kinds) > 1:  # of a single kind, the table over all would be the same
         tables += _table_of_surfaces(run, result, points, list(result.surfaces), "")
     if tables:  # notes common to them stand once, below the last
         tables[-1].notes.extend([_READ, *_common(run, result)])
@@ -98,6 +98,7 @@ def _table_of_surfaces(
         for budget in columns:
             if budget.kind != BYTES:  # the test compares rungs, but values at a size are read between rungs
                 told_apart[budget] = result.told_apart(run, budget, surfaces)
+
     rows: list[list[str]] = []
     scores: list[list[float | None]] = []  # a number for each cell, by which the best of a column is marked
     for line in sorted(lines, key=lambda line: _sort_key(columns, line)):
@@ -112,6 +113,7 @@ def _table_of_surfaces(
             values.append(reading.value if reading else None)
         rows.append(cells)
         scores.append(values)
+
     shapes = set()  # (height, width) in texels
     for name in surfaces:
         height, width = result.surfaces[name]["shape"]

@@ -43,7 +43,7 @@ class Choice:
 
         `InputError` if the run has no job of a chosen codec, of a chosen material, or of `against`.
         """
-        # Of the whole run: the row to compare with need not be among the chosen ones for its name to be right.
+        # Checked for any table, although only the summary uses it: a name with a typing error is always reported.
         if self.against and not any(self.against in _codec_names(job) for job in run.jobs):
             labels = "; ".join(dict.fromkeys(map(shown_label, run.jobs)))
             raise InputError(f"--against {self.against}: this run has no such row: it has {labels}")

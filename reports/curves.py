@@ -62,13 +62,14 @@ def _differences(points: Points, kinds: Mapping[str, Sequence[str]]) -> Table:
 
     `kinds` maps a kind of surface, such as measured, to the names of its surfaces.
     """
+    # First the numbers of each line.
     anchor = points[AGAINST]  # the curves that all others are compared with
     summaries: dict[str, Summary] = {}
     kind_means: dict[str, list[float | None]] = {}  # by line, in the order of the kinds
     rates: dict[str, float | None] = {}  # by line: BD-rate as a share; None where no common values are reached
     for line, by_surface in points.items():
         gaps = differences(by_surface, anchor)  # by surface: the gap in dB, then those of draws of seeds
-        if line == AGAINST or not gaps:
+        if line == AGAINST or not gaps:  # without gaps, it shares no range of bytes with the other on any surface
             continue
         summaries[line] = summarised(gaps)
         rates[line] = _median_rate(by_surface, anchor)
@@ -76,6 +77,8 @@ def _differences(points: Points, kinds: Mapping[str, Sequence[str]]) -> Table:
         for names in kinds.values():
             measured_gaps = [gaps[name][0] for name in names if name in gaps]
             kind_means[line].append(average(measured_gaps))
+
+    # Then a row for each line. `scores` has a number for each cell, by which the best of a column is marked.
     rows: list[list[str]] = []
     scores: list[list[float | None]] = []
     for line in sorted(summaries, key=lambda line: -summaries[line].median):  # the best first

@@ -47,8 +47,8 @@ class Live:
 def live(run: Run, materials: Sequence[MaterialRows], share: float = 1) -> dict[str, Live]:
     """By name of a material: its models, until this `share` of `BUDGET` is spent. Reads the drawings of the run.
 
-    The truths come first, then codecs, the best first. Of a codec only the setting with the highest PSNR is live, so
-    that there is room for more codecs: one fitted to the whole material, and one fitted to its scene, if there is any.
+    The truths come first, then codecs, the best first. Of each codec only one setting is live, that of the highest PSNR
+    whose model there is and fits. Settings fitted to the whole material and those fitted to its scene are chosen apart.
     """
     by_material = {material.name: Live({}, {}) for material in materials}
     room = int(share * BUDGET)  # characters that are left
@@ -81,6 +81,7 @@ def live(run: Run, materials: Sequence[MaterialRows], share: float = 1) -> dict[
             except InputError as error:  # then a worse setting of the codec may still be live
                 live_of_material.missing[row.label] = str(error)
                 continue
+
             live_of_material.models[row.label] = packed
             live_settings[key] = row.label
             room -= len(packed)
