@@ -1,4 +1,12 @@
-"""Draws tables and figures from records and the arrays that they name; measures nothing."""
+"""Draws tables and figures from records and the arrays that they name; measures nothing.
+
+A *job* is one codec with its settings on one material, fitted with one seed; its *record* is its result, as a dict. A
+*run* is the records of many jobs, read from a folder that also holds the stored pictures. A *rung* is a measured
+setting of a codec, chosen within a budget of bytes or time by its quality at *validation* pairs of directions; tables
+show test pairs.
+
+The functions import what they need when they are called, so that `import reports` loads nothing that draws.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,11 +20,11 @@ if TYPE_CHECKING:
     from reports.table import Table
 
 _NO_NUMBERS = "no job of this run has numbers: `neubtf-bench table unfinished` says why"
-# The kinds of table, in the order of a report, and why a run may have none of a kind.
 _NO_VALIDATION = (
     "no job of this run has scores of validation pairs, by which settings are chosen: measure it with "
     "`validation = true` under [data], as `neubtf-bench run budgets` does"
 )
+# By kind of table, in the order of a report: why a run may have no table of that kind, in words for a reader.
 WHY_EMPTY = {
     "front": _NO_VALIDATION,
     "curves": _NO_VALIDATION + "; and a codec needs three settings on a surface to have a curve",
@@ -42,7 +50,7 @@ WHY_EMPTY = {
 }
 KINDS = tuple(WHY_EMPTY)
 FORMATS = ("text", "markdown", "latex", "csv", "raw")
-# Tables of records that have a score of validation pairs.
+# The kinds that show only jobs with a score of validation pairs, by which they choose settings.
 BY_BUDGET = ("front", "curves", "budgets", "when", "ranks", "rungs")
 
 
@@ -62,11 +70,14 @@ def table_text(
 ) -> str:
     """The tables of a run, or of several together, as `text`, `markdown`, `latex`, `csv` or `raw`.
 
+    `runs` are folders of runs, or files of published records. Of a job that several have, the last counts.
+
     `kind` picks one kind of table in `KINDS`. By default all kinds are given; as text they are then in the shorter
     form for a terminal, unless there is a `choice`. A `choice` selects and renames codecs, materials and columns.
 
     `csv` has the cells of the tables. `raw` is a CSV with unrounded numbers: one row a job with every number of its
-    record, whatever the kind; but for the kind `trade`, one row a choice.
+    record, whatever the kind; but for the kind `trade`, one row for each codec, execution and precision that
+    `neubtf-bench trade` timed.
 
     Raises `InputError` if the folder holds no run, or not what is chosen, `ValueError` for an unknown format or kind.
     """
@@ -80,6 +91,7 @@ def table_text(
     if format not in FORMATS or kind not in (None, *KINDS):
         raise ValueError(f"format {format!r}, kind {kind!r}: none such")
     folders = [runs] if isinstance(runs, str | Path) else runs
+    # `beside`: a job on other data than those of published records stands beside them, instead of raising an error.
     if kind in BY_BUDGET:  # a job that these tables cannot show must not replace one that they can
         run = load_together(folders, wanted=has_validation, beside=True)
     else:
@@ -97,25 +109,34 @@ def table_text(
 
 
 def parameters_text(jobs: Sequence["TimedJob"], format: str = "text", choice: "Choice | None" = None) -> str:
-    """The table of parameters alone, of any records that say `codec`, `label`, `status`, `parameters` and `cost`."""
+    """The table of parameters alone: those of decoders and the channels of textures, beside the published numbers.
+
+    It takes any records that say `codec`, `label`, `status`, `parameters` and `cost`. As `raw` it is the same as `csv`.
+    """
     from reports.parameters import parameters_table
 
     return _formatted([parameters_table(jobs)], format, choice)
 
 
 def paper_text(run: "Run", absent: Mapping[str, str], format: str = "text", choice: "Choice | None" = None) -> str:
-    """The table beside the paper's quality alone; `absent` says by material where to get what no job names."""
+    """Only the table of our quality beside that of the NeuBTF paper.
+
+    `absent` maps a material of that table that no job of the run names to words on where to get it.
+    """
     from reports.paper import paper_table
 
     return _formatted([paper_table(run, absent)], format, choice)
 
 
 def _formatted(tables: Iterable["Table | None"], format: str, choice: "Choice | None" = None) -> str:
-    """The text of tables in one of `FORMATS`; here, `raw` is the same as `csv`: the cells of the tables."""
+    """The text of tables in one of `FORMATS`, after the choice is made; here `raw` is the same as `csv`.
+
+    A table is None where there is nothing to show; it is left out.
+    """
     from reports import text
 
     writers = {"text": text.plain, "markdown": text.markdown, "latex": text.latex}
-    write = writers.get(format, text.table_csv)
+    write = writers.get(format, text.table_csv)  # `csv` and `raw`
     made = [table for table in tables if table]
     if choice:
         made = choice.of_tables(made)
@@ -127,11 +148,12 @@ def score_text(record: "Job") -> str:
     from bench.records import Records, Run
     from reports.terminal import scored
 
-    return scored(Run(Path(), jobs=Records({record["job"]: record})))
+    run_of_one_job = Run(Path(), jobs=Records({record["job"]: record}))  # these tables read nothing of its folder
+    return scored(run_of_one_job)
 
 
 def stress_text(records: Sequence["Stress"], format: str = "text") -> str:
-    """Only the tables of the stress test, of records of the kind `stress`."""
+    """Only the tables of the stress test, which fits codecs to extreme materials; `records` are its results."""
     from reports.stress import tables
 
     return _formatted(tables(records), format)
@@ -140,7 +162,8 @@ def stress_text(records: Sequence["Stress"], format: str = "text") -> str:
 def write_report(run_folder: str | Path, vector: bool = False) -> Report:
     """Write `tables/`, `figures/` and `report.html` into a run's folder, each file completely or not at all.
 
-    `vector` also writes every figure as SVG and PDF; a later report draws the formats again that are there.
+    `vector` also writes every figure as SVG and PDF. Without it, the formats that an earlier report wrote are drawn
+    again, because a report removes the old figures.
     `InputError` if the folder holds no run.
     """
     from reports.write import write
@@ -149,7 +172,10 @@ def write_report(run_folder: str | Path, vector: bool = False) -> Report:
 
 
 def write_history(runs: Sequence["Run"], folder: Path) -> list[Path]:
-    """Draw quality, bytes and time of each codec over the revisions of runs; returns the files, `history.html` last."""
+    """Draw quality, bytes and time of each codec over the code revisions at which the runs were measured.
+
+    Writes figures and `history.html` into the folder; returns the paths of the files, `history.html` last.
+    """
     from reports.write import write_history
 
     return write_history(runs, folder)

@@ -1,4 +1,10 @@
-"""The arrays and maps that a run stores beside its records."""
+"""The arrays and maps that a run stores beside its records.
+
+An *artefact* of a job is such a file, too large for the record, which has its path in a field of the artefact's name:
+`slices` (the numbers of every slice), `pictures` (a few slices as pictures), `angular` (scores by direction). A *slice*
+is one picture of the material: all texels at one pair of view and light directions. Tables and pages do without a file
+that is missing.
+"""
 
 import json
 from collections.abc import Collection, Mapping
@@ -17,9 +23,9 @@ Arrays = Mapping[str, np.ndarray]
 
 
 def arrays(folder: Path, job: Job, name: str, names: Collection[str] | None = None) -> Arrays | None:
-    """The arrays of a job's artefact `name` (`slices`, `pictures`), all or only those of `names`.
+    """The arrays of a job's artefact `name` (`slices`, `pictures`) by their names in the file.
 
-    None if the file is missing or unreadable.
+    All of them, or only those of `names` that the file has. None if the file is missing or unreadable.
     """
     try:
         path_in_run = cast(str, dict(job)[name])  # a dict, because the type of a record allows no variable as a key
@@ -29,29 +35,37 @@ def arrays(folder: Path, job: Job, name: str, names: Collection[str] | None = No
 
 
 def of_shown(run: Run, material: MaterialRows, name: str, needed: Collection[str] = ()) -> list[tuple[Row, Arrays]]:
-    """The shown rows of a material whose artefact `name` has all `needed` arrays, each row with these arrays.
+    """The rows of a material that pictures show and whose artefact `name` has all `needed` arrays, with these arrays.
 
-    Without `needed`, every row that has the artefact, with all its arrays.
+    `material.shown` has one row a codec, for its first seed. Without `needed`, every such row that has the artefact,
+    with all its arrays.
     """
     rows_with_arrays: list[tuple[Row, Arrays]] = []
     for row in material.shown:
-        stored = arrays(run.folder, row.job, name, needed or None)  # without those that the file lacks
+        stored = arrays(run.folder, row.job, name, needed or None)
+        # The file may lack some of the needed arrays: FLIP maps, for example, are not made of very small slices.
         if stored and stored.keys() >= set(needed):
             rows_with_arrays.append((row, stored))
     return rows_with_arrays
 
 
 def angular(folder: Path, job: Job) -> dict[str, Any] | None:
-    """A job's scores by bin of direction, and its polar maps; None if the file is missing or unreadable."""
+    """A job's scores by bin of direction (15° of θ), and its polar maps, as the JSON that the run stored.
+
+    None if the file is missing or unreadable.
+    """
     try:
         scores: dict[str, Any] = json.loads((folder / job["angular"]).read_text(encoding="utf-8"))
-    except (OSError, KeyError, ValueError, TypeError, RecursionError):
+    except (OSError, KeyError, ValueError, TypeError, RecursionError):  # the last: JSON that is nested too deeply
         return None
     return scores
 
 
 def program(path: Path) -> Program:
-    """The program of a decoded material. `InputError` if the file holds no program."""
+    """The program of a file: a decoded material as a list of plain operations, from which shaders are made.
+
+    `InputError` if the file is missing or holds no program.
+    """
     try:
         return Program.from_arrays(read_arrays(path, MAX_FILE))
     except (OSError, KeyError, ValueError, TypeError) as error:

@@ -1,4 +1,9 @@
-"""The stored slices of a run as pictures of a page: the truth of each material, each codec's answers and FLIP maps."""
+"""The stored slices of a run as pictures of a page: the truth of each material, each codec's answers and FLIP maps.
+
+A *slice* is one picture of a material: all texels at one *pair* of view and light directions. A run stores some 16 of
+them for each codec. A FLIP map shows in the colours of magma how visible the error of each texel is. The page's slice
+viewer shows one pair at a time; all pairs of a codec lie in one picture, as a grid, because that is smaller.
+"""
 
 import base64
 import io
@@ -15,9 +20,10 @@ from bench.records import FLIP, PSNR, Run
 from reports.artefacts import Arrays, arrays, of_shown
 from reports.rows import MaterialRows, Row
 
-BUDGET = 8_000_000  # characters of all pictures in a page, about
+BUDGET = 8_000_000  # about how many characters all pictures of a page may take, as base64
 FLIP_QUALITY = 80  # of FLIP maps stored as grey levels: half the error of colours at quality 92, in half the bytes
-MAGMA = np.round(matplotlib.colormaps["magma"](np.arange(256))[:, :3] * 255).astype(np.uint8)  # the colours of maps
+# The colours of FLIP maps by level, (256, 3): what a run drew them in, without alpha.
+MAGMA = np.round(matplotlib.colormaps["magma"](np.arange(256))[:, :3] * 255).astype(np.uint8)
 # Qualities of WebP, the best first, each with about how many characters of a page a pixel takes. Quality None is
 # without loss.
 QUALITIES: tuple[tuple[int | None, float], ...] = ((None, 2.6), (92, 0.9), (80, 0.5), (60, 0.3))
@@ -26,8 +32,9 @@ QUALITIES: tuple[tuple[int | None, float], ...] = ((None, 2.6), (92, 0.9), (80, 
 class Atlases:
     """The slices of all materials of a run, as pictures of one quality: the best at which they all fit into the page.
 
-    They may take the `share` of `BUDGET`. If they do not fit even at the worst quality, only every `step`-th pair is
-    shown.
+    They may take the `share` of `BUDGET`: less than 1 for a page of a board with many pages. If they do not fit even at
+    the worst quality, only every `step`-th pair is shown. To choose the quality, the constructor reads the stored
+    truths.
     """
 
     def __init__(self, run: Run, materials: Sequence[MaterialRows], share: float = 1):
@@ -40,27 +47,28 @@ class Atlases:
             if characters <= budget:
                 break
         times_too_large = -(-characters // budget)  # characters / budget, rounded up
-        self.step = max(1, int(times_too_large))
+        self.step = max(1, int(times_too_large))  # 1: all pairs are shown
 
     def _pixels(self, material: MaterialRows) -> int:
         """The pixels of all pictures of a material: the truth once, and the answers and FLIP maps of each codec."""
         truth_shapes = []
         for row in material.shown:
-            stored = arrays(self.run.folder, row.job, "pictures", ("truth",))
+            stored = arrays(self.run.folder, row.job, "pictures", names=("truth",))
             if stored:  # of rows of several runs, some may have none
                 truth_shapes.append(stored["truth"].shape[:3])  # (n, H, W)
         if not truth_shapes:
             return 0
-        pixels_of_truth = int(np.prod(truth_shapes[0]))  # of its n pictures together
-        sets_of_pictures = 1 + 2 * len(truth_shapes)
+        pixels_of_truth = int(np.prod(truth_shapes[0]))  # of its n pictures together, the same for all codecs
+        sets_of_pictures = 1 + 2 * len(truth_shapes)  # each codec has its answers and its FLIP maps
         return pixels_of_truth * sets_of_pictures
 
     def slices_of(self, material: MaterialRows) -> dict[str, Any]:
-        """The data of a material for the slice viewer; `codecs` is empty if nothing is stored.
+        """The data of a material for the slice viewer, to be written as JSON; `codecs` is empty if nothing is stored.
 
-        Pictures are data URLs, each of all shown pairs in a grid. FLIP maps hold levels of `MAGMA` as grey. `wo` and
-        `wi` have (θ, φ) in degrees of each shown pair. All pictures are of the same pairs as those of the first codec
-        that has any; `left_out` has the labels of the codecs without such pictures.
+        Pictures are data URLs, each of all shown pairs in a grid of so many `columns`; a pair takes `width` × `height`
+        pixels. FLIP maps hold levels of `MAGMA` as grey. `wo` and `wi` have (θ, φ) in degrees of each shown pair. All
+        pictures are of the same pairs as those of the first codec that has any, because one truth stands beside all;
+        `left_out` has the labels of the codecs without such pictures.
         """
         rows_with_pictures = []
         for row, pictures in of_shown(self.run, material, "pictures"):
@@ -88,18 +96,21 @@ class Atlases:
         }
 
     def _codec(self, row: Row, pictures: Arrays) -> dict[str, Any]:
-        """A codec for the slice viewer: its pictures as data URLs. Where the run stored scores, it also has two lists
-        with a number for each picture: `psnr` in dB (None without error), and `flips`, the mean FLIP."""
+        """A codec for the slice viewer: its label, and its pictures `decoded` and `flip` as data URLs.
+
+        `flip` is absent where no map was stored. Where the run stored scores, there are also two lists with a number
+        for each picture: `psnr` in dB (None without error), and `flips`, the mean FLIP.
+        """
         data: dict[str, Any] = {"label": row.label, "decoded": self._encoded(pictures["decoded"])}
         if "flip" in pictures:
-            data["flip"] = self._encoded(_levels(pictures["flip"]), FLIP_QUALITY)
+            data["flip"] = self._encoded(_levels(pictures["flip"]), most_quality=FLIP_QUALITY)
         flip = row.metric(FLIP)  # the full name of the variant that scored this job
-        scores = arrays(self.run.folder, row.job, "slices", ("pairs", PSNR, flip))
+        scores = arrays(self.run.folder, row.job, "slices", names=("pairs", PSNR, flip))  # a number a scored pair
         if scores:
             # Scores are of all pairs, pictures of a few: find the scores of those that are shown.
             place_of_pair = {int(pair): place for place, pair in enumerate(scores["pairs"])}
             places = [place_of_pair[int(pair)] for pair in pictures["pairs"][:: self.step]]
-            squared_errors = scores[PSNR][places]  # what a run stores of PSNR
+            squared_errors = scores[PSNR][places]  # of PSNR a run stores the mean squared error of each slice
             data["psnr"] = [_decibels(value) for value in psnr(squared_errors)]
             if flip in scores:
                 data["flips"] = np.round(scores[flip][places], 4).tolist()
@@ -112,7 +123,7 @@ class Atlases:
         """
         pictures = pictures[:: self.step]
         count, height, width = pictures.shape[:3]
-        columns = math.ceil(math.sqrt(count))
+        columns = math.ceil(math.sqrt(count))  # as `slices_of` tells the viewer
         rows = math.ceil(count / columns)
         sheet = np.zeros((rows * height, columns * width, 3), np.uint8)
         for i, picture in enumerate(pictures):
@@ -122,6 +133,7 @@ class Atlases:
         if self.quality is None:
             # Without loss, `quality` and `method` are the effort to make the file small: here the least.
             return webp(Image.fromarray(sheet), lossless=True, quality=0, method=0)
+        # Here `quality` is that of the picture, and `method` 4 is Pillow's usual effort.
         return webp(Image.fromarray(sheet), lossless=False, quality=min(most_quality, self.quality), method=4)
 
 
@@ -140,13 +152,14 @@ def webp(picture: Image.Image, **options: Any) -> str:
 def _levels(maps: np.ndarray) -> np.ndarray:
     """Maps drawn in the colours of magma, (n, H, W, 3) uint8, as grey pictures of the levels 0 to 255 of their colours.
 
-    Magma grows brighter with its level, so the brightness of a colour tells its level.
+    Grey is the same in all channels, (n, H, W, 3) uint8, and compresses better; the viewer colours it again. Magma
+    grows brighter with its level, so the brightness of a colour tells its level.
     """
-    luma = np.array([0.299, 0.587, 0.114])
+    luma = np.array([0.299, 0.587, 0.114])  # brightness of R, G and B, by Rec. 601
     # Because colours are rounded to 8 bits, one of magma may be a little darker than the one before it, but a search
     # needs ascending values.
     brightness_of_level = np.maximum.accumulate(MAGMA @ luma)
     brightness = maps @ luma - 1e-6  # less a margin for rounding, so that a colour finds its own level, not the next
     levels = np.searchsorted(brightness_of_level, brightness)
-    grey = np.minimum(levels, 255).astype(np.uint8)
+    grey = np.minimum(levels, 255).astype(np.uint8)  # a colour brighter than all of magma would be level 256
     return grey[..., None].repeat(3, -1)

@@ -1,8 +1,15 @@
 """Tables of each codec's quality within budgets of bytes and time.
 
-A *rung* is one setting of a codec, as measured; the rungs of a codec, from few bytes to many, are its *ladder*. Its
-*curve* on a surface joins the rungs on the upper convex hull of quality over bytes. `bench.compare.choosing` chooses
-the rungs; docs/metrics.md has the rules.
+A *rung* is one setting of a codec, as measured with one seed or several. A *line* is a codec, by its name; a codec as
+its paper publishes it is a line of its own, "neumip, as published". A *surface* is a material as these tables group
+them, by kind, such as measured or rendered. A *budget* is a limit on the bytes of a file, on the time of a query
+or on the time of a fit. The *curve* of a line on a surface joins its rungs on the upper convex hull of quality over
+bytes. Rungs are chosen by *validation* pairs of directions, and shown with their scores at *test* pairs.
+`bench.compare.choosing` chooses them; docs/metrics.md has the rules.
+
+Times of queries are multiples of the *floor*, the time of one bilinear fetch of a colour. The *lead* of a line is by
+how many dB it is ahead of the line `AGAINST` at equal bytes; two lines are *told apart* if chance hardly explains the
+gap. A cell without a number is a dash, `NONE`.
 """
 
 from collections import Counter
@@ -44,9 +51,9 @@ from reports.notes import beside
 from reports.numbers import EXACT, NONE, fixed, integer, signed, significant
 from reports.table import Table, best_cells
 
-_DIGITS = {PSNR: 2, SSIM: 3, FLIP: 3}
+_DIGITS = {PSNR: 2, SSIM: 3, FLIP: 3}  # decimals in cells, by metric
 _NAMED = 5  # rows that a note on excluded records names
-_METRICS = [("PSNR", "dB"), ("SSIM", ""), ("FLIP", "")]
+_METRICS = [("PSNR", "dB"), ("SSIM", ""), ("FLIP", "")]  # headers: name and unit, in the order of `_DIGITS`
 _READ = (
     f"At a size: read off the curve of the rungs that validation pairs choose, test pairs (docs/metrics.md, “Curves”). "
     f"{NONE}: a curve does not reach that size on each surface. ≥: fewer than three rungs, the best within that size. "
@@ -62,12 +69,12 @@ def budgets_table(run: Run) -> Iterator[Table]:
     the best rung in time.
     """
     result = budgets(run)
-    points = hulls(result, result.surfaces)  # of the curves
-    kinds = by_kind(result.surfaces)
+    points = hulls(result, result.surfaces)  # of the curves, by line and surface
+    kinds = by_kind(result.surfaces)  # the names of surfaces by kind
     tables = list[Table]()
     for kind, surfaces in kinds.items():
         tables += _table_of_surfaces(run, result, points, surfaces, kind)
-    if len(kinds) > 1:
+    if len(kinds) > 1:  # of a single kind, the table over all would be the same
         tables += _table_of_surfaces(run, result, points, list(result.surfaces), "")
     if tables:  # notes common to them stand once, below the last
         tables[-1].notes.extend([_READ, *_common(run, result)])
@@ -77,18 +84,23 @@ def budgets_table(run: Run) -> Iterator[Table]:
 def _table_of_surfaces(
     run: Run, result: Budgets, points: Points, surfaces: Sequence[str], kind: str
 ) -> Iterator[Table]:
-    """The table over some surfaces, if a line has a value there; `kind` is the kind of these surfaces, "" for all."""
+    """The table over some surfaces, if a line has a value there; else none.
+
+    `kind` is the kind of these surfaces, "" for all. Reads stored slices to find which lines are told apart.
+    """
+    # By budget, then by line: the reading of a cell.
     columns = {budget: _column(result, points, budget, surfaces) for budget in result.limits}
     lines = list(dict.fromkeys(chain.from_iterable(columns.values())))
     if not lines:
         return
     told_apart: dict[Budget, set[str]] = {}  # by budget of time: the lines that are told apart from `AGAINST`
-    if len(surfaces) >= FEWEST:
+    if len(surfaces) >= FEWEST:  # on fewer surfaces the test tells nothing apart
         for budget in columns:
-            if budget.kind != BYTES:
+            if budget.kind != BYTES:  # the test compares rungs, but values at a size are read between rungs
                 told_apart[budget] = result.told_apart(run, budget, surfaces)
+
     rows: list[list[str]] = []
-    scores: list[list[float | None]] = []
+    scores: list[list[float | None]] = []  # a number for each cell, by which the best of a column is marked
     for line in sorted(lines, key=lambda line: _sort_key(columns, line)):
         cells: list[str] = [line]
         values: list[float | None] = [None]
@@ -101,7 +113,8 @@ def _table_of_surfaces(
             values.append(reading.value if reading else None)
         rows.append(cells)
         scores.append(values)
-    shapes = set()
+
+    shapes = set()  # (height, width) in texels
     for name in surfaces:
         height, width = result.surfaces[name]["shape"]
         shapes.add((height, width))
@@ -130,14 +143,15 @@ def _column(result: Budgets, points: Points, budget: Budget, surfaces: Sequence[
 def _sort_key(columns: Mapping[Budget, Mapping[str, Reading]], line: str) -> list[float]:
     """The key that sorts rows, the best first: by the value at `ENOUGH`, a size that most codecs reach.
 
-    Then by the values at the sizes next to it, and so on to the smallest and the largest.
+    Ties are sorted by the values at the sizes next to it, and so on to the smallest and the largest. A key has the
+    negative of each value, because lists sort upwards.
     """
     sizes = [budget for budget in columns if budget.kind == BYTES]
-    sizes.sort(key=lambda budget: abs(log2(budget.most / ENOUGH.most)))
+    sizes.sort(key=lambda budget: abs(log2(budget.most / ENOUGH.most)))  # half of it is as near as twice
     key = []
     for budget in sizes:
         reading = columns[budget].get(line)
-        key.append(-reading.value if reading else 0.0)  # a line that does not reach it comes last
+        key.append(-reading.value if reading else 0.0)  # PSNR is above 0, so a line that lacks it comes last
     return key
 
 
@@ -145,7 +159,7 @@ def _reading_cell(reading: Reading | None) -> str:
     """A reading as a cell; with “≥” where only a best rung within the size is known."""
     if reading is None:
         return NONE
-    number = _number(reading.value, digits=1)
+    number = _number(reading.value, digits=1)  # PSNR in dB
     return number if reading.off_curves else f"≥{number}"
 
 
@@ -168,7 +182,7 @@ def rung_tables(run: Run) -> Iterator[Table]:
     """A table a material of the rungs that were chosen on it, with their budgets and quality. If there are several
     materials, a table of the means over them comes first."""
     result = budgets(run)
-    at_budgets = ("at bits, times" if result.times else "at bits a texel", "")
+    at_budgets = ("at bits, times" if result.times else "at bits a texel", "")  # a header: name, no unit
     notes = [_CHOICE, *_common(run, result)]
     means = list(_mean_rows(result)) if len(result.surfaces) > 1 else []
     if means:
@@ -183,13 +197,16 @@ def rung_tables(run: Run) -> Iterator[Table]:
 
 
 def _mean_rows(result: Budgets) -> Iterator[list[str]]:
-    """Bytes, PSNR, SSIM and FLIP of each codec, means over the materials; budgets of equal numbers share a row."""
+    """Rows of the table of means: line, budgets, then bytes, PSNR, SSIM and FLIP, means over the materials.
+
+    Budgets at which a line has the same numbers share a row, because mostly the same rungs were chosen.
+    """
     # By line, and by the cells of its numbers: the budgets that have these numbers.
     budgets_by_cells: dict[str, dict[tuple[str, ...], list[Budget]]] = {}
     for budget in result.limits:
-        for line, by_surface in result.picks(budget, result.surfaces).items():
+        for line, by_surface in result.picks(budget, result.surfaces).items():  # of each surface the chosen rung
             rungs = list(by_surface.values())
-            mean_total = fmean(mean_bytes(rung.of) for rung in rungs)
+            mean_total = fmean(mean_bytes(rung.of) for rung in rungs)  # `rung.of`: its jobs, one a seed
             cells = [integer(round(mean_total))]
             for family in _DIGITS:
                 mean = average([shown(rung, family) for rung in rungs])
@@ -201,7 +218,10 @@ def _mean_rows(result: Budgets) -> Iterator[list[str]]:
 
 
 def _rung_rows(result: Budgets, material: str) -> Iterator[list[str]]:
-    """A row for each rung that was chosen on a material; those of a line follow each other."""
+    """A row for each rung that was chosen on a material: line, settings, budgets, bytes, quality and times.
+
+    The rows of a line follow each other. A rung that was chosen at several budgets has one row.
+    """
     # By line, and by the name of the first job of a rung: the rung, and the budgets at which it was chosen.
     chosen: dict[str, dict[str, tuple[Rung, list[Budget]]]] = {}
     for budget in result.limits:
@@ -214,12 +234,16 @@ def _rung_rows(result: Budgets, material: str) -> Iterator[list[str]]:
         for first_job, (rung, limits) in rungs_of_line.items():
             numbers = [integer(mean_bytes(rung.of)), _number(rung.score)]
             numbers += [_number(shown(rung, family), family) for family in _DIGITS]
-            times = [significant(by_job.get(first_job)) for by_job in result.times.values()]  # one of each kind
+            # One time of each kind (eager, fused, fit), a dash where it was not measured.
+            times = [significant(by_job.get(first_job)) for by_job in result.times.values()]
             yield [line, setting_of(rung.of[0]), _span(limits), *numbers, *times]
 
 
 def _span(limits: list[Budget]) -> str:
-    """Budgets in words, those of bytes as one range in bits a texel: 32–128, 8 × eager."""
+    """Budgets in words, those of bytes as one range in bits a texel: "32–128, 8 × eager".
+
+    `limits` are in the order of `Budgets.limits`: those of bytes first, and ascending.
+    """
     bits = [f"{budget.most:g}" for budget in limits if budget.kind == BYTES]
     parts = []
     if bits:
@@ -236,10 +260,10 @@ def when_table(run: Run) -> Iterator[Table]:
     """Which codec when: a question a row, the best codec and the next best, and the numbers of both."""
     rows = []
     for question, ranked, family in _questions(budgets(run)):
-        if not ranked:
+        if not ranked:  # no line has a rung within that budget on each surface
             continue
         unit = " dB" if family == PSNR else ""
-        lines = list(ranked)
+        lines = list(ranked)  # the best first
         numbers = [_number(value, family) + unit for value in ranked.values()]
         if len(ranked) == 1:  # there is no next best
             lines.append(NONE)
@@ -263,11 +287,11 @@ def _questions(result: Budgets) -> Iterator[_Question]:
     enough = in_words(ENOUGH)
     for budget in result.limits:
         yield _Question(f"best quality in {in_words(budget)}", result.ranked(budget, result.surfaces), PSNR)
-    fewest = result.fewest_bytes()
+    fewest = result.fewest_bytes()  # a budget of bytes, and the lines that are near the best within it
     if fewest:
         budget, ranked = fewest
         yield _Question(f"fewest bytes within {NEAR_DB:g} dB of the best: {in_words(budget)}", ranked, PSNR)
-    if len(result.surfaces) > 1:
+    if len(result.surfaces) > 1:  # on one surface this was asked above
         for material in result.surfaces:
             yield _Question(f"best on {material} in {enough}", result.ranked(ENOUGH, [material]), PSNR)
     for family, name in ((SSIM, "SSIM"), (FLIP, "FLIP")):
@@ -278,7 +302,7 @@ def ranks_table(run: Run) -> Iterator[Table]:
     """The mean rank of each line at a budget, and the lines that are not told apart from it."""
     result = budgets(run)
     ranking = result.ranks()
-    if not ranking:
+    if not ranking:  # too few lines or surfaces to rank
         return
     rows = []
     for line, rank in ranking.mean.items():
@@ -293,17 +317,18 @@ def ranks_table(run: Run) -> Iterator[Table]:
 
 
 def front_table(run: Run) -> Iterator[Table]:
-    """Each codec at equal bytes: PSNR at 32 bits a texel by kind of surface, and its lead over `AGAINST`."""
+    """A row a line at 32 bits a texel: PSNR by kind of surface and over all, its lead over `AGAINST`, and its time."""
     result = budgets(run)
     points = hulls(result, result.surfaces)
     kinds = by_kind(result.surfaces) | {"all": list(result.surfaces)}
     readings_of_kinds = [readings(result, points, ENOUGH, surfaces) for surfaces in kinds.values()]  # each by line
-    picks = result.picks(ENOUGH, result.surfaces)
+    picks = result.picks(ENOUGH, result.surfaces)  # by line and surface: the chosen rung, of which the time is shown
     # Rows stand in the order of the column of all surfaces, which is the last; lines without a value there follow.
     lines = list(dict.fromkeys(chain.from_iterable(reversed(readings_of_kinds))))
     if not lines:
         return
-    lines += [line for line in points if line not in lines]  # its curves end below this size, but have a lead
+    # A line whose curves all end below this size has dashes for PSNR, but may have a lead at fewer bytes.
+    lines += [line for line in points if line not in lines]
     leads: dict[str, Summary] = {}
     rows: list[list[str]] = []
     scores: list[list[float | None]] = []
@@ -311,7 +336,8 @@ def front_table(run: Run) -> Iterator[Table]:
         lead = _lead(result, points, line)
         if lead:
             leads[line] = lead
-        time = _mean_time(result, [rung.of for rung in picks.get(line, {}).values()])
+        jobs_of_rungs = [rung.of for rung in picks.get(line, {}).values()]
+        time = _mean_time(result, jobs_of_rungs)
         # Cells and their scores, column by column; a score of None is not compared.
         cells = [line]
         values: list[float | None] = [None]
@@ -336,15 +362,19 @@ def front_table(run: Run) -> Iterator[Table]:
 def _mean_time(result: Budgets, rungs: Sequence[Sequence[Job]]) -> float | None:
     """The mean time of a query, × floor, over the rungs that were timed; None if none was.
 
-    A rung is given by its jobs, one a seed.
+    A rung is given by its jobs, one a seed. Times are those of the execution `eager`, which runs operation by
+    operation.
     """
     time_of_job = result.times.get(EAGER, {})
-    times = [time_of_job.get(jobs[0]["job"]) for jobs in rungs]  # of a rung, the time of its first job
+    times = [time_of_job.get(jobs[0]["job"]) for jobs in rungs]  # of a rung, that of its first seed
     return average([time for time in times if time is not None])
 
 
 def _lead_cells(line: str, lead: Summary | None, has_curves: bool) -> list[str]:
-    """The cells of a lead: its median over surfaces, the interval of its mean, and on how many it is above 0."""
+    """The three cells of a lead: its median over surfaces, the interval of its mean, and on how many it is above 0.
+
+    Without curves (`has_curves`), the lead comes from single rungs, and its median has a °.
+    """
     if lead is None:
         # `AGAINST` has no lead over itself; any other line shares no bytes with it.
         return ["", "", ""] if line == AGAINST else [NONE, "", ""]
@@ -358,7 +388,10 @@ def _lead_cells(line: str, lead: Summary | None, has_curves: bool) -> list[str]:
 
 
 def _lead_notes(leads: Mapping[str, Summary], points: Points) -> Iterator[str]:
-    """Notes on the marks beside leads: what ° and * mean, or why no lead is told apart."""
+    """Notes on the marks beside leads: what ° and * mean, or why no lead is told apart.
+
+    `leads` is by line, and `points` are those of the lines that have curves.
+    """
     if leads.keys() - points.keys():  # a line without curves has a lead
         yield "°: of fewer than three rungs, each at its own bytes."
     if any(lead.apart for lead in leads.values()):
@@ -376,7 +409,7 @@ def _lead(result: Budgets, points: Points, line: str) -> Summary | None:
     if line == AGAINST:
         return None
     anchor = points.get(AGAINST, {})
-    # By surface: the gap in dB, then the gaps of draws of seeds, from which the interval comes.
+    # By surface a list: the gap in dB, then the gap of each draw of seeds, from which the interval comes.
     if line in points:
         gaps = differences(points[line], anchor)
     else:  # too few rungs for a curve: each rung is compared with the anchor's curve at the rung's own bytes
@@ -384,6 +417,7 @@ def _lead(result: Budgets, points: Points, line: str) -> Summary | None:
     return summarised(gaps) if gaps else None
 
 
+# By kind of table: the function that makes the tables of a run.
 TABLES = {
     "front": front_table,
     "budgets": budgets_table,
@@ -394,7 +428,10 @@ TABLES = {
 
 
 def _number(value: float | None, family: str = PSNR, digits: int | None = None) -> str:
-    """A value as a cell: “exact” from `MOST_DB` on, a dash for None; by default with the usual digits of its metric."""
+    """A value as a cell: “exact” from `MOST_DB` on, a dash for None; by default with the usual digits of its metric.
+
+    `MOST_DB` is what a slice without any error counts as; no other metric has values as large.
+    """
     if value is not None and value >= MOST_DB:
         return EXACT
     if digits is None:
@@ -403,18 +440,19 @@ def _number(value: float | None, family: str = PSNR, digits: int | None = None) 
 
 
 def in_words(budget: Budget) -> str:
-    """A budget in words: 64 bits a texel; 8 × floor, eager; 10 s, fit."""
+    """A budget in words, such as "64 bits a texel", "8 × floor, eager" or "10 s, fit"."""
     if budget.kind == BYTES:
         return f"{budget.most:g} bits a texel"
     return f"{budget.most:g} {_unit(budget.kind)}, {budget.kind}"
 
 
 def _unit(kind: str) -> str:
+    """The unit of a kind of time: seconds of a fit, or multiples of the floor, of a query."""
     return "s" if kind == FIT else "× floor"
 
 
 def _common(run: Run, result: Budgets) -> Iterator[str]:
-    """Notes on times, and on excluded records."""
+    """Notes common to all tables of budgets: on what machine times were measured, and which jobs are left out."""
     if result.times.keys() - {FIT}:  # there are times of queries, and not of fits alone
         machines = "; ".join(_machines(run))
         yield f"Times: upper ends of 95 % intervals, × floor, one bilinear fetch; {machines}."
@@ -434,12 +472,13 @@ def _common(run: Run, result: Budgets) -> Iterator[str]:
 def _machines(run: Run) -> list[str]:
     """The processors and cores on which times were measured, each once: "AMD EPYC, 8 cores"."""
     machines: dict[str, None] = {}
-    timings = [timing for timing in run.timings if "rounds" in timing]  # those of settings, which budgets prefer
+    # Only timings of settings, apart from surfaces, have `rounds`. Where there are any, budgets use no others.
+    timings = [timing for timing in run.timings if "rounds" in timing]
     if not timings:
         timings = list(run.timings)
     for timing in timings:
         name = timing.get("run", "")
-        # A timing that names no start of the run is taken to be of the last one.
+        # A start is one call of the command that measures. A timing that names none is taken to be of the last one.
         starts = [start for start in run.starts if not name or start.get("run") == name]
         machine = starts[-1].get("machine", Machine()) if starts else Machine()
         parts = []
@@ -453,7 +492,7 @@ def _machines(run: Run) -> list[str]:
 
 
 def _by_suite(run: Run, jobs: Sequence[Job]) -> str:
-    """How many jobs are of which suite: "3 of budgets, 1 of no suite"."""
-    suites = {start.get("run"): str(start.get("suite") or "no suite") for start in run.starts}  # by run
+    """How many jobs are of which suite, the file that names what to measure: "3 of budgets, 1 of no suite"."""
+    suites = {start.get("run"): str(start.get("suite") or "no suite") for start in run.starts}  # by name of the start
     counts = Counter(suites.get(job.get("run"), "no suite") for job in jobs)
     return ", ".join(f"{count} of {suite}" for suite, count in counts.items())

@@ -1,4 +1,9 @@
-"""Tables for a paper: some of their codecs and columns, with other names."""
+"""Tables for a paper: some of their codecs, materials and columns, with other names, as options of a command ask for.
+
+A *job* is one codec with its settings on one material, with one seed. Its *label* is the codec with the settings that
+differ from the defaults, `neubtf steps=100`; `shown_label` is the label as tables have it, which may name the recipe
+too. A *header* is the name of a column and, on a second line, its unit: ("PSNR", "dB ↑ ± seeds").
+"""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -10,7 +15,7 @@ from reports.table import Table
 
 
 def new_names(words: Sequence[str]) -> dict[str, str]:
-    """New names by old ones, of words `OLD=NEW`; `InputError` for a word without an old name.
+    """A dict from old names to new ones, from words `OLD=NEW`; `InputError` for a word without an old name.
 
     The last `=` divides, because an old name may be a label with settings, `neubtf steps=100`.
     """
@@ -25,17 +30,20 @@ def new_names(words: Sequence[str]) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Choice:
-    """The codecs (names or labels), materials and columns to show (all if none are given), new names, and the codec or
-    row that the summary sets the others against (`neubtf-direct` by default)."""
+    """What to show of tables, and under which names. Without codecs, columns or materials, all of them are shown."""
 
-    codecs: Sequence[str] = ()
-    columns: Sequence[str] = ()
-    names: Mapping[str, str] = field(default_factory=dict)
+    codecs: Sequence[str] = ()  # names or labels
+    columns: Sequence[str] = ()  # names of columns, or names with units: "PSNR", "PSNR dB ↑"
+    names: Mapping[str, str] = field(default_factory=dict)  # new names by old ones
     materials: Sequence[str] = ()
-    against: str = ""
+    against: str = ""  # the codec or label that the summary compares the others with; "": `neubtf-direct`
 
     def of_run(self, run: Run) -> Run:
-        """The run with only the jobs of these codecs and materials, so that ranks and the best are among them."""
+        """The run with only the jobs of these codecs and materials, so that ranks and the best are among them.
+
+        `InputError` if the run has no job of a chosen codec, of a chosen material, or of `against`.
+        """
+        # Checked for any table, although only the summary uses it: a name with a typing error is always reported.
         if self.against and not any(self.against in _codec_names(job) for job in run.jobs):
             labels = "; ".join(dict.fromkeys(map(shown_label, run.jobs)))
             raise InputError(f"--against {self.against}: this run has no such row: it has {labels}")
@@ -46,19 +54,22 @@ class Choice:
             if name not in materials_of_run:
                 raise InputError(f"--material {name}: this run does not have it{did_you_mean(name, materials_of_run)}")
         jobs = Records({job["job"]: job for job in run.jobs if self._has(job)})
+        # All names to suggest from, if a chosen one is not there.
         codecs_of_run = {str(job.get("codec") or job["label"]) for job in run.jobs}
         codecs_of_run |= {shown_label(job) for job in run.jobs}
         for codec in self.codecs:
             if not any(codec in _codec_names(job) for job in jobs):
                 raise InputError(f"--codec {codec}: this run does not have it{did_you_mean(codec, codecs_of_run)}")
+        # A start of the run names the jobs that it planned. Those that are not chosen are removed there, too, so that
+        # tables do not list them as not run.
         starts = []
-        for start in run.starts:  # the names of planned jobs, too, so that no other one is listed as not run
+        for start in run.starts:
             planned = [name for name in start.get("jobs", []) if self._has(_planned_job(name))]
             starts.append(start | {"jobs": planned})
         return replace(run, jobs=jobs, starts=starts)
 
     def _has(self, job: Job) -> bool:
-        """Whether a job is of a chosen material and codec; without a choice of either, each counts as chosen."""
+        """Whether a job is of a chosen material and of a chosen codec. Where none is given, all are chosen."""
         if self.materials and job["material"] not in self.materials:
             return False
         if not self.codecs:
@@ -68,9 +79,10 @@ class Choice:
     def of_tables(self, tables: Sequence[Table]) -> list[Table]:
         """The tables with only the chosen columns, in the order of the choice, and with the new names.
 
-        Tables without any of the columns, and those of a material that is not chosen, are left out.
+        Tables without any of the columns, and those of a material that is not chosen, are left out. `InputError` for a
+        column that no table has.
         """
-        if self.materials:
+        if self.materials:  # a table with the material "" is about all of them
             tables = [table for table in tables if not table.material or table.material in self.materials]
         if self.columns:
             tables = self._with_columns(tables)
@@ -80,7 +92,8 @@ class Choice:
 
     def _with_columns(self, tables: Sequence[Table]) -> list[Table]:
         """The tables that have chosen columns, with only these; `InputError` for a column that no table has."""
-        headers: list[tuple[str, str]] = []  # of all columns of numbers
+        # Of all columns of numbers. The first `table.words` columns have words, such as the codec: they always stay.
+        headers: list[tuple[str, str]] = []
         for table in tables:
             headers += table.headers[table.words :]
         for column in self.columns:
@@ -92,7 +105,7 @@ class Choice:
 
     def _cut(self, table: Table) -> Table | None:
         """The table with its columns of words and the chosen columns of numbers; None if it has none of these."""
-        chosen_places: dict[int, None] = {}  # in the order of the choice, each once
+        chosen_places: dict[int, None] = {}  # of columns, in the order of the choice, each once
         for column in self.columns:
             for i in range(table.words, len(table.headers)):
                 if _matches(column, table.headers[i]):
@@ -123,12 +136,13 @@ class Choice:
     def _renamed_header(self, header: tuple[str, str]) -> tuple[str, str]:
         """A header with its new name, which may be given for its name alone or for its name with its unit.
 
-        A new name for both replaces both: ("PSNR", "dB ↑ ± seeds") becomes ("quality", "± seeds").
+        A new name for "PSNR dB ↑" replaces name and unit: ("PSNR", "dB ↑ ± seeds") becomes ("quality", "± seeds"). A
+        new name for "PSNR" replaces the name alone.
         """
         name, unit = header
         name_and_unit = _name_and_unit(header)
         if name_and_unit in self.names:
-            _, sign, over = unit.partition("± ")  # of "dB ↑ ± seeds" keep "± seeds"
+            _, sign, over = unit.partition("± ")  # of "dB ↑ ± seeds" keep "± seeds", what the deviation is over
             return self.names[name_and_unit], sign + over
         return self.names.get(name, name), unit
 
@@ -147,9 +161,9 @@ class Choice:
 
 
 def _planned_job(name: str) -> Job:
-    """A job with what the name of a planned job, `MATERIAL/LABEL/SEED`, says of it."""
+    """A job with only the fields that the name of a planned job, `MATERIAL/LABEL/SEED`, tells."""
     material, _, rest = name.partition("/")
-    label = rest.rpartition("/")[0]
+    label, _, _seed = rest.rpartition("/")
     return {"job": name, "material": material, "label": label, "codec": label.split(" ")[0]}
 
 

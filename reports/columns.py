@@ -1,4 +1,15 @@
-"""The columns of tables by material: each finds its number in a record, and writes one seed or several."""
+"""The columns of tables by material: each finds its number in a record, and writes one seed or several as a cell.
+
+A table has one row a codec with its settings; a cell is over the jobs of that row, one a seed. A *row* in this module
+is a `Row`, one such job. Quality is measured slice by slice: a *slice* is one picture of the material, all texels at
+one pair of view and light directions. The pairs that *decide* are the held-out ones, which no codec sees in its fit, or
+all pairs where none are held out. A record has statistics of each *group* of pairs (`train`, `heldout`, `heldout,
+grazing view`): `mean` and `std` over its slices, `pooled` (of the mean error of all slices together), `worst` (the mean
+of the worst tenth). A metric may have variants (`ssim`, `ssim_periodic`), which are one *family*.
+
+Times are × *floor*: multiples of the time of one bilinear fetch of a colour. An *exact* slice has no error, so its PSNR
+has no number.
+"""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -38,26 +49,25 @@ def hull(several: Sequence[tuple[float, ...]]) -> tuple[float, ...]:
 class Column:
     """A column: its name, its unit with an arrow to the better end, and its number for a measured row.
 
-    `value` finds the number and `write` formats it. If the number is a tuple, `pool` makes one tuple of those of
-    several seeds. `native` finds the number of the measured data's own file, given its rank, bytes and bits. A `sparse`
-    column is left out if no row has a number for it. A `starred` number has a star, and is never the best. In the
-    methods, `seeds` are the rows of one codec with its settings on one material, one a seed.
+    In the methods, `seeds` are the rows of one codec with its settings on one material, one a seed.
     """
 
     name: str
     unit: str
-    value: Callable[[Row], Value]
-    write: Callable[[Any], str]
+    value: Callable[[Row], Value]  # finds the number
+    write: Callable[[Any], str]  # formats a number, or a tuple of numbers
+    # Finds the number for the file in which the measured data came, given its `rank`, `bytes` and `bits` a texel.
     native: Callable[[Mapping[str, Any]], Value] | None = None
-    sparse: bool = False
-    pool: Callable[[Sequence[tuple[float, ...]]], tuple[float, ...]] = elementwise
-    starred: Callable[[Row], bool] = lambda row: False  # whether its number was measured apart from those of other rows
+    sparse: bool = False  # whether to leave the column out if no row has a number for it
+    pool: Callable[[Sequence[tuple[float, ...]]], tuple[float, ...]] = elementwise  # makes one tuple of those of seeds
+    # Whether its number was measured apart from those of other rows: it gets a star, and is never the best.
+    starred: Callable[[Row], bool] = lambda row: False
     deviation: bool = True  # whether to show the deviation over seeds beside their mean
     whole_only: bool = False  # whether it says nothing about a scene, so that models of a scene are not marked in it
     over: str = "seeds"  # what the deviation of a cell is over, which its header says
 
     def cell(self, seeds: Sequence[Row]) -> str:
-        """The text of one codec's cell: the number if its seeds agree, else mean ± std over them."""
+        """The text of one codec's cell: the number if all seeds read the same, else mean ± std over them."""
         return f"{self._text(seeds)}{self.star(seeds)}"
 
     def star(self, seeds: Sequence[Row]) -> str:
@@ -74,13 +84,14 @@ class Column:
         if len(set(texts)) == 1:  # all seeds read the same
             return texts[0]
         tuples = [value for value in values if isinstance(value, tuple)]
-        if tuples:
+        if tuples:  # an interval, or mean and std over slices: no deviation over seeds stands beside them
             return self.write(self.pool(tuples))
         numbers = [value for value in values if isinstance(value, int | float)]
         if not numbers:  # only words, such as "exact" and a dash: that of the first seed
             return texts[0]
         mean = self.write(fmean(numbers))
-        if len(numbers) == 1 or not self.deviation:  # a single number: other seeds are exact or were not measured
+        # A single number has no deviation: the other seeds are exact or were not measured.
+        if len(numbers) == 1 or not self.deviation:
             return mean
         return f"{mean} ± {self.write(stdev(numbers))}"
 
@@ -107,15 +118,15 @@ class Column:
         for row in seeds:
             value = self.value(row)
             if isinstance(value, tuple):
-                value = value[0]
+                value = value[0]  # the mean of (mean, std), or the lower end of an interval
             if isinstance(value, int | float):
                 numbers.append(value)
         return fmean(numbers) if numbers else None
 
     def score(self, seeds: Sequence[Row]) -> float | None:
-        """How good the cell is, more is better, infinite if it is exact.
+        """How good the cell is, more is better, infinite if it is exact. By it the best of a column is marked.
 
-        None if it is not a number or has a star, or if no end of the scale is better.
+        None if it is not a number or has a star, or if neither end of the scale is better.
         """
         if not self.sign or not seeds or self.star(seeds):
             return None
@@ -126,18 +137,19 @@ class Column:
 
 
 def _digits(metric: str) -> int:
+    """The decimals of a metric in cells."""
     return 2 if in_decibels(metric) else 3
 
 
 def _unit_and_arrow(metric: MetricFacts) -> str:
     """The unit of a metric with an arrow to the better end: "dB ↑"; without a unit the arrow alone."""
-    unit = "" if metric["unit"] == "1" else metric["unit"]
+    unit = "" if metric["unit"] == "1" else metric["unit"]  # "1": it has no unit
     arrow = "↑" if metric["direction"] == "higher" else "↓"
     return f"{unit} {arrow}".strip()
 
 
 def _mean(name: str, unit: str, family: str, group: str = "", digits: int = 2, statistic: str = "mean") -> Column:
-    """A column of a metric: its mean, or another statistic, over the slices of a group of pairs.
+    """A column of a metric: its mean over the slices of a group of pairs, or another `statistic` (`pooled`).
 
     Without a group, it is over the pairs that decide.
     """
@@ -158,18 +170,23 @@ def _spread(name: str, unit: str, family: str, digits: int = 2) -> Column:
 
 
 def bits(job: Job, size: int) -> float:
-    """The bits a texel of a file of `size` bytes."""
+    """The bits a texel of a file of `size` bytes; the texels are those of the job's material."""
     height, width = job["shape"]
     return 8 * size / (height * width)
 
 
 def _timed(name: str, unit: str, field: str, write: Callable[..., str] = significant) -> Column:
-    """A column of a number of the timing; starred if it was timed in another start than the other rows."""
+    """A column of a field of the timing: a number, or an interval (low, high).
+
+    A number is starred if it was timed in another start of the run than the other rows: the machine may have been
+    faster or slower then.
+    """
 
     def value(row: Row) -> Value:
         """The number or the interval in a timing; `n/c` if it must not be compared, None without a timing."""
         if row.timing is None:
             return None
+        # A time of another start is shown, with a star; one under other conditions is not.
         if row.timing_obstacle and not row.timed_apart:
             return NOT_COMPARABLE
         measured = dict(row.timing)[field]  # a dict, because the type of a record allows no variable as a key
@@ -179,9 +196,11 @@ def _timed(name: str, unit: str, field: str, write: Callable[..., str] = signifi
 
 
 def _whole(value: float) -> str:
+    """A number rounded to an integer, because a mean over seeds may have decimals: 15,375,476."""
     return integer(round(value))
 
 
+# Of a native file `own` are the facts: see `Column.native`.
 _PARAMETERS = Column("decoder", "param.", lambda row: row.job["parameters"], _whole)
 _CHANNELS = Column("tex.", "chan.", lambda row: row.job["cost"]["texture_channels"], _whole, lambda own: own["rank"])
 TOTAL = Column("total", "bytes ↓", lambda row: row.job["bytes"].get("total"), _whole, lambda own: own["bytes"])
@@ -201,6 +220,7 @@ PER_SLICE = _spread("PSNR", "dB ↑", PSNR)
 def _worst(row: Row) -> Value:
     """The mean PSNR of the worst tenth of the slices that decide; None where a record lacks it."""
     stats = row.stats(row.deciding_group, PSNR)
+    # `stated` would say "not applicable", but an older record just lacks it.
     return stated(stats, "worst") if "worst" in stats else None
 
 
@@ -216,6 +236,7 @@ def _fused(row: Row) -> Value:
 
 
 def _from_to(interval: tuple[float, float]) -> str:
+    """An interval as a cell: "120 to 125"."""
     low, high = interval
     return f"{significant(low)} to {significant(high)}"
 
@@ -252,6 +273,7 @@ SIZE = (
 def _declared_columns() -> list[Column]:
     """The columns that fields of a record declare; see `bench.records.shown_columns`."""
     declared = []
+    # `digits` are significant ones; 0 for an integer.
     for field, (name, unit, digits) in shown_columns().items():
         write = partial(significant, digits=digits) if digits else _whole
         declared.append(Column(name, unit, partial(_value_of_field, field), write))
@@ -259,6 +281,7 @@ def _declared_columns() -> list[Column]:
 
 
 def _value_of_field(name: str, row: Row) -> Value:
+    """The value of a field of a row's record, by the field's name; None where the record lacks it."""
     return cast(Value, dict(row.job).get(name))
 
 
@@ -270,7 +293,7 @@ def time() -> list[Column]:
 def scored(material: MaterialRows) -> list[Column]:
     """Columns of a file that was scored alone, without a record of its fit."""
     sizes = []
-    if all(row.job["bytes"] for row in material.measured):
+    if all(row.job["bytes"] for row in material.measured):  # slices that another program computed come without a file
         sizes = [_PARAMETERS, _CHANNELS, TOTAL, BITS]
     train = replace(_TRAIN, name="train")  # a shorter name, because a terminal is narrow
     return [*sizes, train, HELDOUT, *_others(material, _mean)]
@@ -282,7 +305,7 @@ def short(material: MaterialRows) -> list[Column]:
 
 
 def means(chosen: Sequence[Column], *with_deviation: Column) -> list[Column]:
-    """The same columns, of which only those `with_deviation` show that over seeds, because a terminal is narrow."""
+    """The same columns, of which only those in `with_deviation` show a deviation over seeds: a terminal is narrow."""
     narrowed = []
     for column in chosen:
         narrowed.append(column if column in with_deviation else replace(column, deviation=False))
@@ -290,7 +313,7 @@ def means(chosen: Sequence[Column], *with_deviation: Column) -> list[Column]:
 
 
 def quality(material: MaterialRows) -> list[Column]:
-    """PSNR of training and of held-out pairs, and every other metric."""
+    """Columns of PSNR of training and of held-out pairs, and of every other metric."""
     # All cells of a row show one kind of deviation: that over seeds, if there are several seeds, else that over slices.
     if len(material.seeds) > 1:
         return [_TRAIN, HELDOUT, _WORST, _POOLED, *_others(material, _mean)]
@@ -310,13 +333,13 @@ def papers(material: MaterialRows) -> list[Column]:
 def summary(materials: Sequence[MaterialRows]) -> list[Column]:
     """Columns of a summary over materials besides PSNR: every other metric, size, time."""
     # By label: the full name of a metric, and what records say of it. Its variants share one label, so one column.
-    metrics: dict[str, tuple[str, MetricFacts]] = {}
+    metrics: dict[str, tuple[str, MetricFacts]] = {}  # facts: unit, direction, version
     for material in materials:
         for name, facts in material.metrics.items():
             metrics[label_of(name)] = name, facts
     quality = []
     for label, (name, facts) in metrics.items():
-        if name != PSNR and not is_relative(name):
+        if name != PSNR and not is_relative(name):  # errors of radiance have a table of their own
             family = name.removesuffix(PERIODIC)
             quality.append(_mean(label, _unit_and_arrow(facts), family, digits=_digits(name)))
     times = [_FLOOR]
@@ -328,19 +351,25 @@ def summary(materials: Sequence[MaterialRows]) -> list[Column]:
 
 
 def _others(material: MaterialRows, make: Callable[..., Column] = _spread) -> Iterator[Column]:
-    """A column for each metric other than PSNR, without the errors of radiance, which have their own table."""
+    """A column for each metric other than PSNR, made by `make`: `_mean` or, with the std over slices, `_spread`.
+
+    Errors of radiance are left out: they have a table of their own.
+    """
     for name, metric in material.metrics.items():
         if name != PSNR and not is_relative(name):
             yield make(label_of(name), _unit_and_arrow(metric), family=name, digits=_digits(name))
 
 
 def bands(job: Job) -> list[Column]:
-    """PSNR over each band of the pairs that decide, with the number of slices in the header."""
+    """Columns of PSNR over each band of the pairs that decide, such as grazing views, and how many slices it has.
+
+    `job` is any comparable one of the material: all have the same bands.
+    """
     return [_mean(name, f"dB ↑ ({count:,})", PSNR, group) for name, group, count in _bands(job)]
 
 
 def radiance_bands(job: Job) -> list[Column]:
-    """The error of linear radiance over each band, absolute and relative."""
+    """Columns of the error of linear radiance over each band, absolute and relative; for `job` see `bands`."""
 
     def value(group: str, row: Row) -> Value:
         """The RMSE over a group and, if known, the same in per cent of the mean radiance; None if not measured."""
@@ -365,7 +394,10 @@ def radiance_bands(job: Job) -> list[Column]:
 
 
 def footprints(job: Job) -> list[Column]:
-    """PSNR at each footprint."""
+    """Columns of PSNR at each footprint: the side in texels of the square over which an answer is averaged.
+
+    `job` is any comparable one of the material; its record names footprints as text, "1", "2".
+    """
 
     def value(side: str, row: Row) -> Value:
         return stated(row.job["footprints"].get(side, {}), "mean")
@@ -386,9 +418,9 @@ class _Band(NamedTuple):
 
 
 def _bands(job: Job) -> list[_Band]:
-    """All pairs that decide, then the subsets of them, without subsets of subsets.
+    """All pairs that decide, then the subsets of them, without subsets of subsets, which would be too many columns.
 
-    A group is named after what it is part of: "heldout", then "heldout, grazing view".
+    A record names a group after what it is part of: "heldout", then "heldout, grazing view".
     """
     scores = job["scores"]
     deciding = deciding_group(scores)
@@ -404,13 +436,17 @@ def _bands(job: Job) -> list[_Band]:
 
 
 def _band_place(name: str) -> int:
-    """Where the column of a band stands: unknown ones are last."""
+    """Where the column of a band stands, in the order of `_BAND_NAMES`; bands with other names are last."""
     order = list(_BAND_NAMES.values())
     return order.index(name) if name in order else len(order)
 
 
 def scene(job: Job) -> list[Column]:
-    """Quality in the frames of a scene, over the pairs that the scene uses, and over the others."""
+    """Columns of quality in the frames of a scene, over the pairs that the scene uses, and over the others.
+
+    A *frame* is a rendered picture of the scene. *Weighted* metrics are over the queries that the scene makes. `job` is
+    any comparable one of the material; no column if it was not scored in a scene.
+    """
     if "scene" not in job:
         return []
 
@@ -423,16 +459,17 @@ def scene(job: Job) -> list[Column]:
         return EXACT if values[name] is None else values[name]
 
     chosen = [TOTAL]
+    # Pairs that are held out and that the scene uses; a scene may use none.
     if SCENE_HELDOUT in job["scores"]:
         chosen.append(_mean("held out in the scene", "dB ↑", PSNR, SCENE_HELDOUT))
     for name, metric in _not_of_radiance(job, job["scene"]["metrics"]):
         write = partial(fixed, digits=_digits(name))
         chosen.append(Column(f"frames {label_of(name)}", _unit_and_arrow(metric), partial(value, name), write))
-    for name, metric in _not_of_radiance(job, metrics_of(job, "scene")):
+    for name, metric in _not_of_radiance(job, metrics_of(job, "scene")):  # the group of the pairs that the scene uses
         label = f"weighted {label_of(name)}"
         weighted = _mean(label, _unit_and_arrow(metric), name, group="scene", digits=_digits(name), statistic="pooled")
         chosen.append(weighted)
-    outside = _mean("outside PSNR", "dB ↑", PSNR, OUTSIDE)
+    outside = _mean("outside PSNR", "dB ↑", PSNR, OUTSIDE)  # over the pairs that the scene does not use
     chosen += [replace(outside, whole_only=True), replace(HELDOUT, whole_only=True)]
     return chosen
 
@@ -447,5 +484,6 @@ def _not_of_radiance(job: Job, names: Iterable[str]) -> Iterator[tuple[str, Metr
             yield name, facts_of(job, name)
 
 
+# By the last part of a group's name: the name in the header, in the order of columns.
 _BAND_NAMES = {"grazing view": "θ_o>60°", "grazing light": "θ_i>60°"}
 _BAND_NAMES |= {name: name for name in ("inside hull", "outside hull", "new view", "new light", "both new")}

@@ -1,4 +1,11 @@
-"""A comparison of two runs as tables: for a terminal of 120 columns, and as GitHub Markdown."""
+"""A comparison of two runs, base and new, as tables: for a terminal of 120 columns, and as GitHub Markdown.
+
+A *row* is a material and a codec with its settings; its numbers are means over seeds. A *quantity* is a number of a
+row, such as PSNR or bytes; a *change* is its values in base and new, with the *margin* up to which they count as the
+same. Quantities that *decide* give the row its *verdict* (same, better, WORSE, GONE); others are only shown. A
+*finding* is a sentence on one change that matters. *Advice* is a sentence on a change of the time of a query, which
+decides nothing. `bench.compare` makes all of these; here they are only written.
+"""
 
 import shlex
 import textwrap
@@ -14,6 +21,7 @@ from reports.numbers import NONE, NOT_COMPARABLE
 from reports.table import BOLD, Table
 from reports.text import WIDTH, escaped, grid, plain
 
+# The emoji of verdicts in Markdown; all others, which fail the comparison, have a ❌.
 _LOOKS = {Verdict.UNLIKE: "➖", Verdict.BETTER: "✅", Verdict.SAME: "✅", Verdict.NEW: "🆕"}
 _MARKS = {verdict: f"{_LOOKS.get(verdict, '❌')} {verdict.lower()}" for verdict in Verdict}
 _LEGEND = (
@@ -25,7 +33,8 @@ _MEANS = (
     "All materials: values are plain means of rows; a change is a weighted mean, in which rows that scatter more count "
     "less."
 )
-_MANY = 3  # rows that the run never had: so many are one line
+_MANY = 3  # so many rows that the new run never had stand in one line, instead of a line each
+# What a reader can do about a row with the verdict `UNLIKE`, "not comparable".
 _UNLIKE = (
     "n/c: not comparable; this fails like a regression: update the reference in the same change (docs/ci.md), or name "
     "the row with --allow."
@@ -33,7 +42,12 @@ _UNLIKE = (
 
 
 def terminal(comparison: Comparison) -> str:
-    """The whole comparison: deciding rows, all others, remarks, and the summary; without a trailing line break."""
+    """The whole comparison as text: tables, then findings, a legend, and the summary; without a trailing line break.
+
+    Each material has a table of the quantities that decide and one of all others; a table of means over materials
+    follows.
+    """
+    # Many rows that the new run never had are one line, so that they do not hide the rows that it has.
     absent = [row for row in comparison.rows if row.why == ABSENT]
     if len(absent) >= _MANY:
         listed = [row for row in comparison.rows if row.why != ABSENT]
@@ -41,16 +55,22 @@ def terminal(comparison: Comparison) -> str:
     else:
         listed = list(comparison.rows)
         findings = []
+
     tables = []
     for material in dict.fromkeys(row.material for row in listed):
         rows = [row for row in listed if row.material == material]
         tables += [_deciding(material, rows), *_others(material, rows)]
     if comparison.means:
-        tables.append(_deciding(comparison.means[0].material, comparison.means))
+        title = comparison.means[0].material  # in place of a material all of them say "all materials"
+        tables.append(_deciding(title, comparison.means))
+
+    # A line for each finding, each note and each advice. The first word is 7 wide, so that texts stand below each
+    # other.
     for row in (*listed, *comparison.means):
         findings += [f"{_word(verdict):<7} {row.name}: {text}" for verdict, text in row.findings()]
         findings += [f"{_word(row.verdict):<7} {row.name}: {note}" for note in row.notes]
     findings += [f"advice  {row.name}: {row.advice}" for row in comparison.rows if row.advice]
+
     remarks = "\n".join(_wrapped(text) for text in findings)
     legend = "\n".join(_wrapped(text) for text in _legend(comparison))
     blocks = [plain(tables), remarks, legend, comparison.summary]
@@ -58,7 +78,7 @@ def terminal(comparison: Comparison) -> str:
 
 
 def _legend(comparison: Comparison) -> list[str]:
-    """What the words and numbers of the tables mean: only of those that these tables have."""
+    """Texts on what the words and numbers of the tables mean, only those that these tables need, then its notes."""
     legend = []
     if any(row.deciding for row in comparison.rows):
         legend.append(_LEGEND)
@@ -72,9 +92,12 @@ def _legend(comparison: Comparison) -> list[str]:
 
 
 def _absent_line(absent: Sequence[ComparedRow], present: Sequence[ComparedRow]) -> str:
-    """One line on rows that the run never had, and the options that compare what it has."""
+    """One line on the rows that the new run never had, and the options of the command that compare what it has.
+
+    `present` are all other rows.
+    """
     materials = dict.fromkeys(row.material for row in present)
-    codecs = dict.fromkeys(row.label.split()[0] for row in present)
+    codecs = dict.fromkeys(row.label.split()[0] for row in present)  # a label is the codec, then its settings
     options = [f"--material {shlex.quote(name)}" for name in materials]
     options += [f"--codec {shlex.quote(name)}" for name in codecs]
     remedy = f"; to compare what is there: {' '.join(options)}" if options else ""
@@ -82,8 +105,9 @@ def _absent_line(absent: Sequence[ComparedRow], present: Sequence[ComparedRow]) 
 
 
 def markdown(comparison: Comparison) -> str:
-    """The summary, remarks, the table of verdicts, and everything else folded away."""
+    """The comparison as Markdown: the summary, findings, the table of verdicts, and everything else folded away."""
     rows_and_means = [*comparison.rows, *comparison.means]
+
     remarks = []
     for row in rows_and_means:
         findings = [(_MARKS[verdict], text) for verdict, text in row.findings()]
@@ -91,27 +115,35 @@ def markdown(comparison: Comparison) -> str:
         if row.advice:
             findings.append(("⏱️ advice", row.advice))
         remarks += [f"- {mark}: **{escaped(row.name)}**: {escaped(text)}" for mark, text in findings]
+
     blocks = [f"### neubtf-bench: {comparison.summary}", "\n".join(remarks)]
     if comparison.rows:
         deciding = [row.deciding for row in rows_and_means]
         verdicts = [_MARKS[row.verdict] for row in rows_and_means]
         blocks.append(grid(_combined(rows_and_means, deciding, "verdict", verdicts)))
-    rows = [row for row in comparison.rows if row.shown]  # those with changes of values that do not decide
+
+    rows = [row for row in comparison.rows if row.shown]  # `shown` has the changes that do not decide
     if rows:
         others = [row.shown for row in rows]
         times = [_time(row) for row in rows]
         rest = grid(_combined(rows, others, "time, × mean-colour", times))
+        # The empty line lets GitHub read the table inside the HTML as Markdown.
         blocks += [f"<details><summary>Everything else</summary>\n\n{rest}", "</details>"]
     blocks += [escaped(note) for note in comparison.notes]
     return "\n\n".join(block for block in blocks if block) + "\n"
 
 
 def _word(verdict: Verdict) -> str:
+    """A verdict as one short word of a table: "n/c" for "not comparable"."""
     return NOT_COMPARABLE if verdict == Verdict.UNLIKE else verdict
 
 
 def _deciding(material: str, rows: Sequence[ComparedRow]) -> Table:
-    """The table of the deciding metrics: PSNR itself, and the change and margin of each metric."""
+    """The table of the quantities that decide, a row a codec; `material` is its title.
+
+    A metric has a column of its change and margin; PSNR has one of its value, too. Sizes,
+    which are no metrics, have one column of value and change. The last column is the verdict.
+    """
     quantities = _quantities(row.deciding for row in rows)
     headers = [("codec", "")]
     for quantity in quantities:
@@ -128,22 +160,28 @@ def _deciding(material: str, rows: Sequence[ComparedRow]) -> Table:
 
 
 def _cells(quantity: Quantity, change: Change | None) -> list[str]:
-    """The cells of a change: for PSNR the value, then the change with its margin; for others one cell."""
+    """The cells of a change: for PSNR the value, then the change with its margin; for others one cell.
+
+    None: the row has no such quantity, so its cells are dashes.
+    """
     with_value = quantity.name == "PSNR"
     if change is None:
         return [NONE, NONE] if with_value else [NONE]
     value = quantity.written(change.new)
     if change.verdict == Verdict.UNLIKE:
         return [value, NOT_COMPARABLE] if with_value else [f"{value} ({NOT_COMPARABLE})"]
-    text = quantity.difference(change.difference or 0.0)
-    if not quantity.metric:
+    text = quantity.difference(change.difference or 0.0)  # "=" where it rounds to 0
+    if not quantity.metric:  # a size, such as bytes
         return [value if text == "=" else f"{value} ({text})"]
     with_margin = f"{text} ± {quantity.written(change.margin)}"
     return [value, with_margin] if with_value else [with_margin]
 
 
 def _others(material: str, rows: Sequence[ComparedRow]) -> list[Table]:
-    """A list of the one table of values that do not decide, or empty: changes, new − base, and times."""
+    """A list of one table, or of none where there is nothing to show: the values of a material that do not decide.
+
+    Their changes are new − base; the last column has the times of queries in both runs.
+    """
     rows = [row for row in rows if row.shown]
     all_changes = list(chain.from_iterable(row.shown for row in rows))
     # A quantity that is the same in both runs in all rows needs no column.
@@ -162,7 +200,7 @@ def _others(material: str, rows: Sequence[ComparedRow]) -> list[Table]:
 
 
 def _difference(change: Change | None) -> str:
-    """The difference of a change, “=” if it is none; a dash if it has no number."""
+    """The difference of a change as text, “=” if it rounds to 0; a dash if there is no change or it has no number."""
     if change is None or change.difference is None:
         return NONE
     return change.quantity.difference(change.difference)
@@ -171,8 +209,11 @@ def _difference(change: Change | None) -> str:
 def _combined(
     rows: Sequence[ComparedRow], changes_of_rows: Sequence[list[Change]], last_header: str, last_cells: list[str]
 ) -> Table:
-    """The table of some rows: value, change and margin of each quantity in one cell, bold where it makes a row worse or
-    better. `changes_of_rows` and `last_cells`, those of the last column, are in the order of the rows."""
+    """One table over all materials: value, change and margin of each quantity in one cell.
+
+    A cell is bold where its change makes a row worse or better. `changes_of_rows` has the changes to show of each row,
+    and `last_cells` its cell in the last column, which `last_header` names.
+    """
     quantities = _quantities(changes_of_rows)
     cells = []
     marks: dict[tuple[int, int], str] = {}
@@ -185,6 +226,7 @@ def _combined(
     headers = [("material", ""), ("codec", "")]
     for quantity in quantities:
         words = quantity.name.replace("_", " ")
+        # Name and unit stand on one line in Markdown: "PSNR, dB ↑", but "SSIM ↑".
         headers.append((f"{words}," if quantity.unit else words, quantity.scale))
     return Table("compare", "", [*headers, (last_header, "")], cells, words=2, marks=marks)
 
@@ -206,7 +248,10 @@ def _cell(change: Change | None) -> str:
 
 
 def _time(row: ComparedRow) -> str:
-    """The times of both runs, as multiples of `mean-colour`; a dash if they cannot be compared."""
+    """The mean times of a query in both runs, as multiples of that of the codec `mean-colour`: "2.10 → 2.05".
+
+    A dash if a run has no time, or they cannot be compared.
+    """
     if row.timing is None:
         return NONE
     return f"{row.timing.base.mean:.2f} → {row.timing.new.mean:.2f}"
@@ -224,4 +269,5 @@ def _find(changes: Sequence[Change], quantity: Quantity) -> Change | None:
 
 
 def _wrapped(text: str) -> str:
+    """A text on lines of the terminal's width, without control characters; all lines but the first are indented."""
     return textwrap.fill(visible(text), WIDTH, subsequent_indent="  ", break_on_hyphens=False)

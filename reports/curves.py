@@ -1,4 +1,12 @@
-"""Tables of curves of quality over bytes: against one codec, by three metrics, and by footprint."""
+"""Tables of curves of quality over bytes: against one codec, by three metrics, and by footprint.
+
+A *rung* is one measured setting of a codec; a *line* is a codec, or a codec as its paper publishes it. The *curve* of a
+line on a *surface* (a material) joins its rungs on the upper convex hull of quality over bytes: the hull is that of
+validation pairs, the values shown are of test pairs. `AGAINST` names the line that others are compared with.
+Differences of curves are Bjøntegaard's, from video coding. `bench.compare.choosing.curves` computes all numbers.
+
+A *footprint* is the side of the square of texels that a pixel covers.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from statistics import median
@@ -26,14 +34,17 @@ from reports.table import Table, best_cells
 
 FOOTPRINTS = ("1", "2", "4", "8")  # texels a side of a pixel, as records name them
 AGREE_AT = 32  # bits a texel at which three metrics are set beside each other
-_DIGITS = {PSNR: 1, SSIM: 3, FLIP: 3}
+_DIGITS = {PSNR: 1, SSIM: 3, FLIP: 3}  # decimals in cells, by metric
 
 
 def curves_tables(run: Run) -> Iterator[Table]:
-    """BD-PSNR and BD-rate against one codec, then three metrics at one size; dB at sizes stand in `table budgets`."""
+    """The tables of curves: differences to `AGAINST`, three metrics at one size, and PSNR by footprint at that size.
+
+    PSNR at several sizes stands in `table budgets`.
+    """
     result = budgets(run)
     points = hulls(result, result.surfaces)
-    if not points:
+    if not points:  # no line has enough rungs for a curve
         return
     kinds = by_kind(result.surfaces)
     tables = []
@@ -49,22 +60,25 @@ def curves_tables(run: Run) -> Iterator[Table]:
 def _differences(points: Points, kinds: Mapping[str, Sequence[str]]) -> Table:
     """A row a codec: BD-PSNR by kind of surface and over all, with its interval, and BD-rate.
 
-    `kinds` has the names of the surfaces of each kind.
+    `kinds` maps a kind of surface, such as measured, to the names of its surfaces.
     """
+    # First the numbers of each line.
     anchor = points[AGAINST]  # the curves that all others are compared with
     summaries: dict[str, Summary] = {}
     kind_means: dict[str, list[float | None]] = {}  # by line, in the order of the kinds
-    rates: dict[str, float | None] = {}
+    rates: dict[str, float | None] = {}  # by line: BD-rate as a share; None where no common values are reached
     for line, by_surface in points.items():
         gaps = differences(by_surface, anchor)  # by surface: the gap in dB, then those of draws of seeds
-        if line == AGAINST or not gaps:
+        if line == AGAINST or not gaps:  # without gaps, it shares no range of bytes with the other on any surface
             continue
         summaries[line] = summarised(gaps)
         rates[line] = _median_rate(by_surface, anchor)
         kind_means[line] = []
         for names in kinds.values():
-            decibels = [gaps[name][0] for name in names if name in gaps]
-            kind_means[line].append(average(decibels))
+            measured_gaps = [gaps[name][0] for name in names if name in gaps]
+            kind_means[line].append(average(measured_gaps))
+
+    # Then a row for each line. `scores` has a number for each cell, by which the best of a column is marked.
     rows: list[list[str]] = []
     scores: list[list[float | None]] = []
     for line in sorted(summaries, key=lambda line: -summaries[line].median):  # the best first
@@ -104,6 +118,7 @@ def _median_rate(points: Mapping[str, Sequence[Point]], anchor: Mapping[str, Seq
     Both lines are given as the points of their curves by surface. The rate is a share: −0.1 is 10 % fewer bytes.
     """
     rates = []
+    # Only surfaces where both have a curve; the order does not matter to a median.
     for surface in points.keys() & anchor.keys():
         ours = curve_of(points[surface])
         theirs = curve_of(anchor[surface])
@@ -116,8 +131,11 @@ def _median_rate(points: Mapping[str, Sequence[Point]], anchor: Mapping[str, Seq
 
 
 def _metrics(points: Points, surfaces: Sequence[str]) -> Table:
-    """A row a codec: three metrics at one size, each with the codec's place by it, so that a reader sees whether the
-    metrics agree on the order. Codecs that lack one of them are left out."""
+    """A row a codec: three metrics at one size, `AGREE_AT`, each with the codec's place by it.
+
+    So a reader sees whether the metrics agree on the order. Codecs that lack a metric, or whose curves do not reach
+    that size on each surface, are left out: places among different codecs would not compare.
+    """
     families = (PSNR, SSIM, FLIP)
     values: dict[str, dict[str, float]] = {}  # by line and family
     for line, by_surface in points.items():
@@ -144,7 +162,8 @@ def _metrics(points: Points, surfaces: Sequence[str]) -> Table:
 
 def _footprints(points: Points, surfaces: Sequence[str]) -> Table:
     """A row a codec: PSNR at one size, a column a footprint. From further away a pixel covers more texels a side."""
-    decibels: dict[str, list[float]] = {}  # by line: its PSNR in the order of `FOOTPRINTS`; lines that lack one are out
+    # By line: its PSNR in dB in the order of `FOOTPRINTS`. Lines that lack one of them are left out.
+    decibels: dict[str, list[float]] = {}
     for line, by_surface in points.items():
         means = [mean_at(by_surface, surfaces, AGREE_AT, footprint=side) for side in FOOTPRINTS]
         values = [value for value in means if value is not None]
@@ -166,11 +185,16 @@ def _footprints(points: Points, surfaces: Sequence[str]) -> Table:
 
 
 def _signed(value: float | None) -> str:
+    """A difference in dB as a cell, with its sign; a dash for None."""
     return NONE if value is None else signed(value, _DIGITS[PSNR])
 
 
 def _notes(result: Budgets) -> list[str]:
-    """The notes below the last table: what is read off, what a dash means, and how many jobs are left out."""
+    """The notes below the last table: what is read off, what a dash means, and how many jobs are left out.
+
+    `result.unlike` are jobs that cannot be compared with the others, because they were measured on other data, for
+    example.
+    """
     reach = f"{NONE}: a curve does not reach that size on each surface, or has fewer than {LEAST_RUNGS} rungs there."
     cap = f"A surface counts at most {CAP_DB} dB, an error of one step of an 8-bit display."
     notes = [f"Read off the hull of rungs that validation pairs leave (docs/metrics.md, “Curves”). {reach} {cap}"]

@@ -1,4 +1,9 @@
-"""Draws one kind of figure of a run for a paper: chosen codecs and materials, new names, and a width on paper."""
+"""Draws one kind of figure of a run for a paper: chosen codecs and materials, new names, and a width on paper.
+
+There are two sorts of figures. *Plots* are Matplotlib axes: at another width they are laid out anew, and their texts
+keep their size in points. *Pictures* stand on a `Sheet`, which is addressed in pixels: it is scaled as a whole. Lengths
+here are in inches, as Matplotlib has them, unless a name or comment says otherwise.
+"""
 
 import textwrap
 from collections.abc import Sequence
@@ -15,36 +20,40 @@ from reports.choice import Choice
 from reports.figures.canvas import Figure, Sheet, png, style
 from reports.figures.pairs import Inset, pairs_figure
 
-PAIRS = "pairs"
+PAIRS = "pairs"  # the kind of figure that shows the slices of chosen pairs of view and light directions
 KINDS = (*figures.ALL, PAIRS)
-CM = 1 / 2.54  # in inches
-# The margins of plots at a width of their own, in inches:
+CM = 1 / 2.54  # a centimetre in inches
+# The margins of plots whose width is chosen, in inches:
 LEFT = 0.75
 RIGHT = 0.1
 TITLE = 0.6  # above, with room for two lines of words
 LABELS = 0.55  # below, with room for two lines of words
-PLOT = 0.75  # the height of a plot as a share of its width
+PLOT = 0.75  # the height of a plot as a share of its width without the left margin
 LETTER = 0.55  # mean width of a letter, as a share of the size of its text
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """Which figure to draw, and how: `width` in cm (None: as in a report); `pairs` and `inset` are of kind `pairs`."""
+    """Which figure to draw, and how; `pairs` and `inset` are only for figures of the kind `pairs`."""
 
     kind: str
-    choice: Choice
-    width: float | None = None
-    pairs: Sequence[int] = ()
-    inset: tuple[int, int, int] | None = None  # first row and column, and side, in texels
+    choice: Choice  # codecs, materials and new names
+    width: float | None = None  # in cm; None: as in a report
+    pairs: Sequence[int] = ()  # indices of pairs of the BTF; without any, those of the contact sheet
+    inset: tuple[int, int, int] | None = None  # the square to magnify: first row and column, and side, in texels
 
 
 def drawn(runs: Sequence[Path], wanted: Wanted) -> list[Figure]:
-    """The figures of a kind, one for each material that has one; `InputError` if there is none."""
+    """The figures of a kind, one for each material that has one, drawn from runs that are read as one.
+
+    `InputError` for an unknown kind, for a choice that the run does not have, and if there is nothing to draw.
+    """
     if wanted.kind not in KINDS:
         raise InputError(f"figure {wanted.kind}: no such kind{did_you_mean(wanted.kind, KINDS)}")
+    # `beside`: a job on other data than those of published records stands beside them, instead of raising an error.
     run = wanted.choice.of_run(load_together(list(runs), beside=True))
     if wanted.kind == PAIRS:
-        names = dict.fromkeys(str(job["material"]) for job in run.jobs if job["status"] == "ok")
+        names = dict.fromkeys(str(job["material"]) for job in run.jobs if job["status"] == "ok")  # each once
         inset = Inset(*wanted.inset) if wanted.inset else None
         figures_of_kind = [pairs_figure(run, name, wanted.pairs, inset) for name in names]
     else:
@@ -55,24 +64,30 @@ def drawn(runs: Sequence[Path], wanted: Wanted) -> list[Figure]:
 
 
 def _with_names_and_width(figure: Figure, wanted: Wanted) -> Figure:
-    """The figure drawn again with the new names of the choice, at the wanted width on paper."""
+    """The figure with the new names of the choice, at the wanted width on paper, and with its new PNG.
+
+    Changes the drawing of the figure in place.
+    """
     sheet = figure.drawing if isinstance(figure.drawing, Sheet) else None  # of pictures; other figures are plots
     drawing = sheet.drawing if sheet else figure.drawing
     assert isinstance(drawing, Drawing)
-    texts = [text for text in drawing.findobj(Text) if isinstance(text, Text)]
+    texts = [text for text in drawing.findobj(Text) if isinstance(text, Text)]  # the condition is for the type checker
     for text in texts:
         text.set_text(wanted.choice.said(text.get_text()))
     if wanted.width and sheet:
         _scale(drawing, wanted.width * CM, texts)
     elif wanted.width:
         _narrow(drawing, wanted.width * CM)
-    with style():
+    with style():  # the fonts of figures, which a PNG needs as well
         content = sheet.png() if sheet else png(drawing)
     return replace(figure, png=content)
 
 
 def _scale(drawing: Drawing, width: float, texts: Sequence[Text]) -> None:
-    """Scale a drawing to a width in inches: texts keep their proportion to pictures, and pictures their pixels."""
+    """Scale a drawing to a width in inches, in place.
+
+    Texts keep their proportion to pictures, and pictures their pixels.
+    """
     old_width, height = drawing.get_size_inches()
     scale = width / old_width
     drawing.set_size_inches(width, scale * height)
@@ -82,10 +97,14 @@ def _scale(drawing: Drawing, width: float, texts: Sequence[Text]) -> None:
 
 
 def _narrow(drawing: Drawing, width: float) -> None:
-    """Draw plots at a width in inches: texts keep their size in points, and the legend moves below the axes."""
+    """Lay plots out at a width in inches, in place: texts keep their size in points, legends move below the axes.
+
+    Beside axes that are narrower than in a report there is no room for a legend.
+    """
     legends_or_none = [axes.get_legend() for axes in drawing.axes]
     legends = [legend for legend in legends_or_none if legend is not None]
     drawing.set_figwidth(width)
+    # The height: room for the title, the axes, their labels, and below these the largest legend.
     renderer = drawing.canvas.get_renderer()  # type: ignore[attr-defined]
     legend_heights = [legend.get_window_extent(renderer).height / drawing.dpi for legend in legends]  # in inches
     legend_height = max(legend_heights, default=0.0)
@@ -98,6 +117,7 @@ def _narrow(drawing: Drawing, width: float) -> None:
         legend.set_loc("upper left")
         # In units of the first axes: at their left edge, and as far below them as their labels take.
         legend.set_bbox_to_anchor((0, -LABELS / axes_height), transform=drawing.axes[0].transAxes)
+    # Words that are wider than the axes go on in another line.
     for axes in drawing.axes:
         for text in axes.get_children():  # its titles, and words beside points, which are short
             if isinstance(text, Text):
@@ -106,7 +126,7 @@ def _narrow(drawing: Drawing, width: float) -> None:
 
 
 def _folded(text: Text, width: float) -> str:
-    """The words of a text on lines that fit into a width in inches."""
+    """The words of a text on lines that fit into a width in inches, by the mean width of a letter of its size."""
     letter_points = LETTER * float(text.get_fontsize())
     width_points = width * 72  # 72 points an inch
     letters = max(8, int(width_points / letter_points))  # not less than a short word, whatever the width

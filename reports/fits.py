@@ -1,4 +1,8 @@
-"""The convergence of fits, from the curves in their records."""
+"""The convergence of fits, from the curves in their records.
+
+A codec that is fitted in steps measures its PSNR at some of them; the points of that curve are the field `history` of
+the job's record. A *goal* is a PSNR that a fit should reach soon. PSNR is in dB, of pictures as a display shows them.
+"""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -8,7 +12,7 @@ from reports.numbers import NONE, fixed, integer, significant
 from reports.rows import materials
 from reports.table import Table
 
-GOALS_DB = (30, 35)
+GOALS_DB = (30, 35)  # tables show how soon each is reached
 NOTE = (
     "Display PSNR of training samples, which the fit measures at times: it reached the goal at the given step or "
     "earlier. Seconds hold for this machine, steps for any. If there are several seeds, this is the first."
@@ -18,12 +22,15 @@ NOTE = (
 class FitCurve(NamedTuple):
     """One job's curve, from its beginning."""
 
-    label: str
+    label: str  # the codec with its settings
     points: list[tuple[int, float, float]]  # step, seconds, display PSNR in dB
 
 
 def curves_by_material(run: Run) -> dict[str, list[FitCurve]]:
-    """The curves of each material whose jobs recorded any."""
+    """By name of a material: the curves of its fits, one a codec, of the first seed.
+
+    Materials without any curve are absent.
+    """
     by_material: dict[str, list[FitCurve]] = {}
     for material in materials(run):
         curves = []
@@ -41,7 +48,7 @@ def curves_by_material(run: Run) -> dict[str, list[FitCurve]]:
 
 def fit_tables(run: Run) -> Iterator[Table]:
     """A table for each material with curves: the end of each fit, then steps and seconds to each goal."""
-    headers = [("codec", ""), ("end", "dB ↑"), ("steps", ""), ("time", "s ↓")]
+    headers = [("codec", ""), ("end", "dB ↑"), ("steps", ""), ("time", "s ↓")]  # name and unit
     for goal in GOALS_DB:
         headers += [(f"to {goal} dB", "steps ↓"), (f"to {goal} dB", "s ↓")]
     for name, curves in curves_by_material(run).items():

@@ -1,4 +1,8 @@
-"""The templates of all pages. They escape every text, save what they call `safe`: the page's own scripts and data."""
+"""The environment of Jinja2 that loads the templates of all pages, `reports/templates/`, and the filters for them.
+
+Every text that a template writes is escaped, because names of codecs and materials come from outside. Excepted is what
+a template marks as `safe`: the page's own scripts and data.
+"""
 
 import base64
 import hashlib
@@ -13,20 +17,25 @@ from reports.figures.canvas import Figure
 
 
 def _sha256(text: str) -> str:
-    """The hash by which a content security policy permits an inline style or script."""
+    """The hash of an inline style or script, in base64, by which a content security policy permits it."""
     return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
 def _webp(figure: Figure) -> str:
-    """A figure as the data URL of a WebP, half as large as its PNG; without loss, except for maps of texels."""
+    """A figure as the data URL of a WebP, half as large as its PNG; without loss, except for maps of texels.
+
+    Maps of texels, the figures of kind `abrdf`, have many colours, so they would take far more without loss.
+    """
     if figure.kind == "abrdf":
         options: dict[str, int] = {"quality": 90, "method": 4}
     else:
-        options = {"lossless": True, "quality": 30, "method": 1}  # without loss, the last two are the effort to pack it
+        # Without loss, `quality` (to 100) and `method` (to 6) are the effort to pack it: here little, which is fast.
+        options = {"lossless": True, "quality": 30, "method": 1}
     with Image.open(io.BytesIO(figure.png)) as picture:
         return webp(picture.convert("RGB"), **options)
 
 
+# A variable that a template names but nobody gives is an error, not an empty text. Lines of tags leave no empty lines.
 TEMPLATES = Environment(
     loader=PackageLoader("reports"),
     autoescape=True,

@@ -1,4 +1,10 @@
-"""The live materials of a page: each codec's program as a packed shader, until the page is full."""
+"""The live materials of a page: each codec's program as a packed shader, until the page is full.
+
+A *program* is a decoded material as a list of plain operations, from which a shader of the browser is made: a reader
+turns the light, and the material answers. A *model* is what the page needs to draw it: the shader's text and the bytes
+of its textures. *Packed*, it is one text. A run stores a program as a *drawing*, a file that the record names. The
+*truth* is a model, too, made of a few pairs of the measured data.
+"""
 
 import base64
 import io
@@ -20,39 +26,45 @@ from reports.viewer.page import Shown, model_data
 
 BUDGET = 11_000_000  # characters of all models in a page
 LARGEST = 2_500_000  # of one model: more than a network with its latents takes, less than most tables of all pairs
-# The least that a packed model takes, in characters for each byte of its stored drawing: of 20 drawings of 10 codecs it
-# is 0.90 to 2.68. By it a model that is surely too large is left out without being packed, because packing takes long:
-# of ten codecs on ten materials, half the time of a report.
+# The least that a packed model takes, in characters of a page for each byte of its stored drawing: of 20 drawings of 10
+# codecs it is 0.90 to 2.68. By it a model that is surely too large is left out without being packed, because packing
+# takes long: of ten codecs on ten materials, half the time of a report.
 PACKED = 0.75
-GAMMA = 2.2  # of the levels of a truth; the viewer undoes it
+GAMMA = 2.2  # of the levels of a truth's picture: dark values get more of the 256 levels; the viewer undoes it
+# The line about the truth that the viewer shows.
 _TRUTH = "truth: few of its training pairs, 8 bit, interpolated between directions"
 _TOO_LARGE = "it is too large for this page: `neubtf-bench view` shows it"
 
 
 @dataclass(frozen=True)
 class Live:
-    """The packed models of one material by label, and why the others are missing."""
+    """The packed models of one material, and why the others are missing."""
 
-    models: dict[str, str]
-    missing: dict[str, str]
+    models: dict[str, str]  # by label, or "truth": the text that `pack` makes
+    missing: dict[str, str]  # by label: the reason, in words for a reader of the page
 
 
 def live(run: Run, materials: Sequence[MaterialRows], share: float = 1) -> dict[str, Live]:
-    """The models of each material, until this share of `BUDGET` is spent: the truths, then codecs, the best first.
+    """By name of a material: its models, until this `share` of `BUDGET` is spent. Reads the drawings of the run.
 
-    A codec is live at the setting of its highest PSNR alone, once for the whole material and once for its scene.
+    The truths come first, then codecs, the best first. Of each codec only one setting is live, that of the highest PSNR
+    whose model there is and fits. Settings fitted to the whole material and those fitted to its scene are chosen apart.
     """
     by_material = {material.name: Live({}, {}) for material in materials}
     room = int(share * BUDGET)  # characters that are left
-    # By codec, whether it is of a scene, and material: the label of the setting that is live.
-    live_settings: dict[tuple[str, bool, str], str] = {}
+
+    # The truths take their room before all codecs.
     for material in materials:
         packed = _packed_truth(run, material)
         if packed:
             by_material[material.name].models["truth"] = packed
             room -= len(packed)
+
+    # By codec, whether it is of a scene, and material: the label of the setting that is live.
+    live_settings: dict[tuple[str, bool, str], str] = {}
     best_first = [sorted(material.shown, key=by_psnr, reverse=True) for material in materials]
-    for rows_of_turn in zip_longest(*best_first):  # the best row of each material, then the second of each, …
+    # In turn the best row of each material, then the second of each, …: so each material gets its share of the room.
+    for rows_of_turn in zip_longest(*best_first):
         for material, row in zip(materials, rows_of_turn, strict=True):
             if row is None:  # this material has fewer rows than another
                 continue
@@ -66,9 +78,10 @@ def live(run: Run, materials: Sequence[MaterialRows], share: float = 1) -> dict[
                 continue
             try:
                 packed = _packed(run, row, min(room, LARGEST))
-            except InputError as error:
+            except InputError as error:  # then a worse setting of the codec may still be live
                 live_of_material.missing[row.label] = str(error)
                 continue
+
             live_of_material.models[row.label] = packed
             live_settings[key] = row.label
             room -= len(packed)
@@ -78,37 +91,39 @@ def live(run: Run, materials: Sequence[MaterialRows], share: float = 1) -> dict[
 def _packed_truth(run: Run, material: MaterialRows) -> str:
     """The truth that a run stored to be drawn live, packed; "" where it stored none, or one that is too large.
 
-    Its slices are stored as 16-bit floats. As one WebP of 8 bits they take a tenth; the viewer makes floats of it.
+    Its slices, pictures of the material at a few pairs of directions, are stored as 16-bit floats. As one WebP of 8
+    bits they take a tenth; the viewer makes floats of it.
     """
     job = next((row.job for row in material.shown if "drawing" in row.job), None)
     if not job:
         return ""
-    # The truth stands beside the drawings of codecs; the digest of the material's data names it.
+    # The truth stands beside the drawings of codecs, named after the first digits of the digest of the material's data.
     path = (run.folder / job["drawing"]).parent / f"truth-{job['score_key']['btf'][:16]}.npz"
     if not path.is_file():
         return ""
     try:
         truth = Shown("truth", program(path), job["score_key"]["exposure"], _TRUTH)
-        data = model_data(truth, bytes)
+        data = model_data(truth, encode=bytes)  # arrays stay bytes, which `pack` takes
     except InputError:
         return ""  # a run's records are worth reading without its bulky parts
-    # In place of the bytes of floats stands the WebP; `white` tells the viewer that it is one.
+    # `half` is the texture of 16-bit floats, here the slices. The WebP takes its place; `white` tells the viewer so.
     data["white"], data["half"] = _slices_as_webp(cast(bytes, data["half"]), job["shape"])
     packed = pack(data)
     return packed if len(packed) <= LARGEST else ""
 
 
 def _slices_as_webp(half: bytes, shape: Sequence[int]) -> tuple[float, bytes]:
-    """The value that is white in the picture, and the slices as one WebP, one below the other, (n · H, W).
+    """The radiance that is white in the picture, and the slices as one WebP, one below the other, (n · H, W).
 
     `half` are the bytes of rows of four 16-bit floats, linear RGB and one that is not used, texel after texel and slice
     after slice; rows that pad the texture follow. `shape` is (H, W).
     """
-    values = np.frombuffer(half, np.float16).reshape(-1, 4)[:, :3].astype(np.float32)
+    rgb_and_unused = np.frombuffer(half, np.float16).reshape(-1, 4)
+    values = rgb_and_unused[:, :3].astype(np.float32)
     height, width = shape
     slices = len(values) // (height * width)  # rounded down, because padding follows the last one
-    # Not the largest value: a few highlights would leave few levels to the rest. Nor 0, by which black slices cannot be
-    # divided.
+    # The quantile, not the largest value: a few highlights would leave few levels to the rest. At least a little above
+    # 0, because black slices are divided by it, too.
     white = max(float(np.quantile(values, 0.999)), 1e-6)
     levels = 255 * np.clip(values[: slices * height * width] / white, 0, 1) ** (1 / GAMMA)
     file = io.BytesIO()
@@ -118,7 +133,8 @@ def _slices_as_webp(half: bytes, shape: Sequence[int]) -> tuple[float, bytes]:
 
 
 def _packed(run: Run, row: Row, room: int) -> str:
-    """The packed model of a row. `InputError` if there is none, or if it takes more than `room` characters."""
+    """The packed model of a row. `InputError` says why there is none: it takes more than `room` characters, the run
+    stored no drawing, or no shader can compute its program."""
     if "drawing" not in row.job:
         why = row.job.get("not_drawn", "the run stored no drawing of it: `neubtf-bench view` shows its file")
         raise InputError(str(why))
@@ -127,32 +143,32 @@ def _packed(run: Run, row: Row, room: int) -> str:
         raise InputError(_TOO_LARGE)
     note = f"{row.label}: {row.job['bytes']['total']:,} bytes"
     model = Shown(row.label, program(path), row.job["score_key"]["exposure"], note)
-    packed = pack(model_data(model, bytes))
+    packed = pack(model_data(model, encode=bytes))  # arrays stay bytes, which `pack` takes
     if len(packed) > room:
         raise InputError(_TOO_LARGE)
     return packed
 
 
 def by_psnr(row: Row) -> float:
-    """The PSNR of a row to sort by; infinite where it has no error."""
+    """The PSNR of a row in dB, to sort by; infinite where it has no error."""
     return float("inf") if row.psnr is None else row.psnr
 
 
 def pack(data: object) -> str:
-    """Data with `bytes` objects in them as text for a page, whose function `unpacked` in JavaScript reads it.
+    """Data of dicts, lists and `bytes` objects as one text for a page, which the page's function `unpacked` reads.
 
-    It is the length of the JSON in four bytes, the JSON, then all `bytes` one after the other, deflated and in base64.
-    In the JSON, {raw: [start, length]} stands in place of a `bytes` object. With its base64 there the text would be
-    larger.
+    The text is base64 of deflated bytes: the length of the JSON in four bytes, the JSON, then the `bytes` objects one
+    after the other. In the JSON, {raw: [start, length]} stands in place of a `bytes` object. Its base64 inside the JSON
+    would make the text larger, because base64 deflates badly.
     """
     places: dict[bytes, list[int]] = {}  # by `bytes` object, in order: where it starts after the JSON, and its length
 
     def placeholder(raw: bytes) -> object:
-        """What stands for a `bytes` object in the JSON; equal ones are stored once."""
+        """What stands for a `bytes` object in the JSON. Notes it in `places`; equal ones share a place."""
         start = sum(map(len, places))
         return {"raw": places.setdefault(raw, [start, len(raw)])}
 
     text = json.dumps(data, default=placeholder).encode()
     length = len(text).to_bytes(4, "little")
-    packed = zlib.compress(length + text + b"".join(places), 9)  # 9: the smallest
+    packed = zlib.compress(length + text + b"".join(places), level=9)  # the smallest
     return base64.b64encode(packed).decode()

@@ -1,4 +1,13 @@
-"""Footnotes of tables: the meaning of the numbers, what has none or cannot be compared, the conditions of timings."""
+"""Footnotes of tables: the meaning of the numbers, what has none or cannot be compared, the conditions of timings.
+
+A *row* is one job: a codec with its settings on one material, with one seed. An *obstacle* is the reason, in words, why
+a row's numbers must not be compared with those of the others; such a row is shown as `n/c`. A *start* of a run is one
+call of the command that measures; a run may have several. A *slice* is one picture of a material: all texels at one
+pair of view and light directions. The *floor* is the time of one bilinear fetch of a colour; times are multiples of it.
+
+A `Note` knows which columns each of its parts is about, so that a table with fewer columns drops the parts that it does
+not need. A plain text stays below every table.
+"""
 
 from collections.abc import Iterable, Iterator, Sequence
 from statistics import fmean
@@ -9,37 +18,41 @@ from reports.numbers import significant
 from reports.rows import MaterialRows, Row, materials
 from reports.table import Note, Part
 
+_LISTED = 5  # jobs that a note names
+_LINES = 10  # numbers of unreadable lines that a note names
+# Names of columns, as `reports.columns` has them: those of bytes, of times, and all that do not show quality.
 _BYTES = ("decoder", "texture", "other", "total", "shared", "resident", "bits per")
 _TIMES = ("time", "95 % interval", "fused")
 _COST = {*_BYTES, *_TIMES, "tex.", *(name for name, _, _ in shown_columns().values())}
 
 
 def about_quality(text: str) -> Part:
-    """A note about the columns that show quality."""
+    """A part of a note: a text, and the function that says of a column's name whether it shows quality."""
     return text, lambda name: name not in _COST
 
 
 def about_times(text: str) -> Note:
-    """A note about the columns of times."""
+    """A note about the columns of times, of one part."""
     return Note((text, _TIMES.__contains__))
 
 
 def main_notes(material: MaterialRows) -> list[str]:
-    """The footnotes of a main table."""
+    """The footnotes of a main table, which shows quality and cost. Notes that both have stand once."""
     return list(dict.fromkeys([*quality_notes(material), *cost_notes(material)]))
 
 
 def quality_notes(material: MaterialRows) -> list[str]:
     """Footnotes that define the quality columns."""
     job = material.first
-    if job is None:
+    if job is None:  # nothing was measured
         return []
     if deciding_group(job["scores"]) != "heldout":
         pairs = "all pairs, none being held out"
-    elif "split" in job:
+    elif "split" in job:  # which held-out pairs they are: "test" or "validation"
         pairs = f"the {job['split']} pairs"
     else:
         pairs = "the held-out pairs"
+    # “train” names the column of training pairs.
     text = f"Quality is measured at {pairs} (“train”: training pairs), decoded from the file, as a mean over slices."
     return [Note(about_quality(text)), *_metrics(material), *common_notes(material)]
 
@@ -54,6 +67,7 @@ def cost_notes(material: MaterialRows) -> list[str]:
     by_size = grouped(rows_with_shared, lambda row: row.job["bytes"]["shared"])
     for size, rows in by_size.items():
         names = ", ".join(dict.fromkeys(row.label for row in rows))
+        # It is not in the total, because all materials share that file.
         needs = f"the decoder also needs the shared network, {size:,} bytes for all materials, not in the total."
         shared_notes.append(Note((f"{names}: {needs}", _BYTES.__contains__)))
     time_texts = [*_timing(material), *height_notes([material]), *_programs(material)]
@@ -61,11 +75,14 @@ def cost_notes(material: MaterialRows) -> list[str]:
 
 
 def common_notes(material: MaterialRows) -> list[str]:
-    """Footnotes common to all tables of a material: on exact slices, and on rows that cannot be compared."""
+    """Footnotes common to all tables of a material: on exact slices, and on rows that cannot be compared.
+
+    An exact slice has no error, so that its PSNR would be infinite.
+    """
     exact_notes: list[str] = []
     for row in material.measured:
         stats = row.stats(row.deciding_group, PSNR)
-        exact = stats.get("exact")
+        exact = stats.get("exact")  # the number of slices without error
         if exact:
             counted = f"{exact:,} of {stats['slices']:,} slices"
             text = f"{row.name}: {counted} have no error in display space; they count as 100 dB."
@@ -80,23 +97,27 @@ SCENE_LAST = (
 
 
 def scene_notes(materials: Iterable[MaterialRows]) -> list[str]:
-    """Why models of a scene stand last; nothing if there are none."""
+    """The note on why models of a scene stand last, if there are any: codecs fitted to what a scene asks for."""
     return [SCENE_LAST] if any(codec.of_scene for material in materials for codec in material.codecs) else []
 
 
 def run_notes(run: Run) -> list[str]:
-    """Footnotes on the origin of the numbers, and on unreadable records."""
+    """Footnotes on the origin of the numbers, and on unreadable lines of the file of records."""
+    # The latest start stands for all; rows of older revisions are named apart.
     notes = [_provenance(run.starts[-1]), *_older(run)] if run.starts else []
     if run.unreadable:
-        lines = ", ".join(map(str, run.unreadable[:10]))
-        if len(run.unreadable) > 10:
+        lines = ", ".join(map(str, run.unreadable[:_LINES]))
+        if len(run.unreadable) > _LINES:
             lines += ", …"
         notes.append(f"{len(run.unreadable)} line(s) of records.jsonl could not be read: {lines}.")
     return notes
 
 
 def _metrics(material: MaterialRows) -> Iterator[str]:
-    """A note with the full names of the metrics of the columns, and their unit, direction, space and version."""
+    """One note, if there are metrics: the full name of each, its version, unit, space and better end.
+
+    It has a part for each metric, about the columns that show it.
+    """
     parts: list[Part] = []
     for name, facts in material.metrics.items():
         words = [f"{name} version {facts.get('version', '?')}"]
@@ -116,7 +137,10 @@ def _metrics(material: MaterialRows) -> Iterator[str]:
 
 
 def _timing(material: MaterialRows) -> Iterator[str]:
-    """Footnotes on times: their conditions, one texel a query, fused queries, and rows that were timed otherwise."""
+    """Footnotes on times: their conditions, one texel a query, fused queries, and rows that were timed otherwise.
+
+    A `timing_obstacle` is the reason why a row's time cannot be compared with the others'.
+    """
     timed_rows = [row for row in material.measured if row.timing and not row.timing_obstacle]
     timing = timed_rows[0].timing if timed_rows else None  # all of them have the same conditions
     if timing:
@@ -135,8 +159,11 @@ def _timing(material: MaterialRows) -> Iterator[str]:
 
 
 def one_texel_notes(rows: Iterable[Row]) -> Iterator[str]:
-    """Notes on codecs that answer at texels: their time where one texel, drawn at random, answers a query, not four."""
-    by_label: dict[str, list[float]] = {}
+    """Notes on the time of codecs that answer at texels, if one texel, drawn at random, answers a query.
+
+    A query between texels is else a bilinear mean of the four around it.
+    """
+    by_label: dict[str, list[float]] = {}  # times, × floor, one for each seed and material
     for row in rows:
         if row.timing and "ratio_at_one_texel" in row.timing:
             by_label.setdefault(row.label, []).append(row.timing["ratio_at_one_texel"])
@@ -145,7 +172,10 @@ def one_texel_notes(rows: Iterable[Row]) -> Iterator[str]:
 
 
 def height_notes(materials: Sequence[MaterialRows]) -> Iterator[str]:
-    """Notes on the materials for which timed files of a codec store a height; marching it takes most of their time."""
+    """Notes on the materials for which timed files of a codec store a height; marching it takes most of their time.
+
+    With the setting `relief`, a fit stores a height for each texel only where it pays.
+    """
     with_height: dict[str, dict[str, None]] = {}  # the materials by label, each once
     without_height: dict[str, dict[str, None]] = {}
     labels: dict[str, None] = {}
@@ -153,7 +183,7 @@ def height_notes(materials: Sequence[MaterialRows]) -> Iterator[str]:
         for row in material.measured:
             settings = row.job.get("settings", {})
             if settings.get("relief") and (row.timing or row.fused):
-                # The height is one more channel.
+                # The texture has a channel for each latent number; the height is one more.
                 has_height = row.job["cost"]["texture_channels"] == int(settings["latents"]) + 1
                 by_label = with_height if has_height else without_height
                 by_label.setdefault(row.label, {})[material.name] = None
@@ -168,7 +198,7 @@ def height_notes(materials: Sequence[MaterialRows]) -> Iterator[str]:
 
 
 def _programs(material: MaterialRows) -> Iterator[str]:
-    """Footnotes on the time of codecs that are programs, which includes exchanging files."""
+    """Footnotes on the time of codecs that are external programs: it includes exchanging files with them."""
     for codec in material.codecs:
         times = [row.job["program"]["ns_per_query"] for row in codec.measured if "program" in row.job]
         if times:
@@ -186,24 +216,27 @@ def _not_comparable(material: MaterialRows) -> Iterator[str]:
 
 
 def _older(run: Run) -> Iterator[str]:
-    """Footnotes on rows that were fitted or scored by another revision than that of the latest start."""
+    """Footnotes on rows that were fitted or scored by another revision of the code than that of the latest start."""
     latest = run.starts[-1].get("git")
     older: dict[tuple[str, str], list[str]] = {}  # by the revisions of fit and score: the names of jobs
     for job in run.jobs:
         fitted = job.get("fitted", {}).get("git")
         scored = job.get("scored", {}).get("git")
         other_revisions = {fitted, scored} - {latest, None}  # None: the record does not say
-        if job["status"] == "ok" and other_revisions:
+        if job["status"] == "ok" and other_revisions:  # a failed job has no numbers to explain
             older.setdefault((str(fitted), str(scored)), []).append(job["job"])
     for (fitted, scored), jobs in older.items():
-        listed = ", ".join(jobs[:5])
-        if len(jobs) > 5:
-            listed += f" and {len(jobs) - 5} more"
+        listed = ", ".join(jobs[:_LISTED])
+        if len(jobs) > _LISTED:
+            listed += f" and {len(jobs) - _LISTED} more"
         yield f"Fitted by revision {fitted}, scored by {scored}: {listed}."
 
 
 def _provenance(start: RunStart) -> str:
-    """Where the numbers of a start come from, in words; “?” for what it does not say."""
+    """Where the numbers of a start come from, in a sentence: suite, versions and machine; “?” for what it does not say.
+
+    A suite is the file that names what to measure.
+    """
     machine = start.get("machine", Machine())
     packages = start.get("packages", {})
     parts = [f"Suite {start.get('suite', '?')}", f"run {start.get('run', '?')}"]
@@ -221,7 +254,11 @@ def _provenance(start: RunStart) -> str:
 
 
 def not_run(run: Run) -> Iterator[tuple[str, str, list[int]]]:
-    """Material, label and seeds of the planned jobs of a run without a record."""
+    """Material, label in tables, and seeds of the planned jobs of a run that have no record.
+
+    A start lists the jobs that it plans before it fits any: those of a run that was broken off have no record.
+    """
+    # Names of jobs have the plain label; the label in tables, which may name a recipe, is known from other jobs.
     shown_labels = {str(job.get("label")): shown_label(job) for job in run.jobs}
     seeds_of: dict[tuple[str, str], list[int]] = {}  # by material and label
     planned: dict[str, None] = {}  # names of jobs, each once
@@ -230,7 +267,7 @@ def not_run(run: Run) -> Iterator[tuple[str, str, list[int]]]:
     for name in planned:  # `MATERIAL/LABEL/SEED`
         material, _, rest = name.partition("/")
         label, _, seed = rest.rpartition("/")
-        if run.job(name) is None and seed.isdecimal():
+        if run.job(name) is None and seed.isdecimal():  # a name without a seed is of no job
             cell = material, shown_labels.get(label, label)
             seeds_of.setdefault(cell, []).append(int(seed))
     for (material, label), seeds in seeds_of.items():
@@ -238,7 +275,10 @@ def not_run(run: Run) -> Iterator[tuple[str, str, list[int]]]:
 
 
 def missing_note(run: Run) -> str:
-    """The codecs and materials without any result, and those that lack some seeds; "" if there are none."""
+    """Sentences on the codecs and materials without any result, and those that lack some seeds; "" if none do.
+
+    A *cell* is a material and a label.
+    """
     done = {(job["material"], shown_label(job)) for job in run.jobs if job["status"] == "ok"}
     lacking = [(job["material"], shown_label(job)) for job in run.jobs if job["status"] != "ok"]
     lacking += [(material, label) for material, label, _ in not_run(run)]
@@ -253,12 +293,16 @@ def missing_note(run: Run) -> str:
 
 
 def beside(run: Run) -> str:
-    """The jobs with which the others of a run must agree to be comparable, in words."""
+    """In words, the jobs with which the others of a run must agree to be comparable."""
     return "the published ones" if run.published else "the newest"
 
 
 def left_out_notes(run: Run) -> Iterator[str]:
-    """Notes on codecs and materials whose numbers, or times, cannot be compared with the newest, and why."""
+    """Notes on codecs and materials whose numbers, or times, cannot be compared, and why.
+
+    They must agree with the newest jobs or, if there are any, with the published ones. A row whose numbers are left out
+    is not named for its time, too.
+    """
     # Each by reason: the materials and labels.
     left_out: dict[str, list[tuple[str, str]]] = {}
     times_left_out: dict[str, list[tuple[str, str]]] = {}

@@ -1,4 +1,9 @@
-"""Formats numbers for tables. None is never a number: it means exact, not applicable, or missing."""
+"""Formats numbers for tables, and reads them from the statistics of a record.
+
+A cell without a number says why: “exact” (no slice, that is no picture of the material at a pair of directions, has an
+error, so that a PSNR is infinite), `n/a` (the metric does not apply), `n/c` (it must not be compared) or, for anything
+that is missing, a dash.
+"""
 
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +25,10 @@ def fixed(value: float | None, digits: int) -> str:
 
 
 def significant(value: float | None, digits: int = 3) -> str:
-    """A number with about `digits` digits, and no exponent from 0.00001 to 10,000,000: 0.00123, 12.3, 1,230."""
+    """A number with `digits` significant digits, and all of those before its point: 0.00123, 12.3, 1,230, 12,346.
+
+    Below 0.00001 and from 10,000,000 on it has an exponent, 1.23e+07; None is a dash.
+    """
     if value is None:
         return NONE
     if value == 0:
@@ -33,14 +41,15 @@ def significant(value: float | None, digits: int = 3) -> str:
 
 
 def stated(stats: "Statistics", *names: str) -> Any:
-    """The number that a metric's statistics hold under a name, such as `pooled`; for several names, a tuple of the
-    numbers of those that have one.
+    """The number that a metric's statistics over slices hold under a name, such as `mean`; for several names a tuple.
 
-    `exact` if no slice has an error, `n/a` if none of the names has a number, None without statistics.
+    The tuple has the numbers in the order of the names, without those that are missing, such as the std of one slice.
+    In place of a number: `EXACT` if no slice has an error, `NOT_APPLICABLE` if none of the names has a number, None
+    without statistics.
     """
     if not stats:
         return None
-    if stats.get("exact") and stats["exact"] == stats.get("slices"):
+    if stats.get("exact") and stats["exact"] == stats.get("slices"):  # both are counts of slices
         return EXACT
     numbers = tuple(stats[name] for name in names if stats.get(name) is not None)
     if not numbers:
@@ -54,11 +63,11 @@ def plus_minus(numbers: tuple[float, ...], digits: int) -> str:
 
 
 def signed(difference: float, digits: int = 2) -> str:
-    """A number with a sign and `digits` decimals: +0.31, −1.50."""
+    """A number with a sign and `digits` decimals: +0.31, −1.50; its minus is as wide as the plus."""
     return f"{difference:+.{digits}f}".replace("-", "−")
 
 
 def interval(delta: "Interval") -> str:
-    """A mean difference with its interval, and a mark if the codecs are told apart: −1.50 (−1.62 to −1.41) *."""
+    """A mean difference with its 95 % interval, and a star if the codecs are told apart: −1.50 (−1.62 to −1.41) *."""
     mark = " *" if delta.apart else ""
     return f"{signed(delta.mean)} ({signed(delta.low)} to {signed(delta.high)}){mark}"
