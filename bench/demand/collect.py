@@ -109,6 +109,7 @@ def queries_of(points: Points, lights: list[Light]) -> dict[str, Array]:
     parts: list[dict[str, Array]] = []
     for light in lights:
         wi = points.local(light.toward)
+        # The normal is z, so a direction is above the horizon where its z is above 0.
         is_seen_and_lit = (points.wo[:, 2] > 0) & (wi[:, 2] > 0) & (light.irradiance > 0).any(1)
         chosen = np.flatnonzero(is_seen_and_lit)
         parts.append(

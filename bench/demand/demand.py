@@ -157,15 +157,16 @@ def _check(arrays: dict[str, np.ndarray], frames: tuple[int, int, int]) -> None:
     place, footprint, weight, pixel = (arrays[name] for name in ("place", "footprint", "weight", "pixel"))
     directions = np.concatenate([arrays["wo"], arrays["wi"]]).astype(np.float64)
     length = np.linalg.norm(directions, axis=1) / SNORM
-    good = {
+    is_good = {
         "place": (np.abs(place) <= REACH).all(),
         "footprint": ((footprint > 0) & (footprint <= FARTHEST)).all(),
+        # Directions stored as whole numbers have a length of 1 up to rounding.
         "wo or wi": (directions[:, 2] >= 0).all() and (np.abs(length - 1) < 0.01).all(),
         "weight": ((weight >= 0) & (weight <= BRIGHTEST)).all() and _is_lit(weight, arrays["wi"]),
         "pixel": ((pixel >= 0) & (pixel < math.prod(frames))).all(),
     }
-    for name, is_good in good.items():
-        if not is_good:
+    for name, holds in is_good.items():
+        if not holds:
             raise InputError(f"{name} holds values out of range")
 
 

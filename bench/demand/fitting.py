@@ -1,6 +1,8 @@
 """Fits codecs to a scene: to the part of the BTF in its demand, weighted by the demand, at the smallest size.
 
-Codecs need no code for this: they get a smaller BTF, and a `Fit` with a density.
+A *demand* holds the queries that the pictures of a scene make: texel, footprint, view, light and weight. A scene model
+is a codec file fitted to it, the full model one fitted to the whole BTF. Codecs need no code for this: they get a
+smaller BTF, and a `Fit` with a density, from which queries are drawn.
 """
 
 import dataclasses
@@ -31,7 +33,7 @@ from bench.metrics.psnr import psnr
 from bench.records import MOST_DB, SceneModel
 
 EQUAL_DB = 0.2  # a scene model within this many dB of the full one counts as equally good
-OUTSIDE_PAIRS = 48  # how many pairs measure the error outside the scene
+OUTSIDE_PAIRS = 48  # how many pairs, at most, measure the error outside the scene
 
 
 @dataclass(frozen=True)
@@ -152,7 +154,7 @@ class Search:
         goal = goal or Goal(psnr=_psnr_or_infinite(full) - EQUAL_DB)
         models = list(self.ladder(goal))
         seconds = sum(model.seconds for model in models)
-        meeting = [model for model in models if goal.met(model)]
+        meeting = [model for model in models if goal.met(model)]  # those that reach the goal
         best = min(meeting, key=lambda model: model.header.file_bytes, default=None)
         full_meets = goal.met(full)
         if best is None:
@@ -193,6 +195,7 @@ class Search:
         path = self.folder / f"{name}{container.SUFFIX}"
 
         def to_scene(_: BTF, fit: Fit) -> Parts:
+            """Fit the codec to the scene; the BTF is that of the problem, which is cut already."""
             return self.problem.encode(codec, fit)  # the same problem for every size
 
         how = naming_faults(codec, to_scene if codec.scene else codec.encode)
@@ -241,8 +244,8 @@ def outside(scorer: FrameScorer, material: Material) -> float | None:
     untouched = np.flatnonzero(scorer.shares == 0)
     if not len(untouched):
         return None
-    spread = np.linspace(0, len(untouched) - 1, min(OUTSIDE_PAIRS, len(untouched)))
-    measured = untouched[spread.astype(int)]
+    places = np.linspace(0, len(untouched) - 1, min(OUTSIDE_PAIRS, len(untouched)))
+    measured = untouched[places.astype(int)]
     btf = scorer.btf
     scale = exposure(btf)
     errors = []
@@ -258,7 +261,7 @@ def held_out(btf: BTF, scorer: FrameScorer, material: Material) -> float | None:
     shares = shares_of_others(scorer.btf.layout, scorer.demand, btf.wo, btf.wi)
     if not shares.any():
         return None
-    used = np.flatnonzero(shares)
+    used = np.flatnonzero(shares)  # the held-out pairs that lie in the scene
     scale = exposure(scorer.btf)
     values = []
     for pair in used:

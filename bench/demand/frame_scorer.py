@@ -1,7 +1,9 @@
 """Scores materials in a scene: compares frames of the decoded material with those of the reference table.
 
-The reference's radiance is interpolated over directions as in `bench.directions.interpolation`, and over the texture in
-a pyramid of box filters: bilinear and periodic within the two levels around a footprint, linear between them.
+A *demand* holds the queries that the frames of a scene make of a material; a frame is the sum of their answers by
+pixel. The reference table is the BTF. Its radiance is interpolated over directions as in
+`bench.directions.interpolation`, and over the texture in a pyramid of box filters: bilinear and periodic within the two
+levels around a footprint, linear between them.
 """
 
 from dataclasses import dataclass, field
@@ -124,11 +126,12 @@ class FrameScorer:
         scores = {}
         for name in names:
             metric = registry.get(name).load()
-            if min(self.demand.frames[1:]) < metric.smallest:
+            _, height, width = self.demand.frames
+            if min(height, width) < metric.smallest:
                 continue
             sides = self._sides(name, metric)
             maps = np.stack([metric.error_map(side, frame) for side, frame in zip(sides, frames, strict=True)])
-            values = maps[_inner(self.seen, maps.shape[1:])]
+            values = maps[_inner(self.seen, maps.shape[1:])]  # (n,) of the pixels that show the material
             scores[name] = as_number(float(metric.values(values.mean()))) if len(values) else None
         return scores
 

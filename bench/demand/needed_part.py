@@ -1,5 +1,8 @@
 """Finds the part of a BTF that a demand needs: a window of texels, no finer than visible, and the nearby pairs.
 
+A *demand* holds the queries of a scene's pictures: place on the texture, footprint, view, light, and a weight, whose
+share of all is the query's importance. Pairs are those of view and light that the BTF has measured.
+
 Finds the pairs around each query of a demand, too, and the share of the demand on each pair.
 """
 
@@ -77,11 +80,11 @@ def _side(directions: Array, share: Array) -> Array:
     """Indices of the fewest directions (n, 3), all views or all lights, that hold the demand by their shares (n,), and
     of those needed to interpolate between them. A triangle between kept directions is a triangle of the whole set, so
     answers inside it stay the same."""
-    middle = share @ directions
+    middle = share @ directions  # (3,): the mean direction of the demand
     # By share, the largest first, and of equal shares the nearest to the middle (the last key counts first).
     order = np.lexsort((-(directions @ middle), -share))
     count = len(_heaviest(share))
-    # A flat set has no triangles to interpolate in: too few directions, or all on one line.
+    # Further ones follow until answers can be interpolated. A flat set has no triangles to interpolate in: too few directions, or all on one line.
     while count < len(directions) and Hemisphere(directions[order[:count]]).flat:
         count += 1
     return np.sort(order[:count])

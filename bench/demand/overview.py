@@ -1,4 +1,8 @@
-"""Summarises a demand in numbers, and draws it as one PNG."""
+"""Summarises a demand in numbers, and draws it as one PNG.
+
+A demand holds the queries that the pictures of a scene make of a material. The *importance* of a query is its share of
+the light that a white diffuser in the material's place would send to the camera.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,16 +40,17 @@ class Summary:
         low, middle, high = PERCENTILES
         count, height, width = self.frames
 
-        def spread(values: tuple[float, ...], unit: str) -> str:
+        def in_words(values: tuple[float, ...], unit: str) -> str:
+            """The values at the percentiles, in words."""
             return " · ".join(f"{value:.3g}{unit}" for value in values)
 
         texels = f"{max(1, round(1 / self.finest)):,} texels along its longer side"
         lines = [
             f"{self.queries:,} queries of {count} frame{'s' * (count > 1)} of {width} × {height}",
             f"percentiles {low} · {middle} · {high}, weighted by what a white diffuser would send to the camera:",
-            f"  view from the normal:   {spread(self.theta_o_deg, '°')}",
-            f"  light from the normal:  {spread(self.theta_i_deg, '°')}",
-            f"  footprint:              {spread(self.footprint, '')} of the texture's longer side",
+            f"  view from the normal:   {in_words(self.theta_o_deg, '°')}",
+            f"  light from the normal:  {in_words(self.theta_i_deg, '°')}",
+            f"  footprint:              {in_words(self.footprint, '')} of the texture's longer side",
             f"finest footprint: {self.finest:.3g}: a texture of more than {texels} shows nothing more",
             f"seen of a square texture: {self.coverage:.0%}",
         ]
@@ -109,7 +114,7 @@ def _polar(axes, directions: Array, share: Array, title: str) -> None:  # type: 
     theta, phi = to_degrees(directions)
     x = theta * np.cos(np.radians(phi))
     y = theta * np.sin(np.radians(phi))
-    edges = np.linspace(-90, 90, 46)
+    edges = np.linspace(-90, 90, 46)  # of cells of 4°
     density = np.histogram2d(y, x, [edges, edges], weights=share)[0]
     middle = (edges[1:] + edges[:-1]) / 2
     radius = np.hypot(*np.meshgrid(middle, middle))

@@ -61,7 +61,8 @@ class Camera:
     height: Pixels = 720
 
     def __post_init__(self) -> None:
-        if not _spread(np.subtract(self.target, self.position), self.up):
+        """Raise `InputError` for a camera without a view, or without an up direction in its picture."""
+        if not _span_a_plane(np.subtract(self.target, self.position), self.up):
             raise InputError("target - position and up must not be parallel, and neither may be 0")
 
     def ahead(self, column: np.ndarray, row: np.ndarray) -> np.ndarray:
@@ -77,7 +78,7 @@ class Camera:
         return unit(forward + x[:, None] * right + y[:, None] * down)
 
 
-def _spread(one: Any, other: Any) -> bool:
+def _span_a_plane(one: Any, other: Any) -> bool:
     """Whether two vectors span a plane: neither is 0, and they are not parallel, up to rounding."""
     return bool(np.linalg.norm(np.cross(one, other)) > 1e-9 * np.linalg.norm(one) * np.linalg.norm(other))
 
@@ -95,7 +96,8 @@ class Surface:
     repeat: tuple[Length, Length] = (1.0, 1.0)
 
     def __post_init__(self) -> None:
-        if not _spread(self.normal, self.up):
+        """Raise `InputError` for a surface whose texture would have no top."""
+        if not _span_a_plane(self.normal, self.up):
             raise InputError("normal and up must not be parallel, and neither may be 0")
 
 
@@ -108,6 +110,7 @@ class Lamp:
     radiance: Colour
 
     def __post_init__(self) -> None:
+        """Raise `InputError` for a lamp without a direction."""
         _check_toward(self.toward)
 
 

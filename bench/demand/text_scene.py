@@ -1,5 +1,7 @@
 """Casts the rays of a scene that was read from a text, see `bench.demand.scene`, at its plane, sphere or drape."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from bench.btf import Array
@@ -35,14 +37,20 @@ class TextScene:
         far = distance(self.scene.surface, eye, ahead)
         hit = np.flatnonzero(np.isfinite(far))
         position = eye + ahead[hit] * far[hit, None]
-        uv, normal, dp_du, dp_dv, inside = texture(self.scene.surface, position)
-        hit = hit[inside]  # a ray may meet a plane beyond the surface's edge
-        uv, position, normal = uv[inside], position[inside], normal[inside]
-        dp_du, dp_dv = dp_du[inside], dp_dv[inside]
-        right = camera.ahead(col[hit] + 1, row[hit])
-        below = camera.ahead(col[hit], row[hit] + 1)
-        eyes = np.broadcast_to(eye, position.shape)
-        return Points(hit, uv, position, normal, dp_du, dp_dv, eyes, right, below)
+        found = texture(self.scene.surface, position)
+        inside = found.inside  # a ray may meet a plane beyond the surface's edge
+        hit = hit[inside]
+        return Points(
+            pixel=hit,
+            uv=found.uv[inside],
+            position=position[inside],
+            normal=found.normal[inside],
+            dp_du=found.dp_du[inside],
+            dp_dv=found.dp_dv[inside],
+            eye=np.broadcast_to(eye, (len(hit), 3)),
+            ahead_x=camera.ahead(col[hit] + 1, row[hit]),
+            ahead_y=camera.ahead(col[hit], row[hit] + 1),
+        )
 
     def lights(self, points: Points, rng: np.random.Generator) -> list[Light]:
         """Every light that may reach the points; for an environment, a few samples at each."""
@@ -62,7 +70,7 @@ def _reaching(source: LightSource, points: Points, rng: np.random.Generator) -> 
             offset = np.asarray(source.position) - points.position
             square = np.maximum((offset**2).sum(1, keepdims=True), 1e-12)  # not 0, in case a point is at the light
             return [Light(offset / np.sqrt(square), np.asarray(source.intensity) / square)]
-        case _:
+        case _:  # an environment
             return [_environment_sample(source, points, rng) for _ in range(source.samples)]
 
 
@@ -118,9 +126,18 @@ def distance(surface: Surface, eye: Array, ahead: Array) -> Array:
     return np.where(along > 0, along, np.inf)
 
 
-def texture(surface: Surface, position: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """uv (n, 2), normal, dp/du and dp/dv (n, 3) at the positions (n, 3) of points of a surface, and which of them lie
-    within its edges (n,). A unit of uv is the longer side of the texture."""
+class Texture(NamedTuple):
+    """How the texture lies at points of a surface. A unit of uv is the longer side of the texture."""
+
+    uv: Array  # (n, 2), not wrapped
+    normal: Array  # (n, 3) unit
+    dp_du: Array  # (n, 3) derivative of the position by u
+    dp_dv: Array  # (n, 3) derivative of the position by v
+    inside: Array  # (n,) whether a point lies within the edges of the surface
+
+
+def texture(surface: Surface, position: Array) -> Texture:
+    """How the texture lies at points of a surface, given their positions (n, 3)."""
     axes = np.stack(_axes(surface), 1)  # (3, 3), an axis a column
     local = (position - np.asarray(surface.centre)) @ axes
     if surface.shape == "sphere":
@@ -136,7 +153,7 @@ def texture(surface: Surface, position: Array) -> tuple[Array, Array, Array, Arr
     along_v = np.stack([nothing, one, slope[:, 1]], 1) @ axes.T
     normal = unit(np.cross(along_u, along_v))
     per_u, per_v = size / repeat  # scene units in a unit of u, and of v
-    return uv, normal, along_u * per_u, along_v * per_v, inside
+    return Texture(uv, normal, along_u * per_u, along_v * per_v, inside)
 
 
 def _axes(surface: Surface) -> tuple[Array, Array, Array]:
@@ -146,7 +163,7 @@ def _axes(surface: Surface) -> tuple[Array, Array, Array]:
     return x, np.cross(normal, x), normal
 
 
-def _sphere_texture(surface: Surface, position: Array, local: Array) -> tuple[Array, Array, Array, Array, Array]:
+def _sphere_texture(surface: Surface, position: Array, local: Array) -> Texture:
     """What `texture` gives, for points of a sphere: u goes east, v north.
 
     `position` (n, 3) are the points in the scene, and `local` (n, 3) the same from the centre, along the sphere's axes.
@@ -164,7 +181,7 @@ def _sphere_texture(surface: Surface, position: Array, local: Array) -> tuple[Ar
     ring = np.hypot(local[:, 0], local[:, 1]) / surface.radius
     per_u = 2 * np.pi * surface.radius * ring / repeat[0]  # (n,) scene units in a unit of u
     dp_dv = north * np.pi * surface.radius / repeat[1]
-    return uv, normal, east * per_u[:, None], dp_dv, ring > 1e-3
+    return Texture(uv, normal, east * per_u[:, None], dp_dv, ring > 1e-3)
 
 
 # A cloth that lies over a ball and falls in seven folds: a height over the plane.
