@@ -47,7 +47,7 @@ def opened(seen: Candidate) -> BTF | None:
         _, _, bare_name = name.rpartition("/")
         if not bare_name.startswith("."):  # some archivers add hidden copies, `._name`
             names.append(name)
-    # Names of UTIA begin with `tl`, so only the pattern of Bonn needs text before it: none fits both.
+    # No name fits both patterns: UTIA's begin with `tl`, Bonn's with other text.
     utia = _opened_as(seen, names, PRAGUE, UTIA, rgb_is_xyz=True)
     if utia is not None:
         return utia

@@ -4,8 +4,9 @@ A picture here is an image file. Its format is told by its first bytes, never by
 so thousands of pictures are checked in a second, and an absurd size is refused before anything is allocated.
 
 JPEG and PNG hold *codes*: whole numbers, from which a curve gives linear values in [0, 1]. EXR and Radiance hold the
-values themselves. Both may be stored turned; *upright* is a picture as it is shown. `label` is the name of a file in
-errors. A header function gives None for data that end before the header does: its caller then reads more.
+values themselves. A JPEG, PNG or Radiance picture may be stored turned; *upright* is a picture as it is shown. `label`
+is the name of a file in errors. A header function gives None for data that end before the header does: its caller then
+reads more.
 """
 
 import hashlib
@@ -160,7 +161,7 @@ def read_alpha(files: Files, name: str) -> Array:
 class PictureSource(Source):
     """One picture a pair, all of one size, in a folder or a zip.
 
-    Reads of single texels use `Source`'s defaults, which copy all pictures to a scratch file at the first one.
+    Scattered reads use the defaults of `Source`, which copy all pictures to a scratch file once.
     """
 
     def __init__(self, files: Files, names: Sequence[str], labels: Sequence[str] | None = None, **options: Any):
@@ -241,7 +242,7 @@ def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
             )
         marker = data[offset + 1]
         # 0xFF fills up; 0x01 and 0xD0 to 0xD8 have no content; 0xC0 to 0xCF begin frames, but 0xC4, 0xC8 and 0xCC are
-        # tables, and the like; all others have a content of stated length, which is passed over.
+        # none; all others have a content of stated length, which is passed over.
         if marker == 0xFF:
             offset += 1
         elif marker == 0x01 or 0xD0 <= marker <= 0xD8:
