@@ -224,7 +224,10 @@ def some_slices(btf: BTF) -> Iterator[Array]:
 
 
 def no_duplicates(wo: Array, wi: Array, label: Callable[[int], str]) -> None:
-    """Raise `InputError` if two of the pairs (wo[i], wi[i]), each (N, 3), are equal to 6 decimals; it names both."""
+    """Raise `InputError` if two of the pairs (wo[i], wi[i]), each (N, 3), are equal to 6 decimals; it names both.
+
+    A BTF has one picture for each pair.
+    """
     rows = np.round(np.concatenate([wo, wi], 1).astype(np.float64), 6) + 0.0  # the sum makes 0 of −0
     order = np.lexsort(rows.T[::-1])  # sorted by all six coordinates, so that equal rows are neighbours
     equals_next = (rows[order[1:]] == rows[order[:-1]]).all(1)

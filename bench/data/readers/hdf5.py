@@ -91,7 +91,7 @@ def _open_file(path: Path) -> BTF:
 def _file(path: Path) -> Iterator[Any]:
     """The open `h5py.File`. It is opened for each read, so threads and forks share no state of the library.
 
-    It is not locked, because it is only read. Without h5py, or if the file is damaged, an `InputError`.
+    No lock is set on it. Without h5py, or if the file is damaged, an `InputError`.
     """
     with installed(f"{path}: reading HDF5 needs h5py: pip install 'neubtf-bench[hdf5]'"):
         import h5py

@@ -1,7 +1,7 @@
 """A single `.npz`: `radiance` (N, H, W, 3), `wo` and `wi` (N, 3), and optionally `heldout` (N,) and `periodic`.
 
-Or a mean ABRDF: the radiance of a material at all pairs, averaged over its texels. `rgb_geomean` (V, V, 3) holds it by
-view and light; views and lights are the same V directions, of angles `theta_deg` and `phi_deg` (V,).
+Or a mean ABRDF: the radiance of a material at all pairs, averaged over its texels (geometric mean). `rgb_geomean` (V,
+V, 3) holds it by view and light; views and lights are the same V directions, of angles `theta_deg` and `phi_deg` (V,).
 
 An `.npz` is a zip with an entry `NAME.npy` for each array.
 """

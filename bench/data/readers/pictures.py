@@ -94,6 +94,7 @@ def _header(files: Files, name: str, is_colour: bool = True) -> _Header:
     if not stored_size:
         raise InputError(f"{label}: the header ends early: the picture is truncated; get it again")
     height, width = stored_size
+    # A false size would reserve memory that the file can never fill.
     if min(stored_size) < 1 or height * width > min(MAX_PIXELS, PIXELS_PER_BYTE * file_bytes):
         fault = f"its header says {width} x {height} pixels, but it has {file_bytes} bytes"
         raise InputError(f"{label}: {fault}: get it again")
@@ -329,7 +330,7 @@ def _png16(data: bytes, size: tuple[int, int], label: str) -> Array:
     # pypng inflates the pixels whatever their size, so a bomb must be found before.
     packed = b"".join(content for name, content in png_chunks(data) if name == b"IDAT")
     height, width = size
-    row_bytes = width * 8 + 1  # 16-bit RGBA has 8 bytes a pixel; one more names the row's filter
+    row_bytes = width * 8 + 1  # 16-bit RGBA, the most, has 8 bytes a pixel; one more names the row's filter
     limit = 2 * height * row_bytes + 4096  # twice as much leaves room for interlacing
     inflated = zlib.decompressobj().decompress(packed, limit + 1)
     if len(inflated) > limit:

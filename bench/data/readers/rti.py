@@ -92,8 +92,10 @@ def _read_list(path: Path) -> tuple[list[str], list[str], np.ndarray]:
 
 
 def _is_entry(line: str) -> bool:
-    """Whether a line of a file is `image-name x y z`, where the name has a suffix: without that, any text with three
-    numbers would be taken for a list."""
+    """Whether a line of a file is `image-name x y z`, where the name has a suffix.
+
+    Without the suffix, any file that begins with a word and three numbers would count as a list.
+    """
     cells = line.rsplit(None, 3)  # from the right, because the name may hold spaces
     try:
         vector = [float(cell) for cell in cells[1:]]

@@ -188,7 +188,7 @@ class LocalPCA(Source):
         return np.ascontiguousarray(scaled.swapaxes(2, 3))
 
     def _bytes(self, name: str) -> Array:
-        """The bytes (4 · H · W,) of a PNG's pixels, row by row, R G B A; `InputError` if it is damaged or was changed."""
+        """The bytes (4 · H · W,) of a PNG's pixels, row by row, R G B A; `InputError` if it is damaged or changed."""
         from PIL import Image
 
         height, width = picture_size(self.files, name)
@@ -243,7 +243,7 @@ class LocalPCA(Source):
 def _verify_checksums(data: bytes) -> None:
     """Raise `ValueError` if a chunk of a PNG does not match its checksum, `struct.error` if the data end too early.
 
-    Pillow accepts both, and would give wrong values.
+    Pillow accepts both.
     """
     offset = PNG_START
     name = b""

@@ -133,7 +133,7 @@ def opened(seen: Candidate) -> BTF | None:
     Only headers are read now, and directions, so it takes milliseconds.
     Values are linear RGB with the cosine of the light, decoded from colour model 0, 11 or 12 or from log (FMF) and
     never clamped. `provenance` keeps what the file says about itself; `provenance["native"]` holds the bytes of the
-    file and the ranks of its factors, so that the file can be compared with codecs. Raises `InputError` that names file
+    file and the ranks of its factors, which a report sets beside codecs. Raises `InputError` that names file
     and offset for a foreign, damaged or unsupported file.
     """
     if seen.head[:1] != b"!":  # all signatures of Bonn begin so; an unknown one is an error that names it
@@ -313,7 +313,7 @@ def _read_factors(cursor: Cursor, material: Factorisation, rows: int, what: str)
 
 class FactorSource(Source):
     """A memory-mapped factorisation, multiplied on demand: cheap by slice (the picture of a pair), by ABRDF (a texel at
-    all pairs) and scattered. Values that overflow in a product or a logarithm are a `NotFiniteError`.
+    all pairs) and scattered. Values that overflow in a product or an exponential are a `NotFiniteError`.
     """
 
     def __init__(self, path: Path, material: Factorisation):
