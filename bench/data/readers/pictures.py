@@ -396,7 +396,7 @@ def _hdr_header(data: bytes) -> _HdrHeader | None:
 def _read_hdr(data: bytes) -> Array:
     """A Radiance picture (H, W, 3) float32, upright for any axis order, divided by its exposure.
 
-    `ValueError` if it is damaged. A pixel is stored as RGBE: mantissas of red, green and blue, and a common exponent.
+    `ValueError` or `IndexError` if it is damaged. A pixel is stored as RGBE: mantissas of red, green and blue, and a common exponent.
     """
     header = _hdr_header(data)
     if header is None:
@@ -420,7 +420,7 @@ def _read_hdr(data: bytes) -> Array:
 def _hdr_pixels(data: bytes, offset: int, lines: int, length: int) -> Array:
     """RGBE bytes (lines, length, 4) uint8 from `offset` on, which are stored plainly or run-length coded line by line.
 
-    A line is a row, or a column of a picture that is stored by columns. `ValueError` for damaged data.
+    A line is a row, or a column of a picture that is stored by columns. `ValueError` or `IndexError` for damaged data.
     """
     # A coded line begins with two bytes 2, and its length in two more, the higher byte first. The format codes only
     # lines of 8 to 32,767 pixels.
