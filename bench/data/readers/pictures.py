@@ -396,7 +396,8 @@ def _hdr_header(data: bytes) -> _HdrHeader | None:
 def _read_hdr(data: bytes) -> Array:
     """A Radiance picture (H, W, 3) float32, upright for any axis order, divided by its exposure.
 
-    `ValueError` or `IndexError` if it is damaged. A pixel is stored as RGBE: mantissas of red, green and blue, and a common exponent.
+    `ValueError` or `IndexError` if it is damaged. A pixel is stored as RGBE: mantissas of red, green and blue, and a
+    common exponent.
     """
     header = _hdr_header(data)
     if header is None:
