@@ -1,5 +1,8 @@
 """Readers of measured BTFs. `open_btf` chooses one by the content of a file or folder, never by its extension.
 
+A BTF (`bench.btf`) holds a picture for each pair of a view and a light direction, here measured ones. A reader is a
+module that opens one file format as a BTF; one of this package is built in.
+
 To add a reader, write one file with a function `opened(seen)` and add one line below. The function gets a
 `bench.data.readers.files.Candidate` and returns the BTF, or None if the file or folder has another format. A reader of
 another package is such a module, which an entry point names (`bench.data.readers.outside`).
@@ -15,7 +18,8 @@ from bench.data.readers.checks import unit_note
 from bench.data.readers.files import Candidate
 from bench.inputs.errors import InputError
 
-# A module of this package, or any other by its full name, and the format that it opens. They are tried in this order.
+# Module → the format that it opens, in words. A module is named without this package, or, from elsewhere, by its full
+# name with dots. They are tried in this order.
 READERS = {
     "folder": "a folder with pairs.csv",
     "rti": "an RTI folder or .lp list",
@@ -43,11 +47,12 @@ def open_btf(path: str | Path, angles: str = "") -> BTF:
     try:
         seen = Candidate(path, angles)
         btf = _opened(seen)
-        faults: list[str] = []  # of readers that cannot be imported
+        faults: list[str] = []  # one sentence for each reader of another package that cannot be imported
         if btf is None:
             btf = outside.opened(seen, outside_readers.values(), faults)
         if btf is None:
             raise InputError("; ".join([f"{path}: {_unknown_fault(seen, supported)}", *faults]))
+        # A reader that used the unit says so in the provenance; without that word the option would do nothing.
         if unit_note(angles) and "angles" not in btf.provenance:
             raise InputError(f"{path}: it states no angles in degrees: leave out --{angles} (data.angles)")
         return btf
@@ -56,7 +61,10 @@ def open_btf(path: str | Path, angles: str = "") -> BTF:
 
 
 def listed() -> dict[str, str]:
-    """Name of each reader → the format that it opens, or what is wrong with it; those of other packages come last."""
+    """Name of each reader → words for the format that it opens, or for what is wrong with it.
+
+    The readers of other packages, which are imported for their words, come last.
+    """
     lines = {}
     for module, file_format in READERS.items():
         _, _, short_name = module.rpartition(".")  # without the package of a module elsewhere
@@ -64,7 +72,7 @@ def listed() -> dict[str, str]:
     try:
         for name, entry in outside.entries(READERS).items():
             lines[name] = outside.listed(entry)
-    except InputError as error:
+    except InputError as error:  # two packages may use one name; the built-in readers are listed nevertheless
         lines["(other packages)"] = f"FAILS: {error}"
     return lines
 
@@ -72,7 +80,7 @@ def listed() -> dict[str, str]:
 def _opened(seen: Candidate) -> BTF | None:
     """The BTF of the first built-in reader that knows the format; None if none does."""
     for name in READERS:
-        module = name if "." in name else f"{__name__}.{name}"
+        module = name if "." in name else f"{__name__}.{name}"  # with a dot it is a full name
         reader = importlib.import_module(module)
         btf: BTF | None = reader.opened(seen)
         if btf is not None:
@@ -81,9 +89,10 @@ def _opened(seen: Candidate) -> BTF | None:
 
 
 def _unknown_fault(seen: Candidate, supported: str) -> str:
-    """Why no reader opens it; for a folder of pictures without a list, what `bake` would say of their names.
+    """Why no reader opens the file or folder, in words.
 
-    `supported` lists what readers open, in words.
+    A folder of pictures may be texture maps, from which `bench.data.bake` makes a BTF. So it gets the words of `bake`
+    on the names of the pictures. `supported` lists what readers open, in words.
     """
     if seen.is_folder:
         from bench.data.bake.naming import has_pictures, no_albedo_fault

@@ -1,4 +1,9 @@
-"""Checks that every reader makes before it returns a BTF: directions, duplicates, form and range of values."""
+"""Checks that every reader makes before it returns a BTF: directions, duplicates, form and range of values.
+
+An entry is what the data say of one pair or one direction, such as a line of a list. Its index among them is its row,
+and `label(row)` gives the words that name it in an error: `pairs.csv, line 7`. θ is the angle from the normal (z), φ
+the azimuth; pairs and slices are those of `bench.btf`.
+"""
 
 import logging
 import math
@@ -11,12 +16,13 @@ from bench.btf import BTF, Array
 from bench.directions.hemisphere import from_angles, from_degrees, to_degrees
 from bench.inputs.errors import InputError
 
-HORIZON = 1e-6
+HORIZON = 1e-6  # a direction lies above the surface if its z exceeds this
 MANY_BELOW = 0.25  # a larger share of directions below the surface means other axes
-LOOKED_AT = 24  # slices that are looked at before a fit or a score
-VALUES = 50_000  # the most values of each for a percentile
+LOOKED_AT = 24  # slices whose values are checked before a fit or a score; all of them may be many gigabytes
+VALUES = 50_000  # the most values of each such slice from which a percentile is computed
 LARGEST, SMALLEST = 1e12, 1e-12  # of the radiance that can be used; measured and rendered materials are around 1
 NOISE = 1e-3  # negative values down to this share of the largest are noise
+# How the radiance of a format contains the cosine of the light, in words for a provenance.
 PHOTOGRAPHED = "radiance as photographed: the cosine is the light's own fall on the surface"
 IN_THE_DATA = "in the data: f_r cos(theta_i)"
 AS_STORED = "as stored: values are taken as f_r cos(theta_i)"
@@ -27,21 +33,25 @@ log = logging.getLogger(__name__)
 def provenance_of(
     form: str, colour: str, cosine: str = PHOTOGRAPHED, clamp: str = "none", **more: Any
 ) -> dict[str, Any]:
-    """The provenance of a BTF: its format, and how its colour, the light's cosine and highlights were read."""
+    """The provenance of a BTF: its format, and how its colour, the light's cosine and highlights were read.
+
+    All are words for a reader of `info`. `clamp` says where highlights end; `more` are further notes by key.
+    """
     return {"format": form, "colour": colour, "cosine": cosine, "clamp": clamp} | more
 
 
 def unit_note(angles: str) -> dict[str, str]:
-    """What a provenance says of the unit of angles if the user named it; {} for any other value of `angles`."""
+    """The note for a provenance on the unit of angles, if the user named it; {} if `angles` is anything else ("")."""
     if angles not in ("degrees", "radians"):
         return {}
     return {"angles": f"taken as {angles}, as the user says"}
 
 
 def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: float = 1e-3) -> Array:
-    """Unit vectors (N, 3) float32 from vectors that are finite, above the horizon, and of length 1 within `tolerance`.
+    """The vectors (N, 3) scaled to length 1, float32, if they are directions above the surface.
 
-    `InputError` names the first row that is not, with `label(row)`, and the likely reason if many are not.
+    `InputError` names the first row that is not finite, not of length 1 within `tolerance`, or not above the surface;
+    if many are not above it, also the likely reason.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         vectors = np.asarray(vectors, np.float64)
@@ -55,7 +65,8 @@ def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: floa
         row = int(np.argmin(above))
         below = int((~above).sum())
         remedy = ": leave this entry out"
-        # Many directions below the surface mean that the axes differ; if all are, the sign does.
+        # Many directions below the surface mean that the axes differ; if all are, the sign does. One alone shows
+        # neither.
         if below > max(1, MANY_BELOW * len(above)):
             remedy = f"; so are {below:,} of {len(above):,}: is y up in your data? z must be the normal"
         if below > 1 and (vectors[:, 2] < -HORIZON).all():
@@ -67,7 +78,7 @@ def unit_directions(vectors: Array, label: Callable[[int], str], tolerance: floa
 
 
 def different_directions(theta: Array, phi: Array, label: Callable[[int], str], suffix: str = "") -> Array:
-    """Unit vectors (N, 3) of angles θ, φ (N,) in radians, which must all be in range and different.
+    """Unit vectors (N, 3) float32 of angles θ, φ (N,) in radians, which must all be in range and different.
 
     `InputError` names the first fault by `label(row)`; `suffix` follows "theta" and "phi" in its text, like `_deg`.
     """
@@ -78,10 +89,10 @@ def different_directions(theta: Array, phi: Array, label: Callable[[int], str], 
 
 
 def directions_of_degrees(angles: Array, label: Callable[[int], str], suffixes: tuple[str, str]) -> tuple[Array, Array]:
-    """The directions, (N, 3) for each of two sides, of angles (N, 4) in degrees: θ, φ of one side and of the other.
+    """The unit vectors of N pairs, (N, 3) float32 for each of the two sides, view and light, in the order of `angles`.
 
-    `InputError` if an angle is out of range or a pair stands twice. `suffixes` follow "theta" and "phi" of each side in
-    its text, like `_o_deg`.
+    `angles` (N, 4) are θ, φ of one side and θ, φ of the other, in degrees. `InputError` if an angle is out of range or
+    a pair stands twice; in its text `suffixes` follow "theta" and "phi" of the two sides, like `_o_deg`.
     """
     theta_1, phi_1, theta_2, phi_2 = angles.T
     refuse_out_of_range(np.radians(theta_1), np.radians(phi_1), label, suffixes[0])
@@ -100,7 +111,8 @@ def refuse_out_of_range(theta: Array, phi: Array, label: Callable[[int], str], s
     with np.errstate(over="ignore", invalid="ignore"):
         theta_deg = np.degrees(np.asarray(theta, np.float64))
         phi_deg = np.degrees(np.asarray(phi, np.float64))
-        # Limits leave room for rounding. NaN fails all of these tests, and so is refused.
+        # Limits leave room for rounding. NaN fails all of these tests, and so is refused. The cosine is the z of the
+        # direction: just below 90° it may not exceed `HORIZON`.
         theta_is_good = (theta_deg >= -1e-4) & (np.cos(np.radians(theta_deg)) > HORIZON) & (theta_deg < 90.0)
         phi_is_good = np.abs(phi_deg) <= 360.001
     for is_good, symbol, degrees, bounds in (
@@ -139,13 +151,17 @@ def _seem_radians(theta: Array, phi: Array) -> bool:
 
     False if every θ is 0, which means the same in both units.
     """
-    # φ brought to [−180, 180), because 359 degrees are as near 0 as 1 degree is.
+    # |φ| once φ is brought to [−180, 180), because 359 degrees are as near 0 as 1 degree is.
     around_0 = np.abs((phi + 180) % 360 - 180)
+    # Just above π / 2 = 1.571 and 2 π = 6.283.
     return bool(0 < theta.max() < 1.6 and around_0.max() < 6.3)
 
 
 def radiance_fault(shape: tuple[int, ...], dtype: np.dtype) -> str:
-    """What is wrong with the form of radiance, and the remedy; "" where it is (N, H, W, 3) floats."""
+    """Words for what is wrong with the shape or type of radiance, and the remedy; "" where it is (N, H, W, 3) floats.
+
+    An array without values is wrong, too.
+    """
     if len(shape) == 4 and shape[-1] == 3 and 0 not in shape and dtype.kind == "f":
         return ""
     remedy = ""
@@ -162,7 +178,7 @@ def radiance_fault(shape: tuple[int, ...], dtype: np.dtype) -> str:
 
 
 def negative(values: Array) -> str:
-    """A sentence on radiance below 0; "" if there is none, or only noise."""
+    """A sentence on radiance (any shape) below 0, for a warning; "" if there is none, or only noise."""
     least = float(values.min())
     exceeds_noise = least < -NOISE * float(values.max())
     if not exceeds_noise:
@@ -171,18 +187,23 @@ def negative(values: Array) -> str:
 
 
 def refuse_extremes(btf: BTF) -> None:
-    """Raise an `InputError` if `LOOKED_AT` slices of a BTF hold radiance that is too large or too small for float32
-    arithmetic and for records, which hold no number above 1e18. Black data are allowed."""
+    """Raise an `InputError` if radiance is too large or too small for float32 arithmetic, or for the stored results of
+    a run, which hold no number above 1e18.
+
+    It reads `LOOKED_AT` slices of the BTF. Too large is a matter of the largest value, too small of the 99th
+    percentile, which a few stray bright values do not raise. Black data are allowed.
+    """
     largest = 0.0
-    samples = []
+    samples = []  # one-dimensional, some values of each slice
     for picture in some_slices(btf):
         largest = max(largest, float(picture.max()))
         step = -(-picture.size // VALUES)  # rounded up, so that at most `VALUES` values are taken
         if step % 3 == 0:  # red, green and blue take turns: such steps would meet one of them alone
             step += 1
         samples.append(picture.reshape(-1)[::step])
-    bright = float(np.percentile(np.maximum(np.concatenate(samples), 0), 99))
-    if bright == 0:  # hardly anything is lit
+    values = np.maximum(np.concatenate(samples), 0)  # what is below 0 is noise
+    bright = float(np.percentile(values, 99))
+    if bright == 0:  # fewer than 1 % of the values are lit, so the largest must tell how bright these are
         bright = largest
     if largest > LARGEST:
         extreme = largest
@@ -203,9 +224,12 @@ def some_slices(btf: BTF) -> Iterator[Array]:
 
 
 def no_duplicates(wo: Array, wi: Array, label: Callable[[int], str]) -> None:
-    """Raise `InputError` if two of the pairs (wo[i], wi[i]), each (N, 3), are equal; it names both."""
+    """Raise `InputError` if two of the pairs (wo[i], wi[i]), each (N, 3), are equal to 6 decimals; it names both.
+
+    A BTF has one picture for each pair.
+    """
     rows = np.round(np.concatenate([wo, wi], 1).astype(np.float64), 6) + 0.0  # the sum makes 0 of −0
-    order = np.lexsort(rows.T[::-1])  # equal rows are neighbours in it
+    order = np.lexsort(rows.T[::-1])  # sorted by all six coordinates, so that equal rows are neighbours
     equals_next = (rows[order[1:]] == rows[order[:-1]]).all(1)
     if equals_next.any():
         place = int(np.argmax(equals_next))
@@ -214,7 +238,7 @@ def no_duplicates(wo: Array, wi: Array, label: Callable[[int], str]) -> None:
 
 
 def view_major(wo: Array, wi: Array) -> Array:
-    """The order (N,) that sorts pairs by view, then by light, each by θ and then φ."""
+    """The indices (N,) that sort pairs by view, then by light, each by θ and then φ."""
     keys = []  # `np.lexsort` sorts by its last key first: by θ_o, then φ_o, θ_i, φ_i
     for side in (wi, wo):
         theta, phi = to_degrees(side)

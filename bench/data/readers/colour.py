@@ -1,5 +1,8 @@
 """The colour space that a JPEG or PNG states, and its conversion to linear Rec. 709.
 
+A space has primaries and a white, stated as chromaticities x and y, and a curve from light to codes, the whole numbers
+that a picture holds: often code = light ^ exponent.
+
 What states nothing is sRGB. An ICC profile is applied by Little CMS, to 8-bit codes. A PNG may state its exponent
 (gAMA), its primaries (cHRM) or both by number (cICP) instead; a camera states Adobe RGB in EXIF. What agrees with sRGB
 changes no value. Colours outside the gamut of sRGB are clipped.
@@ -20,50 +23,57 @@ from bench.btf import Array
 from bench.data.readers.orientation import before_pixels, exif
 from bench.inputs.errors import InputError
 
-# x and y of red, green, blue and white.
+# Chromaticities: x and y of red, green, blue and white.
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 ADOBE_RGB = (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.3290)
 DISPLAY_P3 = (0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.3290)
 REC2020 = (0.708, 0.292, 0.17, 0.797, 0.131, 0.046, 0.3127, 0.3290)
 ADOBE_EXPONENT = 256 / 563  # Adobe RGB (1998), 4.3.1.2: light = code ^ 2.19921875
 SRGB_EXPONENT = 0.45455  # the gAMA that PNG gives to sRGB
-# ITU-T H.273, by number; the exponent 0 is the curve of sRGB.
+# The primaries and curves of ITU-T H.273 by its numbers; the exponent 0 stands for the curve of sRGB.
 _PRIMARIES = {1: REC709, 9: REC2020, 12: DISPLAY_P3}
 _EXPONENTS = {4: 1 / 2.2, 8: 1.0, 13: 0.0}
+# From CIE XYZ to the responses of three cones, in which one white is adapted to another.
 _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
-_MOST_PROFILE = 16 << 20
+_MOST_PROFILE = 16 << 20  # bytes of a profile that are inflated at most
+# EXIF tags: of the two tables that are looked at, and of the colour space in the first.
 _EXIF_IFD, _INTEROP_IFD, _COLOUR_SPACE = 0x8769, 0xA005, 0xA001
 
 
 @dataclass(frozen=True)
 class Colour:
-    """A colour space that is not sRGB: an ICC profile, or an exponent (code = light ^ exponent; 0 is the curve of sRGB)
-    and the chromaticities of red, green, blue and white."""
+    """A colour space that is not sRGB: an ICC profile, or else an exponent and chromaticities."""
 
-    name: str
-    profile: bytes = b""
-    exponent: float = 0.0
+    name: str  # in words, for provenances and errors
+    profile: bytes = b""  # empty: the exponent and the chromaticities count
+    exponent: float = 0.0  # code = light ^ exponent; 0 is the curve of sRGB
+    # x and y of red, green, blue and white.
     chromaticities: tuple[float, ...] = REC709
 
     def linear(self, codes: Array, curve: Array) -> Array:
-        """Linear Rec. 709 (…, 3) float32 in [0, 1] of integer codes (…, 3). Not for a profile.
+        """Linear Rec. 709 (…, 3) float32 in [0, 1] of integer codes (…, 3).
 
-        `curve` (levels,) holds the linear value of each code in sRGB; an exponent replaces it.
+        `curve` (number of codes,) holds the linear value of each code in sRGB; an exponent replaces it. A profile is
+        applied by `srgb_by_profile` instead.
         """
         if self.exponent:
             fractions = np.arange(len(curve)) / (len(curve) - 1)  # of the largest code
             curve = fractions ** (1 / self.exponent)
         light = curve[codes]
         if not _alike(self.chromaticities, REC709):
+            # Colours outside the gamut of Rec. 709 leave [0, 1].
             light = np.clip(light @ _to_rec709(self.chromaticities).T, 0, 1)
         return np.asarray(light, np.float32)
 
 
 def stated_colour(data: bytes, kind: str | None, label: str) -> Colour | None:
-    """The colour space of a JPEG or PNG from the bytes before its pixels; None for sRGB. `InputError` for one that
-    cannot be converted."""
+    """The colour space of a JPEG or PNG (`kind`) from the bytes before its pixels; None for sRGB, and for other kinds.
+
+    `InputError`, which names the picture by `label`, for a space that cannot be converted.
+    """
     profile = b""
     if kind == "png":
+        # cICP comes before a profile, a profile before sRGB, and that before gAMA and cHRM. EXIF counts without these.
         chunks = dict(before_pixels(data))
         if b"cICP" in chunks:
             return _by_number(chunks[b"cICP"], label)
@@ -76,22 +86,27 @@ def stated_colour(data: bytes, kind: str | None, label: str) -> Colour | None:
         elif {b"gAMA", b"cHRM"} & set(chunks):
             return _by_chunks(chunks, label)
     elif kind == "jpeg":
+        # A long profile lies in numbered parts.
         profile = b"".join(part for _, part in sorted(_profile_parts(data)))
     else:
         return None
     if not profile:
         return _by_exif(data, kind)
     name = _unless_srgb(profile, _mode(profile, label), label)
-    if not name:
+    if not name:  # the profile is that of sRGB
         return None
     return Colour(f"ICC profile {name}", profile)
 
 
 def srgb_by_profile(image: Any, colour: Colour, label: str) -> Array:
-    """The sRGB codes (H, W, 3) uint8 of a Pillow image with an ICC profile."""
+    """The sRGB codes (H, W, 3) uint8 of a Pillow image in the colour space `colour`, an ICC profile.
+
+    `InputError` if the profile does not fit the image `label`, or cannot be applied.
+    """
     from PIL import ImageCms
 
     mode = _mode(colour.profile, label)
+    # Pillow's modes of grey: of one bit, of 8, and with alpha. Converting colours to grey would lose them.
     if mode == "L" and image.mode not in ("1", "L", "LA"):
         raise InputError(f"{label}: its ICC profile is of grey, but it has colours: save it as sRGB")
     try:
@@ -101,7 +116,10 @@ def srgb_by_profile(image: Any, colour: Colour, label: str) -> Array:
 
 
 def _by_number(content: bytes, label: str) -> Colour | None:
-    """The space of a chunk cICP: the numbers of its primaries and its curve (ITU-T H.273)."""
+    """The space of the content of a PNG's chunk cICP: the numbers of its primaries and its curve (ITU-T H.273).
+
+    None for sRGB; `InputError` for a number that is not converted.
+    """
     primaries, curve = content[:2]
     # The next two bytes must be 0, no matrix, which means RGB, and 1, codes of full range.
     if primaries not in _PRIMARIES or curve not in _EXPONENTS or content[2:4] != b"\0\1":
@@ -115,7 +133,10 @@ def _by_number(content: bytes, label: str) -> Colour | None:
 
 
 def _by_chunks(chunks: dict[bytes, bytes], label: str) -> Colour | None:
-    """The space of the chunks gAMA and cHRM, both in units of 1e-5; None for sRGB."""
+    """The space of a PNG's chunks gAMA and cHRM, by name, both in units of 1e-5; None for sRGB.
+
+    Without gAMA the curve is that of sRGB, without cHRM the primaries are. `InputError` for impossible primaries.
+    """
     exponent = 0.0
     chromaticities: tuple[float, ...] = REC709
     if b"gAMA" in chunks:
@@ -125,10 +146,10 @@ def _by_chunks(chunks: dict[bytes, bytes], label: str) -> Colour | None:
         white_first = np.array(struct.unpack(">8I", chunks[b"cHRM"])) / 1e5
         white_last = np.roll(white_first, -2)  # x and y of the white go behind those of the primaries
         chromaticities = tuple(float(value) for value in white_last)
-        # Every second number is a y. None may be 0, because x and 1 − x − y are divided by it.
+        # Every second number is a y. None may be near 0, because x and 1 − x − y are divided by it.
         spans_colours = min(chromaticities[1::2]) >= 1e-3
         if spans_colours:
-            # Primaries on one line have the determinant 0.
+            # Primaries on one line have the determinant 0: the matrix to XYZ then has no inverse.
             determinant = np.linalg.det(_to_xyz(chromaticities, scaled=False))
             spans_colours = abs(determinant) >= 1e-3
         if not spans_colours:
@@ -146,9 +167,10 @@ def _by_chunks(chunks: dict[bytes, bytes], label: str) -> Colour | None:
 
 
 def _by_exif(data: bytes, kind: str) -> Colour | None:
-    """Adobe RGB, if the camera's notes say so; else None, which is sRGB.
+    """Adobe RGB, if the camera's notes in a JPEG or PNG (`kind`) say so; else None, which is sRGB.
 
-    DCF 2.0 says it by the interoperability index R03; some cameras write the colour space 2 instead.
+    By DCF 2.0 the interoperability index R03 says it; some cameras write the colour space 2 instead. Colour space 1 is
+    sRGB, whatever the index.
     """
     notes = exif(data, kind)
     if notes is None:
@@ -157,7 +179,7 @@ def _by_exif(data: bytes, kind: str) -> Colour | None:
         warnings.simplefilter("ignore")
         try:
             space = notes.get_ifd(_EXIF_IFD).get(_COLOUR_SPACE)
-            index = str(notes.get_ifd(_INTEROP_IFD).get(1, "")).strip("\0 ")
+            index = str(notes.get_ifd(_INTEROP_IFD).get(1, "")).strip("\0 ")  # tag 1 of that table
         except Exception:  # damaged notes raise many types; they state nothing then
             return None
     is_adobe = space == 2 or (index == "R03" and space != 1)
@@ -167,13 +189,17 @@ def _by_exif(data: bytes, kind: str) -> Colour | None:
 
 
 def _profile_parts(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Number and content of each part of a JPEG's profile, in the order of the file (ICC.1:2010, B.4)."""
+    """(number, content) of each part of a JPEG's ICC profile, in the order of the file (ICC.1:2010, B.4).
+
+    A segment holds one part; no part at all without a profile.
+    """
     mark = b"ICC_PROFILE\0"
     # After the mark come the number of the part and the number of all parts, one byte each.
     start = len(mark) + 2
     for marker, content in before_pixels(data):
         if marker == b"\xe2" and content.startswith(mark) and len(content) > start:
-            yield content[len(mark)], content[start:]
+            number = content[len(mark)]
+            yield number, content[start:]
 
 
 def _unless_srgb(profile: bytes, mode: str, label: str) -> str:
@@ -188,9 +214,10 @@ def _unless_srgb(profile: bytes, mode: str, label: str) -> str:
 
 @lru_cache(16)
 def _name_unless_srgb(profile: bytes, mode: str) -> str:
-    """The name of a profile; "" if it is sRGB.
+    """The name of a profile for pictures of `mode` (RGB, or L for grey); "" if it is sRGB.
 
-    A profile is judged by what it does to a grid of colours: the many versions of sRGB change a code by 1 at most.
+    It is applied to a grid of colours: the many versions of sRGB change a code by 1 at most. The result is cached,
+    because the pictures of a folder share their profile.
     """
     from PIL import Image, ImageCms
 
@@ -198,19 +225,19 @@ def _name_unless_srgb(profile: bytes, mode: str) -> str:
         grid = np.arange(256, dtype=np.uint8)[None]  # a picture of one row
         grid_as_rgb = np.repeat(grid[..., None], 3, 2)
     else:
-        steps = np.linspace(0, 255, 9).round().astype(np.uint8)
-        colours = np.stack(np.meshgrid(steps, steps, steps), -1)
+        levels = np.linspace(0, 255, 9).round().astype(np.uint8)  # of each channel
+        colours = np.stack(np.meshgrid(levels, levels, levels), -1)
         grid = grid_as_rgb = colours.reshape(27, 27, 3)  # 9³ colours as a picture
     converted = np.asarray(ImageCms.applyTransform(Image.fromarray(grid), _transform(profile, mode)))
     if np.abs(converted.astype(int) - grid_as_rgb).max() <= 1:
         return ""
     name = ImageCms.getProfileDescription(ImageCms.ImageCmsProfile(io.BytesIO(profile)))
     printable = "".join(letter for letter in name if letter.isprintable())
-    return printable.strip()[:60] or "without a name"
+    return printable.strip()[:60] or "without a name"  # it goes into messages, so it must stay short
 
 
 def _mode(profile: bytes, label: str) -> str:
-    """Pillow's mode of the pictures that a profile is for: RGB, or L for grey."""
+    """Pillow's mode of the pictures that a profile is for: RGB, or L for grey. `InputError` for others, like CMYK."""
     space = profile[16:20]  # the field "data colour space" of its header
     if space not in (b"RGB ", b"GRAY"):
         raise InputError(f"{label}: its ICC profile is of {space.decode('latin-1').strip()!r}: save it as sRGB")
@@ -219,35 +246,36 @@ def _mode(profile: bytes, label: str) -> str:
 
 @lru_cache(16)
 def _transform(profile: bytes, mode: str) -> Any:
-    """What Pillow needs to convert pictures of some mode (RGB, or L for grey) from a profile to 8-bit sRGB."""
+    """The Pillow transform (`ImageCmsTransform`) of pictures of `mode` from a profile to 8-bit sRGB, cached."""
     from PIL import ImageCms
 
-    intent = ImageCms.Intent.RELATIVE_COLORIMETRIC  # the values that were meant; others fit them to a medium
+    # This intent keeps the colours that the profile means; others fit them to a medium, such as paper.
+    intent = ImageCms.Intent.RELATIVE_COLORIMETRIC
     space = ImageCms.ImageCmsProfile(io.BytesIO(profile))
     return ImageCms.buildTransform(space, ImageCms.createProfile("sRGB"), mode, "RGB", intent)
 
 
 def _alike(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
-    """Whether two sets of chromaticities are the same but for rounding."""
+    """Whether two sets of chromaticities (x and y of red, green, blue and white) are the same but for rounding."""
     return bool(np.allclose(a, b, atol=2e-3))
 
 
 def _to_rec709(chromaticities: tuple[float, ...]) -> Array:
-    """The matrix (3, 3) from linear RGB of some primaries and white to linear Rec. 709.
+    """The matrix (3, 3) from linear RGB of some primaries and white to linear Rec. 709, for column vectors.
 
-    One white is adapted to the other by Bradford's cones.
+    Its white becomes that of Rec. 709: the responses of Bradford's three cones are scaled so that the whites agree.
     """
     source, target = _to_xyz(chromaticities), _to_xyz(REC709)
     source_white, target_white = source.sum(1), target.sum(1)  # the sums over the primaries
-    gains = (_BRADFORD @ target_white) / (_BRADFORD @ source_white)  # of the three cones
+    gains = (_BRADFORD @ target_white) / (_BRADFORD @ source_white)  # factors (3,) of the cones
     adapted: Array = np.linalg.inv(_BRADFORD) @ np.diag(gains) @ _BRADFORD @ source
     return np.linalg.inv(target) @ adapted
 
 
 def _to_xyz(chromaticities: tuple[float, ...], scaled: bool = True) -> Array:
-    """The matrix (3, 3) from linear RGB to CIE XYZ: its columns add up to the white, whose Y is 1.
+    """The matrix (3, 3) from linear RGB to CIE XYZ: its columns, the primaries, add up to the white, whose Y is 1.
 
-    Without `scaled`, each column is a primary with Y = 1.
+    Without `scaled`, each column is a primary with Y = 1, which shows whether the primaries differ enough.
     """
     xy = np.reshape(chromaticities, (4, 2))
     # X, Y and Z of each: x / y, 1 and (1 − x − y) / y.

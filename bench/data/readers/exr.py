@@ -1,4 +1,9 @@
-"""OpenEXR as linear Rec. 709 RGB: a single flat part with channels R G B, X Y Z or Y, in half or float."""
+"""OpenEXR as linear Rec. 709 RGB: a single flat part with channels R G B, X Y Z or Y, in half or float.
+
+An EXR is a header of attributes (name, type, content), a table of places, and chunks: groups of scan lines (rows), each
+compressed alone. The header is parsed here, so that sizes are known without the pixels; the OpenEXR library decodes the
+pixels. `label` is the name of the file in errors.
+"""
 
 import struct
 from pathlib import Path
@@ -9,7 +14,8 @@ from bench.btf import Array
 from bench.data.readers.colour import REC709
 from bench.inputs.errors import InputError, refuse_pipe
 
-_LINES_OF_A_CHUNK = (1, 1, 1, 16, 32, 16, 32, 32, 32, 256)  # by the number of the compression
+# The scan lines of a chunk, by the number of the compression, which the attribute `compression` holds.
+_LINES_OF_A_CHUNK = (1, 1, 1, 16, 32, 16, 32, 32, 32, 256)
 
 # IEC 61966-2-1: the primaries and the white (D65) of sRGB, equal to those of Rec. 709.
 XYZ_TO_REC709 = np.array(
@@ -18,7 +24,7 @@ XYZ_TO_REC709 = np.array(
 
 
 def size(data: bytes, label: str) -> tuple[int, int] | None:
-    """(H, W) from the header of an EXR; None if the data end before the header does.
+    """(H, W) from the header of an EXR, from its first bytes; None if they end before the header does.
 
     Raises `InputError` for a form that `read` does not read.
     """
@@ -28,7 +34,8 @@ def size(data: bytes, label: str) -> tuple[int, int] | None:
     missing = [name for name in ("channels", "dataWindow", "displayWindow") if name not in attributes]
     if missing:
         raise InputError(f"{label}: this EXR lacks {', '.join(missing)}: save it again")
-    # First column and row, last column and row (both are part of the picture).
+    # The data window is what the file holds, the display window what is shown. Each is first column and row, last
+    # column and row (both are part of the picture).
     window = struct.unpack("<4i", attributes["dataWindow"])
     if window != struct.unpack("<4i", attributes["displayWindow"]):
         raise InputError(f"{label}: its data window differs from its display window: save it uncropped")
@@ -42,9 +49,9 @@ def size(data: bytes, label: str) -> tuple[int, int] | None:
 
 
 def _attributes(data: bytes, label: str) -> tuple[dict[str, bytes] | None, int]:
-    """The header of a single-part EXR, each attribute's bytes by its name, and the offset at which the header ends.
+    """The header of a single-part EXR: its attributes, name → content, and the offset at which the header ends.
 
-    None and 0 if the data end before the header does.
+    None and 0 if the data end before the header does. `InputError` for an EXR of another kind.
     """
     (version,) = struct.unpack_from("<I", data, 4)  # after four bytes of the signature
     # The low byte is the version; the bits of 0x1800 say deep and multi-part.
@@ -55,7 +62,7 @@ def _attributes(data: bytes, label: str) -> tuple[dict[str, bytes] | None, int]:
     offset = 8
     # An attribute is its name, its type (each ends with a zero byte), its size (4 bytes) and that many bytes.
     while offset < len(data):
-        if data[offset] == 0:
+        if data[offset] == 0:  # an empty name ends the header
             return attributes, offset + 1
         # Names and types have 255 bytes at most.
         name_end = data.find(b"\0", offset, offset + 256)
@@ -65,7 +72,7 @@ def _attributes(data: bytes, label: str) -> tuple[dict[str, bytes] | None, int]:
             return None, 0
         (size,) = struct.unpack_from("<i", data, type_end + 1)
         content_end = content_start + size
-        if size < 0 or content_end > len(data):
+        if size < 0 or content_end > len(data):  # a negative size would go back without end
             return None, 0
         name = data[offset:name_end].decode("latin-1")
         attributes[name] = data[content_start:content_end]
@@ -74,7 +81,10 @@ def _attributes(data: bytes, label: str) -> tuple[dict[str, bytes] | None, int]:
 
 
 def _channels_to_read(attributes: dict[str, bytes], label: str) -> tuple[str, ...]:
-    """The names of the channels to read: R G B, else X Y Z, else Y alone (grey). `InputError` for other channels."""
+    """The names of the channels to read: R G B, else X Y Z, else Y alone (grey). `InputError` for other channels.
+
+    Further channels, such as alpha or depth, are left out.
+    """
     channels = {}  # name → pixel type (0 uint, 1 half, 2 float), sampling along x, sampling along y
     data = attributes["channels"]
     offset = 0
@@ -84,27 +94,28 @@ def _channels_to_read(attributes: dict[str, bytes], label: str) -> tuple[str, ..
         name = data[offset:name_end].decode("latin-1")
         channels[name] = struct.unpack_from("<i4xii", data, name_end + 1)
         offset = name_end + 1 + 16
-    has_chroma = bool({"RY", "BY"} & set(channels))  # Y is then the luminance of a coloured picture
+    # Y is then the luminance of a coloured picture, whose colours are stored with fewer samples.
+    has_chroma = bool({"RY", "BY"} & set(channels))
     for choice in (("R", "G", "B"), ("X", "Y", "Z"), ("Y",)):
         is_coloured_y = choice == ("Y",) and has_chroma
         if set(choice) <= set(channels) and not is_coloured_y:
             break
-    else:
+    else:  # no choice is there
         missing = ", ".join(name for name in "RGB" if name not in channels)
         held = ", ".join(sorted(channels)) or "none"
         raise InputError(f"{label}: no channel {missing} (it holds {held}): save it with channels R, G, B")
     for name in choice:
-        # Half or float, with a sample for every pixel.
+        # (type, sampling along x, along y): half or float, with a sample for every pixel.
         if channels[name] not in ((1, 1, 1), (2, 1, 1)):
             raise InputError(f"{label}: channel {name} is not full-size half or float: save it as half or float RGB")
     return choice
 
 
 def _refuse_truncated(data: bytes, end: int, attributes: dict[str, bytes], label: str) -> None:
-    """Raise an `InputError` if a chunk of scan lines does not lie within the file, before the library fails in words of
-    its own.
+    """Raise an `InputError` if a chunk of scan lines does not lie within the file, whose bytes are `data`.
 
-    The header ends at `end`. There the table begins: the place of each chunk in the file, 8 bytes each.
+    The library would fail, too, but in words of its own. The header ends at `end`. There the table begins: the place of
+    each chunk in the file, 8 bytes each.
     """
     _, top, _, bottom = struct.unpack("<4i", attributes["dataWindow"])
     compression = attributes.get("compression", b"\0")[0]
@@ -130,7 +141,11 @@ def _refuse_truncated(data: bytes, end: int, attributes: dict[str, bytes], label
 
 
 def read(path: Path, label: str, rgb_is_xyz: bool) -> Array:
-    """The picture (H, W, 3) float32 of an EXR; X, Y, Z, and R, G, B with `rgb_is_xyz`, are taken as CIE XYZ (D65)."""
+    """The picture (H, W, 3) float32 of an EXR in linear Rec. 709; grey is repeated.
+
+    X, Y, Z, and R, G, B with `rgb_is_xyz`, are taken as CIE XYZ (D65). `InputError` for a truncated file, or for
+    channels or primaries that are not read.
+    """
     import OpenEXR
 
     refuse_pipe(path)
@@ -139,7 +154,7 @@ def read(path: Path, label: str, rgb_is_xyz: bool) -> Array:
     if attributes is None:
         raise InputError(f"{label}: the header ends early: the picture is truncated; get it again")
     names = _channels_to_read(attributes, label)
-    if "tiles" not in attributes:
+    if "tiles" not in attributes:  # the chunks of tiles are numbered in another way; the library checks them
         _refuse_truncated(data, end, attributes, label)
     channels = OpenEXR.File(str(path), separate_channels=True).channels()
     picture = np.stack([np.asarray(channels[name].pixels, np.float32) for name in names], -1)

@@ -1,4 +1,7 @@
-"""Named files in a folder, read without state, so threads and forks can share them, and what shows their format."""
+"""Files in a folder, read by name, and what shows the format of a file or a folder (`Candidate`).
+
+Each read opens and closes its file, so threads and forked processes can share these objects.
+"""
 
 import hashlib
 import os
@@ -11,14 +14,17 @@ from bench.files.archive import MAX_FILE, ZipFiles
 from bench.inputs.errors import InputError, readable, refuse_pipe
 
 WHOLE = 64 << 20  # bytes that a digest reads completely; of more it reads blocks
-BLOCK = 64 << 10
-HEAD = 4096  # bytes that show a format
-MAX_DEPTH = 3
-UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+BLOCK = 64 << 10  # bytes of such a block at most
+HEAD = 4096  # bytes at the start of a file that show its format
+MAX_DEPTH = 3  # levels of files that are listed: those in the folder, in its folders, and in theirs
+UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")  # byte order marks, little-endian and big-endian
 
 
 class FolderFiles:
-    """The files below a folder."""
+    """The files below a folder, by name: their paths from it, with forward slashes.
+
+    `bench.files.archive.ZipFiles` has the same methods for the entries of a zip, so readers take either (`Files`).
+    """
 
     def __init__(self, root: Path):
         self.root = root
@@ -44,27 +50,32 @@ class FolderFiles:
             return stream.read(count)
 
     def read(self, name: str) -> bytes:
-        """All bytes; a file above `MAX_FILE` is refused."""
+        """All bytes; `InputError` for a file above `MAX_FILE` bytes."""
         if self.size(name) > MAX_FILE:
             raise InputError(f"{self.label(name)}: it is larger than {MAX_FILE >> 20} MiB: split it")
         return self.head(name, MAX_FILE)
 
     def digest(self, names: Iterable[str]) -> str:
-        """Hex digest of the files: of names, sizes and all bytes; for large sets, of spread blocks of each file."""
+        """Hex SHA-256 of files: of their names and sizes, and of their bytes.
+
+        Of files with more than `WHOLE` bytes together, only blocks are read, which are spread over each of them.
+        """
         names = list(names)
         sizes = [self.size(name) for name in names]
         digest = hashlib.sha256()
-        budget = None  # bytes of each file; None reads all
+        budget = None  # bytes to read of each file; None reads all
         if sum(sizes) > WHOLE:
-            budget = max(4096, WHOLE // len(names))  # together about `WHOLE`
+            # Together about `WHOLE`; of very many files more, so that some of each is read.
+            budget = max(4096, WHOLE // len(names))
         for name, size in zip(names, sizes, strict=True):
+            # Names may hold bytes that are not UTF-8; `surrogateescape` gives these bytes back.
             digest.update(f"{name}\0{size}\0".encode("utf-8", "surrogateescape"))
             _update(digest, self.root / name, size, budget)
         return digest.hexdigest()
 
 
 def file_digest(path: Path) -> str:
-    """Hex digest of a file: of all its bytes up to 64 MiB, else of its size and 256 spread blocks of 64 KiB."""
+    """Hex SHA-256 of a file: of its size, and of all its bytes, or above 64 MiB of 256 spread blocks of 64 KiB."""
     size = path.stat().st_size
     digest = hashlib.sha256(str(size).encode())
     budget = None if size <= WHOLE else 256 * BLOCK
@@ -96,7 +107,10 @@ Files = FolderFiles | ZipFiles
 
 @dataclass(frozen=True)
 class Candidate:
-    """A file or a folder whose format is sought; `OSError` if it cannot be read."""
+    """A file or a folder whose format is sought, with what shows the format; each reader is asked if it knows it.
+
+    The first use of a property reads the disk; it raises `OSError` if that fails.
+    """
 
     path: Path
     # The unit that the user names for angles that a file states as degrees: "degrees", "radians", or "" for none.
@@ -104,7 +118,7 @@ class Candidate:
 
     @cached_property
     def head(self) -> bytes:
-        """The first bytes of a file; of a folder none."""
+        """The first `HEAD` bytes of a file; of a folder none. `InputError` for a pipe, where a read would wait."""
         if self.is_folder:
             return b""
         refuse_pipe(self.path)
@@ -117,7 +131,7 @@ class Candidate:
 
     @property
     def is_zip(self) -> bool:
-        return self.head[:4] == b"PK\x03\x04"
+        return self.head[:4] == b"PK\x03\x04"  # how the first entry of an archive begins
 
     @cached_property
     def names(self) -> list[str]:
@@ -131,17 +145,20 @@ class Candidate:
 
     @property
     def first_line(self) -> str:
-        """The first line of a text file that is not empty, as far as `head` has it; "" for an archive."""
+        """The first line of a text file that is not blank, stripped, as far as `head` has it; "" for an archive.
+
+        Another binary file gives some text that no reader looks for.
+        """
         if self.is_zip:
-            return ""
+            return ""  # it begins with the names and bytes of its entries, which are no line
         encoding = "utf-16" if self.head.startswith(UTF16_MARKS) else "utf-8-sig"
-        text = self.head.decode(encoding, "replace").lstrip()
+        text = self.head.decode(encoding, "replace").lstrip()  # lines that are empty or blank go, too
         line, _, _ = text.partition("\n")
         return line.strip()
 
     @property
     def described(self) -> str:
-        """Why it is not a known BTF, and the start of a remedy: the caller adds `give …`."""
+        """Words for why it is not a known BTF, and the start of a remedy, which the caller ends with `give …`."""
         if self.is_folder:
             names = sorted(path.name for path in self.path.iterdir())
             listed = ", ".join(names[:3]) or "nothing"
@@ -154,7 +171,10 @@ class Candidate:
 
 
 def text_of(data: bytes) -> str:
-    """The text of a file in UTF-8, in UTF-16 with its mark, or else in Latin-1. `ValueError` for binary data."""
+    """The text of the bytes of a file: in UTF-16 if its mark comes first, else in UTF-8, or in Latin-1 if that fails.
+
+    `ValueError` for binary data. Latin-1 gives text for any bytes, so it comes last.
+    """
     if data.startswith(UTF16_MARKS):
         return data.decode("utf-16")
     if b"\0" in data:
@@ -170,7 +190,7 @@ def list_folder(path: Path) -> list[str]:
     names = []
     for place, folders, files in os.walk(path):
         inner = Path(place).relative_to(path)
-        if len(inner.parts) + 1 >= MAX_DEPTH:
+        if len(inner.parts) + 1 >= MAX_DEPTH:  # the files of this folder are of the last level
             folders.clear()  # `os.walk` then goes no deeper
         names += [(inner / name).as_posix() for name in files]
     return sorted(names)

@@ -1,8 +1,9 @@
 """Reads and writes a folder of pictures with `pairs.csv`, the simplest exchange format.
 
-`pairs.csv` has the columns `file, theta_o_deg, phi_o_deg, theta_i_deg, phi_i_deg`, in any order, and optionally
-`split` (`train` or `heldout`). `btf.json`, which `write_folder` adds, keeps name, period and provenance, and
-says that the angles are degrees.
+`pairs.csv` lists one picture a line, with the view (o) and the light (i) it was taken at: the columns `file,
+theta_o_deg, phi_o_deg, theta_i_deg, phi_i_deg`, in any order, and optionally `split` (`train` or `heldout`, which no
+codec may train on). `btf.json`, which `write_folder` adds, keeps name and provenance, says whether the picture is
+periodic (repeats without a seam), and says that the angles are degrees.
 """
 
 import csv
@@ -33,7 +34,7 @@ from bench.inputs.errors import NO_PLACE, InputError, readable
 LIST, NOTES = "pairs.csv", "btf.json"
 ANGLES = ("theta_o_deg", "phi_o_deg", "theta_i_deg", "phi_i_deg")
 COLUMNS = ("file", *ANGLES)
-MAX_LIST = 256 << 20
+MAX_LIST = 256 << 20  # the most bytes of `pairs.csv`, and of `btf.json`
 
 
 def opened(seen: Candidate) -> BTF | None:
@@ -45,26 +46,29 @@ def opened(seen: Candidate) -> BTF | None:
     if seen.is_folder:
         path = seen.path
         has_list = (path / LIST).is_file()
-    else:
+    else:  # a file is the list if its first line is such a header; the list must still be called `pairs.csv`
         path = seen.path.parent
         has_list = ANGLES[0] in seen.first_line
     if not has_list:
         return None
+
     rows = _read_rows(path / LIST)
     notes = _notes(path / NOTES)
-    stated = np.array([_stated_angles(path, number, row) for number, row in rows])
+    stated = np.array([_stated_angles(path, number, row) for number, row in rows])  # (N, 4)
     # What the user says comes first. A folder that the suite wrote says itself that its angles are degrees, so they may
     # be small.
     unit = seen.angles or str(notes.get("angles", ""))
-    # The columns are θ_o, φ_o, θ_i, φ_i; the unit is judged by all θ and all φ together.
+    # The columns are θ_o, φ_o, θ_i, φ_i. All θ and all φ go in together, because both sides have the same unit.
     thetas, phis = in_degrees(stated[:, ::2], stated[:, 1::2], str(path / LIST), unit)
-    angles = np.stack([thetas, phis], -1).reshape(len(rows), 4)
+    angles = np.stack([thetas, phis], -1).reshape(len(rows), 4)  # the columns as before
+
     labels = [f"{path / LIST}, line {number}" for number, _ in rows]
     names = [inside(row["file"], label) for label, (_, row) in zip(labels, rows, strict=True)]
     wo, wi = directions_of_degrees(angles, labels.__getitem__, ("_o_deg", "_i_deg"))
     heldout = _heldout(path, rows)
-    order = view_major(wo, wi)
+    order = view_major(wo, wi)  # of the list's lines, which may stand in any order
     source = PictureSource(FolderFiles(path), [names[i] for i in order], [labels[i] for i in order])
+
     colour = "8- and 16-bit codes decoded as sRGB to linear Rec. 709; EXR and .hdr as stored"
     provenance = provenance_of("folder", colour, AS_STORED)
     provenance |= notes.get("provenance", {})  # what the folder says of itself replaces these words
@@ -76,7 +80,10 @@ def opened(seen: Candidate) -> BTF | None:
 
 
 def _read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
-    """(line number, column → cell) of each line of `pairs.csv` below the header; empty lines are left out."""
+    """(line number, column → cell) of each line of `pairs.csv` below the header; lines without any text are left out.
+
+    `InputError` if the list is too large, cannot be read, has no picture, or lacks a column or a cell.
+    """
     with readable(str(path), "save it as plain comma-separated text in UTF-8"):
         if path.stat().st_size > MAX_LIST:
             raise InputError(f"{path}: it is larger than {MAX_LIST >> 20} MiB, too large for a list of pairs")
@@ -89,6 +96,7 @@ def _read_rows(path: Path) -> list[tuple[int, dict[str, str]]]:
         raise InputError(f"{path}: it is empty: give a header {','.join(COLUMNS)} and one line a picture")
     _, header = lines[0]
     missing = [name for name in COLUMNS if name not in header]
+    # Of a column that stands twice only the last would count.
     if missing or len(set(header)) < len(header):
         fault = f"without column {', '.join(missing)}" if missing else "with a column twice"
         raise InputError(f"{path}: a header {fault} ({','.join(header)[:100]!r}): it needs {','.join(COLUMNS)}")
@@ -129,7 +137,7 @@ def _heldout(path: Path, rows: list[tuple[int, dict[str, str]]]) -> Array | None
 
 
 def _notes(path: Path) -> dict[str, Any]:
-    """The contents of `btf.json`; {} without that file."""
+    """The object in `btf.json`, as `write_folder` made it or someone wrote it by hand; {} without that file."""
     if not path.is_file():
         return {}
     with readable(str(path), "mend the file or remove it"):
@@ -144,8 +152,9 @@ def _notes(path: Path) -> dict[str, Any]:
 def write_folder(btf: BTF, path: str | Path) -> None:
     """Write a BTF as a folder: one EXR (float, R G B) a pair, `pairs.csv`, and `btf.json` with name and provenance.
 
-    Slices are read one at a time and written without loss; a declared split becomes the column `split`. The list is
-    written last, so an unfinished folder is not a BTF. Raises `InputError` if the folder already holds one.
+    Slices, the pictures of pairs, are read one after another and written without loss; held-out pairs are told in the
+    column `split`. The list is written last, so an unfinished folder is not a BTF. Raises `InputError` if the folder
+    already holds one.
     """
     folder = Path(path)
     if (folder / LIST).exists():
@@ -155,8 +164,9 @@ def write_folder(btf: BTF, path: str | Path) -> None:
     for name, picture in zip(names, btf, strict=True):
         write_exr(folder / name, picture)
     notes = {"name": btf.name, "periodic": btf.periodic, "provenance": btf.provenance, "angles": "degrees"}
+    # What JSON does not know in a provenance, such as a path, is written as its text.
     (folder / NOTES).write_text(json.dumps(notes, indent=1, default=str), "utf-8")
-    angles = np.stack([*to_degrees(btf.wo), *to_degrees(btf.wi)], -1)
+    angles = np.stack([*to_degrees(btf.wo), *to_degrees(btf.wi)], -1)  # (N, 4): θ_o, φ_o, θ_i, φ_i
     with open(folder / LIST, "w", encoding="utf-8", newline="") as stream:
         out = csv.writer(stream, lineterminator="\n")
         out.writerow(COLUMNS if btf.heldout is None else [*COLUMNS, "split"])
@@ -168,7 +178,10 @@ def write_folder(btf: BTF, path: str | Path) -> None:
 
 
 def write_exr(path: Path, picture: Array) -> None:
-    """Write a picture (H, W, 3) as a float EXR with channels R, G, B, without loss. `OSError` if it cannot."""
+    """Write a picture (H, W, 3) as an EXR with channels R, G, B of float32; the compression (ZIP) loses nothing.
+
+    `OSError` with the number of the system's error, or `EIO`, if it cannot be written.
+    """
     import OpenEXR
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
@@ -176,7 +189,8 @@ def write_exr(path: Path, picture: Array) -> None:
     try:
         OpenEXR.File(header, channels).write(str(path))
     except RuntimeError as error:
-        # The library passes on only the text of the system's error. Callers tell a full disk by its number.
+        # The library passes on only the text of the system's error, but callers tell a full disk by its number. So the
+        # number is found again by the text.
         number = errno.EIO
         for full_disk_number in NO_PLACE:
             if os.strerror(full_disk_number) in str(error):

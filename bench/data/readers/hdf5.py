@@ -5,6 +5,8 @@ The two directions of a picture are x and y of unit vectors away from the surfac
 pairs of the latter are held out, as in that code. There, and in NeuMIP (https://github.com/straintensor/NeuMIP), which
 introduced these names, v and y both grow with the row, so row 0 is the bottom of the picture.
 
+A data set is an array in the file; it may be stored in chunks, boxes of values that are compressed and read as a whole.
+
 NeuMIP and the Hierarchical Architecture store a direction for each *pixel*, random or of a near camera, the way that
 light travels. Such a file holds no picture of a single pair, and is refused. Biplane trains on EXR files instead.
 """
@@ -29,7 +31,7 @@ from bench.inputs.errors import InputError, installed, readable
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 COLOUR, VIEW, LIGHT = "ground_color", "ground_camera_dir", "ground_light"
-TRAINING = re.compile(r"_full(?=[_.])")
+TRAINING = re.compile(r"_full(?=[_.])")  # in the name of a file; with `HELDOUT` instead it is that of its held-out file
 HELDOUT = "_random"
 MAX_PAIRS = 1 << 20
 AT_ONCE = 64 << 20  # bytes of pictures that share chunks and are read together
@@ -45,7 +47,7 @@ def opened(seen: Candidate) -> BTF | None:
         return None
     path = seen.path
     btf = _open_file(path)
-    heldout_path = path.with_name(TRAINING.sub(HELDOUT, path.name))
+    heldout_path = path.with_name(TRAINING.sub(HELDOUT, path.name))  # the same path without `_full` in the name
     if heldout_path == path or not heldout_path.is_file():
         return btf
     heldout = _open_file(heldout_path)
@@ -61,7 +63,10 @@ def opened(seen: Candidate) -> BTF | None:
 
 
 def _open_file(path: Path) -> BTF:
-    """The BTF of one HDF5 file, without the held-out file that may lie beside it."""
+    """The BTF of one HDF5 file, without the held-out file that may lie beside it.
+
+    Directions are read, pictures are not. `InputError` for data sets of a wrong form.
+    """
     with _file(path) as file:
         colour = _stored(path, file, COLOUR)
         view = _stored(path, file, VIEW)
@@ -84,7 +89,10 @@ def _open_file(path: Path) -> BTF:
 
 @contextmanager
 def _file(path: Path) -> Iterator[Any]:
-    """The open file. It is opened for each read, so threads and forks share no state of the library."""
+    """The open `h5py.File`. It is opened for each read, so threads and forks share no state of the library.
+
+    No lock is set on it. Without h5py, or if the file is damaged, an `InputError`.
+    """
     with installed(f"{path}: reading HDF5 needs h5py: pip install 'neubtf-bench[hdf5]'"):
         import h5py
     with readable(str(path)), h5py.File(path, "r", locking=False) as file:
@@ -92,7 +100,10 @@ def _file(path: Path) -> Iterator[Any]:
 
 
 def _stored(path: Path, file: Any, key: str) -> Any:
-    """A data set of plain floats, with values in this file and a size that its bytes can hold."""
+    """The data set `key` (`h5py.Dataset`): plain floats, all written, in this file, of a size that its bytes can hold.
+
+    `InputError` if it is anything else.
+    """
     import h5py
 
     links = file.id.links
@@ -106,7 +117,7 @@ def _stored(path: Path, file: Any, key: str) -> Any:
         listed = ", ".join(sorted(file)[:5])[:200] or "nothing"
         raise InputError(f"{path}: no data set {key} (it holds {listed}): it needs {COLOUR}, {VIEW}, {LIGHT}")
     data = file[key]
-    if data.is_virtual or data.external:
+    if data.is_virtual or data.external:  # the fingerprint covers this file alone
         raise InputError(f"{path}: {key} lies in other files: copy it into this one")
     if data.dtype.kind != "f" or data.shape is None:
         raise InputError(f"{path}: {key} is {data.shape} {data.dtype}: it must hold floats")
@@ -121,7 +132,7 @@ def _stored(path: Path, file: Any, key: str) -> Any:
 
 
 def _link_in_words(value: bytes | tuple[bytes, bytes]) -> str:
-    """A link in words, from the name that it leads to, or from (file, name) for a link into another file."""
+    """A link in words, for an error. `value` is the name that it leads to, or (file, name) if into another file."""
     if isinstance(value, tuple):
         file, name = value
         return f"a link to {name.decode('utf-8', 'replace')} in the file {file.decode('utf-8', 'replace')}"
@@ -130,7 +141,7 @@ def _link_in_words(value: bytes | tuple[bytes, bytes]) -> str:
 
 def _refuse_unwritten(path: Path, key: str, data: Any) -> None:
     """Raise an `InputError` if values of a data set were never written; the library would give its fill value."""
-    if not data.size:
+    if not data.size:  # no values; the caller checks the shape
         return
     if not data.id.get_storage_size():
         raise InputError(f"{path}: {key} was made, but no value was ever written to it: write the file again")
@@ -145,7 +156,10 @@ def _refuse_unwritten(path: Path, key: str, data: Any) -> None:
 
 
 def _directions(path: Path, key: str, data: Any, count: int) -> Array:
-    """Unit vectors (count, 3) float32 from a data set (count, 2) of x and y; z follows from the length 1."""
+    """Unit vectors (count, 3) float32 from a data set (count, 2) of x and y; z follows from the length 1.
+
+    `InputError` for another shape, or for a vector that is too long or lies in the surface.
+    """
     if data.ndim == 4:
         raise InputError(
             f"{path}: {key} is {data.shape}, a direction for each pixel, as NeuMIP's own files have: a BTF needs one "
@@ -153,7 +167,7 @@ def _directions(path: Path, key: str, data: Any, count: int) -> Array:
         )
     if data.shape != (count, 2):
         raise InputError(f"{path}: {key} is {data.shape}: it must be ({count}, 2), x and y of a direction a picture")
-    plane = np.asarray(data[()], np.float64)
+    plane = np.asarray(data[()], np.float64)  # x and y
     with np.errstate(over="ignore", invalid="ignore"):
         z = np.sqrt(np.maximum(1 - (plane**2).sum(1), 0))
     return unit_directions(np.column_stack([plane, z]), lambda row: f"{path}: {key}[{row}]")
@@ -169,10 +183,16 @@ class Window(NamedTuple):
 
 
 class HDF5Source(Source):
-    """A window of the pictures of a file, cheap by slice."""
+    """A window of the pictures of a file, cheap by slice (the picture of a pair).
+
+    Scattered reads use the defaults of `Source`, which copy all pictures to a scratch file once.
+    """
 
     def __init__(self, path: Path, stored: tuple[int, int, int], window: Window, chunk: int):
-        """`stored` is (N, H, W) of the whole file, `chunk` the number of pictures in each of its chunks."""
+        """`stored` is (N, H, W) of the whole file, `chunk` the number of pictures in each of its chunks.
+
+        Pictures of a chunk are best read together (`at_once`), as far as they fit into `AT_ONCE` bytes.
+        """
         self.path = path
         self.stored = stored
         self.rectangle = window
@@ -187,7 +207,7 @@ class HDF5Source(Source):
         top, left, height, width = self.rectangle
         bottom = self.stored[1] - top - height  # the file's row 0 is the bottom
         first, last = int(pairs.min()), int(pairs.max()) + 1  # `last` is behind the last pair
-        stretches = [(first, last)]
+        stretches = [(first, last)]  # (start, end) of pictures that are read together
         # One stretch is fastest for neighbours, even with some pictures between them. Pairs that lie further apart are
         # read one by one: a stretch over all of them would hold far more pictures than were asked for.
         if last - first > 2 * self.at_once:
@@ -203,7 +223,8 @@ class HDF5Source(Source):
     def window(self, top: int, left: int, height: int, width: int) -> Source:
         """As `Source.window`; a window within the pictures is read alone, without the texels around it."""
         if min(top, left) < 0 or top + height > self.shape[0] or left + width > self.shape[1]:
-            return super().window(top, left, height, width)  # it reaches around the border
+            # It reaches around the border: the default reads whole pictures and picks texels out of them.
+            return super().window(top, left, height, width)
         window = Window(self.rectangle.top + top, self.rectangle.left + left, height, width)
         return HDF5Source(self.path, self.stored, window, self.chunk)
 

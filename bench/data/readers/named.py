@@ -1,5 +1,7 @@
 """Pictures whose names carry the angles, `tlTTT plPPP tvTTT pvPPP` in whole degrees: UTIA, UBO2003 and ATRIUM.
 
+`tl` and `pl` are θ and φ of the light, `tv` and `pv` those of the view.
+
 UTIA (Prague, http://btf.utia.cas.cz/?data_des) has folders `tv000_pv000` of PNG (sRGB) or OpenEXR (CIE XYZ under D65)
 pictures; UBO2003 and ATRIUM (Bonn) are a zip of JPEG or Radiance pictures, 81 views × 81 lights.
 """
@@ -15,8 +17,8 @@ from bench.data.readers.files import Candidate, Files, FolderFiles
 from bench.data.readers.pictures import PictureSource
 from bench.files.archive import ZipFiles
 
-# Groups are θ_i, φ_i, θ_o, φ_o. Bonn puts a running number (and at times the material) before the angles and uses
-# spaces or underscores.
+# Groups are θ_i, φ_i of the light, θ_o, φ_o of the view. Bonn puts a running number (and at times the material) before
+# the angles and uses spaces or underscores.
 BONN = re.compile(r"(?:^|/)[^/]+[ _]tl(\d{3})[ _]pl(\d{3})[ _]tv(\d{3})[ _]pv(\d{3})\.[^/.]+$", re.ASCII)
 PRAGUE = re.compile(r"(?:^|/)tl(\d{3})_pl(\d{3})_tv(\d{3})_pv(\d{3})\.[^/.]+$", re.ASCII)
 UTIA = provenance_of(
@@ -33,7 +35,7 @@ UBO2003 = provenance_of(
 
 
 def opened(seen: Candidate) -> BTF | None:
-    """The BTF of a folder, or of a zip (nothing is extracted), of pictures with such names, or None.
+    """The BTF of a folder, or of a zip (nothing is extracted), of pictures with such names; None without any.
 
     8-bit codes are decoded as sRGB, `.hdr` is taken as stored, EXR of UTIA is converted from XYZ to linear Rec. 709,
     where colours outside the gamut stay negative; radiance is as photographed. The pairs are those of the existing
@@ -45,6 +47,7 @@ def opened(seen: Candidate) -> BTF | None:
         _, _, bare_name = name.rpartition("/")
         if not bare_name.startswith("."):  # some archivers add hidden copies, `._name`
             names.append(name)
+    # No name fits both patterns: UTIA's begin with `tl`, Bonn's with other text.
     utia = _opened_as(seen, names, PRAGUE, UTIA, rgb_is_xyz=True)
     if utia is not None:
         return utia
@@ -54,9 +57,10 @@ def opened(seen: Candidate) -> BTF | None:
 def _opened_as(
     seen: Candidate, names: list[str], pattern: re.Pattern[str], provenance: dict[str, Any], **options: Any
 ) -> BTF | None:
-    """The BTF of the pictures whose names match, or None; `options` go to `pictures.read_picture`.
+    """The BTF of the pictures among `names` that match `pattern`, sorted by view, then light; None if none does.
 
-    The groups of `pattern` are θ_i, φ_i, θ_o, φ_o in degrees.
+    The groups of `pattern` are θ_i, φ_i, θ_o, φ_o in degrees. Files of other names, such as notes, are left out.
+    `options` go to `pictures.read_picture`.
     """
     matches = []
     for name in names:

@@ -1,6 +1,9 @@
 """A single `.npz`: `radiance` (N, H, W, 3), `wo` and `wi` (N, 3), and optionally `heldout` (N,) and `periodic`.
 
-Or a mean ABRDF: `rgb_geomean` (V, V, 3) by view and light, and the angles `theta_deg` and `phi_deg` (V,) of both sides.
+Or a mean ABRDF: the radiance of a material at all pairs, averaged over its texels (geometric mean). `rgb_geomean` (V,
+V, 3) holds it by view and light; views and lights are the same V directions, of angles `theta_deg` and `phi_deg` (V,).
+
+An `.npz` is a zip with an entry `NAME.npy` for each array.
 """
 
 import json
@@ -28,11 +31,14 @@ from bench.files.archive import ZipFiles, stored
 from bench.inputs.errors import InputError, readable
 
 NOTES = 16 << 20  # the most bytes of a provenance, four to a character
-MEAN = "rgb_geomean"
+MEAN = "rgb_geomean"  # the array that only a mean ABRDF has
 
 
 class NpzSource(ArraySource):
-    """An array (N, H, W, 3) of a file, whose values are checked as they are read."""
+    """An array (N, H, W, 3) of a file, often memory-mapped; values that are read and not finite are a `NotFiniteError`.
+
+    A value too large for float32 becomes infinite, without NumPy's warning, and so is met, too.
+    """
 
     def __init__(self, values: Array, path: Path):
         super().__init__(values)
@@ -55,8 +61,9 @@ class NpzSource(ArraySource):
 
 
 def opened(seen: Candidate) -> BTF | None:
-    """The BTF of an `.npz`, or None; its radiance is memory-mapped if `numpy.savez` (uncompressed) wrote it.
+    """The BTF of an `.npz` with the arrays of either form, or None.
 
+    Its radiance is memory-mapped if `numpy.savez` (uncompressed) wrote it, else read into memory.
     Radiance is linear Rec. 709 f_r · cos θ_i, taken as stored, in the order stored. Raises `InputError` that names the
     file, the array and the row.
     """
@@ -101,6 +108,7 @@ def _mean_abrdf(path: Path, unit: str) -> BTF:
         f"{path}: theta_deg and phi_deg",
         unit,
     )
+    # Errors speak of `theta_deg` and `phi_deg`.
     directions = different_directions(
         np.radians(theta), np.radians(phi), lambda row: f"{path}: direction {row}", "_deg"
     )
@@ -123,7 +131,9 @@ def _directions(files: ZipFiles, key: str, count: int) -> Array:
 
 
 def _heldout(files: ZipFiles, count: int) -> Array | None:
-    """The mask (count,) of the held-out pairs; None without the array, or if it holds nothing out."""
+    """The mask (count,) of the held-out pairs, on which no codec may train; None without the array, or if it is all
+    False. `InputError` if it is no such mask, or leaves nothing to train on.
+    """
     if not files.has("heldout.npy"):
         return None
     array = stored(files, "heldout")
@@ -137,7 +147,10 @@ def _heldout(files: ZipFiles, count: int) -> Array | None:
 
 
 def _periodic(files: ZipFiles) -> bool:
-    """Whether the file says that the picture repeats without a seam; False if it says nothing."""
+    """Whether the file says that the picture repeats without a seam; False if it says nothing.
+
+    `InputError` if the array `periodic` is not one boolean.
+    """
     if not files.has("periodic.npy"):
         return False
     array = stored(files, "periodic")
@@ -147,7 +160,10 @@ def _periodic(files: ZipFiles) -> bool:
 
 
 def _provenance(files: ZipFiles) -> dict[str, Any]:
-    """What the file says of its origin; {} if it says nothing."""
+    """What the file says of its origin: an object of JSON in the array `provenance`, one text; {} without that array.
+
+    `InputError` for anything else there.
+    """
     if not files.has("provenance.npy"):
         return {}
     label = files.label("provenance.npy")

@@ -1,5 +1,8 @@
-"""What stands in a JPEG or PNG before its pixels, and the orientation that a camera noted there (EXIF): a picture is
-read as it is shown, not as it is stored."""
+"""What stands in a JPEG or PNG before its pixels, and the orientation that a camera noted there (EXIF).
+
+A camera that lies on its side stores the picture turned, and notes how. A picture is read as it is shown, upright, not
+as it is stored. `kind` is the format: `jpeg` or `png`; any other, or None, has no such notes here.
+"""
 
 import struct
 import warnings
@@ -11,11 +14,11 @@ import numpy as np
 
 from bench.btf import Array
 
-TAG = 0x0112  # CIPA DC-008, 4.6.4 A: from 1, upright, to 8
-MARK = b"Exif\0\0"
-PNG_START = 8
+TAG = 0x0112  # the EXIF note of the orientation (CIPA DC-008, 4.6.4 A): from 1, upright, to 8
+MARK = b"Exif\0\0"  # how a JPEG's segment with EXIF notes begins
+PNG_START = 8  # bytes of the signature of a PNG; its chunks follow
 
-# From the stored picture (H, W, …) to the upright one.
+# Orientation → the function from the stored picture (H, W, …) to the upright one.
 _TURNS: dict[int, Callable[[Array], Array]] = {
     2: lambda p: p[:, ::-1],
     3: lambda p: p[::-1, ::-1],
@@ -37,7 +40,10 @@ def orientation(data: bytes, kind: str | None) -> int:
 
 
 def exif(data: bytes, kind: str | None) -> Any:
-    """The camera's notes in a JPEG or PNG, a `PIL.Image.Exif`, from its first bytes; None without valid ones."""
+    """The camera's notes in a JPEG or PNG, a `PIL.Image.Exif` (tag → value), from the bytes before its pixels.
+
+    None without valid ones.
+    """
     encoded = b""
     if kind in ("jpeg", "png"):
         for name, content in before_pixels(data):
@@ -45,14 +51,14 @@ def exif(data: bytes, kind: str | None) -> Any:
             is_png_note = kind == "png" and name == b"eXIf"
             if is_jpeg_note or is_png_note:
                 encoded = content
-                break
+                break  # the first notes count
     if not encoded:
         return None
     from PIL import Image
 
     notes = Image.Exif()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+        warnings.simplefilter("ignore")  # Pillow warns of damaged notes, which are no fault of the picture
         try:
             notes.load(encoded)
             notes.get(TAG)  # damaged values raise when they are read
@@ -62,7 +68,7 @@ def exif(data: bytes, kind: str | None) -> Any:
 
 
 def upright(picture: Array, turn: int) -> Array:
-    """The upright picture of one that is stored in orientation `turn`, (H, W, …); 5 to 8 swap its height and width."""
+    """The upright picture of one (H, W, …) stored in orientation `turn`, 1 to 8; 5 to 8 swap its height and width."""
     if turn not in _TURNS:
         return picture
     return np.ascontiguousarray(_TURNS[turn](picture))
@@ -77,19 +83,23 @@ def upright_size(size: tuple[int, int], turn: int) -> tuple[int, int]:
 
 
 def before_pixels(data: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Name and content of the chunks of a PNG, or marker (one byte) and content of the segments of a JPEG (ITU T.81,
-    B.1.1), as far as they stand before the pixels."""
-    if not data.startswith(b"\xff\xd8"):
+    """(name, content) of the parts of a PNG or JPEG before its pixels, as far as the data contain them.
+
+    The parts of a PNG are chunks, with a name of four bytes; those of a JPEG are segments (ITU T.81, B.1.1), with a
+    marker of one byte as the name.
+    """
+    if not data.startswith(b"\xff\xd8"):  # how a JPEG begins; so it is a PNG
         yield from takewhile(lambda chunk: chunk[0] != b"IDAT", png_chunks(data))
         return
-    offset = 2
+    offset = 2  # behind these two bytes
     # A segment is 0xFF, its marker, its size (two bytes, which count themselves) and its content; further 0xFF may
     # stand before the marker.
     while offset + 4 <= len(data) and data[offset] == 0xFF:
         marker = data[offset + 1]
-        if marker in (0xC0, 0xC1, 0xC2, 0xDA, 0xD9):  # the first three begin a frame, then its pixels; the picture ends
+        # The header of a frame (baseline, extended, progressive), the pixels, the end of the picture.
+        if marker in (0xC0, 0xC1, 0xC2, 0xDA, 0xD9):
             return
-        if marker == 0xFF:
+        if marker == 0xFF:  # fills up
             offset += 1
             continue
         (size,) = struct.unpack_from(">H", data, offset + 2)
@@ -98,7 +108,7 @@ def before_pixels(data: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 def png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Name and content of the chunks of a PNG, as far as the data contain them."""
+    """(name, content) of the chunks of a PNG in their order, as far as the data contain them; the last may be cut."""
     offset = PNG_START
     # A chunk is the size of its content, its name, its content and a checksum; all but the content have 4 bytes.
     while offset + 8 <= len(data):

@@ -1,6 +1,7 @@
-"""Readers of other packages, by entry point: `neubtf_bench.readers`, name → "module", with a function `opened(seen)`.
+"""Readers that other installed packages add: modules with a function `opened(seen)`, as in `bench.data.readers`.
 
-They are imported, in the order of their names, for a file or folder that no built-in reader knows.
+A package names its module by an entry point of the group `neubtf_bench.readers` in its `pyproject.toml`. For a file or
+folder that no built-in reader knows, these modules are imported and asked one after another, in the order of the names.
 """
 
 from collections.abc import Collection, Iterable
@@ -19,9 +20,10 @@ GROUP, KIND = "neubtf_bench.readers", "reader"
 
 
 def entries(built_in: Collection[str]) -> dict[str, EntryPoint]:
-    """Name → entry point of each reader of another package, in the order of the names.
+    """Name → entry point of each reader of another package, in the order of the names; none is imported.
 
-    Raises `InputError` if two packages use the same name, `PluginError` if one has the name of a built-in reader.
+    `built_in` has the names of the built-in readers. Raises `InputError` if two packages use the same name,
+    `PluginError` if one has the name of a built-in reader.
     """
     readers = dict(sorted(plugins.entries(GROUP, KIND).items()))
     for name, entry in readers.items():
@@ -32,11 +34,11 @@ def entries(built_in: Collection[str]) -> dict[str, EntryPoint]:
 
 
 def opened(seen: Candidate, readers: Iterable[EntryPoint], faults: list[str]) -> BTF | None:
-    """The BTF of the first of these readers that knows the format; None if none does.
+    """The BTF of the first of these readers that knows the format of `seen`; None if none does.
 
     A reader that cannot be imported does not stop the others: what is wrong with it is added to `faults`. Raises
-    `PluginError` that names the reader, if it fails or returns something else than a BTF whose first slice is (H, W, 3)
-    float32; an `InputError` of its own, which is about the file, is passed on.
+    `PluginError` that names the reader, if it fails or returns something else than a BTF whose first slice (the picture
+    of one pair) is (H, W, 3) float32; an `InputError` of its own, which is about the file, is passed on.
     """
     for entry in readers:
         try:
@@ -50,7 +52,7 @@ def opened(seen: Candidate, readers: Iterable[EntryPoint], faults: list[str]) ->
         if not isinstance(btf, BTF):
             fault = f"opened returned a {type(btf).__name__}, but must return a BTF, or None"
             raise PluginError(f"{seen.path}: {called(entry, KIND)}: {fault}")
-        # From the source, which does not refuse NaN: --repair may mask it.
+        # Read from the source: `btf[0]` would refuse NaN, which the option --repair may mask later.
         first = _call(entry, seen, btf.source.slice, int(btf.pairs[0]))
         if first.shape != (*btf.shape, 3) or first.dtype != np.float32:
             fault = f"slice 0 is {first.shape} {first.dtype}, but must be {(*btf.shape, 3)} float32"
@@ -60,7 +62,7 @@ def opened(seen: Candidate, readers: Iterable[EntryPoint], faults: list[str]) ->
 
 
 def listed(entry: EntryPoint) -> str:
-    """The first line of a reader's docstring, or what is wrong with it."""
+    """The first line of the docstring of a reader, which is imported, or words for what is wrong with the reader."""
     try:
         text = (_module(entry).__doc__ or "").strip()
     except PluginError as error:
@@ -77,7 +79,7 @@ def _module(entry: EntryPoint) -> Any:
 
 
 def _call(entry: EntryPoint, seen: Candidate, function: Any, *arguments: Any) -> Any:
-    """What a function of the reader `entry` returns for some arguments.
+    """What a function of the reader `entry` returns for some arguments; `seen` is named in errors.
 
     Errors about the file or the machine pass; any other becomes a `PluginError` that names the reader.
     """
@@ -85,6 +87,6 @@ def _call(entry: EntryPoint, seen: Candidate, function: Any, *arguments: Any) ->
         return function(*arguments)
     except (InputError, OSError, MemoryError):
         raise
-    except (Exception, SystemExit) as error:
+    except (Exception, SystemExit) as error:  # a foreign reader must not end the program either
         words = f"{called(entry, KIND)} fails: {said_by(error)}"
         raise PluginError(f"{seen.path}: {words}: {remedy(entry)}") from error

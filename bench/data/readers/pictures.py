@@ -1,7 +1,12 @@
 """Pictures as linear Rec. 709 RGB: JPEG, PNG (8 and 16 bit), OpenEXR (half and float) and Radiance RGBE.
 
-The first bytes tell the kind, never the name. Sizes come only from headers, so thousands of pictures are checked in a
-second, and an absurd size is refused before anything is allocated.
+A picture here is an image file. Its format is told by its first bytes, never by its name. Sizes come only from headers,
+so thousands of pictures are checked in a second, and an absurd size is refused before anything is allocated.
+
+JPEG and PNG hold *codes*: whole numbers, from which a curve gives linear values in [0, 1]. EXR and Radiance hold the
+values themselves. A JPEG, PNG or Radiance picture may be stored turned; *upright* is a picture as it is shown. `label`
+is the name of a file in errors. A header function gives None for data that end before the header does: its caller then
+reads more.
 """
 
 import hashlib
@@ -20,17 +25,19 @@ import numpy as np
 from bench.btf import Array, Source, finite
 from bench.data.readers import exr
 from bench.data.readers.colour import Colour, srgb_by_profile, stated_colour
-from bench.data.readers.files import Files, FolderFiles
+from bench.data.readers.files import HEAD, Files, FolderFiles
 from bench.data.readers.orientation import orientation, png_chunks, upright, upright_size
 from bench.inputs.errors import InputError, readable
 from bench.metrics.display import decode_srgb
 
-MAX_PIXELS = 1 << 26
+MAX_PIXELS = 1 << 26  # of one picture
 PIXELS_PER_BYTE = 8192  # the most that a byte of a file may claim
 PNG_BITS = 24  # offset of the byte in a PNG that holds the bits a channel
 _STARTS = {b"\xff\xd8\xff": "jpeg", b"\x89PNG\r\n\x1a\n": "png", b"\x76\x2f\x31\x01": "exr", b"#?": "hdr"}
 SUPPORTED = "JPEG, PNG, OpenEXR and Radiance .hdr are read"
-_DECODED = (0xC0, 0xC1, 0xC2, 0xC9, 0xCA)  # frames of JPEG: baseline, extended, progressive; the last two arithmetic
+# The kinds of JPEG that are read, by the marker of the frame header, which holds the size: baseline, extended and
+# progressive, then extended and progressive with arithmetic coding.
+_DECODED = (0xC0, 0xC1, 0xC2, 0xC9, 0xCA)
 
 
 @cache
@@ -68,21 +75,26 @@ class _Header:
 
 
 def _header(files: Files, name: str, is_colour: bool = True) -> _Header:
-    """What the header of a picture says; without `is_colour` its colour space is not looked at."""
+    """What the header of a picture says; without `is_colour` its colour space is not looked at.
+
+    Reads the start of the file, or all of it if the header is long. `InputError` for a file that is no supported
+    picture, is damaged, claims an absurd size, or states a colour space that cannot be converted.
+    """
     label = files.label(name)
     file_bytes = files.size(name)
-    data = files.head(name, 4096)
+    data = files.head(name, HEAD)
     kind = picture_format(data)
     if kind is None:
         raise InputError(f"{label}: it begins with {data[:8]!r}, like no known picture: {SUPPORTED}")
     with readable(label, "the picture is damaged; get it again"):
         stored_size = _SIZES[kind](data, label)
-        if not stored_size and len(data) < file_bytes:  # a long header, as with a large profile
+        if not stored_size and len(data) < file_bytes:  # a long header, as with a large colour profile
             data = files.read(name)
             stored_size = _SIZES[kind](data, label)
     if not stored_size:
         raise InputError(f"{label}: the header ends early: the picture is truncated; get it again")
     height, width = stored_size
+    # A false size would reserve memory that the file can never fill.
     if min(stored_size) < 1 or height * width > min(MAX_PIXELS, PIXELS_PER_BYTE * file_bytes):
         fault = f"its header says {width} x {height} pixels, but it has {file_bytes} bytes"
         raise InputError(f"{label}: {fault}: get it again")
@@ -90,6 +102,7 @@ def _header(files: Files, name: str, is_colour: bool = True) -> _Header:
         turn = orientation(data, kind)
         colour = stated_colour(data, kind, label) if is_colour else None
         has_16_bits = kind == "png" and data[PNG_BITS] == 16
+    # Profiles are applied by a library that takes 8 bits (`bench.data.readers.colour`).
     if colour and colour.profile and has_16_bits:
         raise InputError(
             f"{label}: {colour.name} in 16 bits is not converted: save it as 16-bit sRGB, or as linear EXR"
@@ -109,8 +122,9 @@ def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False, is_colour
     label = files.label(name)
     height, width = header.size
     with readable(label, "the picture is damaged; get it again"):
-        kind = picture_format(files.head(name, 8))
+        kind = picture_format(files.head(name, 8))  # 8 bytes are the longest of `_STARTS`
         if kind == "exr":
+            # Its library opens a path, and nothing is extracted from an archive.
             if not isinstance(files, FolderFiles):
                 raise InputError(f"{label}: EXR is read from folders only: extract the archive and give the folder")
             picture = exr.read(files.root / name, label, rgb_is_xyz)
@@ -125,7 +139,10 @@ def read_picture(files: Files, name: str, *, rgb_is_xyz: bool = False, is_colour
 
 
 def read_alpha(files: Files, name: str) -> Array:
-    """The alpha (H, W) float32 in [0, 1] of a PNG, to 8 bits; `InputError` for a picture without it."""
+    """The alpha (H, W) float32 in [0, 1] of a PNG, upright, to 8 bits; `InputError` for a picture without it.
+
+    Game engines keep the smoothness of a texture map there, so the error speaks of it.
+    """
     header = _header(files, name, is_colour=False)
     label = files.label(name)
     with readable(label, "the picture is damaged; get it again"):
@@ -143,23 +160,30 @@ def read_alpha(files: Files, name: str) -> Array:
 
 
 class PictureSource(Source):
-    """One picture a pair, all of one size, in a folder or a zip. `texels` and `gather` go through the scratch file."""
+    """One picture a pair, all of one size, in a folder or a zip.
+
+    Scattered reads use the defaults of `Source`, which copy all pictures to a scratch file once.
+    """
 
     def __init__(self, files: Files, names: Sequence[str], labels: Sequence[str] | None = None, **options: Any):
-        """Check by headers that every picture exists and has the same size. `labels` name the entries in errors;
-        `options` go to `read_picture`."""
+        """Check by headers that every picture exists and has the same size; `InputError` for the first that does not.
+
+        `names` has the file of each pair. `labels` name the entries of the pairs in errors, such as lines of a list; by
+        default they are the files themselves. `options` go to `read_picture`.
+        """
         self.files = files
         self.names = list(names)
         self.options = options
         self.count = len(self.names)
-        self.orientations: dict[str, int] = {}  # by name, of the pictures that are not upright
-        self.colours: dict[str, str] = {}  # what pictures are converted from, by name, other than sRGB
+        self.orientations: dict[str, int] = {}  # file → EXIF orientation, 2 to 8, of pictures that are not upright
+        self.colours: dict[str, str] = {}  # file → name of its colour space, of pictures that are not in sRGB
         if labels is None:
             labels = [files.label(name) for name in self.names]
         first_labels: dict[str, str] = {}  # name → label of the first entry that lists the picture
         for index, (name, label) in enumerate(zip(self.names, labels, strict=True)):
             if not files.has(name):
                 raise InputError(f"{label}: {name} is missing: add the picture or leave the entry out")
+            # The pairs are known to differ, so one picture cannot be of two of them.
             first_label = first_labels.setdefault(name, label)  # this one, if no earlier entry lists the picture
             if first_label != label:
                 fault = f"{name} already stands in {first_label}, for other directions"
@@ -190,13 +214,13 @@ class PictureSource(Source):
         for statement in (self.orientations, self.colours):
             if statement:
                 statements.append(str(statement))
-        # Pictures that state neither keep the digest of their files, so that earlier results of them hold.
+        # Pictures that state neither keep the plain digest of earlier versions, so that results under it stay valid.
         if not statements:
             return digest
         return hashlib.sha256(" ".join([digest, *statements]).encode()).hexdigest()
 
     def conversions(self) -> dict[str, str]:
-        """What a provenance says of colour spaces other than sRGB; {} if there are none."""
+        """The note for a provenance on colour spaces other than sRGB, by its key; {} if there are none."""
         if not self.colours:
             return {}
         counts = Counter(self.colours.values())  # colour space → number of pictures
@@ -205,7 +229,11 @@ class PictureSource(Source):
 
 
 def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
-    """(H, W) from the frame header of a JPEG (ITU T.81, B.2.2); None if the data end before it."""
+    """(H, W) from the frame header of a JPEG (ITU T.81, B.2.2); None if the data end before it.
+
+    It looks through the segments in order: each begins with 0xFF and its marker. `InputError` for a JPEG that is not
+    read.
+    """
     offset = 2  # after the marker of the start
     # The part of a frame header that is read has 10 bytes: marker 2, length 2, bits 1, height 2, width 2, channels 1.
     while offset + 10 <= len(data):
@@ -214,7 +242,8 @@ def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
                 f"{label}: there is no JPEG marker at offset {offset}: the picture is damaged; get it again"
             )
         marker = data[offset + 1]
-        # 0xFF fills up; 0x01 and 0xD0 to 0xD8 have no content; 0xC4, 0xC8 and 0xCC are no frames.
+        # 0xFF fills up; 0x01 and 0xD0 to 0xD8 have no content; 0xC0 to 0xCF begin frames, but 0xC4, 0xC8 and 0xCC are
+        # none; all others have a content of stated length, which is passed over.
         if marker == 0xFF:
             offset += 1
         elif marker == 0x01 or 0xD0 <= marker <= 0xD8:
@@ -243,7 +272,8 @@ def _jpeg_size(data: bytes, label: str) -> tuple[int, int] | None:
 def _png_size(data: bytes, label: str) -> tuple[int, int] | None:
     """(H, W) from the header of a PNG; None if the data end before the pixels do begin.
 
-    The caller then reads more of the file, because the camera's notes and the colour space stand before the pixels.
+    The size stands at the very start, but the caller also needs the camera's notes and the colour space, which stand
+    before the pixels. After None it reads more of the file.
     """
     # The first chunk begins at byte 8 with its size; its name follows, and then the picture's width and height.
     if data[12:16] != b"IHDR":
@@ -266,7 +296,10 @@ _SIZES = {"jpeg": _jpeg_size, "png": _png_size, "exr": exr.size, "hdr": _hdr_siz
 
 
 def _read_codes(data: bytes, kind: str | None, header: _Header, label: str) -> Array:
-    """A JPEG or PNG as it is stored, (H, W, 3) float32, its codes decoded."""
+    """A JPEG or PNG in linear Rec. 709, (H, W, 3) float32, not yet upright.
+
+    Its codes are decoded as the colour space of `header` says, or else as sRGB.
+    """
     colour = header.colour
     if kind == "png" and data[PNG_BITS] == 16:
         stored_size = upright_size(header.size, header.orientation)
@@ -277,29 +310,33 @@ def _read_codes(data: bytes, kind: str | None, header: _Header, label: str) -> A
 
         curve = srgb_table(256)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+            warnings.simplefilter("ignore")  # Pillow warns of large pictures; the size was checked already
             picture = Image.open(io.BytesIO(data), formats=["JPEG", "PNG"])
-            if colour and colour.profile:
+            if colour and colour.profile:  # applying the profile gives sRGB codes
                 return curve[srgb_by_profile(picture, colour, label)]
             codes = np.asarray(picture.convert("RGB"))
-    if colour:
+    if colour:  # not a profile
         return colour.linear(codes, curve)
     return curve[codes]
 
 
 def _png16(data: bytes, size: tuple[int, int], label: str) -> Array:
-    """Codes (H, W, 3) uint16 of a 16-bit PNG of `size` (H, W). Pillow keeps only the upper 8 bits of 16-bit RGB."""
+    """Codes (H, W, 3) uint16 of a 16-bit PNG of `size` (H, W), as stored; grey is repeated, alpha is left out.
+
+    pypng reads it, because Pillow keeps only the upper 8 bits of 16-bit RGB.
+    """
     import png
 
+    # pypng inflates the pixels whatever their size, so a bomb must be found before.
     packed = b"".join(content for name, content in png_chunks(data) if name == b"IDAT")
     height, width = size
-    row_bytes = width * 8 + 1  # 16-bit RGBA has 8 bytes a pixel; one more names the row's filter
+    row_bytes = width * 8 + 1  # 16-bit RGBA, the most, has 8 bytes a pixel; one more names the row's filter
     limit = 2 * height * row_bytes + 4096  # twice as much leaves room for interlacing
     inflated = zlib.decompressobj().decompress(packed, limit + 1)
     if len(inflated) > limit:
         raise InputError(f"{label}: its pixels inflate beyond {limit} bytes: the picture is damaged; get it again")
     width, height, rows, info = png.Reader(bytes=data).read()
-    planes = info["planes"]
+    planes = info["planes"]  # channels: 1 grey, 2 grey and alpha, 3 RGB, 4 RGB and alpha
     # The pixels of a row lie in one list, their channels together.
     codes = np.vstack([np.asarray(row, np.uint16) for row in rows]).reshape(height, width, planes)
     if planes >= 3:
@@ -307,6 +344,7 @@ def _png16(data: bytes, size: tuple[int, int], label: str) -> Array:
     return np.repeat(codes[..., :1], 3, 2)
 
 
+# The pairs of axes that a Radiance picture may state, in either order: one of rows (Y) and one of columns (X).
 _HDR_AXES = ({"-Y", "+X"}, {"-Y", "-X"}, {"+Y", "+X"}, {"+Y", "-X"})
 
 
@@ -316,7 +354,7 @@ class _HdrHeader(NamedTuple):
     start: int  # offset at which the pixels begin
     axes: tuple[str, str]  # with their signs, like -Y, +X; the second one changes faster
     counts: tuple[int, int]  # of pixels along the axes
-    exposure: float  # the product of all that are stated
+    exposure: float  # the product of all factors that are stated; the stored values were multiplied by it
 
     @property
     def by_rows(self) -> bool:
@@ -325,7 +363,10 @@ class _HdrHeader(NamedTuple):
 
 
 def _hdr_header(data: bytes) -> _HdrHeader | None:
-    """The header of a Radiance picture; None if the data end before it does. `ValueError` for what is not read."""
+    """The header of a Radiance picture; None if the data end before it does. `ValueError` for what is not read.
+
+    It is lines of text, an empty line, and the line of the size, like `-Y 256 +X 256`: each axis and its pixels.
+    """
     end = data.find(b"\n\n")
     line_end = data.find(b"\n", end + 2)
     if end < 0 or line_end < 0:
@@ -334,7 +375,7 @@ def _hdr_header(data: bytes) -> _HdrHeader | None:
     exposures = []
     for line in data[:end].decode("latin-1").split("\n"):
         if line.startswith("#") or "=" not in line:
-            continue
+            continue  # a comment, or a command that made the picture
         key, _, value = line.partition("=")
         if key.strip() == "FORMAT":
             formats.append(value.strip())
@@ -353,14 +394,18 @@ def _hdr_header(data: bytes) -> _HdrHeader | None:
 
 
 def _read_hdr(data: bytes) -> Array:
-    """A Radiance picture (H, W, 3) float32, upright for any axis order, divided by its exposure."""
+    """A Radiance picture (H, W, 3) float32, upright for any axis order, divided by its exposure.
+
+    `ValueError` or `IndexError` if it is damaged. A pixel is stored as RGBE: mantissas of red, green and blue, and a
+    common exponent.
+    """
     header = _hdr_header(data)
     if header is None:
         raise ValueError("the header ends early")
     rgbe = _hdr_pixels(data, header.start, *header.counts)
     exponents = rgbe[..., 3]
-    # m · 2^(e − 136) as in rgbe.c and OpenCV, so black stays black; Ward's own reader adds half a code. Of the 136, 128
-    # make e signed, and 8 make m a fraction.
+    # A mantissa m with exponent e is m · 2^(e − 136), as in rgbe.c and OpenCV, so black stays black; Ward's own reader
+    # adds half a code to m. Of the 136, 128 make e signed, and 8 make m a fraction.
     scale = np.ldexp(np.float32(1 / header.exposure), exponents.astype(np.int32) - 136)
     with np.errstate(over="ignore"):
         picture = rgbe[..., :3] * scale[..., None]
@@ -374,7 +419,10 @@ def _read_hdr(data: bytes) -> Array:
 
 
 def _hdr_pixels(data: bytes, offset: int, lines: int, length: int) -> Array:
-    """RGBE codes (lines, length, 4) uint8 from `offset` on: as they are, or run-length coded line by line."""
+    """RGBE bytes (lines, length, 4) uint8 from `offset` on, which are stored plainly or run-length coded line by line.
+
+    A line is a row, or a column of a picture that is stored by columns. `ValueError` or `IndexError` for damaged data.
+    """
     # A coded line begins with two bytes 2, and its length in two more, the higher byte first. The format codes only
     # lines of 8 to 32,767 pixels.
     line_start = b"\2\2" + struct.pack(">H", length) if 8 <= length < 32768 else None
@@ -393,7 +441,7 @@ def _hdr_pixels(data: bytes, offset: int, lines: int, length: int) -> Array:
 
 
 def _hdr_line(data: bytes, offset: int, length: int) -> tuple[bytes, int]:
-    """`length` bytes of the run-length coded scan line at `offset`, and the offset after it."""
+    """The `length` bytes of a line whose run-length code begins at `offset`, and the offset behind that code."""
     line = bytearray()
     while len(line) < length:
         count = data[offset]
@@ -403,7 +451,7 @@ def _hdr_line(data: bytes, offset: int, length: int) -> tuple[bytes, int]:
         else:  # `count` different bytes
             line += data[offset + 1 : offset + 1 + count]
             offset += 1 + count
-        if count == 0 or offset > len(data):
+        if count == 0 or offset > len(data):  # a run of 0 bytes would go on for ever
             raise ValueError(f"a bad run at offset {offset}")
     if len(line) != length:
         raise ValueError(f"the scan line before offset {offset} is too long")

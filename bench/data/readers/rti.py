@@ -1,7 +1,8 @@
 """Reflectance transformation imaging: one view, many lights, listed in an `.lp` file.
 
-The first line of the list is the count, which may be missing; each line after it is `image-name x y z` with the unit
-vector to the light, x right, y up, z toward the camera: the frame of the suite.
+The first line of the list is the count of images, which may be missing; each line after it is `image-name x y z` with
+the unit vector to the light, x right, y up, z toward the camera, as in `bench.btf`. `label` names a line in errors:
+`dirs.lp, line 7`.
 """
 
 import logging
@@ -16,7 +17,7 @@ from bench.data.readers.files import Candidate, FolderFiles, list_folder, text_o
 from bench.data.readers.pictures import PictureSource
 from bench.inputs.errors import InputError, readable
 
-MAX_LIST = 16 << 20
+MAX_LIST = 16 << 20  # bytes of a list
 log = logging.getLogger(__name__)
 
 
@@ -44,7 +45,7 @@ def opened(seen: Candidate) -> BTF | None:
     files = FolderFiles(path.parent)
     names, labels, vectors = _read_list(path)
     pictures = _find_pictures(files, names, labels)
-    wi = unit_directions(vectors, labels.__getitem__, tolerance=0.05)
+    wi = unit_directions(vectors, labels.__getitem__, tolerance=0.05)  # 5 % off is scaled
     wo = np.tile(np.array([0, 0, 1], np.float32), (len(wi), 1))
     no_duplicates(wo, wi, labels.__getitem__)
     order = view_major(wo, wi)
@@ -57,12 +58,15 @@ def opened(seen: Candidate) -> BTF | None:
 
 
 def _read_list(path: Path) -> tuple[list[str], list[str], np.ndarray]:
-    """The images' names in a list, a label with the line of each for errors, and the vectors to the lights (N, 3)."""
+    """The N images' names in a list as listed, a label of the line of each, and the vectors to the lights (N, 3).
+
+    Warns if the list has no count. `InputError` if a line is no entry, or the count is wrong.
+    """
     with readable(str(path), "save it as plain text"):
         if path.stat().st_size > MAX_LIST:
             raise InputError(f"{path}: it is larger than {MAX_LIST >> 20} MiB, too large for a list of lights")
         text = text_of(path.read_bytes())
-    lines = []  # number and text
+    lines = []  # (number, text), without blank lines
     for number, line in enumerate(text.splitlines(), 1):
         if line.strip():
             lines.append((number, line.strip()))
@@ -70,7 +74,7 @@ def _read_list(path: Path) -> tuple[list[str], list[str], np.ndarray]:
         raise InputError(f"{path}: it is empty: give the count of images, and a line for each")
     count = None
     _, first_line = lines[0]
-    if first_line.isdecimal():
+    if first_line.isdecimal():  # the count; else it is an entry already
         count = int(first_line[:18])  # longer numbers are wrong anyway, and would take long to convert
         del lines[0]
     names, labels, vectors = [], [], []
@@ -88,8 +92,11 @@ def _read_list(path: Path) -> tuple[list[str], list[str], np.ndarray]:
 
 
 def _is_entry(line: str) -> bool:
-    """Whether a line of a file is `image-name x y z`, where the name has a suffix."""
-    cells = line.rsplit(None, 3)
+    """Whether a line of a file is `image-name x y z`, where the name has a suffix.
+
+    Without the suffix, any file that begins with a word and three numbers would count as a list.
+    """
+    cells = line.rsplit(None, 3)  # from the right, because the name may hold spaces
     try:
         vector = [float(cell) for cell in cells[1:]]
     except ValueError:
@@ -98,8 +105,8 @@ def _is_entry(line: str) -> bool:
 
 
 def _entry(label: str, line: str) -> tuple[str, list[float]]:
-    """Image name and vector of one line `image-name x y z`; the name may hold spaces, and so may be cut off first."""
-    name, *coordinates = line.rsplit(None, 3)
+    """The image name and the vector x, y, z of one line `image-name x y z`; `InputError` for any other line."""
+    name, *coordinates = line.rsplit(None, 3)  # from the right, because the name may hold spaces
     try:
         # Empty texts for missing coordinates: they raise the same error as one that is no number.
         missing = [""] * (3 - len(coordinates))
@@ -109,12 +116,13 @@ def _entry(label: str, line: str) -> tuple[str, list[float]]:
 
 
 def _find_pictures(files: FolderFiles, names: list[str], labels: list[str]) -> list[str]:
-    """The file of each line of a list, by its name in the folder.
+    """The file in the folder for each of the listed image names; `InputError` if there is none, or more than one.
 
     After a copy from another system a name may differ from its file in case, or in the form of its accents. If there is
     only one such file, it is taken.
     """
-    alike_files: dict[str, list[str]] | None = None  # made only if a name is not there
+    # Folded name → files. The folder is listed only if a name is not there.
+    alike_files: dict[str, list[str]] | None = None
     pictures = []
     for listed_name, label in zip(names, labels, strict=True):
         candidates = _possible_names(listed_name)
@@ -125,7 +133,7 @@ def _find_pictures(files: FolderFiles, names: list[str], labels: list[str]) -> l
             continue
         if alike_files is None:
             alike_files = _by_folded_name(files)
-        alike: list[str] = []  # the files like the first candidate that is like any
+        alike: list[str] = []  # files whose names fold like that of a candidate; the first candidate with any counts
         for name in candidates:
             alike = alike_files.get(_folded(name), [])
             if alike:
@@ -149,9 +157,10 @@ def _by_folded_name(files: FolderFiles) -> dict[str, list[str]]:
 
 
 def _possible_names(listed_name: str) -> list[str]:
-    """The names that a listed picture may have in the folder, the likelier first.
+    """The names that a listed picture may have in the folder, with forward slashes, the likelier first.
 
     They are its path, if it stays in the folder, and its bare name, because paths are often those of another machine.
+    A name that could only be a folder is left out.
     """
     path = listed_name.replace("\\", "/")
     _, _, bare_name = path.rpartition("/")

@@ -1,5 +1,8 @@
 """UBO2003 materials as a local PCA in PNGs: blocks of adjacent views, each a sum of eight products of texels and pairs.
 
+In a block, the picture of a pair is the sum of eight components (pictures that all its pairs share), each times a
+weight of the pair and colour, and times the component's singular value in the block.
+
 A folder holds `meta.json`, `0.png` … `7.png` and `R.png`, all RGBA of 8 bits with their bytes in order. Picture j has
 component j of each block: the texels of block 0 row by row, then those of block 1. The first pixels of R.png have, for
 each column ((view in block · lights + light) · 3 + colour) of a block, its eight weights; then come the singular values
@@ -30,7 +33,7 @@ from bench.inputs.errors import InputError, readable
 from bench.metrics.display import decode_srgb
 
 NOTES, WEIGHTS = "meta.json", "R.png"
-COMPONENTS, VIEWS, LIGHTS = 8, 81, 81
+COMPONENTS, VIEWS, LIGHTS = 8, 81, 81  # components of a block; views and lights of the whole
 TOGETHER = 3  # adjacent views of a block
 BLOCKS = VIEWS // TOGETHER
 COLUMNS = TOGETHER * LIGHTS * 3  # of a block: a red, a green and a blue one for each of its pairs
@@ -41,9 +44,9 @@ KNOWN = {"numComp": COMPONENTS, "numDirections": VIEWS, "blockSize": TOGETHER}  
 # Bytes 24 and 25 of a PNG, in its first chunk, are the bits a channel and the type of colour; type 6 is RGBA.
 PNG_FORMAT = slice(24, 26)
 RGBA_OF_8_BITS = b"\x08\x06"
-FIELD = b'"numComp"'
-MAX_NOTES = 1 << 16
-MAX_SIZE = 1024
+FIELD = b'"numComp"'  # the field that tells this format's `meta.json` from others
+MAX_NOTES = 1 << 16  # bytes of `meta.json`
+MAX_SIZE = 1024  # texels a side
 # A clone of the repository has folders NAME/3_8, named by block size and components.
 SPLIT = re.compile(r"\d{1,3}_\d{1,3}")
 
@@ -71,6 +74,7 @@ def opened(seen: Candidate) -> BTF | None:
         "native": {"bytes": sum(map(files.size, source.names)), "rank": COMPONENTS, "name": "local PCA"},
     }
     named_folder = folder.resolve()
+    # `3_8` lies in the folder that is named after the material.
     if SPLIT.fullmatch(named_folder.name):
         named_folder = named_folder.parent
     wo, wi = product(ubo2003(), ubo2003())
@@ -80,7 +84,7 @@ def opened(seen: Candidate) -> BTF | None:
 def _folder_of(seen: Candidate) -> Path | None:
     """The folder of this format that a folder is or holds, or in which a `meta.json` lies; None for anything else."""
     if not seen.is_folder:
-        is_notes = FIELD in seen.head and seen.path.name == NOTES
+        is_notes = FIELD in seen.head and seen.path.name == NOTES  # the pictures lie beside it
         return seen.path.parent if is_notes else None
     candidates = [seen.path]
     for inner in sorted(seen.path.iterdir()):
@@ -89,14 +93,17 @@ def _folder_of(seen: Candidate) -> Path | None:
             break  # the first one is taken
     for folder in candidates:
         files = FolderFiles(folder)
-        # Other formats may have a `meta.json`, too.
+        # Other formats may have a `meta.json`, too: the weights beside it, or the field in it, show this one.
         if files.has(NOTES) and (files.has(WEIGHTS) or FIELD in files.head(NOTES, HEAD)):
             return folder
     return None
 
 
 def _image_size(files: FolderFiles) -> int:
-    """The side of the picture of a pair, from `meta.json`, whose other fields must have the known values."""
+    """The side of the square picture of a pair, in texels, from `meta.json`.
+
+    `InputError` if the file is damaged or its other fields do not have the values of `KNOWN`.
+    """
     label = files.label(NOTES)
     if files.size(NOTES) > MAX_NOTES:
         raise InputError(f"{label}: it is larger than {MAX_NOTES >> 10} KiB, too large for this format: get it again")
@@ -122,10 +129,16 @@ def _number(notes: dict[str, Any], key: str, label: str) -> int:
 
 
 class LocalPCA(Source):
-    """The pictures of a folder, decoded at the first read and multiplied on demand: cheap by slice and scattered."""
+    """The components and weights of a folder, decoded at the first read and kept, and multiplied on demand.
+
+    Slices (pictures of pairs) and scattered reads are both cheap.
+    """
 
     def __init__(self, files: FolderFiles, size: int):
-        """Check by headers that every picture exists and is large enough for `size` (texels a side)."""
+        """Check by headers that every PNG exists and has the pixels that pictures of `size` texels a side need.
+
+        `InputError` if one does not.
+        """
         self.files = files
         self.shape = (size, size)
         self.count = VIEWS * LIGHTS
@@ -139,9 +152,10 @@ class LocalPCA(Source):
             if files.head(name, PNG_FORMAT.stop)[PNG_FORMAT] != RGBA_OF_8_BITS:
                 raise InputError(f"{label}: it is not a PNG of 8 bits with red, green, blue and alpha: get it again")
             if name == WEIGHTS:
+                # It may have more pixels: only the first ones are read.
                 if height * width < PIXELS:
                     raise InputError(f"{label}: {width} x {height} pixels are too few: {PIXELS} hold the weights")
-                continue
+                continue  # its size does not depend on that of the pictures
             texels = BYTES_A_PIXEL * height * width  # each texel of a component is one byte
             if texels != BLOCKS * size * size:
                 fault = f"{width} x {height} pixels are not {BLOCKS} blocks of {size} x {size} texels"
@@ -150,7 +164,7 @@ class LocalPCA(Source):
 
     @cached_property
     def components(self) -> Array:
-        """Codes (blocks, texels, components) uint8."""
+        """The components' values in bytes (blocks, texels, components) uint8; `_signed` makes numbers of them."""
         components = []
         for name in self.component_names:
             components.append(self._bytes(name).reshape(BLOCKS, -1))
@@ -158,7 +172,10 @@ class LocalPCA(Source):
 
     @cached_property
     def weights(self) -> Array:
-        """Weights times singular values (blocks, views in block · lights, components, 3) float32."""
+        """Weights times singular values, float32 (blocks, pairs of a block, components, colours).
+
+        The pairs of a block are its views · lights, the light fastest.
+        """
         data = self._bytes(WEIGHTS)
         weights_end = BLOCKS * COLUMNS * COMPONENTS  # a byte each
         data_end = BYTES_A_PIXEL * PIXELS
@@ -167,16 +184,16 @@ class LocalPCA(Source):
         stored = data[weights_end:data_end].reshape(BLOCKS, COMPONENTS, 2).astype(np.float32)
         coarse, fine = stored[..., 0], stored[..., 1]
         singular = 10 * coarse + np.float32(0.1) * fine
-        scaled = columns * singular[:, None, None]
+        scaled = columns * singular[:, None, None]  # (blocks, pairs of a block, colours, components)
         return np.ascontiguousarray(scaled.swapaxes(2, 3))
 
     def _bytes(self, name: str) -> Array:
-        """The bytes (4 · H · W,) of a picture in order; `InputError` if it is damaged or was changed."""
+        """The bytes (4 · H · W,) of a PNG's pixels, row by row, R G B A; `InputError` if it is damaged or changed."""
         from PIL import Image
 
         height, width = picture_size(self.files, name)
         with readable(self.files.label(name), "the picture is damaged; get it again"), warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+            warnings.simplefilter("ignore")  # of Pillow: what is wrong is an error here
             data = self.files.read(name)
             _verify_checksums(data)
             pixels = np.asarray(Image.open(io.BytesIO(data), formats=["PNG"]))
@@ -185,7 +202,7 @@ class LocalPCA(Source):
             return pixels.reshape(-1)
 
     def codes(self, pair: int) -> Array:
-        """The sRGB codes of a pair (H, W, 3) float32, divided by 255 and not yet clipped."""
+        """The sRGB codes of a pair (H, W, 3) float32, divided by 255 and not yet clipped to [0, 1]."""
         # Pairs are view-major, so those of a block's views follow each other.
         block, pair_in_block = divmod(int(pair), TOGETHER * LIGHTS)
         codes = _signed(self.components[block]) @ self.weights[block, pair_in_block]
@@ -200,7 +217,7 @@ class LocalPCA(Source):
         block_of, pair_in_block = np.divmod(pairs, TOGETHER * LIGHTS)
         texel = np.asarray(rows) * self.shape[1] + np.asarray(cols)
         for block in np.unique(block_of):
-            places = np.flatnonzero(block_of == block)  # of its pairs among `pairs`
+            places = np.flatnonzero(block_of == block)  # where the pairs of this block stand in `pairs`
             weights = self.weights[block, pair_in_block[places]]  # (pairs, components, 3)
             # (components, pairs · 3), so that one product gives all pairs of the block.
             weights = weights.swapaxes(0, 1).reshape(COMPONENTS, -1)
@@ -224,9 +241,9 @@ class LocalPCA(Source):
 
 
 def _verify_checksums(data: bytes) -> None:
-    """Raise `ValueError` if a chunk of a PNG does not match its checksum; Pillow accepts it.
+    """Raise `ValueError` if a chunk of a PNG does not match its checksum, `struct.error` if the data end too early.
 
-    Pillow also accepts a PNG without its end. Here `unpack_from` raises `struct.error` where the data end too early.
+    Pillow accepts both.
     """
     offset = PNG_START
     name = b""

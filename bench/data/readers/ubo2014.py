@@ -1,8 +1,10 @@
 """UBO2014 `.btf` files of the Bonn BTF database: factorised matrices (DFMF and FMF), little-endian.
 
-A file holds the signature, a header about the measurement, the directions (radians), the size, and per colour channel
-the factors U (pairs × K) and S·V (texels × K). The picture of a pair is S·V · U[pair], from the bottom row up, so it is
-flipped. The files are memory-mapped and multiplied on demand, because a decoded material would take 22 GB.
+A file holds the signature (which names its form), a header about the measurement, the directions (radians), the size,
+and per colour channel the factors U (pairs × K) and S·V (texels × K), where K is the rank. The picture of a pair is
+S·V · U[pair], from the bottom row up, so it is flipped. DFMF has a factorisation for each of three channels, FMF one
+for all together. The channels are not RGB but what a *colour model* makes of it, such as logarithms. The files are
+memory-mapped and multiplied on demand, because a decoded material would take 22 GB.
 
 Format: https://cg.cs.uni-bonn.de/en/projects/btfdbb/download/ubo2014/ (DFMF08 and FMF12).
 """
@@ -23,14 +25,15 @@ from bench.data.readers.files import Candidate, file_digest
 from bench.directions.hemisphere import from_angles, product
 from bench.inputs.errors import InputError
 
-DFMF, FMF = b"!DFMF08FCR", b"!FMF12FCER"
-UNSUPPORTED = (b"!FMF06FC", b"!PVF06FC", b"!BDIF06R2!")
+DFMF, FMF = b"!DFMF08FCR", b"!FMF12FCER"  # the signatures that are read
+UNSUPPORTED = (b"!FMF06FC", b"!PVF06FC", b"!BDIF06R2!")  # other signatures of Bonn
+# The number of a colour model → what the three channels hold, in words.
 COLOUR_MODELS = {
     0: "RGB as stored",
     11: "log luminance and relative chroma (YUV), converted to RGB",
     12: "log RGB, converted to RGB",
 }
-SCALARS = {2: "<f2", 4: "<f4", 8: "<f8"}
+SCALARS = {2: "<f2", 4: "<f4", 8: "<f8"}  # bytes of a number → its type
 EPSILON = np.float32(1e-5)  # the writer added it before it took a logarithm
 YUV_TO_RGB = np.array([[1, 0, 1.13983], [1, -0.39465, -0.58060], [1, 2.03211, 0]], np.float32)
 DENSE_BYTES = 1 << 30  # of factors that are kept in memory as float32
@@ -38,7 +41,10 @@ MULTIPLIED = 64 << 20  # bytes at once: 17 slices of 400 × 400 texels, in half 
 
 
 class Cursor:
-    """Reads a file from front to back; errors say what was read when the file ended."""
+    """Reads a file, memory-mapped, from front to back.
+
+    Every method that reads moves `offset` on. Its `what` says in errors what was read when the file ended.
+    """
 
     def __init__(self, path: Path):
         self.path = path
@@ -46,7 +52,7 @@ class Cursor:
         self.bytes = np.memmap(path, np.uint8, "r")
 
     def error(self, fault: str, remedy: str = "the file is damaged; get it again") -> InputError:
-        """The error to raise, with the file and the offset."""
+        """The error for a fault at this place, which the caller raises; it names the file and the offset."""
         return InputError(f"{self.path}, offset {self.offset}: {fault}: {remedy}")
 
     def take(self, count: int, what: str) -> Array:
@@ -58,45 +64,48 @@ class Cursor:
         return self.bytes[self.offset - count : self.offset]
 
     def numbers(self, layout: str, what: str) -> tuple[Any, ...]:
-        """Numbers of a `struct` layout, little-endian."""
+        """The next numbers, in a `struct` layout without its mark of the byte order: they are little-endian."""
         layout = "<" + layout
         return struct.unpack(layout, self.take(struct.calcsize(layout), what).tobytes())
 
     def count(self, what: str) -> int:
-        """One u32."""
+        """The next number, an unsigned one of 4 bytes."""
         return int(self.numbers("I", what)[0])
 
     def text(self, length: int, what: str) -> str:
-        """A text of `length` bytes without its padding."""
+        """The next text, which takes `length` bytes; a zero byte ends it before, and padding follows."""
         text, _, _ = self.take(length, what).tobytes().partition(b"\0")
         return text.decode("utf-8", "replace").strip()
 
     def floats(self, shape: tuple[int, ...], scalar: int, what: str) -> Array:
-        """An array of floats of `scalar` bytes each, as a view of the file, which need not be aligned."""
+        """The next array, of floats of `scalar` bytes each (a key of `SCALARS`), as a view of the file.
+
+        The view need not be aligned.
+        """
         count = math.prod(shape) * scalar
         return self.take(count, what).view(SCALARS[scalar]).reshape(shape)
 
 
 @dataclass
 class Matrix:
-    """A factor (rows, K) of the file."""
+    """A factor (rows, K) of the file, whose rows are pairs (U) or texels (S·V)."""
 
     stored: Array  # a view of the file
     is_kept: bool = True  # in memory as float32, once it is used; else rows are converted each time
 
     @cached_property
     def dense(self) -> Array:
-        """The whole factor in float32."""
+        """The whole factor in float32, converted at the first use."""
         return np.ascontiguousarray(self.stored, np.float32)
 
     def rows(self, index: Array | slice) -> Array:
-        """Some rows (n, K) in float32."""
+        """Some rows (n, K) in float32, by their indices (n,) or a slice."""
         if self.is_kept:
             return self.dense[index]
         return np.asarray(self.stored[index], np.float32)
 
     def times(self, factors: Array) -> Array:
-        """The products (n, rows) of some vectors (n, K) with every row."""
+        """The scalar products (n, rows) of some vectors (n, K) with every row."""
         if self.is_kept:
             return factors @ self.dense.T
         parts = []
@@ -111,21 +120,23 @@ class Factorisation:
     """The content of a file below its header: directions in radians, size, and three channels of factors."""
 
     views: Array  # (V, 2) θ, φ
-    lights: Array  # (L, 2)
-    shape: tuple[int, int] = (0, 0)
-    pairs: list[Matrix] = field(default_factory=list)  # per channel (V · L, K), the light fastest
-    texels: list[Matrix] = field(default_factory=list)  # per channel (H · W, K), from the bottom row up
+    lights: Array  # (L, 2) θ, φ; each view has all of them
+    shape: tuple[int, int] = (0, 0)  # (H, W)
+    pairs: list[Matrix] = field(default_factory=list)  # per channel U (V · L, K), the light fastest
+    texels: list[Matrix] = field(default_factory=list)  # per channel S·V (H · W, K), from the bottom row up
     model: int = 0  # the number of the colour model, a key of `COLOUR_MODELS`
 
 
 def opened(seen: Candidate) -> BTF | None:
-    """The BTF of a file that begins like those of UBO2014, or None; takes milliseconds; pairs view-major, as stored.
+    """The BTF of a file that begins like those of UBO2014, or None; pairs sorted by view, then light, as stored.
 
+    Only headers are read now, and directions, so it takes milliseconds.
     Values are linear RGB with the cosine of the light, decoded from colour model 0, 11 or 12 or from log (FMF) and
-    never clamped. `provenance` keeps what the file says about itself; `provenance["native"]` holds its bytes and ranks.
-    Raises `InputError` that names file and offset for a foreign, damaged or unsupported file.
+    never clamped. `provenance` keeps what the file says about itself; `provenance["native"]` holds the bytes of the
+    file and the ranks of its factors, which a report sets beside codecs. Raises `InputError` that names file
+    and offset for a foreign, damaged or unsupported file.
     """
-    if seen.head[:1] != b"!":
+    if seen.head[:1] != b"!":  # all signatures of Bonn begin so; an unknown one is an error that names it
         return None
     path = seen.path
     cursor = Cursor(path)
@@ -136,6 +147,7 @@ def opened(seen: Candidate) -> BTF | None:
             if signature.startswith(unsupported):
                 fault = f"the signature {unsupported.decode()} is known but not read"
         raise InputError(f"{path}: {fault}: only {DFMF.decode()} and {FMF.decode()} are read")
+
     notes = _read_header(cursor)
     material = _read_directions(cursor)
     width, height, rotations = cursor.numbers("3I", "the size")
@@ -143,10 +155,12 @@ def opened(seen: Candidate) -> BTF | None:
     if not width or not height:
         raise cursor.error(f"a size of {width} x {height} texels")
     material.shape = (height, width)
-    cursor.floats((rotations, 3, 3), 4, f"{rotations} rotations")  # passed over
+    # Passed over: the pictures are read as they are stored.
+    cursor.floats((rotations, 3, 3), scalar=4, what=f"{rotations} rotations")
     read_body = _read_dfmf if signature == DFMF else _read_fmf
     notes |= read_body(cursor, material)
     _share_memory(material)
+
     ranks = [matrix.stored.shape[1] for matrix in material.pairs]
     native = {"bytes": path.stat().st_size, "rank": max(ranks), "ranks": ranks}
     provenance = provenance_of("UBO2014", notes.pop("colour"), IN_THE_DATA, signature=signature.decode(), **notes)
@@ -156,33 +170,35 @@ def opened(seen: Candidate) -> BTF | None:
 
 
 def _share_memory(material: Factorisation) -> None:
-    """Keep factors in memory as float32 until they fill `DENSE_BYTES`; the others are converted row by row.
-
-    The factors of pairs come first, because they are small.
+    """Set which factors are kept in memory as float32: as many as `DENSE_BYTES` hold; the others are converted by rows
+    at each use. The factors of pairs come first, because they are small.
     """
     bytes_left = DENSE_BYTES
     # By identity, since channels may share a matrix, which is then counted once.
     distinct = {id(matrix): matrix for matrix in [*material.pairs, *material.texels]}
     for matrix in distinct.values():
-        bytes_left -= 4 * matrix.stored.size
+        bytes_left -= 4 * matrix.stored.size  # as float32
         matrix.is_kept = bytes_left >= 0
 
 
 def _read_header(cursor: Cursor) -> dict[str, Any]:
-    """What the header says about the measurement; its length must be the stated one."""
+    """What the header says about the measurement, by name, for the provenance.
+
+    Later versions hold more. `InputError` if the header has another length than it states.
+    """
     start = cursor.offset
     size, version = cursor.numbers("2I", "the header")
     if not 1 <= version <= 4:
         raise cursor.error(f"header version {version}", "versions 1 to 4 are read")
     notes: dict[str, Any] = {"header_version": version}
     for key in ("measurement_setup", "image_sensor", "light_source"):
-        notes[key] = cursor.text(80, key)
+        notes[key] = cursor.text(length=80, what=key)
     notes["ppmm"], *notes["rgb_scale"] = cursor.numbers("4f", "ppmm and RGB scale")
     if version > 1:
         notes["cosine_flag"] = cursor.count("the cosine flag")
     if version > 2:
         notes["xml"] = cursor.text(cursor.count("the length of the XML"), "the XML")
-    if version > 3:
+    if version > 3:  # earlier files have three channels without names
         channels = cursor.count("the number of channels")
         if channels != 3:
             raise cursor.error(f"{channels} channels", "three are read")
@@ -196,9 +212,10 @@ def _read_header(cursor: Cursor) -> dict[str, Any]:
 
 
 def _read_directions(cursor: Cursor) -> Factorisation:
-    """A factorisation that has only its views and lights yet.
+    """A factorisation that has only its views and lights yet; the factors follow in the file.
 
-    Every view in the file repeats the list of lights, which must be the same.
+    Every view in the file repeats the list of lights, which must be the same, so that pairs are all views with all
+    lights. `InputError` if it is not.
     """
     views = cursor.count("the number of views")
     # A view is its θ and φ, the number of its lights, and θ and φ of each light.
@@ -220,18 +237,22 @@ def _read_directions(cursor: Cursor) -> Factorisation:
 
 
 def _angles(path: Path, side: str, stored: Array) -> Array:
-    """θ, φ (n, 2) float64 in radians, from the bytes of the views or the lights; all in range and different.
+    """θ, φ (n, 2) float64 in radians of n views or lights, from their bytes: two little-endian floats of 4 bytes each.
 
-    `side` is the word for them in errors: view or light.
+    `InputError` if one is out of range or stands twice; `side` is the word for them in it: view or light.
     """
     with np.errstate(invalid="ignore"):
+        # Contiguous, because only such bytes can be seen as floats.
         angles = np.ascontiguousarray(stored).view("<f4").reshape(-1, 2).astype(np.float64)
     different_directions(angles[:, 0], angles[:, 1], lambda index: f"{path}: {side} {index}")
     return angles
 
 
 def _read_dfmf(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
-    """Read the body of a DFMF, a factorisation for each decorrelated channel, into `material`; returns notes on it."""
+    """Read the body of a DFMF, a factorisation for each channel of its colour model, into `material`.
+
+    Returns notes on it for the provenance, of which `colour` is in words. Mean and matrix are noted, but not applied.
+    """
     _, model = cursor.numbers("Ii", "the colour model")
     if model not in COLOUR_MODELS:
         raise cursor.error(f"colour model {model}", f"models {', '.join(map(str, COLOUR_MODELS))} are read")
@@ -248,9 +269,9 @@ def _read_dfmf(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
 
 
 def _read_fmf(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
-    """Read the body of an FMF, one factorisation of all channels, into `material`; returns notes on it.
+    """Read the body of an FMF, one factorisation of all channels, into `material`; returns notes for the provenance.
 
-    There is a row for each channel of each pair, the channel fastest.
+    U has a row for each channel of each pair, the channel fastest; the channels share S·V.
     """
     (version,) = cursor.numbers("B", "the FMF version")
     if version > 2:
@@ -261,20 +282,23 @@ def _read_fmf(cursor: Cursor, material: Factorisation) -> dict[str, Any]:
     width, height = 0, 0
     if version >= 2:
         width, height = cursor.numbers("2I", "the size of the height map")
-    cursor.floats((width, height), 2, "the height map")  # passed over
+    cursor.floats((width, height), scalar=2, what="the height map")  # passed over: a BTF has no heights
     cursor.count("the rank")  # stated again with the factors
     rows = 3 * len(material.views) * len(material.lights)
     pairs, texels = _read_factors(cursor, material, rows, "the factors")
     by_channel = pairs.reshape(-1, 3, pairs.shape[1]).swapaxes(0, 1)  # (3, V · L, K)
     material.pairs = [Matrix(channel) for channel in by_channel]
     material.texels = [Matrix(texels)] * 3
-    material.model = 12 if reduction else 0
+    material.model = 12 if reduction else 0  # as in `COLOUR_MODELS`
     colour = "log RGB, converted to RGB" if reduction else COLOUR_MODELS[0]
     return {"colour": f"FMF: {colour}", "dynamic_range_reduction": reduction, "height_map": [width, height]}
 
 
 def _read_factors(cursor: Cursor, material: Factorisation, rows: int, what: str) -> tuple[Array, Array]:
-    """U (rows, K) and S·V (texels, K) as views of the file. `what` they are of is for errors."""
+    """U (rows, K) and S·V (texels, K) as views of the file; `what` names them in errors.
+
+    The file states its numbers of rows and texels again; `InputError` if they are not those of its directions and size.
+    """
     scalar, rank, stated_rows, stated_cols = cursor.numbers("B3I", what)
     texels = material.shape[0] * material.shape[1]
     if scalar not in SCALARS or not rank:
@@ -288,7 +312,9 @@ def _read_factors(cursor: Cursor, material: Factorisation, rows: int, what: str)
 
 
 class FactorSource(Source):
-    """A memory-mapped factorisation, multiplied on demand: cheap by slice, by ABRDF and scattered."""
+    """A memory-mapped factorisation, multiplied on demand: cheap by slice (the picture of a pair), by ABRDF (a texel at
+    all pairs) and scattered. Values that overflow in a product or an exponential are a `NotFiniteError`.
+    """
 
     def __init__(self, path: Path, material: Factorisation):
         self.path = path
@@ -300,7 +326,7 @@ class FactorSource(Source):
 
     @np.errstate(over="ignore", invalid="ignore")
     def slices(self, pairs: Array) -> list[Array]:
-        """As `Source.slices`: one matrix product a channel for all of the pairs."""
+        """As `Source.slices`, (H, W, 3) float32 each: one matrix product a channel for all of the pairs."""
         channels = []  # three arrays (n, H, W)
         for texels, of_pairs in zip(self.material.texels, self.material.pairs, strict=True):
             products = texels.times(of_pairs.rows(pairs))
@@ -314,12 +340,14 @@ class FactorSource(Source):
 
     @np.errstate(over="ignore", invalid="ignore")
     def texels(self, rows: Array, cols: Array, pairs: Array, block: int = 64) -> Array:
-        """As `Source.texels`; `block` texels are multiplied at once, in buffers that are used again."""
+        """As `Source.texels`, (n, pairs, 3) float32; `block` texels are multiplied at once, in buffers that are used
+        again.
+        """
         index = self._index(rows, cols)
         out = np.empty((len(index), len(pairs), 3), np.float32)
         # The factors (K, pairs) of each channel.
         pair_factors = [np.ascontiguousarray(matrix.rows(pairs).T) for matrix in self.material.pairs]
-        buffers = np.empty((3, block, len(pairs)), np.float32)
+        buffers = np.empty((3, block, len(pairs)), np.float32)  # the products of each channel
         for start in range(0, len(index), block):
             block_index = index[start : start + block]
             count = len(block_index)  # the last block may be shorter
@@ -344,13 +372,14 @@ class FactorSource(Source):
         return out
 
     def _index(self, rows: Array, cols: Array) -> Array:
-        """The rows of S·V that hold the texels (rows, cols); the file counts from the bottom row."""
+        """The rows (n,) of S·V that hold n texels (rows[i], cols[i]); the file counts from the bottom row."""
         return (self.shape[0] - 1 - np.asarray(rows)) * self.shape[1] + np.asarray(cols)
 
     def _decode(self, channels: Sequence[Array] | Array, out: Array | None = None) -> Array:
-        """Linear RGB (..., 3) float32 of three decorrelated channels (...), which it overwrites.
+        """Linear RGB (..., 3) float32 of three channels (...) of the colour model.
 
-        It is written to `out`, or to a new array.
+        It is written to `out`, which is returned, or to a new array. The channels may be overwritten: model 11 computes
+        in them.
         """
         if out is None:
             out = np.empty((*channels[0].shape, 3), np.float32)
@@ -368,9 +397,9 @@ class FactorSource(Source):
 
 
 def _yuv_to_rgb(channels: Sequence[Array] | Array, out: Array) -> None:
-    """Colour model 11, log (Y + EPSILON), U / Y and V / Y (...), to RGB in `out` (..., 3).
+    """Write the RGB of colour model 11 to `out` (..., 3); the channels, each (...), are overwritten.
 
-    The channels are overwritten.
+    They are log (Y + EPSILON), U / Y and V / Y.
     """
     y, u, v = channels
     np.exp(y, out=y)
@@ -379,7 +408,8 @@ def _yuv_to_rgb(channels: Sequence[Array] | Array, out: Array) -> None:
     for chroma in (u, v):
         np.multiply(chroma, y, out=chroma)
         np.add(chroma, EPSILON, out=chroma)
-    # Every colour has Y once; red has no U, and blue no V.
+    # The rows of the matrix are red, green and blue, its columns Y, U and V. Every colour has Y once; red has no U, and
+    # blue no V.
     (_, _, red_v), (_, green_u, green_v), (_, blue_u, _) = YUV_TO_RGB
     out[..., 0] = y + red_v * v
     out[..., 1] = y + green_u * u + green_v * v
