@@ -84,7 +84,8 @@ def _side(directions: Array, share: Array) -> Array:
     # By share, the largest first, and of equal shares the nearest to the middle (the last key counts first).
     order = np.lexsort((-(directions @ middle), -share))
     count = len(_heaviest(share))
-    # Further ones follow until answers can be interpolated. A flat set has no triangles to interpolate in: too few directions, or all on one line.
+    # Further ones follow until answers can be interpolated. A flat set has no triangles to interpolate in: too few
+    # directions, or all on one line.
     while count < len(directions) and Hemisphere(directions[order[:count]]).flat:
         count += 1
     return np.sort(order[:count])

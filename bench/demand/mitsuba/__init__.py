@@ -1,4 +1,8 @@
-"""Mitsuba 3: its scenes, codec files as BSDFs, and a path tracer for baking. Imports Mitsuba only on demand."""
+"""Mitsuba 3: its scenes, codec files as BSDFs, and a path tracer for baking. Imports Mitsuba only on demand.
+
+A BSDF is what Mitsuba calls a material. Its code runs in *variants*, such as `llvm_ad_rgb`, which compile the same
+source for CPUs or GPUs: values are then arrays of Dr.Jit, one number for each ray.
+"""
 
 from typing import TYPE_CHECKING
 

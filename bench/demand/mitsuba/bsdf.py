@@ -35,7 +35,7 @@ from bench.program.llvm import unusable
 from bench.program.recording import program_of
 
 NAME = "neubtf"
-VARIANTS = ("llvm_ad_rgb", "cuda_ad_rgb")
+VARIANTS = ("llvm_ad_rgb", "cuda_ad_rgb")  # those that compute many rays at once, as a recorded codec needs
 
 
 def register() -> type:
@@ -51,7 +51,11 @@ def register() -> type:
 
 
 class _Lobes:
-    """The lobes of a file, drawn from by Mitsuba's own GGX; see `bench.demand.mitsuba.lobes`."""
+    """The lobes of a file, drawn from by Mitsuba's own GGX; see `bench.demand.mitsuba.lobes`.
+
+    In its methods `si` is Mitsuba's interaction of rays with a surface; views and lights are vectors in the frame of
+    the texture, z along the normal. All are Dr.Jit arrays with an entry for each ray.
+    """
 
     def __init__(self, stored: np.ndarray, repeat: tuple[float, float]):
         self.cells = len(stored)  # along each side of the texture
@@ -69,14 +73,15 @@ class _Lobes:
         column = dr.minimum(mi.UInt32(uv.x * self.cells), self.cells - 1)
         row = dr.minimum(mi.UInt32((1 - uv.y) * self.cells), self.cells - 1)
         cell = row * self.cells + column
-        share, along, across, *rest = (dr.gather(mi.Float, each, cell) for each in self.columns)
-        axes = [mi.Vector3f(*rest[first : first + 3]) for first in (0, 3, 6)]
+        share, along, across, *axis_numbers = [dr.gather(mi.Float, column, cell) for column in self.columns]
+        axes = [mi.Vector3f(*axis_numbers[first : first + 3]) for first in (0, 3, 6)]
         return share, along, across, axes
 
     def share(self, si: Any, view: Any) -> Any:
         """The probability of the lobe: 0 for a view from behind its normal."""
         share, _, _, axes = self._lobe_at(si)
-        return dr.select(dr.dot(view, axes[2]) > 1e-4, share, 0)
+        _, _, normal = axes
+        return dr.select(dr.dot(view, normal) > 1e-4, share, 0)
 
     def drawn(self, si: Any, view: Any, sample: Any) -> Any:
         """A direction toward the light; it may lie below the horizon."""
@@ -138,6 +143,7 @@ class _Answers:
         self.pixel_angle = float(props.get("pixel_angle", 0.0))
         side = mi.BSDFFlags.FrontSide | (mi.BSDFFlags.BackSide if self.two_sided else mi.BSDFFlags.Empty)
         flags = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.SpatiallyVarying | side
+        # Mitsuba reads what a BSDF can do from these two: it has one component.
         self.m_components = [flags]
         self.m_flags = flags
         file = load(self.file)
@@ -215,13 +221,14 @@ class _Answers:
         return dr.select(active & (view.z > 0) & (light.z > 0), density, 0)
 
     def eval_pdf(self, context: Any, si: Any, wo: Any, active: Any = True) -> Any:
-        """What `eval` and `pdf` give."""
+        """What `eval` and `pdf` give, as a pair: Mitsuba's interface asks for both at once, too."""
         return self.eval(context, si, wo, active), self.pdf(context, si, wo, active)
 
     def traverse(self, callback: Any) -> None:
-        """A scene can change nothing of a codec file."""
+        """Mitsuba asks here for parameters that a scene may change; a codec file has none."""
 
     def to_string(self) -> str:
+        """The text that Mitsuba prints for this BSDF."""
         return f"{NAME}[{self.file.name}, repeat={self.repeat:g}, two_sided={self.two_sided}]"
 
 

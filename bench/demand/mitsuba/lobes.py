@@ -87,9 +87,10 @@ def fitted(
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
     for step in range(steps):
         cell, wo, wi, values = drawn(material, cells, VIEWS, LIGHTS, rng)
+        # A dark place counts as much as a bright one: answers are brought to one mean in every view.
         weights = values / values.mean(1, keepdim=True).clamp_min(1e-9)
         density = Lobe.from_stored(raw[cell]).density(wo, wi)
-        # The cross entropy to the answers, which are brought to one mean in every view.
+        # The cross entropy of the density to the answers.
         loss = -(weights.flatten() * density.clamp_min(1e-9).log()).mean()
         optimiser.zero_grad()
         loss.backward()
@@ -97,11 +98,12 @@ def fitted(
         schedule.step()
         show("fitting lobes", step + 1, steps)
     lobes = raw.detach()
-    cosine, mixed, _ = _variances(material, lobes, CHECKED, rng)
-    # Over the views of each cell: (cells²,).
-    cosine = cosine.view(len(lobes), -1).sum(1)
-    mixed = mixed.view(len(lobes), -1).sum(1)
-    lobes[mixed > cosine, 0] = OFF  # the fit minimises entropy, not variance: some cells are better with the cosine
+    of_cosine, of_lobes, _ = _variances(material, lobes, CHECKED, rng)
+    # The sums of variances over the views of each cell: (cells²,).
+    of_cosine = of_cosine.view(len(lobes), -1).sum(1)
+    of_lobes = of_lobes.view(len(lobes), -1).sum(1)
+    # The fit minimises entropy, not variance: some cells are better with the cosine alone. Number 0 is the share.
+    lobes[of_lobes > of_cosine, 0] = OFF
     return lobes.reshape(cells, cells, -1).half()
 
 

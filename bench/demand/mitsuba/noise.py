@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import mitsuba as mi
 import numpy as np
@@ -26,8 +26,9 @@ PLANE = {"type": "rectangle"}
 
 def _low_sun() -> dict[str, Any]:
     """A disc of 3° half angle, 12° above the plane."""
-    far, height = 40 * np.cos(np.radians(12)), 40 * np.sin(np.radians(12))
-    radius = 40 * np.sin(np.radians(3))
+    distance = 40  # in scene units: far compared with the plane, which is 2 wide
+    far, height = distance * np.cos(np.radians(12)), distance * np.sin(np.radians(12))
+    radius = distance * np.sin(np.radians(3))
     light = {"type": "area", "radiance": {"type": "rgb", "value": 400.0}}
     return {"type": "sphere", "center": [float(far), 0.0, float(height)], "radius": float(radius), "light": light}
 
@@ -40,11 +41,19 @@ def _lamps() -> dict[str, Any]:
     return {"type": "envmap", "bitmap": mi.Bitmap(picture)}
 
 
+class _Scene(NamedTuple):
+    """A shape and a light, as Mitsuba describes them."""
+
+    shape: dict[str, Any]
+    light: Callable[[], dict[str, Any]]  # makes the description: it may need Mitsuba's variant to be set
+    light_samples: int  # samples of the light for each sample of the material
+
+
 EVEN = "ball, even sky"
-SCENES: dict[str, tuple[dict[str, Any], Callable[[], dict[str, Any]], int]] = {
-    EVEN: (BALL, lambda: {"type": "constant"}, 0),  # the last: samples of the light for each sample of the material
-    "plane, low sun": (PLANE, _low_sun, 1),
-    "ball, small lamps": (BALL, _lamps, 1),
+SCENES = {
+    EVEN: _Scene(BALL, lambda: {"type": "constant"}, light_samples=0),
+    "plane, low sun": _Scene(PLANE, _low_sun, light_samples=1),
+    "ball, small lamps": _Scene(BALL, _lamps, light_samples=1),
 }
 
 
@@ -115,14 +124,19 @@ def _figures(pictures: np.ndarray, seconds: float, samples: int) -> Reached:
 
 def _loaded(bsdf: Any, scene: str, side: int) -> Any:
     """One of the `SCENES` with a BSDF, as Mitsuba renders it; the picture has `side`² pixels."""
-    shape, light, of_lights = SCENES[scene]
+    chosen = SCENES[scene]
     place = mi.ScalarTransform4f().look_at([0, -2.4, 1.8], [0, 0, 0], [0, 0, 1])  # from, to, up
     film = {"type": "hdrfilm", "width": side, "height": side, "rfilter": {"type": "box"}}
     description = {
         "type": "scene",
-        "integrator": {"type": "direct", "bsdf_samples": 1, "emitter_samples": of_lights, "hide_emitters": True},
-        "shape": shape | {"bsdf": bsdf},
-        "light": light(),
+        "integrator": {
+            "type": "direct",
+            "bsdf_samples": 1,
+            "emitter_samples": chosen.light_samples,
+            "hide_emitters": True,
+        },
+        "shape": chosen.shape | {"bsdf": bsdf},
+        "light": chosen.light(),
         "camera": {"type": "perspective", "fov": 22.0, "to_world": place, "film": film},
     }
     return mi.load_dict(description)

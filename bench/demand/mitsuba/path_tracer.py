@@ -113,7 +113,10 @@ class Shading:
 
 
 def shading(o: Values, base: Values, roughness: Values, metal: Values, specular: Values, anisotropy: Values) -> Shading:
-    """Points prepared for one direction each; the maps are those of `bench.data.materials.maps.Maps`."""
+    """Points prepared for one direction each, `o`, toward which they reflect.
+
+    The other arguments are the maps of `bench.data.materials.maps.Maps` at the points.
+    """
     seen = o
     o = mi.Vector3f(o.x, o.y, at_least(1e-3, o.z))  # never quite grazing
     alpha = at_least(MIN_ALPHA, roughness * roughness)
@@ -124,6 +127,7 @@ def shading(o: Values, base: Values, roughness: Values, metal: Values, specular:
     f0, f90 = DIELECTRIC_F0 * dielectric + metal * base, dielectric + metal
     shine = mi.luminance(fresnel(f0, mi.Color3f(f90), o.z))
     matt = mi.luminance(diffuse) * dr.pi
+    # Lobes are drawn in proportion to the light that they reflect, by luminance.
     glossy = shine / at_least(1e-6, shine + matt)
     return Shading(
         o=o,
@@ -288,6 +292,7 @@ class PathTracer:
         col = texel % W * s + number % s
         y = self.aspect * (1 - (mi.Float(row) + (0.5 + NUDGE[0])) / (H * s))
         x = (mi.Float(col) + (0.5 + NUDGE[1])) / (W * s)
+        # From just above the highest point, along the view through the sub-point of the reference plane z = 0.
         ray = mi.Ray3f(mi.Point3f(x, y, 0) + (self.field.top + 1e-3) / wo.z * wo, -wo)
         # Three random numbers for each bounce; for the first they spread evenly over a texel's sub-points.
         start = _three(_generator(self.seed ^ 0x9E3779B9, texel)) + mi.Vector3f(*STEPS) * mi.Float(number)
@@ -342,8 +347,9 @@ def _triangles(vertices: Array) -> Any:
 @dr.syntax
 def _follow(tracer: PathTracer, ray: Values, wi: Values, generator: Values, first: Values, depth: Values) -> Values:
     """The radiance (mi.Color3f) of paths that start with `ray`, under unit light from `wi`."""
-    value, weight = mi.Color3f(0), mi.Color3f(1)
+    value, weight = mi.Color3f(0), mi.Color3f(1)  # the radiance so far, and what arrives of a point's light
     edges, active = mi.UInt32(1), mi.Bool(True)
+    # Each turn goes to the next point of a path, adds the light that it receives directly, and draws a new direction.
     while active:
         hit = tracer.scene.ray_intersect(ray, mi.RayFlags.Minimal, edges == 1, active=active)
         active &= hit.is_valid() & (dr.dot(hit.n, ray.d) < 0)

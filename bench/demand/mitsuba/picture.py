@@ -36,7 +36,8 @@ def path_traced(scene: Path, bsdf: str, file: Path, repeat: float = 1.0, samples
 def _pixel_angle(sensor: Any, samples: int | None) -> float:
     """The angle of one sample of the pixel in the middle, in radians; 0 if all rays are parallel."""
     middle = mi.Point2f(0.5, 0.5)
-    ray = sensor.sample_ray_differential(0.0, 0.5, middle, middle)[0]  # time, wavelength, place, lens
+    # Arguments: time, wavelength, place in the picture, place on the lens. The second result is the ray's importance.
+    ray, _ = sensor.sample_ray_differential(0.0, 0.5, middle, middle)
     apart = dr.maximum(dr.norm(ray.d_x - ray.d), dr.norm(ray.d_y - ray.d))
     return float(apart[0]) / math.sqrt(samples or sensor.sampler().sample_count())
 

@@ -34,7 +34,7 @@ class MitsubaScene:
         width, height = self.sensors[0].film().crop_size()
         self.frames = len(self.sensors)
         self.picture = (int(height), int(width))
-        self.emitters: list[tuple[Values, int]] = []  # and how many samples each takes at a point
+        self.emitters: list[tuple[Values, int]] = []  # each with the number of samples that it takes at a point
         for emitter in self.scene.emitters():
             from_one_place = mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta)  # a point or a direction
             self.emitters.append((emitter, 1 if from_one_place else SAMPLES))
@@ -60,9 +60,17 @@ class MitsubaScene:
         position = _rows(hit.p)
         normal = _rows(hit.sh_frame.n)
         eye = np.broadcast_to(np.asarray(sensor.world_transform().translation()).ravel(), position.shape)
-        columns = [_rows(hit.uv), position, normal, _rows(hit.dp_du), _rows(hit.dp_dv), eye]
-        columns += [_rows(right.d), _rows(below.d)]
-        return Points(chosen, *(column[chosen] for column in columns))  # in the order of its fields
+        return Points(
+            pixel=chosen,
+            uv=_rows(hit.uv)[chosen],
+            position=position[chosen],
+            normal=normal[chosen],
+            dp_du=_rows(hit.dp_du)[chosen],
+            dp_dv=_rows(hit.dp_dv)[chosen],
+            eye=eye[chosen],
+            ahead_x=_rows(right.d)[chosen],
+            ahead_y=_rows(below.d)[chosen],
+        )
 
     def lights(self, points: Points, rng: np.random.Generator) -> list[Light]:
         """Every emitter that reaches the points without a shadow; for extended emitters, a few samples."""
@@ -92,7 +100,8 @@ def loaded(path: Path, load: Callable[[], Values]) -> Values:
 
 
 def set_variant() -> None:
-    """The fastest variant that can cast many rays at once."""
+    """Make the fastest variant that can cast many rays at once Mitsuba's current one. `InputError` if none works
+    here."""
     if "cuda_ad_rgb" in mi.variants() and dr.has_backend(dr.JitBackend.CUDA):
         mi.set_variant("cuda_ad_rgb")
         return
