@@ -1,10 +1,12 @@
 """What predicts a code of a texture from its neighbours and from earlier channels, in integers alone.
 
-A code is predicted as a weighted sum of codes around it: of its channel, those before it; of channels before, all nine
-around. What remains follows Student's t, whose scale grows with the errors near by. Weights and shapes are chosen by
-the encoder and stored, so nothing is learned while decoding, and all channels and rows are decoded side by side: texel
-(x, y) of channel c at step x + 2 y + 4 c. Its symbols go to interleaved range coders (rANS: Duda 2013, Giesen 2014).
-Every number that decides about a symbol is an integer, so that a file decodes alike on every machine.
+A texture has a number for each texel and channel; a code is such a number, rounded to as many bits as its channel has.
+The codes of a channel are a plane. A code is predicted as a weighted sum of codes around it: of its channel, those
+before it; of channels before, all nine around. What remains follows Student's t, whose scale grows with the errors near
+by. Weights and shapes are chosen by the encoder and stored, so nothing is learned while decoding, and all channels and
+rows are decoded side by side: texel (x, y) of channel c at step x + 2 y + 4 c. Its symbols go to interleaved range
+coders (rANS: Duda 2013, Giesen 2014). Every number that decides about a symbol is an integer, so that a file decodes
+alike on every machine.
 """
 
 import functools
@@ -34,6 +36,7 @@ MOST_GUESS = 1 << 15
 FEW_STEPS = 1 << 10  # some tenths of a second
 LEAST_CODES = 64  # of each further step, or its time is NumPy's, not theirs
 HEAD = 5  # bytes of a channel's parameters before its terms
+UNREADABLE = "a texture of this file does not say how its codes are predicted: encode it again"
 
 
 @dataclass(frozen=True)
@@ -176,16 +179,21 @@ class CodeModel:
         terms = list[list[tuple[int, int]]]()
         for channel in range(len(bits)):
             head = data[place : place + HEAD]
-            count = head[4] if len(head) == HEAD else MOST_TERMS + 1  # too many, so that a short head is refused
+            if len(head) < HEAD:  # the data end here
+                raise InputError(UNREADABLE)
+            middle, spread, first_two, last_two, count = head
+            # Two numbers of four bits in a byte.
+            constant, around = first_two >> 4, first_two & 15
+            before, shape = last_two >> 4, last_two & 15
             body = np.frombuffer(data[place + HEAD : place + HEAD + 2 * count], np.int8)
             read = body[:count].view(np.uint8).tolist()
             weights = body[count:].tolist()
             readable = len(OWN) + len(AROUND) * min(channel, BACK)
             # A spread from 128 on would give an exponent over 15, which no error needs.
-            sound = count <= MOST_TERMS and len(body) == 2 * count and head[1] < 128 and head[3] % 16 < len(SHAPES)
+            sound = count <= MOST_TERMS and len(body) == 2 * count and spread < 128 and shape < len(SHAPES)
             if not sound or max(read, default=0) >= readable:
-                raise InputError("a texture of this file does not say how its codes are predicted: encode it again")
-            heads.append([head[0], head[1], head[2] >> 4, head[2] & 15, head[3] >> 4, head[3] & 15])
+                raise InputError(UNREADABLE)
+            heads.append([middle, spread, constant, around, before, shape])
             terms.append(list(zip(read, weights, strict=True)))
             place += HEAD + 2 * count
         table = np.array(heads, np.int64)

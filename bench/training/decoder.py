@@ -84,6 +84,7 @@ class Decoder(Network):
     def __init__(self, architecture: Architecture, generator: torch.Generator | None = None):
         super().__init__()
         most_weights = _most_weights.get()
+        # While a file is decoded, its settings may not ask for more weights than its bytes can hold.
         if most_weights is not None and architecture.parameters > most_weights:
             raise ValueError(f"it has a network of {architecture.parameters:,} weights, but fewer numbers")
         self.architecture = architecture
@@ -109,7 +110,7 @@ class Decoder(Network):
 
     def forward(self, inputs: Tensor) -> Tensor:
         """Outputs (n, outputs) for inputs (n, inputs), in their dtype; intermediates have the dtype of the weights."""
-        x = inputs.to(next(self.parameters()).dtype)
+        x = inputs.to(next(self.parameters()).dtype)  # of the weights
         for depth, layer in enumerate(self.layers[:-1]):
             linear = saturated(layer(x)) if self.norms is None else self._normed(x, depth)
             hidden = self._activate(linear)

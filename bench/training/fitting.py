@@ -1,5 +1,9 @@
 """Fits learned codecs: the objective of a fit, and one training loop for every network.
 
+Networks predict *log radiance*, log1p(gain · radiance), at texels and at pairs of view and light. A `Fit` is what the
+caller gives to every codec: device, seed, threads, file of the state, and where the curve and the progress go. The
+curve is measured on the *probe*, random samples that are drawn once.
+
 The loop has a curve of PSNR over steps and seconds, a state on disk to resume from, and a guard against divergence. The
 same seed, machine, versions and threads give the same parameters, whether or not the fit was interrupted.
 """
@@ -178,7 +182,7 @@ class _Loop:
         self.halvings = 0  # of the learning rates, after divergence
         self.curve: list[tuple[int, float, float]] = []  # step, processor seconds, PSNR in dB
         samples = objective.samples
-        # The probe has a generator of its own, so that the fit's numbers do not depend on it.
+        # The probe has a generator of its own, so that the fit's numbers do not depend on it: its seed is any other.
         generator_of_probe = torch.Generator().manual_seed(fit.seed ^ 0x0B5E)
         # A network for all materials is judged by materials that it does not learn from, where there are some.
         if samples.trained < samples.texels:
@@ -229,7 +233,7 @@ class _Loop:
             log.info("going on from step %d of %d: %s", self.step, self.steps, path)
             for step, seconds, psnr in self.curve:
                 self.fit.log(step, seconds=seconds, psnr=psnr)
-            if self.curve:
+            if self.curve:  # seconds of the interrupted process count, too
                 _, seconds, _ = self.curve[-1]
                 self.started -= seconds
         self._show()
@@ -248,9 +252,9 @@ class _Loop:
         self.shown = time.perf_counter()
 
     def flat(self, patience: int) -> bool:
-        """Whether the best PSNR of the curve gained less than `GAIN` in the last `patience` steps."""
+        """Whether the best PSNR of the curve gained less than `GAIN` dB in the last `patience` steps."""
         earlier = [psnr for step, _, psnr in self.curve if step <= self.step - patience]
-        if not earlier:
+        if not earlier:  # the fit has not taken so many steps yet
             return False
         return max(psnr for _, _, psnr in self.curve) < max(earlier) + GAIN
 
@@ -269,7 +273,7 @@ class _Loop:
                 share = self.objective.rate(self.step, self.steps, group)
                 rates.append(highest * share / 2**self.halvings)
             self.optimisers.step(rates)
-            total += loss.detach()
+            total += loss.detach()  # on the device: asking for the number here would wait for a GPU at each step
             self.step += 1
             if self.step < end and time.perf_counter() - self.shown >= SHOW_SECONDS:
                 self._show()

@@ -1,8 +1,9 @@
 """A neural texture on up to three grids: channels at full, half and quarter resolution, fetched at one place.
 
-A channel at a quarter takes a sixteenth of the bits of one at full resolution, and many channels of a surface change
-slowly. A look-up may also be moved along the view, by a depth that a small network finds: where a texel blurs a relief
-over the places at which views see it, this sharpens it, without a height.
+Grid points hold *latents*, numbers that a fit finds and a network reads. A channel at a quarter takes a sixteenth of
+the bits of one at full resolution, and many channels of a surface change slowly. A look-up may also be moved along the
+view, by a depth that a small network finds: where a texel blurs a relief over the places at which views see it, this
+sharpens it, without a height.
 """
 
 from dataclasses import dataclass, field
@@ -68,7 +69,7 @@ class Grids(nn.Module):
         super().__init__()
         self.values: Any = nn.ParameterDict()
         self.roundings: Any = nn.ModuleDict()
-        picture = first.T.unflatten(1, shape)  # (C, H, W)
+        picture = first.T.unflatten(1, shape)  # (C, H, W), as pooling takes it
         start = 0  # first of the channels that no grid has yet
         for name, count in channels(settings, offset).items():
             part = picture[:count] if name == "offset" else picture[start : start + count]

@@ -1,7 +1,9 @@
 """The initial latents of a fit: principal components of the texels' log ABRDFs, random numbers, or a mixture of both.
 
-Scores are whitened, since a network ignores small inputs, and scaled down, since it makes little use of the directions
-beside strong latents. Mixed with as much noise, they hold a fit less to the training directions.
+Latents are the numbers of a texel that a network reads; an ABRDF is the radiance of one texel at all pairs of view and
+light. A texel's scores say how much of each principal component its ABRDF has. Scores are whitened, since a network
+ignores small inputs, and scaled down, since it makes little use of the directions beside strong latents. Mixed with as
+much noise, they hold a fit less to the training directions.
 """
 
 from collections.abc import Callable, Iterator

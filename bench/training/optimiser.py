@@ -21,7 +21,7 @@ QUINTIC = (3.4445, -4.7750, 2.0315)  # coefficients of the published iteration, 
 ITERATIONS = 5
 MOMENTUM = 0.95
 WARMUP = 100  # steps, or a tenth of a short fit
-TINY = 1e-7
+TINY = 1e-7  # a matrix of zeros is divided by it instead of by its norm
 
 
 def rate(step: int, steps: int) -> float:

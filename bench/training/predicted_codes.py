@@ -1,4 +1,4 @@
-"""Codes as bytes by a model of each: see `code_model`.
+"""Codes as bytes by a model of each: see `code_model`, which also says what codes, channels and terms are.
 
 Interleaved range coders (rANS: Duda 2013; Giesen 2014, "Interleaved entropy coders") take a step's symbols in turn. One
 that ends otherwise than it began read others. Only the encoder chooses a model, so the floats of that decide nothing.
@@ -64,7 +64,7 @@ def encode(codes: Codes, bits: Ints, sizes: Sequence[Size]) -> bytes:
         used = state[: len(below)]
         share = share.astype(np.int64)
         full = used >= share << 16  # these would grow beyond 32 bits, and first hand on their low 16
-        words.append(used[full] & TOTAL - 1)
+        words.append(used[full] & (TOTAL - 1))
         used = np.where(full, used >> 16, used)
         state[: len(below)] = (used // share << 16) + used % share + below
     # The decoder takes symbols in the opposite order, and so needs the last words first.
@@ -149,7 +149,7 @@ class _Reader:
     def codes(self, curve: Curve) -> Ints:
         """The next code (n,) of as many coders: that whose share of the frequencies holds the state's low bits."""
         state = self.state[: len(curve.start)]
-        slot = state & TOTAL - 1  # the low 16 bits
+        slot = state & (TOTAL - 1)  # the low 16 bits
         code = np.zeros_like(slot)
         # The largest code whose share begins at the slot or below it, bit by bit from the highest.
         for bit in reversed(range(self.most)):
@@ -164,7 +164,7 @@ class _Reader:
         end = self.taken + int(empty.sum())
         if end > len(self.words):
             raise InputError("a texture of this file ends before its codes: encode it again")
-        state[empty] = state[empty] << 16 | self.words[self.taken : end]
+        state[empty] = (state[empty] << 16) | self.words[self.taken : end]
         self.taken = end
         self.state[: len(state)] = state
         return code

@@ -1,4 +1,8 @@
-"""Seeded random samples of a BTF, as log radiance, and its gain."""
+"""Seeded random samples of a BTF, as log radiance, and its gain.
+
+A pair is one of view and light; a sample is the radiance of one texel at one pair. In a fit to a scene, samples follow
+a `Density`: what the pictures of the scene ask of texels and directions, and how often.
+"""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -71,10 +75,11 @@ class Samples:
         levels = {1: finest}  # by the texels a side that each averages
         for level in range(1, count):
             levels[2**level] = cls(btf.downsample(2**level), gain, fit, memory_limit=0)
-        fitting = {factor: level for factor, level in levels.items() if level.table_bytes <= MEMORY_LIMIT}
-        if fitting:
-            tables = _filled(fitting, fit.progress(btf, total=len(btf)))
-            for samples, table in zip(fitting.values(), tables, strict=True):
+        # Those that fit into memory; others read the BTF batch by batch.
+        small_enough = {factor: level for factor, level in levels.items() if level.table_bytes <= MEMORY_LIMIT}
+        if small_enough:
+            tables = _filled(small_enough, fit.progress(btf, total=len(btf)))
+            for samples, table in zip(small_enough.values(), tables, strict=True):
                 samples.table = table.to(fit.device)
         return list(levels.values())
 

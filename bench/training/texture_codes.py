@@ -1,5 +1,8 @@
 """The bytes of a texture's codes, of up to eight bits a number, chosen for each channel.
 
+A texture has numbers for each texel, one a channel; codes are these numbers, rounded to the bits of their channel. The
+codes of a channel are a plane.
+
 A channel of no bits has the one code 0, and takes no bytes. All others are stored in the shortest of four ways, which
 the first byte names: plane by plane, their bits alone, or LZMA's range coder, whose odds adapt to each plane, without
 context or with the code before as context; or each by what its neighbours in the picture and the channels before

@@ -1,4 +1,8 @@
-"""Common parts of a neural texture and a network: the settings of their fit, a step, the file, and the material."""
+"""Common parts of a neural texture and a network: the settings of their fit, a step, the file, and the material.
+
+A neural texture holds latents for each texel, numbers that the fit finds; the network turns them and two directions
+into log radiance, log1p(gain · radiance). An objective holds what is fitted, and computes the loss of a step.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -55,6 +59,7 @@ class TextureObjective(Objective):
     texture_rate: ClassVar[str] = "latent_rate"  # the setting that is the texture's highest learning rate
 
     def stored_networks(self) -> list[nn.Module]:
+        """The network: the file holds no other."""
         return [self.network]
 
     def groups(self) -> list[ParameterGroup]:
@@ -115,5 +120,6 @@ class TextureMaterial(Material):
         self.directions = directions
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """Linear radiance (n, 3) of queries; see `Material`. The footprint is ignored: there is one level of detail."""
         view, light = direction_inputs(wo, wi, self.directions)
         return to_radiance(self.network.at(self.texture, uv, view, light), self.gain)
