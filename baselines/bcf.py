@@ -61,12 +61,14 @@ class BCF(Codec):
             return Architecture(inputs, widths, activation="sine", omega=OMEGA, norm=True, residual=True)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Fit blocks and network to the training pairs; returns the parts of the file."""
         fitting = fitted(BCFObjective, self.settings, btf, fit)
         stored = fitting.stored_blocks()
         texture = {"blocks": stored.blocks.flatten(), "low": stored.low, "span": stored.span}
         return fitting.parts(texture, size=torch.tensor(btf.shape, dtype=torch.int32))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
+        """The material of a file's parts, on a device. `InputError` if blocks are missing."""
         network = load_network(Decoder(self.settings.architecture), parts.decoder)
         size = tuple(parts.other["size"].tolist())
         textures = self.settings.textures
@@ -121,6 +123,8 @@ class BCFObjective(DirectedObjective):
     """The ends (2, B, T, 3) of each block's lines, each texel's share (H · W, T) of the way, and the network."""
 
     def __init__(self, samples: Samples, settings: BCF.Settings, generator: torch.Generator):
+        """Start the blocks at lines through the first latents of their texels; the network comes first in the
+        generator."""
         super().__init__(samples, settings, generator)
         within = texels_of_blocks(samples.shape)  # (B, 16)
         # (texels, 3, T): channel c of texture t is the latent c · T + t.

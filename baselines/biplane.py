@@ -71,6 +71,7 @@ class BiplaneNetwork(SharedNetwork):
         weights: WeightPrecision = "half"  # precision of the stored decoder
 
     def train(self, btfs: Sequence[BTF], fit: Fit) -> Parts:
+        """Train the decoder for all materials on texels of each BTF; returns the part of its file."""
         pool = Pool(btfs, self.settings.kept, fit)
         decoder = BiplaneDecoder(fit.generator())
         train(BiplaneObjective(pool, decoder, self.settings, fit.generator()), fit, self.settings.steps)
@@ -114,6 +115,8 @@ class Biplane(Codec):
         )
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
+        """The material of a file's parts and of the shared network, on a device. `ValueError` if they do not fit each
+        other."""
         if parts.network is None:
             raise ValueError("it names no shared network")
         decoder = load_network(BiplaneDecoder(), parts.network.parts.decoder)
@@ -128,6 +131,7 @@ class BiplaneDecoder(nn.Module):
     """Numbers (n, 14) → (n, 3) from 0 to 1: 14 → 256, two residual blocks 256 → 128 → 256, 256 → 3 and a sigmoid."""
 
     def __init__(self, generator: torch.Generator | None = None):
+        """Draw weights and biases within 1 / √inputs, as PyTorch's linear layers do, but from the generator."""
         super().__init__()
         layers = [nn.Linear(inputs, outputs) for inputs, outputs in pairwise(WIDTHS)]
         for layer in layers:
@@ -177,6 +181,8 @@ class Pool(Samples):
     """
 
     def __init__(self, btfs: Sequence[BTF], most: int, fit: Fit):
+        """Read at most `most` random texels of each BTF, whole ABRDFs; those of `fit.unseen`, for the curve, come
+        last."""
         # `Samples.__init__` would read one BTF. This holds parts of several, in the same attributes.
         generator = fit.generator()
         abrdfs: list[Tensor] = []
@@ -206,6 +212,7 @@ class BiplaneObjective(TextureObjective):
     """Planes, matrices and offsets of one material or of a pool, and the decoder if it is fitted."""
 
     def __init__(self, samples: Samples, decoder: BiplaneDecoder, settings: Any, generator: torch.Generator):
+        """Start both planes at small random features; `samples` are a `Pool` or one material."""
         super().__init__(samples, settings)
         self.network = decoder
         material = samples.material if isinstance(samples, Pool) else torch.zeros(samples.texels, dtype=torch.long)
@@ -332,6 +339,7 @@ class BiplaneMaterial(Material):
     """A texture (H, W, 6 + 12) of features and colours, a plane (SIDE, SIDE, 6) over half vectors, and the decoder."""
 
     def __init__(self, decoder: BiplaneDecoder, texture: Tensor, half: Tensor, gain: float, difference: Difference):
+        """Count the cost of an answer, and keep the parts."""
         parameters = sum(p.numel() for p in decoder.parameters())
         matrix, offset = 2 * MATRIX, 3
         plane = 2 * 4 * FEATURES  # multiply and add the numbers of four texels
@@ -346,6 +354,8 @@ class BiplaneMaterial(Material):
         self.difference = difference
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
+        of detail."""
         h, d = half_and_difference(wo, wi, self.difference)
         # Weights of halves may add up to a little more than 1.
         half = saturated(sample_texture(self.half, places(h, SIDE)))

@@ -58,6 +58,8 @@ class ComponentsMaterial(Material):
     """Coefficients (H, W, k), bilinear, and 1 for the mean, times components: log radiance; without `gain` radiance."""
 
     def __init__(self, texture: Tensor, interpolator: PairInterpolator, gain: float | None, cost: DecoderCost):
+        """A texture (H, W, k) of coefficients, what interpolates over pairs, and the gain, None if answers are no
+        logarithms."""
         super().__init__((texture.shape[0], texture.shape[1]), cost)
         self.texture = texture
         self.interpolator = interpolator

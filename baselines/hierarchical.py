@@ -40,6 +40,7 @@ class Inception(nn.Module):
     """Four branches over pictures (n, 25, S, S) → (n, 25, S − 4, S − 4); each kernel is a matrix, for Muon."""
 
     def __init__(self, generator: torch.Generator | None):
+        """Make the kernels of all branches, drawn from the generator in the order of the file."""
         super().__init__()
         point, three, five, pooled = BRANCHES
         # A kernel of 3 × 3 has 9 inputs a channel, one of 5 × 5 has 25. The order is that of the draws and of the file.
@@ -96,6 +97,7 @@ class Hierarchy(nn.Module):
     """The decoder: inputs → 25 → two modules → 3. The first matrix reads directions, places, then latents."""
 
     def __init__(self, inputs: int, generator: torch.Generator | None):
+        """Make a layer from `inputs` numbers, two inception modules, and a layer to three outputs."""
         super().__init__()
         modules = (Inception(generator) for _ in range(2))
         self.layers: Any = nn.ModuleList(
@@ -278,6 +280,8 @@ class HierarchicalMaterial(Material):
     def __init__(
         self, pyramid: Pyramid, networks: HierarchicalNetworks, table: Tensor, offset: Tensor | None, gain: float
     ):
+        """Count the cost of an answer term by term, and keep the parts. `offset` is the texture of the look-up offset,
+        or None."""
         first, first_module, second_module, last = networks.decoder.layers
         channels = table.shape[1]
         texels_read = 8  # of two levels

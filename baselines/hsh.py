@@ -116,6 +116,7 @@ class HSH(Codec):
         return torch.linalg.solve(normal, (weight * terms).T).float()
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
+        """The material of a file's parts, on a device. `ValueError` if coefficients and bands do not fit."""
         texture = load_texture("coefficients", parts.texture)
         bands = parts.other["bands"].tolist()
         if texture.shape[2] != 3 * math.prod(n * n for n in bands) or max(bands) > MOST_BANDS:
@@ -188,6 +189,8 @@ class HSHMaterial(Material):
     """
 
     def __init__(self, texture: Tensor, bands: list[int], gain: float | None, cosine: bool):
+        """Count the cost of an answer, and keep the parts. `bands` are the numbers of bands of view and light
+        harmonics."""
         height, width, channels = texture.shape
         times_coefficients = 2 * channels  # multiply and add each coefficient
         products = channels // 3  # one for each harmonic of the light with each of the view
@@ -200,6 +203,8 @@ class HSHMaterial(Material):
         self.cosine = cosine
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
+        of detail."""
         coefficients = sample_texture(self.texture, uv).to(wi.dtype).unflatten(1, (3, -1))
         level = torch.einsum("nck,nk->nc", coefficients, basis(wo, wi, self.bands))
         # `level` is log1p(gain · radiance), or without `gain` radiance; with `cosine`, of radiance over the cosine.

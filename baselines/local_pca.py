@@ -84,6 +84,7 @@ class LocalPCA(Codec):
         )
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
+        """The material of a file's parts, on a device. `ValueError` if clusters and components do not fit."""
         texture = load_texture("coefficients", parts.texture)
         table = load_texture("components", parts.decoder)
         count = int(parts.other["count"])
@@ -153,6 +154,8 @@ class LocalPCAMaterial(Material):
     """
 
     def __init__(self, label: Tensor, texture: Tensor, table: Tensor, interpolator: PairInterpolator, gain: float):
+        """Count the cost of an answer term by term, and keep the parts. `label` (H · W,) is the cluster of each
+        texel."""
         pairs = len(table)
         components = texture.shape[2]
         row = 3 * (components + 1)  # numbers that a cluster has of a pair

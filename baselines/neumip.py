@@ -83,6 +83,7 @@ class Networks(nn.Module):
     """The decoder and, if the settings ask for it, the offset network."""
 
     def __init__(self, settings: Any, generator: torch.Generator | None = None):
+        """Make the networks, with weights drawn from the generator."""
         super().__init__()
         self.directions = settings.directions
         self.decoder: Any = self.first(settings, generator)
@@ -141,6 +142,8 @@ class NeuMIPObjective(Objective):
     made_of: ClassVar[type[Networks]] = Networks
 
     def __init__(self, levels: list[Samples], settings: Any, generator: torch.Generator):
+        """Start textures and networks. `levels` are the samples of the BTF at each level of detail, the finest
+        first."""
         super().__init__(levels[0], settings)
         self.levels = levels
         self.pyramid = Pyramid(self.samples.shape, len(levels))
@@ -248,6 +251,8 @@ class NeuMIPMaterial(Material):
     """A table of all levels, an offset texture (H · W, 7) or None, and the networks."""
 
     def __init__(self, pyramid: Pyramid, networks: Networks, table: Tensor, offset: Tensor | None, gain: float):
+        """Count the cost of an answer term by term, and keep the parts. `InputError` if table and pyramid do not
+        fit."""
         size = pyramid.levels[0]
         channels = networks.decoder.architecture.inputs - COUNTS[networks.directions]
         if table.shape != (sum(pyramid.counts), channels):
@@ -280,6 +285,7 @@ class NeuMIPMaterial(Material):
         self.gain = gain
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The offset moves uv first."""
         if self.offset is not None:
             latents = sample_texture(self.offset.unflatten(0, self.size), uv)
             uv = self.networks.move(uv, latents, wo, self.pyramid.reach)
@@ -341,6 +347,7 @@ class NeuMIP(Codec):
         return Parts(store_network(objective.networks, self.settings.weights), texture, other=other)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
+        """The material of a file's parts, on a device. `ValueError` if its pyramid has no such levels."""
         networks = load_network(self.objective.made_of(self.settings), parts.decoder)
         height, width = parts.other["size"].tolist()
         levels = int(parts.other["levels"]) if "levels" in parts.other else None  # None or 0: all of them

@@ -83,6 +83,7 @@ class NeuralBTF(Codec):
         return fitting.parts(texture)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
+        """The material of a file's parts, on a device. `InputError` if textures have other sizes than their levels."""
         networks = load_network(Networks(self.settings), parts.decoder)
         textures = {name: load_texture(name, parts.texture) for name in names(self.settings)}
         size = (textures["level0"].shape[0], textures["level0"].shape[1])
@@ -132,6 +133,8 @@ class Networks(nn.Module):
     """The network and, unless `reduction` is 0, the offset's network and its gate."""
 
     def __init__(self, settings: NeuralBTF.Settings, generator: torch.Generator | None = None):
+        """Make the networks, with weights drawn from the generator; the gate starts at 0, so that nothing is moved at
+        first."""
         super().__init__()
         self.settings = settings
         self.decoder = Decoder(settings.architecture, generator)
@@ -163,6 +166,7 @@ class NeuralBTFObjective(TextureObjective):
     """The textures and the networks, all of them fitted."""
 
     def __init__(self, samples: Samples, settings: NeuralBTF.Settings, generator: torch.Generator):
+        """Start the network at the mean of the data, and the textures as `first_textures` says."""
         super().__init__(samples, settings)
         self.network: Networks = Networks(settings, generator)
         first_output = samples.mean(generator)  # log radiance
@@ -231,6 +235,7 @@ class NeuralBTFMaterial(Material):
     """The levels (H, W, C), the finest first, then the offset's texture if there is one, and the networks."""
 
     def __init__(self, networks: Networks, textures: list[Tensor], gain: float):
+        """Count the cost of an answer, and keep the parts."""
         size = (textures[0].shape[0], textures[0].shape[1])
         network_flops = networks.decoder.architecture.flops
         if networks.offset is not None:
@@ -251,6 +256,8 @@ class NeuralBTFMaterial(Material):
         self.count = len(textures)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: all levels are read
+        at any distance."""
         textures = [getattr(self, f"texture{place}") for place in range(self.count)]
         settings = self.networks.settings
         outputs = self.networks(textures, uv, wo, seen(wo, wi, settings.directions))

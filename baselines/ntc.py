@@ -70,6 +70,7 @@ class NTC(Codec):
 
         @property
         def architecture(self) -> Architecture:
+            """The network that reads both grids, the place and the directions."""
             inputs = 4 * self.fine + self.coarse + PLACE + COUNTS[self.directions]  # the finer grid at four points
             widths = (self.width,) * self.layers
             sine = self.activation == "sine"
@@ -87,6 +88,7 @@ class NTC(Codec):
         return fitting.parts(texture, size=torch.tensor(btf.shape, dtype=torch.int32))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
+        """The material of a file's parts, on a device. `InputError` if a grid has too few bytes."""
         settings = self.settings
         bits = self.settings.bits
         network = load_network(Decoder(settings.architecture), parts.decoder)
@@ -167,6 +169,7 @@ class Reader(nn.Module):
     """The network's input for each texel of a picture: where its grids are read, and the encoding of its place."""
 
     def __init__(self, size: tuple[int, ...], reduction: int):
+        """Find the grid points and the encoding of each texel of a picture of `size` (H, W), once for all steps."""
         super().__init__()
         fine_grid, coarse_grid = sizes(size, reduction)
         fine, _ = corners_of_texels(fine_grid, size)  # all four points enter the network, so they need no weights
@@ -189,6 +192,7 @@ class NTCObjective(DirectedObjective):
     """Both grids, (points, features), and the network, all of them fitted."""
 
     def __init__(self, samples: Samples, settings: NTC.Settings, generator: torch.Generator):
+        """Start the grids at the first latents, averaged to their resolution."""
         super().__init__(samples, settings, generator)
         self.reader = Reader(samples.shape, settings.reduction)
         channels = [settings.fine, settings.coarse]
@@ -249,6 +253,7 @@ class NTCMaterial(Material):
     def __init__(
         self, network: Decoder, size: tuple[int, ...], grids: list[Tensor], gain: float, settings: NTC.Settings
     ):
+        """Count the cost of an answer, which asks the network at four texels, and keep the parts."""
         architecture = network.architecture
         fine, coarse = grids
         channels = fine.shape[1] + coarse.shape[1]

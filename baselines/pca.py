@@ -122,6 +122,7 @@ class PCA(Codec):
         return strongest(Factors(table[0], table[1:].T, factors.coefficients), self.settings.components)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
+        """The material of a file's parts, on a device. `ValueError` if components and coefficients do not fit."""
         texture = load_texture("coefficients", parts.texture)
         table = load_texture("basis", parts.decoder)
         gain = float(parts.other["gain"]) if self.settings.domain == "log" else None
@@ -137,6 +138,7 @@ class PCAMaterial(ComponentsMaterial):
     """Coefficients (H, W, k) bilinear over texels, eigen-ABRDFs (N, 3, k + 1) interpolated over directions."""
 
     def __init__(self, texture: Tensor, table: Tensor, interpolator: PairInterpolator, gain: float | None):
+        """Count the cost of an answer term by term, and keep the parts."""
         components = texture.shape[2]
         row = table[0].numel()  # numbers of a pair: 3 · (k + 1)
         coefficients_read = 4 * components  # of four texels

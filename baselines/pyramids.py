@@ -67,6 +67,7 @@ class Levels(nn.Module):
     """The layout of some levels in one table, the finest first: level i is (H // 2ⁱ, W // 2ⁱ)."""
 
     def __init__(self, size: tuple[int, int], levels: int):
+        """Lay out the levels of a picture of `size` (H, W)."""
         super().__init__()
         self.levels = [(size[0] >> level, size[1] >> level) for level in range(levels)]
         self.counts = counts = [height * width for height, width in self.levels]

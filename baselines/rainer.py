@@ -51,6 +51,8 @@ class Encoder(nn.Module):
     """Normalised ABRDFs (n, pairs, 3) → latents (n, latents): 1-D convolutions along the pairs, then linear."""
 
     def __init__(self, pairs: int, latents: int, generator: torch.Generator | None = None):
+        """Make the convolutions, each of which shortens the pairs, and the layers after them, drawn from the
+        generator."""
         super().__init__()
         self.convolutions = nn.ModuleList()
         channels = 3
@@ -123,6 +125,7 @@ class Fitted(TextureObjective):
     )
 
     def __init__(self, samples: Samples, decoder: Decoder, settings: RainerSettings, fit: Fit):
+        """Measure the statistics of each texel, in blocks that fit into memory."""
         super().__init__(samples, settings)
         self.network = decoder
         blocks = torch.arange(samples.texels, device=fit.device).split(BLOCK)
@@ -184,6 +187,7 @@ class RainerMaterial(Material):
     """A texture (H, W, D + 6) of latents, means and deviations, fetched bilinearly, and the decoder."""
 
     def __init__(self, decoder: Decoder, texture: Tensor, gain: float, directions: Directions = "stereographic"):
+        """Count the cost of an answer, and keep the parts."""
         architecture = decoder.architecture
         statistics_flops = 2 * 3  # times the deviation, plus the mean
         cost = DecoderCost.of_texture(texture, architecture.parameters, architecture.flops + statistics_flops)

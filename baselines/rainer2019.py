@@ -63,6 +63,7 @@ class Rainer2019(Codec):
             return rainer.architecture(self.latents, self.activation, self.directions, self.width)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Fit encoder and decoder, or the decoder with free latents; returns the parts of the file."""
         samples = Samples(btf, gain_of(btf, fit), fit)
         objective = Encoded if self.settings.start == "encoder" else FreeLatents
         fitting = objective(samples, self.settings, fit)
@@ -71,6 +72,7 @@ class Rainer2019(Codec):
         return fitting.parts(store_texture("latents", texture.reshape(*btf.shape, -1), rounding))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
+        """The material of a file's parts, on a device."""
         decoder = load_network(Decoder(self.settings.architecture), parts.decoder)
         texture = load_texture("latents", parts.texture)
         gain = float(parts.other["gain"])
@@ -83,6 +85,7 @@ class Encoded(rainer.Autoencoder):
     settings: Rainer2019.Settings
 
     def __init__(self, samples: Samples, settings: Rainer2019.Settings, fit: Fit):
+        """Make both networks, the encoder first in the generator."""
         generator = fit.generator()
         encoder = rainer.Encoder(samples.pairs, settings.latents, generator)
         super().__init__(samples, encoder, Decoder(settings.architecture, generator), settings, fit)
@@ -104,6 +107,7 @@ class FreeLatents(rainer.Fitted):
     settings: Rainer2019.Settings
 
     def __init__(self, samples: Samples, settings: Rainer2019.Settings, fit: Fit):
+        """Make the decoder, and start the latents at principal components."""
         generator = fit.generator()
         super().__init__(samples, Decoder(settings.architecture, generator), settings, fit)
         self.latents = nn.Parameter(first_latents(samples, settings.latents, "components", generator))  # (texels, D)

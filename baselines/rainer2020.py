@@ -103,6 +103,8 @@ class Rainer2020(Codec):
         )
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
+        """The material of a file's parts and of the shared network, on a device. `ValueError` if it names no
+        network."""
         if parts.network is None:
             raise ValueError("it names no shared network")
         texture = load_texture("latents", parts.texture)
@@ -136,6 +138,7 @@ class Coder(torch.nn.Module):
     """
 
     def __init__(self, network: TrainedNetwork, samples: Samples):
+        """Load both networks, and prepare the change of a material's pairs to those that the encoder was trained on."""
         super().__init__()
         stored = network.parts.encoder
         settings = Rainer2020Network(**network.settings).settings
@@ -178,6 +181,7 @@ class Resampler(torch.nn.Module):
     """Log ABRDFs (n, N, 3) of one layout → (n, C, 3) of another, interpolated as radiance."""
 
     def __init__(self, layout: Layout, target: Layout):
+        """Find the pairs of the layout around each pair of the target."""
         super().__init__()
         wo, wi = target.views[target.view], target.lights[target.light]
         around = PairInterpolator(layout)(torch.from_numpy(wo), torch.from_numpy(wi))
@@ -202,6 +206,7 @@ class Pool(Samples):
     """
 
     def __init__(self, btfs: Sequence[BTF], canonical: Layout, most: int, fit: Fit):
+        """Read at most `most` random texels of each BTF; those of `fit.unseen`, for the curve, come last."""
         # `Samples.__init__` would read one BTF. This holds parts of several, in the same attributes.
         generator = fit.generator()
         device = fit.device
@@ -260,6 +265,7 @@ class Rainer2020Objective(rainer.Autoencoder):
     samples: Pool
 
     def __init__(self, pool: Pool, settings: Rainer2020Network.Settings, fit: Fit):
+        """Make both networks, the encoder first in the generator."""
         generator = fit.generator()
         encoder = rainer.Encoder(pool.inputs.shape[1], settings.latents, generator)
         decoder = Decoder(rainer.architecture(settings.latents, settings.activation), generator)

@@ -93,6 +93,8 @@ class MapsObjective(Objective):
     """
 
     def __init__(self, samples: Samples, settings: Any, generator: torch.Generator):
+        """Start at the mean colour of each texel as its base colour, a normal straight up, and usual roughness and
+        metalness."""
         super().__init__(samples, settings)
         albedo = _albedo(samples, generator)
         bright = float(np.percentile(albedo.cpu().numpy(), 90))
@@ -165,6 +167,8 @@ class MapsMaterial(Material):
     """Maps and their averages over larger boxes, looked up trilinearly; `scale` is on the radiance."""
 
     def __init__(self, codes: Tensor, scale: float):
+        """Make the levels of detail, count the cost of an answer, and keep the parts. `codes` (H, W, channels) are
+        bytes."""
         size = (codes.shape[0], codes.shape[1])
         self.codes = codes.to(torch.uint8)
         self.pyramid = Pyramid(size)

@@ -39,6 +39,7 @@ class TableMaterial(Material):
     """Linear radiance (pairs, H, W, 3) over `scale`, bilinear over texels and interpolated over pairs."""
 
     def __init__(self, values: Tensor, interpolator: PairInterpolator, scale: float):
+        """Count the cost of an answer, and keep the parts."""
         pairs, height, width, channels = values.shape
         numbers_read = 4 * interpolator.reads * channels  # of four texels at some pairs
         cost = DecoderCost(

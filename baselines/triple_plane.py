@@ -76,6 +76,7 @@ class TriplePlane(Codec):
         return parts
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
+        """The material of a file's parts, on a device."""
         network = load_network(Decoder(self.settings.architecture), parts.decoder)
         planes = list(load_texture("planes", parts.decoder))
         texture = load_texture("latents", parts.texture)
@@ -89,6 +90,7 @@ class TriplePlaneObjective(TextureObjective):
     texture_rate = "plane_rate"
 
     def __init__(self, samples: Samples, settings: TriplePlane.Settings, generator: torch.Generator):
+        """Start the network at the mean of the data, and the planes over directions at small random features."""
         super().__init__(samples, settings)
         self.network = Decoder(settings.architecture, generator)
         self.network.start_at(samples.mean(generator))
@@ -132,6 +134,8 @@ class TriplePlaneMaterial(Material):
     """A texture (H, W, C) of latents, planes (S, S, C) over half and difference vector, and the network."""
 
     def __init__(self, network: Decoder, texture: Tensor, planes: list[Tensor], gain: float, difference: Difference):
+        """Count the cost of an answer, and keep the parts. `ValueError` if planes have other channels than the
+        texture."""
         architecture = network.architecture
         channels = texture.shape[2]
         if any(plane.shape[2] != channels for plane in planes) or 3 * channels != architecture.inputs:
@@ -148,6 +152,8 @@ class TriplePlaneMaterial(Material):
         self.half, self.diff = planes
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
+        of detail."""
         h, d = half_and_difference(wo, wi, self.difference)
         # Weights of halves may add up to a little more than 1.
         of_half = saturated(sample_texture(self.half, places(h, len(self.half))))

@@ -92,6 +92,7 @@ class Tucker(Codec):
         )
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
+        """The material of a file's parts, on a device. `ValueError` if core and components do not fit."""
         texture = load_texture("coefficients", parts.texture)
         core = load_texture("core", parts.decoder)
         view, light = unpack("view", parts.decoder), unpack("light", parts.decoder)
@@ -199,6 +200,8 @@ class TuckerMaterial(ComponentsMaterial):
     def __init__(
         self, texture: Tensor, core: Tensor, modes: Sequence[Tensor], interpolator: PairInterpolator, gain: float | None
     ):
+        """Count the cost of an answer step by step, and keep the parts. `modes` are the components of each pair's view
+        and light."""
         components = texture.shape[2]
         view_count, light_count = core.shape[:2]  # J, M
         coefficients_read = 4 * components  # of four texels

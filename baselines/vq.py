@@ -90,6 +90,7 @@ class VQ(Codec):
         )
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
+        """The material of a file's parts, on a device. `ValueError` if labels and codebook do not fit."""
         height, width = parts.other["size"].tolist()
         counts = parts.other["codes"].tolist()
         index_bytes = sum(packed.numel() for name, packed in parts.texture.items() if name.startswith("index"))
@@ -115,6 +116,7 @@ class VQMaterial(Material):
     def __init__(
         self, size: tuple[int, int], rows: Tensor, codebook: Tensor, interpolator: PairInterpolator, gain: float
     ):
+        """Count the cost of an answer, and keep the parts."""
         stages = rows.shape[1]
         labels_read = 4 * stages  # of four texels
         numbers_read = labels_read * interpolator.reads * 3  # of the codebook: three colours of some pairs

@@ -74,6 +74,7 @@ class Zeltner2024(Codec):
         return fitting.parts(store_texture("latents", fitting.latents().reshape(*btf.shape, -1), fitting.rounding))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
+        """The material of a file's parts, on a device."""
         network = load_network(FramedNetwork(self.settings), parts.decoder)
         texture = load_texture("latents", parts.texture)
         gain = float(parts.other["gain"])
@@ -90,6 +91,7 @@ class FramedNetwork(nn.Module):
     """Latents (n, D) and directions (n, 3) → log radiance (n, 3), or the input of a sigmoid that gives radiance."""
 
     def __init__(self, settings: Zeltner2024.Settings, generator: torch.Generator | None = None):
+        """Make the frames, then the network, with weights drawn from the generator."""
         super().__init__()
         self.code = settings.edition == "code"
         if self.code:
@@ -130,6 +132,7 @@ class Zeltner2024Objective(TextureObjective):
     """The neural texture (H · W, D) and the network, both of them fitted."""
 
     def __init__(self, samples: Samples, settings: Zeltner2024.Settings, generator: torch.Generator):
+        """Start the network at the mean of the data."""
         super().__init__(samples, settings)
         self.network = FramedNetwork(settings, generator)
         first_output = samples.mean(generator)  # log radiance, log1p(x) with x = gain · radiance
@@ -172,6 +175,7 @@ class Zeltner2024Material(Material):
     """A texture (H, W, D) of latents, fetched bilinearly, frames and network."""
 
     def __init__(self, network: FramedNetwork, texture: Tensor, gain: float):
+        """Count the cost of an answer, and keep the parts. `ValueError` if texture and network do not fit."""
         architecture, frames = network.decoder.architecture, network.frames
         if texture.shape[2] != architecture.inputs - network.direction_inputs:
             raise ValueError(f"a texture of {texture.shape[2]} channels for a network of {architecture.inputs} inputs")

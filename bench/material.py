@@ -54,6 +54,7 @@ class Material:
     opaque: ClassVar[bool] = False  # whether another program answers, whose parameters and time cannot be measured
 
     def __init__(self, size: tuple[int, int], cost: DecoderCost):
+        """A material of `size` (H, W) texels, on the CPU in float32 at first; `cost` is what tables show of it."""
         self.size = size
         self.cost = cost
         self.device = torch.device("cpu")
@@ -61,6 +62,7 @@ class Material:
         self.chunk = CHUNK
 
     def __repr__(self) -> str:
+        """A line such as `<TextureMaterial: 128 × 128 texels, 8 texture channels, 3,171 parameters, float32, cpu>`."""
         height, width = self.size
         cost = self.cost
         dtype = str(self.dtype).removeprefix("torch.")
@@ -193,6 +195,7 @@ class Wrapped(Material):
     """Wraps a material, and computes its `evaluate` in another way or elsewhere."""
 
     def __init__(self, inner: Material):
+        """Take size, cost, device, type and chunk from the inner material."""
         super().__init__(inner.size, inner.cost)
         self.inner = inner
         self.device = inner.device

@@ -79,6 +79,8 @@ class Autoencoder(nn.Module):
     """
 
     def __init__(self, channels: int, generator: torch.Generator | None = None, rectified: bool = False):
+        """Make the layers, drawn from the generator; `channels` of the neural texture. `rectified`: ReLU in place of
+        GELU."""
         super().__init__()
         # In each list of modules, 0 is of full, 1 of half and 2 of quarter resolution. The order of all modules is that
         # of the draws and of the weights in files.
@@ -172,6 +174,7 @@ class Block(nn.Module):
     """A ConvNeXt block (Liu et al. 2022): depth-wise 5×5 → layer norm → wider → GELU → back, and its input again."""
 
     def __init__(self, channels: int, expansion: int):
+        """Make the layers; `expansion` is how many times as many channels the middle has."""
         super().__init__()
         self.spatial = Circular(channels, channels, kernel=5, groups=channels)
         self.norm = nn.LayerNorm(channels)
@@ -193,6 +196,7 @@ class Attention(nn.Module):
     """CBAM: a gain for each channel, from the whole picture's mean and maximum, then one for each cell."""
 
     def __init__(self, channels: int, rectified: bool):
+        """Make the layers; `rectified`: ReLU in place of GELU."""
         super().__init__()
         few = channels // REDUCTION
         activation = nn.ReLU() if rectified else nn.GELU()

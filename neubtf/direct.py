@@ -43,6 +43,7 @@ class NeuBTFDirect(Codec):
             return replace(super().architecture, inputs=total(self) + COUNTS[self.directions])
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Fit the texture, or the grids, and the renderer; returns the parts of the file."""
         if is_gridded(self.settings):
             return fitted(GriddedObjective, self.settings, btf, fit).file()
         fitting = fitted(Direct, self.settings, btf, fit)
@@ -59,6 +60,7 @@ class Direct(DirectedObjective):
     """The neural texture (H · W, D) and the renderer, both of them fitted."""
 
     def __init__(self, samples: Samples, settings: NeuBTFDirect.Settings, generator: torch.Generator):
+        """Make the renderer, then start the texture as the setting `start` says."""
         as_siren = settings.recipe == "paper"  # its last layer starts as SIREN's, not at the mean of the data
         super().__init__(samples, settings, generator, about=as_siren)
         self.texture = nn.Parameter(first_latents(samples, settings.latents, settings.start, generator))

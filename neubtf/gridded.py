@@ -46,6 +46,7 @@ class GriddedObjective(DirectedObjective):
     """The grids and both networks, all of them fitted."""
 
     def __init__(self, samples: Samples, settings: Any, generator: torch.Generator):
+        """Make the renderer and what moves a look-up, then start the grids at the first latents."""
         as_siren = settings.recipe == "paper"  # its last layer starts as SIREN's, not at the mean of the data
         super().__init__(samples, settings, generator, about=as_siren)
         self.network: Any = GriddedNetwork(self.network, settings, generator)
@@ -82,6 +83,7 @@ class GriddedMaterial(Material):
     def __init__(
         self, network: GriddedNetwork, grids: dict[str, Tensor], size: tuple[int, int], gain: float, directions: Any
     ):
+        """Count the cost of an answer, and keep the parts; `size` is (H, W) of the finest grid."""
         numbers_read = sum(4 * grid.shape[2] for grid in grids.values())  # four texels around a place, of each grid
         mixed = 2 * numbers_read  # each is multiplied and added
         offset_flops = network.offset.flops if network.offset is not None else 0
@@ -101,6 +103,8 @@ class GriddedMaterial(Material):
             setattr(self, f"grid_{name}", grid)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
+        of detail."""
         grids = {name: getattr(self, f"grid_{name}") for name in self.names}
         latents = self.network.fetch(grids, uv, wo)
         directions = [values.to(latents.dtype) for values in direction_inputs(wo, wi, self.directions)]

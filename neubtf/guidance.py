@@ -40,6 +40,7 @@ class Treatment:
     exposure: str = MATCH
 
     def __post_init__(self) -> None:
+        """Raise `InputError`, which names the option, for a value out of its range."""
         if not 0 < self.scale < np.inf:
             raise InputError(f"--scale {self.scale:g}: must be above 0")
         if not 0 <= self.margin <= 0.5:

@@ -53,6 +53,7 @@ class Style(nn.Module):
     """
 
     def __init__(self) -> None:
+        """Draw the bank of filters, orthogonal ones, from a seed of its own: it is the same in every fit."""
         super().__init__()
         generator = torch.Generator().manual_seed(BANK_SEED)
         bank = torch.empty(SCALES, FILTERS, 3 * KERNEL * KERNEL)
@@ -131,6 +132,7 @@ class Published(Guided):
     def __init__(
         self, samples: Samples, settings: StagedSettings, encoder: Encoder, guidance: Tensor, generator: torch.Generator
     ):
+        """Measure what steps need of guidance and slices, once for all steps."""
         super().__init__(samples, settings, encoder, guidance, generator)
         self.style = Style()
         self.guidance_mean = float(decode_srgb(guidance.cpu().numpy()).mean())  # in linear light

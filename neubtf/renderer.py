@@ -34,6 +34,7 @@ class RendererSettings:
 
     @property
     def architecture(self) -> Architecture:
+        """The renderer's network: latents and directions → three outputs."""
         return Architecture(
             inputs=self.latents + COUNTS[self.directions],
             widths=(self.width,) * self.layers,

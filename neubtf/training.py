@@ -93,6 +93,7 @@ class Guided(Objective):
     def __init__(
         self, samples: Samples, settings: StagedSettings, encoder: Encoder, guidance: Tensor, generator: torch.Generator
     ):
+        """Make the renderer, drawn from the generator, and keep the rest."""
         super().__init__(samples, settings)
         self.encoder = encoder
         self.renderer = Decoder(settings.architecture, generator)
@@ -142,6 +143,7 @@ class Staged(Guided):
     def __init__(
         self, samples: Samples, settings: StagedSettings, encoder: Encoder, guidance: Tensor, generator: torch.Generator
     ):
+        """Start the texture of the first stage as the setting `start` says."""
         super().__init__(samples, settings, encoder, guidance, generator)
         if settings.start == "components":
             texture = first_latents(samples, settings.latents, "components", generator)

@@ -59,6 +59,7 @@ class Network(nn.Module):
     """Latents and directions (n, 3) → log radiance (n, 3); with `relief` it also sees the light's horizon."""
 
     def __init__(self, settings: Any, relief: bool, generator: torch.Generator | None = None):
+        """Make the networks, with weights drawn from the generator; `relief` says whether the surface has a height."""
         super().__init__()
         self.shadow: bool = relief and settings.shadow
         # Latents, the level of detail, directions, and how far the relief rises into the ray to the light.
@@ -105,6 +106,7 @@ class Pyramids(nn.Module):
     """Each grid of a texture of `size`, and its coarser levels, by name; a file holds the finest level of each."""
 
     def __init__(self, settings: Any, size: tuple[int, int], relief: bool):
+        """Lay out the levels of each grid over a picture of `size` (H, W)."""
         super().__init__()
         self.side = max(size)
         self.coarsest = level_count(size) - 1
@@ -178,6 +180,7 @@ class ReliefMaterial(Material):
         relief: Surface | None,
         gain: float,
     ):
+        """Count the cost of an answer term by term, and keep the parts."""
         texture_channels = grids["latents"].shape[2] if "latents" in grids else 0
         heights = heights_read = 0
         if relief is not None:
@@ -243,6 +246,8 @@ class ReliefObjective(Objective):
     """The latents of the finest level, the network and, where there is a height, its refinement."""
 
     def __init__(self, levels: list[Samples], height: Tensor | None, settings: Any, fit: Fit):
+        """Start network and latents; `levels` are the samples at each level of detail, the finest first, `height` or
+        None."""
         super().__init__(levels[0], settings)
         self.levels = levels
         self.fit = fit
@@ -362,6 +367,7 @@ class Relief(Codec):
         return Parts(store_network(fitting.network, self.settings.weights), texture, other=other)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
+        """The material of a file's parts, on a device."""
         height, width = parts.other["size"].tolist()
         surface = None
         if "height" in parts.texture:

@@ -43,6 +43,8 @@ class Surface(nn.Module):
     """A height (H, W) and a finer copy for searching, padded so that no ray leaves it, or wrapped around."""
 
     def __init__(self, height: Tensor):
+        """Make the finer copy of a height (H, W), with a margin as wide as a ray can go sideways, or none if it would
+        be too large."""
         super().__init__()
         self.shape = (height.shape[0], height.shape[1])
         self.low, self.high = float(height.min()), float(height.max())

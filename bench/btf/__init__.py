@@ -121,6 +121,7 @@ class ArraySource(Source):
     """Values held in one array (count, H, W, 3), in memory or memory-mapped, of any float type."""
 
     def __init__(self, values: Array):
+        """Values (pairs, H, W, 3), linear radiance of any float type; other shapes raise `ValueError`."""
         if values.ndim != 4 or values.shape[-1] != 3:
             raise ValueError(f"values must be (pairs, H, W, 3), not {values.shape}")
         self.values = values
@@ -137,6 +138,7 @@ class ArraySource(Source):
         return np.asarray(self.values[pair, row, col], np.float32)
 
     def fingerprint(self) -> str:
+        """A hash of shape, type and all values."""
         # An array has no file that tells its content, so all of it is read.
         digest = hashlib.sha256(f"{self.values.shape} {self.values.dtype}".encode())
         for block in self.values:
@@ -148,6 +150,7 @@ class _BoxFiltered(Source):
     """Another source averaged over factor × factor texels; rows and columns that do not fill a box are left out."""
 
     def __init__(self, source: Source, factor: int):
+        """A source of boxes of factor × factor texels; incomplete boxes at the right and at the bottom are left out."""
         self.source = source
         self.factor = factor
         self.count = source.count
@@ -189,6 +192,7 @@ class _Cropped(Source):
     """A window of another source, which may reach around its border."""
 
     def __init__(self, source: Source, top: int, left: int, height: int, width: int):
+        """A window of `height` × `width` texels, whose first is (top, left). It wraps around the source."""
         self.source = source
         self.count = source.count
         self.shape = (height, width)
@@ -307,6 +311,8 @@ class BTF:
         return finite(self.source.slice(int(self.pairs[pair])), f"{self.name}: pair {pair}")
 
     def __iter__(self) -> Iterator[Array]:
+        """The slices (H, W, 3) of all pairs in order, read `at_once` together. `InputError` for values that are not
+        finite."""
         for start in range(0, len(self), self.source.at_once):
             pictures = self.source.slices(self.pairs[start : start + self.source.at_once])
             for i, picture in enumerate(pictures):

@@ -160,6 +160,10 @@ class ProgramMaterial(Material):
     opaque = True
 
     def __init__(self, size: tuple[int, int], contents: dict[str, bytes], command: str, seconds: float):
+        """Write the contents of a file, by name, into a scratch folder, where the program finds them.
+
+        `command` is its command line, and `seconds` how long an answer may take.
+        """
         super().__init__(size, DecoderCost())
         self.chunk = BATCH
         self.command = command

@@ -109,6 +109,8 @@ class DecodedSource(Source):
     """A decoded material at the pairs wo, wi (N, 3), to be written like any BTF; `identity` names its file."""
 
     def __init__(self, material: Material, wo: np.ndarray, wi: np.ndarray, identity: str):
+        """A decoded material at pairs wo, wi (N, 3); `identity` is the hash of its file, which stands for its
+        content."""
         self.material = material
         self.wo = wo
         self.wi = wi

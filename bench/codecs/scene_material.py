@@ -22,6 +22,7 @@ class SceneMaterial(Wrapped):
     """
 
     def __init__(self, inner: Material, scene: dict[str, Any], name: str):
+        """Take the window from the facts `scene` of a file. `ValueError` if the decoded texture has another size."""
         height, width = map(int, scene["size"])
         top, left, tall, wide = map(int, scene["window"])
         window = Window((height, width), top, left, tall, wide, int(scene["factor"]))

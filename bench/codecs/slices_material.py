@@ -24,6 +24,7 @@ class SlicesMaterial(Material):
     opaque = True
 
     def __init__(self, decoded: BTF, truth: BTF):
+        """Find the decoded slice of each pair of the truth. `InputError` if some have none."""
         super().__init__(decoded.shape, DecoderCost())
         self.decoded = decoded
         # Pairs as points (N, 6), whose distances are angles in radians where they are small.

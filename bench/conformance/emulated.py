@@ -189,6 +189,7 @@ class _Operands:
     """The tensors of one operation: checked and lowered to the CPU; its results raised to the device again."""
 
     def __init__(self, op: Any):
+        """`op` is an operation of PyTorch, one overload of it."""
         self.op = op
         self.name = op._schema.name
         self.lowered_tensors: dict[

@@ -18,6 +18,7 @@ class TextScene:
     """A scene of one surface that answers what its camera sees, and which light reaches it."""
 
     def __init__(self, scene: Scene):
+        """Count what the scene has: frames, pixels, and samples of light at a point."""
         self.scene = scene
         self.name = scene.name
         self.frames = len(scene.cameras)

@@ -44,6 +44,7 @@ class Hemisphere(nn.Module):
     """Barycentric weights over the sampled directions (m, 3) of one side; call it with queries (n, 3)."""
 
     def __init__(self, directions: np.ndarray):
+        """Triangulate directions (n, 3) in the stereographic plane, unless they span no triangle."""
         super().__init__()
         points = stereographic(torch.as_tensor(directions, dtype=torch.float64))
         self.register_buffer("points", points.float())
@@ -185,6 +186,7 @@ class PairInterpolator(nn.Module):
     """Weights over the sampled pairs of a BTF for any query of directions. See the module for the scheme."""
 
     def __init__(self, layout: Layout):
+        """Prepare the search: among views and among lights if the pairs are their product, else among pairs."""
         super().__init__()
         self.product = layout.grid is not None
         # Clamped, because radiance is divided by it.

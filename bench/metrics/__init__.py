@@ -62,7 +62,7 @@ def get(name: str) -> Metric:
     ppd = variable.get("ppd")
     periodic = bool(variable.get("ending"))
     options: dict[str, Any] = {}
-    if ppd and ppd != "67":  # the class knows the exact default
+    if ppd and ppd != "67":  # 67 stands for 67.0206, the default of the class
         options["ppd"] = float(ppd)
     options |= metric.options
     if periodic:
@@ -110,13 +110,14 @@ def listed() -> dict[str, str]:
     """Every metric in words, those of other packages last; one that cannot be used with what is wrong."""
 
     def words(metric: Metric) -> str:
+        """Unit, better end, space and version of a metric, on one line."""
         return f"{metric.unit}, {metric.direction} is better, {metric.space}, version {metric.version}"
 
     lines = {metric.name: words(metric) for metric in REGISTERED}
     try:
         others = outside.entries()
         refuse_taken_names()
-    except InputError as error:
+    except InputError as error:  # a fault of another package must not hide the metrics of this one
         return lines | {"(other packages)": f"FAILS: {error}"}
     for name in sorted(others):
         try:
@@ -184,6 +185,7 @@ def _member(names: tuple[str, ...], family: str) -> str:
         return is_another, is_no_default, name
 
     def is_member(name: str) -> bool:
+        """Whether a metric is of the family, or is called so itself."""
         return family in (name, name.removesuffix(PERIODIC), family_of(name))
 
     members = [name for name in names if is_member(name)]

@@ -1,6 +1,8 @@
 """Errors by direction: bins of view × light, grazing bands, polar maps. Numbers only, no drawing.
 
-Angles are of the local frame of `bench.btf`; degrees, because these are tables.
+A pair is a view with a light, and has one *raw* number of a metric, such as its squared error. To *pool* numbers is to
+make one of several, in the metric's unit: for PSNR the decibels of their mean. Angles are of the local frame of
+`bench.btf`; degrees, because these are tables.
 """
 
 from collections.abc import Callable
@@ -22,7 +24,7 @@ SECTORS = 12
 def grazing(directions: Array) -> Array:
     """Mask (N,) of the directions more than 60° from the normal."""
     theta, _ = to_degrees(directions)
-    return theta > GRAZING_DEG + 1e-4  # a float32 direction at 60° is not grazing
+    return theta > GRAZING_DEG + 1e-4  # up to the rounding of float32: a direction at 60° is not grazing
 
 
 def bins(wo: Array, wi: Array, raw: Array, pool: Pool) -> list[list[float | None]]:

@@ -1,4 +1,7 @@
-"""The base class of slice metrics (a reference side, computed once, and a map of the difference), and what they see."""
+"""The base class of slice metrics (a reference side, computed once, and a map of the difference), and what they see.
+
+A slice is the radiance of all texels for one view and one light: a picture. Several may be scored in a stack.
+"""
 
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -21,6 +24,7 @@ class Picture:
     """
 
     def __init__(self, radiance: Array, exposure: float, name: str):
+        """Check the radiance and the exposure; spaces are computed when they are asked for."""
         radiance = check_radiance(radiance, name)
         if not (np.isfinite(exposure) and exposure > 0):
             raise InputError(f"exposure must be a positive number, not {exposure}")

@@ -1,4 +1,7 @@
-"""The description of a metric: what a record and a table need to know of it, without importing what computes it."""
+"""The description of a metric: what a record and a table need to know of it, without importing what computes it.
+
+Importing takes long, and a metric of another package may fail.
+"""
 
 import importlib
 from dataclasses import dataclass, field

@@ -240,6 +240,8 @@ class HDR(SliceMetric):
     curve: tuple[float, float, float, float, float, float] = (0.36 * 2.51, 0.6 * 0.03, 0, 0.36 * 2.43, 0.6 * 0.59, 0.14)
 
     def __init__(self, ppd: float = PPD, periodic: bool = False, start: float | None = None, stop: float | None = None):
+        """`ppd`: pixels per degree. `start` and `stop`: the exposures in stops; None: chosen by the reference, as
+        published."""
         self.ppd = check_ppd(ppd)
         self.periodic = periodic
         if (start is None) != (stop is None):

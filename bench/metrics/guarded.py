@@ -36,6 +36,7 @@ class Guarded(SliceMetric):
     """Asks a metric of another package, and checks its answers. Every method raises `PluginError` for a wrong one."""
 
     def __init__(self, metric: SliceMetric, called: str):
+        """`called` names the metric and its package in errors."""
         self.metric = metric
         self.called = called
         self.perfect = metric.perfect
@@ -50,18 +51,21 @@ class Guarded(SliceMetric):
         return guarded(lambda: self._answer("for_material", sample), self.called)
 
     def fixed(self) -> dict[str, float]:
+        """The metric's constants, which must be finite numbers by name."""
         constants: dict[str, float] = self._answer("fixed")
         if not isinstance(constants, dict) or not all(_is_finite(value) for value in constants.values()):
             raise self._wrong("fixed", "finite numbers by name", constants)
         return constants
 
     def reference_side(self, reference: Picture) -> Any:
+        """The metric's side, which must be an array or a tuple of arrays: others could not be kept."""
         side = self._answer("reference_side", reference)
         if not _is_side(side):
             raise self._wrong("reference_side", "an array, or a tuple of arrays", side)
         return side
 
     def compare(self, side: Any, test: Picture) -> Array:
+        """The metric's map, which must be finite and of the shape of its pictures, apart from their border."""
         differences: Array = self._answer("compare", side, test)
         if not _is_map(differences, test.shape):
             raise self._wrong("compare", f"a map of numbers of shape {test.shape}", differences)
@@ -71,12 +75,14 @@ class Guarded(SliceMetric):
         return differences
 
     def values(self, raw: Array) -> Array:
+        """The metric's numbers, one for each raw number."""
         numbers: Array = self._answer("values", raw)
         if np.shape(numbers) != np.shape(raw) or not _are_numbers(numbers):
             raise self._wrong("values", f"numbers of shape {np.shape(raw)}", numbers)
         return numbers
 
     def pool(self, raw: Array) -> float:
+        """The metric's one number for several slices."""
         number = self._answer("pool", raw)
         if np.shape(number) != () or not _are_numbers(number):
             raise self._wrong("pool", "one number", number)

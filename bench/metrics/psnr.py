@@ -38,6 +38,7 @@ class SquaredDifference(SliceMetric):
     plane: ClassVar[str]
 
     def reference_side(self, reference: Picture) -> Array:
+        """The reference (3, ..., H, W) in the metric's space."""
         planes: Array = getattr(reference, self.plane)
         return planes
 

@@ -74,6 +74,8 @@ class Kernel(Backend):
     what = "kernel"
 
     def __init__(self, program: Program, kind: ModuleType, more: dict[str, Operation] | None = None):
+        """Check that a program can be computed with the array module `kind`; `more` are operations beside the usual
+        ones."""
         self.operations = OPERATIONS | (more or {})
         self.check(program)
         self.program = program

@@ -101,6 +101,7 @@ def _computes(name: str) -> Operation:
     """The operation that applies the formula of a name to each element, for floats or for whole numbers."""
 
     def compute(m: Backend, step: Step, *arguments: Any) -> Array:
+        """Compute the step element by element: by one formula for floats, by another for whole numbers."""
         formulas = FORMULAS if step.kind == "float" else WHOLE
         if name not in formulas:
             raise m.cannot(f"do {name!r} of whole numbers")

@@ -110,6 +110,7 @@ class Records(Sequence[Found]):
     @overload
     def __getitem__(self, index: slice) -> list[Found]: ...
     def __getitem__(self, index: int | slice) -> Found | list[Found]:
+        """A record by its number, or a list of records by a slice."""
         names = list(self._by_name)[index]
         if isinstance(names, list):
             return list(map(self._record, names))
@@ -148,6 +149,7 @@ def view(function: Callable[..., Found]) -> Callable[..., Found]:
 
     @wraps(function)
     def kept(run: Run, *words: str) -> Found:
+        """The function's answer for this run, from before if it was asked for then."""
         key = (function, *words)
         if key not in run.views:
             run.views[key] = function(run, *words)

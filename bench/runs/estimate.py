@@ -41,6 +41,7 @@ class Estimate:
     """
 
     def __init__(self, efforts: Mapping[str, Effort], holds: Iterable[str], at_once: int = 1, then: str = ""):
+        """`efforts` has each job of the run by name."""
         self.then = then
         self.efforts = efforts
         self.waiting = set(efforts)

@@ -137,6 +137,7 @@ class Processes(Executor):
     """
 
     def __init__(self, count: int, threads: int, gpus: Sequence[dict[str, str]] = (), limit: float | None = None):
+        """No process is started yet. `gpus` has for each seat the variable that gives its process a GPU, if any."""
         self.threads = threads
         self.gpus = gpus
         self.limit = limit

@@ -143,6 +143,7 @@ class _Session:
     """A run in progress: its jobs, with their records from before, and the finished jobs."""
 
     def __init__(self, suite: Suite, options: Options, run_id: str, networks: dict[str, str], workers: Workers):
+        """Load the records of earlier runs, with a warning if lines are damaged, and make the tasks."""
         self.suite = suite
         self.options = options
         self.run_id = run_id

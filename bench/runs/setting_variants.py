@@ -79,6 +79,7 @@ class _Measuring:
     """The timing of a suite's variants on one device, into one folder, until a clock is over."""
 
     def __init__(self, suite: Suite, folder: Path, device: torch.device, run: str, clock: Clock, show: Progress):
+        """Find what earlier processes have timed, measure the ceilings, and record the start."""
         self.suite = suite
         self.folder = folder
         self.device = device

@@ -20,6 +20,7 @@ class Unfinished:
     """The unfinished measurements in a folder."""
 
     def __init__(self, folder: Path):
+        """Read the figures that an interrupted trade has left in a folder, if any."""
         self.folder = folder
         try:
             self.figures: dict[str, TradeChoice] = dict(json.loads((folder / FIGURES).read_text(encoding="utf-8")))

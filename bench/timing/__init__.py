@@ -1,5 +1,7 @@
 """Measures the time per sample of decoded materials, as a renderer would see it.
 
+A sample is one query: place, view and light, answered by a colour. The materials that are timed together are contestants.
+
 Materials take short turns in random order, each between two turns of the floor, one bilinear fetch of a colour, and
 each is divided by the mean of these two: what slows the machine down for longer than some milliseconds slows both. On
 one thread the clock is the processor's own, which leaves out what other processes take. The figure is the median of
@@ -104,6 +106,7 @@ class _Floor(Material):
         self.texture = torch.rand(*size, 3)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """The colour (n, 3) at uv (n, 2); directions and footprint are ignored."""
         return sample_texture(self.texture, uv)
 
 

@@ -177,6 +177,7 @@ class _Compiled(Wrapped):
     """`evaluate` through torch.compile: a kernel of fixed size for whole chunks, and one of any size for the rest."""
 
     def __init__(self, inner: Material):
+        """Prepare both kernels, which are compiled when they are first called. Replaces the networks of `inner`."""
         from bench.timing.fused.lean import Lean, compiled
 
         needs_compiler(inner.device)

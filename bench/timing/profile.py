@@ -1,6 +1,6 @@
 """Profiles a material's time per sample over the timed part, the batch size, the order of queries, and the threads.
 
-One condition changes at a time. The common condition is the whole query of `BATCH` random samples on one thread, on a
+A profile times a codec in many conditions, to show what its time depends on. One condition changes at a time. The common condition is the whole query of `BATCH` random samples on one thread, on a
 GPU of `GPU_BATCH`. How fast this machine multiplies and copies is the ceiling in every timing table.
 """
 
@@ -84,7 +84,7 @@ def _call(material: Material, condition: Condition) -> Callable[[], Any] | None:
             return partial(_chunks, material.evaluate, queries, material.chunk)
     decoders = networks(material)  # of the part `decoder`
     inputs = [torch.randn(condition.batch, net.architecture.inputs, device=material.device) for net in decoders]
-    if not decoders:
+    if not decoders:  # a codec without a network
         return None
     return lambda: [_chunks(net, (x,), material.chunk) for net, x in zip(decoders, inputs, strict=True)]
 

@@ -82,6 +82,7 @@ class Decoder(Network):
     """
 
     def __init__(self, architecture: Architecture, generator: torch.Generator | None = None):
+        """Make the layers, and draw their weights. `ValueError` if a file that is being decoded could not hold them."""
         super().__init__()
         most_weights = _most_weights.get()
         # While a file is decoded, its settings may not ask for more weights than its bytes can hold.

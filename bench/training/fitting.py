@@ -69,6 +69,7 @@ class Objective(nn.Module):
     """The objective of a fit: parameters, rates, the loss of a step. Its state must be in parameters and buffers."""
 
     def __init__(self, samples: Samples, settings: Any):
+        """`samples` are the data, `settings` those of the codec."""
         super().__init__()
         self.samples = samples
         self.settings = settings  # the codec's
@@ -171,6 +172,7 @@ class _Loop:
     """The state of a fit under way: parameters, the optimisers' moments, generator, step, halvings, and the curve."""
 
     def __init__(self, objective: Objective, fit: Fit, steps: int):
+        """Draw the probe, and take the first state as a good one to go back to."""
         self.objective = objective
         self.fit = fit
         self.steps = steps

@@ -36,6 +36,7 @@ class Frames(nn.Linear):
     """
 
     def __init__(self, latents: int, count: int, generator: torch.Generator | None = None, bias: bool = True):
+        """Draw small weights, so that all frames start near the surface's own."""
         super().__init__(latents, 6 * count, bias)
         self.count = count
         start = torch.tensor(CANONICAL * count)

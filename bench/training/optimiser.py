@@ -103,6 +103,7 @@ class Optimisers:
     """Adam and Muon over the groups of an objective; Muon steps the groups with `hidden`."""
 
     def __init__(self, groups: list[ParameterGroup], device: torch.device):
+        """Share the groups out to the two optimisers, and make their states, before any step."""
         self.highest = [group["lr"] for group in groups]  # learning rates
         self.optimiser_of_name: dict[str, torch.optim.Optimizer] = {}
         names: list[str] = []  # of the optimiser that steps each group

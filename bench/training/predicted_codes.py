@@ -137,6 +137,7 @@ class _Reader:
     """The coders of some bytes: their states (lanes,), and the words that are still to be read."""
 
     def __init__(self, model: CodeModel, data: bytes, lanes: int):
+        """Split the data into the states of so many coders and the words. `InputError` if they are too short."""
         self.model = model
         self.taken = 0  # words read so far
         if len(data) < 4 * lanes or len(data) % 2:

@@ -38,6 +38,7 @@ class Samples:
     density: Density | None = None  # density of the scene, in a fit to one
 
     def __init__(self, btf: BTF, gain: float, fit: Fit, memory_limit: int = MEMORY_LIMIT):
+        """Read the BTF once and keep it, if its log radiance stays within `memory_limit` bytes."""
         self.btf = btf
         self.gain = gain
         self.device = fit.device

@@ -36,6 +36,7 @@ class Rounding(nn.Module):
     """
 
     def __init__(self, channels: int, bits: int, least: int = 1):
+        """`bits` is the setting of that name: a mean over the texture's numbers, 0 to leave it to the fit."""
         super().__init__()
         self.wanted = bits  # on average over the texture's numbers
         self.least = least  # of each channel

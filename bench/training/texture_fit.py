@@ -96,6 +96,7 @@ class DirectedObjective(TextureObjective):
     """
 
     def __init__(self, samples: Samples, settings: Any, generator: torch.Generator, about: bool = False):
+        """Make the network, start it at the mean, and keep the inputs of all directions."""
         super().__init__(samples, settings)
         self.network: Decoder = Decoder(settings.architecture, generator)
         self.network.start_at(samples.mean(generator), everywhere=not about)
@@ -111,6 +112,7 @@ class TextureMaterial(Material):
     """A texture (H, W, D) of latents, fetched bilinearly, and a network: latents, directions → log radiance (n, 3)."""
 
     def __init__(self, network: Decoder, texture: Tensor, gain: float, directions: Directions):
+        """Count the cost of an answer, and keep the parts."""
         architecture = network.architecture
         cost = DecoderCost.of_texture(texture, architecture.parameters, architecture.flops)
         super().__init__((texture.shape[0], texture.shape[1]), cost)

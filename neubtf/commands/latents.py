@@ -24,6 +24,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace, terminal: Terminal) -> int:
+    """Draw the picture, and return the exit code. `InputError` for a file of another codec."""
     header, material, _ = loading.load(options.file)
     if isinstance(material, SceneMaterial):
         material = material.inner

@@ -21,6 +21,7 @@ MARGIN = 1 / 6  # of a side: about what the built-in photographs lose
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     parser.add_argument("file", type=Path, help="a codec file of neubtf, with its encoder")
     parser.add_argument("--guidance", type=Path, required=True, metavar="PICTURE", help="a picture of the new texture")
     parser.add_argument(
@@ -46,6 +47,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace, terminal: Terminal) -> int:
+    """Write the new file, and return the exit code."""
     if not options.out.parent.is_dir():
         raise InputError(f"{options.out}: there is no such folder: make it first")
     treatment = Treatment(options.scale, options.make_tileable, options.exposure)

@@ -58,6 +58,7 @@ class _Lobes:
     """
 
     def __init__(self, stored: np.ndarray, repeat: tuple[float, float]):
+        """Lobes as a file stores them (cells, cells, 5), and how often the texture fits in a unit of u and of v."""
         self.cells = len(stored)  # along each side of the texture
         self.repeat = repeat
         lobe = Lobe.from_stored(torch.from_numpy(stored).reshape(-1, stored.shape[2]))
@@ -136,6 +137,7 @@ class _Answers:
     m_components: Any
 
     def __init__(self, props: Any):
+        """Load the codec file that the properties name, and record its program."""
         mi.BSDF.__init__(self, props)
         self.file = Path(str(props["filename"]))
         self.repeat = float(props.get("repeat", 1.0))

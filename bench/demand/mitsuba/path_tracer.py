@@ -227,6 +227,8 @@ class PathTracer:
     def __init__(
         self, maps: Maps, size: tuple[int, int], sub_points: int, view_z: float, light_z: float, seed: int = 0
     ):
+        """Make the mesh and the lookup table. `size` is (H, W) of the slices, `view_z` and `light_z` are the least
+        z."""
         self.size = size
         self.sub_points = sub_points  # along each side of a texel
         self.seed = seed & 0xFFFFFFFF  # Mitsuba takes 32 bits

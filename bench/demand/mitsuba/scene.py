@@ -26,6 +26,10 @@ class MitsubaScene:
     """A loaded scene that answers what its sensors see of the BSDF with one id, and which light reaches it."""
 
     def __init__(self, path: Path, bsdf: str):
+        """Load a scene, and find the BSDF with the id `bsdf`. `InputError` says what is wrong with the file.
+
+        Sets Mitsuba's variant.
+        """
         set_variant()
         self.name = path.stem
         self.scene = loaded(path, lambda: mi.load_file(str(path)))

@@ -52,6 +52,7 @@ class _Layer(nn.Module):
     """One folded layer with products in `dtype`, (n, inputs) → (n, outputs) in float32 or longer."""
 
     def __init__(self, layer: Layer, dtype: torch.dtype):
+        """Keep the numbers of a layer as constants of a type."""
         super().__init__()
         self.activation = layer.activation
         self.residual = layer.residual
@@ -86,6 +87,8 @@ class _Norm(nn.Module):
     """The norm by the sum of squares instead of their mean: the gain is larger by √width, eps by the width."""
 
     def __init__(self, norm: Norm, dtype: torch.dtype):
+        """Keep the numbers of a norm as constants of a type, scaled so that it needs the length alone, not the
+        deviation."""
         super().__init__()
         width = len(norm.gain)
         self.gain = _constant(norm.gain * math.sqrt(width), dtype)

@@ -82,6 +82,7 @@ class DrJitNetwork(Network):
     """Computes a `Decoder`, (n, inputs) → (n, outputs), float32 on the CPU."""
 
     def __init__(self, decoder: Decoder):
+        """Take the layers of a decoder. `InputError` if it has too many weights for a kernel."""
         super().__init__()
         self.dr = drjit()
         count = decoder.architecture.parameters

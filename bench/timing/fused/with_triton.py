@@ -141,6 +141,8 @@ class TritonNetwork(Network):
     """Computes a `Decoder` on its device and in its dtype, float32 or bfloat16; `tf32` rounds float32 products."""
 
     def __init__(self, decoder: Decoder, tf32: bool = False):
+        """Take the layers of a decoder. `InputError` if its widths or types suit no kernel. `tf32`: products round
+        so."""
         super().__init__()
         architecture = decoder.architecture
         # One width for all hidden layers. A residual of the first layer is not computed by the kernel.
