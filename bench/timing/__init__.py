@@ -1,6 +1,7 @@
 """Measures the time per sample of decoded materials, as a renderer would see it.
 
-A sample is one query: place, view and light, answered by a colour. The materials that are timed together are contestants.
+A sample is one query: place, view and light, answered by a colour. The materials that are timed together are
+contestants.
 
 Materials take short turns in random order, each between two turns of the floor, one bilinear fetch of a colour, and
 each is divided by the mean of these two: what slows the machine down for longer than some milliseconds slows both. On

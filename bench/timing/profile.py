@@ -1,7 +1,8 @@
 """Profiles a material's time per sample over the timed part, the batch size, the order of queries, and the threads.
 
-A profile times a codec in many conditions, to show what its time depends on. One condition changes at a time. The common condition is the whole query of `BATCH` random samples on one thread, on a
-GPU of `GPU_BATCH`. How fast this machine multiplies and copies is the ceiling in every timing table.
+A profile times a codec in many conditions, to show what its time depends on. One condition changes at a time. The
+common condition is the whole query of `BATCH` random samples on one thread, on a GPU of `GPU_BATCH`. How fast this
+machine multiplies and copies is the ceiling in every timing table.
 """
 
 from collections.abc import Callable, Iterator
