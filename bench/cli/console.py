@@ -44,6 +44,7 @@ class Console:
     """Progress bars that vanish when done, and lines that stay; without a terminal, a line of progress now and then."""
 
     def __init__(self) -> None:
+        """No bar is shown yet; without a terminal there are none at all."""
         self.out = RichConsole(highlight=False)
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _TimeLeft())
         self.bars = Progress(*columns, console=self.out, transient=True, disable=not self.out.is_terminal)

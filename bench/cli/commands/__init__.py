@@ -103,6 +103,7 @@ def _number(what: str, kind: Any) -> Callable[[str], int]:
     """The `type` of an option for argparse: it converts a word as a setting of that kind; `what` names it in errors."""
 
     def converted_word(word: str) -> int:
+        """The number that a word of the command line stands for."""
         try:
             number: int = converted(what, kind, word, words=True)
         except InputError as error:

@@ -18,6 +18,7 @@ from bench.inputs.errors import FINE, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     add = parser.add_argument
     add("folder", type=Path)
     add("--size", type=int, default=64, help="texels of the longer side (default: 64)")
@@ -35,6 +36,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Bake the maps and write the BTF; returns the exit code."""
     path_tracer = load_path_tracer() if options.renderer == "mitsuba" else None
     data = Preparation(options.size, options.directions, options.views, options.lights, options.heldout)
     with Console() as console:

@@ -17,6 +17,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Print what the cache holds, or remove it; returns the exit code."""
     if options.clear:
         count, size = clear_cache()
         say_line(f"removed {count} files, {size / 1e6:.1f} MB, from {cache_dir()}")

@@ -19,6 +19,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Run the checks and print a line for each; returns `FINE`, or `NO` if one failed."""
     failed = tried = 0
     with Console() as console:
         codec = codec_to_check(options.codec, assignments(options.set))

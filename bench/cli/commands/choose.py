@@ -35,6 +35,7 @@ from reports.shaders.generator import shader
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     add = parser.add_argument
     add("material", help="a built-in material or the path of a BTF")
     add("--min-psnr", type=float, metavar="DB", help="the least PSNR of validation pairs")
@@ -55,6 +56,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Print the best setting that meets the wishes, after fitting what is missing if nothing measured meets them.
+
+    Returns `FINE`, `NO` if no setting meets them, or `FAILED` if nothing could be measured.
+    """
     most_bytes = parse_bytes(options, "max_bytes")
     most_gpu_bytes = parse_bytes(options, "max_gpu_bytes")
     wishes = Limits(size=most_bytes, time=options.max_ns, score=options.min_psnr, gpu=most_gpu_bytes)
@@ -62,6 +67,7 @@ def run(options: argparse.Namespace) -> int:
         raise InputError("choose: no wish is given: give --min-psnr, --max-bytes, --max-gpu-bytes or --max-ns")
     if options.copy:
         container.refuse_other_file(options.copy)
+    # Which settings are there, measured or not, and do those that are measured meet the wishes?
     suite = _suite(options)
     folder = options.out or Path("runs") / suite.name
     material = suite.materials[0].name
@@ -69,6 +75,7 @@ def run(options: argparse.Namespace) -> int:
         why = f"suite {suite.name} has no validation pairs to choose by"
         raise InputError(f"choose: {why}: add `validation = true` to [data]")
     rungs, missing = _measured(folder, suite, options)
+    # Fitting takes minutes to hours, so missing settings are fitted only if no measured one will do.
     if missing and not chosen(rungs, wishes):
         suite = canonical(suite)  # by the names of the records; it loads the codecs
         _, missing = _measured(folder, suite, options)
@@ -78,6 +85,7 @@ def run(options: argparse.Namespace) -> int:
     if not rungs:
         say_line(f"{material}: nothing could be measured; the reasons are in {folder}")
         return FAILED
+    # Say the best, or how near the nearest comes.
     best = chosen(rungs, wishes, TIE_DB)
     if best is None:
         nearest_row = nearest(rungs, wishes).of

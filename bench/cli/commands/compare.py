@@ -24,6 +24,7 @@ from reports.comparison import markdown, terminal
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     add = parser.add_argument
     add("base", metavar="BASE", help="the folder of a run, or a file of records such as a reference")
     add("new", metavar="NEW", help="the folder or file of records to judge")
@@ -38,6 +39,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Print the comparison, and write the files that are asked for; returns the exit code of the comparison."""
     base, new = load_run(options.base), load_run(options.new)
     for name, each in ((options.base, base), (options.new, new)):
         if each.jobs and each.stress:

@@ -16,6 +16,7 @@ from bench.inputs.errors import FINE
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     add = parser.add_argument
     add("btf", help="a built-in material or the path of a BTF")
     add("--thin", type=int, default=0, metavar="COUNT", help="keep about COUNT pairs, spread evenly in angle")
@@ -26,6 +27,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Read a BTF, cut it as the options say, and write it; returns the exit code."""
     check_place(options.out)
     with Console() as console:
         opened = open_named(options.btf, read_as(options), console.show)

@@ -21,6 +21,7 @@ from bench.material import Material
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     add = parser.add_argument
     add("file", type=Path)
     add("--like", help="decode at the pairs of this BTF (a built-in material or a path)")
@@ -32,6 +33,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Decode the file into slices, or into maps with --maps, and write them; returns the exit code."""
     header, material, _ = load(options.file, usable_device(options.device))
     if options.maps:
         return _decode_maps(options, material, header.codec)

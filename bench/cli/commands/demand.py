@@ -20,6 +20,7 @@ from bench.inputs.errors import FINE, InputError, installed
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     add = parser.add_argument
     add("scene", help="a scene of the suite, a TOML file, or an XML file of Mitsuba 3")
     add("--bsdf", metavar="ID", help="the id of the BSDF that is the material, in a Mitsuba scene")
@@ -29,6 +30,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Collect the demand of a scene, write it, and draw it beside; returns the exit code."""
     checked(options.queries, options.out)
     scene = _scene(options)
     with Console() as console:

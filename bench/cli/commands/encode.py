@@ -24,6 +24,7 @@ from reports.scene_models import scene_models_text
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     add = parser.add_argument
     add("btf", help="a built-in material or the path of a BTF")
     add("--codec", required=True)
@@ -40,6 +41,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Fit a codec and write its file; returns `FINE`, or `NO` if the frames of a scene miss the target."""
+    # Everything that can be wrong with the words is found before anything is rendered or fitted.
     _check(options)
     changes = assignments(options.set) | read_as(options)
     settings = {key: value for key, value in changes.items() if not key.startswith("data.")}
@@ -61,6 +64,7 @@ def run(options: argparse.Namespace) -> int:
             code = FINE if scene_fit.found.met else NO
         else:
             encode(btf, codec, options.out, show=console.show, **how)
+    # Decoding the new file shows a fault of the codec at once, not when the file is used.
     try:
         console.say(file_lines(container.read_header(options.out)))
     except ContainerError as error:

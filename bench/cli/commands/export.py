@@ -25,6 +25,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Write the shader and its textures; returns the exit code."""
     loaded = load(options.file)
     header = loaded.header
     source = f"`{options.file.name}`: codec {header.codec}, version {header.version}, file format {FORMAT}"

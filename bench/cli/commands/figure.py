@@ -25,6 +25,7 @@ ENDINGS = (".png", ".svg", ".pdf")
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     parser.add_argument("kind", metavar="KIND", help="pairs, or a kind of a report's figures: rate, contact, …")
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="folders of runs, or files of records")
     parser.add_argument("-o", "--out", type=Path, required=True, help="the file to write: .png, .svg or .pdf")
@@ -39,6 +40,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Draw the figures and write one file for each material; returns the exit code."""
     ending = options.out.suffix.lower()
     if ending not in ENDINGS:
         raise InputError(f"{options.out}: give a name that ends in {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}")
@@ -47,6 +49,7 @@ def run(options: argparse.Namespace) -> int:
     if options.width is not None and not 1 <= options.width <= 200:
         raise InputError(f"--width {options.width:g}: must be from 1 to 200 cm")
     choice = Choice(codecs=options.codec, names=new_names(options.name), materials=options.material)
+    # One figure for each material; of several, each file is named after its material.
     figures = drawn(options.runs, Wanted(options.kind, choice, options.width, options.pair, _inset(options.inset)))
     for figure in figures:
         place = options.out

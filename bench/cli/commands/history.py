@@ -37,8 +37,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Print, write or plot the records of many runs; returns `FINE`, or `NOTHING` if they have no jobs."""
     if options.out and options.out.suffix not in (".csv", ".parquet"):
         raise InputError(f"--out {options.out}: the name must end in .csv or .parquet")
+    # Warnings of unreadable lines become lines of this command.
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         frame = load_runs(options.runs)

@@ -23,6 +23,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Print what a codec file or a BTF holds, and draw a BTF if asked to; returns the exit code."""
     path = Path(options.path)
     if path.is_file() and _is_codec_file(path):
         if options.picture:

@@ -18,13 +18,14 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Print the listings, or the settings of one codec; returns the exit code."""
     from bench import metrics
     from bench.cli.console import Console
     from bench.codecs import registry
     from bench.data import materials, readers
     from bench.runs import suite
 
-    if options.name:
+    if options.name:  # one codec in full
         return _settings(options.what, options.name)
     codecs = {}
     with Console() as console:

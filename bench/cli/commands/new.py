@@ -58,6 +58,7 @@ _PLACES = {"codec": "{module}:{class_name}", "metric": "{module}:METRIC", "reade
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     parser.add_argument("what", choices=sorted(_FILES))
     parser.add_argument("name", metavar="NAME", help="the name of the codec, metric or format, such as my-codec")
     parser.add_argument("--neural", action="store_true", help="codec: a neural texture, fitted in a loop of its own")
@@ -65,6 +66,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Write the files of a new project, and print what to do next; returns the exit code."""
     name = options.name
     what = options.what
     if not re.fullmatch("[a-z][a-z0-9]*(-[a-z0-9]+)*", name):
@@ -75,6 +77,7 @@ def run(options: argparse.Namespace) -> int:
     if options.neural and what != "codec":
         raise InputError("--neural: only `new codec` has it")
     words = _words(what, name, entry, options.out)
+    # Where each file goes, and its template. Nothing is written if one of the places is taken.
     places: dict[Path, str] = {}
     for place, template in _FILES[what].items():
         if options.neural and template == "codec":

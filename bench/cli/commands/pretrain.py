@@ -27,6 +27,7 @@ from bench.runs.library import MATERIALS, pretrain
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     parser.add_argument("codec", help="a codec that shares a network, such as rainer2020")
     parser.add_argument("-o", "--out", type=Path, help="the file to write (default: where codecs look for it)")
     parser.add_argument("--steps", type=int, help="the number of training steps, short for --set steps=N")
@@ -39,6 +40,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Train the network, write its file, and print its curve; returns the exit code."""
     codec = load_codec(options.codec)
     if codec.network is None:
         raise InputError(f"codec {options.codec} shares no network over materials: it needs no pretraining")

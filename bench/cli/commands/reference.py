@@ -23,6 +23,7 @@ from reports.comparison import terminal
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     actions = parser.add_subparsers(required=True, metavar="ACTION")
     update = actions.add_parser("update", help="write the reference again, and print what changed")
     update.add_argument("run", metavar="RUN", help="the folder of a run")
@@ -31,6 +32,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Write the reference again, and print what changed and what it cannot tell; returns the exit code."""
     measured = load_run(options.run)
     if not all("run" in start for start in measured.starts):
         raise InputError(f"{options.run}: it is a reference, not a run: give the folder of a run")

@@ -34,6 +34,7 @@ LIMITS: dict[str, tuple[float, float]] = {  # by option: the least and the large
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     add = parser.add_argument
     add("files", type=Path, nargs="*", metavar="FILE", help="codec files, from left to right")
     add("--truth", metavar="BTF", help="show this BTF, a built-in material or a path, at the left")
@@ -52,6 +53,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Render the files and write the picture; returns the exit code."""
+    # Options that are wrong, or do not fit the kind of scene, are refused before anything is rendered.
     still.check_ending(options.out)
     for name, (low, high) in LIMITS.items():
         value = getattr(options, name)

@@ -40,6 +40,7 @@ _BLOCK = re.compile(r"(?P<start><!-- neubtf-bench (?P<words>[^\n]*?) -->\n)(?P<b
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     actions = parser.add_subparsers(required=True, metavar="ACTION", dest="action")
     add = actions.add_parser("add", help="add the records of a run to a file to commit")
     add.add_argument("run", type=Path, help="the folder of a run")
@@ -67,6 +68,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Add records, write tables or the board, or check tables; returns `NO` if a checked table is out of date."""
     if options.action == "add":
         return _add(options.run, options.file)
     if options.action == "write" and options.site:

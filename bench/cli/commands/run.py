@@ -34,6 +34,7 @@ from reports import write_report
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     add = parser.add_argument
     suite_options(parser, "quick")
     several(parser, "--metric", "score with this metric too; repeatable")
@@ -53,6 +54,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Run the suite and write its report; returns `FINE`, `FAILED` if a job failed, `NOTHING` if none has a result."""
+    # The suite with the changes of the command line.
     changes = assignments(options.set)
     if options.all_pairs:
         changes["data.pairs"] = "0"  # no limit
@@ -61,6 +64,7 @@ def run(options: argparse.Namespace) -> int:
     suite = with_metrics(suite, options.metric)
     if options.demand:
         suite = replace(suite, demand=options.demand)
+    # Run it. The workers of a scheduler are elsewhere, where other devices may be.
     folder = options.out or Path("runs") / suite.name
     device = options.device if options.scheduler else usable_device(options.device)
     seats = _workers(options, suite.threads)
@@ -78,6 +82,7 @@ def run(options: argparse.Namespace) -> int:
             console.say(f"{_summary(outcomes, timed=False)}\ninterrupted: {done}; the same command resumes: {folder}")
             return INTERRUPTED
 
+        # Report it.
         console.show("drawing tables, figures and pages", 0, 1)
         written = write_report(folder)
         console.show("drawing tables, figures and pages", 1, 1)

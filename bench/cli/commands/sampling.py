@@ -21,6 +21,7 @@ from bench.inputs.errors import FINE, InputError
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     add = parser.add_argument
     add("file", type=Path, help="the codec file")
     add("--cells", type=int, default=8, help="cells along each side of the texture, each with a lobe (default: 8)")
@@ -29,6 +30,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Fit the lobes, write a file with them, and print how much they reduce the noise; returns the exit code."""
     if not 1 <= options.cells <= 64:
         raise InputError(f"--cells {options.cells}: must be from 1 to 64")
     container.refuse_other_file(options.out)

@@ -28,6 +28,7 @@ from reports import score_text
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     parser.add_argument("file", metavar="FILE|FOLDER", type=Path, help="the codec file, or the folder of slices")
     parser.add_argument("btf", metavar="BTF", help="the encoded BTF: a built-in material or a path")
     parser.add_argument("--set", action="append", default=[], metavar="data.KEY=VALUE", help="how the BTF is prepared")
@@ -39,6 +40,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Print the scores of a codec file, or of decoded slices, against a BTF; returns the exit code."""
     changes = assignments(options.set)
     for key in changes:
         if not key.startswith("data."):

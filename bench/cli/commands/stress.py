@@ -34,6 +34,7 @@ from reports import stress_text
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     add = parser.add_argument
     several(parser, "--codec", "only this codec; repeatable")
     several(parser, "--case", "only this extreme; repeatable", "NAME")
@@ -47,6 +48,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Try codecs at the extremes and print the tables; returns `FINE`, or `NO` if one fails."""
     if options.list:
         width = max(len(case.name) for case in CASES)
         every: list[Case | metrics.PictureCase] = [*CASES, *metrics.CASES]
@@ -55,6 +57,7 @@ def run(options: argparse.Namespace) -> int:
     if options.query or options.data:
         return _again(options)
 
+    # Try the catalogue on codecs and, unless only some extremes are asked for, the pictures on metrics and losses.
     codecs, cases = stress.chosen(options.codec, options.case)
     cases = [case for case in cases if case.cheap or not options.cheap]
     with writable(options.out, "choose another --out"):
@@ -62,7 +65,7 @@ def run(options: argparse.Namespace) -> int:
     start: records.RunStart = {"kind": "run", "suite": "stress", "device": "cpu"}
     records.append(options.out, start | provenance())
     tried: list[records.Stress] = []
-    count = min(options.jobs, 2 * len(codecs))
+    count = min(options.jobs, 2 * len(codecs))  # a codec is two tasks
     seats = in_process() if count == 1 else processes(count, threads=1)
     with Console() as console, seats as workers:
         pictures = () if options.case else stress.picture_records()

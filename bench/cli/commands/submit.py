@@ -27,11 +27,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Pack the archive, and print the text to send with it; returns the exit code."""
     if options.out.suffix != ".zip":
         raise InputError(f"--out {options.out}: the name must end in .zip")
     run = chosen(load_run(options.run), options.codec)
     pack(run, published(run), options.out)
     say_line(f"wrote {options.out}: {len(run.jobs)} jobs, {options.out.stat().st_size:,} bytes")
+    # The text to send with it: what it holds, and how to check it.
     with open(options.out, "rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     keys = {(job["codec"], job["fit_key"]["version"], job["fit_key"]["code"][:12]) for job in run.jobs}

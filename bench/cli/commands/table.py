@@ -32,6 +32,7 @@ from reports.parameters import PUBLISHED, TimedJob
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     what = f"one kind of table ({', '.join(KINDS)}; default: all), and folders of runs or files of records (default: "
     parser.add_argument("what", nargs="*", metavar="KIND|RUN", help=f"{what}the newest run under runs/)")
     form = "the format; raw is a CSV of every number of every job (default: text)"
@@ -46,6 +47,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Print the tables; returns `FINE`, or `NOTHING` if there is no such table."""
+    # The words are a kind of table, folders of runs, or both.
     kinds = [word for word in options.what if word in KINDS]
     folders = [Path(word) for word in options.what if word not in KINDS]
     chosen = choice(options)

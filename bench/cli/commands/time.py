@@ -26,6 +26,7 @@ from reports import table_text
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     suite_options(parser, "budgets")
     add = parser.add_argument
     add("--variants", action="store_true", help="time executions, precisions, batches and steps of fits")
@@ -33,6 +34,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Time the settings, or with --variants their executions and precisions, and print the table; returns the exit
+    code."""
     changes = assignments(options.set)
     suite = with_changes(load_suite(options.suite), options.material, options.codec, changes, seed=None)
     folder = options.out or Path("runs") / f"{suite.name}-times"

@@ -19,6 +19,7 @@ from reports import table_text, write_report
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     add = parser.add_argument
     suite_options(parser, "trade")
     add("--full", action="store_true", help="also time batches up to 2^22, which takes half an hour more")
@@ -28,6 +29,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Run the suite, measure its choices and write the report; returns `FAILED` if a job failed, `NOTHING` if all
+    did."""
     changes = assignments(options.set)
     suite = with_changes(load_suite(options.suite), options.material, options.codec, changes, seed=None)
     folder = options.out or Path("runs") / suite.name

@@ -33,6 +33,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Score the files of an archive here and print the verdicts.
+
+    Returns `FINE`, `NO` if a number differs, or `NOTHING` if no job could be verified.
+    """
     folder = options.out or Path("runs") / options.archive.stem
     if (folder / FILE).exists():
         raise InputError(f"--out {folder}: it holds a run already: name another folder")

@@ -28,6 +28,7 @@ from reports.viewer.page import Shown, page
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help="the codec files to show")
     parser.add_argument("--truth", metavar="BTF", help="show this BTF, a built-in material or a path, beside them")
     several(parser, "--set", "how --truth is prepared", "data.KEY=VALUE")
@@ -35,6 +36,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Write the page, and open it in the browser unless a place is given; returns the exit code."""
     if options.set and not options.truth:
         raise InputError("--set: it says how --truth is prepared: give --truth, too")
     changes = assignments(options.set)
@@ -46,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
             program, common_exposure = drawable_truth(btf, console.show)
             note = "truth: the training pairs, interpolated between directions"
             models = [Shown(f"{btf.name}, truth", program, common_exposure, note)]
-        for file in map(load, options.files):
+        for file in map(load, options.files):  # each with a program that the page runs, and a note on it
             (program, exposure), note = _drawn(file, console.show)
             if not common_exposure:  # one for all, the first, so that brightness can be compared
                 common_exposure = exposure
