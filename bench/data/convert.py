@@ -17,8 +17,8 @@ from bench.inputs.errors import InputError, writable
 
 
 def changed(btf: BTF, crop: tuple[int, int, int, int] | None = None, downsample: int = 1, thin: int = 0) -> BTF:
-    """The BTF, lazily, thinned to about `thin` pairs evenly in angle (0: all), cropped to (row, col, height, width), and
-    then averaged over boxes of downsample² texels in linear light.
+    """The BTF, lazily, thinned to about `thin` pairs evenly in angle (0: all), cropped to (row, col, height, width),
+    and then averaged over boxes of downsample² texels in linear light.
 
     Raises `InputError`, in the words of the options of `convert`, for a window or factor that does not fit.
     """
@@ -71,8 +71,8 @@ def write_btf(btf: BTF, out: Path, show: Progress = silent) -> None:
 
 
 def write_maps(maps: dict[str, Array], out: Path) -> None:
-    """Write pictures (name → uint8 (H, W) or (H, W, 3)) as a folder `out` of files NAME.png; errors as of `write_btf`."""
-    from PIL import Image
+    """Write pictures (name → uint8 (H, W) or (H, W, 3)) as a folder `out` of files NAME.png; errors as of
+    `write_btf`.""" from PIL import Image
 
     check_place(out)
     with writable(out, "is there room, and may you write?"), atomic.replacing(out) as partial:

@@ -1,7 +1,8 @@
 """Joins tables of one surface into one BTF: training pairs, held-out pairs, and those that choose settings.
 
-A *table* is the pairs of one of these three kinds (`bench.data.spec.Table`). Each is rendered into a file of its own, so
-that another draw of test pairs renders only their table again. A *part* of a joined source holds the values of a table.
+A *table* is the pairs of one of these three kinds (`bench.data.spec.Table`). Each is rendered into a file of its own,
+so that another draw of test pairs renders only their table again. A *part* of a joined source holds the values of a
+table.
 """
 
 import hashlib

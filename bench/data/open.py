@@ -1,7 +1,8 @@
 """Opens a material of a suite, of whatever kind, as a BTF; or makes one of arrays in memory.
 
-Kinds are built in, a folder of PBR maps, or measured (`bench.data.kinds`); the first two are rendered. Held-out pairs are
-pairs that no codec trains on: *validation* pairs, by which settings are chosen, or *test* pairs, for tables of results.
+Kinds are built in, a folder of PBR maps, or measured (`bench.data.kinds`); the first two are rendered. Held-out pairs
+are pairs that no codec trains on: *validation* pairs, by which settings are chosen, or *test* pairs, for tables of
+results.
 """
 
 import logging
@@ -37,8 +38,9 @@ def open_material(
       (`BTF.split`). With `data.split="validation"` they are left out, and whole views and lights of the rest are held
       out in their place. With `data.validation` the BTF has both; the latter are then `BTF.validation`.
 
-    `show` is told the progress. `path_tracer` loads the tracer that bakes folders of maps for `data.renderer="mitsuba"`;
-    without one such a bake is refused. `MissingDataError` says where to get missing measured data.
+    `show` is told the progress. `path_tracer` loads the tracer that bakes folders of maps for
+    `data.renderer="mitsuba"`; without one such a bake is refused. `MissingDataError` says where to get missing measured
+    data.
     """
     kind = kind_of(spec)
     btf = kind.open(spec, data, show, draw, path_tracer)
@@ -66,9 +68,9 @@ def draw_of(spec: MaterialSpec, data: Preparation, repetition: int) -> int:
 def open_named(name: str, changes: Mapping[str, object], show: Progress = silent, words: bool = True) -> BTF:
     """The BTF of a built-in material or a path, with some settings of `Preparation` changed.
 
-    `changes` maps keys such as `data.size` to values: texts as on a command line if `words`, else of the setting's type.
-    The further key `data.seed` is the repetition whose test pairs are drawn, as for the seeds of a suite. `InputError`
-    if a setting does not affect this material.
+    `changes` maps keys such as `data.size` to values: texts as on a command line if `words`, else of the setting's
+    type. The further key `data.seed` is the repetition whose test pairs are drawn, as for the seeds of a suite.
+    `InputError` if a setting does not affect this material.
     """
     spec = named(name)
     changes = dict(changes)

@@ -1,8 +1,8 @@
 """Reads zip archives, and the arrays of an `.npz`, within bounds; nothing is extracted or unpickled.
 
-An archive may be damaged or hostile, so the sizes that it claims are checked before memory is taken. An *entry* is a file in an
-archive. In an `.npz`, itself a zip archive, each entry is an array: `NAME.npy`, a short header (shape, type, order in
-memory) and then the values.
+An archive may be damaged or hostile, so the sizes that it claims are checked before memory is taken. An *entry* is a
+file in an archive. In an `.npz`, itself a zip archive, each entry is an array: `NAME.npy`, a short header (shape, type,
+order in memory) and then the values.
 """
 
 import hashlib

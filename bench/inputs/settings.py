@@ -9,8 +9,8 @@ scene may also be tuples and nested dataclasses. A field may give its range:
 `parse` takes the settings of a codec, as values or strings; `table` takes a table of a TOML file, read by `read_toml`,
 in which strings are not converted to numbers.
 
-Throughout, `kind` is the type of a field as it is annotated: `int`, `Count`, `Literal["log", "rgb"]`, `tuple[int, ...]`,
-a dataclass. With `words`, values may be strings as on a command line: `"16"` for 16, `"true"` for True. Errors
+Throughout, `kind` is the type of a field as it is annotated: `int`, `Count`, `Literal["log", "rgb"]`, `tuple[int,
+...]`, a dataclass. With `words`, values may be strings as on a command line: `"16"` for 16, `"true"` for True. Errors
 are an `InputError` that says which values are allowed.
 """
 
@@ -160,8 +160,8 @@ def shipped_toml(package: str) -> dict[str, str]:
 
 
 def parse_toml(where: str, text: str) -> dict[str, Any]:
-    """The table of a TOML text, from keys to values. `InputError`, which names `where`, if it is not TOML, or nested too
-    deeply."""
+    """The table of a TOML text, from keys to values. `InputError`, which names `where`, if it is not TOML, or nested
+    too deeply."""
     try:
         return tomllib.loads(text)
     except RecursionError as error:

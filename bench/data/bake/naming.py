@@ -1,8 +1,9 @@
 """Assigns the files of a folder to maps, by the names of ambientCG, Poly Haven, glTF, Substance, Unity and Unreal.
 
-What a file is for is called its role: `albedo`, `roughness`, `packed` (see `MapFiles`). A file's name is cut into words at separators and capitals. Words with which all names begin (the asset's name) are left
-out. The last phrase that the vocabulary knows decides: `rusty_metal_02_nor_gl_1k` is a normal map. Where no phrase is
-known a last letter decides, as in `T_Rock_N`.
+What a file is for is called its role: `albedo`, `roughness`, `packed` (see `MapFiles`). A file's name is cut into words
+at separators and capitals. Words with which all names begin (the asset's name) are left out. The last phrase that the
+vocabulary knows decides: `rusty_metal_02_nor_gl_1k` is a normal map. Where no phrase is known a last letter decides, as
+in `T_Rock_N`.
 """
 
 import os

@@ -1,7 +1,7 @@
 """Kinds of surfaces: built in, PBR maps, measured. Each says how one is opened, and which settings it ignores.
 
-Settings are those of a suite's table `[data]`, here a `Preparation`; a setting's key is written `data.views`. A material
-that no other kind `knows` is measured: a reader then opens it by its content (`bench.data.readers`).
+Settings are those of a suite's table `[data]`, here a `Preparation`; a setting's key is written `data.views`. A
+material that no other kind `knows` is measured: a reader then opens it by its content (`bench.data.readers`).
 
 To add a kind, write one file here with a class of `Kind` and an instance of it, `KIND`. All these files are imported to
 tell the kind of a material, so each imports what opens its surfaces only when it opens one.
