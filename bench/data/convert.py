@@ -71,8 +71,8 @@ def write_btf(btf: BTF, out: Path, show: Progress = silent) -> None:
 
 
 def write_maps(maps: dict[str, Array], out: Path) -> None:
-    """Write pictures (name → uint8 (H, W) or (H, W, 3)) as a folder `out` of files NAME.png; errors as of
-    `write_btf`.""" from PIL import Image
+    """Write pictures (name → uint8 (H, W) or (H, W, 3)) as PNG files into a folder `out`; errors as of `write_btf`."""
+    from PIL import Image
 
     check_place(out)
     with writable(out, "is there room, and may you write?"), atomic.replacing(out) as partial:
