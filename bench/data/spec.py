@@ -83,7 +83,8 @@ class Preparation:
             raise InputError('validation = true scores further pairs: it needs split = "test" and heldout above 0')
 
     def product(self) -> tuple[Array, Array]:
-        """`wo` and `wi` (N, 3) float32 of the training pairs: every view with every light, view-major."""
+        """`wo` and `wi` (N, 3) float32 of the training pairs: every view with every light, all lights of a view
+        together. `InputError` for an unknown direction set, or for more directions than it has."""
         if self.directions not in DIRECTION_SETS:
             raise InputError(f"unknown direction set {self.directions!r}: there are {', '.join(DIRECTION_SETS)}")
         directions = DIRECTION_SETS[self.directions]()
@@ -141,6 +142,7 @@ class MaterialSpec:
 
     def __post_init__(self) -> None:
         """Raise `InputError` for a name or a path that no record or file name can hold."""
+        # Python holds bytes of a name that are not UTF-8 as single surrogates, which do not encode.
         printable_path = self.path.encode("utf-8", "backslashreplace").decode()
         if printable_path != self.path:
             raise InputError(f"{printable_path}: its name is not UTF-8, so no record can hold it: rename it")

@@ -95,7 +95,7 @@ class ZipFiles:
         with readable(label), open(self.path, "rb") as stream:
             stream.seek(entry.header_offset)
             local = stream.read(_LOCAL_HEADER)
-            if len(local) < _LOCAL_HEADER or local[:4] != b"PK\x03\x04":
+            if len(local) < _LOCAL_HEADER or local[:4] != b"PK\x03\x04":  # with which every such header begins
                 raise InputError(f"{label}: there is no entry at offset {entry.header_offset}: the archive is damaged")
             # The name and the extra field stand between this header and the bytes; the header ends with their lengths.
             name_length = int.from_bytes(local[26:28], "little")

@@ -121,7 +121,8 @@ def unwritable(error: OSError) -> str:
 
 
 def said_by(error: BaseException) -> str:
-    """The kind of an error and the first line of its message that is not empty, even of an error that cannot say it."""
+    """The class of an error and the first line of its message that is not empty; works for any error, even one whose
+    `__str__` fails."""
     kind = type(error).__name__
     try:
         lines = str(error).split("\n")

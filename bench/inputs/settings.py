@@ -115,7 +115,7 @@ def converted(what: str, kind: Any, value: Any, words: bool = False) -> Any:
 
 
 def table(where: str, kind: type, given: Any) -> Any:
-    """Make an object of the dataclass `kind` from `given`, what a file has in place of a table.
+    """Make an object of the dataclass `kind` from `given`, the value in a file that should be a table (a dict).
 
     An `InputError` names `where` (the file and the place in it), and the field that is missing, unknown or wrong.
     """

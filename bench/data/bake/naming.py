@@ -72,7 +72,7 @@ def looks_like_maps(folder: Path) -> bool:
     names = os.listdir(folder)
     if any(name.lower().endswith(_LISTS) for name in names):
         return False
-    roles = set(_roles(names).values()) - {""}
+    roles = set(_roles(names).values()) - {""}  # pictures without a role are no maps
     return "albedo" in roles or len(roles) >= 2
 
 
@@ -87,7 +87,7 @@ def no_albedo_fault(names: list[str]) -> str:
 
 
 def has_pictures(names: list[str]) -> bool:
-    """Whether a folder holds pictures that could be maps, under whatever names."""
+    """Whether some of these files are pictures that could be maps, under whatever names; hidden files do not count."""
     return any(name.lower().endswith(PICTURES) and not name.startswith(".") for name in names)
 
 
