@@ -17,8 +17,11 @@ from bench.inputs.errors import InputError, writable
 
 
 def changed(btf: BTF, crop: tuple[int, int, int, int] | None = None, downsample: int = 1, thin: int = 0) -> BTF:
-    """The BTF, lazily, thinned to about `thin` pairs evenly in angle, cropped to (row, col, height, width), and then
-    averaged over downsample² texels in linear light. Raises `InputError` for a window or factor that does not fit."""
+    """The BTF, lazily, thinned to about `thin` pairs evenly in angle (0: all), cropped to (row, col, height, width),
+    and then averaged over boxes of downsample² texels in linear light.
+
+    Raises `InputError`, in the words of the options of `convert`, for a window or factor that does not fit.
+    """
     if thin < 0 or downsample < 1:
         raise InputError(f"--thin must be at least 0 and --downsample at least 1, not {thin}, {downsample}")
     btf = thinned(btf, thin)
@@ -27,7 +30,7 @@ def changed(btf: BTF, crop: tuple[int, int, int, int] | None = None, downsample:
         row, col, height, width = crop
         if min(row, col) < 0 or min(height, width) < 1 or row + height > H or col + width > W:
             raise InputError(f"--crop {row},{col},{height},{width}: it does not fit into {H} x {W} texels")
-        if (height, width) != (H, W):
+        if (height, width) != (H, W):  # a crop is never periodic, but the whole picture may be
             btf = btf.crop(*crop)
     if downsample > min(btf.shape):
         raise InputError(f"--downsample {downsample}: the picture has {btf.shape[0]} x {btf.shape[1]} texels")
@@ -35,7 +38,7 @@ def changed(btf: BTF, crop: tuple[int, int, int, int] | None = None, downsample:
 
 
 class _Watched(Source):
-    """Wraps a source and tells `show` how many of `total` slices were read."""
+    """Wraps a source and tells `show` how many of `total` slices were read, each of them before it is read."""
 
     def __init__(self, source: Source, show: Progress, total: int):
         self.source = source
@@ -68,7 +71,7 @@ def write_btf(btf: BTF, out: Path, show: Progress = silent) -> None:
 
 
 def write_maps(maps: dict[str, Array], out: Path) -> None:
-    """Write pictures, uint8 (H, W) or (H, W, 3), as a folder of PNG, each under its name; errors as of `write_btf`."""
+    """Write pictures (name → uint8 (H, W) or (H, W, 3)) as PNG files into a folder `out`; errors as of `write_btf`."""
     from PIL import Image
 
     check_place(out)

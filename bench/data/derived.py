@@ -1,6 +1,9 @@
 """Thins the pairs of a BTF evenly, or shrinks its pictures, for suites that need only part of a measured material.
 
-Masks radiance that is NaN or infinite, for `--repair`.
+Masks radiance that is NaN or infinite by the mean of its picture, for `--repair`.
+
+Pairs are a *product* where every view direction is combined with every light direction. A *scratch file* is a copy of
+a BTF's values in the cache, as float16 and ordered for reads of single texels (`bench.btf.scratch`).
 """
 
 import hashlib
@@ -15,21 +18,24 @@ from bench.codec import Progress, followed, silent
 from bench.directions.hemisphere import thin
 from bench.inputs.errors import InputError
 
+MOST_LISTED = 10  # pairs that a note names
 log = logging.getLogger(__name__)
 
 
 def thinned(btf: BTF, pairs: int) -> BTF:
-    """About `pairs` of a BTF's pairs (0: all). If they are every view with every light, so are those that are kept.
+    """About `pairs` of a BTF's pairs (0: all), always the same ones.
 
-    If the data declare held-out pairs outside such a product, training and held-out pairs keep their shares of all, and
-    the held-out ones are a random draw, always the same one. Pairs that form no product are drawn in that way, too.
+    Of a product, evenly spread views with evenly spread lights are kept, which is a product again. Pairs that form no
+    product are drawn at random. Held-out pairs that the data declare outside a product are drawn at random, too, and
+    apart from the training pairs, so that both keep their shares of all pairs.
     """
-    if not 0 < pairs < len(btf):
+    if not 0 < pairs < len(btf):  # all are wanted, or more than there are
         return btf
     is_product = btf.layout.grid is not None
     if is_product or btf.heldout is None or not btf.heldout.any():
         return btf.subset(_evenly_spread(btf.layout, pairs))
     train, heldout = np.flatnonzero(~btf.heldout), np.flatnonzero(btf.heldout)
+    # At least one of each, however few pairs are wanted.
     heldout_pairs = max(1, round(pairs * len(heldout) / len(btf)))
     train_pairs = max(1, pairs - heldout_pairs)
     some_train = train[_evenly_spread(Layout.of(btf.wo[train], btf.wi[train]), train_pairs)]
@@ -38,7 +44,10 @@ def thinned(btf: BTF, pairs: int) -> BTF:
 
 
 class _Shrunk(Source):
-    """Averages over boxes of texels, kept in a scratch file, so that fits need not read all texels."""
+    """Averages over boxes of texels, kept in a scratch file, so that fits need not read all texels.
+
+    The scratch file is written at the first read.
+    """
 
     at_once = scratch.TOGETHER  # as many pairs as a block of the scratch file holds
 
@@ -50,13 +59,14 @@ class _Shrunk(Source):
 
     @cached_property
     def _scratch(self) -> np.ndarray:
+        """The memory-mapped scratch file of the averages (blocks, H · W, pairs of a block, 3)."""
         return self.boxes._scratch  # slices, texels and scattered values all come from this one file
 
     def slices(self, pairs: np.ndarray) -> list[np.ndarray]:
         """The pictures (H, W, 3) of some pairs, out of the scratch file (blocks, H · W, pairs of a block, 3)."""
         scratch_file = self._scratch
         pairs_of_a_block = scratch_file.shape[2]
-        blocks, places = np.divmod(pairs, pairs_of_a_block)
+        blocks, places = np.divmod(pairs, pairs_of_a_block)  # the block of each pair, and its place in it
         slices = []
         # A slice for each pair: one index array for all values takes NumPy three times as long.
         for block, place in zip(blocks, places, strict=True):
@@ -72,7 +82,7 @@ class _Shrunk(Source):
 def shrunk(btf: BTF, texels: int) -> BTF:
     """The BTF averaged in linear light over the largest boxes that leave at least `texels` texels on its shorter side.
 
-    0 leaves it as it is.
+    It stays as it is if `texels` is 0, or if even boxes of 2 × 2 leave fewer texels.
     """
     factor = min(btf.shape) // texels if texels else 1
     if factor <= 1:
@@ -124,12 +134,12 @@ class Repaired(Source):
         channels has no finite value."""
         try:
             picture = self.source.slice(pair)
-        except NotFiniteError as error:
+        except NotFiniteError as error:  # from a source that checks what it reads; the error holds the values
             picture = error.values
         bad = ~np.isfinite(picture)
         if not bad.any():
             return picture, 0
-        if bad.all((0, 1)).any():
+        if bad.all((0, 1)).any():  # a channel of which no texel is left to take the mean of
             raise InputError(f"pair {pair}: a channel without finite values cannot be repaired: leave the pair out")
         mean = np.mean(picture, (0, 1), where=~bad, dtype=np.float64)
         return np.where(bad, mean, picture).astype(np.float32), int(bad.sum())
@@ -151,8 +161,8 @@ def repaired(btf: BTF, show: Progress = silent) -> BTF:
             masked_values[index] = count
     if not masked_values:
         return btf
-    listed = ", ".join(str(index) for index in list(masked_values)[:10])
-    if len(masked_values) > 10:
+    listed = ", ".join(str(index) for index in list(masked_values)[:MOST_LISTED])
+    if len(masked_values) > MOST_LISTED:
         listed += ", …"
     total = sum(masked_values.values())
     note = f"{total} values that were not finite, masked by the mean of their pair: pairs {listed}"

@@ -1,4 +1,9 @@
-"""Joins tables of one surface into one BTF: training pairs, held-out pairs, and those that choose settings."""
+"""Joins tables of one surface into one BTF: training pairs, held-out pairs, and those that choose settings.
+
+A *table* is the pairs of one of these three kinds (`bench.data.spec.Table`). Each is rendered into a file of its own,
+so that another draw of test pairs renders only their table again. A *part* of a joined source holds the values of a
+table.
+"""
 
 import hashlib
 from collections.abc import Callable
@@ -59,6 +64,7 @@ class Joined(Source):
         return self
 
     def fingerprint(self) -> str:
+        """A hash of the fingerprints of both parts, in their order."""
         described = " and ".join(part.digest for part in self.parts)
         return hashlib.sha256(described.encode()).hexdigest()
 
@@ -71,7 +77,7 @@ def followed(btf: BTF, further: BTF, kind: str, words: str) -> BTF:
     """
     # `heldout` and `validation` are masks of the BTF, by name. The mask of held-out pairs goes on behind its end.
     masks = {kind: np.arange(len(btf) + len(further)) >= len(btf)}
-    if kind == "validation":
+    if kind == "validation":  # none of the further pairs is held out for the test
         masks["heldout"] = np.concatenate([btf.heldout, np.zeros(len(further), bool)])
     wo, wi = np.concatenate([btf.wo, further.wo]), np.concatenate([btf.wi, further.wi])
     source = Joined(btf.source, further.source)
@@ -80,7 +86,10 @@ def followed(btf: BTF, further: BTF, kind: str, words: str) -> BTF:
 
 
 def joined(tables: list[Table], open_table: Callable[[Table], BTF]) -> BTF:
-    """The tables of a surface, each as `open_table` makes it, in one BTF."""
+    """The tables of a surface in one BTF, in their order; the first holds the training pairs.
+
+    `open_table` makes the BTF of one table, in which no pair is marked as held out.
+    """
     btf = open_table(tables[0])
     for table in tables[1:]:
         btf = followed(btf, open_table(table), table.kind, table.words)

@@ -1,4 +1,9 @@
-"""Opens a material of a suite, of whatever kind, as a BTF; or makes one of arrays in memory."""
+"""Opens a material of a suite, of whatever kind, as a BTF; or makes one of arrays in memory.
+
+Kinds are built in, a folder of PBR maps, or measured (`bench.data.kinds`); the first two are rendered. Held-out pairs
+are pairs that no codec trains on: *validation* pairs, by which settings are chosen, or *test* pairs, for tables of
+results.
+"""
 
 import logging
 from collections.abc import Mapping
@@ -25,17 +30,21 @@ def open_material(
     draw: int = 0,
     path_tracer: LoadTracer | None = None,
 ) -> BTF:
-    """Open a suite's material as a BTF, without the pairs that `data.split` excludes.
+    """Open a suite's material as a BTF, prepared as `data` says.
 
-    Its held-out pairs are validation or test pairs. A rendered material draws its test pairs by `draw`. The test pairs
-    of a measured material are those that its data declare, or else whole views and lights (`BTF.split`); with
-    `split="validation"` the test pairs are left out, and `BTF.split` holds out whole views and lights of the rest. With
-    `validation` the BTF has both: these views and lights of the rest are then `BTF.validation`. `path_tracer` loads the
-    tracer that bakes folders of maps for `data.renderer = "mitsuba"`. `MissingDataError` says where to get missing
-    measured data.
+    - A rendered material draws its held-out pairs at random: test pairs by the number `draw`, or with
+      `data.split="validation"` validation pairs.
+    - The test pairs of a measured material are those that its data declare, or else whole views and lights
+      (`BTF.split`). With `data.split="validation"` they are left out, and whole views and lights of the rest are held
+      out in their place. With `data.validation` the BTF has both; the latter are then `BTF.validation`.
+
+    `show` is told the progress. `path_tracer` loads the tracer that bakes folders of maps for
+    `data.renderer="mitsuba"`; without one such a bake is refused. `MissingDataError` says where to get missing measured
+    data.
     """
     kind = kind_of(spec)
     btf = kind.open(spec, data, show, draw, path_tracer)
+    # What a kind says of all its surfaces goes with the data, because records keep the provenance and not the kind.
     kind_notes: dict[str, object] = {}
     if kind.surface:
         kind_notes["surface"] = kind.surface
@@ -47,17 +56,21 @@ def open_material(
 
 
 def draw_of(spec: MaterialSpec, data: Preparation, repetition: int) -> int:
-    """The draw of test pairs for a repetition; 0 if all repetitions share one."""
+    """The number of the draw of test pairs for a repetition (a seed of a suite); 0 if all repetitions share one.
+
+    They share one where pairs are measured, and where validation pairs are held out, which are one fixed draw.
+    """
     if data.split == "test" and kind_of(spec).drawn:
         return repetition
     return 0
 
 
 def open_named(name: str, changes: Mapping[str, object], show: Progress = silent, words: bool = True) -> BTF:
-    """The BTF of a built-in material or a path, with `data.KEY` settings changed. `InputError` if it lacks one.
+    """The BTF of a built-in material or a path, with some settings of `Preparation` changed.
 
-    Values are `words`, as on a command line, or of the setting's type. `data.seed` is the repetition whose test pairs
-    are drawn, as for the seeds of a suite.
+    `changes` maps keys such as `data.size` to values: texts as on a command line if `words`, else of the setting's
+    type. The further key `data.seed` is the repetition whose test pairs are drawn, as for the seeds of a suite.
+    `InputError` if a setting does not affect this material.
     """
     spec = named(name)
     changes = dict(changes)

@@ -1,9 +1,13 @@
 """Inspects a BTF before it is used: warns of likely faults, and draws an overview as a PNG.
 
-It reads at most about 108 slices, so a table of 22 GB takes seconds: lights at the view nearest the normal, views at
-the light nearest the normal, a contact sheet of views × lights, and a ring of directions for the mean lobe, which tells
-whether the azimuths of views and of lights turn the same way: the answers of an isotropic surface depend on φ_i − φ_o,
-but on φ_i + φ_o if one of the two was measured clockwise and the other counter-clockwise.
+It reads at most about 108 slices, so a table of 22 GB takes seconds:
+
+- the lights at the view nearest the normal, and the views at the light nearest the normal: how brightness falls;
+- a *contact sheet*: small pictures of evenly spread views × lights, for the overview;
+- a *ring*: views and lights of one θ, spread around the normal, for the *mean lobe*, which is how the mean of a slice
+  depends on both azimuths. It tells whether the azimuths of views and of lights turn the same way: the answers of an
+  isotropic surface depend on φ_i − φ_o, but on φ_i + φ_o if one of the two was measured clockwise and the other
+  counter-clockwise.
 """
 
 import math
@@ -21,7 +25,7 @@ from bench.directions.hemisphere import thin, to_degrees
 from bench.inputs.errors import visible, writable
 from bench.metrics.display import exposure_of, to_display
 
-LIGHTS = 24  # slices of the view nearest the normal; as many of the light nearest it
+LIGHTS = 24  # the most slices of the view nearest the normal; as many of the light nearest it
 SHEET = (4, 6)  # views × lights of the contact sheet
 STEEP = 0.45  # least cos θ of the sheet's directions if possible, about 63°: beyond, highlights outshine all else
 TEXELS = 4096  # the most texels of a slice that are used
@@ -31,10 +35,11 @@ FLAT = 0.35  # below this power of cos θ_i a cosine seems to be missing; Lamber
 # the powers are equal; where views and lights are swapped the one of θ_o is larger by 1.
 SWAPPED = 0.5
 SEAM = 1.5  # from this ratio of the gradient across the border to that inside, a seam is visible
-CLIPPED = 1e-3  # a larger share of values exactly at the maximum means clipping
+CLIPPED = 1e-3  # from this share of values exactly at the maximum, highlights are clipped
+FEW = 10  # fewer values at the maximum are no clipping, whatever their share
 AZIMUTHS = 6  # azimuths of views, and of lights: 36 slices are read
 LEAST = 5  # azimuths of views, and of lights; with fewer the two cannot be told apart
-HARMONICS = 2
+HARMONICS = 2  # waves once and twice around, which are fitted to the lobe
 LOWEST = 50.0  # degrees; nearer the normal, the lobe of a weave along one axis can follow the sum
 CLEAR = (0.5, 2.0)  # for a mirrored side φ_i + φ_o explains at least this share, and this many times that of φ_i − φ_o
 
@@ -60,18 +65,20 @@ class Look:
     """The findings from a few slices of a BTF."""
 
     btf: BTF
-    sheet: list[int]  # the pairs of the contact sheet
-    thumbs: list[Array]  # their pictures, shrunk
+    sheet: list[int]  # the pairs of the contact sheet, as indices
+    thumbs: list[Array]  # their pictures, shrunk, each (height, width, 3)
     values: Array  # (slices, n, 3), the same n texels of each slice
-    power: float | None  # of cos θ_i, with which the median of a slice falls over lights; None if undefined
-    power_o: float | None  # of cos θ_o, over views
-    # The gradient across the left–right and the top–bottom border, divided by the mean and by the largest one inside.
+    power: float | None  # of cos θ_i, with which the median of a slice falls over lights; None from too few lights
+    power_o: float | None  # of cos θ_o, over views; None from too few views
+    # For the left–right and then the top–bottom border: the mean difference of texels across it, divided by that of
+    # neighbours inside, and by that of the two neighbouring columns, or rows, inside that differ most.
     seams: list[tuple[float, float]]
     lobe: MeanLobe | None  # checks the azimuths; None if it cannot be found
 
     @cached_property
     def layout(self) -> Layout:
-        """The layout of the training pairs; random held-out pairs belong to no product."""
+        """The distinct views and lights of the training pairs, and whether they are a product (every view with every
+        light); random held-out pairs would belong to none."""
         train = self.btf.split().train if self.btf.heldout is not None else slice(None)
         return Layout.of(self.btf.wo[train], self.btf.wi[train])
 
@@ -79,16 +86,17 @@ class Look:
     def clipped(self) -> float:
         """The share of values that lie exactly at the maximum; 0 if they are few, or belong to a flat tile."""
         is_maximum = self.values == self.values.max()
-        # A few values at the maximum are no clipping, and if all are there the material is of one value.
-        if not 10 <= is_maximum.sum() < is_maximum.size:
+        # If all values are at the maximum, the material is of one value.
+        if not FEW <= is_maximum.sum() < is_maximum.size:
             return 0.0
-        if self._is_flat_tile(is_maximum.any(2)):
+        if self._is_flat_tile(is_maximum.any(2)):  # a tile of one colour, which is bright as a whole
             return 0.0
         return is_maximum.mean()
 
     def _is_flat_tile(self, is_maximum: Array) -> bool:
         """Whether texels at the maximum equal each other in most other slices, too, so that they show a flat tile.
 
+        Clipped highlights differ from each other under other lights, where they are not clipped.
         `is_maximum` (slices, n) is the mask of texels with a channel at the maximum.
         """
         texels = is_maximum[is_maximum.sum(1).argmax()]  # the mask (n,) of the slice that has most of them
@@ -102,7 +110,8 @@ class Look:
 
     @property
     def missing(self) -> int:
-        """The number of missing pairs of a product of views and lights; 0 if most are missing, so it is no product."""
+        """The number of training pairs that a product of views and lights lacks; 0 if it lacks half of them or more,
+        because the data then are not meant as a product."""
         product = len(self.layout.views) * len(self.layout.lights)
         measured = len(self.layout.view)
         if measured <= product / 2:
@@ -110,7 +119,8 @@ class Look:
         return product - measured
 
     def _fall_fault(self) -> str:
-        """A sentence on brightness that falls with the wrong angle; "" if it falls with the light's."""
+        """A sentence on brightness that falls with the wrong angle; "" if it falls with the light's, or if that cannot
+        be told."""
         if self.power is None:
             return ""
         falls = f"brightness falls as cos(theta_i) to the power of {self.power:.2f}"
@@ -147,6 +157,7 @@ class Look:
             fault = "the azimuths of the views or of the lights seem to be mirrored"
             warnings.append(f"the mean lobe follows {shares}: {fault}")
         for (to_mean, to_largest), border in zip(self.seams, ("left–right", "top–bottom"), strict=True):
+            # A picture may have lines inside that differ as much as those at the border: that is no seam.
             if to_mean >= SEAM and to_largest >= 1:
                 remark = "although the data call it periodic" if self.btf.periodic else "it shows when repeated"
                 warnings.append(f"a seam at the {border} border, {to_mean:.1f} times the gradient inside: {remark}")
@@ -154,19 +165,21 @@ class Look:
 
 
 def look(btf: BTF) -> Look:
-    """Read at most about 108 slices of a BTF, one at a time."""
+    """The findings from at most about 108 slices of a BTF, which are read one at a time."""
+    # 1. The pairs to read: of one view, of one light, and of the contact sheet.
     of_one_view = _pairs_nearest_normal(btf.layout.view, btf.wo, btf.wi)
     of_one_light = _pairs_nearest_normal(btf.layout.light, btf.wi, btf.wo)
     sheet = _sheet(btf)
+    # 2. What is kept of each slice.
     values = []
     thumbs = {}  # pair → shrunk picture
     medians = {}  # pair → median brightness
     seams = []
-    count = btf.shape[0] * btf.shape[1]
-    if count > TEXELS:
-        texel_indices = np.random.default_rng(0).integers(0, count, TEXELS)
+    texel_count = btf.shape[0] * btf.shape[1]
+    if texel_count > TEXELS:
+        texel_indices = np.random.default_rng(0).integers(0, texel_count, TEXELS)
     else:
-        texel_indices = np.arange(count)
+        texel_indices = np.arange(texel_count)
     for pair in dict.fromkeys([*sheet, *of_one_view, *of_one_light]):  # each pair once, in this order
         picture = btf[pair]
         texels = picture.reshape(-1, 3)
@@ -175,6 +188,7 @@ def look(btf: BTF) -> Look:
         seams.append(maps.seams(picture))
         if pair in sheet:
             thumbs[pair] = box_filter(picture, max(1, max(picture.shape) // THUMB))
+    # 3. What the slices say together. The z of a direction is the cosine of its θ.
     power = _power(btf.wi[of_one_view, 2], np.array([medians[pair] for pair in of_one_view]))
     power_o = _power(btf.wo[of_one_light, 2], np.array([medians[pair] for pair in of_one_light]))
     seam_ratios = []
@@ -201,25 +215,33 @@ def _power(cos: Array, medians: Array) -> float | None:
 
     It is the slope of a line through their logarithms.
     """
-    lit = medians > 0
+    lit = medians > 0  # a median of 0 has no logarithm
     if lit.sum() < 4 or np.ptp(cos[lit]) < 0.2:
         return None
-    return float(np.polyfit(np.log(cos[lit]), np.log(medians[lit]), 1)[0])
+    slope, _ = np.polyfit(np.log(cos[lit]), np.log(medians[lit]), deg=1)
+    return float(slope)
 
 
 def _sheet(btf: BTF) -> list[int]:
     """Pairs of the contact sheet: evenly spread views × lights of the training pairs, or if these are no product, pairs
     spread over their list."""
-    pairs = np.arange(len(btf)) if btf.heldout is None else np.flatnonzero(~btf.heldout)
+    pairs = _not_held_out(btf)
     layout = Layout.of(btf.wo[pairs], btf.wi[pairs])
     count = SHEET[0] * SHEET[1]
-    if layout.grid is None:
+    if layout.grid is None:  # not every view goes with every light
         spread = np.unique(np.linspace(0, len(pairs) - 1, count).astype(int))
         return [int(pair) for pair in pairs[spread]]
     views = _spread_directions(layout.views, max(SHEET[0], count // len(layout.lights)))  # more if lights are few
     lights = _spread_directions(layout.lights, count // len(views))
     places = layout.grid[np.ix_(views, lights)].reshape(-1)
     return [int(pair) for pair in pairs[places]]
+
+
+def _not_held_out(btf: BTF) -> Array:
+    """Indices of the pairs that the data do not declare as held out; all of them if none are declared."""
+    if btf.heldout is None:
+        return np.arange(len(btf))
+    return np.flatnonzero(~btf.heldout)
 
 
 def _spread_directions(side: Array, count: int) -> Array:
@@ -231,30 +253,31 @@ def _spread_directions(side: Array, count: int) -> Array:
 
 
 def mean_lobe(btf: BTF) -> MeanLobe | None:
-    """The lobe of slices' means at the outermost ring of directions that views and lights share; None without one.
+    """The lobe of slices' means at the outermost ring of directions that views and lights share.
 
-    Each mean is divided by cos θ_i, and by the mean of its view and of its light; two harmonics of each azimuth are
-    fitted to the rest. The training pairs must be a product of views and lights.
+    Each mean is divided by cos θ_i, and by the mean of its view and of its light; two harmonics of φ_i − φ_o, and of
+    φ_i + φ_o, are fitted to the rest. None if the training pairs are no product of views and lights, there is no such
+    ring, a mean is not above 0, or the means do not depend on both azimuths together. Reads the slices of the ring.
     """
-    pairs = np.arange(len(btf)) if btf.heldout is None else np.flatnonzero(~btf.heldout)
+    pairs = _not_held_out(btf)
     layout = Layout.of(btf.wo[pairs], btf.wi[pairs])
     if layout.grid is None:
         return None
     ring = _outermost_ring(layout)
     if ring is None:
         return None
-    theta, views, lights = ring
+    theta, views, lights = ring  # degrees, and indices into the layout's views and lights
     ring_pairs = pairs[layout.grid[np.ix_(views, lights)]]  # (views, lights)
     means = np.empty(ring_pairs.shape)
     for place in np.ndindex(ring_pairs.shape):
         means[place] = btf[int(ring_pairs[place])].mean(dtype=np.float64)
-    if means.min() <= 0:
+    if means.min() <= 0:  # no ratios to such means can be taken
         return None
     means /= layout.lights[lights, 2]
     rest = means / means.mean(1, keepdims=True)  # each view has a mean of 1
     rest = rest / rest.mean(0) - 1  # each light has a mean of 1, and then of 0
     total = float((rest**2).sum())
-    if not total > 1e-9 * rest.size:  # it does not depend on both azimuths
+    if not total > 1e-9 * rest.size:  # views and lights change the means independently: only rounding is left
         return None
     _, phi_o_deg = to_degrees(layout.views[views])
     _, phi_i_deg = to_degrees(layout.lights[lights])
@@ -273,7 +296,7 @@ def _outermost_ring(layout: Layout) -> tuple[float, Array, Array] | None:
     spread around it; None if no ring has `LEAST` of each."""
     theta_o, phi_o = to_degrees(layout.views)
     theta_i, phi_i = to_degrees(layout.lights)
-    for degrees in range(85, 4, -1):
+    for degrees in range(85, 4, -1):  # whole degrees, from near the horizon to near the normal
         views = _on_ring(theta_o, phi_o, degrees)
         lights = _on_ring(theta_i, phi_i, degrees)
         if min(len(views), len(lights)) >= LEAST:
@@ -282,7 +305,10 @@ def _outermost_ring(layout: Layout) -> tuple[float, Array, Array] | None:
 
 
 def _on_ring(theta: Array, phi: Array, degrees: int) -> Array:
-    """Indices of directions (degrees) within half a degree of a θ, spread around it."""
+    """Indices of at most `AZIMUTHS` directions within half a degree of θ = `degrees`, spread around the normal.
+
+    `theta` and `phi` (N,) are the directions' angles in degrees.
+    """
     ring = np.flatnonzero(np.abs(theta - degrees) <= 0.5)
     return ring[_evenly_around(phi[ring])]
 
@@ -323,6 +349,7 @@ def draw(seen: Look, out: Path) -> None:
     `InputError` if `out` cannot be written."""
     from matplotlib.figure import Figure
 
+    # A row of three plots above the rows of the contact sheet.
     columns = SHEET[1]
     rows = math.ceil(len(seen.sheet) / columns)
     plots_height, sheet_height = 4, 2.2 * rows  # inches
@@ -333,7 +360,7 @@ def draw(seen: Look, out: Path) -> None:
     _draw_directions(top.add_subplot(1, 3, 1, projection="polar"), seen, "views", seen.btf.wo)
     _draw_directions(top.add_subplot(1, 3, 2, projection="polar"), seen, "lights", seen.btf.wi)
     _draw_values(top.add_subplot(1, 3, 3), seen.values)
-    exposure = exposure_of(seen.values)
+    exposure = exposure_of(seen.values)  # one factor for all pictures
     for place, (pair, thumb) in enumerate(zip(seen.sheet, seen.thumbs, strict=True)):
         axes = bottom.add_subplot(rows, columns, place + 1)
         axes.imshow(to_display(thumb, exposure))
@@ -351,7 +378,8 @@ def _draw_directions(axes: Any, seen: Look, title: str, directions: Array) -> No
     if heldout is None:
         heldout = np.zeros(len(directions), bool)
     for mask, label in ((heldout, "held out"), (~heldout, "training")):
-        distinct = Layout.of(directions[mask], directions[mask]).views  # each direction once
+        # A layout wants two sides; only its distinct views are used, so one side is given twice.
+        distinct = Layout.of(directions[mask], directions[mask]).views
         theta, phi = to_degrees(distinct)
         if mask.any():
             axes.scatter(np.radians(phi), theta, s=8, label=label)
@@ -365,13 +393,14 @@ def _draw_values(axes: Any, values: Array) -> None:
     """Draw a histogram of the values (..., 3) above 0 for each channel; its title tells how many are not."""
     lit = values[values > 0]
     if lit.size:
+        # 80 logarithmic bins; they may not be empty where all values are equal.
         bins = np.geomspace(lit.min(), max(lit.max(), lit.min() * 1.01), 80)
         for channel, colour in enumerate(("tab:red", "tab:green", "tab:blue")):
             axes.hist(values[..., channel].ravel(), bins, histtype="step", color=colour, log=True)
         axes.set_xscale("log")
     title = "sampled values"
     dark = 1 - lit.size / values.size
-    if dark >= 5e-4:
+    if dark >= 5e-4:  # else it would be shown as 0.0%
         title += f"; {dark:.1%} are 0 or less"
     axes.set_title(title, fontsize=9)
     axes.set_xlabel("linear radiance per unit irradiance")

@@ -1,8 +1,11 @@
 """The specification of a material in a suite or a command, and of its preparation.
 
-The pairs of a rendered material are a product to train on, and random held-out pairs for validation or test.
-`validation` pairs are one fixed draw; defaults, recipes and stopping are chosen on them. `test` pairs are only for
-tables; they use another random stream, with another draw for each repetition and each material.
+The pairs of a rendered material are a product to train on (every view with every light), and random held-out pairs for
+validation or test. `validation` pairs are one fixed draw; a codec's defaults, its recipe and when its fit stops are
+chosen on them. `test` pairs are only for tables of results; they use another random stream, with another draw for each
+repetition (a seed of the suite) and each material.
+
+A *provenance* is the part of a BTF that says, in words and numbers, how its values were made.
 """
 
 import dataclasses
@@ -38,7 +41,10 @@ class Table(NamedTuple):
 
 @dataclass(frozen=True)
 class Preparation:
-    """How built-in materials and folders of maps are rendered, and how much of measured data is used."""
+    """How built-in materials and folders of maps are rendered, and how much of measured data is used.
+
+    These are the settings of a suite's table `[data]`. A kind of surface ignores those that are not its own.
+    """
 
     size: Annotated[int, Range(1, 8192)] = 64  # texels a side
     directions: str = "ubo2003"  # the published direction set to thin
@@ -57,7 +63,10 @@ class Preparation:
     repair: bool = False  # mask measured values that are not finite by the mean of their pair
 
     def __post_init__(self) -> None:
-        """Raise `InputError` for values that do not go together, or that would fill the machine."""
+        """Raise `InputError` for values that do not go together, or that would fill the machine.
+
+        Scripts make a `Preparation` directly, past the checks of `changed`, so some fields are checked again here.
+        """
         bytes_of_a_texel = 3 * 4  # red, green and blue as float32
         needed = bytes_of_a_texel * self.size**2 * max(self.views * self.lights, self.heldout)
         if needed > MOST:
@@ -74,7 +83,8 @@ class Preparation:
             raise InputError('validation = true scores further pairs: it needs split = "test" and heldout above 0')
 
     def product(self) -> tuple[Array, Array]:
-        """`wo` and `wi` (N, 3) float32 of the training pairs: every view with every light, view-major."""
+        """`wo` and `wi` (N, 3) float32 of the training pairs: every view with every light, all lights of a view
+        together. `InputError` for an unknown direction set, or for more directions than it has."""
         if self.directions not in DIRECTION_SETS:
             raise InputError(f"unknown direction set {self.directions!r}: there are {', '.join(DIRECTION_SETS)}")
         directions = DIRECTION_SETS[self.directions]()
@@ -89,7 +99,8 @@ class Preparation:
 
         Test pairs differ by `draw` and by `material`; validation pairs depend on the seed alone.
         """
-        # Each split has a random stream of its own, so that test pairs tell nothing about validation pairs.
+        # Each split has a random stream of its own, so that test pairs tell nothing about validation pairs. The numbers
+        # in hexadecimal only keep the streams apart.
         stream = [seed, 0x5EED]
         if self.split == "test":
             material_number = int.from_bytes(hashlib.sha256(material.encode()).digest()[:4], "big")
@@ -109,12 +120,13 @@ class Preparation:
         if self.heldout:
             tables.append(Table("heldout", self.described(draw), self.drawn(material, seed, draw)))
         if self.validation:
+            # `validation` is refused with that split; here it has done its work.
             of_validation = dataclasses.replace(self, split="validation", validation=False)
             tables.append(Table("validation", of_validation.described(), of_validation.drawn(material, seed)))
         return tables
 
     def everything(self, material: str, seed: int) -> tuple[Array, Array]:
-        """`wo` and `wi` of the training pairs, then of the held-out ones."""
+        """`wo` and `wi` (N, 3) of the training pairs, then of the held-out ones."""
         wo, wi = self.product()
         drawn_wo, drawn_wi = self.drawn(material, seed)
         return np.concatenate([wo, drawn_wo]), np.concatenate([wi, drawn_wi])
@@ -126,10 +138,11 @@ class MaterialSpec:
 
     name: str
     path: str = ""
-    where: str = ""  # where to get the data
+    where: str = ""  # where to get the data, in words for a message
 
     def __post_init__(self) -> None:
         """Raise `InputError` for a name or a path that no record or file name can hold."""
+        # Python holds bytes of a name that are not UTF-8 as single surrogates, which do not encode.
         printable_path = self.path.encode("utf-8", "backslashreplace").decode()
         if printable_path != self.path:
             raise InputError(f"{printable_path}: its name is not UTF-8, so no record can hold it: rename it")

@@ -1,4 +1,9 @@
-"""Reads zip archives, and the arrays of an `.npz`, within bounds; nothing is extracted or unpickled."""
+"""Reads zip archives, and the arrays of an `.npz`, within bounds; nothing is extracted or unpickled.
+
+An archive may be damaged or hostile, so the sizes that it claims are checked before memory is taken. An *entry* is a
+file in an archive. In an `.npz`, itself a zip archive, each entry is an array: `NAME.npy`, a short header (shape, type,
+order in memory) and then the values.
+"""
 
 import hashlib
 import io
@@ -17,9 +22,9 @@ import numpy as np
 from bench.inputs.errors import InputError, readable, refuse_pipe
 
 Array = np.ndarray
-MAX_FILE = 1 << 29  # the most bytes of an inflated entry: 512 MiB
+MAX_FILE = 1 << 29  # the most bytes of an inflated (decompressed) entry: 512 MiB
 # Below that, an inflated entry may have `LEAST` bytes, or `RATIO` times its compressed bytes if that is more.
-LEAST = 1 << 26
+LEAST = 1 << 26  # 64 MiB
 RATIO = 64
 STEP = 1 << 16  # compressed bytes inflated at once
 _LOCAL_HEADER = 30  # bytes of the header that stands in the archive before each entry's name
@@ -38,17 +43,18 @@ class ZipFiles:
     """The entries of a zip archive. Nothing is extracted, and no entry is inflated beyond its declared size."""
 
     def __init__(self, path: Path):
+        """Read the archive's directory. `InputError` if it is damaged, or if its names or places cannot be right."""
         self.path = path
         refuse_pipe(path)
         with readable(str(path), "the archive is damaged or incomplete; get it again"), zipfile.ZipFile(path) as zipped:
-            held = zipped.infolist()
-        self.entries = {entry.filename: entry for entry in held if not entry.is_dir()}
+            listed = zipped.infolist()  # files and folders
+        self.entries = {entry.filename: entry for entry in listed if not entry.is_dir()}
         self.length = path.stat().st_size
         for name in self.entries:
-            inside(name, str(path))
+            inside(name, str(path))  # raises for a name that leads out of the archive
         # Entries that share bytes would expand them again and again.
-        held.sort(key=lambda entry: entry.header_offset)
-        for entry, after in itertools.pairwise(held):
+        listed.sort(key=lambda entry: entry.header_offset)
+        for entry, after in itertools.pairwise(listed):
             # An entry takes at least this header and its bytes; a name and an extra field only add to them.
             if entry.header_offset + _LOCAL_HEADER + entry.compress_size > after.header_offset:
                 raise InputError(f"{self.label(after.filename)}: it overlaps {entry.filename}: zip the files again")
@@ -66,7 +72,10 @@ class ZipFiles:
         return self.entries[name].file_size
 
     def _located(self, name: str) -> tuple[zipfile.ZipInfo, int]:
-        """The entry and the offset of its bytes in the archive, checked against the archive's length."""
+        """The entry and the offset of its bytes in the archive.
+
+        `InputError` if it is encrypted, of another compression than deflate, claims too many bytes, or is damaged.
+        """
         entry = self.entries[name]
         label = self.label(name)
         if entry.flag_bits & 1:  # the lowest bit says so
@@ -86,7 +95,7 @@ class ZipFiles:
         with readable(label), open(self.path, "rb") as stream:
             stream.seek(entry.header_offset)
             local = stream.read(_LOCAL_HEADER)
-            if len(local) < _LOCAL_HEADER or local[:4] != b"PK\x03\x04":
+            if len(local) < _LOCAL_HEADER or local[:4] != b"PK\x03\x04":  # with which every such header begins
                 raise InputError(f"{label}: there is no entry at offset {entry.header_offset}: the archive is damaged")
             # The name and the extra field stand between this header and the bytes; the header ends with their lengths.
             name_length = int.from_bytes(local[26:28], "little")
@@ -117,7 +126,7 @@ class ZipFiles:
         return self._inflate(name, count, count + 1024)  # deflate makes what it cannot compress a little longer
 
     def read(self, name: str) -> bytes:
-        """All bytes of the entry, checked against its declared size and checksum."""
+        """All bytes of the entry, checked against its declared size and checksum; `InputError` if they differ."""
         entry = self.entries[name]
         if entry.file_size > MAX_FILE:
             raise InputError(f"{self.label(name)}: {entry.file_size} bytes are too many to be read at once")
@@ -134,14 +143,17 @@ class ZipFiles:
 
 
 def _expanded(packed: bytes, count: int) -> bytes:
-    """At most `count` bytes of a deflated stream; needs memory only for the result, not twice as much."""
+    """The first `count` bytes that a deflated stream inflates to, or all if there are fewer.
+
+    It is inflated in pieces, which needs memory only for the result, not twice as much.
+    """
     inflated = io.BytesIO()
     inflater = zlib.decompressobj(-15)  # negative: a bare stream, as in a zip
     for start in range(0, len(packed), STEP):
         piece = packed[start : start + STEP]
         while piece and inflated.tell() < count:
             inflated.write(inflater.decompress(piece, min(16 * STEP, count - inflated.tell())))
-            piece = inflater.unconsumed_tail
+            piece = inflater.unconsumed_tail  # what is left of the piece when that many bytes came out
     return inflated.getvalue()
 
 
@@ -150,26 +162,29 @@ class Stored:
     """An array of an `.npz`; only its header was read."""
 
     files: ZipFiles
-    name: str
+    name: str  # of its entry, `KEY.npy`
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
-    begin: int  # offset of its values
-    fortran: bool
+    begin: int  # offset of its values in the entry, in bytes
+    fortran: bool  # whether values are ordered column by column
 
     def values(self) -> Array:
-        """The array: memory-mapped if it is stored uncompressed, else inflated."""
+        """The array, read-only: memory-mapped if it is stored uncompressed, which checks no checksum, else inflated."""
         order: Any = "F" if self.fortran else "C"
         offset = self.files.offset(self.name)
         count = math.prod(self.shape)
         with readable(self.files.label(self.name), "save it with numpy.savez, uncompressed"):
-            if offset is not None and count:
+            if offset is not None and count:  # an empty array cannot be mapped
                 return np.memmap(self.files.path, self.dtype, "r", offset + self.begin, self.shape, order)
             flat = np.frombuffer(self.files.read(self.name), self.dtype, count, self.begin)
             return flat.reshape(self.shape, order=order)
 
 
 def stored(files: ZipFiles, key: str) -> Stored:
-    """An array of an `.npz`, whose header agrees with its bytes. `InputError` for all but plain numbers and text."""
+    """The array `key` of an `.npz`, whose header agrees with the number of its bytes.
+
+    `InputError` if there is none, and for all types but plain numbers and text.
+    """
     name = f"{key}.npy"
     if not files.has(name):
         raise InputError(f"{files.path}: it has no array {key!r}: add it")
@@ -180,7 +195,10 @@ _HEAD = 16384  # bytes: the header of an array is shorter
 
 
 def _array_of(files: ZipFiles, name: str, head: bytes) -> Stored:
-    """The array of an entry that begins with `head`."""
+    """The array of an entry whose first bytes, at least all of the header, are `head`.
+
+    `InputError` if the header cannot be read, or does not agree with the entry's size.
+    """
     label = files.label(name)
     if head[6:7] == b"\1":  # version 1: six bytes of magic, two of the version, two with the length of the rest
         head = head[: 10 + int.from_bytes(head[8:10], "little")]  # so that equal headers are found in the cache
@@ -189,6 +207,7 @@ def _array_of(files: ZipFiles, name: str, head: bytes) -> Stored:
     version, shape, dtype = header.version, header.shape, header.dtype
     if version not in ((1, 0), (2, 0)):
         raise InputError(f"{label}: .npy version {version} is not read: save it with numpy.savez")
+    # Floats, integers, unsigned ones, booleans and text; Python's objects would have to be unpickled.
     if dtype.hasobject or dtype.kind not in "fiubU" or not dtype.itemsize or dtype.subdtype:
         raise InputError(f"{label}: type {dtype} is not read: save plain numbers")
     # A shape with negative or absurd sides is wrong, even if its product is a possible size.
@@ -211,7 +230,10 @@ class _NpyHeader(NamedTuple):
 
 @lru_cache(maxsize=256)
 def _npy_header(head: bytes) -> _NpyHeader:
-    """The header at the start of some bytes. It is cached, because the arrays of a run share a few headers."""
+    """The header at the start of some bytes. It is cached, because the arrays of a run share a few headers.
+
+    Raises what NumPy raises for bytes that are no header.
+    """
     text = io.BytesIO(head)
     version = np.lib.format.read_magic(text)
     if version == (1, 0):
@@ -224,8 +246,10 @@ def _npy_header(head: bytes) -> _NpyHeader:
 
 
 def read_arrays(path: Path, most: int, names: Collection[str] | None = None) -> dict[str, Array]:
-    """Every array of an `.npz` by name, or those with some names, inflated to at most `most` bytes together.
-    `InputError` says what is wrong."""
+    """Every array of an `.npz` by name, in memory and writable; with `names` only those of them that there are.
+
+    `InputError` says what is wrong, also if all entries together claim more than `most` bytes.
+    """
     files = ZipFiles(path)
     total = sum(map(files.size, files.entries))
     if total > most:

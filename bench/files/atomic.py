@@ -1,4 +1,7 @@
-"""Writes files completely or not at all (a temporary name, then a rename), and locates the cache folder."""
+"""Writes files completely or not at all, and locates the cache folder.
+
+A file is written under a temporary name beside its own, and then renamed, which the system does in one step.
+"""
 
 import fcntl
 import os
@@ -14,7 +17,7 @@ from bench.inputs.errors import InputError
 if TYPE_CHECKING:
     import numpy as np
 
-SUFFIX = ".partial"
+SUFFIX = ".partial"  # of temporary names
 
 
 def refuse_device(path: Path) -> None:
@@ -35,6 +38,7 @@ def temporary(path: Path) -> Iterator[Path]:
     try:
         yield partial
     except OSError as error:
+        # The user knows `path`, not the temporary name. An error that names another file keeps its name.
         if error.errno is not None and error.filename in (None, str(partial)):
             error.filename = str(path)
             error.filename2 = None
@@ -49,9 +53,9 @@ def temporary(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Yield a name as `temporary` does; it is renamed to `path` when the block ends without an error.
+    """Yield a temporary name beside `path`; what is written there is renamed to `path` when the block ends.
 
-    `InputError` if `path` is a device or a pipe.
+    After an error it is removed, and `path` stays as it was. `InputError` if `path` is a device or a pipe.
     """
     refuse_device(path)
     with temporary(path) as partial:
@@ -68,48 +72,57 @@ def write(path: Path, data: bytes) -> None:
 
 
 def mapped(path: Path, dtype: Any, shape: tuple[int, ...]) -> "np.ndarray":
-    """Create a memory-mapped .npy file to be filled, and reserve its disk space. A full disk raises an `OSError` here;
-    a later write to the mapping would kill the process instead."""
+    """Create a memory-mapped .npy file of zeros to be filled, and reserve its disk space.
+
+    A full disk raises an `OSError` here; a later write to the mapping would kill the process instead.
+    """
     import numpy as np
 
     values: np.ndarray = np.lib.format.open_memmap(path, "w+", dtype=dtype, shape=shape)
     with open(path, "r+b") as file:
-        if hasattr(os, "posix_fallocate"):
+        if hasattr(os, "posix_fallocate"):  # not on every system
             os.posix_fallocate(file.fileno(), 0, os.fstat(file.fileno()).st_size)
     return values
 
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Hold a lock while making `path`; other processes wait here, and should then check again whether it exists. On a
-    file system without locks several processes may make the file at once; each writes it completely."""
+    """Hold a lock while making `path`; other processes wait here, and should then check again whether it exists.
+
+    The lock is a file beside `path`, removed at the end. On a file system without locks several processes may make the
+    file at once; each writes it completely.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     lock = path.with_name(path.name + ".lock")
     file = _open_locked(lock)
     try:
         yield
     finally:
+        # Removed while it is still held: once it is closed, the file may be another process's lock.
         lock.unlink(missing_ok=True)
         os.close(file)
 
 
 def _open_locked(path: Path) -> int:
-    """Open and lock the file of that name; if its holder removed it meanwhile, open it again."""
+    """Open and lock the file of that name, and return its descriptor; waits for another process that holds the lock.
+
+    If that process removed the file meanwhile, the lock held is that of a file without a name: a new one is opened.
+    """
     while True:
         file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
-            with suppress(OSError):
+            with suppress(OSError):  # a file system without locks
                 fcntl.flock(file, fcntl.LOCK_EX)
             if is_still(file, path):
                 return file
-        except BaseException:
+        except BaseException:  # also when the user interrupts the wait
             os.close(file)
             raise
         os.close(file)
 
 
 def is_still(file: int, path: Path) -> bool:
-    """Whether an open file is still the file at `path`."""
+    """Whether an open file, given by its descriptor, is still the file at `path`: not removed or replaced."""
     try:
         return os.path.samestat(os.fstat(file), os.stat(path))
     except FileNotFoundError:
@@ -118,7 +131,9 @@ def is_still(file: int, path: Path) -> bool:
 
 def cache_dir() -> Path:
     """The cache folder, for renderings and scratch files, which can all be made again; created if missing.
-    `$NEUBTF_CACHE`, else `$XDG_CACHE_HOME/neubtf-bench`, else `~/.cache/neubtf-bench`."""
+
+    It is `$NEUBTF_CACHE`, else `$XDG_CACHE_HOME/neubtf-bench`, else `~/.cache/neubtf-bench`.
+    """
     if chosen := os.environ.get("NEUBTF_CACHE"):
         folder = Path(chosen)
     else:
@@ -128,7 +143,7 @@ def cache_dir() -> Path:
 
 
 def clear_cache() -> tuple[int, int]:
-    """Remove every cached file; return their number and their bytes."""
+    """Remove every file and folder in the cache; return the number of files and their bytes."""
     count = 0
     total = 0
     # In reverse order what is in a folder comes before the folder, which is then empty.

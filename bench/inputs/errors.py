@@ -1,4 +1,9 @@
-"""Errors that a user can correct, "did you mean" suggestions, and exit codes."""
+"""Errors that a user can correct, "did you mean" suggestions, and exit codes.
+
+A message is one line: what is wrong, then after a colon the *remedy*, which is what the user can do about it. Names and
+values in it may come from files of others, so `visible` and `shown` make them harmless and short. A *job* is one fit of
+a run: a material, a codec, its settings and a seed.
+"""
 
 import difflib
 import errno
@@ -19,7 +24,9 @@ INTERRUPTED = 130
 NO_PLACE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)  # with these, every other job would fail too
 # Of Unicode: control characters, ends of lines, marks such as of direction, and bytes of a name that is not UTF-8.
 _CONTROL = ("Cc", "Zl", "Zp", "Cf", "Cs")
-_COMMAND = re.compile(r"(?<!\S)(::|##)")  # a table may fold a text at any space
+# `::` and `##` that begin a line, or follow a space: a table may fold a text at any space.
+_COMMAND = re.compile(r"(?<!\S)(::|##)")
+# With these, the path is to blame.
 _NOT_ALLOWED = (errno.EACCES, errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG)
 
 
@@ -55,13 +62,13 @@ def visible(text: str) -> str:
 
 
 def _with_first_written_out(command: re.Match[str]) -> str:
-    """`::` or `##` with the first of its two characters in hexadecimal digits."""
+    """A match of `_COMMAND`, with the first of its two characters in hexadecimal digits: `\\x3a:` for `::`."""
     written = command[0]
     return f"\\x{ord(written[0]):02x}{written[1]}"
 
 
 def _written_out(character: str) -> str:
-    """A character, or what stands for it if it is a control character."""
+    """A character, or its escape, such as `\\n` or `\\x1b`, if it is a control character."""
     if unicodedata.category(character) not in _CONTROL:
         return character
     return character.encode("unicode_escape").decode()
@@ -72,11 +79,12 @@ def answered(
 ) -> CodecError:
     """The error for a codec's method that returned something else than `due`; it names the method's file and line.
 
-    `answer` is what it returned, or words for it; `due` says in words what it must return.
+    `answer` is what it returned, or words for it; `due` says in words what it must return. `kind` is the error's class.
     """
-    code = getattr(method, "__code__", None)
+    code = getattr(method, "__code__", None)  # only functions in Python have it
     place = f" ({code.co_filename}:{code.co_firstlineno})" if code else ""
-    called = getattr(method, "__qualname__", str(method)).rpartition("<locals>.")[2]  # `Class.method`
+    # `Class.method`, also where the class is made inside a function.
+    called = getattr(method, "__qualname__", str(method)).rpartition("<locals>.")[2]
     what = answer if isinstance(answer, str) else f"a {type(answer).__name__}"
     return kind(f"{called}{place} returned {what}, but must return {due}")
 
@@ -100,9 +108,9 @@ def installed(message: str) -> Iterator[None]:
 
 
 def unwritable(error: OSError) -> str:
-    """The message for a file that could not be written, with the remedy; "" for any other error."""
+    """The message for an error of a file that could not be written or used, with the remedy; "" for any other error."""
     place = f"{error.filename}: " if error.filename else ""
-    if error.errno == errno.EROFS:
+    if error.errno == errno.EROFS:  # one of `NO_PLACE`, but making room would not help
         remedy = "choose another place, and another $NEUBTF_CACHE if this is the cache"
         return f"{place}cannot be written ({error.strerror}): {remedy}"
     if error.errno in NO_PLACE:
@@ -113,7 +121,8 @@ def unwritable(error: OSError) -> str:
 
 
 def said_by(error: BaseException) -> str:
-    """The kind of an error and the first line of its message that is not empty, even of an error that cannot say it."""
+    """The class of an error and the first line of its message that is not empty; works for any error, even one whose
+    `__str__` fails."""
     kind = type(error).__name__
     try:
         lines = str(error).split("\n")
@@ -130,15 +139,15 @@ def refuse_pipe(path: Path) -> None:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """`; did you mean 'pca'?` if a known name is similar, else `; known: …`."""
+    """The end of a message on an unknown name: `; did you mean 'pca'?` if a known one is similar, else `; known: …`."""
     known = sorted(known)
-    similar = difflib.get_close_matches(name, known, 1)
+    similar = difflib.get_close_matches(name, known, n=1)
     return f"; did you mean {similar[0]!r}?" if similar else f"; known: {', '.join(known) or 'none'}"
 
 
 def shown(value: object) -> str:
     """An untrusted value for a message: on one line, cut to 60 characters."""
-    if isinstance(value, int) and abs(value) >= 1 << 63:
+    if isinstance(value, int) and abs(value) >= 1 << 63:  # beyond 64 bits
         return "a number of absurd size"
     try:
         text = repr(value)
@@ -149,10 +158,10 @@ def shown(value: object) -> str:
 
 @contextmanager
 def readable(label: str, remedy: str = "the file is damaged; get it again") -> Iterator[None]:
-    """Turn any exception of a decoder into an `InputError` that names `label`."""
+    """Turn any exception of a decoder into an `InputError` that names `label`, what is read, and says the remedy."""
     try:
         yield
-    except (InputError, MemoryError):
+    except (InputError, MemoryError):  # the first has a message of its own; for the second the bytes are not to blame
         raise
     # For hostile bytes decoders raise many types, from struct.error to tokenize.TokenError; no list is complete.
     except Exception as error:

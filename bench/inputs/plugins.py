@@ -1,4 +1,8 @@
-"""What other packages add by entry points: codecs, metrics, readers. Finding them imports none."""
+"""What other packages add by entry points: codecs, metrics, readers. Finding them imports none.
+
+An entry point is a line in a package's metadata: under a group such as `neubtf_bench.readers`, a name and the object
+that it stands for, `module:object`. A distribution is a package as it is installed, with its version.
+"""
 
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
@@ -19,7 +23,7 @@ def entries(group: str, kind: str) -> dict[str, EntryPoint]:
     """
     entry_of_name: dict[str, EntryPoint] = {}
     for entry in entry_points(group=group):
-        other = entry_of_name.setdefault(entry.name, entry)
+        other = entry_of_name.setdefault(entry.name, entry)  # the first of that name, maybe this one itself
         if other.value != entry.value:
             raise InputError(f"two {kind}s are named {entry.name!r}: {other.value} and {entry.value}: uninstall one")
     return entry_of_name
@@ -46,9 +50,12 @@ def remedy(entry: EntryPoint) -> str:
 
 
 def imported(entry: EntryPoint, kind: str) -> Any:
-    """The object of an entry point. `PluginError` names the package if it cannot be imported."""
+    """The object of an entry point, imported. `PluginError` names the package if it cannot be imported.
+
+    `kind` ("reader") is what the error calls it.
+    """
     try:
         return entry.load()
-    except (Exception, SystemExit) as error:
+    except (Exception, SystemExit) as error:  # a package that exits on import must not end the suite
         words = f"{called(entry, kind)} cannot be imported: {said_by(error)}"
         raise PluginError(f"{words}: {remedy(entry)}") from error

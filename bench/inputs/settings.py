@@ -8,6 +8,10 @@ scene may also be tuples and nested dataclasses. A field may give its range:
 
 `parse` takes the settings of a codec, as values or strings; `table` takes a table of a TOML file, read by `read_toml`,
 in which strings are not converted to numbers.
+
+Throughout, `kind` is the type of a field as it is annotated: `int`, `Count`, `Literal["log", "rgb"]`, `tuple[int,
+...]`, a dataclass. With `words`, values may be strings as on a command line: `"16"` for 16, `"true"` for True. Errors
+are an `InputError` that says which values are allowed.
 """
 
 import dataclasses
@@ -49,7 +53,7 @@ class Range:
 
 Count = Annotated[int, Range(1)]
 Natural = Annotated[int, Range(0)]
-Seed = Annotated[int, Range(0, 2**31 - 1)]  # of a repetition
+Seed = Annotated[int, Range(0, 2**31 - 1)]  # of a repetition of a fit
 Positive = Annotated[float, Range(0, above=True)]
 NotNegative = Annotated[float, Range(0)]
 Share = Annotated[float, Range(0, 1)]
@@ -63,53 +67,58 @@ BatchSize = Annotated[int, Range(1, 1 << 22)]
 # later has it, so that files without the new feature stay what they were.
 IF_SET = {"written": "if set"}
 
-WORD = 1 << 12  # the most characters of a word
+WORD = 1 << 12  # the most characters of a string
 TOML = 1 << 20  # the most bytes of a file of settings
 WHOLE = 1 << 53  # larger whole numbers are not exact as floats
 
+# What a command line may give for a bool.
 _WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
 
 @dataclass(frozen=True)
 class Setting:
-    """The description of a setting: name, default, allowed values, and the comment beside it."""
+    """The description of a setting for a reader, in words."""
 
     name: str
-    default: str
-    kind: str
-    meaning: str
+    default: str  # as a command line takes it
+    kind: str  # the allowed values: `a whole number ≥ 1`
+    meaning: str  # the comment beside the field; "" without one
 
 
 def parse(owner: str, settings: type, values: dict[str, Any]) -> Any:
     """Make the `Settings` object of the codec `owner`, with some fields set from Python values or strings. Raises
     `InputError` if a field is unknown (with the nearest name), or a value does not convert or is out of range."""
-    kinds = get_type_hints(settings, include_extras=True)
+    kinds = get_type_hints(settings, include_extras=True)  # the extras are the ranges
     for name in values:
         if name not in kinds:
             raise InputError(f"codec {owner} has no setting {name!r}{did_you_mean(name, kinds)}")
-    return settings(**{name: convert(owner, name, kinds[name], value) for name, value in values.items()})
+    converted_values = {name: convert(owner, name, kinds[name], value) for name, value in values.items()}
+    return settings(**converted_values)
 
 
 def convert(owner: str, name: str, kind: Any, value: Any) -> Any:
-    """Convert the value of a setting of the codec `owner`. An `InputError` says which values are allowed."""
+    """Convert the value, or the string for it, of the setting `name` of the codec `owner`, whose type is `kind`."""
     return converted(f"setting {name} of codec {owner}", kind, value, words=True)
 
 
 def converted(what: str, kind: Any, value: Any, words: bool = False) -> Any:
-    """Convert a value, which errors call `what`. With `words`, a number may be given as a string, as on a command line.
+    """Convert a value, which errors call `what`, to the type `kind`. With `words` it may be a string for the value.
 
     An `InputError` says which values are allowed.
     """
     try:
         return _converted(what, kind, value, words)
-    except InputError:
+    except InputError:  # of a value inside a list or a table, which it names
         raise
     except (KeyError, ValueError, TypeError, OverflowError):
         raise InputError(f"{what} must be {_allowed_in_words(kind)}, not {shown(value)}") from None
 
 
 def table(where: str, kind: type, given: Any) -> Any:
-    """Make the dataclass `kind` from a table of a file. An `InputError` names `where` and the field."""
+    """Make an object of the dataclass `kind` from `given`, the value in a file that should be a table (a dict).
+
+    An `InputError` names `where` (the file and the place in it), and the field that is missing, unknown or wrong.
+    """
     values = fields(where, kind, given)
     for field in dataclasses.fields(kind):
         has_default = field.default is not dataclasses.MISSING or field.default_factory is not dataclasses.MISSING
@@ -117,12 +126,15 @@ def table(where: str, kind: type, given: Any) -> Any:
             raise InputError(f"{where}: {field.name} is missing")
     try:
         return kind(**values)
-    except InputError as error:
+    except InputError as error:  # values that do not go together, found by the class itself
         raise InputError(f"{where}: {error}") from None
 
 
 def fields(where: str, kind: type, given: Any, without: Collection[str] = ()) -> dict[str, Any]:
-    """The converted values of a table by field of the dataclass `kind`, except those in `without`; see `table`."""
+    """The converted values of a table, by name of a field of the dataclass `kind`. Fields may be missing.
+
+    Fields in `without` are no keys of this table. `given` and `where` are those of `table`.
+    """
     if not isinstance(given, dict):
         raise InputError(f"{where} must be a table, not {shown(given)}")
     kinds = {name: kind_of_field for name, kind_of_field in _kinds(kind).items() if name not in without}
@@ -133,7 +145,7 @@ def fields(where: str, kind: type, given: Any, without: Collection[str] = ()) ->
 
 
 def read_toml(path: Path) -> str:
-    """The text of a file of settings. `InputError` if it cannot be read or is too large."""
+    """The text of a TOML file of settings, not parsed. `InputError` if it cannot be read or is larger than 1 MiB."""
     refuse_pipe(path)
     with readable(str(path), "give a text file of settings"):
         if path.stat().st_size > TOML:
@@ -142,13 +154,14 @@ def read_toml(path: Path) -> str:
 
 
 def shipped_toml(package: str) -> dict[str, str]:
-    """The text of each TOML file of a package, by its name without the ending."""
+    """The text of each TOML file in a package of this suite, by the file's name without the ending."""
     shipped = (file for file in files(package).iterdir() if file.name.endswith(".toml"))
     return {file.name.removesuffix(".toml"): file.read_text(encoding="utf-8") for file in sorted(shipped, key=str)}
 
 
 def parse_toml(where: str, text: str) -> dict[str, Any]:
-    """The table of a TOML text. `InputError` if it is not TOML, or nested too deeply."""
+    """The table of a TOML text, from keys to values. `InputError`, which names `where`, if it is not TOML, or nested
+    too deeply."""
     try:
         return tomllib.loads(text)
     except RecursionError as error:
@@ -165,25 +178,28 @@ def _kinds(kind: type) -> dict[str, Any]:
 
 
 def _converted(what: str, kind: Any, value: Any, words: bool) -> Any:
-    """The converted value. Raises `ValueError`, or what Python raises, if it has another type or is out of range."""
+    """The converted value; the arguments are those of `converted`.
+
+    Raises `ValueError`, or what Python's conversion raises, if the value has another type or is out of range.
+    """
     plain, limits = _type_and_range(kind)
-    choices = get_args(plain)
+    choices = get_args(plain)  # the values of a `Literal`, the types of a tuple
     if get_origin(plain) is Literal:
         if words and value not in choices:  # a number among the choices, as a string
             value = int(value)
-        _need(type(value) in (str, int) and value in choices)
+        _need(type(value) in (str, int) and value in choices)  # by type, because True equals 1
         return value
     if get_origin(plain) is tuple:
         # From a list. `tuple[X, ...]` has any number of values of one type, `tuple[X, Y]` one value of each type.
         _need(isinstance(value, list) and (choices[-1] is ... or len(value) == len(choices)))
         kinds = [choices[0]] * len(value) if choices[-1] is ... else choices
-        return tuple(converted(what, kind, item, words) for kind, item in zip(kinds, value, strict=True))
+        return tuple(converted(what, item_kind, item, words) for item_kind, item in zip(kinds, value, strict=True))
     if dataclasses.is_dataclass(plain):
         return table(what, plain, value)  # type: ignore[arg-type]
     if plain is bool:
         if isinstance(value, bool):
             return value
-        _need(words and isinstance(value, str))
+        _need(words and isinstance(value, str))  # 1 is no bool; a word that is none raises a `KeyError` below
         return _WORDS[value.lower()]
     if plain is str:
         _need(isinstance(value, str) and len(value) <= WORD)
@@ -203,7 +219,7 @@ def _need(condition: bool) -> None:
 
 
 def _type_and_range(kind: Any) -> tuple[Any, Range]:
-    """The type of a field without None, and its range."""
+    """The type of a field without None and without its range, and the range; one without limits if it gives none."""
     if get_origin(kind) is UnionType:  # `X | None`
         kind = next(each for each in get_args(kind) if each is not NoneType)
     if get_origin(kind) is not Annotated:
@@ -226,7 +242,8 @@ def _allowed_in_words(kind: Any) -> str:
         count = "" if any_number else f"{1 + len(others)} "
         return f"a list of {count}values, each {_allowed_in_words(first)}"
     words = {bool: "true or false", int: "a whole number", float: "a finite number", str: "a word"}
-    return words.get(plain, "a table") + (f" {limits}" if limits != Range() else "")
+    allowed = words.get(plain, "a table")  # a dataclass
+    return allowed if limits == Range() else f"{allowed} {limits}"
 
 
 def descriptions(settings: type) -> list[Setting]:
@@ -243,13 +260,13 @@ def descriptions(settings: type) -> list[Setting]:
 
 
 def _comments(settings: type) -> dict[str, str]:
-    """The comment beside each field of a class and of those it derives from."""
+    """The comment beside each field of a class and of those it derives from, by the field's name."""
     comments: dict[str, str] = {}
     # From the outermost base class on, without `object`, so that a class's own comments replace inherited ones.
     for owner in reversed(settings.__mro__[:-1]):
         try:
             source = inspect.getsource(owner)
-        except (OSError, TypeError):  # a class without a source file
+        except (OSError, TypeError):  # a class without a source file, whose fields stay without comments
             continue
         # Lines of the form `name: type = default  # comment`.
         comments |= dict(re.findall(r"^\s+(\w+): [^#\n]*#\s*(.*)$", source, re.M))

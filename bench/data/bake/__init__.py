@@ -1,7 +1,11 @@
 """Bakes a folder of PBR maps to a BTF: recognises them by name, orients them, renders them with
 `bench.data.materials.renderer`, or with inter-reflections by a given path tracer.
 
-`neubtf-bench bake` writes the BTF to a given path; a suite or `run --material FOLDER` bakes into the cache.
+`neubtf-bench bake` writes the BTF to a given path; a suite or `run --material FOLDER` bakes into the cache. The pairs
+are a product of views and lights, to train on, and held-out ones. `bake` puts both into one file. The cache has a file
+for each `Table`, the pairs of one kind, so that another draw of test pairs bakes only that table again.
+
+A *provenance* is what a BTF says of how its values were made; it is stored in the file.
 """
 
 import hashlib
@@ -38,7 +42,10 @@ log = logging.getLogger(__name__)
 
 
 class PathTracer(Protocol):
-    """A renderer with inter-reflections; `bench.demand.mitsuba.path_tracer` is one."""
+    """A renderer with inter-reflections; `bench.demand.mitsuba.path_tracer` is one.
+
+    It renders the pairs in launches, each of several slices.
+    """
 
     def provenance(self) -> dict[str, Any]:
         """Describe the renderer for a BTF's provenance."""
@@ -46,15 +53,23 @@ class PathTracer(Protocol):
     def launches(
         self, maps: Maps, wo: Array, wi: Array, size: tuple[int, int], sub_points: int, seed: int, *, start: int
     ) -> Iterator[Array]:
-        """Yield slices (n, H, W, 3) of the pairs wo, wi (N, 3) in order, from pair `start` on."""
+        """Yield the slices of the pairs wo, wi (N, 3) in order, from pair `start` on, an array (n, H, W, 3) a launch.
+
+        `size` is (H, W), and each texel the mean of sub_points² points, whose random numbers `seed` determines.
+        """
 
 
 class Partial:
-    """Slices (N, H, W, 3) float32 in a hidden folder beside `out`; the first `done` of them are finished. `key` is made
-    from everything that determines the values; slices under another key are not used."""
+    """The slices (N, H, W, 3) float32 of an unfinished bake, in a hidden folder beside its result `out`.
+
+    The first `done` of them are finished; a bake that was interrupted resumes from these.
+    """
 
     def __init__(self, out: Path, key: str, shape: tuple[int, int, int, int]):
-        """Find the slices that an interrupted bake left, or make room for all of them."""
+        """Find the slices that an interrupted bake left, or make room on disk for all of them.
+
+        `key` is made from everything that determines the values; slices under another key are not used.
+        """
         self.out = out
         digest = hashlib.sha256(key.encode()).hexdigest()
         self.folder = out.with_name(f".{out.name}.{digest[:16]}.baking")
@@ -67,6 +82,7 @@ class Partial:
             except (OSError, ValueError):  # no slice was finished, or the number was cut off: begin anew
                 self.done = 0
         if not self.done:
+            # By a rename, so that a file of that name is always whole.
             with atomic.replacing(path) as fresh:
                 atomic.mapped(fresh, np.float32, shape)
         self.values = np.lib.format.open_memmap(path, "r+")
@@ -79,7 +95,7 @@ class Partial:
         atomic.write(self.folder / "finished", str(self.done).encode())
 
     def remove(self) -> None:
-        """Remove the folder, and those of other settings for the same `out`."""
+        """Remove the folder, and those that bakes with other settings left for the same `out`."""
         for folder in self.out.parent.iterdir():
             if folder.name.startswith(f".{self.out.name}.") and folder.suffix == ".baking":
                 shutil.rmtree(folder, ignore_errors=True)
@@ -91,9 +107,9 @@ def bake(
     """Render a surface at the pairs that `data` asks for and write it: `.npz`, or a folder of EXR pictures.
 
     Pairs are those of the built-in materials (`bench.data.spec`): a product, then held-out pairs, drawn by `seed`.
-    Values are linear Rec. 709 f_r · cos θ_i. The result appears under its name when it is complete. If a path tracer is
-    killed, its finished slices stay beside `out`, and the same call resumes from them. Raises `InputError` if `out`
-    cannot be written or counts are out of range.
+    Values are linear Rec. 709 f_r · cos θ_i. `show` is told how many pairs are rendered. The result appears under its
+    name when it is complete. If a path tracer is killed, its finished slices stay beside `out`, and the same call
+    resumes from them. Raises `InputError` if `out` cannot be written or counts are out of range.
     """
     check_place(out)
     wo, wi = data.everything(surface.name, seed)
@@ -114,10 +130,10 @@ def _bake(
     seed: int,
     path_tracer: PathTracer | None,
 ) -> None:
-    """Render a surface at pairs wo, wi (N, 3) into a file or folder; see `bake`.
+    """Render a surface at `pairs`, wo and wi (N, 3), into a file or folder `out`; see `bake`.
 
     `pair_notes` are what the provenance says of the pairs. `heldout` is the mask (N,) of the held-out pairs; None if
-    there are none, or if the caller marks them.
+    there are none, or if the caller marks them. `seed` is that of the path tracer's random numbers.
     """
     wo, wi = pairs
     label = f"baking {surface.name}"
@@ -133,6 +149,7 @@ def _bake(
         btf = BTF(surface.name, wo, wi, source, heldout=heldout, periodic=True, provenance=described)
         write_btf(btf, out)
 
+    # A path tracer takes long, so its finished slices are kept for the case that it is stopped.
     if path_tracer:
         partial = Partial(out, _digest(surface, wo, wi, described), values_shape)
         show(label, partial.done, len(wo))
@@ -142,6 +159,7 @@ def _bake(
         write(partial.values)
         partial.remove()
         return
+    # The built-in renderer begins anew: its slices go to a file that is removed at the end, also after an error.
     with atomic.temporary(out) as scratch:
         values = atomic.mapped(scratch, np.float32, values_shape)
         render(surface.maps, wo, wi, surface.shape, SUB_POINTS, values, show, label)
@@ -149,7 +167,10 @@ def _bake(
 
 
 def _digest(surface: Surface, wo: Array, wi: Array, described: dict[str, Any]) -> str:
-    """A hash of everything that determines the values of a surface at the pairs `wo`, `wi`."""
+    """A hash, in hexadecimal digits, of everything that determines the values of a surface at the pairs wo, wi (N, 3).
+
+    `described` is the provenance.
+    """
     digest = hashlib.sha256(json.dumps(described, sort_keys=True, default=str).encode())
     arrays = [wo, wi]
     for field in fields(surface.maps):
@@ -169,7 +190,7 @@ def open_svbrdf(
     If a path tracer is killed, its finished slices stay beside the files, and the next call resumes from them. Raises
     `InputError` for maps that cannot be recognised or read, and for counts out of range.
     """
-    name = folder.resolve().name
+    name = folder.resolve().name  # `.` has no name of its own
 
     def cached(pair_table: Table) -> BTF:
         """The BTF of one table of pairs, baked into the cache if it is not there."""
@@ -186,20 +207,22 @@ def open_svbrdf(
         path = cache_dir() / "materials" / f"{name}-{data.size}-{key[:24]}.npz"
         if not path.exists():
             with atomic.locked(path):  # two processes must not both resume from the slices of a killed one
-                if not path.exists():
+                if not path.exists():  # else another process has baked it meanwhile
                     surface = read_surface(maps, data.size)
                     log.warning("baking %s\n%s", folder, table(surface))
+                    # `joined` marks the held-out pairs.
                     _bake(surface, pair_table.pairs, None, pair_notes, path, show, seed=0, path_tracer=path_tracer)
         return replace(open_btf(path), name=name)
 
-    return joined(data.tables(name, 0, draw), cached)
+    return joined(data.tables(name, seed=0, draw=draw), cached)
 
 
 def _read_differently_before(maps: MapFiles) -> list[str]:
     """The maps that an earlier program with the same `BAKE_VERSION` may have read differently, for the key of a bake.
 
-    They are an albedo of another colour space, told by its `colour_note`, and by their roles normals in PNG, which may
-    be drawn flat, and normals and heights in EXR or `.hdr`.
+    With these words in the key, such a bake in the cache is not used, while those of all other maps stay valid. They
+    are an albedo of another colour space, told by its `colour_note`, and by their roles normals in PNG, which may be
+    drawn flat, and normals and heights in EXR or `.hdr`.
     """
     files = FolderFiles(maps.folder)
     formats = {role: picture_format(files.head(name, 8)) for role, name in maps.files.items()}
@@ -216,7 +239,7 @@ def _read_differently_before(maps: MapFiles) -> list[str]:
 
 
 def table(surface: Surface) -> str:
-    """List the recognised maps, one line per map or picture."""
+    """The lines that list the recognised maps and the unused pictures, and how each was used."""
     width = max(map(len, surface.notes))
     return "\n".join(f"  {role:<{width}}  {text}" for role, text in surface.notes.items())
 

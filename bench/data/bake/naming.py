@@ -1,8 +1,9 @@
 """Assigns the files of a folder to maps, by the names of ambientCG, Poly Haven, glTF, Substance, Unity and Unreal.
 
-A file's name is cut into words at separators and capitals. Words with which all names begin (the asset's name) are left
-out. The last phrase that the vocabulary knows decides: `rusty_metal_02_nor_gl_1k` is a normal map. Where no phrase is
-known a last letter decides, as in `T_Rock_N`.
+What a file is for is called its role: `albedo`, `roughness`, `packed` (see `MapFiles`). A file's name is cut into words
+at separators and capitals. Words with which all names begin (the asset's name) are left out. The last phrase that the
+vocabulary knows decides: `rusty_metal_02_nor_gl_1k` is a normal map. Where no phrase is known a last letter decides, as
+in `T_Rock_N`.
 """
 
 import os
@@ -40,19 +41,18 @@ for _metal in ("metallic", "metalness", "metal"):
 _LETTERS = {"d": "albedo", "n": "normal", "r": "roughness", "m": "metalness", "h": "displacement", "o": "occlusion"}
 _LETTERS |= {"s": "specular", "e": ""}  # Unreal; e is the emission
 _LONGEST = max(len(phrase.split()) for phrase in _ROLES)
-# Roles that give the same map. If files have several of them, the first is used.
+# Roles that give the same map. If a folder has files of several of them, that of the first role is used.
 _CHOICES = (("normal_gl", "normal_dx", "normal"), ("displacement", "depth"), ("roughness", "smoothness"))
 _SAME_MAP = "another file gives the same map"
 # Why a picture is not used although its name is known.
 _NOT_USED = {"": "not recognised", "occlusion": "shadows are cast by the renderer"}
 _NOT_USED |= {"specular": "the specular workflow is not read, give a metalness map"}
-_LISTS = ("pairs.csv", ".lp")  # make a folder a BTF
+_LISTS = ("pairs.csv", ".lp")  # endings of lists of pairs or lights, which make a folder of pictures a BTF
 
 
 @dataclass(frozen=True)
 class MapFiles:
-    """The maps of a folder by role, and why its other pictures are not used, by file name; those in `doubtful` may be
-    maps nevertheless.
+    """The maps of a folder, and what becomes of its other pictures.
 
     Roles: albedo, one of normal_gl, normal_dx and normal (convention unknown), roughness or smoothness, metalness,
     packed (green: roughness, blue: metalness), metallic_smoothness (red: metalness, alpha: smoothness), displacement or
@@ -60,9 +60,9 @@ class MapFiles:
     """
 
     folder: Path
-    files: dict[str, str]
-    unused: dict[str, str]
-    doubtful: tuple[str, ...] = ()
+    files: dict[str, str]  # role → file: its name in the folder, or an absolute path
+    unused: dict[str, str]  # name of a picture that is not used → why, in words
+    doubtful: tuple[str, ...] = ()  # those of the unused that may be maps nevertheless, for a warning
 
 
 def looks_like_maps(folder: Path) -> bool:
@@ -72,19 +72,22 @@ def looks_like_maps(folder: Path) -> bool:
     names = os.listdir(folder)
     if any(name.lower().endswith(_LISTS) for name in names):
         return False
-    roles = set(_roles(names).values()) - {""}
+    roles = set(_roles(names).values()) - {""}  # pictures without a role are no maps
     return "albedo" in roles or len(roles) >= 2
 
 
 def no_albedo_fault(names: list[str]) -> str:
-    """Why the files of a folder are not maps, and the remedy; a folder of pictures may also be meant as a BTF."""
+    """Why the files of a folder are not maps, and the remedy; a folder of pictures may also be meant as a BTF.
+
+    `names` are those of all its files, of which the message lists the first dozen.
+    """
     listed = ", ".join(sorted(names)[:12]) or "nothing"
     remedy = "name one like albedo.png or NAME_diff.jpg, or give bake --map albedo=FILE"
     return f"no albedo among its files ({listed}): {remedy}; a BTF in pictures needs pairs.csv"
 
 
 def has_pictures(names: list[str]) -> bool:
-    """Whether a folder holds pictures that could be maps, under whatever names."""
+    """Whether some of these files are pictures that could be maps, under whatever names; hidden files do not count."""
     return any(name.lower().endswith(PICTURES) and not name.startswith(".") for name in names)
 
 
@@ -100,14 +103,16 @@ def recognise(folder: Path, user_files: dict[str, str] | None = None) -> MapFile
     lists = [name for name in names if name.lower().endswith(_LISTS)]
     if lists:
         raise InputError(f"{folder}: it holds {lists[0]}, so it is a BTF and needs no bake: give it to run --material")
+    # 1. The files that the user names go before those that are recognised.
     by_user: dict[str, str] = {}  # role → file that the user names
     for role, file in (user_files or {}).items():
         by_user[role] = _user_file(folder, role, file)
+    # 2. Each other picture has a role by its name, or a reason why it is not used.
     by_name: dict[str, list[str]] = {}  # role → files in the folder with such a name
     unused = {}
     doubtful = []
     for name, role in _roles(names).items():
-        if name in by_user.values():
+        if name in by_user.values():  # its role is the one that the user says, not that of its name
             continue
         if role in _NOT_USED:
             unused[name] = _NOT_USED[role]
@@ -117,6 +122,7 @@ def recognise(folder: Path, user_files: dict[str, str] | None = None) -> MapFile
             unused[name] = _SAME_MAP
         else:
             by_name.setdefault(role, []).append(name)
+    # 3. One file for each role.
     if "albedo" not in by_name | by_user:
         raise InputError(f"{folder}: {no_albedo_fault(names)}")
     for role, several in by_name.items():
@@ -129,16 +135,15 @@ def recognise(folder: Path, user_files: dict[str, str] | None = None) -> MapFile
 
 
 def _drop_second_choices(files: dict[str, str], by_user: dict[str, str]) -> dict[str, str]:
-    """Remove from `files` (role → file) those whose map a better file gives; returns each with the reason.
+    """Remove from `files` (role → file) those whose map a better file gives; returns them (file → the reason in words).
 
-    `by_user` are those of the files that the user names.
+    `by_user` (role → file) are those of the files that the user names.
     """
     reasons = {}  # file → why it is not used
     for choice in _CHOICES:
         roles = [role for role in choice if role in files]
-        roles.sort(
-            key=lambda role: role not in by_user
-        )  # the user's file comes first, and then the order of the choice
+        # The user's file comes first, and then the order of the choice, which sorting keeps among equals.
+        roles.sort(key=lambda role: role not in by_user)
         for role in roles[1:]:
             reasons[files.pop(role)] = _SAME_MAP
     are_separate = "metalness" in files and ("roughness" in files or "smoothness" in files)
@@ -153,7 +158,8 @@ def _drop_second_choices(files: dict[str, str], by_user: dict[str, str]) -> dict
 
 
 def _user_file(folder: Path, role: str, file: str) -> str:
-    """A file that the user names for a role: its name in the folder, or its absolute path elsewhere."""
+    """A file that the user names for a role by `--map ROLE=FILE`: its name in the folder, or its absolute path
+    elsewhere. `InputError` if there is no such role or file."""
     roles = sorted(set(_ROLES.values()) - set(_NOT_USED))
     if role not in roles:
         raise InputError(f"--map {role}={file}: there is no map {role!r}: give one of {', '.join(roles)}")
@@ -165,11 +171,14 @@ def _user_file(folder: Path, role: str, file: str) -> str:
 
 
 def _roles(names: list[str]) -> dict[str, str]:
-    """The role of each picture among files, by its name; "" if the name gives none."""
+    """The role of each picture among the files of a folder (name → role); "" if the name gives none.
+
+    Files that are no pictures are left out.
+    """
     words_of = {name: _words(name) for name in names if has_pictures([name])}
     # The asset's name is what the maps share; a preview or another stray picture does not hide it.
     maps = [words for words in words_of.values() if _role_of_phrase(words) or _last_letter(words)]
-    if len(maps) > 1:
+    if len(maps) > 1:  # of a single name, all words would be shared
         asset = _shared_start(maps)
         words_of = {name: _without_start(words, asset) for name, words in words_of.items()}
     # Last letters mean roles only if each of them is known: pictures a, b, c are numbered, not named.
@@ -210,7 +219,7 @@ def _without_start(words: list[str], start: list[str]) -> list[str]:
 
 
 def _last_letter(words: list[str]) -> str:
-    """The last word if it is a single letter; else "". A size at the end, such as 2K, is passed over."""
+    """The last word of a name if it is a single letter; else "". A size after it is skipped: n of `rock_n_2k`."""
     end = len(words)
     while end and (words[end - 1].isdigit() or words[end - 1] == "k"):
         end -= 1
@@ -222,6 +231,7 @@ def _last_letter(words: list[str]) -> str:
 def _role_of_phrase(words: list[str]) -> str:
     """The role of the phrase in a name that ends last; if several end there, of the longest. "" without a phrase."""
     for end in range(len(words), 0, -1):
+        # From the earliest start on, so that the longest phrase is found first.
         for start in range(max(0, end - _LONGEST), end):
             phrase = " ".join(words[start:end])
             if phrase in _ROLES:

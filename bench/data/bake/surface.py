@@ -1,7 +1,9 @@
 """Reads the maps of a folder as a surface to render: decodes, orients and resizes them for the bake.
 
-Albedo is decoded from sRGB; the codes of every other map are used directly. Pictures are shrunk by area averages of
-these values; normals are averaged as vectors and renormalised.
+The *code* of a texel is its stored number as a fraction of white. Albedo is decoded from sRGB; the codes of every other
+map are used directly. A *role* is what a file is for, such as `albedo` or `packed` (`bench.data.bake.naming`). Pictures
+are shrunk by area averages to the *working grid*, which has `SUB_POINTS` map texels along each side of a texel of the
+bake, or as many as the maps have, if these are fewer. Normals are averaged as vectors and renormalised.
 
 Normals that lean against the slopes, n ∝ (−∂h/∂x, −∂h/∂y, 1), agree with a displacement. Both possible mistakes change
 signs: an inverted displacement (dark is high) flips both axes, a normal map with green downwards (DirectX) flips only
@@ -22,12 +24,13 @@ from bench.inputs.errors import InputError
 from bench.metrics.display import encode_srgb
 
 SUB_POINTS = 4  # points along each side of a texel; docs/baking.md compares 2 and 8
-JUDGED = 256  # longest side at which normals and displacement are compared, for any size of the bake
+COMPARED = 256  # longest side at which normals and displacement are compared, for any size of the bake
 CLEAR = 0.2  # from this correlation on, the maps decide instead of their names; maps of one asset reach 0.6 to 0.9
-DEFAULT_DEPTH = 0.02
+DEFAULT_DEPTH = 0.02  # of the relief, in widths of the picture
 DEFAULT_ROUGHNESS = 0.5
 RED, GREEN, BLUE, ALPHA = range(4)
-# Where a scalar may come from: role of the file, channel, and whether it is inverted; the first that there is is used.
+# Where a map of one number a texel may come from: role of the file, channel, and whether it is inverted. The first of
+# which the folder has the file is used.
 _SOURCES = {
     "roughness": [
         ("roughness", RED, False),
@@ -44,12 +47,12 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Surface:
-    """A periodic surface ready to bake; `shape` (H, W) is the bake's, `notes` say how each map was used."""
+    """A periodic surface ready to bake."""
 
     name: str
-    shape: tuple[int, int]
+    shape: tuple[int, int]  # (H, W) of the bake; `maps` may be finer
     maps: Maps
-    notes: dict[str, str] = field(default_factory=dict)
+    notes: dict[str, str] = field(default_factory=dict)  # map, or name of an unused picture → how it was used, in words
 
 
 def read_surface(map_files: MapFiles, size: int, depth: float | None = None) -> Surface:
@@ -57,7 +60,7 @@ def read_surface(map_files: MapFiles, size: int, depth: float | None = None) -> 
 
     `depth` is the height of code 1 (white) over code 0 (black) of the displacement, in units of the picture's width. By
     default its slopes fit the normal map best; without a normal map it is 0.02. Raises `InputError` that names the file
-    if pictures cannot be read or differ in proportion.
+    if pictures cannot be read or differ in proportion. Warns of pictures that may be maps but are not used.
     """
     _warn_of_doubts(map_files)
     reader = _Reader(map_files, size)
@@ -76,7 +79,7 @@ def read_surface(map_files: MapFiles, size: int, depth: float | None = None) -> 
         roughness = np.minimum(alpha_squared**0.25, 1)
         normal = _unit(normal)
     anisotropy, angle = _anisotropy(reader)
-    relief = 0.0 if height is None else height
+    relief = 0.0 if height is None else height  # flat without a displacement
     albedo = reader.shrunk(reader.albedo)
     maps = Maps(relief, albedo, roughness, metalness, anisotropy=anisotropy, angle=angle, normal=normal)
     notes |= {name: f"not used: {why}" for name, why in map_files.unused.items()}
@@ -93,7 +96,7 @@ def _warn_of_doubts(map_files: MapFiles) -> None:
 
 
 class _Reader:
-    """Reads the maps of one folder, all to the size of the working grid."""
+    """Reads the maps of one folder at full size, and shrinks them to the working grid."""
 
     def __init__(self, map_files: MapFiles, size: int):
         """Read the albedo, whose shape all maps must have in proportion; `size` is that of `read_surface`."""
@@ -118,9 +121,9 @@ class _Reader:
         return resize(picture, self.grid)
 
     def codes(self, role: str) -> Array | None:
-        """A map that is not a colour, (H, W, 3) at full size: codes as fractions of white, EXR as stored.
+        """A map that is not a colour, (H, W, 3) at full size: codes as fractions of white, EXR and `.hdr` as stored.
 
-        None if no file has the role.
+        None if no file has the role. `InputError` if its proportion is not that of the albedo.
         """
         if role not in self.roles:
             return None
@@ -142,19 +145,20 @@ class _Reader:
         return self.kind(role) in ("exr", "hdr")
 
     def kind(self, role: str) -> str | None:
-        """The format of a map's file: `jpeg`, `png`, `exr`, `hdr`, or None."""
+        """The format of a map's file, which the folder must have: `jpeg`, `png`, `exr`, `hdr`, or None for others."""
         return picture_format(self.files.head(self.roles[role], 8))
 
     def channel(self, name: str, notes: dict[str, str], default: float) -> Array | float:
-        """A scalar map in [0, 1] from the first of its sources that the folder has, else the number `default`.
+        """The map `name` of one number a texel, "roughness" or "metalness", on the working grid, in [0, 1].
 
-        `notes[name]` then says which source it is.
+        It is that of the first of its sources that the folder has, else the number `default`. Where it is not a file of
+        its own, `notes[name]` is set to words that say which source it is.
         """
         for role, channel, is_inverted in _SOURCES[name]:
             picture = self.codes(role)
             if picture is None:
                 continue
-            if channel == ALPHA:
+            if channel == ALPHA:  # which `codes` leaves out
                 values = read_alpha(self.files, self.roles[role])
             else:
                 values = picture[..., channel]
@@ -190,11 +194,11 @@ def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tupl
     normal = _normals(reader, normal_role, notes)
     picture = reader.codes(height_role)
     height = None if picture is None else picture[..., 0]
-    correlations = Agreement()
+    correlations = Agreement()  # nothing to compare, unless there are both
     if normal is not None and height is not None:
-        judged_shape = reader.limited_shape(JUDGED)
-        correlations = agreement(resize(normal, judged_shape), resize(height, judged_shape))
-    is_inverted, is_green_down = correlations.verdict(height_role == "depth", normal_role)
+        compared_shape = reader.limited_shape(COMPARED)
+        correlations = agreement(resize(normal, compared_shape), resize(height, compared_shape))
+    is_inverted, is_green_down = correlations.verdict(is_depth_by_name=height_role == "depth", normal_role=normal_role)
     if normal is not None:
         green = "down (DX)" if is_green_down else "up (GL)"
         notes[normal_role] += f": green {green}, {correlations.evidence(normal_role)}"
@@ -227,7 +231,8 @@ def _with_depth(
     """A displacement (H, W), and its depth: the factor that turns it into widths of the picture.
 
     It is `depth` if the user gives one, else `fitted_depth`, by which the slopes fit the normals best, else the
-    default. EXR may hold any unit: heights beyond [0, 1] are first brought there.
+    default. EXR may hold any unit: heights beyond [0, 1] are first brought there. Warns where their unit is unknown.
+    `InputError` if the depth is not between 0 and 1.
     """
     label = reader.files.label(reader.roles[role])
     if depth is not None and not 0 <= depth <= 1:
@@ -239,7 +244,7 @@ def _with_depth(
         if highest > lowest and (lowest < 0 or highest > 1 or is_large_unit):
             height = (height - np.float32(lowest)) / np.float32(highest - lowest)
             if fitted_depth is not None:
-                fitted_depth *= highest - lowest
+                fitted_depth *= highest - lowest  # the same relief, of heights that now reach from 0 to 1
         if depth is None and fitted_depth is None:
             relief = f"the relief is taken as {DEFAULT_DEPTH * float(np.ptp(height)):.4f} of the width"
             log.warning("%s: heights from %g to %g of unknown unit: %s: give --depth", label, lowest, highest, relief)
@@ -255,12 +260,13 @@ def _normals(reader: _Reader, role: str, notes: dict[str, str]) -> Array | None:
     codes = reader.codes(role)
     if codes is None:
         return None
-    normal = 2 * codes - 1
+    normal = 2 * codes - 1  # codes from 0 to 1 stand for components from −1 to 1
     if reader.is_stored(role) and _is_signed(codes):
         normal = codes  # not encoded
         notes[role] += " (stored from -1 to 1)"
-    if reader.kind(role) == "png":
+    if reader.kind(role) == "png":  # JPEG cannot hold the codes of flat exactly
         normal[_drawn_flat(codes), :2] = 0
+    # In tangent space normals point away from the surface, toward +z, which is blue.
     if normal[..., 2].mean() < 0.3:
         fault = "its blue is too dark for a tangent-space normal map: bake it in tangent space"
         raise InputError(f"{reader.files.label(reader.roles[role])}: {fault}")
@@ -285,7 +291,7 @@ def _is_signed(values: Array) -> bool:
 
 
 def _drawn_flat(codes: Array) -> Array:
-    """The texels (H, W) that an 8-bit map means as flat although no code is 1/2.
+    """The mask (H, W) of texels that an 8-bit map means as flat although no code is 1/2.
 
     An exporter writes (128, 128, 255), or (127, 127, 255), wherever the surface is flat. Such a code is flat where it
     holds most of the texels within half a code of flat. In a scan the four pairs of 127 and 128 are about as frequent,
@@ -309,7 +315,7 @@ def _unit(normal: Array) -> Array:
 
 
 def _anisotropy(reader: _Reader) -> tuple[Array | float, Array | float]:
-    """Strength in [0, 1] and angle in radians, as in `Maps`; 0 without a map.
+    """Strength in [0, 1] and angle in radians, as in `Maps`, on the working grid; the number 0 without a map.
 
     A coloured map packs both (glTF KHR_materials_anisotropy: direction in red and green, strength in blue). A grey one
     is the strength; the angle then has a map of its own, where white is one turn counter-clockwise (Substance).
@@ -317,7 +323,7 @@ def _anisotropy(reader: _Reader) -> tuple[Array | float, Array | float]:
     picture = reader.codes("anisotropy")
     if picture is None:
         return 0.0, 0.0
-    is_coloured = np.ptp(picture, axis=-1).max() > 0.02
+    is_coloured = np.ptp(picture, axis=-1).max() > 0.02  # somewhere the channels differ
     if is_coloured:
         x, y = 2 * picture[..., 0] - 1, 2 * picture[..., 1] - 1
         strength = np.clip(reader.shrunk(picture[..., 2]), 0, 1)
@@ -338,15 +344,19 @@ def _mean_angle(reader: _Reader, angle: Array) -> Array:
 
 @dataclass(frozen=True)
 class Agreement:
-    """Correlations of normals and slopes along x and y; 0 if there is nothing to compare. `depth` is the height of
-    white over black, in widths of the picture, with which the slopes fit the normals best."""
+    """How well a normal map and a displacement agree: correlations of the slopes that each of them states.
+
+    Correlations are in [−1, 1], and 0 if there is nothing to compare; a negative one means an axis that is flipped.
+    """
 
     x: float = 0.0
     y: float = 0.0
+    # The height of white over black, in widths of the picture, with which the slopes fit the normals best; None if the
+    # correlations are unclear.
     depth: float | None = None
 
     def verdict(self, is_depth_by_name: bool, normal_role: str) -> tuple[bool, bool]:
-        """Whether the displacement is inverted (dark is high), and whether green points down.
+        """Whether the displacement is inverted (dark is high), and whether the normal map's green points down.
 
         Where the correlations are unclear the names decide: `is_depth_by_name` is whether the displacement's name says
         depth (dark is high), and `normal_role` is the role by the normal map's name.
@@ -373,7 +383,10 @@ class Agreement:
 
 
 def agreement(normal: Array, height: Array) -> Agreement:
-    """Compare normals (H, W, 3) with a displacement (H, W); periodic, square texels, row 0 at the top."""
+    """Compare unit normals (H, W, 3), taken with green up, with a displacement (H, W), taken with bright high.
+
+    Both are periodic, with square texels and row 0 at the top.
+    """
     cell = 1 / height.shape[1]
     # Toward +x the column grows, toward +y the row falls.
     slope_x = (np.roll(height, -1, 1) - np.roll(height, 1, 1)) / (2 * cell)

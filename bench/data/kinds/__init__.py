@@ -1,7 +1,10 @@
 """Kinds of surfaces: built in, PBR maps, measured. Each says how one is opened, and which settings it ignores.
 
-To add a kind, write one file here with a class of `Kind` and an instance of it, `KIND`. A kind that no other `knows`
-is measured: a reader then opens it by its content (`bench.data.readers`).
+Settings are those of a suite's table `[data]`, here a `Preparation`; a setting's key is written `data.views`. A
+material that no other kind `knows` is measured: a reader then opens it by its content (`bench.data.readers`).
+
+To add a kind, write one file here with a class of `Kind` and an instance of it, `KIND`. All these files are imported to
+tell the kind of a material, so each imports what opens its surfaces only when it opens one.
 """
 
 import importlib
@@ -18,10 +21,10 @@ if TYPE_CHECKING:
     from bench.codec import Progress
     from bench.data.bake import PathTracer
 
-LoadTracer = Callable[[], "PathTracer"]  # imports Mitsuba
+LoadTracer = Callable[[], "PathTracer"]  # imports Mitsuba, so it is called only where a bake needs the tracer
 OTHERWISE = "measured"  # the module of the kind of all surfaces that no other kind knows
 
-# What to use instead of a setting that only the other kind of surface has.
+# Keys of settings that only rendered surfaces have, and only measured ones: key → what a user can do instead.
 OF_RENDERED = dict.fromkeys(("data.views", "data.lights"), "give data.pairs")
 OF_RENDERED |= {"data.size": "give data.texels", "data.directions": "leave it out"}
 OF_RENDERED |= {"data.heldout": "whole views and lights are held out"}
@@ -31,7 +34,7 @@ OF_MEASURED = {"data.texels": "give data.size", "data.angles": "leave it out"}
 class Kind(ABC):
     """A kind of surface."""
 
-    drawn = False  # whether each repetition draws test pairs of its own
+    drawn = False  # whether each repetition (a seed of a suite) draws test pairs of its own
     surface = ""  # what tables call such a surface; "" where the BTF's provenance tells (`bench.records.kind_of`)
     free: bool | None = None  # whether its pictures may be published; None where the provenance tells
 
@@ -43,7 +46,10 @@ class Kind(ABC):
     def open(
         self, spec: MaterialSpec, data: Preparation, show: "Progress", draw: int, path_tracer: LoadTracer | None
     ) -> "BTF":
-        """Open it as `bench.data.open.open_material` promises."""
+        """The BTF of a material, prepared as `data` says; its arguments are those of `bench.data.open.open_material`.
+
+        `draw` numbers the draw of test pairs. `path_tracer` is None where the caller offers none.
+        """
 
     def ignores(self, spec: MaterialSpec, key: str) -> str:
         """In words, why the setting `key`, like "data.views", does not affect a material, and what to do instead.
@@ -53,8 +59,11 @@ class Kind(ABC):
         return ""
 
     def outline(self, spec: MaterialSpec, data: Preparation, draw: int) -> "BTF | None":
-        """The BTF that `open` gives, with zeros for its values; None for a kind that must first make or read the values
-        to know their fingerprint."""
+        """The BTF that `open` gives, with zeros for its values but the same fingerprint.
+
+        It is compared with a claim before anything is rendered. None for a kind that must first make or read the values
+        to know their fingerprint.
+        """
         return None
 
     def bytes_made(self, spec: MaterialSpec, data: Preparation) -> int:
@@ -70,7 +79,7 @@ def kind_of(spec: MaterialSpec) -> Kind:
     """The kind of a material."""
     # `_kinds` caches its answer by the folders, because a folder may be added to the package.
     kinds = dict(_kinds(tuple(__path__)))
-    measured = kinds.pop(OTHERWISE)
+    measured = kinds.pop(OTHERWISE)  # comes last, because it knows every material that has a path
     for kind in kinds.values():
         if kind.knows(spec):
             return kind

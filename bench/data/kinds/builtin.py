@@ -1,4 +1,7 @@
-"""Built-in materials, rendered by the suite: they need no download."""
+"""Built-in materials, rendered by the suite: they need no download.
+
+The recipe of such a material, a class with its parameters, makes the maps that are rendered (`bench.data.materials`).
+"""
 
 from bench.btf import BTF
 from bench.codec import Progress
@@ -17,7 +20,7 @@ class BuiltIn(Kind):
     def open(
         self, spec: MaterialSpec, data: Preparation, show: Progress, draw: int, path_tracer: LoadTracer | None
     ) -> BTF:
-        """The rendering from the cache, or a new one; no path tracer is used."""
+        """The rendering from the cache, or a new one, which is kept there; no path tracer is used."""
         from bench.data.materials import recipe
         from bench.data.materials.store import load_or_render
 

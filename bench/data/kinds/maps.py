@@ -1,4 +1,7 @@
-"""Folders of PBR maps, which the suite or Mitsuba renders: baked once, then mapped from the cache."""
+"""Folders of PBR maps (albedo, normals, roughness …), which the suite or Mitsuba renders to a BTF.
+
+This is called a bake. It is kept in the cache, and memory-mapped from there the next time.
+"""
 
 from bench.btf import BTF
 from bench.codec import Progress
@@ -22,7 +25,10 @@ class PbrMaps(Kind):
     def open(
         self, spec: MaterialSpec, data: Preparation, show: Progress, draw: int, path_tracer: LoadTracer | None
     ) -> BTF:
-        """The bake from the cache, or a new one; `InputError` where Mitsuba is wanted and no tracer is given."""
+        """The bake from the cache, or a new one, which is kept there.
+
+        `InputError` where `data.renderer` asks for Mitsuba and no tracer is given, as by every command but `run`.
+        """
         from bench.data.bake import open_svbrdf
 
         path = spec.there()

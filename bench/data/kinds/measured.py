@@ -16,7 +16,10 @@ class Measured(Kind):
     def open(
         self, spec: MaterialSpec, data: Preparation, show: Progress, draw: int, path_tracer: LoadTracer | None
     ) -> BTF:
-        """What a reader opens. Pairs are left out first, so that only pairs that are used are repaired and shrunk."""
+        """What a reader opens, thinned, repaired and shrunk as `data` says; `draw` and `path_tracer` are not used.
+
+        Pairs are left out first, so that only pairs that are used are repaired and shrunk.
+        """
         from bench.data.readers import open_btf
 
         btf = thinned(open_btf(spec.there(), data.angles), data.pairs)
@@ -24,7 +27,7 @@ class Measured(Kind):
             btf = btf.without_test()  # its own split then holds out pairs to choose settings by
         elif data.validation:
             btf = btf.with_validation()  # test pairs, and besides them validation pairs
-        if data.repair:
+        if data.repair:  # before averages are taken, which one value that is not finite would spoil
             btf = repaired(btf, show)
         return shrunk(btf, data.texels)
 

@@ -1,6 +1,8 @@
 """The built-in materials: rendered by the suite, so that everything runs without a download.
 
-Names and descriptions live here; recipes, renderer and image libraries are imported only when a material is loaded.
+A *recipe* is a class of parameters, such as `Satin(threads=10)`, that makes a material's maps: height, colour,
+roughness and so on at each texel. The renderer turns maps and directions into radiance. Names and descriptions live
+here; recipes, renderer and image libraries are imported only when a material is loaded.
 """
 
 import importlib
@@ -41,7 +43,7 @@ def recipe(name: str) -> "Recipe":
     if name not in _REGISTRY:
         raise InputError(f"unknown material {name!r}{did_you_mean(name, _REGISTRY)}")
     location, _ = _REGISTRY[name]
-    module, _, class_name = location.partition(":")
+    module, _, class_name = location.partition(":")  # "procedural:Satin"
     recipe_class = getattr(importlib.import_module(f"{__name__}.{module}"), class_name)
     return recipe_class()
 
@@ -55,10 +57,10 @@ def load(
     product of `views` × `lights` evenly thinned directions of a published set (pair = view · lights + light), then
     `heldout` random pairs, drawn uniformly in solid angle up to θ = 75°, which `BTF.heldout` marks: test pairs of one
     `draw`, or with `split="validation"` those by which settings are chosen. `seed` determines the material's random
-    structure and the held-out pairs. `show(label, done, pairs)` is called while rendering. Raises `InputError` for an
-    unknown name or direction set and for counts out of range.
+    structure and the held-out pairs. `show(label, done, total)`, in pairs, is called while rendering. Raises
+    `InputError` for an unknown name or direction set and for counts out of range.
     """
     from bench.data.materials.store import load_or_render
     from bench.data.spec import Preparation
 
-    return load_or_render(name, recipe(name), Preparation(size, **pairs), seed, draw, show)
+    return load_or_render(name, recipe(name), Preparation(size, **pairs), seed=seed, draw=draw, show=show)

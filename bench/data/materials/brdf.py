@@ -42,16 +42,17 @@ class Points:
 
 
 def points(o: tuple[Array, Array, Array], maps: dict[str, Array]) -> Points:
-    """Prepare points for one view, whose direction `o` has components along t, b and n, each (...).
+    """Prepare points for one view: everything about them that no light changes.
 
-    `maps` holds `base` (3, ...), and `roughness`, `metalness`, `specular` and `anisotropy`, each (...).
+    The view direction `o` has components along t, b and n, each (...). `maps` holds `base` (3, ...), and `roughness`,
+    `metalness`, `specular` and `anisotropy`, each (...), as in `Maps`.
     """
     alpha = _at_least(MIN_ALPHA, maps["roughness"] ** 2)
-    stretch = _root(1 - 0.9 * maps["anisotropy"])
+    stretch = _root(1 - 0.9 * maps["anisotropy"])  # s of `Maps`: α / s along t and α · s along b
     alpha_t, alpha_b = alpha / stretch, _at_least(MIN_ALPHA, alpha * stretch)
     metal = maps["metalness"]
     specular = maps["specular"]
-    dielectric = (1 - metal) * specular
+    dielectric = (1 - metal) * specular  # the weight of the dielectric's reflection
     o_n = _at_least(1e-3, o[2])  # a normal may lean away from the view; it then counts as seen at a grazing angle
     reflected = fresnel(DIELECTRIC_F0 * specular, specular, o_n)  # F_d(o_n)
     diffuse = maps["base"] * ((1 - metal) * (1 - reflected) / np.pi)
@@ -63,7 +64,8 @@ def points(o: tuple[Array, Array, Array], maps: dict[str, Array]) -> Points:
 
 
 def reflect(here: Points, i: tuple[Array, Array, Array], cos_between: Values) -> tuple[Array, Array]:
-    """The diffuse and the specular part of f · cos θ_i, each over the points (...) and without its colour.
+    """The diffuse and the specular part of f · cos θ_i for one light, each over the points (...) and without its
+    colour.
 
     The first is to be multiplied by `diffuse`, the second by F (see `specular_colour`). `i` is the light's direction
     along t, b and n, each (...); `cos_between` is ω_o · ω_i. Both are 0 for a light below the tangent plane.
@@ -108,7 +110,7 @@ def _smith(alpha: tuple[Array, Array], x: tuple[Array, Array, Array]) -> Array:
 
 
 def _at_least(least: float, values: Values) -> Values:
-    """Values raised to `least`, of NumPy or PyTorch."""
+    """The larger of each value and `least`, of NumPy or PyTorch."""
     return values.clamp_min(least) if hasattr(values, "clamp_min") else np.maximum(values, least)
 
 

@@ -1,6 +1,7 @@
-"""The pictures that describe a material's surface, as physically based asset packs name them.
+"""The pictures that describe a material's surface, as physically based asset packs name them: its maps.
 
-Pictures are made periodic, too: the seam at the borders is measured, and blended away.
+Pictures are resized and made periodic here, too. A *seam* is the jump at a border of a picture that is repeated; it is
+measured, and blended away. A map is *scalar* if it has one number a texel, not a colour or a vector.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -92,14 +93,17 @@ def _common_shape(maps: dict[str, Any]) -> tuple[int, ...]:
     """The (H', W') of the first of some maps, by name, that is a picture; (1, 1) if all are numbers or colours."""
     for name, value in maps.items():
         shape = np.shape(value)
-        axes = 2 if name in _SCALARS else 3  # of a picture of this map
+        axes = 2 if name in _SCALARS else 3  # of a picture of this map; a number or a colour has fewer
         if len(shape) == axes:
             return shape[:2]
     return (1, 1)
 
 
 def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """The map as a float32 array of the common shape (H', W'), or (H', W', 3) for colours and normals."""
+    """The map as a float32 array of the common shape (H', W'), or (H', W', 3) for colours and normals.
+
+    Raises `InputError`, which names the map, for another shape or wrong values.
+    """
     array = np.asarray(value, np.float32)
     wanted = shape if name in _SCALARS else (*shape, 3)
     try:
@@ -108,7 +112,7 @@ def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
         raise InputError(f"map {name} has shape {array.shape}, but the others need {wanted}") from None
     if not np.isfinite(array).all():
         raise InputError(f"map {name} holds values that are not finite")
-    is_weight = name not in ("height", "angle", "normal")
+    is_weight = name not in ("height", "angle", "normal")  # colours, too, are weights of the light
     if is_weight and (array.min() < 0 or array.max() > 1):
         raise InputError(f"map {name} must lie in [0, 1], not [{array.min():g}, {array.max():g}]")
     return array
@@ -149,9 +153,10 @@ def _shrinking_weights(size: int, old_size: int) -> Array:
 
 
 def make_periodic(picture: Array, overlap: tuple[int, int]) -> Array:
-    """A picture (H, W) or (H, W, C) that repeats without a seam: its last rows and columns, as many as `overlap` (rows,
-    columns) says, are blended into its first ones and cut off.
+    """A picture (H − rows, W − columns) that repeats without a seam, made of one that is (H, W); both may have
+    channels.
 
+    Its last rows and columns, as many as `overlap` (rows, columns) says, are blended into its first ones and cut off.
     The blend's deviation from the mean is scaled by 1 / √(w² + (1 − w)²), which keeps the contrast of texture; it may
     leave the range of the picture. Raises `InputError` if a margin is more than half of a side.
     """
@@ -190,8 +195,9 @@ def seams(picture: Array) -> tuple[Seam, Seam]:
 
 
 def _left_right_seam(picture: Array) -> Seam:
+    """The seam of a picture (H, W, C) that is repeated from left to right; see `seams`."""
     if picture.shape[1] < 4:
         return Seam(0.0, 1.0, 1.0)
-    steps = np.abs(np.diff(picture, axis=1)).mean((0, 2))
+    steps = np.abs(np.diff(picture, axis=1)).mean((0, 2))  # (W − 1,), from each column to the next
     across = np.abs(picture[:, 0] - picture[:, -1]).mean()
     return Seam(float(across), float(steps.mean()), float(steps.max()))

@@ -1,4 +1,9 @@
-"""Reliefs from grey photographs in scikit-image; they are coloured and made periodic."""
+"""Reliefs from grey photographs in scikit-image; they are coloured and made periodic.
+
+Each class is a recipe: its fields are parameters, and `maps` makes the surface of them. As in
+`bench.data.materials.procedural`, whose noise is used, heights are in units of the tile's width, and a small factor
+before noise is the deviation that it adds.
+"""
 
 from dataclasses import dataclass
 
@@ -37,12 +42,13 @@ class Brick:
     def maps(self, seed: int) -> Maps:
         """Bright texels of the photograph are mortar, which lies lower; noise varies the colour of both."""
         rng = np.random.default_rng(seed)
-        wall = make_periodic(_rectified(data.brick() / 255.0), (16, 24))
+        wall = make_periodic(_rectified(data.brick() / 255.0), overlap=(16, 24))
         grey = resize(wall, (self.resolution, self.resolution))
         mortar = np.clip((grey - 0.45) / 0.12, 0, 1)  # clay is darker than 0.45, mortar brighter than 0.57
         mortar = mortar * mortar * (3 - 2 * mortar)  # a smooth step from clay, 0, to mortar, 1
         grain = smooth(rng, self.resolution, 0.004, 0.004)
         tone = smooth(rng, self.resolution, 0.06, 0.1)
+        # The height: bricks stand out of the mortar, and a Gaussian of 1.2 texels rounds their edges.
         face = gaussian_filter(1 - mortar, 1.2, mode="wrap") + 0.025 * grain + 0.04 * tone
         colour = mix(srgb(*self.clay_srgb), srgb(*self.mortar_srgb), mortar)
         colour = colour * (1 + 0.15 * tone + 0.06 * grain)[..., None]
@@ -50,11 +56,13 @@ class Brick:
 
 
 def _rectified(picture: Array) -> Array:
-    """The wall (324, 400) with its long joints made parallel and level, cut at two joints that lie eight courses apart.
+    """The wall (324, 400) with its long joints made parallel and level, cut at two joints that lie eight courses (rows
+    of bricks) apart.
 
-    The numbers were found by trying: with these, the mean along the courses varies most from course to joint.
+    `picture` is the photograph (512, 512). The numbers were found by trying: with these, the mean along the courses
+    varies most from course to joint.
     """
-    y, x = np.mgrid[0:400, 0:400] / 399.0
+    y, x = np.mgrid[0:400, 0:400] / 399.0  # from 0 to 1 over a result of 400 × 400
     row = 30 + 475 * y
     column = 223.4 + (x - 0.5) * 440 * (0.706 + 0.294 * row / 511)  # the photograph widens downwards
     wall = map_coordinates(picture, [row, column], order=1, mode="nearest")

@@ -1,6 +1,11 @@
 """Materials made of noise, waves and scattered points: woven and knitted ones, leather and metals.
 
-Their building blocks are periodic, all (size, size) float64 with row 0 at the top.
+Each class is a recipe: its fields are parameters, and `maps` makes the surface of them. Heights are in units of the
+tile's width, other lengths too, unless a comment says what they count.
+
+The building blocks of `maps` are periodic, all (size, size) float64 with row 0 at the top. Noise has unit deviation
+(`smooth`), so a small factor before it, such as 0.06, is the deviation that it adds. A factor for a colour (size, size,
+3) is one number a texel, so it gets a last axis for the channels: `[..., None]`. `np.clip` keeps a map in its range.
 """
 
 from dataclasses import dataclass
@@ -24,7 +29,7 @@ def grid(size: int) -> tuple[Array, Array]:
 
 
 def smooth(rng: np.random.Generator, size: int, sigma_v: float, sigma_u: float) -> Array:
-    """Periodic white noise (size, size) after a Gaussian filter, with zero mean and unit deviation.
+    """Periodic white noise (size, size), drawn from `rng`, after a Gaussian filter, with zero mean and unit deviation.
 
     `sigma_v` is the filter's width from row to row, `sigma_u` along a row, as shares of the tile's side.
     """
@@ -53,7 +58,7 @@ def normalised(picture: Array) -> Array:
 
 
 def mix(a: Array, b: Array, weight: Array) -> Array:
-    """Blend two colours (3,) by a weight (H, W): (H, W, 3)."""
+    """The colours (H, W, 3) between two colours (3,): `a` where the weight (H, W) is 0, `b` where it is 1."""
     return np.asarray(a) + (np.asarray(b) - np.asarray(a)) * weight[..., None]
 
 
@@ -87,11 +92,12 @@ class Satin:
         warp_top = self._axis_height(warp_number, place_v, 2) + _bulge(place_u)
         weft_top = -self._axis_height(weft_number, place_u, 3) + _bulge(place_v)
         is_warp = warp_top >= weft_top
-        # Among all threads, those of the warp have the first numbers, those of the weft the others.
+        # Each thread has a tint of its own. Among all threads, those of the warp have the first numbers, those of the
+        # weft the others.
         thread_number = np.where(is_warp, warp_number, weft_number + self.threads)
         tint = rng.normal(1, 0.06, 2 * self.threads)[thread_number]
         warp_fibres = smooth(rng, self.resolution, 0.05, 0.004)  # noise stretched along the thread
-        weft_fibres = smooth(rng, self.resolution, 0.004, 0.05)
+        weft_fibres = smooth(rng, self.resolution, 0.004, 0.05)  # which runs along u
         fibre = np.where(is_warp, warp_fibres, weft_fibres)
         colour = mix(srgb(*self.weft_srgb), srgb(*self.warp_srgb), is_warp.astype(float))
         colour = colour * (tint * (1 + 0.12 * fibre))[..., None]
@@ -142,7 +148,7 @@ class CableKnit:
     colour_srgb: Colour = (226, 208, 172)
 
     def maps(self, seed: int) -> Maps:
-        """The higher of the ground and the two strands shows; all have one colour, mottled and fuzzy."""
+        """The highest of the ground and the two strands shows at each texel; all have one colour, mottled and fuzzy."""
         rng = np.random.default_rng(seed)
         u, v = grid(self.resolution)
         ground = self._ground(u, v)
@@ -159,8 +165,11 @@ class CableKnit:
         )
 
     def _strand(self, u: Array, v: Array, side: int) -> Array:
-        """Heights of a round strand that winds about the other, covered by V stitches. Outside its width they are −1,
-        which is below everything else. `side` is −1 or 1, one for each strand."""
+        """Heights (size, size) of a round strand that winds about the other, covered by V stitches. Outside its width
+        they are −1, which is below everything else.
+
+        `u` and `v` are the places of the texels, see `grid`; `side` is −1 or 1, one for each strand.
+        """
         turn = 2 * np.pi * v
         centre = 0.5 + side * self.sway * np.sin(turn)
         lean = side * self.sway * 2 * np.pi * np.cos(turn)  # the slope of the centre, d centre / d v
@@ -177,7 +186,10 @@ class CableKnit:
         return np.where(from_axis < 1, height, -1)
 
     def _ground(self, u: Array, v: Array) -> Array:
-        """Heights of rows of purl bumps, every other row shifted by half a bump."""
+        """Heights (size, size) of rows of purl bumps, every other row shifted by half a bump.
+
+        `u` and `v` are the places of the texels, see `grid`.
+        """
         row = v * self.stitches
         column = u * self.bumps + 0.5 * (np.floor(row) % 2)
         x, y = 2 * (column % 1) - 1, 2 * (row % 1) - 1  # from −1 to 1 within a bump
@@ -204,7 +216,7 @@ class Wicker:
         # Over one stake and under the next; the sign makes neighbouring rods do the other.
         sway = np.cos(np.pi * (u * self.stakes - 0.5)) * (-1.0) ** rod
         rod_top = 0.45 * sway + 0.5 * _round(v * self.rods, 0.46)
-        stake_top = 0.55 * _round(u * self.stakes, 0.22)
+        stake_top = 0.55 * _round(u * self.stakes, 0.22)  # stakes are straight
         is_rod = rod_top >= stake_top
         top = np.maximum(rod_top, stake_top)
         rod_fibres = smooth(rng, self.resolution, 0.003, 0.08)  # noise stretched along the rod
@@ -224,7 +236,10 @@ class Wicker:
 
 
 def _round(across: Array, half_width: float) -> Array:
-    """The profile of a row of cylinders, one in each unit of `across`: 1 on top, 0 at the edges, −1 in the gaps."""
+    """The profile of a row of cylinders, one in each unit of `across`: 1 on top, 0 at the edges, −1 in the gaps.
+
+    `half_width` is that of a cylinder, in units of `across`; at 1/2 they would touch.
+    """
     x = (across % 1 - 0.5) / half_width
     return np.where(np.abs(x) < 1, np.sqrt(np.maximum(1 - x * x, 0)), -1.0)
 
@@ -245,7 +260,7 @@ class Leather:
         """Coarse pebbles with finer ones on them; creases are darker and rougher, worn places lighter and smoother."""
         rng = np.random.default_rng(seed)
         coarse = self._pebbles(rng, self.cells, self.crease)
-        fine = self._pebbles(rng, 3 * self.cells, 0.9)
+        fine = self._pebbles(rng, 3 * self.cells, crease=0.9)
         sag = smooth(rng, self.resolution, 0.1, 0.1)
         pores = smooth(rng, self.resolution, 0.005, 0.005)
         height = coarse * (0.85 + 0.08 * sag) + 0.15 * fine * coarse + 0.015 * pores
@@ -262,7 +277,7 @@ class Leather:
 
         `crease` is the width of the slope, as a share of a pebble.
         """
-        nearest, second = distances_to_points(rng, self.resolution, cells, 0.42)
+        nearest, second = distances_to_points(rng, self.resolution, cells, jitter=0.42)
         # Both distances are equal on a border, so their difference grows from 0 there.
         inside = np.clip((second - nearest) * cells / crease, 0, 1)
         rounded = np.sqrt(1 - (1 - inside) ** 2)
@@ -282,9 +297,10 @@ class BrushedMetal:
     def maps(self, seed: int) -> Maps:
         """Metal whose fibres, the scratches, run along x, so highlights stretch along y."""
         rng = np.random.default_rng(seed)
+        # Short scratches and long ones.
         scratches = 0.7 * smooth(rng, self.resolution, 0.006, 0.12) + 0.5 * smooth(rng, self.resolution, 0.012, 0.4)
         shade = smooth(rng, self.resolution, 0.005, 0.2)
-        wander = smooth(rng, self.resolution, 0.02, 0.1)
+        wander = smooth(rng, self.resolution, 0.02, 0.1)  # of the scratches' direction
         return Maps(
             height=self.height * scratches,
             base_colour=np.clip(srgb(*self.metal_srgb) * (1 + 0.06 * shade)[..., None], 0, 1),
@@ -309,7 +325,7 @@ class HammeredCopper:
     def maps(self, seed: int) -> Maps:
         """Copper that tarnishes toward the middle of each dent, where it is rougher and less of a metal."""
         rng = np.random.default_rng(seed)
-        nearest, _ = distances_to_points(rng, self.resolution, self.dents, 0.35)
+        nearest, _ = distances_to_points(rng, self.resolution, self.dents, jitter=0.35)
         from_middle = nearest * self.dents  # of the dent, as a share of the mean width of a dent
         blotches = smooth(rng, self.resolution, 0.08, 0.08)
         grain = smooth(rng, self.resolution, 0.006, 0.006)

@@ -4,6 +4,10 @@ A value is the mean of f_r · (n·ω_i)⁺ · V over the fixed sub-points of a t
 irradiance on a plane that faces the light. Texel (row, col) is viewed through its place on the reference plane, the
 mean height, as in rectified measurements. Only direct light counts: there is no inter-reflection.
 
+A ray runs from the surface toward the camera (for `View`), or toward the light (for shadows). The *grid* is that of the
+maps once they are resized. Each ray of a view passes through a *sub-point* of the reference plane, the centre of a
+block of `stride` grid cells. *Visibility* is the share of the light that reaches a place.
+
 All rays of a view are parallel and start on a regular grid, so one marching step of the whole bundle is a shift of the
 height map, and no scattered reads are needed. Heights and grid cells are in units of the picture's width, heights
 relative to the reference plane z = 0. Grid row i has its centre at y = (H − i − 0.5) · cell_y: rows down, y up.
@@ -53,6 +57,7 @@ class HeightField:
     def normals(self) -> Array:
         """Unit normals (3, H, W) float32 from central differences."""
         h = self.height.astype(np.float64)
+        # Toward +x the column grows, toward +y the row falls.
         dx = (np.roll(h, -1, 1) - np.roll(h, 1, 1)) / (2 * self.cell[1])
         dy = (np.roll(h, 1, 0) - np.roll(h, -1, 0)) / (2 * self.cell[0])
         normal = np.stack([-dx, -dy, np.ones_like(h)])
@@ -65,14 +70,15 @@ class HeightField:
         (unit, z > 0). It meets the surface at that centre + z · `offset(wo)`.
         """
         cells_per_height = self.offset(wo)
-        # So many that no step moves the rays by more than one grid cell along either axis.
+        # So many steps down from the highest to the lowest place that no step moves the rays by more than one grid cell
+        # along either axis.
         steps = math.ceil((self.top - self.bottom) * max(map(abs, cells_per_height)))
         if steps == 0:  # a plane, or rays along the normal: each ray meets the surface at its own place
             return self._heights_at((0.0, 0.0), 0.0, stride)
         step = (self.top - self.bottom) / steps
         # How far the surface lies above the rays, at the last height and at this one.
         above_before = self._heights_at(cells_per_height, self.top, stride) - np.float32(self.top)
-        hit_height = np.full(above_before.shape, self.bottom, np.float32)
+        hit_height = np.full(above_before.shape, self.bottom, np.float32)  # of rays that meet nothing before
         is_open = np.ones(above_before.shape, bool)  # for rays that have not met the surface yet
         for k in range(1, steps + 1):
             z = self.top - k * step
@@ -94,9 +100,9 @@ class HeightField:
         return -y / z / self.cell[0], x / z / self.cell[1]  # rows go down, y goes up
 
     def _heights_at(self, cells_per_height: tuple[float, float], z: float, stride: tuple[int, int]) -> Array:
-        """Bilinear heights (H / stride, W / stride) of the surface below the whole bundle of rays at height z.
+        """Bilinear heights (H / stride, W / stride) of the surface at the places where the rays are at height z.
 
-        `cells_per_height` is the `offset` of the rays.
+        `cells_per_height` is the `offset` of the rays, (rows, columns).
         """
         H, W = self.shape
         sr, sc = stride
@@ -134,6 +140,7 @@ class HeightField:
             further = shift(horizon, steps * rows, steps * cols) - np.float32(steps * rise)
             np.maximum(horizon, further, out=horizon)
             steps *= 2
+        # 1 for a point above its horizon, and down to 0 for one that lies half a step's rise below it.
         share = 1 + (self.height - horizon) / np.float32(0.5 * rise)
         return (np.clip(share, 0, 1) * 255 + 0.5).astype(np.uint8)  # rounded to the nearest code
 
@@ -147,7 +154,7 @@ def _shift_axis(field: Array, distance: float, axis: int) -> Array:
     """The periodic field (H, W) read `distance` cells further along one axis, linear between cells."""
     whole = math.floor(distance)
     shifted = np.roll(field, -whole, axis)
-    if distance == whole:
+    if distance == whole:  # nothing to blend
         return shifted
     shifted_one_more = np.roll(field, -whole - 1, axis)
     shifted += (shifted_one_more - shifted) * np.float32(distance - whole)
@@ -156,9 +163,10 @@ def _shift_axis(field: Array, distance: float, axis: int) -> Array:
 
 @dataclass(frozen=True)
 class View:
-    """The visible points of one view: a point for each sub-point s of each texel, in the order (s, H · W)."""
+    """The visible points of one view: a point for each sub-point of each texel, in the order (s, H · W), with s the
+    number of sub-points of a texel."""
 
-    wo: Array
+    wo: Array  # (3,) to the camera
     points: brdf.Points
     frame: Array  # (3 components x y z, 3 axes t b n, s, H · W)
     cell: Array  # (s, H · W) index of the grid cell nearest to each point; visibility is looked up there
@@ -172,6 +180,8 @@ class Renderer:
     """
 
     def __init__(self, maps: Maps, size: tuple[int, int], sub_points: int = 2):
+        """Resize the maps to the grid. `InputError` if `size` or `sub_points`, those along a texel's side, are below
+        1."""
         if min(*size, sub_points) < 1:
             raise InputError(f"size and sub_points must be at least 1, not {size}, {sub_points}")
         self.size = size
@@ -192,6 +202,7 @@ class Renderer:
 
     def view(self, wo: Array) -> View:
         """Trace the rays toward `wo` (3,) and look up the surface where they meet it."""
+        # 1. Where each ray meets the surface.
         z = self.field.trace(wo, self.stride)
         start_rows = _block_centres(z.shape[0], self.stride[0])  # on the reference plane
         start_cols = _block_centres(z.shape[1], self.stride[1])
@@ -199,9 +210,11 @@ class Renderer:
         # Fractional grid row and column where the ray of each sub-point ends.
         row = self._by_sub_point(start_rows[:, None] + z * np.float32(rows_per_height))
         col = self._by_sub_point(start_cols[None, :] + z * np.float32(cols_per_height))
+        # 2. The surface there.
         sampled = _bilinear(self._table, self.field.shape, row, col)  # its columns are those of `_table`
         normal = sampled[:3]
         normal = normal / np.sqrt((normal * normal).sum(0))
+        # 3. The frame, whose tangent is the direction in which highlights are stretched.
         angle = 0.5 * np.arctan2(sampled[11], sampled[10])
         stretch = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])  # in the reference plane
         tangent = stretch - normal * (stretch * normal).sum(0)  # the same direction, dropped onto the surface
@@ -215,6 +228,7 @@ class Renderer:
             "specular": sampled[8],
             "anisotropy": sampled[9],
         }
+        # 4. The grid cell nearest to each point.
         H, W = self.field.shape
         nearest_row = np.floor(row + 0.5).astype(np.intp) % H
         nearest_col = np.floor(col + 0.5).astype(np.intp) % W
@@ -222,7 +236,10 @@ class Renderer:
         return View(wo, brdf.points(_project(frame, wo), surface), frame, cell)
 
     def _by_sub_point(self, picture: Array) -> Array:
-        """(H · s, W · s) → (s², H · W)."""
+        """One value for each ray, from the order in the picture (H · s, W · s) to sub-points and texels (s², H · W).
+
+        Here s is `sub_points`, those along a side of a texel.
+        """
         H, W = self.size
         s = self.sub_points
         return picture.reshape(H, s, W, s).transpose(1, 3, 0, 2).reshape(s * s, H * W)
@@ -309,22 +326,23 @@ def render(
     view_of, light_of = view_of.reshape(-1), light_of.reshape(-1)  # only numpy 2.0 gives (N, 1)
 
     def shared_visibility(index: int) -> Array | None:
-        """The visibility of a light that several pairs share; None for the light of one pair, which casts its own."""
+        """The visibility of a light that several pairs share; None for that of a single pair, see `fill_view`."""
         return renderer.field.visibility(lights[index]) if pairs_of_light[index] > 1 else None
 
     def fill_view(index: int) -> int:
-        """Fill in all slices of one view; returns their number."""
+        """Write all slices of one view into `result`; returns their number."""
         view = renderer.view(views[index])
         pairs = np.flatnonzero(view_of == index)
         for pair in pairs:
             visibility = visibilities[light_of[pair]]
-            if visibility is None:
+            if visibility is None:  # no other pair needs it, so it is found here and not kept
                 visibility = renderer.field.visibility(wi[pair])
             picture = renderer.slice(view, wi[pair], visibility)
             with np.errstate(over="ignore"):  # `out` may hold halves
                 result[pair] = picture
         return len(pairs)
 
+    # First the visibilities of all lights, which the views then share.
     done = 0
     with ThreadPoolExecutor(cores()) as pool:
         visibilities = list(pool.map(shared_visibility, range(len(lights))))

@@ -2,6 +2,9 @@
 
 The description is written last and both files are renamed into place, so readers never accept an interrupted rendering.
 Values are float16 (half the bytes, 5e-4 relative), or float32 if a highlight would overflow.
+
+There is a rendering for each `Table`, the pairs of one kind (to train on, for test, for validation), so that another
+draw of test pairs renders only that table again.
 """
 
 import hashlib
@@ -26,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class StoredSource(ArraySource):
-    """A rendering whose fingerprint is its cache key, so that opening it reads no values."""
+    """A rendering (N, H, W, 3) whose fingerprint is its cache key, so that opening it reads no values."""
 
     def __init__(self, values: Array, key: str):
         super().__init__(values)
@@ -47,7 +50,8 @@ def load_or_render(
 ) -> BTF:
     """The BTF of a recipe, from the cache or rendered into it; see `bench.data.materials.load`.
 
-    An `outline` renders nothing: its values are 0, but its fingerprint is that of the rendering.
+    `seed` is that of the random structure and of the held-out pairs, `draw` numbers the draw of test pairs. An
+    `outline` renders nothing: its values are 0, but its fingerprint is that of the rendering.
     """
     if data.size < 1:
         raise InputError(f"size must be at least 1, not {data.size}")
@@ -83,8 +87,10 @@ def load_or_render(
 
 
 def _described(name: str, recipe: Recipe, seed: int, size: int) -> dict[str, Any]:
-    """Everything that determines the values, except the directions, which the caller adds. It is the provenance of the
-    BTF, and its hash is the cache key."""
+    """Everything that determines the values, by name, except the directions, which the caller adds.
+
+    With them it is the provenance of the BTF, and its hash is the cache key. So no key or value may change.
+    """
     described: dict[str, Any] = {"source": RENDERED, "renderer_version": RENDERER_VERSION, "material": name}
     described |= {"recipe": type(recipe).__name__, "parameters": asdict(recipe)}  # type: ignore[call-overload]
     return described | {"seed": seed, "size": size, "sub_points": SUB_POINTS} | DESCRIBED
@@ -103,11 +109,12 @@ def _read(path: Path, shape: tuple[int, ...]) -> Array | None:
 
 def _write(path: Path, maps: Maps, table: Table, described: dict[str, Any], show: "Progress | None") -> None:
     """Render the slices of a table into `path` as float16, or again as float32 if one overflows; then write their
-    description beside it."""
+    description `described` beside it, as the same name with the ending `.json`."""
     size = described["size"]
     wo, wi = table.pairs
     label = f"rendering {described['material']}"
     with atomic.replacing(path) as partial:
+        # Highlights that overflow become infinite.
         for dtype in (np.float16, np.float32):
             values = atomic.mapped(partial, dtype, (len(wo), size, size, 3))
             render(maps, wo, wi, (size, size), SUB_POINTS, values, show, label)

@@ -3,6 +3,9 @@
 Half are the built-in recipes that are procedural (satin, brushed metal, leather, cable-knit) with every parameter drawn
 at random; the photographs (brick, gravel, grass) are left out, because another colour would not change their relief.
 The other half are patchworks: two substances over a random relief. Number n is the same surface everywhere.
+
+A *shared network* is trained once for all materials. A *recipe* is a class of parameters that makes a material's maps;
+heights are in units of the tile's width.
 """
 
 from collections.abc import Callable
@@ -25,7 +28,7 @@ from bench.data.materials.procedural import (
 )
 
 RESOLUTION = 128  # of the maps: at 32² texels, the relief is as coarse in texels as in the suites
-Pair = tuple[float, float]
+Pair = tuple[float, float]  # of the first and the second substance, or along u and v
 
 
 @dataclass(frozen=True)
@@ -34,11 +37,11 @@ class Patchwork:
 
     resolution: int
     height: float
-    grain: Pair  # texture units along u and v
-    detail: float  # relief of a quarter of the grain
+    grain: Pair  # size of the hills along u and v, as shares of the tile's side
+    detail: float  # how high are further hills of a quarter of that size, as a share of the first ones' height
     plateau: float  # 0: hills; 1: almost two levels
-    low: float  # share of the mask that follows the height
-    cover: float  # height about which the substances change
+    low: float  # share of the mask that follows the height; the rest of it is noise
+    cover: float  # the value of the mixed height and noise, from 0 to 1, about which the substances change
     srgb: tuple[Colour, Colour]
     roughness: Pair
     metalness: Pair
@@ -55,7 +58,7 @@ class Patchwork:
         plateaus = np.tanh(4 * hills)  # nearly −1 or 1 almost everywhere
         relief = normalised((1 - self.plateau) * hills + 2 * self.plateau * plateaus)
         scattered = normalised(smooth(rng, n, v, u))
-        # 1/2 where the mixed height is `cover`, from 0 to 1 within 0.15 about it.
+        # 1/2 where the mix of height and noise is `cover`, from 0 to 1 within 0.15 about it.
         mask = np.clip((self.low * relief + (1 - self.low) * scattered - self.cover) / 0.15 + 0.5, 0, 1)
         tone = smooth(rng, n, 0.03, 0.03)
         scratch = smooth(rng, n, 0.01, 0.01)
@@ -79,15 +82,17 @@ def _between(pair: Pair, mask: np.ndarray) -> np.ndarray:
 def variation(number: int) -> tuple[str, Recipe]:
     """The kind and the recipe of surface `number`: four built-in ones and four patchworks in turn."""
     kinds = list(_KINDS.items())
-    kinds += [("patchwork", _patchwork)] * len(kinds)
+    kinds += [("patchwork", _patchwork)] * len(kinds)  # as many patchworks as built-in kinds
     kind, draw_recipe = kinds[number % len(kinds)]
     # The second number is arbitrary; it keeps these draws apart from generators that are seeded by a number alone.
     return kind, draw_recipe(np.random.default_rng([number, 0x7A12]))
 
 
 def load_variation(number: int, size: int = 32, heldout: int = 375) -> BTF:
-    """Surface `number` as a periodic BTF of size² texels, rendered once and then mapped from the cache. Pairs: 25 × 25
-    of the UBO2003 directions, then `heldout` random ones, as for built-in materials."""
+    """Surface `number` as a periodic BTF of size² texels, rendered once and then mapped from the cache.
+
+    Pairs are 25 views × 25 lights of the UBO2003 directions, then `heldout` random ones, as for built-in materials.
+    """
     from bench.data.materials.store import load_or_render
     from bench.data.spec import Preparation
 
@@ -100,7 +105,7 @@ def load_variation(number: int, size: int = 32, heldout: int = 375) -> BTF:
 def _patchwork(rng: np.random.Generator) -> Patchwork:
     """A patchwork with every parameter drawn.
 
-    `choice([0, x])` makes half of the surfaces without some feature.
+    `choice([0, x])` leaves some feature out of half of the surfaces. Metalness is 0 or 1, for each substance.
     """
     grain = _log_uniform(rng, 0.02, 0.12)
     return Patchwork(
@@ -120,7 +125,7 @@ def _patchwork(rng: np.random.Generator) -> Patchwork:
     )
 
 
-# Procedural recipes, with every parameter drawn.
+# The built-in procedural recipes, with every parameter drawn: name → a function of the generator that draws one.
 _KINDS: dict[str, Callable[[np.random.Generator], Recipe]] = {
     "satin": lambda rng: Satin(
         resolution=RESOLUTION,
@@ -168,7 +173,7 @@ def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def _colour(rng: np.random.Generator, darkest: float = 25) -> Colour:
-    """sRGB codes from `darkest` to 245, mixed of a grey and a random colour."""
+    """Random sRGB codes from `darkest` to 245, mixed of a grey and a random colour by a random share."""
     grey = rng.uniform(darkest, 245)
     random_colour = rng.uniform(darkest, 245, 3)
     share = rng.uniform()
