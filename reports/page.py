@@ -4,10 +4,10 @@ Nothing in it points outside it, and nothing of the data is executed: data are J
 all text is escaped, and a content security policy allows the page's own scripts alone, by their hashes. How it looks
 is said in `reports/templates/`; here is what stands in it. The templates call the methods of `Page`.
 
-A *slice* is one picture of a material: all texels at one *pair* of view and light directions. A *live* material is drawn
-by the page in the browser, under lights that a reader moves. A *strip* is a row of pictures: the truth and some codecs'
-answers at one pair or, of a scene, in one frame. A *row* is one job: a codec with its settings on one material, fitted
-with one seed. *Own* codecs are those that the package lacks, most likely the reader's.
+A *slice* is one picture of a material: all texels at one *pair* of view and light directions. A *live* material is
+drawn by the page in the browser, under lights that a reader moves. A *strip* is a row of pictures: the truth and some
+codecs' answers at one pair or, of a scene, in one frame. A *row* is one job: a codec with its settings on one material,
+fitted with one seed. *Own* codecs are those that the package lacks, most likely the reader's.
 """
 
 import json
@@ -134,8 +134,8 @@ class Page:
         return document("report.html", title, series.codecs(self.run), self.plots, {"page": self}, self.data())
 
     def data(self) -> Iterator[Data]:
-        """The elements of data, to which the page refers by their ids: slices (`slices0`) and live models (`live0-1`) by
-        the number of their material, then the records (`records-data`)."""
+        """The elements of data, to which the page refers by their ids: slices (`slices0`) and live models (`live0-1`)
+        by the number of their material, then the records (`records-data`)."""
         for number, material in enumerate(self.materials):
             if material.first is None:  # nothing of it was measured, so its section shows neither
                 continue
@@ -165,8 +165,8 @@ class Page:
         return strips
 
     def _strip(self, number: int) -> list[Picture]:
-        """The pictures of the material of this number: its truth, the answers of the `LEADERS`, and those of the reader's
-        own best codec, if it is not among them. Empty if no ranked codec has pictures."""
+        """The pictures of the material of this number: its truth, the answers of the `LEADERS`, and those of the
+        reader's own best codec, if it is not among them. Empty if no ranked codec has pictures."""
         material = self.materials[number]
         row_of = {row.label: row for row in material.shown}
         labels_with_pictures = {codec["label"] for codec in self.slices[number]["codecs"]}

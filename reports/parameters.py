@@ -107,7 +107,7 @@ def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
 
 
 def _time_headers(gpus: Sequence[str]) -> list[tuple[str, str]]:
-    """The headers of the times, as name and unit; that of a GPU only if `gpus`, the names of those measured, has any."""
+    """The headers of the times, that of a GPU only if `gpus`, the names of those that were measured, has any."""
     headers = [("a sample", "ns eager"), ("a sample", "ns fused")]
     if gpus:
         headers.append(("a sample", "ns GPU"))

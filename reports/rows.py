@@ -2,8 +2,8 @@
 
 A *job* is one codec with its settings on one material, fitted with one seed; its record is a dict. A *label* is the
 codec with its settings, `pca components=8`. A *slice* is one picture of a material: all texels at one *pair* of view
-and light directions. Pairs that are *held out* are seen by no fit. They *decide* the place of a codec in tables; if none
-are held out, all pairs do. A slice is *exact* if it has no error. The *family* of a metric is its name without its
+and light directions. Pairs that are *held out* are seen by no fit. They *decide* the place of a codec in tables; if
+none are held out, all pairs do. A slice is *exact* if it has no error. The *family* of a metric is its name without its
 variant. A *start* of a run is one call of the command that measures; a run may have several.
 """
 
@@ -70,8 +70,8 @@ class Row:
     def psnr(self) -> float | None:
         """The mean display PSNR of the slices that decide, in dB; None if they have no error."""
         stats = self.stats(self.deciding_group, PSNR)
-        # Counts of slices. If all are exact, there is no finite mean. Where nothing was measured, both counts are absent,
-        # so they are equal, and the answer is None, too.
+        # Counts of slices. If all are exact, there is no finite mean. Where nothing was measured, both counts are
+        # absent, hence equal, and the answer is None, too.
         if stats.get("exact") == stats.get("slices"):
             return None
         return stats.get("mean")
@@ -109,7 +109,7 @@ class CodecRows:
 
     @property
     def ladder(self) -> str:
-        """The name of the curve that a figure draws through several settings of a codec, if the suite gave one; else
+        """The name of the curve that a figure draws through several settings of a codec, if its record says one; else
         the codec's name. The codec must have a measured row."""
         job = self.measured[0].job
         return str(job.get("curve") or job.get("codec") or self.label)
