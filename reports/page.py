@@ -2,7 +2,12 @@
 
 Nothing in it points outside it, and nothing of the data is executed: data are JSON in elements that no browser runs,
 all text is escaped, and a content security policy allows the page's own scripts alone, by their hashes. How it looks
-is said in `reports/templates/`; here is what stands in it.
+is said in `reports/templates/`; here is what stands in it. The templates call the methods of `Page`.
+
+A *slice* is one picture of a material: all texels at one *pair* of view and light directions. A *live* material is
+drawn by the page in the browser, under lights that a reader moves. A *strip* is a row of pictures: the truth and some
+codecs' answers at one pair or, of a scene, in one frame. A *row* is one job: a codec with its settings on one material,
+fitted with one seed. *Own* codecs are those that the package lacks, most likely the reader's.
 """
 
 import json
@@ -29,11 +34,15 @@ from reports.styles import is_own
 from reports.table import Table
 from reports.viewer.page import Data, as_json, fragment
 
-INTERACTIVE = {"rate", "speed", "fits", "footprints", "contact", "latents"}  # drawn by the page itself, or too large
+# Kinds of figures that the page does not hold: it draws the first four itself, and the others are too large.
+INTERACTIVE = {"rate", "speed", "fits", "footprints", "contact", "latents"}
 STRIPS = 2  # materials that open the page with a picture
+LEADERS = 3  # the best codecs, of which a strip shows pictures
+MOST_NAMES = 6  # of materials in the first sentence of the page
 RECORDS_BUDGET = 6_000_000  # characters of JSON; deflated, a quarter of it
 FIRST = ("budgets", "when", "summary")  # kinds of tables that open the page
 OPEN = {*FIRST, "scene", "main", "unfinished"}  # kinds of tables that are not folded away
+# By kind of plot: what the page says where a material has none.
 GAPS = {
     "speed": "The plot of speed and accuracy is omitted: no codec was timed here under the common conditions.",
     "fits": "The plot of quality over seconds is omitted: no codec here is fitted in steps and recorded a curve.",
@@ -41,7 +50,7 @@ GAPS = {
     "slices": "The distribution of slices is omitted: the run's arrays are missing, or no slice has an error.",
     "rate": "The plot of rate and distortion is omitted: no codec has an error here.",
 }
-_SCRIPTS = ("core", "tables", "plots", "slices", "live")
+_SCRIPTS = ("core", "tables", "plots", "slices", "live")  # in `reports/web/`
 Picture = tuple[str, str]  # the label of a codec ("" for the truth), and the words below the picture
 
 
@@ -56,7 +65,8 @@ def document(
     """The text of a page in pieces, because the whole text at once would take several times its size in memory.
 
     `template` is the name of a file in `reports/templates/`, which is filled with `values`. The page's elements of
-    JSON follow: `data`, then one that has `codecs` and `plots`.
+    data follow: `data`, then one that has `codecs` (how each is drawn) and `plots`. `data` is read only as the pieces
+    are, so each element is made when its turn comes.
     """
     viewer = fragment()
     folder = files("reports") / "web"
@@ -90,22 +100,24 @@ class Page:
     """What stands on the page of a run.
 
     Methods that take a material give the content of its section; templates call them. The page may take this `share`
-    of the budgets of slices and live models.
+    of the budgets of slices and live models: less than 1 for a page of a board with many pages. The constructor reads
+    stored pictures and models of the run, and makes the pictures of slices and the packed models, which take long.
     """
 
-    unfolded = OPEN
+    unfolded = OPEN  # kinds of tables; a template reads it
 
     def __init__(self, run: Run, tables: Sequence[Table], figures: Sequence[Figure], share: float = 1):
         self.run = run
         self.tables = tables
         self.figures = figures
-        self.rest = [table for table in tables if not table.material and table.kind not in FIRST]  # for "More"
+        # The tables over all materials that do not open the page stand in its section "More".
+        self.rest = [table for table in tables if not table.material and table.kind not in FIRST]
         self.materials = materials(run)
         self.records = PageRecords(run, self.materials)
         self.plots = series.plots_of(run)
         atlases = Atlases(run, self.materials, share)
         self.slices = [atlases.slices_of(material) for material in self.materials]  # in the order of the materials
-        self.measured = [material for material in self.materials if material.first]
+        self.measured = [material for material in self.materials if material.first]  # those with a comparable row
         self.sentence = _what_was_measured(self.measured) if self.measured else ""
         self.nothing_measured = not any(table.kind == "main" for table in tables)
         has_means = any(plot["material"] == "" for plot in self.plots)  # plots of means over all materials
@@ -116,16 +128,16 @@ class Page:
         self.live = live(run, self.materials, share)
 
     def pieces(self) -> Iterator[str]:
-        """The page in pieces."""
+        """The text of the page in pieces; its title names the suite that the run's last start measured."""
         suite = self.run.starts[-1].get("suite", "") if self.run.starts else ""
         title = f"neubtf-bench {suite}".strip()
         return document("report.html", title, series.codecs(self.run), self.plots, {"page": self}, self.data())
 
     def data(self) -> Iterator[Data]:
-        """The elements of data, to which the page refers by their ids: slices and live models by the number of their
-        material, then the records."""
+        """The elements of data, to which the page refers by their ids: slices (`slices0`) and live models (`live0-1`)
+        by the number of their material, then the records (`records-data`)."""
         for number, material in enumerate(self.materials):
-            if material.first is None:
+            if material.first is None:  # nothing of it was measured, so its section shows neither
                 continue
             if self.slices[number]["codecs"] and not self.kept_back(material):
                 yield Data(f"slices{number}", as_json(self.slices[number]))
@@ -134,7 +146,7 @@ class Page:
         yield Data("records-data", pack(self.records.records), "text/plain")
 
     def links(self) -> list[tuple[str, str]]:
-        """The contents of the page: the target of each link, and its text."""
+        """The table of contents of the page: the target of each link, and its text."""
         links = [("#summary", "Summary")]
         links += [(f"#m{i}", material.name) for i, material in enumerate(self.materials)]
         if self.rest:
@@ -142,7 +154,8 @@ class Page:
         return [*links, ("#records", "Records and provenance")]
 
     def strips(self) -> list[tuple[int, list[Picture]]]:
-        """The materials that open the page with pictures: the number of each, and its pictures."""
+        """The materials that open the page with pictures, at most `STRIPS`: the number of each in the order of the
+        materials, and its pictures."""
         strips = []
         for material in self.measured[:STRIPS]:
             number = self.materials.index(material)
@@ -152,7 +165,8 @@ class Page:
         return strips
 
     def _strip(self, number: int) -> list[Picture]:
-        """The truth of a material, and what the run's three best codecs and the reader's own best make of it."""
+        """The pictures of the material of this number: its truth, the answers of the `LEADERS`, and those of the
+        reader's own best codec, if it is not among them. Empty if no ranked codec has pictures."""
         material = self.materials[number]
         row_of = {row.label: row for row in material.shown}
         labels_with_pictures = {codec["label"] for codec in self.slices[number]["codecs"]}
@@ -164,11 +178,11 @@ class Page:
         if not best_rows:
             return []
         rows = list(best_rows.values())  # the best first
-        leaders, others = rows[:3], rows[3:]
-        best_own = [row for row in others if is_own(row.label)][:1]
+        leaders, others = rows[:LEADERS], rows[LEADERS:]
+        best_own = [row for row in others if is_own(row.label)][:1]  # a list of one row, or of none
         pictures = [("", f"{material.name}, truth")]
         for row in [*leaders, *best_own]:
-            psnr = EXACT if row.psnr is None else f"{fixed(row.psnr, 1)} dB"
+            psnr = EXACT if row.psnr is None else f"{fixed(row.psnr, 1)} dB"  # None: no slice has an error
             pictures.append((row.label, f"{row.label}: {psnr}, {integer(row.job['bytes']['total'])} bytes"))
         return pictures
 
@@ -180,7 +194,7 @@ class Page:
         return [standing.label for standing in ranked(self.run)]
 
     def summary(self) -> list[Table]:
-        """The tables that open the page."""
+        """The tables that open the page, in the order of `FIRST`."""
         first = [table for table in self.tables if table.kind in FIRST]
         first.sort(key=lambda table: FIRST.index(table.kind))
         return [self._narrowed(table) for table in first]
@@ -196,8 +210,8 @@ class Page:
         names = [name for name, _ in table.headers]
         psnr = names.index("PSNR")
         count = names.index("materials")
-        rows_differ = len({row[count] for row in table.rows}) > 1
-        order = [0, psnr]  # the number 0 is the column of the codecs
+        rows_differ = len({row[count] for row in table.rows}) > 1  # else each codec was measured on all materials
+        order = [0, psnr]  # of columns by their old places; 0 is that of the codecs
         order += [i for i in range(1, len(names)) if i not in (psnr, count)]
         if rows_differ:
             order.append(count)
@@ -205,7 +219,7 @@ class Page:
         return replace(table.of_columns(order), notes=notes)
 
     def scene(self, material: MaterialRows) -> Scene | None:
-        """What the section of a material says of its scene, if the run is for one."""
+        """What the section of a material says of its scene; None if the run is for none."""
         tables = [table for table in self.tables if table.material == material.name and table.kind == "scene"]
         if not tables:
             return None
@@ -218,14 +232,14 @@ class Page:
         return Scene(name, gains, list(scene_strips(self.run, material)), without_gains)
 
     def kinds(self, material: MaterialRows) -> str:
-        """The kinds of plots in the section of a material, as a list of words for the page's script."""
+        """The kinds of plots in the section of a material, parted by spaces, for the page's script."""
         kinds = "cost fits footprints slices"
         if material.name == self.opening:  # its plots of these two kinds open the page
             return kinds
         return f"rate speed {kinds}"
 
     def gaps(self, material: MaterialRows) -> list[str]:
-        """Why plots are missing in the section of a material."""
+        """The sentences of `GAPS` for the plots that the section of a material lacks."""
         kinds_with_plot = {plot["kind"] for plot in self.plots if plot["material"] == material.name}
         return [why for kind, why in GAPS.items() if kind not in kinds_with_plot]
 
@@ -244,7 +258,7 @@ class Page:
         return sorted(tables, key=lambda table: table.kind not in OPEN)
 
     def figures_of(self, material: MaterialRows) -> list[Figure]:
-        """The figures in the section of a material."""
+        """The figures in the section of a material, without the kinds that the page does not hold."""
         figures = [figure for figure in self.figures if figure.material == material.name]
         return [figure for figure in figures if figure.kind not in INTERACTIVE]
 
@@ -257,7 +271,7 @@ def _what_was_measured(measured: Sequence[MaterialRows]) -> str:
     """The sentence that opens the page: "2 codecs at 5 settings on satin, wool (64 × 64 texels, 625 training pairs, 150
     held out): each was decoded from its file and compared with the held-out pairs."
 
-    The size and the pairs are left out if materials differ in them.
+    `measured` has at least one material. The size and the pairs are left out if materials differ in them.
     """
     jobs = [row.job for material in measured for row in material.shown]
     codecs = {str(job.get("codec")) for job in jobs}
@@ -266,9 +280,9 @@ def _what_was_measured(measured: Sequence[MaterialRows]) -> str:
     if len(settings) > len(codecs):
         codecs_in_words += f" at {len(settings)} settings"
     names = [material.name for material in measured]
-    materials_in_words = ", ".join(names[:6])
-    if len(names) > 6:
-        materials_in_words += f" and {len(names) - 6} more"
+    materials_in_words = ", ".join(names[:MOST_NAMES])
+    if len(names) > MOST_NAMES:
+        materials_in_words += f" and {len(names) - MOST_NAMES} more"
     splits_in_words = {material.split_in_words for material in measured}
     if len(splits_in_words) == 1:
         materials_in_words += f" ({splits_in_words.pop()})"
@@ -280,10 +294,11 @@ def _what_was_measured(measured: Sequence[MaterialRows]) -> str:
 
 
 class PageRecords:
-    """The records of a run, by material and codec, each with its timing, until the budget is spent.
+    """The records of a run, by material and codec, each with its timing, until `RECORDS_BUDGET` is spent.
 
     The page has a `details` element for each entry of `names`, and its script fills it from `records`: both have the
-    run itself first, and are in the same order.
+    last start of the run first, if the run knows its starts, and are in the same order. A codec's entry is a list of
+    its records, one for each seed.
     """
 
     def __init__(self, run: Run, materials: Sequence[MaterialRows]):
@@ -293,7 +308,7 @@ class PageRecords:
         self.names: list[tuple[str, str, str]] = []  # of each element: its id, its title, and the fit in words
         if run.starts:
             self.names.append(("provenance", "the run: machine, packages, revision, suite", ""))
-        self.left_out = 0  # the number of rows without an element
+        self.left_out = 0  # the number of codecs on a material without an element
         # Fields with paths: of several runs that are read together, these paths are absolute, and of this machine.
         path_fields = set(field_names(ARTEFACT)) - {"file"}
         characters_left = RECORDS_BUDGET
@@ -301,18 +316,18 @@ class PageRecords:
             for c, codec in enumerate(material.codecs):
                 record = [_record(row, without=path_fields) for row in codec.rows]
                 characters_left -= len(json.dumps(record))
-                if characters_left < 0:
+                if characters_left < 0:  # it stays so: from the first that does not fit, all are left out
                     self.left_out += 1
                     continue
-                element = f"r{m}-{c}"
+                element = f"r{m}-{c}"  # its id
                 self.places[material.name, codec.label] = f"#{element}"
                 self.names.append((element, f"{material.name}, {codec.label}", _fit_in_words(codec)))
                 self.records.append(record)
 
     def place(self, material: str, label: str) -> str:
-        """A link to the element of a codec's record; "" where there is none.
+        """A link to the element of a codec's record, such as `#r0-2`; "" where there is none.
 
-        Without a material it is the record on the first material that has one.
+        A table over all materials has the material "": the link is then to the first material that has such a record.
         """
         if material:
             return self.places.get((material, label), "")
@@ -323,7 +338,8 @@ class PageRecords:
 
 
 def _record(row: Row, without: Set[str]) -> dict[str, Any]:
-    """A record as the page shows it: the job without some fields, and the results of its timing, if it has one."""
+    """A record as the page shows it: under `job` the job without some fields, and under `timing` the results of its
+    timing, without samples and conditions, if it has one."""
     job = {name: value for name, value in row.job.items() if name not in without}
     record: dict[str, Any] = {"job": job}
     if row.timing:
@@ -343,5 +359,5 @@ def _fit_in_words(codec: CodecRows) -> str:
     fitted = job.get("fitted") or {}
     if fitted.get("git"):
         words.append(f"fitted by {fitted['git']}")
-    digest = str(job["score_key"].get("sha256", ""))[:12]
+    digest = str(job["score_key"].get("sha256", ""))[:12]  # its beginning tells files apart
     return ", ".join([*words, f"file {digest}"])

@@ -1,8 +1,13 @@
-"""The quality in Table 1 of the NeuBTF paper beside ours, mean ± deviation over the slices of all pairs.
+"""Two tables on the NeuBTF paper: its quality beside ours, and its method with one thing changed at a time.
 
-Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces: "NeuBTF", Computers & Graphics 114 (2023); Table 2: `parameters`.
+The first sets Table 1 of Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces: "NeuBTF", Computers & Graphics 114 (2023),
+beside our numbers: mean ± deviation over the slices of all pairs. (`reports.parameters` has its Table 2.) The second
+shows the suite `ablation`: each codec as it is, and what each change of a setting is worth.
 
-NeuBTF without one thing at a time: each codec of the suite `ablation` as it is, and what each change is worth.
+A *slice* is one picture of a material: all texels at one *pair* of view and light directions. A *job* is one codec with
+its settings on one material, fitted with one seed; its *label* is the codec with these settings, `neubtf recipe=paper`.
+The *family* of a metric is its name without its variant: `ssim` of `ssim_periodic`. The suite
+`paper-nearest` has for each material of the paper the *nearest* one that anyone can get.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -15,8 +20,8 @@ from reports.rows import of_suite
 from reports.table import Note, Table
 
 METHOD = "neubtf"  # the codec whose figures the paper states
-NONE_YET = "none yet"
-# By material: mean and deviation, as printed.
+NONE_YET = "none yet"  # a cell of ours for a material that could not be had
+# By material, then by family of metric: mean and deviation, as printed.
 PUBLISHED = {
     "fabric01": {PSNR: "26.58 ± 1.820", SSIM: "0.710 ± 0.108", FLIP: "0.391 ± 0.047"},
     "fabric03": {PSNR: "27.73 ± 4.711", SSIM: "0.729 ± 0.142", FLIP: "0.426 ± 0.105"},
@@ -24,7 +29,8 @@ PUBLISHED = {
     "embroidery": {PSNR: "28.79 ± 1.831", SSIM: "0.652 ± 0.156", FLIP: "0.391 ± 0.115"},
 }
 NEAREST_SUITE = "paper-nearest"
-NEAREST = {"wool": "fabric01", "corduroy": "fabric03", "bricks": "ceramic", "satin": "embroidery"}  # of that suite
+# By material of that suite: the material of the paper that it stands for.
+NEAREST = {"wool": "fabric01", "corduroy": "fabric03", "bricks": "ceramic", "satin": "embroidery"}
 # Each metric of the table: its family, its name and unit in the header, and the decimals of our numbers.
 _METRICS = ((PSNR, "PSNR", "dB ↑", 2), (SSIM, "SSIM", "↑", 3), (FLIP, "FLIP", "↓", 3))
 _PAIRS = (("all", "all"), ("held out", "heldout"))  # groups of pairs: in words, and as records name them
@@ -32,18 +38,20 @@ _NOTE = (
     "Mean ± standard deviation over slices. The paper's protocol differs: docs/metrics.md, “Tables”. LPIPS, its fourth "
     "row, is not computed here, by design; SSIM and FLIP depend on resolution."
 )
-SUITE = "ablation"
+SUITE = "ablation"  # whose jobs `ablation_table` shows
 
 
 def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | None:
-    """Two rows for each codec on each material of the paper's table, or on one that is nearest to it; else None.
+    """Two rows for each job on a material of the paper's table, or on one that is nearest to it; None without any row.
 
     A material of the paper that could not be had has one row with the paper's figures beside `none yet`; a nearest one
     has no row. A note says of either where to get it. `absent` says where by material, for materials that no job of the
     run names.
     """
+    # The jobs to show. A nearest material counts only in its suite: other suites measure these materials, too.
     jobs = [job for job in run.jobs if job["material"] in PUBLISHED]
     jobs += [job for job in of_suite(run, NEAREST_SUITE) if job["material"] in NEAREST]
+    # Which materials could be had.
     available = {job["material"] for job in jobs if job["status"] != "unavailable"}
     missing: dict[str, str] = {}  # by material that could not be had: where to get it
     for name, where in (absent or {}).items():
@@ -51,13 +59,14 @@ def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | No
             missing[name] = where
     for job in jobs:
         if job["material"] not in available:
-            missing[job["material"]] = str(job.get("error", ""))
+            missing[job["material"]] = str(job.get("error", ""))  # it says where to get it
+    # The rows, and the notes.
     rows: list[list[str]] = []
     for job in jobs:
         if job["material"] in available:
             rows += _rows(job)
     for material in missing:
-        if material in PUBLISHED:
+        if material in PUBLISHED:  # the paper has figures of no other
             cells = [material, f"{METHOD} recipe=paper", "all"]
             for family, *_ in _METRICS:
                 cells += [NONE_YET, PUBLISHED[material][family]]
@@ -74,17 +83,20 @@ def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | No
 
 
 def _rows(job: Job) -> Iterator[list[str]]:
-    """The rows of a job: over all pairs, beside the paper's figures, and over the held-out pairs."""
+    """The rows of a job: over all pairs, beside the paper's figures, and over the held-out pairs.
+
+    A job without numbers has the first alone, with its status in place of our numbers.
+    """
     material = str(job["material"])
     name = material if material in PUBLISHED else f"{material}, for {NEAREST[material]}"
-    height, width = job.get("shape", (0, 0))
+    height, width = job.get("shape", (0, 0))  # texels; a job without a result has none
     if height != width:  # the paper's are square
         name += f", {height} × {width}"
     published: Mapping[str, str] = {}  # by metric; the paper has figures of its own method alone
     if job["label"].split()[0] == METHOD:
         published = PUBLISHED[NEAREST.get(material, material)]
     measured = job["status"] == "ok"
-    pairs_of_rows = _PAIRS if measured else _PAIRS[:1]  # a job without numbers has one row, which says why
+    pairs_of_rows = _PAIRS if measured else _PAIRS[:1]
     for pairs, group in pairs_of_rows:
         cells = [name, shown_label(job), pairs]
         for family, _, _, digits in _METRICS:
@@ -95,11 +107,12 @@ def _rows(job: Job) -> Iterator[list[str]]:
 
 
 def _quality(job: Job, family: str, group: str, digits: int) -> str:
-    """Mean ± deviation of a metric over the slices of a group; “exact”, or a dash without numbers."""
+    """Mean ± deviation of a metric over the slices of a group of pairs; “exact” if none has an error, “n/a” if the
+    metric does not apply, a dash if it was not measured."""
     value = stated(stats_of(job, family, group), "mean", "std")
     if isinstance(value, tuple):
         return plus_minus(value, digits)
-    return value or NONE
+    return value or NONE  # a word in place of a number, such as “exact”, or None
 
 
 def ablation_table(run: Run) -> Table | None:
@@ -111,14 +124,17 @@ def ablation_table(run: Run) -> Table | None:
     if not jobs:
         return None
     materials = list(dict.fromkeys(job["material"] for job in jobs))
+
     headers = [("codec", ""), ("change", ""), ("decoder", "param."), ("a sample", "FLOP")]
     for material in materials:
         headers += [(material, "dB ↑"), ("against as it is", "dB"), (material, "SSIM ↑")]
     notes = [
         "dB: mean display PSNR of the pairs held out to choose settings by; no test pair is among them.",
-        Note(("FLOP: of the decoder's network.", lambda name: "FLOP" in name)),
+        Note(("FLOP: of the decoder's network.", lambda name: name == "a sample")),  # of that column alone
         "A change is told by the settings that differ from the row “as it is”.",
     ]
+
+    # A row for each label; its parameters and FLOP are those of its first job.
     first_job: dict[str, Job] = {}  # by label
     unchanged: dict[str, str] = {}  # by codec: its first label in the suite, which is the codec as it is
     for job in jobs:
@@ -127,14 +143,14 @@ def ablation_table(run: Run) -> Table | None:
     rows = []
     for label, job in first_job.items():
         unchanged_label = unchanged[job["codec"]]
-        settings = label.split()[1:]
+        settings = label.split()[1:]  # after the codec
         changes = " ".join(setting for setting in settings if setting not in unchanged_label.split())
         cost = [integer(job["parameters"]), integer(job["cost"].get("flops_per_sample"))]
         cells = [job["codec"], changes or "as it is", *cost]
         for material in materials:
             psnr = _mean(jobs, material, label, PSNR)
             unchanged_psnr = _mean(jobs, material, unchanged_label, PSNR)
-            gain = ""
+            gain = ""  # also of the codec as it is, which would have 0
             if psnr is not None and unchanged_psnr is not None and label != unchanged_label:
                 gain = signed(psnr - unchanged_psnr)
             ssim = _mean(jobs, material, label, SSIM)

@@ -1,5 +1,10 @@
 """The parameters of decoders and the channels of textures, ours beside those published.
 
+A *decoder* is what turns a texel of a codec's texture into a colour. A *job* is one codec with its settings on one
+material, fitted with one seed; its *label* is the codec with these settings. Some codecs have the setting `recipe`:
+`paper` is the published one, `ours` the default. An *execution* is a way to run a decoder: `eager`
+(PyTorch's operations one by one), `fused` (one kernel), `gpu` (the quickest on a GPU).
+
 Those of NeuBTF, NeuMIP and both of Rainer's are from Table 2 of Rodriguez-Pardo, Kazatzis, Lopez-Moreno, Garces:
 "NeuBTF", Computers & Graphics 114 (2023); the others follow from the layers in their papers or their authors' code.
 """
@@ -14,12 +19,15 @@ from reports.table import Table
 
 
 class Published(NamedTuple):
-    """The numbers in a paper; docs/metrics.md says what our channels are."""
+    """The numbers in a paper: of the parameters of its decoder, and of the channels of its texture.
+
+    docs/metrics.md says which of a codec's values count as channels.
+    """
 
     method: str
     parameters: int
     channels: int
-    ns: str = NONE  # a sample, mean ± deviation
+    ns: str = NONE  # nanoseconds a sample, mean ± deviation as printed; a dash where the paper has none
 
 
 class TimedJob(Job, total=False):
@@ -29,6 +37,7 @@ class TimedJob(Job, total=False):
     gpu: str
 
 
+# By codec, in the order of the rows.
 PUBLISHED = {
     "neubtf": Published("NeuBTF", 3_011, 14, "251.4 ± 44.8"),
     "neubtf-direct": Published("NeuBTF", 3_011, 14, "251.4 ± 44.8"),
@@ -40,7 +49,7 @@ PUBLISHED = {
     "triple-plane": Published("Triple plane", 3_011, 8),
     "biplane": Published("Biplane", 136_451, 18),
     "neuralbtf": Published("NeuralBTF", 556_038, 8),
-}  # by codec
+}
 _ZELTNER_CODE = Published("Zeltner 2024 (code)", 819, 8)  # the authors' of 2026: docs/recipes.md
 
 
@@ -50,6 +59,7 @@ def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
     The rows of a codec begin with its published recipe; ours follows. A job without the field `run` was not measured:
     `bench.conformance.verdicts.count` made it only to count its parameters.
     """
+    # The jobs of each row.
     finished = [job for job in jobs if job["status"] == "ok" and job["codec"] in PUBLISHED]
     decoders = grouped(finished, _decoder)
     if not decoders:
@@ -60,9 +70,12 @@ def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
     # The job that names a row has the shortest label, which has the fewest settings.
     chosen = [min(same_decoder, key=lambda job: len(job["label"])) for same_decoder in jobs_of_rows]
     counted = list(chain.from_iterable(jobs_of_rows))
+
     headers = [("method", ""), ("codec", "")]
     for quantity in ("param.", "channels"):  # below them, the cells of `_beside`
         headers += [(quantity, "ours"), (quantity, "paper"), (quantity, "diff.")]
+
+    # Title and notes.
     title = "Decoder parameters and texture channels, beside those published"
     notes = [
         "Ours: counted by torchinfo in what a codec file decodes to. Channels and inputs: docs/metrics.md, “Tables”."
@@ -73,6 +86,8 @@ def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
     absent = dict.fromkeys(paper.method for codec, paper in PUBLISHED.items() if codec not in codecs)
     if absent:
         notes.append(f"{NONE} {', '.join(absent)}: no codec of this method was measured.")
+
+    # The counts, and to their right the times, if a job has any.
     rows = []
     for job in chosen:
         paper = _published(job)
@@ -92,7 +107,7 @@ def parameters_table(jobs: Iterable[TimedJob]) -> Table | None:
 
 
 def _time_headers(gpus: Sequence[str]) -> list[tuple[str, str]]:
-    """The headers of the times; that of a GPU only if `gpus`, the names of those that were measured, has any."""
+    """The headers of the times, that of a GPU only if `gpus`, the names of those that were measured, has any."""
     headers = [("a sample", "ns eager"), ("a sample", "ns fused")]
     if gpus:
         headers.append(("a sample", "ns GPU"))
@@ -100,7 +115,8 @@ def _time_headers(gpus: Sequence[str]) -> list[tuple[str, str]]:
 
 
 def _time_cells(job: TimedJob, ns: Mapping[str, float], gpus: Sequence[str]) -> list[str]:
-    """The cells below `_time_headers`, of the ns of a sample by execution."""
+    """The cells below `_time_headers`; `ns` maps an execution to nanoseconds a sample. A time that is missing is a
+    dash."""
     cells = [fixed(ns.get("eager"), 0), fixed(ns.get("fused"), 0)]
     if gpus:
         cells.append(fixed(ns.get("gpu"), 1))
@@ -108,7 +124,7 @@ def _time_cells(job: TimedJob, ns: Mapping[str, float], gpus: Sequence[str]) -> 
 
 
 class _Decoder(NamedTuple):
-    """What tells decoders apart; the first two also order the rows."""
+    """What tells decoders apart, a row for each; the first two also order the rows."""
 
     place: int  # of the codec in `PUBLISHED`
     is_our_recipe: bool
@@ -125,7 +141,7 @@ def _decoder(job: Job) -> _Decoder:
 
 
 def _beside(ours: int, published: int) -> list[str]:
-    """Our number, the published one, and their difference."""
+    """The cells of a quantity: our number, the published one, and ours − published."""
     difference = f"{ours - published:+,}" if ours != published else "0"
     return [integer(ours), integer(published), difference]
 

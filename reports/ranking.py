@@ -1,4 +1,9 @@
-"""The ranking of the codecs of a run, and the difference of each to one of them; both are computed only once."""
+"""The ranking of the codecs of a run, and the difference of each to one of them; both are computed only once.
+
+A *codec* is here one with its settings, named by its *label*, such as `pca components=8`; it is a *row* of the summary.
+Its *standing* is its place by PSNR over all materials. It has a *rank* only if it was measured on every material of the
+run. A model *of a scene* was fitted to the directions that one scene uses, so it answers for that scene alone.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,7 +17,8 @@ from reports.rows import materials
 
 @view
 def ranked(run: Run) -> list[Standing]:
-    """Every measured codec, the best first; models of a scene come last, without a rank."""
+    """The standing of every measured codec, the best first. Models of a scene come last and without a rank, because
+    their quality over a whole material is not what they were fitted for. Kept with the run."""
     # Jobs by material and label, those of models of whole materials apart from those of models of a scene.
     whole: dict[str, dict[str, list[Job]]] = {}
     of_scene: dict[str, dict[str, list[Job]]] = {}
@@ -27,11 +33,12 @@ def ranked(run: Run) -> list[Standing]:
 
 @view
 def against_one(run: Run, wanted: str = "") -> Against:
-    """The paired differences of the ranked codecs to the row `wanted`, a label or the name of a codec with one row.
+    """The differences of the ranked codecs to the row `wanted`, a label or the name of a codec with one row. They are
+    mean differences of PSNR in dB, paired slice by slice.
 
     By default that is the first row of the codec `AGAINST` or, without one, the first row in the order of the suite, so
     that no result decides which row it is. Raises `InputError` for a row that is not there, or that was not measured
-    on all materials.
+    on all materials. Kept with the run.
     """
     best_first = [standing.label for standing in ranked(run) if standing.rank is not None]
     labels_of_suite = dict.fromkeys(codec.label for material in materials(run) for codec in material.codecs)
@@ -42,20 +49,23 @@ def against_one(run: Run, wanted: str = "") -> Against:
         of_usual_codec = [label for label in in_suite_order if label.split()[0] == AGAINST]
         first = of_usual_codec[0] if of_usual_codec else in_suite_order[0]
     else:  # no codec has a rank
-        return Against("", {}, {})
+        return Against(first="", over={}, on={})
     return against(run, first, [label for label in best_first if label != first])
 
 
 def rows_of(codec: str, run: Run) -> int:
-    """The number of rows that a codec has among those that are ranked."""
+    """The number of rows, one for each of its settings, that a codec of this name has among those that are ranked."""
     labels = [standing.label for standing in ranked(run) if standing.rank is not None]
     return sum(label.split()[0] == codec for label in labels)
 
 
 def _row_named(wanted: str, labels: Sequence[str]) -> str:
-    """The label of the one row that is meant by `wanted`: a label, which may lack "(our recipe)", or a codec's name."""
+    """The label of the one row that is meant by `wanted`: a label, which may lack "(our recipe)", or a codec's name.
+
+    "(our recipe)" is a mark that tables add to a label. `InputError` if `wanted` means no row, or several.
+    """
     matches = [label for label in labels if wanted in (label, label.replace(" (our recipe)", ""))]
-    if not matches:
+    if not matches:  # a name alone counts only if no whole label is the same: "pca" may be both
         matches = [label for label in labels if label.split()[0] == wanted]
     if len(matches) != 1:
         why = "it has several rows" if matches else "no row on all materials has this label"

@@ -1,4 +1,11 @@
-"""The jobs of a run as rows of tables, by material, with the reasons why a row cannot be compared with the others."""
+"""The jobs of a run as rows of tables, by material, with the reasons why a row cannot be compared with the others.
+
+A *job* is one codec with its settings on one material, fitted with one seed; its record is a dict. A *label* is the
+codec with its settings, `pca components=8`. A *slice* is one picture of a material: all texels at one *pair* of view
+and light directions. Pairs that are *held out* are seen by no fit. They *decide* the place of a codec in tables; if
+none are held out, all pairs do. A slice is *exact* if it has no error. The *family* of a metric is its name without its
+variant. A *start* of a run is one call of the command that measures; a run may have several.
+"""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -40,7 +47,7 @@ class Row:
     label: str
     name: str
     timing: Timing | None = None
-    fused: TradeChoice | None = None  # its time as one kernel, if `neubtf-bench trade` measured it
+    fused: TradeChoice | None = None  # its time with all of a query in one kernel, if `neubtf-bench trade` measured it
     obstacle: str = ""  # of all its numbers
     timing_obstacle: str = ""  # of its time alone
 
@@ -56,24 +63,26 @@ class Row:
 
     @property
     def deciding_group(self) -> str:
-        """The group of pairs that decides: held-out ones, or all if none are held out."""
+        """The name in records of the pairs that decide: "heldout", or "all" if none are held out."""
         return deciding_group(self.job["scores"])
 
     @property
     def psnr(self) -> float | None:
         """The mean display PSNR of the slices that decide, in dB; None if they have no error."""
         stats = self.stats(self.deciding_group, PSNR)
-        # All slices are exact. Where nothing was measured, both counts are absent, so equal: the answer is None, too.
+        # Counts of slices. If all are exact, there is no finite mean. Where nothing was measured, both counts are
+        # absent, hence equal, and the answer is None, too.
         if stats.get("exact") == stats.get("slices"):
             return None
         return stats.get("mean")
 
     def metric(self, family: str) -> str:
-        """The full name of the metric of a family that scored this job (`ssim` → `ssim_periodic`), or ""."""
+        """The full name of the metric of a family that scored this job (`ssim` → `ssim_periodic`); "" if none did."""
         return metric_of(metrics_of(self.job), family)
 
     def stats(self, group: str, family: str) -> Statistics:
-        """The statistics of a metric over a group of pairs; empty if there are none."""
+        """The statistics (mean, std, counts of slices) of a family's metric over a group of pairs, such as "heldout";
+        empty if there are none."""
         return stats_of(self.job, family, group)
 
 
@@ -95,12 +104,13 @@ class CodecRows:
 
     @property
     def exact(self) -> bool:
-        """Whether no deciding slice has an error, for any seed."""
+        """Whether no deciding slice has an error, for any seed; also true of a codec that was not measured."""
         return all(row.psnr is None for row in self.measured)
 
     @property
     def ladder(self) -> str:
-        """The name of the curve that a figure draws through several settings of a codec; else the codec's name."""
+        """The name of the curve that a figure draws through several settings of a codec, if its record says one; else
+        the codec's name. The codec must have a measured row."""
         job = self.measured[0].job
         return str(job.get("curve") or job.get("codec") or self.label)
 
@@ -120,7 +130,7 @@ class MaterialRows:
 
     @cached_property
     def codecs(self) -> list[CodecRows]:
-        """The rows by codec, of those that have a result on some material."""
+        """The rows by codec with its settings, without those that have no result on any material of the run."""
         by_label: dict[str, list[Row]] = {}
         for row in self.rows:
             if row.label not in self.without_results:
@@ -129,12 +139,12 @@ class MaterialRows:
 
     @property
     def seeds(self) -> list[int]:
-        """The measured seeds, in order."""
+        """The measured seeds, in order; a record without one counts as seed 0."""
         return sorted({int(row.job.get("seed") or 0) for row in self.measured})
 
     @property
     def shown(self) -> list[Row]:
-        """One row a codec, for its first seed, used for pictures."""
+        """One row a measured codec, for its first seed; pictures show only one seed."""
         return [codec.measured[0] for codec in self.codecs if codec.measured]
 
     @property
@@ -144,7 +154,7 @@ class MaterialRows:
 
     @cached_property
     def metrics(self) -> dict[str, MetricFacts]:
-        """Every metric that a comparable row was scored with, as the records describe it."""
+        """By name: every metric that a comparable row was scored with, as the records describe it (unit, direction)."""
         facts_by_name = {}
         for row in self.measured:
             for name in metrics_of(row.job):
@@ -153,12 +163,13 @@ class MaterialRows:
 
     @property
     def deciding_in_words(self) -> str:
-        """The pairs that decide: "held-out pairs" or "all pairs"."""
+        """The pairs that decide: "held-out pairs" or "all pairs". Only of a material with a measured row."""
         return "held-out pairs" if self.measured[0].deciding_group == "heldout" else "all pairs"
 
     @property
     def split_in_words(self) -> str:
-        """The size and the pairs: "64 × 64 texels, 625 training pairs, 150 held out"."""
+        """The size and the pairs: "64 × 64 texels, 625 training pairs, 150 held out"; "nothing measured" without a
+        measured row."""
         if self.first is None:
             return "nothing measured"
         height, width = self.first["shape"]
@@ -174,13 +185,13 @@ class MaterialRows:
 
 
 def of_suite(run: Run, suite: str) -> list[Job]:
-    """The jobs that were made by the run's starts of this suite."""
+    """The jobs that were made by the starts of this suite, because a run's folder may have starts of several suites."""
     starts_of_suite = {start.get("run") for start in run.starts if start.get("suite") == suite}
     return [job for job in run.jobs if job.get("run") in starts_of_suite]
 
 
 def facts_of(job: Job, metric: str) -> MetricFacts:
-    """A metric as a record describes it or, if it does not, as it describes a variant of the metric.
+    """The unit and direction of a metric as a record describes it or, if it does not, those of a variant of the metric.
 
     Frames, for example, are scored by SSIM, while slices are scored by the periodic variant.
     """
@@ -195,12 +206,15 @@ def facts_of(job: Job, metric: str) -> MetricFacts:
 
 @view
 def materials(run: Run) -> list[MaterialRows]:
-    """The run's jobs by material. `InputError` if a finished one lacks a field that tables show."""
+    """The run's jobs by material, in the order of the suite; kept with the run.
+
+    `InputError` if a finished job lacks a field that tables show.
+    """
     finished = [job for job in run.jobs if job["status"] == "ok"]
     for job in finished:
         require(job, "tables", run.folder)
     without_results = frozenset(map(shown_label, run.jobs)) - set(map(shown_label, finished))
-    obstacle_of = obstacles(run.jobs, run.published)
+    obstacle_of = obstacles(run.jobs, run.published)  # by name of job: why its numbers cannot be compared, in words
     jobs_by_material = grouped(run.jobs, lambda job: str(job["material"]))
     material_rows = []
     for name, jobs in jobs_by_material.items():
@@ -210,7 +224,10 @@ def materials(run: Run) -> list[MaterialRows]:
 
 
 def _rows(run: Run, jobs: list[Job], obstacle_of: dict[str, str]) -> Iterator[Row]:
-    """The jobs of one material as rows; `obstacle_of` has by job why its numbers cannot be compared."""
+    """The jobs of one material as rows; `obstacle_of` has by name of job why its numbers cannot be compared.
+
+    Reads the run's trade, if it has one, for the times as one kernel.
+    """
     timing_of = {job["job"]: run.timing(job) for job in jobs if job["status"] == "ok"}  # None for a job without one
     timings = [timing for timing in timing_of.values() if timing]
     counts = Counter(timing["run"] for timing in timings)  # of timings, by start

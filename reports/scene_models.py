@@ -1,4 +1,9 @@
-"""Models of a scene beside whole ones: the table of a search for the smallest, and what they save and gain in a run."""
+"""Models of a scene beside whole ones: the table of a search for the smallest, and what they save and gain in a run.
+
+A *model of a scene* is a codec's file that was fitted to the pairs of view and light directions that one scene uses. A
+*whole* (or *full*) model is fitted to the whole material. *Frames* are the pictures of the scene, rendered from a file.
+A *slice* is one picture of the material: all texels at one pair of directions. *Held-out* pairs are seen by no fit.
+"""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -13,7 +18,7 @@ from reports.text import plain
 
 
 def scene_models_text(rows: Sequence[SceneModel]) -> str:
-    """The table of the rows of `bench.demand.fitting.rows`, as text for a terminal."""
+    """The table of the rows of `bench.demand.fitting.rows`, one a model ("full", "scene"), as text for a terminal."""
     headers = [("model", ""), ("total", "bytes ↓"), ("time", "ns ↓"), ("fit", "steps"), ("fit", "s")]
     headers += [("held-out PSNR", "dB ↑"), ("scene PSNR", "dB ↑"), ("scene FLIP", "↓"), ("outside PSNR", "dB ↑")]
     cells = []
@@ -31,7 +36,8 @@ def scene_models_text(rows: Sequence[SceneModel]) -> str:
 
 
 def gains(rows: Sequence[SceneModel]) -> list[str]:
-    """A list of one line, on what the model of the scene saves and gains against the full one; empty without both."""
+    """A list of one line, on what the model of the scene saves and gains against the full one; empty unless `rows` has
+    both."""
     by_model = {row["model"]: row for row in rows}  # "full" and "scene"
     if len(by_model) < 2:
         return []
@@ -58,7 +64,10 @@ def gain(full_bytes: int, scene_bytes: int, qualities: Sequence[tuple[str, float
 
 
 def in_pairs(material: MaterialRows) -> Iterator[tuple[Row, Row]]:
-    """Pairs of a whole model and the model of the scene by the same codec, with the same settings and seed."""
+    """Pairs of rows: a whole model, and the model of the scene by the same codec, with the same settings and seed.
+
+    A model without such a counterpart is in no pair.
+    """
     whole_rows = {_key_without_scene(row): row for row in material.measured if not fitted_to_scene(row.job)}
     for row in material.measured:
         whole_row = whole_rows.get(_key_without_scene(row))
@@ -67,7 +76,8 @@ def in_pairs(material: MaterialRows) -> Iterator[tuple[Row, Row]]:
 
 
 def scene_gains(material: MaterialRows) -> Iterator[str]:
-    """What each model of the scene saves in bytes and gains in PSNR against the whole model at the same settings."""
+    """A sentence on each model of the scene that has a whole model beside it: the bytes that it saves, and the PSNR
+    that it gains."""
     for whole_row, row in in_pairs(material):
         whole = whole_row.job
         scene = row.job
@@ -77,7 +87,7 @@ def scene_gains(material: MaterialRows) -> Iterator[str]:
 
 
 def _heldout_psnr(job: Job) -> float | None:
-    """The mean PSNR of the held-out pairs that lie in the scene, in dB."""
+    """The mean PSNR of the held-out pairs that lie in the scene, in dB; None if it was not measured."""
     return stats_of(job, PSNR, SCENE_HELDOUT).get("mean")
 
 
@@ -91,16 +101,16 @@ def scene_quality(codec: CodecRows) -> float:
     scene or, without any, in its frames; minus infinity if nothing was measured."""
     values = []
     for row in codec.measured:
-        psnr = None
+        psnr = None  # stands for no error, and for a row that was scored in neither
         if stats_of(row.job, PSNR, SCENE_HELDOUT):
             psnr = _heldout_psnr(row.job)
         elif "scene" in row.job:
             psnr = _frames_psnr(row.job)
-        values.append(MOST_DB if psnr is None else psnr)  # None: there is no error
+        values.append(MOST_DB if psnr is None else psnr)
     return fmean(values) if values else float("-inf")
 
 
 def _key_without_scene(row: Row) -> str:
-    """A key of a row's codec, settings and seed that leaves out whether it was fitted to the scene."""
+    """A text that is the same for rows of the same codec, settings and seed, whether fitted to the scene or not."""
     settings = {key: value for key, value in row.job["settings"].items() if key != "scene"}
     return json.dumps([row.job.get("codec"), settings, row.job.get("seed")], sort_keys=True)

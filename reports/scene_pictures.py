@@ -1,4 +1,9 @@
-"""The stored frames of a scene as pictures of a page: the truth, models of the scene, whole models."""
+"""The stored frames of a scene as pictures of a page: the truth, models of the scene, whole models.
+
+A *frame* is a picture of the scene, rendered once from each model's file and once from the reference table, which is
+the truth. A *model of the scene* was fitted to the directions that the scene uses, a *whole* one to the whole material.
+A *label* is a codec with its settings. Frames are arrays (n, H, W, 3) of 8 bits.
+"""
 
 from collections.abc import Iterator
 
@@ -14,11 +19,15 @@ from reports.scene_models import in_pairs
 
 PAIRS = 2  # models of a scene that are shown, each beside the whole one
 WHOLE = 3  # whole models that are shown in a run without models of its scene
-QUALITY = 90  # of WebP
+QUALITY = 90  # of WebP, up to 100
+METHOD = 4  # of WebP: the effort to pack it, 0 to 6
 
 
 def scene_strips(run: Run, material: MaterialRows) -> Iterator[list[tuple[str, str]]]:
-    """For each stored frame its pictures: the words below one, and its data URL. Nothing if the run stored no frame."""
+    """For each stored frame its pictures: the words below one, and its data URL. Nothing if the run stored no frame.
+
+    The truth comes first, then the models in the order of `_labels_of_models`. Reads the run's files of frames.
+    """
     stored: dict[str, tuple[Row, Arrays]] = {}  # by label
     for row, frames in of_shown(run, material, "frames", ("truth", "decoded")):
         stored[row.label] = row, frames
@@ -27,7 +36,7 @@ def scene_strips(run: Run, material: MaterialRows) -> Iterator[list[tuple[str, s
         return
     _, first_frames = models[0]
     truth = first_frames["truth"]  # (n, H, W, 3), the same for all
-    models = _with_frames_like(models, truth)
+    models = _with_frames_like(models, truth)  # others have no picture at each place of the truth's
     for number, picture in enumerate(truth):
         pictures = [("the reference table", _webp(picture))]
         for row, frames in models:
@@ -40,6 +49,7 @@ def _labels_of_models(material: MaterialRows) -> list[str]:
 
     In a run without models of a scene, they are those of the best whole models.
     """
+    # Each pair is the rows of a whole model and of the model of the scene; the latter's quality sorts them, best first.
     pairs = sorted(in_pairs(material), key=lambda pair: _psnr(pair[1]), reverse=True)
     labels_of_pairs = {scene.label: [whole.label, scene.label] for whole, scene in pairs}  # several seeds are one pair
     if labels_of_pairs:
@@ -57,7 +67,7 @@ def _with_frames_like(models: list[tuple[Row, Arrays]], truth: np.ndarray) -> li
 
 
 def _psnr(row: Row) -> float:
-    """The PSNR of a row's frames to sort by; infinite where they have no error."""
+    """The PSNR of a row's frames in dB, to sort by; infinite where they have no error, or were not scored."""
     value = row.job.get("scene", {}).get("metrics", {}).get(PSNR)
     return float("inf") if value is None else float(value)
 
@@ -70,4 +80,5 @@ def _caption(row: Row) -> str:
 
 
 def _webp(picture: np.ndarray) -> str:
-    return webp(Image.fromarray(picture), quality=QUALITY, method=4)
+    """A picture, (H, W, 3) of 8 bits, as the data URL of a WebP."""
+    return webp(Image.fromarray(picture), quality=QUALITY, method=METHOD)

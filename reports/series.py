@@ -1,7 +1,12 @@
 """The data of plots, for the page and for figures: points, curves and samples by codec, as JSON can hold them.
 
-A plot has `material`, `kind`, `title`, its axes `x` and `y`, its `series`, and the labels of `missing` codecs. An entry
-of the series is a codec: its `label` and its `points`, lists of numbers; with `line`, a line joins them.
+A plot has `material` ("" if it is over all), `kind`, `title`, its axes `x` and `y`, its `series`, and the labels of
+`missing` codecs. An axis has a `label` and may have a `unit`; `log` is true of a logarithmic one, `less` where less is
+better, and `ticks` are its marks. An entry of the series is a codec with its settings: its `label` and its `points`,
+lists of numbers; with `line`, a line joins them; one line joins all entries with the same `curve`.
+
+A *slice* is one picture of a material: all texels at one pair of view and light directions. A *footprint* is the square
+of texels over which an answer is averaged. A model *of a scene* was fitted to the directions that one scene uses.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -18,17 +23,19 @@ from reports.fits import FitCurve, curves_by_material
 from reports.rows import CodecRows, MaterialRows, Row, materials
 from reports.styles import Styles, is_own
 
-Plot = dict[str, Any]
-Series = list[dict[str, Any]]
-QUALITY = "display PSNR, dB"
-MOST_LINES = 24  # of a plot
+Plot = dict[str, Any]  # for its keys see above
+Series = list[dict[str, Any]]  # entries, each of one codec
+QUALITY = "display PSNR, dB"  # the label of an axis
+MOST_LINES = 24  # of a plot: more cannot be told apart
 _CROWDED = ("fits", "footprints", "slices")  # plots with a line or a row for each setting
 _MEANS = ("rate", "speed", "cost")  # plots of which there is also one of the means over all materials
-_DASHES = {"--": "6 3", ":": "2 3", "-.": "6 3 2 3"}  # lines of Matplotlib as SVG has them
+_DASHES = {"--": "6 3", ":": "2 3", "-.": "6 3 2 3"}  # lines of Matplotlib as SVG's `stroke-dasharray`
+_QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)  # of the PSNR of slices
 
 
 def codecs(run: Run) -> Series:
-    """Every codec that has a result with its colour, marker and line, in the order of the suite."""
+    """How each codec that has a result is drawn, in the order of the suite: an entry has its `label`, `colour`,
+    `marker` (in Matplotlib's letters), whether the marker is `hollow`, and its `dash` ("" for a full line)."""
     styles = Styles(run)
     labels: dict[str, None] = {}  # each once, in order
     for material in materials(run):
@@ -45,7 +52,10 @@ def codecs(run: Run) -> Series:
 
 @view
 def plots_of(run: Run) -> list[Plot]:
-    """Every plot that has a point, those over all materials first."""
+    """Every plot that has a point, those over all materials first. Kept with the run.
+
+    Means over a single material would repeat its plots, so they are made of two materials or more.
+    """
     curves = curves_by_material(run)
     measured = [material for material in materials(run) if material.measured]
     of_materials: list[Plot] = []
@@ -59,7 +69,7 @@ def plots_of(run: Run) -> list[Plot]:
 
 def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -> Iterator[Plot]:
     """A plot of each kind, some without points. They show scores of the whole material, so models of a scene stand in
-    none."""
+    none. `curves` are the curves of the material's fits."""
     whole = [codec for codec in material.codecs if not codec.of_scene]
     in_crowded_plots = whole
     remark = ""  # in the titles of crowded plots
@@ -68,7 +78,7 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -
         remark = ", each codec at its best setting"
 
     def plot(kind: str, title: str, x: dict[str, Any], y: str, series: Series) -> Plot:
-        """A plot as JSON can hold it; `y` is the label of its axis."""
+        """A plot as JSON can hold it; `x` is its axis, and `y` only the label of the other axis."""
         labels_with_points = {entry["label"] for entry in series}
         expected = in_crowded_plots if kind in _CROWDED else whole
         return {
@@ -82,6 +92,7 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -
             "missing": [codec.label for codec in expected if codec.label not in labels_with_points],
         }
 
+    # Plots of a point a codec: quality over bytes, over the time of a query, and over the time of the fit.
     quality = f"{QUALITY} ({material.deciding_in_words})"
     x = {"label": "bytes of the file", "log": True, "unit": "B", "less": True}
     yield plot("rate", "Rate and distortion", x, quality, _points(whole, lambda row: [row.job["bytes"]["total"]]))
@@ -91,6 +102,7 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -
     x = {"label": "seconds of the fit", "log": True, "unit": "s", "less": True}
     yield plot("cost", "Fit and accuracy", x, quality, _points(whole, _fit_seconds))
 
+    # The curves of fits; their axis is the same seconds.
     labels = {codec.label for codec in in_crowded_plots}
     fit_points = {}  # by label: [seconds, PSNR]
     for fit in curves:
@@ -99,27 +111,29 @@ def _of_material(run: Run, material: MaterialRows, curves: Sequence[FitCurve]) -
             fit_points[fit.label] = [[seconds, psnr] for _, seconds, psnr in fit.points if seconds > 0]
     yield plot("fits", f"Quality over seconds{remark}", x, f"{QUALITY} (training samples)", _lines(fit_points))
 
+    # Quality over footprints. A plot of single points would show no change of quality, so it is left without points.
     footprint_points = {codec.label: _footprints(codec) for codec in in_crowded_plots}
     sides: set[float] = set()  # of all footprints, in texels
     for points in footprint_points.values():
         sides.update(side for side, _ in points)
     x = {"label": "footprint in texels a side", "log": True, "unit": "texels", "ticks": sorted(sides)}
-    has_lines = any(len(points) > 1 for points in footprint_points.values())  # not single points alone
+    has_lines = any(len(points) > 1 for points in footprint_points.values())
     yield plot("footprints", f"Level of detail{remark}", x, quality, _lines(footprint_points) if has_lines else [])
 
+    # The spread of slices, a row a codec: the y axis has no label.
     x = {"label": f"{QUALITY} a slice: from the worst 5 % to the best 5 %, the middle half thick", "unit": "dB"}
     series = []
     for codec in in_crowded_plots:
-        quantiles = _quantiles(run, codec.measured[0]) if codec.measured else []
+        quantiles = _quantiles(run, codec.measured[0]) if codec.measured else []  # of the first seed
         if quantiles:
             series.append({"label": codec.label, "points": [quantiles]})
     yield plot("slices", f"Slices by their error{remark}", x, "", series)
 
 
 def _at_their_best(codecs: Sequence[CodecRows]) -> list[CodecRows]:
-    """Each codec at the setting of its highest PSNR: more lines than `MOST_LINES` cannot be told apart.
+    """Each codec at the setting of its highest PSNR, because more lines than `MOST_LINES` cannot be told apart.
 
-    A codec as published counts as another one.
+    `codecs` has an item for each setting. A codec as published (`recipe=paper`) counts as another one.
     """
     best: dict[str, tuple[float, CodecRows]] = {}  # by codec: the PSNR, and the rows of the setting
     for codec in codecs:
@@ -133,7 +147,8 @@ def _at_their_best(codecs: Sequence[CodecRows]) -> list[CodecRows]:
 
 
 def _time(row: Row) -> list[float] | None:
-    """The ns of a sample, and the low and high end of their interval; None where they must not be compared."""
+    """[median, low, high]: the ns of a sample and the ends of their 95 % interval. None if it was not timed, or under
+    other conditions than the other rows; a time of another start under the same conditions is shown."""
     if not row.timing or (row.timing_obstacle and not row.timed_apart):
         return None
     return [row.timing["ns_per_sample"], *row.timing["interval95_ns"]]
@@ -146,14 +161,16 @@ def _fit_seconds(row: Row) -> list[float] | None:
 
 
 def _lines(curves: dict[str, list[list[float]]]) -> Series:
-    """A line for each codec with points."""
+    """An entry with a line for each codec that has points; `curves` maps a label to them, each [x, PSNR in dB]."""
     return [{"label": label, "line": True, "points": points} for label, points in curves.items() if points]
 
 
 def _points(codecs: Sequence[CodecRows], of_row: Callable[[Row], list[float] | None]) -> Series:
     """One point a codec, [x, PSNR] or [x, PSNR, low, high], means over seeds; a line joins points of the same `curve`.
 
-    `of_row` gives [x] or [x, low, high] of a seed. The point has the lowest low and the highest high of all seeds.
+    `of_row` gives [x] or [x, low, high] of a seed, or None if it has no number. The point has the lowest low and the
+    highest high of all seeds. Seeds without a number or without an error, whose PSNR is infinite, do not count; a codec
+    with no other has no point.
     """
     series = []
     for codec in codecs:
@@ -187,7 +204,7 @@ def _footprints(codec: CodecRows) -> list[list[float]]:
     for side in sorted(sides - {0}):  # the axis is logarithmic, so it has no place for 0
         means = [stats.get(str(side), {}).get("mean") for stats in stats_of_seeds]
         numbers = [mean for mean in means if mean is not None]
-        if len(numbers) == len(means):
+        if len(numbers) == len(means):  # else the mean would be over other seeds than those of its neighbours
             points.append([side, fmean(numbers)])
     return points
 
@@ -195,7 +212,8 @@ def _footprints(codec: CodecRows) -> list[list[float]]:
 def _of_means(kind: str, of_materials: Sequence[Plot], count: int) -> Plot:
     """The plot of one kind over all materials, from those of each: a point a codec, the mean of its points.
 
-    `count` is the number of materials. A codec without a point on one of them is among the `missing` ones.
+    `count` is the number of materials. A codec without a point on one of them is among the `missing` ones, because its
+    mean would be over fewer materials than the others'.
     """
     plots = [plot for plot in of_materials if plot["kind"] == kind]
     entries_by_label: dict[str, Series] = {}  # for each codec, its entries in these plots
@@ -220,7 +238,8 @@ def _of_means(kind: str, of_materials: Sequence[Plot], count: int) -> Plot:
 def _quantiles(run: Run, row: Row) -> list[float]:
     """The 5, 25, 50, 75 and 95 % quantiles of the PSNR of slices that decide, in dB.
 
-    Empty where the slices are not at hand, or none has a finite PSNR.
+    Reads the file of slices that a run stores beside its records. Empty where it is not at hand, or no slice has a
+    finite PSNR.
     """
     try:
         psnr_of_slices = decibels(run.folder, row.job)
@@ -231,4 +250,4 @@ def _quantiles(run: Run, row: Row) -> list[float]:
     finite = psnr_of_slices[np.isfinite(psnr_of_slices)]
     if not len(finite):
         return []
-    return np.quantile(finite, (0.05, 0.25, 0.5, 0.75, 0.95)).tolist()
+    return np.quantile(finite, _QUANTILES).tolist()

@@ -1,4 +1,10 @@
-"""The tables of the stress test: extremes × codecs, and metrics × extreme pictures."""
+"""The tables of the stress test: extremes × codecs, and metrics × extreme pictures.
+
+The stress test tries every codec, metric and loss, its *subjects*, on *extremes*: inputs that break renderers, such as
+grazing angles or highlights, in *groups* of one sort. A record is one extreme on one subject: its *verdict* ("pass",
+"fail", "n/a" if the extreme does not apply), a *figure* for its cell as text ("57 dB"; "" for none), a *detail* as a
+sentence, and in `used` which share of what is allowed was used. Only codecs have versions.
+"""
 
 import re
 from collections.abc import Iterable
@@ -8,18 +14,18 @@ from reports.numbers import NONE
 from reports.table import Table
 
 PICTURES = "pictures"  # the group whose subjects are metrics and losses
-WORDS = {"pass": "pass", "fail": "FAIL"}
+WORDS = {"pass": "pass", "fail": "FAIL"}  # of a cell, by verdict
 REPORTED = "(reported)"  # ends the name of an extreme whose figure has no verdict
 FOLD = 36  # columns of a terminal for the name of an extreme
 
 
 def stress_tables(run: Run) -> list[Table]:
     """The tables of a run's own stress records. Without any, those of the stress test in the folder beside the run,
-    of which only codecs of the run in the same version are shown."""
+    of which only codecs of the run in the same version are shown: others are not the code that the run measured."""
     if len(run.stress):
         return tables(run.stress)
     folder = run.folder.parent / STRESS
-    is_this_run = folder.resolve() == run.folder.resolve()
+    is_this_run = folder.resolve() == run.folder.resolve()  # which has no such records, as said above
     if is_this_run or not (folder / FILE).is_file():
         return []
     codec_versions = set()  # the name and the version of each codec that the run measured
@@ -35,7 +41,7 @@ def stress_tables(run: Run) -> list[Table]:
 
 
 def tables(records: Iterable[Stress]) -> list[Table]:
-    """Extremes × codecs, and metrics and losses × extreme pictures; each only if it has a record."""
+    """A table of extremes × codecs, and one of metrics and losses × extreme pictures; each only if it has a record."""
     ordered = sorted(records, key=lambda record: record["order"])  # the order of the catalogue
     of_codecs = [record for record in ordered if record["group"] != PICTURES]
     of_metrics = [record for record in ordered if record["group"] == PICTURES]
@@ -48,7 +54,10 @@ def tables(records: Iterable[Stress]) -> list[Table]:
 
 
 def summary(run: Run) -> str:
-    """One line that counts the verdicts in the cells of the tables; "" if nothing was tried."""
+    """One line that counts the verdicts in the cells of the tables; "" if nothing was tried.
+
+    A cell that has a figure alone counts as passed.
+    """
     verdicts: list[str] = []
     for table in stress_tables(run):
         for row in table.rows:
@@ -88,7 +97,7 @@ def _metrics_table(records: list[Stress]) -> Table:
 
 
 def _table(title: str, corner: str, columns: list[str], rows: list[list[str]], cells: "_Cells") -> Table:
-    """A table of cells; `corner` is the header of the column that names the rows."""
+    """A table of these rows of text; `corner` is the header of the column that names them. Its notes are of `cells`."""
     headers = [(corner, ""), *((column, "") for column in columns)]
     return Table("stress", title, headers, rows, cells.notes(), fold=FOLD)
 
@@ -99,7 +108,7 @@ class _Cells:
     def __init__(self, records: list[Stress]):
         self.records = {(record["subject"], record["extreme"]): record for record in records}
         reasons = dict.fromkeys(_reason(record) for record in records if record["verdict"] == "n/a")
-        self.letters = {reason: chr(ord("a") + i) for i, reason in enumerate(reasons)}
+        self.letters = {reason: chr(ord("a") + i) for i, reason in enumerate(reasons)}  # a, b, c, …
 
     def text(self, subject: str, extreme: str) -> str:
         """The text of a cell: the verdict with its figure, as “pass 31.2 dB”; `n/a` with the letter of the reason; a
@@ -118,7 +127,7 @@ class _Cells:
         """The notes of a table: what failed, what came closest to failing each extreme, and the reasons by letter."""
         failed = [record for record in self.records.values() if record["verdict"] == "fail"]
         notes = [f"FAIL {record['subject']}, {record['extreme']}: {record['detail']}" for record in failed]
-        if any(record["group"] != PICTURES for record in failed):
+        if any(record["group"] != PICTURES for record in failed):  # the command's option names a codec, not a metric
             notes.append('To try one cell again: neubtf-bench stress --codec CODEC --case "EXTREME"')
         # By extreme: the record that used the largest share of what is allowed, after this share. Extremes without a
         # measured share are left out.
@@ -126,7 +135,7 @@ class _Cells:
         for record in self.records.values():
             used = record.get("used")
             extreme = record["extreme"]
-            if used is None or not record["detail"]:
+            if used is None or not record["detail"]:  # without a detail the note would have nothing to say
                 continue
             if extreme not in worst or used > worst[extreme][0]:
                 worst[extreme] = used, record
@@ -137,5 +146,6 @@ class _Cells:
 
 
 def _reason(record: Stress) -> str:
-    """Why a case does not apply, without the size of the reference, so that cells with one reason share a letter."""
+    """Why an extreme does not apply: the detail without the size of the reference, so that cells with one reason share
+    a letter. Of "reference is 1 × 1, and SSIM needs at least 11 × 11" it is "SSIM needs at least 11 × 11"."""
     return re.sub(r"^reference is [^,]*, and ", "", record["detail"])

@@ -1,4 +1,8 @@
-"""The colour, marker and line of each codec, the same in every figure; codecs known here keep theirs in every run."""
+"""The colour, marker and line of each codec, the same in every figure; codecs known here keep theirs in every run.
+
+A *label* is a codec with its settings, such as `pca components=8`; its first word names the codec. A *setting* is one
+such label of a codec. Codecs *from outside* are not of the package, so most likely the reader's *own*.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -18,6 +22,7 @@ COLOURS = (
 OWN = ("#FC24B4", "#607830", "#CC7854")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*", "d", "8")
 LINES = ("-", "--", ":", "-.")
+# The codecs of the package. The place of each chooses its colour and marker: one added in the middle changes others.
 KNOWN = (
     *("pca", "neubtf", "neubtf-direct", "neumip", "relief", "rainer2019", "vq", "rainer2020", "mean-colour", "table"),
     *("hsh", "zeltner2024", "tucker", "triple-plane", "ntc", "biplane", "bcf", "svbrdf", "hierarchical", "neuralbtf"),
@@ -29,14 +34,18 @@ class Styles:
     """One colour and marker a codec, a line for each of its settings; codecs from outside are drawn above others."""
 
     def __init__(self, run: Run):
-        labels = dict.fromkeys(map(shown_label, run.jobs))
+        labels = dict.fromkeys(map(shown_label, run.jobs))  # each once, in the order of the suite
         self.outside_codecs = list(dict.fromkeys(_codec(label) for label in labels if is_own(label)))
         self.labels_of_codec: dict[str, list[str]] = {}  # by name of codec, each of its settings
         for label in labels:
             self.labels_of_codec.setdefault(_codec(label), []).append(label)
 
     def of_codec(self, label: str) -> dict[str, Any]:
-        """How Matplotlib's `plot` draws a label, or a ladder of rates; markers are hollow at every second setting."""
+        """The keyword arguments by which Matplotlib's `plot` draws a label; markers are hollow at every second setting.
+
+        `label` may also name a ladder of rates, the line through several settings of a codec. Codecs from outside lie
+        in a higher layer, so that they are drawn above others.
+        """
         codec = _codec(label)
         labels = self.labels_of_codec.get(codec, [])
         # A ladder of rates is named after its codec and has no label of its own: it looks like the first setting.

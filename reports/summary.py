@@ -1,4 +1,11 @@
-"""The summary of a run over its materials: the standing of each codec, best bold, second underlined."""
+"""The summary of a run over its materials: the standing of each codec, best bold, second underlined.
+
+A *codec* is here one with its settings, named by its *label*; it has one row. Its *standing* is its place by PSNR among
+the codecs: the mean of its *ranks* on the materials, and the number that it *won*, on which none is better. Only a
+codec that was measured on all materials has a rank. A model *of a scene* was fitted to the directions that one scene
+uses, so it has none. The codecs are *set against* one row by paired differences: the mean over slices (pictures at one
+pair of directions) of its PSNR minus that row's, in dB. *Told apart* are two whose difference is hardly chance.
+"""
 
 from collections.abc import Sequence
 from statistics import fmean
@@ -24,7 +31,7 @@ def summary_table(run: Run, intervals: bool = True, against: str = "") -> Table 
 
     A codec that lacks a material has no means, because they would not be over the materials of the other rows. A model
     of a scene has none either, because it answers for its scene alone. With `intervals`, the codecs are set `against`
-    one row; see `reports.ranking.against_one`, which raises `InputError`.
+    one row; see `reports.ranking.against_one`, which raises `InputError`. `against` is "" for the usual row.
     """
     from reports.ranking import ranked  # loads NumPy, which a table of one material does not need
 
@@ -32,6 +39,8 @@ def summary_table(run: Run, intervals: bool = True, against: str = "") -> Table 
     ranking = ranked(run)
     if len(ranking) < 2:
         return None
+
+    # A row for each codec, with a score for each cell by which the best of a column is marked.
     chosen = columns.summary(measured)
     headers = [("codec", ""), ("materials", ""), ("mean rank", "↓"), ("won", "↑"), ("PSNR", "dB ↑")]
     headers += [(column.name, column.unit) for column in chosen]
@@ -43,6 +52,7 @@ def summary_table(run: Run, intervals: bool = True, against: str = "") -> Table 
         scores.append(score)
     notes: list[str] = ["Means over seeds, then over materials: docs/metrics.md, “Tables”."]
     notes += [*scene_notes(measured), *_lacking(measured)]
+    # To the right, the differences to one row; they are never marked.
     if intervals:
         labels = [row[0] for row in rows]
         names = [material.name for material in measured]
@@ -50,6 +60,7 @@ def summary_table(run: Run, intervals: bool = True, against: str = "") -> Table 
         headers += differences.headers
         rows = [[*row, *cells] for row, cells in zip(rows, differences.rows, strict=True)]
         notes += differences.notes
+    # Notes on times, which only a time that may be compared needs, and on what is left out.
     timed = [row for material in measured for row in material.measured if not row.timing_obstacle]
     notes += [about_times(text) for text in (*one_texel_notes(timed), *height_notes(measured))]
     notes += left_out_notes(run)
@@ -66,9 +77,11 @@ def _standing_cells(
 ) -> tuple[list[str], list[float | None]]:
     """The cells of a codec's row, and a score for each by which it is marked (more is better; None: not marked).
 
-    A codec without a rank has no means and no scores. `chosen` are the columns after that of PSNR.
+    `measured` are the materials with a measured row. A codec without a rank has no means and no scores. `chosen` are
+    the columns after that of PSNR.
     """
     has_rank = standing.rank is not None
+    # The codec's rows: on each material, and all of them together.
     codecs: list[CodecRows] = []
     seeds: list[Row] = []
     for material in measured:
@@ -79,7 +92,7 @@ def _standing_cells(
 
     if not has_rank:
         psnr = NONE
-    elif standing.psnr >= MOST_DB:
+    elif standing.psnr >= MOST_DB:  # what a slice without any error counts as: here all slices have none
         psnr = EXACT
     else:
         psnr = fixed(standing.psnr, 2)
@@ -87,7 +100,7 @@ def _standing_cells(
     scored_cells: list[tuple[str, float | None]] = [
         (standing.label, None),
         (f"{standing.materials} of {len(measured)}", None),
-        (fixed(standing.rank, 1), None if standing.rank is None else -standing.rank),
+        (fixed(standing.rank, 1), None if standing.rank is None else -standing.rank),  # a smaller rank is better
         (integer(standing.wins), standing.wins),
         (psnr, standing.psnr),
     ]
@@ -99,7 +112,7 @@ def _standing_cells(
         elif star:  # a time that was measured apart is not ranked
             scored_cells.append((column.write(mean) + star, None))
         else:
-            scored_cells.append((column.write(mean), column.sign * mean))
+            scored_cells.append((column.write(mean), column.sign * mean))  # the sign is −1 where less is better
     cells = [cell for cell, _ in scored_cells]
     scores = [score if has_rank else None for _, score in scored_cells]
     return cells, scores
@@ -107,12 +120,12 @@ def _standing_cells(
 
 def _lacking(measured: Sequence[MaterialRows]) -> list[str]:
     """A list of one note on the codecs without means, with the materials that each lacks; empty without such codecs."""
-    measured_on: dict[str, list[str]] = {}
+    measured_on: dict[str, list[str]] = {}  # by label of a model of the whole material: names of materials
     for material in measured:
         for codec in material.codecs:
             if codec.measured and not codec.of_scene:
                 measured_on.setdefault(codec.label, []).append(material.name)
-    labels_by_lack: dict[tuple[str, ...], list[str]] = {}
+    labels_by_lack: dict[tuple[str, ...], list[str]] = {}  # by the materials that these labels lack
     for label, names in measured_on.items():
         lacks = tuple(material.name for material in measured if material.name not in names)
         if lacks:
@@ -136,12 +149,13 @@ def _differences(run: Run, labels: Sequence[str], materials: Sequence[str], want
 
     On `MANY` or more materials there is one column: the mean difference with its interval. So it is on a single
     material. In between, such an interval would say little: the column has the mean difference alone, and a further
-    column for each material has the difference there with its interval.
+    column for each material has the difference there with its interval. Reads the slices of the run. `InputError` if
+    the run has no row `wanted`.
     """
     from reports.ranking import against_one, rows_of
 
     against = against_one(run, wanted)
-    codec = against.first.partition(" ")[0]
+    codec = against.first.partition(" ")[0]  # a label is the codec, then its settings
     codec_has_several_rows = rows_of(codec, run) > 1
     column_for_each = 1 < len(materials) < MANY  # whether each material has a column of its own
     headers = [("against", against.first if codec_has_several_rows else codec)]
@@ -153,7 +167,7 @@ def _differences(run: Run, labels: Sequence[str], materials: Sequence[str], want
         if over_all is None:
             cells = [NONE]
         elif column_for_each:
-            mark = " *" if over_all.apart else ""
+            mark = " *" if over_all.apart else ""  # a star if the two are told apart
             cells = [signed(over_all.mean) + mark]
         else:
             cells = [interval(over_all)]
@@ -177,11 +191,12 @@ def _is_difference(name: str) -> bool:
 def _paired(against: "Against", first_of_several: bool, column_for_each: bool) -> str:
     """A note on the differences: to which row, what their intervals cover, and how many codecs are told apart.
 
-    `first_of_several`: the row was picked by default, as the first of several rows of its codec. `column_for_each`:
-    each material has a column of its own.
+    `against` has at least one difference. `first_of_several`: the row was picked by default, as the first of several
+    rows of its codec. `column_for_each`: each material has a column of its own.
     """
     from bench.compare.paired import FEWEST
 
+    # The largest numbers of materials and of seeds behind a difference; one of fewer materials is in the same column.
     intervals = against.over.values()
     materials = max(interval.materials for interval in intervals)
     seeds = max(interval.seeds for interval in intervals)
@@ -193,7 +208,7 @@ def _paired(against: "Against", first_of_several: bool, column_for_each: bool) -
     else:
         method = bootstrap if materials == 1 else "Student's t"
         text += f" and its 95 % interval, by {method}."
-    if materials < FEWEST:
+    if materials < FEWEST:  # so no interval has a star, and a count of them would be 0 by definition
         return f"{text} On fewer than {FEWEST} surfaces nothing is told apart."
     count = sum(interval.apart for interval in intervals)
     return f"{text} {count or 'None'} of {len(intervals)} told apart (*), by Holm's correction over the rows."

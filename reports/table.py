@@ -1,4 +1,8 @@
-"""One table as text in cells, the best of each column bold, the second underlined."""
+"""One table as text in cells, the best of each column bold, the second underlined.
+
+A *mark* makes a cell bold or underlined. A *score* is a number that says how good a cell is; by it cells are marked. A
+*note* is a text below a table. Its *words* are its first columns, such as that of the codec; the others have *numbers*.
+"""
 
 import re
 from collections import Counter
@@ -8,7 +12,7 @@ from itertools import chain
 
 from reports.numbers import NONE
 
-BOLD, UNDERLINED = "bold", "underlined"  # marks of a cell, if a format can show them
+BOLD, UNDERLINED = "bold", "underlined"  # the marks of cells; plain text shows `DOT` for the first
 FEW = 3  # rows that may share a mark: a value that more rows have is no distinction
 DOT = "•"  # before the best of a column in plain text, which has no bold
 LEGEND = "Bold: the best of a column. Underlined: the second best."
@@ -28,14 +32,14 @@ Part = tuple[str, Callable[[str], bool]]
 class Note(str):
     """A note as text, which also knows its parts, each about some columns.
 
-    `of` leaves out the parts about columns that a table does not have.
+    `of` leaves out the parts about columns that a table does not have. Elsewhere it is as any `str`.
     """
 
     parts: tuple[Part, ...]
     around: tuple[str, str, str]  # before, between and after the parts
 
     def __new__(cls, *parts: Part, around: tuple[str, str, str] = ("", " ", "")) -> "Note":
-        """The note of these parts; empty, and so false, without any."""
+        """The note of these parts, which are joined by `around`; empty, and so false, without any part."""
         whole = ""
         if parts:
             before, between, after = around
@@ -46,7 +50,7 @@ class Note(str):
         return note
 
     def of(self, names: Sequence[str]) -> "Note":
-        """The note without the parts that are about none of these columns."""
+        """The note without the parts that are about none of the columns of these names."""
         parts = []
         for text, is_about in self.parts:
             if any(is_about(name) for name in names):
@@ -58,10 +62,10 @@ class Note(str):
 class Table:
     """Cells as text. A header is a name and, below it, a unit with an arrow to the better end; "" without a unit."""
 
-    kind: str
+    kind: str  # one of `reports.KINDS`, or a name of its own, such as "detail"
     title: str
     headers: list[tuple[str, str]]
-    rows: list[list[str]]
+    rows: list[list[str]]  # a cell for each header
     notes: list[str] = field(default_factory=list)
     words: int = 1  # the number of columns with words, from the left
     material: str = ""  # the material, if the table is of one
@@ -75,14 +79,14 @@ class Table:
 
     @property
     def terms(self) -> list[tuple[str, str]]:
-        """The terms of its headers that need an explanation, each with it."""
+        """The terms of `TERMS` that its headers have as a name or a unit, each with its explanation."""
         words = {word.rstrip(" ↑↓") for word in chain.from_iterable(self.headers)}  # names and units, without arrows
         return [(term, explanation) for term, explanation in TERMS.items() if term in words]
 
     def of_columns(self, kept: Sequence[int]) -> "Table":
         """The table with only the columns at these places, in this order, and the notes about them.
 
-        Rows without any number in these columns are left out.
+        Rows without any number in these columns are left out. `kept` has the columns of words before those of numbers.
         """
         number_columns = [i for i in kept if i >= self.words]
         rows: list[list[str]] = []
@@ -92,14 +96,11 @@ class Table:
                 new_places[old_place] = len(rows)
                 rows.append([row[i] for i in kept])
         marks = {}
-        for (
-            old_place,
-            i,
-        ), mark in self.marks.items():  # a marked cell has a number, so its row is kept if its column is
-            if i in kept:
+        for (old_place, i), mark in self.marks.items():
+            if i in kept:  # a marked cell has a number, so its row is kept as well
                 marks[new_places[old_place], kept.index(i)] = mark
         headers = [self.headers[i] for i in kept]
-        names = [name for name, _ in headers[self.words :]]
+        names = [name for name, _ in headers[self.words :]]  # of the kept columns of numbers, which notes are about
         notes = []
         for note in self.notes:
             note_on_kept = note.of(names) if isinstance(note, Note) else note
@@ -111,8 +112,9 @@ class Table:
 def best_cells(rows: Sequence[Sequence[str]], scores: Sequence[Sequence[float | None]]) -> dict[tuple[int, int], str]:
     """The marks of cells by row and column, from a score of each cell (more is better); None gets no mark.
 
-    Scores may have fewer rows than the table: its last rows then get no mark. Cells are equally good if their numbers
-    read the same; a deviation or interval after the number does not count. A column has no mark if all its cells are
+    `rows` are the cells as text, and `scores` has as many columns. Scores may have fewer rows than the table: its last
+    rows then get no mark. Cells are equally good if their numbers read the same; a deviation or interval after the
+    number does not count. A column has no mark if all its cells are
     equal, or if only one has a score. A number that more than `FEW` rows share is not marked, nor a second best of
     zero.
     """
@@ -122,16 +124,16 @@ def best_cells(rows: Sequence[Sequence[str]], scores: Sequence[Sequence[float | 
         for i, row in enumerate(scores):
             score = row[column]
             if score is not None:
-                number, *_ = re.split(r" [±(]", rows[i][column])
+                number, *_ = re.split(r" [±(]", rows[i][column])  # before " ± 0.12" or " (29.8 to 30.4)"
                 scored.append((score, number, i))
         scored.sort(key=lambda item: -item[0])  # the best first
         rows_with = Counter(number for _, number, _ in scored)  # by number: how many rows show it
         numbers = list(rows_with)  # each once, the best first
-        if len(numbers) < 2:
+        if len(numbers) < 2:  # nothing to tell apart
             continue
         best, second = numbers[:2]
         mark_of = {best: BOLD}
-        is_zero = re.fullmatch("[0.]+", second)
+        is_zero = re.fullmatch("[0.]+", second)  # such as "0" or "0.00"
         if not is_zero:
             mark_of[second] = UNDERLINED
         for _, number, i in scored:

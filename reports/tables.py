@@ -1,4 +1,12 @@
-"""Builds the tables of a run as cells of text: columns, rows and footnotes. Other modules format them."""
+"""Builds the tables of a run as cells of text: columns, rows and footnotes. Other modules format them.
+
+A *job* is one codec with its settings on one material, fitted with one seed; its *label* is the codec with these
+settings. A row of a table is a codec with its settings, over all seeds. A *slice* is one picture of a material: all
+texels at one *pair* of view and light directions. A model *of a scene* was fitted to the pairs that one scene uses; its
+*frames* are pictures of that scene. The *kind* of a table is one of `reports.KINDS`; for each, `_OF_KIND` has a
+*maker*, a function that makes the tables of a run. A job is *stale* if the installed version of its codec cannot make
+it again.
+"""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -29,10 +37,10 @@ _STALE = " †"  # after a codec whose records are of an older version than the 
 
 
 def all_tables(run: Run, narrow: bool = False, kind: str | None = None, against: str = "") -> list[Table]:
-    """Every table that has a row, or those of one kind, by kind and then by material.
+    """Every table that has a row, or those of one `kind`, in the order of `KINDS` and then by material.
 
-    With `narrow`, a main table is two: quality, and size and time. The summary sets codecs `against` a row; by default
-    the one that `reports.ranking` picks.
+    With `narrow`, a main table is two: quality, and size and time. The summary sets codecs `against` a row, a label; ""
+    is the one that `reports.ranking` picks, and `InputError` is raised for one that the run lacks.
     """
     rows = materials(run)
     makers = dict(_OF_KIND)
@@ -48,7 +56,7 @@ def all_tables(run: Run, narrow: bool = False, kind: str | None = None, against:
 
 def _with_stale_rows_marked(run: Run, tables: Iterable[Table]) -> Iterator[Table]:
     """The tables, with a mark at each row whose numbers the installed version of its codec cannot make again."""
-    reasons: dict[tuple[str, str], str] = {}  # by material and codec
+    reasons: dict[tuple[str, str], str] = {}  # by material and name of codec: why it is stale, in words
     for job in run.jobs:
         reason = stale(job) if job["status"] == "ok" else ""
         if reason:
@@ -65,7 +73,10 @@ def _with_stale_rows_marked(run: Run, tables: Iterable[Table]) -> Iterator[Table
 
 
 def _with_rows_marked(table: Table, reason_of_codec: dict[str, str]) -> Table:
-    """The table with a mark at the rows of these codecs, and a note that gives the reasons why they are stale."""
+    """The table with a mark at the rows of these codecs, and a note that gives the reasons why they are stale.
+
+    `reason_of_codec` maps the name of a codec, without settings, to why it is stale, in words.
+    """
     rows = []
     reasons_of_rows: dict[str, str] = {}  # by codec that has a row here
     for row in table.rows:
@@ -87,13 +98,14 @@ def main_table(material: MaterialRows, chosen: Sequence[Column] = ()) -> Table |
 
 
 def scene_table(material: MaterialRows) -> Table | None:
-    """The quality of each codec in the frames of a scene, if the run was given one."""
+    """The quality of each codec in the frames of a scene; None if the run was given no scene, or nothing was
+    measured."""
     if material.first is None:
         return None
     scene = material.first.get("scene")
     if not scene:
         return None
-    count, height, width = scene["frames"]
+    count, height, width = scene["frames"]  # the number of frames, and their sides in pixels
     pictures = f"picture{'s' * (count != 1)}"
     notes = [
         *scene_gains(material),
@@ -109,7 +121,7 @@ def scene_table(material: MaterialRows) -> Table | None:
 
 
 def unfinished_table(run: Run) -> Table | None:
-    """Jobs without numbers and the reasons, including planned jobs that were not run."""
+    """Jobs without numbers and the reasons, including planned jobs that were not run; None if all have numbers."""
     rows = []
     for material_rows in materials(run):
         for row in material_rows.rows:
@@ -137,6 +149,8 @@ def _table(kind: str, material: MaterialRows, about: str, chosen: Sequence[Colum
         return None
     name = f"{material.name}: {about}" if about else material.name
     title = f"{name} ({material.split_in_words})"
+
+    # The rows, the best first, and a score for each cell, by which the best of a column is marked.
     by_quality = scene_quality if kind == "scene" else _quality
     codecs = sorted(material.codecs, key=by_quality, reverse=True)
     chosen = [column for column in chosen if not column.sparse or _has_number(column, codecs)]
@@ -146,6 +160,7 @@ def _table(kind: str, material: MaterialRows, about: str, chosen: Sequence[Colum
         rows.append([codec.label, *_cells(codec, chosen)])
         scores.append([None])  # of the label
         scores[-1] += [_score(kind, column, codec) for column in chosen]
+
     headers = [("codec", "")]
     for i, column in enumerate(chosen, 1):  # after the label of the codec
         unit = column.unit
@@ -157,7 +172,7 @@ def _table(kind: str, material: MaterialRows, about: str, chosen: Sequence[Colum
         rows.append(native_row)
     marks = best_cells(rows, scores)
     all_notes = list(notes)
-    if kind != "scene":
+    if kind != "scene":  # they say that models of a scene stand last, which is not so in its table
         all_notes += scene_notes([material])
     all_notes += _seed_notes(material)
     return Table(kind, title, headers, rows, all_notes, material=material.name, marks=marks)
@@ -173,7 +188,7 @@ def _cells(codec: CodecRows, chosen: Sequence[Column]) -> list[str]:
     comparable; “failed” in the first cell, if a job failed."""
     if not codec.measured and any(row.obstacle for row in codec.rows):
         return [NOT_COMPARABLE] * len(chosen)
-    cells = [column.cell(codec.measured) for column in chosen]
+    cells = [column.cell(codec.measured) for column in chosen]  # dashes without a measured row
     if not codec.measured and any(row.job["status"] == "failed" for row in codec.rows):
         cells[0] = "failed"
     return cells
@@ -236,7 +251,10 @@ def _of_each_material(
     notes_of: Callable[[MaterialRows], list[str]] = common_notes,
     first_note: str = "",
 ) -> "Maker":
-    """A function that makes a table for each material that was measured; for the arguments see `_table`."""
+    """A maker of a table for each material that was measured; for `kind` and `about` see `_table`.
+
+    `columns_of` and `notes_of` give the columns and the notes of a material's table. `first_note` comes before these.
+    """
 
     def tables(_: Run, rows: list[MaterialRows]) -> Iterator[Table | None]:
         for material in rows:
@@ -250,7 +268,8 @@ def _of_each_material(
 
 
 def _by_budget(kind: str) -> "Maker":
-    """A function that makes the tables of a kind in `BY_BUDGET`; none if no job was scored at validation pairs."""
+    """A maker of the tables of a kind in `BY_BUDGET`. It makes none if no job was scored at validation pairs, by which
+    these tables choose settings."""
 
     def tables(run: Run, _: list[MaterialRows]) -> Iterable[Table]:
         if not any(map(has_validation, run.jobs)):

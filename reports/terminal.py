@@ -1,4 +1,8 @@
-"""A run for a terminal of 120 columns: short main tables, errors by direction and footprint, and failed jobs."""
+"""A run for a terminal of 120 columns: short main tables, errors by direction and footprint, and failed jobs.
+
+A *main* table has quality, size and time of each codec on one material. A *band* is a group of pairs of view and light
+directions, such as grazing views. A *footprint* is the square of texels over which an answer is averaged.
+"""
 
 from dataclasses import replace
 
@@ -15,17 +19,17 @@ from reports.text import plain, wrapped
 
 def terminal(run: Run) -> str:
     """The tables and notes of a run for a terminal of 120 columns: budgets, the summary without intervals, three tables
-    for each material, and jobs without a result."""
+    for each material, jobs without a result, and the notes on the whole run."""
     run_materials = materials(run)
     tables: list[Table | None] = [*all_tables(run, kind="budgets")]
-    if len(run_materials) > 1:
+    if len(run_materials) > 1:  # means over one would repeat its main table
         tables.append(summary_table(run, intervals=False))
     for material in run_materials:
         tables += [main_table(material, columns.short(material)), _detail(material), scene_table(material)]
     tables.append(unfinished_table(run))
     made_tables = [table for table in tables if table]
     blocks = []
-    if not any(table.kind == "main" for table in made_tables):
+    if not any(table.kind == "main" for table in made_tables):  # there may still be jobs without a result
         blocks.append("Nothing was measured in this run.")
     if made_tables:
         blocks.append(plain(made_tables))
@@ -35,7 +39,8 @@ def terminal(run: Run) -> str:
 
 
 def scored(run: Run) -> str:
-    """The tables, for a terminal, of files that were scored outside a run, without fit or times."""
+    """The tables, for a terminal, of codec files that were scored outside a run: their records have no fit and no
+    times, so there are neither columns of these nor notes on a run."""
     tables = []
     for material in materials(run):
         tables += [main_table(material, columns.scored(material)), _detail(material), scene_table(material)]
@@ -47,11 +52,11 @@ def _detail(material: MaterialRows) -> Table | None:
     if material.first is None:
         return None
     job = material.first
-    # Without the first band, all pairs that decide, and the first footprint, one texel: `PER_SLICE` shows these.
+    # Without the first band, all pairs that decide, and the first footprint, one texel: `PER_SLICE` shows both.
     bands = columns.bands(job)[1:]
     footprints = columns.footprints(job)[1:]
     chosen = columns.means([columns.PER_SLICE, *bands, columns.RELATIVE_ERROR, *footprints])
-    table = main_table(material, chosen)
+    table = main_table(material, chosen)  # it is changed below, because its title and notes are of a main table
     note = "dB: display PSNR by direction (and number of slices) and by footprint. RMSE: of radiance, over its mean."
     if table is None:
         return None

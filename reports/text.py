@@ -1,5 +1,9 @@
 r"""Tables as plain text, GitHub Markdown, CSV and LaTeX, and jobs as CSV in full precision, for other programs.
 
+A *mark* makes the best cell of a column bold, or the second best underlined. The first columns of a table hold *words*,
+such as the codec; the others hold numbers. What is written may come from outside, such as a codec's name, so `visible`
+writes control characters out (`\x1b`), and each format escapes its own special characters.
+
 LaTeX needs `\usepackage{booktabs,graphicx}`; no table is wider than the text, in one column or over both of two.
 """
 
@@ -21,13 +25,18 @@ from reports.numbers import NONE
 from reports.rows import materials
 from reports.table import BOLD, DOT, UNDERLINED, Table
 
-WIDTH = 120
+WIDTH = 120  # of a terminal, in characters
+NAME_WIDTH, UNIT_WIDTH = 9, 8  # of the lines of a header in plain text, in characters
+# What Markdown puts around a marked cell.
 _MARKS = {BOLD: "**{}**", UNDERLINED: "<ins>{}</ins>"}
+# A number as tables show it: "−1,234.50".
 _NUMBER = re.compile(r"[−+-]?\d[\d,]*(\.\d+)?")
+# What a spreadsheet runs as a formula.
 _FORMULA = re.compile(r"\s*[=+@-]\S")
 _READ_NUMBER = re.compile(r"[+-]?\d[\d.]*([eE][+-]?\d+)?( .*)?")  # as CSV has it; a deviation or an interval may follow
 PACKAGES = r"% needs \usepackage{booktabs,graphicx}"
 _LATEX_MARKS = {BOLD: r"\textbf{%s}", UNDERLINED: r"\underline{%s}"}
+# Characters that LaTeX has in mathematics alone, and the others that it takes for commands or lacks.
 _MATH = {"<": "<", ">": ">", "|": "|", "−": "-", "±": r"\pm", "×": r"\times", "θ": r"\theta", "φ": r"\varphi"}
 _MATH |= {"°": r"^\circ", "↑": r"\uparrow", "↓": r"\downarrow"}
 _SPECIAL = {
@@ -46,7 +55,7 @@ _SPECIAL = {
 def plain(tables: Sequence[Table]) -> str:
     """Tables for a terminal, as wide as their columns make them. A note that several tables have stands once, below
     the last of them."""
-    blocks: list[str] = []  # the last table first
+    blocks: list[str] = []  # the last table first, because only tables below one tell which of its notes come again
     notes_below: set[str] = set()  # the notes of the tables after this one
     for table in reversed(tables):
         printable = _printable(table)
@@ -73,8 +82,8 @@ def _plain(table: Table) -> str:
     """One table for a terminal: title, headers, cells and notes; words are aligned left, and numbers right."""
     lines_of_headers: list[list[str]] = []  # of each column: its name, folded between words, then its unit
     for name, unit in table.headers:
-        lines_of_name = textwrap.wrap(name, 9, break_long_words=False)
-        lines_of_headers.append([*lines_of_name, *textwrap.wrap(unit, 8)])
+        lines_of_name = textwrap.wrap(name, NAME_WIDTH, break_long_words=False)
+        lines_of_headers.append([*lines_of_name, *textwrap.wrap(unit, UNIT_WIDTH)])
     # Lines of the terminal, each a tuple with the text of every column: those of the headers, then those of the rows.
     top = list(zip_longest(*lines_of_headers, fillvalue=""))
     body: list[tuple[str, ...]] = []
@@ -97,7 +106,7 @@ def _width(text: str) -> int:
 
     As `rich.cells.cell_len`, without the import, which commands that draw nothing would wait for.
     """
-    wide = sum(unicodedata.east_asian_width(character) in "WF" for character in text)
+    wide = sum(unicodedata.east_asian_width(character) in "WF" for character in text)  # “wide” or “full width”
     combining = sum(bool(unicodedata.combining(character)) for character in text)
     return len(text) + wide - combining
 
@@ -110,7 +119,7 @@ def _folded(row: list[str], table: Table) -> Iterator[tuple[str, ...]]:
     widths: Sequence[int] = (table.fold,)  # in characters, of the columns of words
     if table.words > 1:
         widths = (20, 24, 13, 57)[: table.words]  # with the gaps between them, all four fill a terminal
-    lines_of_columns: list[list[str]] = []
+    lines_of_columns: list[list[str]] = []  # an empty cell has one line, too
     for cell, width in zip(row, widths, strict=False):  # the row goes on with its numbers
         lines_of_columns.append(textwrap.wrap(cell, width) or [""])
     lines_of_columns += [[number] for number in row[table.words :]]
@@ -118,7 +127,7 @@ def _folded(row: list[str], table: Table) -> Iterator[tuple[str, ...]]:
 
 
 def wrapped(note: str) -> str:
-    """A note folded to the width of a terminal."""
+    """A note folded to the width of a terminal; its further lines are indented."""
     return textwrap.fill(visible(note), WIDTH, subsequent_indent="  ")
 
 
@@ -136,12 +145,13 @@ def grid(table: Table) -> str:
     rows = [[escaped(cell) for cell in row] for row in table.rows]
     for (i, j), mark in table.marks.items():
         rows[i][j] = _MARKS[mark].format(rows[i][j])
+    # Cells are text already: `tabulate` must not read numbers in them and write these anew.
     alignment = ["left"] * table.words + ["right"] * (len(table.headers) - table.words)
     return tabulate(rows, headers, "pipe", colalign=alignment, disable_numparse=True)
 
 
 def escaped(text: str) -> str:
-    """Text escaped for Markdown, on one line."""
+    """Text escaped for Markdown, on one line, because a line break would end a cell or a heading."""
     line = " ".join(visible(text).split())
     # A "_" between letters or digits stays as it is, because Markdown takes it for no mark.
     return re.sub(r"[\\`*|<\[#~]|(?<!\w)_|_(?!\w)", r"\\\g<0>", line)
@@ -161,18 +171,22 @@ def results_csv(run: Run) -> str:
             if row.timing:
                 fields["timing/not_comparable"] = row.timing_obstacle or None
             jobs.append(fields)
-    return fields_csv(jobs) if jobs else "job\n"
+    return fields_csv(jobs) if jobs else "job\n"  # without jobs, a line of headers alone
 
 
 def fields_csv(records: Sequence[Mapping[str, Any]]) -> str:
-    """Records as CSV: a row for each, a column for each name of a field, in the order of appearance."""
+    """Records as CSV: a row for each, a column for each name of a field, in the order of appearance. A field that a
+    record lacks is empty."""
     names = list(dict.fromkeys(chain.from_iterable(records)))
     lines = [[fields.get(name) for name in names] for fields in records]
     return _csv([names, *lines])
 
 
 def table_csv(tables: Sequence[Table]) -> str:
-    """The cells of tables as they are shown, numbers without separators; a line of headers wherever they change."""
+    """The cells of tables as they are shown, numbers without separators; a line of headers wherever they change.
+
+    Tables of one material begin with a column of its name, because tables of several materials stand in one file.
+    """
     lines: list[Sequence[str | None]] = []
     headers: list[str] = []
     for table in tables:
@@ -242,7 +256,7 @@ def latex(tables: Sequence[Table]) -> str:
 
 
 def _free_label(wanted: str, labels: set[str]) -> str:
-    """The wanted label, with a number if `labels` has it: materials `a_b` and `a-b` give the same label."""
+    """The wanted label; with a number, from 2, if `labels` has it: materials `a_b` and `a-b` give the same label."""
     if wanted not in labels:
         return wanted
     numbers = count(2)
@@ -253,7 +267,7 @@ def _free_label(wanted: str, labels: set[str]) -> str:
 
 
 def latex_escaped(text: str) -> str:
-    """Text escaped for LaTeX."""
+    """Text escaped for LaTeX, on one line."""
     # θ_o and θ_i are one symbol each: a mark, which no visible text has, keeps their parts from being escaped.
     text = " ".join(visible(text).split()).replace("θ_o", "\0o").replace("θ_i", "\0i")
     text = "".join(_SPECIAL.get(character, character) for character in text)
@@ -267,14 +281,17 @@ def _latex(table: Table, label: str) -> str:
 
     The table is set into a box first, so that `_FITTED` can measure its width.
     """
+    # The alignment of each column, l(eft), r(ight) or p(aragraph), which is folded.
     align = "l" * table.words + "r" * (len(table.headers) - table.words)
     if table.words == len(table.headers):
         align = align[:-1] + r"p{0.5\textwidth}"
+    # The lines of headers; without any unit there is only one.
     heads = []
     names, units = zip(*table.headers, strict=True)
     for words in (names, units):
         if any(words):
             heads.append(_latex_line([latex_escaped(word) for word in words]))
+    # The lines of cells, and around them the table and its notes.
     cells = [[latex_escaped(cell) for cell in row] for row in table.rows]
     for (i, j), mark in table.marks.items():
         cells[i][j] = _LATEX_MARKS[mark] % cells[i][j]
@@ -290,6 +307,7 @@ def _latex(table: Table, label: str) -> str:
 
 
 def _latex_line(cells: Sequence[str]) -> str:
+    """A line of a `tabular`, of cells that are escaped already."""
     return " & ".join(cells) + r" \\"
 
 
@@ -300,6 +318,7 @@ _FITTED = r"\ifdim\wd0>\linewidth\resizebox{\linewidth}{!}{\usebox0}\else\usebox
 def label(table: Table) -> str:
     """The label of a table for `\\ref`, such as `tab:main-satin`: its kind and its title, without what the title has in
     brackets, in lower-case letters, digits and hyphens."""
-    title = unicodedata.normalize("NFKD", table.title.partition(" (")[0])  # a letter with an accent becomes two
+    # A letter with an accent becomes two characters, of which the accent is left out below.
+    title = unicodedata.normalize("NFKD", table.title.partition(" (")[0])
     words = re.findall("[A-Za-z0-9]+", title)
     return "-".join([f"tab:{table.kind}", *words]).lower()

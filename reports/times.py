@@ -1,4 +1,12 @@
-"""The times of settings, apart from any surface: what `neubtf-bench time` measured."""
+"""The times of settings, apart from any surface: what `neubtf-bench time` measured.
+
+A *setting* is a codec with its settings, `pca components=8`, which is its *label*; a *surface* is a material. A
+*sample* is one query of a decoder: a place, a view and a light direction, a footprint. A *batch* is the number of
+samples of one call. A *variant* is an execution ("eager", "fused") with a precision ("float32"). The *floor* is the
+time of one bilinear fetch of a colour. Settings are timed in turns with it, in *rounds*; `rounds` has the time as a
+multiple of the floor for each round on each surface. The *limit* is the time of the arithmetic, or of the reads, at the
+machine's measured rates.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -16,14 +24,16 @@ _NOTE = (
 
 
 def times_tables(run: Run) -> Iterator[Table]:
-    """Four tables: times of settings as budgets use them, and those of `variant_tables`. Each only if it has a row."""
+    """Up to four tables: times of settings as budgets use them, and those of `variant_tables`. Each only if it has a
+    row."""
+    # Only the times that budgets use are pooled over rounds.
     yield from _settings(run, [timing for timing in run.timings if "rounds" in timing])
     yield from variant_tables(run, "times")
 
 
 def variant_tables(run: Run, kind: str) -> Iterator[Table]:
-    """Up to three tables, as tables of a kind: settings in each execution and precision, settings over batches, and
-    steps of fits."""
+    """Up to three tables, as tables of a kind ("times" or "trade"): settings in each execution and precision, settings
+    over batches, and steps of fits."""
     # Only timings of settings in each execution and precision are compared with float64.
     variants = [timing for timing in run.timings if "of_tolerance" in timing]
     steps = [timing for timing in run.timings if timing["execution"] == "fit step"]
@@ -32,11 +42,12 @@ def variant_tables(run: Run, kind: str) -> Iterator[Table]:
 
 
 def _settings(run: Run, timings: list[Timing]) -> Iterator[Table]:
-    """A table with a row a setting, the quickest first; none without timings."""
+    """A table with a row a setting, the quickest first; none without timings. Sorts `timings` in place."""
     if not timings:
         return
     timings.sort(key=lambda timing: float(timing["ratio_to_floor"]))
     rows = [_row(timing) for timing in timings]
+    # Below these stand the cells of `_row`.
     headers = [("setting", ""), ("a query", "× floor ↓"), ("95 % interval", "× floor"), ("rounds apart", "%")]
     headers += [("between texels", "× floor ↓"), ("a sample", "ns ↓"), ("operations", "a query")]
     yield Table("times", f"Times of settings: {_conditions(run, timings[0])}", headers, rows, [_NOTE])
@@ -54,7 +65,7 @@ def _row(timing: Timing) -> list[str]:
         significant(timing["ratio_to_floor"], 3),
         f"{significant(low, 3)} to {significant(high, 3)}",
         significant(rounds_apart, 2),
-        significant(between_texels, 3) if between_texels else NONE,
+        significant(between_texels, 3) if between_texels else NONE,  # only of settings that are timed at texels
         significant(timing["ns_per_sample"], 3),
         f"{timing['flops']:,}",
     ]
@@ -102,13 +113,13 @@ def _time_and_limit(timing: Timing) -> str:
     """A cell: ns a sample, and how many per cent of this time the machine's limit is; “!” after the time if the answers
     are off: “12.3!, 45”."""
     percent = 100 * timing["limit_ns"] / timing["ns_per_sample"]
-    mark = "!" if timing["of_tolerance"] > 1 else ""
+    mark = "!" if timing["of_tolerance"] > 1 else ""  # the largest difference from float64, over what is allowed
     return f"{significant(timing['ns_per_sample'], 3)}{mark}, {significant(percent, 2)}"
 
 
 def _batches(timings: list[Timing]) -> Iterator[Table]:
-    """A table with a row a setting and execution in float32, a column a batch: ns a sample. None if nothing was timed
-    at several batches."""
+    """A table with a row a setting and execution in float32, a column a batch: ns a sample. It has only what was timed
+    at several batches; none if nothing was."""
     in_float32 = [timing for timing in timings if timing["dtype"] == "float32"]
     batches = sorted({timing["batch"] for timing in in_float32})
     ns_of_row: dict[tuple[str, str], dict[int, float]] = {}  # by label and execution, then by batch
@@ -116,7 +127,7 @@ def _batches(timings: list[Timing]) -> Iterator[Table]:
         ns_of_row.setdefault((timing["label"], timing["execution"]), {})[timing["batch"]] = timing["ns_per_sample"]
     rows = []
     for (label, execution), ns_of_batch in ns_of_row.items():
-        if len(ns_of_batch) > 1:
+        if len(ns_of_batch) > 1:  # a single batch is in the table of `_variants`
             numbers = [significant(ns_of_batch.get(batch), 3) for batch in batches]
             rows.append([_setting(label), execution, *numbers])
     if not rows:
@@ -126,7 +137,8 @@ def _batches(timings: list[Timing]) -> Iterator[Table]:
 
 
 def _fits(run: Run, timings: list[Timing]) -> Iterator[Table]:
-    """A table with a row a setting: milliseconds of a step of its fit, the quickest first; none without timings."""
+    """A table with a row a setting: milliseconds of a step of its fit, the quickest first; none without timings. Sorts
+    `timings` in place."""
     if not timings:
         return
     timings.sort(key=lambda timing: float(timing["ns_per_sample"]))
@@ -142,6 +154,9 @@ def _conditions(run: Run, timing: Timing) -> str:
     """Where and how a timing was measured: “Xeon 8480C, 1 thread, eager float32, batches of 65,536”."""
     starts = [start for start in run.starts if start["run"] == timing["run"]]
     machine = starts[0].get("machine", Machine()) if starts else Machine()
+    # The best name that is known: of the GPU, else of the processor, else the kind of the device, such as "cpu".
     place = timing.get("gpu") or machine.get("processor") or timing["device"]
-    threads = "" if timing.get("gpu") else f", {timing['threads']} thread{'s' * (timing['threads'] > 1)}"
+    threads = ""
+    if not timing.get("gpu"):  # threads of the processor do not matter to a GPU's time
+        threads = f", {timing['threads']} thread{'s' * (timing['threads'] > 1)}"
     return f"{place}{threads}, {timing['execution']} {timing['dtype']}, batches of {timing['batch']:,}"

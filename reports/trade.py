@@ -1,4 +1,13 @@
-"""Writes the results of `neubtf-bench trade`, `trade.json` of a run's folder, as tables."""
+"""Writes the results of `neubtf-bench trade`, `trade.json` of a run's folder, as tables.
+
+A *choice* is a codec with its settings, an *execution* ("eager": PyTorch's operations one by one; "fused": one kernel)
+and a precision; one of each material is the *floor*, a bilinear fetch of a colour, which has times alone.
+*ratio_to_floor* is a time as a multiple of it. A *ceiling* is a measured rate of the machine, of arithmetic or of
+copying. The *limit* of a choice is its least time by these; `of_limit` is the limit divided by the measured time. A
+*profile* is the times of the parts of a decoder. A choice is *on the front* of speed or of rate if no other has both a
+better PSNR and less time, or bytes. A *slice* is one picture of the material: all texels at one pair of view and light
+directions.
+"""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -19,10 +28,10 @@ def trade_tables(folder: Path) -> Iterator[Table]:
     if trade is None:
         return
     for material in dict.fromkeys(row["material"] for row in trade["choices"]):
-        answers = [text for text in trade["answers"] if text.startswith(f"{material}: ")]
+        answers = [text for text in trade["answers"] if text.startswith(f"{material}: ")]  # sentences for a reader
         rows = [row for row in trade["choices"] if row["material"] == material]
         yield _choices(material, rows, answers)
-        if any("from_float32" in row for row in rows):
+        if any("from_float32" in row for row in rows):  # without other executions there is nothing to compare
             yield _stability(material, rows)
         profiles = [record for record in trade["profiles"] if record["material"] == material]
         if profiles:
@@ -31,7 +40,7 @@ def trade_tables(folder: Path) -> Iterator[Table]:
 
 
 def choices_csv(folder: Path) -> str:
-    """One row a choice, every figure in full precision; "" if no trade was measured."""
+    """As CSV one row a choice, every figure in full precision; "" if no trade was measured."""
     trade = load_trade(folder)
     if trade is None:
         return ""
@@ -44,6 +53,7 @@ def choices_csv(folder: Path) -> str:
     return fields_csv(rows)
 
 
+# The headers of `_choices`, name and unit; those of noise only where it was measured.
 _CHOICES = [("choice", ""), ("PSNR", "dB ↑"), ("worst", "slice, dB ↑"), ("FLIP", "↓"), ("total", "bytes ↓")]
 _CHOICES += [("time", "ns ↓"), ("time", "× floor"), ("95 % interval", "× floor")]
 _CHOICES += [("of the", "limit, %"), ("on the front", "of")]
@@ -66,7 +76,7 @@ def _choices(material: str, rows: Sequence[TradeChoice], answers: list[str]) -> 
     headers = list(_CHOICES)
     cells = [_choice_cells(row) for row in rows]
     notes = [*answers, _conditions(rows)]
-    notes += [f"{named(row)}: {row['error']}." for row in rows if "error" in row]
+    notes += [f"{named(row)}: {row['error']}." for row in rows if "error" in row]  # why it could not be timed
     if any(row.get("of_limit", 0) > 1 for row in rows):
         notes.append(_ABOVE)
     if has_noise:
@@ -95,10 +105,10 @@ def _choice_cells(row: TradeChoice) -> list[str]:
     if "bytes" not in row:  # it is the floor
         return [named(row), NONE, NONE, NONE, NONE, *time, NONE, NONE]
     psnr = row["psnr"]
-    mean = EXACT if psnr is not None and psnr >= MOST_DB else fixed(psnr, 2)
+    mean = EXACT if psnr is not None and psnr >= MOST_DB else fixed(psnr, 2)  # an exact slice counts as `MOST_DB`
     worst = EXACT if row["worst"] is None else fixed(row["worst"], 2)
     quality = [mean, worst, fixed(row["flip"], 3), integer(row["bytes"])]
-    limit = fixed(100 * row["of_limit"], 1)
+    limit = fixed(100 * row["of_limit"], 1)  # per cent
     if row["of_limit"] > 1:
         limit += " *"
     fronts = []
@@ -134,7 +144,8 @@ def _conditions(rows: Sequence[TradeChoice]) -> str:
 
 
 def _stability(material: str, rows: Sequence[TradeChoice]) -> Table:
-    """A row an execution and precision: its time, and how far its answers are from those of eager float32."""
+    """A row for each choice of another execution or precision than eager float32: its time, and how far its answers are
+    from those of eager float32 with the same label. `rows` are all choices of the material."""
     psnr_of_eager_float32 = {}  # by label
     for row in rows:
         is_eager_float32 = named(row) == row["label"]  # only its choices are named by their label alone
@@ -161,7 +172,7 @@ _CONDITION = ("part", "batch", "coherent", "footprint", "threads")  # fields tha
 
 
 def _profile(material: str, records: Sequence[Profile]) -> Table:
-    """ns a sample: a row a condition, a column a codec."""
+    """ns a sample: a row for each condition, the values of the fields `_CONDITION`; a column a codec."""
     codecs = list(dict.fromkeys(record["name"] for record in records))
     records_of_condition = grouped(records, itemgetter(*_CONDITION))
     rows = []

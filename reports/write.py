@@ -1,4 +1,8 @@
-"""Writes the report of a run: tables, figures, and one page that holds both."""
+"""Writes the report of a run: tables, figures, and one page that holds both.
+
+Each file is written completely or not at all. A *vector* format is SVG or PDF. The *drawing* of a figure is what its
+formats are made of. A *narrow* list of tables has each main table as two, for LaTeX and the page.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -16,7 +20,7 @@ from reports.tables import all_tables
 from reports.terminal import terminal
 from reports.text import latex, markdown, results_csv
 
-VECTOR = ("svg", "pdf")
+VECTOR = ("svg", "pdf")  # endings of files
 
 
 def write(folder: Path, vector: bool = False) -> Report:
@@ -33,9 +37,9 @@ class _ReportFolder:
     files: list[Path] = field(default_factory=list)
 
     def write(self, vector: bool) -> Report:
-        """Write everything, and remove what only an earlier report had."""
+        """Write everything, and remove what only an earlier report had. With `vector` figures also have the formats
+        `VECTOR`."""
         tables = all_tables(self.run)
-        # For LaTeX and the page, which are narrow: each main table as two.
         narrow_tables = [table for table in tables if table.kind != "main"]
         narrow_tables += all_tables(self.run, narrow=True, kind="main")
         self.write_tables(tables, narrow_tables)
@@ -48,7 +52,8 @@ class _ReportFolder:
         return Report(terminal(self.run), [*self.files, page])
 
     def write_figures(self, formats: Sequence[str]) -> list[Figure]:
-        """Write every figure as PNG and in vector formats; returns them without their drawings, which take memory."""
+        """Write every figure as PNG and in these vector formats; adds the files to `files`. Returns the figures without
+        their drawings, which take memory."""
         without_drawings = []
         for draw in figures.ALL.values():
             for figure in draw(self.run):
@@ -57,11 +62,14 @@ class _ReportFolder:
         return without_drawings
 
     def write_tables(self, tables: Sequence[Table], narrow: Sequence[Table]) -> None:
-        """Write all numbers as CSV, and each kind of table as Markdown and, `narrow`, as LaTeX."""
+        """Write all numbers as CSV, and each kind of table as Markdown and, `narrow`, as LaTeX.
+
+        Adds the files to `files`. A kind without a table has no file.
+        """
         folder = self.folder / "tables"
         self.files.append(put(folder / "results.csv", results_csv(self.run).encode()))
         choices = trade.choices_csv(self.folder)
-        if choices:
+        if choices:  # "" if no trade was measured
             self.files.append(put(folder / "trade.csv", choices.encode()))
         for kind in KINDS:
             for suffix, as_text, all_kinds in ((".md", markdown, tables), (".tex", latex, narrow)):
@@ -70,7 +78,7 @@ class _ReportFolder:
                     self.files.append(put(folder / f"{kind}{suffix}", as_text(tables_of_kind).encode()))
 
     def remove_old(self) -> None:
-        """Remove tables and figures of an earlier report that this one does not have; files of other names stay."""
+        """Remove tables and figures of an earlier report that are not in `files`; files of other names stay."""
         patterns = ["tables/trade.csv"]
         for kind in KINDS:
             patterns += [f"tables/{kind}.md", f"tables/{kind}.tex"]

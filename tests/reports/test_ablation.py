@@ -23,3 +23,12 @@ def test_each_change_is_held_against_the_codec_as_it_is_on_every_material(made):
     assert rows[1][4:] == ["28.75", "−1.25", "0.750", "23.75", "−1.25", "0.750"]
     assert rows[2][4:] == ["29.00", "−1.00", "0.750", "—", "", "—"]
     assert rows[4][4:] == ["28.50", "+0.50", "0.750", "—", "", "—"]
+
+
+def test_the_note_on_flop_stays_with_its_column_alone(made):
+    made.start("2", suite="ablation").job("neubtf-direct steps=9", run="2")
+    table = ablation_table(load_run(made.folder))
+    place = table.headers.index(("a sample", "FLOP"))
+    note = "FLOP: of the decoder's network."
+    assert note in table.of_columns([0, 1, place]).notes
+    assert note not in table.of_columns([0, 1, place + 1]).notes
