@@ -1,10 +1,11 @@
 """The codec file: safetensors, tensors named `part/name`, one metadata key of canonical JSON, one hash over all.
 
-The JSON holds {format, codec, version, settings, sha256}, and `provenance` if a file was made from others. If a codec
-shares a network over materials, `shared` is the hash of the network's file, whose own `kind` is "shared". If a file was
-fitted to a scene, `scene` says which part of the BTF it holds. The hash covers the whole file, with its own 64 digits
-replaced by zeros, so every changed byte is detected. Nothing is ever unpickled. If the setting `zstd` is true, each
-part is one uint8 tensor `part/zstd`: the bytes of a safetensors file of its tensors, compressed by Zstandard.
+A part is a group of tensors that tables count apart: `decoder`, `texture`, and the rest of `PARTS`. The JSON holds
+{format, codec, version, settings, sha256}, and `provenance` if a file was made from others. If a codec shares a network
+over materials, `shared` is the hash of the network's file, whose own `kind` is "shared". If a file was fitted to a
+scene, `scene` says which part of the BTF it holds. The hash covers the whole file, with its own 64 digits replaced by
+zeros, so every changed byte is detected. Nothing is ever unpickled. If the setting `zstd` is true, each part is one
+uint8 tensor `part/zstd`: the bytes of a safetensors file of its tensors, compressed by Zstandard.
 """
 
 import hashlib
@@ -32,8 +33,9 @@ FORMAT = 1
 KEY = "neubtf"
 SUFFIX = ".nbtf"
 MATERIAL, SHARED = "material", "shared"  # kinds of file: a material, or a network shared over materials
-ZEROS = b"0" * 64
-HEADER_LIMIT = 1 << 24
+ZEROS = b"0" * 64  # in place of the hash while the file is hashed
+LENGTH_BYTES = 8  # at the start of a safetensors file: the length of its header
+HEADER_LIMIT = 1 << 24  # bytes
 LEVEL = 19  # of Zstandard
 # All expanded parts of a file together may have this multiple of the file's bytes, or this many bytes if that is more.
 MOST_EXPANSION = 16
@@ -242,6 +244,7 @@ def _read(path: Path) -> bytes:
 
 def _parse(path: Path, data: bytes) -> Header:
     """The header of a file's bytes. `ContainerError` if they are no codec file, or not as it was written."""
+    # Taking out the metadata leaves an entry for each tensor.
     header = _json_header(path, data)
     metadata = _metadata(path, header)
     digits = str(metadata["sha256"]).encode()
@@ -267,25 +270,27 @@ def _parse(path: Path, data: bytes) -> Header:
 def _json_header(path: Path, data: bytes) -> dict[str, Any]:
     """The safetensors header: 8 bytes of length, then JSON of name → {dtype, shape, data_offsets}."""
     length = 0
-    if len(data) >= 8:
-        (length,) = struct.unpack("<Q", data[:8])  # a little-endian unsigned integer
-    if not 2 <= length <= HEADER_LIMIT or data[8:9] != b"{":
+    if len(data) >= LENGTH_BYTES:
+        (length,) = struct.unpack("<Q", data[:LENGTH_BYTES])  # a little-endian unsigned integer
+    end_of_header = LENGTH_BYTES + length
+    # The shortest header is {}.
+    if not 2 <= length <= HEADER_LIMIT or not data.startswith(b"{", LENGTH_BYTES):
         raise ContainerError(f"{path}: not a codec file (no safetensors header)")
-    if 8 + length > len(data):
-        short = f"it has {len(data)} bytes, but its header needs {8 + length}"
+    if end_of_header > len(data):
+        short = f"it has {len(data)} bytes, but its header needs {end_of_header}"
         raise ContainerError(f"{path}: truncated: {short}: copy it again")
     try:
-        header = json.loads(data[8 : 8 + length])
+        header = json.loads(data[LENGTH_BYTES:end_of_header])
         end = 0  # where the last tensor ends, in bytes after the header
         for name, entry in header.items():
             if name == "__metadata__":
                 continue
-            offsets = entry["data_offsets"]
-            if not all(_is_size_or_place(place) for place in offsets):
+            begin_of_tensor, end_of_tensor = entry["data_offsets"]
+            if not (_is_size_or_place(begin_of_tensor) and _is_size_or_place(end_of_tensor)):
                 raise ValueError
-            end = max(end, offsets[1])
-        missing = 8 + length + end - len(data)
-    except (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as error:
+            end = max(end, end_of_tensor)
+        missing = end_of_header + end - len(data)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ContainerError(f"{path}: not a codec file (its safetensors header is not sound)") from error
     if missing > 0:
         raise ContainerError(f"{path}: truncated: {missing} bytes are missing at its end: copy it again")

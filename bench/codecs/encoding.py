@@ -73,7 +73,7 @@ def fitted(codec: Codec, btf: BTF, fit: Fit, encode: Encode | None = None) -> Fi
         start = processor_seconds()
         parts = encode(btf, fit)
         seconds = processor_seconds() - start
-    if fit.history:  # its clock continues when an interrupted fit is resumed
+    if fit.history:  # the fit's own clock, which continues when an interrupted fit is resumed
         seconds = max(seconds, fit.history[-1].get("seconds", 0.0))
     return Fitted(parts, seconds)
 
@@ -122,7 +122,7 @@ def watched_threads() -> Iterator[None]:
     try:
         yield
     finally:
-        if os.getpid() != process:
+        if os.getpid() != process:  # this is a fork that the codec made
             os._exit(1)
         new = set(threading.enumerate()) - before
         _left.extend(thread for thread in new if not thread.daemon)

@@ -1,4 +1,8 @@
-"""Finds codecs by entry point, `neubtf_bench.codecs`: name → "module:Class". Listing them imports none of them."""
+"""Finds codecs by entry point, `neubtf_bench.codecs`: name → "module:Class". Listing them imports none of them.
+
+Importing a codec imports PyTorch, which takes seconds. So docstrings and versions are read from the source. A codec of
+another distribution is external: it may crash Python, so it is first tried in a process of its own.
+"""
 
 import ast
 import importlib.util

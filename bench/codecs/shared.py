@@ -115,7 +115,8 @@ def make(network: SharedNetwork, btfs: Sequence[BTF], fit: Fit, path: Path) -> c
 
     An interrupted training resumes from its state, which is kept beside the file until it is finished.
     """
-    replaced = container.read_header(path) if path.exists() else None  # fail now on an unreadable file
+    # The file that is replaced stays under its hash, because codec files may need it. An unreadable one fails now.
+    replaced = container.read_header(path) if path.exists() else None
     path.parent.mkdir(parents=True, exist_ok=True)
     fingerprints = [btf.fingerprint for btf in btfs]
     origins = [origin(btf) for btf in btfs]
