@@ -101,7 +101,7 @@ class Page:
 
     Methods that take a material give the content of its section; templates call them. The page may take this `share`
     of the budgets of slices and live models: less than 1 for a page of a board with many pages. The constructor reads
-    stored pictures and models of the run, and makes the pictures of slices and the packed models, which take long.
+    the run's stored pictures and models, and makes of them the pictures of slices and the packed models.
     """
 
     unfolded = OPEN  # kinds of tables; a template reads it
@@ -210,7 +210,7 @@ class Page:
         names = [name for name, _ in table.headers]
         psnr = names.index("PSNR")
         count = names.index("materials")
-        rows_differ = len({row[count] for row in table.rows}) > 1  # else each codec was measured on all materials
+        rows_differ = len({row[count] for row in table.rows}) > 1  # else the column says nothing of any codec
         order = [0, psnr]  # of columns by their old places; 0 is that of the codecs
         order += [i for i in range(1, len(names)) if i not in (psnr, count)]
         if rows_differ:

@@ -31,7 +31,7 @@ NAME_WIDTH, UNIT_WIDTH = 9, 8  # of the lines of a header in plain text, in char
 _MARKS = {BOLD: "**{}**", UNDERLINED: "<ins>{}</ins>"}
 # A number as tables show it: "−1,234.50".
 _NUMBER = re.compile(r"[−+-]?\d[\d,]*(\.\d+)?")
-# What a spreadsheet runs as a formula.
+# The beginning of what a spreadsheet runs as a formula.
 _FORMULA = re.compile(r"\s*[=+@-]\S")
 _READ_NUMBER = re.compile(r"[+-]?\d[\d.]*([eE][+-]?\d+)?( .*)?")  # as CSV has it; a deviation or an interval may follow
 PACKAGES = r"% needs \usepackage{booktabs,graphicx}"
