@@ -24,9 +24,9 @@ def opened(path: Path, read: Callable[[int], Array], count: int, shape: tuple[in
     """The copy at `path` of `count` slices (H, W, 3) that `read` gives, memory-mapped; made where it is not there."""
     if not path.exists():
         with atomic.locked(path):  # else each of a dozen workers would write its own, of many gigabytes
-            if not path.exists():
+            if not path.exists():  # no other process has made it while this one waited
                 with atomic.replacing(path) as partial:
-                    for dtype in (np.float16, np.float32):
+                    for dtype in (np.float16, np.float32):  # halves, or floats if halves lose too much
                         if _write_copy(path, partial, read, count, shape, dtype):
                             break
     copy: Array = np.load(path, mmap_mode="r", allow_pickle=False)

@@ -1,9 +1,10 @@
 """The suite's only interpolator between sampled directions, in PyTorch.
 
-One hemisphere is triangulated by Delaunay in its stereographic plane, where circles of the sphere stay circles, so the
-result is also the triangulation on the sphere; weights are barycentric in that plane. Pairs that form a product views ×
-lights use the tensor product of the two sides (3 × 3 pairs); scattered pairs use modified Shepard weights over the
-nearest eight. A side of one or two directions uses the nearest. A direction outside the hull is projected onto it.
+A pair is a view with a light; a *side* is the views, or the lights, of all pairs. One hemisphere is triangulated by
+Delaunay in its stereographic plane, where circles of the sphere stay circles, so the result is also the triangulation
+on the sphere; weights are barycentric in that plane. Pairs that form a product views × lights use the tensor product of
+the two sides (3 × 3 pairs); scattered pairs use modified Shepard weights over the nearest eight. A side of one or two
+directions uses the nearest. A direction outside the hull is projected onto it.
 
 The interpolated quantity is radiance / cos θ_i, multiplied by the cosine of the query. `PairInterpolator` folds both
 cosines into its weights, so a caller only sums weight × radiance.
@@ -63,7 +64,7 @@ class Hemisphere(nn.Module):
 
     def _triangulate(self, points: np.ndarray) -> None:
         """Triangulate the samples (m, 2) of the plane, and keep what a search needs as buffers."""
-        triangles = Delaunay(points).simplices
+        triangles = Delaunay(points).simplices  # (t, 3): numbers of the samples at the corners
         corners = points[triangles]  # (t, 3, 2)
         # (t, 2, 2), an edge a column.
         spans = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], -1)
@@ -72,7 +73,7 @@ class Hemisphere(nn.Module):
         inverse = np.linalg.inv(spans)
         # Barycentric (b1, b2) = inverse @ (p − corner0) as one affine map a triangle: [2, 3].
         affine = np.concatenate([inverse, -(inverse @ corners[:, 0, :, None])], -1)
-        hull = ConvexHull(points).simplices
+        hull = ConvexHull(points).simplices  # (e, 2): numbers of the samples at the ends of each edge
         self.register_buffer("triangles", torch.as_tensor(triangles, dtype=torch.long))
         self.register_buffer("affine", torch.as_tensor(affine, dtype=torch.float32))
         self.register_buffer("edges", torch.as_tensor(points[hull], dtype=torch.float32))
@@ -150,7 +151,7 @@ def _candidates(corners: np.ndarray) -> np.ndarray:
     repeating their first entry, which changes no answer.
     """
     low, high = corners.min(1), corners.max(1)  # of `corners` (t, 3, 2)
-    slack = 1e-6
+    slack = 1e-6  # a point on the border of a box may lie a rounding error beyond it
     edges = np.linspace(-1, 1, CELLS + 1)
     # Whether each triangle's box meets each column, and each row, of cells: (t, CELLS).
     x = (low[:, None, 0] <= edges[1:] + slack) & (high[:, None, 0] >= edges[:-1] - slack)

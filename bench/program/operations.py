@@ -1,6 +1,7 @@
 """Defines each operation of a program once for all back ends; operations have PyTorch's names (ATen).
 
-NumPy moves numbers. Computations are made from the methods of a `Backend`, here `m`.
+A program is a list of steps, each an operation on the results of earlier ones. Its tensors are NumPy arrays of scalars:
+NumPy moves them, and they are computed by the methods of a `Backend`, here `m`. A *kind* is "float", "int" or "bool".
 """
 
 import math
@@ -21,6 +22,7 @@ def operation(*names: str) -> Callable[[Operation], Operation]:
     """Register a function under the names of its operations."""
 
     def register(function: Operation) -> Operation:
+        """Note the function under each name, and return it unchanged."""
         OPERATIONS.update(dict.fromkeys(names, function))
         return function
 
@@ -119,6 +121,7 @@ def _decides(formula: str) -> Operation:
     """The operation that applies a formula with a truth as its result; arguments are compared as the widest kind."""
 
     def decide(m: Backend, step: Step, *arguments: Any) -> Array:
+        """Compute the step element by element, with truths as results."""
         kinds = {_kind_of(argument) for argument in arguments}
         widest = max(kinds, key=list(KINDS).index)
         return _each(m, step, formula, *arguments, from_kind=widest).items

@@ -1,4 +1,4 @@
-"""Records a decoded material as a program.
+"""Records a decoded material as a program: the steps that compute one query, and the constants that they need.
 
 `program_of` records the operations of `Material.evaluate` for one query by `torch.export`. So one generator writes the
 shaders of all codecs whose operations it knows, including external ones; no codec writes a shader. Operations on only
@@ -61,7 +61,7 @@ def _exported(material: Material) -> torch.export.ExportedProgram:
     plain[torch.ops.aten._cdist_forward.default] = _distances
     plain[torch.ops.aten.topk.default] = _first
     with torch.no_grad(), _quiet():
-        exported = torch.export.export(_Evaluate(material), query, strict=False)
+        exported = torch.export.export(_Evaluate(material), query, strict=False)  # not strict: Python runs as it is
         # PyTorch knows a constant again and computes with its value: of one number looked up, with unset memory.
         for name, constant in exported.constants.items():
             if isinstance(constant, Tensor):

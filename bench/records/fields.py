@@ -1,4 +1,8 @@
-"""Applies the descriptions of fields to a record: finds faults, makes shorter forms, checks needed fields."""
+"""Applies the descriptions of fields to a record: finds faults, makes shorter forms, checks needed fields.
+
+The classes in `schema` describe fields by type hints. A hint such as `Annotated[float, NUMBER, RESULTS]` has *marks*:
+the `Kind` of its values, and what the field is used for (`Use`, `Needed`, `Shown`).
+"""
 
 from collections.abc import Iterator, Mapping
 from functools import cache

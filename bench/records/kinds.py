@@ -110,7 +110,7 @@ def fault_of(kind: Kind, value: Any, place: str = "", depth: int = 0) -> str:
     What has no kind of its own, `ANYTHING`, is still checked inside: objects and lists part by part, and the rest must
     be what a setting may be.
     """
-    if isinstance(kind, Plain) and kind is not ANYTHING:
+    if isinstance(kind, Plain) and kind is not ANYTHING:  # a value without parts
         return "" if kind.test(value) else _told(place, f"must be {kind.words}, not {_shown(value)}")
     if depth > DEEPEST:
         return _told(place, "is nested too deeply")
