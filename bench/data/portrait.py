@@ -269,6 +269,7 @@ def mean_lobe(btf: BTF) -> MeanLobe | None:
     if ring is None:
         return None
     theta, views, lights = ring  # degrees, and indices into the layout's views and lights
+    # 1. The means, without what depends on the view or on the light alone.
     ring_pairs = pairs[layout.grid[np.ix_(views, lights)]]  # (views, lights)
     means = np.empty(ring_pairs.shape)
     for place in np.ndindex(ring_pairs.shape):
@@ -281,12 +282,14 @@ def mean_lobe(btf: BTF) -> MeanLobe | None:
     total = float((rest**2).sum())
     if not total > 1e-9 * rest.size:  # views and lights change the means independently: only rounding is left
         return None
+    # 2. How much of the rest waves of the difference, and of the sum, of both azimuths explain.
     _, phi_o_deg = to_degrees(layout.views[views])
     _, phi_i_deg = to_degrees(layout.lights[lights])
     phi_o = np.radians(phi_o_deg)
     phi_i = np.radians(phi_i_deg)
     by_difference, amplitudes = _explained(rest, phi_i - phi_o[:, None])
     by_sum, _ = _explained(rest, phi_i + phi_o[:, None])
+    # 3. Where the fitted waves of the difference are highest, to a degree.
     degrees = np.arange(360.0)
     lobe = _waves(np.radians(degrees)) @ amplitudes
     peak = degrees[np.argmax(lobe)]
