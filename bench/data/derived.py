@@ -118,6 +118,7 @@ def _random_indices(count: int, wanted: int) -> np.ndarray:
 
 class Repaired(Source):
     """Wraps a source: values that are not finite become the mean of the finite ones of their pair and channel.
+
     Scattered reads use the scratch file of `Source`, so every value is repaired only once."""
 
     def __init__(self, source: Source):
@@ -149,8 +150,10 @@ class Repaired(Source):
 
 
 def repaired(btf: BTF, show: Progress = silent) -> BTF:
-    """Mask values that are not finite; a warning and `provenance["repaired"]` give their number and pairs. Reads every
-    slice once. A finite BTF is returned unchanged. `Repaired` describes the replacement."""
+    """The BTF with values that are not finite masked as by `Repaired`; itself if there are none.
+
+    A warning and `provenance["repaired"]` give their number and pairs. Reads every slice once, and tells `show`.
+    """
     source = Repaired(btf.source)
     masked_values: dict[int, int] = {}  # index of a pair in the BTF → how many of its values are masked
     source_pairs = btf.pairs.tolist()  # the source may hold more pairs than the BTF

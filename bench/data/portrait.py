@@ -79,7 +79,9 @@ class Look:
     def layout(self) -> Layout:
         """The distinct views and lights of the training pairs, and whether they are a product (every view with every
         light); random held-out pairs would belong to none."""
-        train = self.btf.split().train if self.btf.heldout is not None else slice(None)
+        if self.btf.heldout is None:  # then `split` would hold out whole views and lights, which belong to the product
+            return Layout.of(self.btf.wo, self.btf.wi)
+        train = self.btf.split().train
         return Layout.of(self.btf.wo[train], self.btf.wi[train])
 
     @property
@@ -103,7 +105,7 @@ class Look:
         other_slices = ~is_maximum[:, texels].any(1)  # in which none of these texels is at the maximum
         values = self.values[other_slices][:, texels]
         lit = values[values.any((1, 2))]  # the slices in which they are not all black
-        if texels.sum() <= 1 or not len(lit):
+        if texels.sum() <= 1 or not len(lit):  # there is nothing that a texel could equal
             return False
         are_equal = (lit == lit[:, :1]).all((1, 2))
         return bool(are_equal.mean() > 0.5)
@@ -137,7 +139,7 @@ class Look:
         return ""
 
     def warnings(self) -> list[str]:
-        """One sentence for each likely fault, with its probable cause."""
+        """One sentence for each likely fault, with its probable cause; none for sound data."""
         warnings = []
         fall_fault = self._fall_fault()
         if fall_fault:
@@ -267,6 +269,7 @@ def mean_lobe(btf: BTF) -> MeanLobe | None:
     if ring is None:
         return None
     theta, views, lights = ring  # degrees, and indices into the layout's views and lights
+    # 1. The means, without what depends on the view or on the light alone.
     ring_pairs = pairs[layout.grid[np.ix_(views, lights)]]  # (views, lights)
     means = np.empty(ring_pairs.shape)
     for place in np.ndindex(ring_pairs.shape):
@@ -279,12 +282,14 @@ def mean_lobe(btf: BTF) -> MeanLobe | None:
     total = float((rest**2).sum())
     if not total > 1e-9 * rest.size:  # views and lights change the means independently: only rounding is left
         return None
+    # 2. How much of the rest waves of the difference, and of the sum, of both azimuths explain.
     _, phi_o_deg = to_degrees(layout.views[views])
     _, phi_i_deg = to_degrees(layout.lights[lights])
     phi_o = np.radians(phi_o_deg)
     phi_i = np.radians(phi_i_deg)
     by_difference, amplitudes = _explained(rest, phi_i - phi_o[:, None])
     by_sum, _ = _explained(rest, phi_i + phi_o[:, None])
+    # 3. Where the fitted waves of the difference are highest, to a degree.
     degrees = np.arange(360.0)
     lobe = _waves(np.radians(degrees)) @ amplitudes
     peak = degrees[np.argmax(lobe)]

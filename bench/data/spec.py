@@ -114,8 +114,10 @@ class Preparation:
         return f"{self.heldout} {purpose}, uniform in solid angle, theta_deg <= 75"
 
     def tables(self, material: str, seed: int, draw: int) -> list[Table]:
-        """All pairs to render, a table for each kind, so that for another draw only the table of test pairs is rendered
-        again."""
+        """All pairs to render, a table for each kind, the training pairs first.
+
+        They are apart, so that for another `draw` only the table of test pairs is rendered again.
+        """
         tables = [Table("train", "", self.product())]
         if self.heldout:
             tables.append(Table("heldout", self.described(draw), self.drawn(material, seed, draw)))

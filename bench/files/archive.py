@@ -31,7 +31,10 @@ _LOCAL_HEADER = 30  # bytes of the header that stands in the archive before each
 
 
 def inside(name: str, label: str) -> str:
-    """The name with forward slashes, or an `InputError` if it leaves its folder."""
+    """The name of a file in an archive or list, with forward slashes; `InputError` if it leads out of its folder.
+
+    `label` is what the error calls the archive or list.
+    """
     tidy = name.replace("\\", "/")
     # A colon in the second place follows the letter of a drive.
     if not tidy or "\0" in tidy or tidy.startswith("/") or ".." in tidy.split("/") or tidy[1:2] == ":":
@@ -111,7 +114,8 @@ class ZipFiles:
         return start if entry.compress_type == zipfile.ZIP_STORED else None
 
     def _inflate(self, name: str, count: int, packed_count: int) -> bytes:
-        """At most `count` bytes of the entry, from at most `packed_count` of its bytes in the archive."""
+        """The first `count` bytes of the entry, inflated from the first `packed_count` of its bytes in the archive;
+        fewer if there are no more."""
         entry, start = self._located(name)
         with open(self.path, "rb") as stream:
             stream.seek(start)

@@ -194,40 +194,40 @@ def open_svbrdf(
 
     def cached(pair_table: Table) -> BTF:
         """The BTF of one table of pairs, baked into the cache if it is not there."""
-        maps = recognise(folder)
+        map_files = recognise(folder)
         # A table of held-out pairs is described in words, the product by its directions.
         pair_notes: dict[str, Any] = {"heldout": pair_table.words} if pair_table.words else _product_notes(data)
         if path_tracer:
             pair_notes |= path_tracer.provenance()
         # Everything that determines the values of a bake with default options.
-        files_digest = FolderFiles(folder).digest(maps.files.values())
-        content = [files_digest, sorted(maps.files.items()), *_read_differently_before(maps)]
+        files_digest = FolderFiles(folder).digest(map_files.files.values())
+        content = [files_digest, sorted(map_files.files.items()), *_read_differently_before(map_files)]
         described = json.dumps([BAKE_VERSION, RENDERER_VERSION, SUB_POINTS, data.size, pair_notes, content])
         key = hashlib.sha256(described.encode()).hexdigest()
         path = cache_dir() / "materials" / f"{name}-{data.size}-{key[:24]}.npz"
         if not path.exists():
             with atomic.locked(path):  # two processes must not both resume from the slices of a killed one
                 if not path.exists():  # else another process has baked it meanwhile
-                    surface = read_surface(maps, data.size)
+                    surface = read_surface(map_files, data.size)
                     log.warning("baking %s\n%s", folder, table(surface))
                     # `joined` marks the held-out pairs.
                     _bake(surface, pair_table.pairs, None, pair_notes, path, show, seed=0, path_tracer=path_tracer)
-        return replace(open_btf(path), name=name)
+        return replace(open_btf(path), name=name)  # a reader names it by the file in the cache
 
     return joined(data.tables(name, seed=0, draw=draw), cached)
 
 
-def _read_differently_before(maps: MapFiles) -> list[str]:
+def _read_differently_before(map_files: MapFiles) -> list[str]:
     """The maps that an earlier program with the same `BAKE_VERSION` may have read differently, for the key of a bake.
 
     With these words in the key, such a bake in the cache is not used, while those of all other maps stay valid. They
     are an albedo of another colour space, told by its `colour_note`, and by their roles normals in PNG, which may be
     drawn flat, and normals and heights in EXR or `.hdr`.
     """
-    files = FolderFiles(maps.folder)
-    formats = {role: picture_format(files.head(name, 8)) for role, name in maps.files.items()}
+    files = FolderFiles(map_files.folder)
+    formats = {role: picture_format(files.head(name, 8)) for role, name in map_files.files.items()}
     words = []
-    albedo_note = colour_note(files, maps.files["albedo"])
+    albedo_note = colour_note(files, map_files.files["albedo"])
     if albedo_note:
         words.append(albedo_note)
     for role in ("normal_gl", "normal_dx", "normal", "displacement", "depth"):

@@ -64,6 +64,7 @@ def read_surface(map_files: MapFiles, size: int, depth: float | None = None) -> 
     """
     _warn_of_doubts(map_files)
     reader = _Reader(map_files, size)
+    # The notes begin with the file of each map; what follows adds how it is read.
     notes = {role: name for role, name in map_files.files.items() if role not in _LISTED_ELSEWHERE}
     conversion = colour_note(reader.files, reader.roles["albedo"])
     if conversion:
@@ -73,7 +74,7 @@ def read_surface(map_files: MapFiles, size: int, depth: float | None = None) -> 
     normal, height = _relief(reader, notes, depth)
     if normal is not None:
         # Shrinking lost the variance of the normals: α² grows by (1 − |n̄|) / |n̄| (Toksvig 2005), with |n̄| the length
-        # of a mean normal. α is roughness², so α² is roughness⁴.
+        # of a mean normal, here at least 0.1, so that the quotient stays finite. α is roughness², so α² is roughness⁴.
         length = np.clip(np.linalg.norm(normal, axis=-1), 0.1, 1)
         alpha_squared = roughness**4 + (1 - length) / length
         roughness = np.minimum(alpha_squared**0.25, 1)
@@ -117,7 +118,7 @@ class _Reader:
         return _fitted_shape(self.full_shape, min(longest, max(self.full_shape)))
 
     def shrunk(self, picture: Array) -> Array:
-        """A picture (H, W, ...) averaged to the working grid."""
+        """A picture (H, W, ...) averaged to the working grid; as it is if it has that size, as small maps have."""
         return resize(picture, self.grid)
 
     def codes(self, role: str) -> Array | None:
@@ -189,16 +190,19 @@ def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tupl
     A mean normal is the shorter the more the normals vary within its texel. `depth` is that of `read_surface`. How both
     maps were read is added to `notes`.
     """
+    # 1. Both maps at full size, as their codes say; a role is "" where there is no file.
     normal_role = _first_role(reader, ("normal_gl", "normal_dx", "normal"))
     height_role = _first_role(reader, ("displacement", "depth"))
     normal = _normals(reader, normal_role, notes)
     picture = reader.codes(height_role)
     height = None if picture is None else picture[..., 0]
+    # 2. Which way is up, by comparing them.
     correlations = Agreement()  # nothing to compare, unless there are both
     if normal is not None and height is not None:
         compared_shape = reader.limited_shape(COMPARED)
         correlations = agreement(resize(normal, compared_shape), resize(height, compared_shape))
     is_inverted, is_green_down = correlations.verdict(is_depth_by_name=height_role == "depth", normal_role=normal_role)
+    # 3. Both the right way up, on the working grid.
     if normal is not None:
         green = "down (DX)" if is_green_down else "up (GL)"
         notes[normal_role] += f": green {green}, {correlations.evidence(normal_role)}"
@@ -206,7 +210,7 @@ def _relief(reader: _Reader, notes: dict[str, str], depth: float | None) -> tupl
             normal[..., 1] *= -1
         normal = reader.shrunk(normal)
     if height is not None:
-        is_fitted = depth is None and correlations.depth is not None
+        is_fitted = depth is None and correlations.depth is not None  # before `depth` is replaced
         height, depth = _with_depth(reader, height_role, height, depth, correlations.depth)
         high = "dark" if is_inverted else "bright"
         notes[height_role] += f": {high} is high, depth {depth:.4f} of the width"
@@ -262,7 +266,7 @@ def _normals(reader: _Reader, role: str, notes: dict[str, str]) -> Array | None:
         return None
     normal = 2 * codes - 1  # codes from 0 to 1 stand for components from −1 to 1
     if reader.is_stored(role) and _is_signed(codes):
-        normal = codes  # not encoded
+        normal = codes  # components as they are, not encoded
         notes[role] += " (stored from -1 to 1)"
     if reader.kind(role) == "png":  # JPEG cannot hold the codes of flat exactly
         normal[_drawn_flat(codes), :2] = 0
