@@ -68,7 +68,7 @@ class Preparation:
         Scripts make a `Preparation` directly, past the checks of `changed`, so some fields are checked again here.
         """
         bytes_of_a_texel = 3 * 4  # red, green and blue as float32
-        needed = bytes_of_a_texel * self.size**2 * max(self.views * self.lights, self.heldout)
+        needed = bytes_of_a_texel * self.size**2 * (self.views * self.lights + self.heldout)
         if needed > MOST:
             asked = f"{self.size} × {self.size} texels at {self.views} × {self.lights} + {self.heldout} pairs"
             limit = f"the limit is {MOST >> 30}: lower size, views, lights or heldout"

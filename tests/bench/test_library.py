@@ -289,6 +289,11 @@ def test_a_setting_that_a_material_has_not_is_told_with_the_one_it_has(folder, c
         bench.open(folder, size=8)
     with pytest.raises(InputError, match=r"data\.texels: satin is rendered, .*: give data\.size"):
         bench.open("satin", texels=8)
+    with pytest.raises(InputError, match=r"data\.renderer: btf is measured, .*: leave it out"):
+        bench.open(folder, renderer="builtin")
+    for setting, value, remedy in (("pairs", 9, "give data.views and data.lights"), ("repair", True, "leave it out")):
+        with pytest.raises(InputError, match=rf"data\.{setting}: satin is rendered, .*: {remedy}"):
+            bench.open("satin", **{setting: value})
     words = ["run", "quick", "--material", str(folder), "--codec", "mean-colour", "--out", "run"]
     assert cli.main([*words, "--set", "data.size=8"]) == 2
     assert "--set data.size: btf is measured" in capsys.readouterr().err

@@ -27,8 +27,9 @@ OTHERWISE = "measured"  # the module of the kind of all surfaces that no other k
 # Keys of settings that only rendered surfaces have, and only measured ones: key → what a user can do instead.
 OF_RENDERED = dict.fromkeys(("data.views", "data.lights"), "give data.pairs")
 OF_RENDERED |= {"data.size": "give data.texels", "data.directions": "leave it out"}
-OF_RENDERED |= {"data.heldout": "whole views and lights are held out"}
-OF_MEASURED = {"data.texels": "give data.size", "data.angles": "leave it out"}
+OF_RENDERED |= {"data.heldout": "whole views and lights are held out", "data.renderer": "leave it out"}
+OF_MEASURED = {"data.texels": "give data.size", "data.pairs": "give data.views and data.lights"}
+OF_MEASURED |= {"data.angles": "leave it out", "data.repair": "leave it out"}
 
 
 class Kind(ABC):
