@@ -160,9 +160,10 @@ def _deciding(material: str, rows: Sequence[ComparedRow]) -> Table:
 
 
 def _cells(quantity: Quantity, change: Change | None) -> list[str]:
-    """The cells of a change: for PSNR the value, then the change with its margin; for others one cell.
+    """The cells of a change: two for PSNR, by which codecs are ranked, and one for any other quantity.
 
-    None: the row has no such quantity, so its cells are dashes.
+    PSNR has its value in the new run, then the change with its margin; another metric has the change with its margin
+    alone; a size, such as bytes, its value and the change. None: the row has no such quantity, so its cells are dashes.
     """
     with_value = quantity.name == "PSNR"
     if change is None:
@@ -170,7 +171,8 @@ def _cells(quantity: Quantity, change: Change | None) -> list[str]:
     value = quantity.written(change.new)
     if change.verdict == Verdict.UNLIKE:
         return [value, NOT_COMPARABLE] if with_value else [f"{value} ({NOT_COMPARABLE})"]
-    text = quantity.difference(change.difference or 0.0)  # "=" where it rounds to 0
+    # The difference is None if neither run measured the quantity, so that nothing changed. "=" where it rounds to 0.
+    text = quantity.difference(change.difference or 0.0)
     if not quantity.metric:  # a size, such as bytes
         return [value if text == "=" else f"{value} ({text})"]
     with_margin = f"{text} ± {quantity.written(change.margin)}"
@@ -225,9 +227,11 @@ def _combined(
                 marks[i, j] = BOLD
     headers = [("material", ""), ("codec", "")]
     for quantity in quantities:
-        words = quantity.name.replace("_", " ")
-        # Name and unit stand on one line in Markdown: "PSNR, dB ↑", but "SSIM ↑".
-        headers.append((f"{words}," if quantity.unit else words, quantity.scale))
+        title = quantity.name.replace("_", " ")
+        if quantity.unit:  # name and unit stand on one line in Markdown: "PSNR, dB ↑", but "SSIM ↑"
+            title += ","
+        headers.append((title, quantity.scale))
+    # The first two columns, material and codec, hold words; the others hold numbers.
     return Table("compare", "", [*headers, (last_header, "")], cells, words=2, marks=marks)
 
 

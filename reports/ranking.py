@@ -40,17 +40,18 @@ def against_one(run: Run, wanted: str = "") -> Against:
     that no result decides which row it is. Raises `InputError` for a row that is not there, or that was not measured
     on all materials. Kept with the run.
     """
-    best_first = [standing.label for standing in ranked(run) if standing.rank is not None]
+    ranked_labels = [standing.label for standing in ranked(run) if standing.rank is not None]
     labels_of_suite = dict.fromkeys(codec.label for material in materials(run) for codec in material.codecs)
-    in_suite_order = [label for label in labels_of_suite if label in best_first]
+    in_suite_order = [label for label in labels_of_suite if label in ranked_labels]
     if wanted:
-        first = _row_named(wanted, in_suite_order)
+        reference = _row_named(wanted, in_suite_order)
     elif in_suite_order:
         of_usual_codec = [label for label in in_suite_order if label.split()[0] == AGAINST]
-        first = of_usual_codec[0] if of_usual_codec else in_suite_order[0]
+        reference = of_usual_codec[0] if of_usual_codec else in_suite_order[0]
     else:  # no codec has a rank
         return Against(first="", over={}, on={})
-    return against(run, first, [label for label in best_first if label != first])
+    others = [label for label in ranked_labels if label != reference]
+    return against(run, reference, others)
 
 
 def rows_of(codec: str, run: Run) -> int:

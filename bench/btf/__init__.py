@@ -292,9 +292,13 @@ class BTF:
         if self.pairs is None:
             self.pairs = np.arange(self.source.count)
         self.heldout = None if self.heldout is None else np.asarray(self.heldout, bool)
+        self.validation = None if self.validation is None else np.asarray(self.validation, bool)
         self.provenance = dict(self.provenance or {})
         if self.wo.shape != (len(self.pairs), 3) or self.wi.shape != self.wo.shape:
             raise ValueError(f"wo and wi must be ({len(self.pairs)}, 3), not {self.wo.shape}, {self.wi.shape}")
+        for name, mask in (("heldout", self.heldout), ("validation", self.validation)):
+            if mask is not None and mask.shape != (len(self.pairs),):
+                raise ValueError(f"{name} must be ({len(self.pairs)},), not {mask.shape}")
 
     def __repr__(self) -> str:
         held = "" if self.heldout is None else f", {int(self.heldout.sum()):,} of them held out"

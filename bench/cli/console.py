@@ -188,7 +188,12 @@ def btf_lines(portrait: "Look") -> str:
 
 
 def _frame_lines(portrait: "Look") -> list[str]:
-    """Say how well differences and sums of azimuths explain the mean lobe, or why that is not known."""
+    """Say whether the azimuths of views and lights seem to be right, or why that is not known.
+
+    Around the normal, a surface reflects most toward the mirror direction, 180° away from the light. So its mean lobe,
+    the mean radiance over texels by azimuth, should follow the difference φ_i − φ_o. If it follows the sum instead, the
+    azimuths of views or of lights are mirrored.
+    """
     if len(portrait.layout.views) < 2:
         return ["one view: a codec's answers from other views are not measured"]
     if not portrait.lobe:

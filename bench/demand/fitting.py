@@ -60,19 +60,33 @@ class Problem:
 
 
 def density_of(demand: Demand, layout: Layout, window: Window, uniform: float) -> Density:
-    """The density of a demand of n queries over the pairs of a BTF cut to a window; see `Density` for its fields."""
-    weights = pair_weights(layout, demand)  # the k pairs around each query: `sample` and `weight` are (n, k)
+    """The density of a demand of n queries over the pairs of a BTF cut to a window; see `Density` for its fields.
+
+    `uniform` is the share of samples that is spread evenly.
+    """
+    # The k pairs around each query: `around.sample` are their numbers and `around.weight` their weights, (n, k) each.
+    around = pair_weights(layout, demand)
     importance = demand.importance
     cos_i = torch.from_numpy(layout.lights[layout.light, 2]).clamp_min(1e-3)  # as in `PairInterpolator`
     wi = torch.from_numpy(demand.wi)
-    uv = window.within(torch.from_numpy(demand.uv(window.size)).double()).float()
+    uv_of_texture = torch.from_numpy(demand.uv(window.size)).double()  # exact enough to be cut to a small window
+    uv = window.within(uv_of_texture).float()
     footprint = torch.from_numpy(demand.footprint) * window.stretch
     cumulative = torch.from_numpy(importance).cumsum(0)
     # Radiance contains the cosine of its light. That of each pair's light (n, k) gives way to that of the query's.
-    weight = weights.weight * wi[:, 2:] / cos_i[weights.sample.long()]
-    share = torch.from_numpy(shares_from_weights(weights, importance, len(layout.view)))
-    wo = torch.from_numpy(demand.wo)
-    return Density(uv, footprint, wo, wi, cumulative, weights.sample, weight, per_pair=share, uniform=uniform)
+    weight = around.weight * wi[:, 2:] / cos_i[around.sample.long()]
+    share = torch.from_numpy(shares_from_weights(around, importance, len(layout.view)))
+    return Density(
+        uv=uv,
+        footprint=footprint,
+        wo=torch.from_numpy(demand.wo),
+        wi=wi,
+        cumulative=cumulative,
+        pair=around.sample,
+        weight=weight,
+        per_pair=share,
+        uniform=uniform,
+    )
 
 
 def encode(codec: Codec, btf: BTF, fit: Fit, demand: Demand, uniform: float = UNIFORM) -> Parts:

@@ -42,7 +42,7 @@ class TextScene:
         inside = found.inside  # a ray may meet a plane beyond the surface's edge
         hit = hit[inside]
         return Points(
-            pixel=hit,
+            pixel=hit,  # the numbers of the rays that hit; one is cast through each cell of the frame
             uv=found.uv[inside],
             position=position[inside],
             normal=found.normal[inside],

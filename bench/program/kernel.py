@@ -142,11 +142,11 @@ class Kernel(Backend):
 
     def look_up(self, table: Array, index: Scalar, kind: str) -> list[Scalar]:
         """As `Backend.look_up`: the table lies in memory, and an index beyond its end gives the last row."""
-        # A table that several steps read is one view of the same memory in each, so it is stored once.
+        # Steps that read the same table give views of the same memory, so place and size name it: it is stored once.
         key = (table.__array_interface__["data"][0], table.size)
         if key not in self.tables:
-            array = self.kind.Float if kind == "float" else self.kind.Int
-            flat = array(np.ascontiguousarray(table).reshape(-1))
+            array_type = self.kind.Float if kind == "float" else self.kind.Int
+            flat = array_type(np.ascontiguousarray(table).reshape(-1))
             # The table is kept too, so that its memory stays alive and no other table gets the same key.
             self.tables[key] = table, flat
         _, stored = self.tables[key]  # row by row

@@ -407,7 +407,7 @@ def _read_hdr(data: bytes) -> Array:
     # A mantissa m with exponent e is m · 2^(e − 136), as in rgbe.c and OpenCV, so black stays black; Ward's own reader
     # adds half a code to m. Of the 136, 128 make e signed, and 8 make m a fraction.
     scale = np.ldexp(np.float32(1 / header.exposure), exponents.astype(np.int32) - 136)
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore"):  # beyond float32 it is infinite, which a BTF refuses when it is read
         picture = rgbe[..., :3] * scale[..., None]
     picture[exponents == 0] = 0  # black, whatever m is
     # Upright, rows go down (-Y) and columns to the right (+X).

@@ -28,13 +28,16 @@ def path_traced(scene: Path, bsdf: str, file: Path, repeat: float = 1.0, samples
     content = loaded(scene, lambda: mi.load_string(text))
     for shape in content.shapes():
         if isinstance(shape.bsdf(), plugin):
-            shape.bsdf().pixel_angle = _pixel_angle(content.sensors()[0], samples)
+            shape.bsdf().pixel_angle = _sample_angle(content.sensors()[0], samples)
     colours = np.asarray(mi.render(content, spp=samples or 0))[..., :3]
     return np.concatenate([colours, np.ones_like(colours[..., :1])], 2)
 
 
-def _pixel_angle(sensor: Any, samples: int | None) -> float:
-    """The angle of one sample of the pixel in the middle, in radians; 0 if all rays are parallel."""
+def _sample_angle(sensor: Any, samples: int | None) -> float:
+    """The angle that one sample of the pixel in the middle covers, in radians; 0 if all rays are parallel.
+
+    The samples of a pixel share its area, so each has a side 1 / √samples as long. None: the sensor says how many.
+    """
     middle = mi.Point2f(0.5, 0.5)
     # Arguments: time, wavelength, place in the picture, place on the lens. The second result is the ray's importance.
     ray, _ = sensor.sample_ray_differential(0.0, 0.5, middle, middle)

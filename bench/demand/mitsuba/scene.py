@@ -65,7 +65,7 @@ class MitsubaScene:
         normal = _rows(hit.sh_frame.n)
         eye = np.broadcast_to(np.asarray(sensor.world_transform().translation()).ravel(), position.shape)
         return Points(
-            pixel=chosen,
+            pixel=chosen,  # the numbers of the rays that hit; one is cast through each cell of the frame
             uv=_rows(hit.uv)[chosen],
             position=position[chosen],
             normal=normal[chosen],
