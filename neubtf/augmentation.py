@@ -1,6 +1,7 @@
 """The augmentation of NeuBTF's training: a common rescale and crop, and disturbances of only the input.
 
-Pictures are (B, C, H, W). Every random number comes from a generator on the CPU.
+The input of a step is the picture that the encoder sees. Pictures are (B, C, H, W). Every random number comes from a
+generator on the CPU.
 """
 
 import dataclasses

@@ -92,6 +92,7 @@ class NeuBTF(Codec):
         )
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
+        """The material of a file's parts, on a device; the encoder, if there is one, is not needed."""
         return load(parts, self.settings).to(device)
 
 

@@ -40,6 +40,7 @@ class NeuBTFDirect(Codec):
 
         @property
         def architecture(self) -> Architecture:
+            """The renderer's network, whose inputs are the latents of all grids."""
             return replace(super().architecture, inputs=total(self) + COUNTS[self.directions])
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
@@ -51,6 +52,7 @@ class NeuBTFDirect(Codec):
         return fitting.parts(store_texture("latents", texture, fitting.rounding))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
+        """The material of a file's parts, on a device."""
         if is_gridded(self.settings):
             return load_gridded(parts, self.settings).to(device)
         return load(parts, self.settings).to(device)

@@ -183,7 +183,7 @@ def _steps(picture: Array, axis: int) -> Array:
 def _seam(steps: Array) -> Seam:
     """The seam of the differences of `_steps`, the last of which crosses the border; see `seam_of`."""
     across_border = steps[-1]
-    between_cells = steps[STRIDE - 1 : -1 : STRIDE]
+    between_cells = steps[STRIDE - 1 : -1 : STRIDE]  # from the last texel of a cell to the first of the next
     if not between_cells.any():
         return Seam(np.inf, np.inf)
     return Seam(float(across_border / between_cells.mean()), float(across_border / between_cells.max()))

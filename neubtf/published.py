@@ -1,7 +1,8 @@
 """The training of NeuBTF as its paper describes it: autoencoder and renderer end to end.
 
 Each element of a batch has a random slice as its input and others as its targets, in a window and at a scale of their
-own; only the input is turned in hue, blurred and noisy. docs/neubtf.md has what the paper says and leaves open.
+own; only the input is turned in hue, blurred and noisy. docs/neubtf.md has what the paper says and leaves open. An
+input and a target are slices of the BTF: all texels for one pair of view and light.
 A step's elements are read, encoded and rendered at once, because a GPU takes as long for one. On a GPU a long fit also
 compiles the autoencoder and the renderer: a step would start 870 kernels otherwise, which takes longer than they run.
 
@@ -25,7 +26,7 @@ from neubtf.autoencoder import Encoder, as_guidance, displayed, eight_bits
 from neubtf.training import Guided, StagedSettings, by_texel, pictures, slice_of
 
 CANDIDATES = 64  # slices, spread over all, of which the best is the guidance of the file
-JUDGED = 16_384  # random samples that judge them
+COMPARED = 16_384  # random samples by which they are compared
 AT_ONCE = 16  # slices whose means are computed at once
 DARKEST = 1e-4  # least mean of a slice, in a display's range; darker slices are shown as if they had it
 
@@ -160,7 +161,7 @@ class Published(Guided):
 
         Every slice was an input. Some tell much more than the most frontal one, which hides the ribs of corduroy.
         """
-        batch = self.samples.draw(JUDGED, fit.generator())
+        batch = self.samples.draw(COMPARED, fit.generator())
         step = -(-self.samples.pairs // CANDIDATES)  # every so many pairs, rounded up
         best_picture, least_error = self.guidance.clone(), self._error(self.guidance, batch)
         for pair in fit.progress(range(0, self.samples.pairs, step), "guidance images"):
@@ -177,6 +178,7 @@ class Published(Guided):
         return float(distance(rendered, batch.target, self.settings.loss))
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
+        """The loss of one step, a scalar: the weighted sum of `losses` of a random batch."""
         settings = self.settings
         pixel, style, frequency = self.losses(self.batch(generator), generator)
         return settings.pixel * pixel + settings.style * style + settings.frequency * frequency

@@ -1,5 +1,9 @@
 """The training steps of NeuBTF, our recipe, in three stages; the paper's is `neubtf.published`.
 
+The encoder makes a neural texture, some latents for each texel, from a guidance image, which is a displayed slice of
+the BTF: all texels for one pair of view and light. The renderer turns a texel's latents and two directions into log
+radiance, log1p(gain · radiance).
+
 1. *Direct*: a neural texture and the renderer, without the encoder. Its steps are eight times as fast as others.
 2. *Taught*: the encoder learns that texture; each step compares all of its latents at once.
 3. *Guided*: the encoder learns from the answers of the renderer, which stays fixed; without a first stage both learn.
@@ -69,6 +73,7 @@ class StagedSettings(NetworkSettings, RendererSettings):
     recipe: Literal["ours", "paper"] = "ours"  # "paper": everything as published, end to end; see docs/neubtf.md
 
     def __post_init__(self) -> None:
+        """Raise `InputError` if no steps are left for the last stage, or if there is no texture to teach."""
         if self.direct + self.taught >= 1 or (self.taught and not self.direct):
             raise InputError("neubtf needs direct + taught below 1, and direct above 0 if taught is above 0")
 
@@ -112,6 +117,7 @@ class Guided(Objective):
         return [*encoder, *renderer]
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
+        """Log radiance (n, 3) at a batch's texels and pairs, by the texture that the encoder makes of the guidance."""
         latents = by_texel(self.encoder(self.guidance))
         return self.rendered(latents, batch.texel, batch.pair)
 
@@ -177,6 +183,8 @@ class Staged(Guided):
         return super().rate(step - start, end - start, group)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
+        """Log radiance (n, 3) at a batch's texels and pairs; in the first stage by the texture that is fitted
+        itself."""
         direct = self.stage(round(progress * self.settings.steps)) == 0
         latents = self.texture if direct else by_texel(self.encoder(self.guidance))
         return self.rendered(latents, batch.texel, batch.pair)

@@ -19,6 +19,7 @@ from neubtf.renderer import NeuBTFMaterial
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command to its parser."""
     parser.add_argument("file", type=Path, help="a codec file of neubtf or neubtf-direct")
     parser.add_argument("-o", "--out", type=Path, help="the PNG to write (default: the file's name with .latents.png)")
 

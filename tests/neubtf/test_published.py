@@ -14,7 +14,7 @@ from bench.training import Samples
 from neubtf.augmentation import Crop
 from neubtf.autoencoder import Autoencoder, Encoder, as_guidance, displayed, eight_bits
 from neubtf.codec import NeuBTF
-from neubtf.published import COMPILED_FROM, DARKEST, JUDGED, Elements, Published, linear_display, slice_means
+from neubtf.published import COMPARED, COMPILED_FROM, DARKEST, Elements, Published, linear_display, slice_means
 from neubtf.training import by_texel, slice_of
 
 GREY = torch.full((1, 3, 16, 16), 0.3)  # a guidance image
@@ -128,7 +128,7 @@ def test_the_guidance_of_a_file_is_the_slice_whose_texture_answers_best() -> Non
         fitting.loss(generator(), 0.0).backward()  # type: ignore[no-untyped-call]
         optimiser.step()
     samples, fit = fitting.samples, Fit()
-    batch = samples.draw(JUDGED, fit.generator())
+    batch = samples.draw(COMPARED, fit.generator())
     errors = {}
     for pair in range(0, 81, 2):  # at most 64 of 81
         level = fitting.exposed(slice_of(samples, pair), torch.tensor([pair]))
