@@ -46,8 +46,9 @@ class Atlases:
             characters = characters_per_pixel * pixels
             if characters <= budget:
                 break
-        times_too_large = -(-characters // budget)  # characters / budget, rounded up
-        self.step = max(1, int(times_too_large))  # 1: all pairs are shown
+        # At the worst quality they may still be several times too large: then only some pairs are shown.
+        times_too_large = math.ceil(characters / budget)
+        self.step = max(1, times_too_large)  # 1: all pairs are shown
 
     def _pixels(self, material: MaterialRows) -> int:
         """The pixels of all pictures of a material: the truth once, and the answers and FLIP maps of each codec."""

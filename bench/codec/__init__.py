@@ -303,12 +303,19 @@ class Codec(Configured):
 
 
 def settings_dict(codec: Configured) -> dict[str, Any]:
-    """The settings of a codec as plain values, for files and records, but those with `IF_SET` at their default."""
+    """The settings of a codec as plain values, for files and records.
+
+    Two kinds are left out at their defaults, so that files and records from before they existed stay the same: settings
+    that are marked with `IF_SET`, and the common ones, which are false by default and true otherwise.
+    """
     written = dataclasses.asdict(codec.settings)
     for each in dataclasses.fields(codec.settings):
         if each.metadata == IF_SET and written[each.name] == each.default:
             del written[each.name]
-    return written | {name: True for name in COMMON if getattr(codec, name)}
+    for name in COMMON:
+        if getattr(codec, name):
+            written[name] = True
+    return written
 
 
 def setting_names(codec: type[Configured]) -> set[str]:

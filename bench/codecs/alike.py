@@ -4,8 +4,8 @@ A codec's `version` names its file and its fit; the store of textures has a vers
 record of another version than the installed one is *stale*: tables mark it, since its numbers cannot be made again.
 """
 
-from collections.abc import Collection, Iterable, Mapping
-from typing import Any
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 from bench.codecs.registry import current_versions, from_outside
 from bench.records import FitKey, Job, ScoreKey, scored_unlike, shown_label
@@ -16,39 +16,59 @@ def stale(job: Job) -> str:
     return _version_differences(job.get("fit_key", FitKey()), current_versions(*_recipe_of(job)))
 
 
+class _Newest(NamedTuple):
+    """What the newest of some jobs say, with which all others must agree."""
+
+    score_keys: dict[tuple[str, Any], ScoreKey]  # by material and seed, because the scored pairs differ by seed
+    shapes: dict[str, Any]  # by material: height and width of its texels
+    fit_keys: dict[tuple[str, str], Mapping[str, Any]]  # by codec and recipe
+    codes: dict[tuple[Any, ...], str | None]  # by row: the hash of the code that fitted it
+
+    @classmethod
+    def of(cls, finished: Sequence[Job], published: Collection[str]) -> "_Newest":
+        """Of finished jobs in order of time. Data and pairs of `published` ones count as newer than any others."""
+        newest = cls({}, {}, {}, {})
+        others = [job for job in finished if job["job"] not in published]
+        of_published = [job for job in finished if job["job"] in published]
+        # A later job of the same key takes the place of an earlier one.
+        for job in [*others, *of_published]:
+            newest.score_keys[job["material"], job.get("seed")] = job["score_key"]
+            newest.shapes[job["material"]] = job.get("shape")
+        for job in finished:
+            newest.fit_keys[_recipe_of(job)] = job.get("fit_key", {})
+            newest.codes[row_of(job)] = job.get("fit_key", {}).get("code")
+        return newest
+
+    def obstacles(self, job: Job) -> list[str]:
+        """Why the numbers of a job cannot stand beside those of the newest, in words."""
+        reasons = _score_differences(job["score_key"], self.score_keys[job["material"], job.get("seed")])
+        # If no other job has this seed, the scores above were compared with themselves: the size still tells.
+        shape = job.get("shape")
+        expected = self.shapes[job["material"]]
+        if not reasons and shape and expected and shape != expected:
+            reasons.append(f"other data ({shape[0]} × {shape[1]} texels instead of {expected[0]} × {expected[1]})")
+        fit_key = job.get("fit_key", {})
+        other_version = _version_differences(fit_key, self.fit_keys[_recipe_of(job)])
+        if other_version:
+            reasons.append(other_version)
+        # The suite's own codecs get a new version if their files change; one's own may change without.
+        code = self.codes[row_of(job)]
+        if code and fit_key.get("code") != code and from_outside(str(job.get("codec"))):
+            reasons.append("fitted by other code of the codec than its newest seed")
+        return reasons
+
+
 def obstacles(jobs: Iterable[Job], published: Collection[str] = ()) -> dict[str, str]:
     """By name of job, why its numbers cannot stand beside those of newer jobs; jobs that can are left out.
 
     Where some jobs are `published`, they say which data and pairs a material has, whatever newer jobs have.
     """
-    # The runs' names begin with their time, so the newest job comes last.
-    finished = sorted((job for job in jobs if job["status"] == "ok"), key=lambda job: str(job["run"]))
-    # Published jobs after all others; among themselves both stay in order of time.
-    ordered = sorted(finished, key=lambda job: job["job"] in published)
-    # Of jobs with the same key, the last one stays in these dictionaries, and says what the others must agree with.
-    # Scores are kept by seed too, because the scored pairs differ by seed.
-    newest_score_key = {(job["material"], job.get("seed")): job["score_key"] for job in ordered}
-    newest_shape = {job["material"]: job.get("shape") for job in ordered}
-    newest_fit_key = {_recipe_of(job): job.get("fit_key", {}) for job in finished}
-    newest_code = {row_of(job): job.get("fit_key", {}).get("code") for job in finished}
+    finished = [job for job in jobs if job["status"] == "ok"]
+    finished.sort(key=lambda job: str(job["run"]))  # the names of runs begin with their time, so the newest is last
+    newest = _Newest.of(finished, published)
     reasons_by_job = {}
     for job in finished:
-        key = job.get("fit_key", {})
-        code = newest_code[row_of(job)]
-        reasons = _score_differences(job["score_key"], newest_score_key[job["material"], job.get("seed")])
-        shape = job.get("shape")
-        expected_shape = newest_shape[job["material"]]
-        # If no other job has this seed, the scores above were compared with themselves: the size still tells.
-        if not reasons and shape and expected_shape and shape != expected_shape:
-            reasons.append(
-                f"other data ({shape[0]} × {shape[1]} texels instead of {expected_shape[0]} × {expected_shape[1]})"
-            )
-        other_version = _version_differences(key, newest_fit_key[_recipe_of(job)])
-        if other_version:
-            reasons.append(other_version)
-        # The suite's own codecs get a new version if their files change; one's own may change without.
-        if code and key.get("code") != code and from_outside(str(job.get("codec"))):
-            reasons.append("fitted by other code of the codec than its newest seed")
+        reasons = newest.obstacles(job)
         if reasons:
             reasons_by_job[job["job"]] = ", ".join(reasons)
     return reasons_by_job

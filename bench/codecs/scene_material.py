@@ -68,7 +68,7 @@ class SceneMaterial(Wrapped):
             log.warning("%s: %s, and more may follow: %s", self.name, outside, remedy)
 
 
-def unreported(material: Material) -> Material:
+def without_warnings(material: Material) -> Material:
     """The same material without the warning, for callers that query everything on purpose."""
     if isinstance(material, SceneMaterial):
         material.reports = False

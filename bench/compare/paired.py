@@ -178,9 +178,11 @@ def _student(means: np.ndarray) -> tuple[float, float]:
     mean = abs(means.mean())
     error = means.std(ddof=1) / math.sqrt(len(means))
     freedom = len(means) - 1
-    # Both tails. Where all means are equal, chance explains them for certain if they are 0, and else never.
-    chance = 2 * stdtr(freedom, -mean / error) if error else float(not mean)
-    return float(stdtrit(freedom, 0.975) * error), float(chance)
+    half_interval = float(stdtrit(freedom, 0.975) * error)
+    if error > 0:
+        return half_interval, float(2 * stdtr(freedom, -mean / error))  # of both tails
+    # All means are equal. If they are 0, equal codecs give them for certain, and else never.
+    return half_interval, 1.0 if mean == 0 else 0.0
 
 
 def _bootstrap_means(cells: Sequence[Cell], draws: int) -> np.ndarray:

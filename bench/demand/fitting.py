@@ -21,7 +21,7 @@ from bench.codec import SCENE, Codec, Density, Fit, Parts, settings_dict
 from bench.codecs import container, loading
 from bench.codecs.container import Header
 from bench.codecs.encoding import Encode, fit_to_file, naming_faults
-from bench.codecs.scene_material import unreported
+from bench.codecs.scene_material import without_warnings
 from bench.codecs.window import Window
 from bench.demand import UNIFORM, require_demand
 from bench.demand.demand import Demand
@@ -214,7 +214,7 @@ class Search:
 
         how = naming_faults(codec, to_scene if codec.scene else codec.encode)
         header, seconds = fit_to_file(codec, self.btf, fit, path, how)
-        material = unreported(loading.load(header.path, fit.device).material)
+        material = without_warnings(loading.load(header.path, fit.device).material)
         score = self.scorer.score(material, (PSNR, FLIP))
         steps = int(fit.history[-1]["step"]) if fit.history else 0
         return Model(header, material, score.get(PSNR), score.get(FLIP), steps, seconds)

@@ -27,6 +27,7 @@ MAX_FILE = 1 << 29  # the most bytes of an inflated (decompressed) entry: 512 Mi
 LEAST = 1 << 26  # 64 MiB
 RATIO = 64
 STEP = 1 << 16  # compressed bytes inflated at once
+MOST_AT_ONCE = 16 * STEP  # bytes that are inflated at once
 _LOCAL_HEADER = 30  # bytes of the header that stands in the archive before each entry's name
 
 
@@ -149,15 +150,22 @@ class ZipFiles:
 def _expanded(packed: bytes, count: int) -> bytes:
     """The first `count` bytes that a deflated stream inflates to, or all if there are fewer.
 
-    It is inflated in pieces, which needs memory only for the result, not twice as much.
+    It is inflated in pieces, which needs memory only for the result, not twice as much. A piece may inflate to a
+    thousand times its size, so at most `MOST_AT_ONCE` bytes are asked for at a time.
     """
     inflated = io.BytesIO()
     inflater = zlib.decompressobj(-15)  # negative: a bare stream, as in a zip
     for start in range(0, len(packed), STEP):
-        piece = packed[start : start + STEP]
-        while piece and inflated.tell() < count:
-            inflated.write(inflater.decompress(piece, min(16 * STEP, count - inflated.tell())))
-            piece = inflater.unconsumed_tail  # what is left of the piece when that many bytes came out
+        unread = packed[start : start + STEP]
+        while inflated.tell() < count:
+            asked = min(MOST_AT_ONCE, count - inflated.tell())
+            part = inflater.decompress(unread, asked)
+            inflated.write(part)
+            unread = inflater.unconsumed_tail
+            # The inflater may have read all of the piece and still hold some of its bytes: only fewer than were asked
+            # for say that it holds no more.
+            if not unread and len(part) < asked:
+                break
     return inflated.getvalue()
 
 

@@ -20,7 +20,7 @@ from bench.codecs import loading, registry, shared
 from bench.codecs.command import ProgramMaterial
 from bench.codecs.container import Header
 from bench.codecs.loading import Loaded
-from bench.codecs.scene_material import unreported
+from bench.codecs.scene_material import without_warnings
 from bench.directions.hemisphere import to_degrees
 from bench.inputs.errors import ContainerError, InputError
 from bench.machine.threads import torch_threads
@@ -77,10 +77,11 @@ def conditions(workbench: Workbench) -> ScoreKey:
 
 
 def evaluate(workbench: Workbench, file: Loaded, threads: int, keep: Keep, show: Progress) -> Job:
-    """Score the material decoded from a codec file; returns the part of its record that the score key covers.
+    """Score the material decoded from a codec file; returns settings, bytes, scores and costs for its record.
     `keep(name, content)` stores what is too large for the record, and returns the name that the record holds."""
-    shared.refuse(file.network, workbench.btf)
-    figures = scored(workbench, unreported(file.material), file.header.path.stem, threads, keep, show)
+    shared.refuse(file.network, workbench.btf)  # a network that was trained on this material may not be scored on it
+    material = without_warnings(file.material)  # it is asked outside its scene, too, on purpose
+    figures = scored(workbench, material, file.header.path.stem, threads, keep, show)
     sizes = cast(Bytes, file.header.part_bytes() | {"total": file.header.file_bytes})
     if file.network:
         sizes["shared"] = file.network.file_bytes

@@ -21,7 +21,7 @@ from bench.codec import REMARK, Codec, Progress, silent
 from bench.codecs import container, shared
 from bench.codecs.command import Programs, permit
 from bench.codecs.registry import from_outside, make_codec
-from bench.codecs.scene_material import unreported
+from bench.codecs.scene_material import without_warnings
 from bench.data.spec import MaterialSpec
 from bench.demand import require_demand
 from bench.files import atomic
@@ -71,19 +71,29 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
         _tidy(options.folder)
         networks = _networks(codecs, options.folder)
         try:
-            with _workers(suite, options)() as workers:
-                # On a cluster, all workers are asked before the first job, not each when its first job fails.
-                if workers.everywhere:
-                    reaches_of_worker = workers.everywhere(lock.reaches, options.folder.absolute(), run_id)
-                    without_folder = [worker for worker, reaches in reaches_of_worker.items() if not reaches]
-                    if without_folder:
-                        raise lock.unseen(options.folder.absolute(), ", ".join(without_folder[:5]))
+            open_workers = _workers(suite, options)
+            with open_workers() as workers:
+                _require_folder(workers, options.folder.absolute(), run_id)
                 session = _Session(suite, options, run_id, networks, workers)
                 session.start()
                 yield from session.jobs(faults)
         finally:
             _tidy(options.folder)
         session.time()  # when the workers have ended, so that nothing else runs
+
+
+def _require_folder(workers: Workers, folder: Path, run_id: str) -> None:
+    """Raise `InputError` if a worker of a cluster does not see the run's folder, before the first job rather than in
+    it.
+
+    Workers of this machine always see it; only those of a cluster have `everywhere`, which calls a function on all.
+    """
+    if workers.everywhere is None:
+        return
+    reaches_of_worker = workers.everywhere(lock.reaches, folder, run_id)
+    without_folder = [worker for worker, reaches in reaches_of_worker.items() if not reaches]
+    if without_folder:
+        raise lock.unseen(folder, ", ".join(without_folder[:5]))
 
 
 def _make_codecs(suite: Suite) -> tuple[list[Codec], dict[str, str]]:
@@ -323,7 +333,7 @@ def measured(folder: Path, jobs: list[Job], device: str, threads: int, show: Pro
     """The timing of each job's decoder, measured in this process; also at one texel a query if it can."""
     materials = {}
     for job in jobs:
-        material = unreported(recorded(folder, job, device))
+        material = without_warnings(recorded(folder, job, device))
         if not material.opaque:  # another program answers: its time would be that of exchanging files
             materials[job["job"]] = material
     if not materials:

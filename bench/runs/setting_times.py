@@ -23,7 +23,7 @@ from bench.btf import BTF
 from bench.codec import Codec, Progress, settings_dict, silent
 from bench.codecs import container, loading
 from bench.codecs.registry import make_codec
-from bench.codecs.scene_material import unreported
+from bench.codecs.scene_material import without_warnings
 from bench.data.open import open_material
 from bench.data.spec import MaterialSpec
 from bench.demand.mitsuba import load_path_tracer
@@ -140,7 +140,7 @@ def decoded(
                 if not path.exists():
                     btf = btf or open_material(surface, suite.data, show, path_tracer=load_path_tracer)
                     library.encode(btf, codec, path, threads=suite.threads)
-                material = unreported(loading.load(path, device).material)
+                material = without_warnings(loading.load(path, device).material)
             except InputError as error:
                 log.warning("%s on %s: not timed: %s", spec.label, surface.name, error)
                 if isinstance(error, MissingDataError) and btf is None:

@@ -3,8 +3,10 @@ import zipfile
 import numpy as np
 import pytest
 
-from bench.files.archive import MAX_FILE, read_arrays
+from bench.files.archive import MAX_FILE, MOST_AT_ONCE, read_arrays
 from bench.inputs.errors import InputError
+
+HEADER = 128  # bytes of a `.npy` before its values
 
 ARRAYS = {
     "plain": np.arange(12, dtype=np.float32).reshape(3, 4),
@@ -43,3 +45,11 @@ def test_a_value_that_was_altered_is_refused_by_name(save, tmp_path):
     (tmp_path / "a.npz").write_bytes(data)
     with pytest.raises(InputError, match=r"a\.npz: plain\.npy: "):
         read_arrays(tmp_path / "a.npz", MAX_FILE)
+
+
+@pytest.mark.parametrize("beyond", [1, 70, 300, 5000])
+def test_an_array_that_ends_just_behind_a_whole_piece_is_read_to_its_end(beyond, tmp_path):
+    # Of zeros the inflater reads the last bytes of the stream before it has given all that they stand for.
+    values = np.zeros(MOST_AT_ONCE + beyond - HEADER, np.uint8)
+    np.savez_compressed(tmp_path / "a.npz", values=values)
+    assert np.array_equal(read_arrays(tmp_path / "a.npz", MAX_FILE)["values"], values)
