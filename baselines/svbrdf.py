@@ -33,7 +33,7 @@ ROUGHNESS, METALNESS = 0.7, 0.1  # initial values
 WHITE = 0.8  # base colour that the brightest tenth of the texels starts from
 DARK = 1e-30  # least brightness: keeps the scale of black data above 0, since its logarithm is fitted
 SCALE_RATE = 0.1  # relative to the rate of the maps
-FLOPS = 150  # operations of the reflectance, roughly
+FLOPS = 150  # operations of the reflectance
 
 
 class SVBRDF(Codec):
