@@ -200,6 +200,7 @@ class Pool(Samples):
         wo: list[Tensor] = []
         wi: list[Tensor] = []
         material: list[int] = []  # of each texel
+        # Of each BTF some texels at some pairs, both drawn at random, and log radiance by the gain of the BTF.
         for number, btf in enumerate(fit.progress([*btfs, *fit.unseen], "materials")):
             texel = torch.randperm(btf.shape[0] * btf.shape[1], generator=generator)[:most].to(fit.device)
             order = torch.randperm(len(btf), generator=generator)
@@ -255,6 +256,7 @@ class BiplaneObjective(TextureObjective):
         self.kernel = nn.Buffer(blurring(SIDE, settings.blur), persistent=False)
 
     def stored_networks(self) -> list[nn.Module]:
+        """The decoder, while it is trained for all materials."""
         fitted = any(p.requires_grad for p in self.network.parameters())
         return [self.network] if fitted else []  # the file of one material holds no network
 
@@ -282,12 +284,13 @@ class BiplaneObjective(TextureObjective):
         unseen_count = math.ceil(settings.batch * (texels / trained - 1))
         if unseen_count:
             batch = self.samples.draw_unseen(unseen_count, generator)
-            self.network.requires_grad_(False)
+            self.network.requires_grad_(False)  # only planes and colours learn from these
             loss = loss + distance(self.predict(batch, progress), batch.target, settings.loss)
             self.network.requires_grad_(True)
         return loss
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
+        """Log radiance (n, 3) of a batch."""
         return coloured(*self.answers(batch))
 
     def answers(self, batch: Batch) -> tuple[Tensor, Tensor]:

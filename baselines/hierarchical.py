@@ -33,7 +33,7 @@ SIDE = 2 * HALO + 1  # places a side that the decoder sees for one answer
 ANSWERED = 1_024  # queries at a time, of 81 places each
 SOBEL = ((1.0, 0.0, -1.0), (2.0, 0.0, -2.0), (1.0, 0.0, -1.0))
 GRADIENT_FROM = 0.25  # of the steps: from there on the loss has its term on gradients
-DARKEST = 1e-7  # radiance of which a root is still taken
+DARKEST = 1e-7  # least radiance × exposure of which a root is taken: at 0 its gradient would be infinite
 PAPER = {"steps": 30_000, "batch": 30_000, "patch": 64, "rate": 5e-4, "bits": 8, "directions": "xy", "octaves": 4}
 PAPER |= {"start": "random", "optimiser": "adam", "blur": True, "loss": "root", "gradient": 1.0}
 
@@ -41,7 +41,10 @@ Octaves = Annotated[int, Range(0, 16)]
 
 
 class Inception(nn.Module):
-    """Four branches over pictures (n, 25, S, S) → (n, 25, S − 4, S − 4); each kernel is a matrix, for Muon."""
+    """Four branches over pictures: (n, 25, S, S) → (n, 25, S − 4, S − 4).
+
+    Each kernel is kept as the matrix of a linear layer, since the optimiser Muon steps matrices.
+    """
 
     def __init__(self, generator: torch.Generator | None):
         """Make the kernels of all branches, drawn from the generator in the order of the file."""
@@ -147,7 +150,7 @@ class Hierarchy(nn.Module):
 
 
 class HierarchicalNetworks(Networks):
-    """The decoder, how its inputs are made, and NeuMIP's offset network."""
+    """The decoder, what makes its inputs, and NeuMIP's offset network."""
 
     def first(self, settings: Any, generator: torch.Generator | None) -> Hierarchy:
         """The decoder, as a fit starts with it. Notes the settings `octaves` and `places` for `seen` and `placed`."""
@@ -240,8 +243,9 @@ class HierarchicalObjective(NeuMIPObjective):
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss of patches, squares of texels that share two directions.
 
-        It is the distance of log radiance, or with `loss=root` of fourth roots of radiance × exposure; from
-        `GRADIENT_FROM` on that of the differences between neighbours is added, times the setting `gradient`.
+        It is the distance of log radiance, or with `loss=root` of fourth roots of radiance × exposure. From
+        `GRADIENT_FROM` of the steps on, the mean squared error of its `gradients` is added, times the setting
+        `gradient`.
         """
         settings = self.settings
         patch = self.settings.patch

@@ -56,6 +56,7 @@ class LocalPCA(Codec):
         local = local_components(points, settings.clusters, settings.components, fit.seed)
         count = len(local.means)
         k = local.axes.shape[2]
+        # The table of components, from the directions in which clusters were found to pairs.
         # The mean of each cluster is its first component, whose coefficient is 1: (clusters, spanned, k + 1).
         components = torch.cat([torch.from_numpy(local.means)[..., None], torch.from_numpy(local.axes)], 2)
         table = directions @ components.movedim(0, 1).flatten(1)  # (3 · pairs, clusters · (k + 1))
@@ -63,6 +64,7 @@ class LocalPCA(Codec):
         table = table.unflatten(0, (-1, 3))  # (pairs, 3, clusters · (k + 1))
         texture = torch.from_numpy(local.coefficients).unflatten(0, btf.shape)  # (H, W, k)
 
+        # How finely table and coefficients are rounded: by their errors in the values of P probed pairs.
         label = torch.from_numpy(local.label)
         pairs, values = probed(btf, fit, gain)
         # Every so many texels, rounded up, so that at most `PROBED_TEXELS` are taken, evenly.

@@ -66,7 +66,10 @@ class PyramidSettings(TextureSettings):
 
 
 def level_count(size: tuple[int, int]) -> int:
-    """The number of levels of a picture (H, W): the authors' ⌊log2 of the longer side⌋, sides of at least one texel."""
+    """The number of levels of a picture of `size` (H, W), at least 1.
+
+    It is the authors' ⌊log2 of the longer side⌋, or fewer if the shorter side is soon less than a texel.
+    """
     as_published = int(math.log2(max(size)))
     with_sides = int(math.log2(min(size))) + 1  # further levels would have no texel along the shorter side
     return max(1, min(as_published, with_sides))
@@ -82,7 +85,10 @@ class Pyramid(Levels):
         self.reach = nn.Buffer(OFFSET_SCALE * torch.tensor(periods(size)), persistent=False)
 
     def fetch(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
-        """Values (n, C) of a table of all levels at uv (n, 2), bilinear, periodic, and linear between two levels."""
+        """Values (n, C) of a table (rows, C) at uv (n, 2), bilinear, periodic, and linear between two levels.
+
+        Levels (n,) are floats or of an integer type: see `Levels.around`. It is for a fit: it has a gradient.
+        """
         return mixed(table, *self.around(uv, level))
 
 
@@ -97,10 +103,11 @@ class Networks(nn.Module):
         self.decoder: Any = self.first(settings, generator)
         of_offset = Architecture(settings.channels + 2, WIDTHS, outputs=1)  # of latents, and of x and y of the view
         self.offset = Decoder(of_offset, generator) if settings.offset else None
+        # (3, 3): rows of YUV times it are rows of RGB.
         self.to_rgb = nn.Buffer(torch.tensor(YUV_TO_RGB).T.contiguous(), persistent=False)
 
     def first(self, settings: Any, generator: torch.Generator | None) -> nn.Module:
-        """The decoder, as a fit starts with it."""
+        """The decoder, as a fit starts with it; its inputs are those of two directions, then the latents."""
         inputs = COUNTS[settings.directions] + settings.channels
         return Decoder(Architecture(inputs, (settings.width,) * len(WIDTHS), settings.outputs), generator)
 
@@ -341,6 +348,7 @@ class NeuMIP(Codec):
         loss: Literal["both", "l1", "display", "balanced", "highlights"] = "both"  # the last two are the authors'
 
         def __post_init__(self) -> None:
+            """`InputError` if there are neither 3 outputs, a colour, nor 6, a colour and a mask."""
             if self.outputs not in (3, 6):
                 raise InputError(f"codec neumip has 3 or 6 outputs, not {self.outputs}")
 

@@ -158,7 +158,7 @@ class Pyramid(Levels):
         super().__init__(size, level_count(size))
 
     def table(self, finest: Tensor) -> Tensor:
-        """The table (rows, C) of all levels of a texture (H · W, C), each of means of 2 × 2 texels of the one before."""
+        """The table (rows, C) of all levels of a texture (H · W, C), each the means of 2 × 2 texels of the last."""
         picture = finest.reshape(1, *self.levels[0], -1).permute(0, 3, 1, 2)  # (1, C, H, W)
         tables = [finest]
         for _ in self.levels[1:]:

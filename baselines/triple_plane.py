@@ -74,8 +74,8 @@ class TriplePlane(Codec):
             return Architecture(3 * self.channels, (self.width,) * LAYERS)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """Fit planes and network. The plane over texels is the file's part `texture`; both planes over directions are in
-        its part `decoder`, beside the network."""
+        """Fit planes and network. The plane over texels is the file's part `texture`; both planes over directions are
+        in its part `decoder`, beside the network."""
         fitting = fitted(TriplePlaneObjective, self.settings, btf, fit)
         texture = store_texture("latents", fitting.texture.reshape(*btf.shape, -1), fitting.rounded_texture)
         parts = fitting.parts(texture)

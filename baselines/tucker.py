@@ -73,6 +73,7 @@ class Tucker(Codec):
         layout = btf.layout
         gain = gain_of(btf, fit)
         log_gain = gain if settings.domain == "log" else None  # None: radiance is decomposed as it is
+        # The components of texels, then the factors of the table on them.
         factors = principal(btf, fit, log_gain, OVERSAMPLED * settings.components, PASSES)
         tensor, texel_basis = _tensor(factors, layout)
         ranks = (settings.components, *_direction_ranks(settings, layout))
@@ -85,8 +86,9 @@ class Tucker(Codec):
         core[0] /= len(coefficients) ** 0.5  # √texels, by which `_tensor` multiplied the mean
         core = core.permute(1, 2, 3, 0).contiguous()  # (J, M, 3, K + 1)
         coefficients = (coefficients / scale).reshape(*btf.shape, -1)  # (H, W, K)
+        # How finely coefficients are rounded: by their errors in the values of P probed pairs.
         bits = settings.bits
-        pairs, values = probed(btf, fit, log_gain)  # of P pairs
+        pairs, values = probed(btf, fit, log_gain)
         view_index, light_index = _modes(layout)
         views, lights = view[view_index[pairs]], light[light_index[pairs]]  # (P, J), (P, M)
         rows = torch.einsum("pj,pm,jmck->pck", views, lights, core).flatten(0, 1)  # (3 · P, K + 1)

@@ -63,6 +63,7 @@ class VQ(Codec):
         (H · W,)."""
         gain = gain_of(btf, fit)
         _, _, points = reduced(btf, gain, self.settings.components, fit)
+        # Cluster the texels, stage by stage.
         labels: list[np.ndarray] = []  # of each stage, the cluster (texels,) of each texel
         for stage in fit.progress(range(self.settings.stages), "clustering"):
             # A stage sees what is left after the earlier ones: each point without the mean of its cluster.
@@ -72,6 +73,7 @@ class VQ(Codec):
         counts = [int(label.max()) + 1 for label in labels]  # entries of each stage's codebook
         rows = torch.from_numpy(np.stack(labels, 1)) + _starts(counts)  # (texels, stages), rows of the codebook
         codebook = torch.cat(_codebooks(btf, gain, labels, fit))
+        # How finely the codebook is rounded: by the errors in the values of P probed pairs.
         pairs, values = probed(btf, fit, gain)
         # Every so many texels, rounded up, so that at most `PROBED_TEXELS` are taken, evenly.
         probed_texels = slice(None, None, -(-len(rows) // PROBED_TEXELS))
