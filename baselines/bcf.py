@@ -142,7 +142,7 @@ class BCFObjective(DirectedObjective):
         block = torch.empty(samples.texels, dtype=torch.long)
         share = torch.empty(samples.texels, settings.textures)
         # The block of each texel, and its share there. A texel that repeats beyond the border is in several blocks.
-        # Blocks are gone through backwards, and each overwrites the one before, so the first block stays.
+        # Blocks are gone through backwards, and each overwrites the one before, so that the first of several stays.
         texels = within.flatten().flip(0)  # (B · 16,)
         places = torch.arange(within.numel()).flip(0)  # the place of each of these texels in `within`
         block[texels] = places // within.shape[1]
@@ -172,7 +172,7 @@ class BCFObjective(DirectedObjective):
         share = self.share.index_select(0, batch.texel)  # (n, T)
         latents = first + share[..., None] * (second - first)
         if progress >= ROUNDED_FROM:
-            with torch.no_grad():
+            with torch.no_grad():  # so that the gradient passes as if nothing were rounded
                 change_by_rounding = self.rounded(first, second, share) - latents
             latents = latents + change_by_rounding
         return self.answers(latents.flatten(1), batch.pair)

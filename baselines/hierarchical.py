@@ -152,15 +152,15 @@ class Hierarchy(nn.Module):
 class HierarchicalNetworks(Networks):
     """The decoder, what makes its inputs, and NeuMIP's offset network."""
 
-    def first(self, settings: Any, generator: torch.Generator | None) -> Hierarchy:
-        """The decoder, as a fit starts with it. Notes the settings `octaves` and `places` for `seen` and `placed`."""
+    def first_decoder(self, settings: Any, generator: torch.Generator | None) -> Hierarchy:
+        """The decoder, as a fit starts with it. Keeps the settings `octaves` and `places`, by which inputs are made."""
         self.octaves, self.places = settings.octaves, settings.places
         numbers = COUNTS[settings.directions]  # of the directions
         of_directions = 2 * settings.octaves * numbers if settings.octaves else numbers  # sin and cos of each octave
         of_place = 4 * settings.places  # sin and cos of each octave of u and of v
         return Hierarchy(of_directions + of_place + settings.channels, generator)
 
-    def seen(self, wo: Tensor, wi: Tensor) -> Tensor:
+    def direction_numbers(self, wo: Tensor, wi: Tensor) -> Tensor:
         """What the decoder sees of unit directions (n, 3): the numbers (n, D) of `direction_inputs`, or with the
         setting `octaves` their sines (n, 2 D · octaves)."""
         numbers = torch.cat(direction_inputs(wo, wi, self.directions), 1)
@@ -188,7 +188,7 @@ class HierarchicalNetworks(Networks):
         uv = (middle[:, None, None] + grid * step[:, None, None]).flatten(0, 2)  # (n · texels, 2)
         texels = wide * wide
         texel_levels = level.repeat_interleave(texels)  # (n · texels,)
-        place = self.placed(uv, texel_levels, pyramid.side)
+        place = self.place_numbers(uv, texel_levels, pyramid.side)
         in_fit = not level.is_floating_point()  # only then fetches need a gradient; those without one are faster
         if offset is not None:
             if in_fit:  # the offset's texture has one level, 0
@@ -201,10 +201,10 @@ class HierarchicalNetworks(Networks):
         else:
             latents = sampled(pyramid, table, uv, texel_levels)
         numbers = torch.cat([place.to(latents.dtype), latents], 1).unflatten(0, (len(middle), wide, wide))
-        out = self.decoder(self.seen(wo, wi), numbers)  # (n, S, S, 3), in YUV
+        out = self.decoder(self.direction_numbers(wo, wi), numbers)  # (n, S, S, 3), in YUV
         return to_radiance(out @ self.to_rgb.to(out.dtype), gain=1.0)
 
-    def placed(self, uv: Tensor, level: Tensor, side: int) -> Tensor:
+    def place_numbers(self, uv: Tensor, level: Tensor, side: int) -> Tensor:
         """The sines (n, 4 · places) of uv (n, 2) at levels (n,) of a texture of `side` texels along its longer side.
 
         `places`, a setting, is the number of octaves. Octave k repeats 2ᵏ times in the texture. It counts whole where a
@@ -228,7 +228,7 @@ def sines(numbers: Tensor, octaves: int) -> Tensor:
 class HierarchicalObjective(NeuMIPObjective):
     """NeuMIP's textures and the networks, fitted to patches of slices, a quarter of them of a random coarser level."""
 
-    made_of = HierarchicalNetworks
+    networks_class = HierarchicalNetworks
     networks: HierarchicalNetworks
 
     def predict(self, batch: Batch, progress: float) -> Tensor:

@@ -100,13 +100,13 @@ class Networks(nn.Module):
         made of it."""
         super().__init__()
         self.directions = settings.directions
-        self.decoder: Any = self.first(settings, generator)
+        self.decoder: Any = self.first_decoder(settings, generator)
         of_offset = Architecture(settings.channels + 2, WIDTHS, outputs=1)  # of latents, and of x and y of the view
         self.offset = Decoder(of_offset, generator) if settings.offset else None
         # (3, 3): rows of YUV times it are rows of RGB.
         self.to_rgb = nn.Buffer(torch.tensor(YUV_TO_RGB).T.contiguous(), persistent=False)
 
-    def first(self, settings: Any, generator: torch.Generator | None) -> nn.Module:
+    def first_decoder(self, settings: Any, generator: torch.Generator | None) -> nn.Module:
         """The decoder, as a fit starts with it; its inputs are those of two directions, then the latents."""
         inputs = COUNTS[settings.directions] + settings.channels
         return Decoder(Architecture(inputs, (settings.width,) * len(WIDTHS), settings.outputs), generator)
@@ -160,7 +160,7 @@ class NeuMIPObjective(Objective):
     """The textures and both networks, fitted at the finest level and, for a share of each step's samples, at a random
     coarser one."""
 
-    made_of: ClassVar[type[Networks]] = Networks
+    networks_class: ClassVar[type[Networks]] = Networks
 
     def __init__(self, levels: list[Samples], settings: Any, generator: torch.Generator):
         """Start textures and networks. `levels` are the samples of the BTF at each level of detail, the finest
@@ -168,7 +168,7 @@ class NeuMIPObjective(Objective):
         super().__init__(levels[0], settings)  # `self.samples` are those of the finest level
         self.levels = levels
         self.pyramid = Pyramid(self.samples.shape, len(levels))
-        self.networks = self.made_of(settings, generator)
+        self.networks = self.networks_class(settings, generator)
         self.networks.start_at(self.samples.mean(generator))
         finest = first_latents(self.samples, settings.channels, settings.start, generator)
         self.table = nn.Parameter(self._levels(finest, generator))
@@ -373,7 +373,7 @@ class NeuMIP(Codec):
     def decode(self, parts: Parts, device: torch.device) -> Material:
         """The material of a file's parts, on a device. `ValueError` if its pyramid has no such levels, or its textures
         are not of its size."""
-        networks = load_network(self.objective.made_of(self.settings), parts.decoder)
+        networks = load_network(self.objective.networks_class(self.settings), parts.decoder)
         height, width = parts.other["size"].tolist()
         levels = int(parts.other["levels"]) if "levels" in parts.other else None  # None or 0: all of them
         too_small = min(height, width) < 1

@@ -81,7 +81,7 @@ class NeuralBTF(Codec):
             return Architecture(self.levels * self.channels + directions, (self.width,) * self.layers)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """Fit the textures and the networks, and store each texture under its own name, that of `names`."""
+        """Fit the textures and the networks, and store each texture under its own name, that of `texture_sizes`."""
         fitting = fitted(NeuralBTFObjective, self.settings, btf, fit)
         texture: dict[str, Tensor] = {}
         for name, values in fitting.textures.items():
@@ -91,15 +91,15 @@ class NeuralBTF(Codec):
     def decode(self, parts: Parts, device: torch.device) -> Material:
         """The material of a file's parts, on a device. `InputError` if textures have other sizes than their levels."""
         networks = load_network(Networks(self.settings), parts.decoder)
-        textures = {name: load_texture(name, parts.texture) for name in names(self.settings)}
+        textures = {name: load_texture(name, parts.texture) for name in texture_sizes(self.settings)}
         size = (textures["level0"].shape[0], textures["level0"].shape[1])
-        for name, (rows, cols) in names(self.settings, size).items():
+        for name, (rows, cols) in texture_sizes(self.settings, size).items():
             if textures[name].shape != (rows, cols, self.settings.channels) or min(size) < 1:
                 raise InputError(f"texture {name} of this file is not of {size[0]} × {size[1]} texels: encode it again")
         return NeuralBTFMaterial(networks, list(textures.values()), float(parts.other["gain"])).to(device)
 
 
-def names(settings: NeuralBTF.Settings, size: tuple[int, int] = (1, 1)) -> dict[str, tuple[int, int]]:
+def texture_sizes(settings: NeuralBTF.Settings, size: tuple[int, int] = (1, 1)) -> dict[str, tuple[int, int]]:
     """The sizes (rows, columns) of the textures of a picture of `size` (H, W), by name.
 
     Names are "level0", the finest, "level1" and so on, and with an offset "offset"; a caller who wants only these can
@@ -154,7 +154,7 @@ class Networks(nn.Module):
     def forward(self, textures: list[Tensor], uv: Tensor, wo: Tensor, directions: Tensor) -> Tensor:
         """The output (n, 3) at uv (n, 2), for views wo (n, 3) and inputs of `seen`, (n, 9) or (n, 18).
 
-        Textures (H, W, C) are in the order of `names`: the levels, then the offset's if there is one.
+        Textures (H, W, C) are in the order of `texture_sizes`: the levels, then the offset's if there is one.
         """
         levels = textures
         if self.offset is not None:
@@ -226,7 +226,7 @@ def first_textures(samples: Samples, settings: NeuralBTF.Settings, generator: to
     the next level, and so on, averaged to its size. With `start=random`, as published, levels are nearly 0, and the
     offset's texture is 0.
     """
-    sizes = names(settings, samples.shape)
+    sizes = texture_sizes(settings, samples.shape)
     channels = settings.channels
     textures: dict[str, Tensor] = {}
     if settings.start == "random":

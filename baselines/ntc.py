@@ -303,7 +303,11 @@ class NTCMaterial(Material):
         return material
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        """The network answers each of four texels, or one that is drawn by their weights; their radiances are mixed."""
+        """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
+        of detail.
+
+        The network answers each of four texels, or one that is drawn by their weights; their radiances are mixed.
+        """
         texel, weight = texel_corners(self.size, uv)
         if self.one_texel:
             # The first of the four whose running sum of weights is above the hash: (n, 1). If it is none of the first

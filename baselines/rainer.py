@@ -104,7 +104,7 @@ def coordinates(wo: Tensor, wi: Tensor, directions: Directions = "stereographic"
     return torch.cat(direction_inputs(wo, wi, directions), 1)
 
 
-def radiance(decoder: Decoder, rows: Tensor, where: Tensor) -> Tensor:
+def log_radiance(decoder: Decoder, rows: Tensor, where: Tensor) -> Tensor:
     """Log radiance (n, 3) of rows (n, D + 6) of a texture, at the inputs (n, k) of `coordinates` for directions."""
     latents, mean, deviation = rows.tensor_split([-STATISTICS, -3], dim=1)  # (n, D), (n, 3), (n, 3)
     normalised = decoder(torch.cat([latents, where], 1))
@@ -145,11 +145,11 @@ class Fitted(TextureObjective):
     def decode(self, latents: Tensor, batch: Batch) -> Tensor:
         """Log radiance (n, 3) of latents (n, D), one row for each sample of a batch, with its texel's statistics."""
         rows = torch.cat([latents, self.statistics[batch.texel].flatten(1)], 1)
-        return radiance(self.network, rows, self.where(batch))
+        return log_radiance(self.network, rows, self.where(batch))
 
     def answers(self, texture: Tensor, batch: Batch) -> Tensor:
         """Log radiance (n, 3) of a texture (texels, D + 6) of latents and statistics, at the pairs of a batch."""
-        return radiance(self.network, texture.index_select(0, batch.texel), self.where(batch))
+        return log_radiance(self.network, texture.index_select(0, batch.texel), self.where(batch))
 
 
 class Autoencoder(Fitted):
@@ -209,4 +209,4 @@ class RainerMaterial(Material):
         of detail."""
         rows = sample_texture(self.texture, uv)
         where = coordinates(wo, wi, self.directions)
-        return to_radiance(radiance(self.decoder, rows, where), self.gain)
+        return to_radiance(log_radiance(self.decoder, rows, where), self.gain)

@@ -100,7 +100,7 @@ class Rainer2020(Codec):
         def answers(texture: Tensor) -> Tensor:
             """Log radiance (n, 3) of a texture (H · W, D + 6) at the samples of `batch`."""
             rows = texture.index_select(0, batch.texel)
-            return rainer.radiance(coder.decoder, rows, where)
+            return rainer.log_radiance(coder.decoder, rows, where)
 
         rounding = round_after(texture, self.settings.bits, answers, batch.target)
         return Parts(
@@ -171,7 +171,7 @@ class Coder(torch.nn.Module):
         count = len(self.where)
         where = self.where.repeat(len(latents), 1)  # (n · P, 4)
         rows = torch.cat([latents, stats.flatten(1)], 1).repeat_interleave(count, 0)  # (n · P, D + 6)
-        answers = rainer.radiance(self.decoder, rows, where).unflatten(0, (-1, count))  # (n, P, 3)
+        answers = rainer.log_radiance(self.decoder, rows, where).unflatten(0, (-1, count))  # (n, P, 3)
         truth = abrdfs[:, self.checked]  # (n, P, 3)
         mean = abrdfs.mean(1, keepdim=True)  # (n, 1, 3), of the material's own pairs
         error = (answers - truth).square().mean(1)  # (n, 3), by channel

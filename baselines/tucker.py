@@ -171,6 +171,8 @@ def factored(tensor: Tensor, ranks: tuple[int, int, int], alternations: int) -> 
     components. Each alternation finds the best basis of a mode given the others: De Lathauwer, De Moor, Vandewalle, "On
     the best rank-1 and rank-(R₁, …, R_N) approximation", 2000.
     """
+    # Letters of the products: k, v, l are components of texels, views and lights of the table; K, j, m are those of the
+    # bases, and c is the colours.
     view, light = leading(tensor, 1, ranks[1]), leading(tensor, 2, ranks[2])
     texel = leading(tensor[1:], 0, ranks[0])
     for _ in range(alternations):

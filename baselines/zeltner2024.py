@@ -105,8 +105,8 @@ class FramedNetwork(nn.Module):
     def __init__(self, settings: Zeltner2024.Settings, generator: torch.Generator | None = None):
         """Make the frames, then the network, with weights drawn from the generator."""
         super().__init__()
-        self.code = settings.edition == "code"  # whether it is the authors' code, not the article
-        if self.code:
+        self.authors_code = settings.edition == "code"  # whether it is the authors' code, not the article
+        if self.authors_code:
             self.directions = 4  # half vector, difference vector, wi and wo
             numbers_of_frame = 3 + 3 + 1 + 1  # of wi and wo only the cosine
         else:
@@ -122,7 +122,7 @@ class FramedNetwork(nn.Module):
 
     def forward(self, latents: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
         """The network's outputs (n, 3) for latents (n, D) and directions (n, 3)."""
-        if self.code:
+        if self.authors_code:
             half, difference = half_and_difference(wo, wi, "nearest")
             directions = torch.stack([half, difference, wi, wo], 1)  # (n, 4, 3)
         else:
@@ -133,7 +133,7 @@ class FramedNetwork(nn.Module):
             turned = directions.flatten(1)
         else:
             turned = self.frames.turned(latents, directions)
-        if self.code:
+        if self.authors_code:
             # Half and difference vector whole, as x, y, z in each frame; of wi and wo only z, their cosines.
             whole, cosines = turned.unflatten(1, (4, -1)).split([2, 2], 1)  # (n, 2, 3 · frames) each
             turned = torch.cat([whole.flatten(1), cosines[:, :, 2::3].flatten(1)], 1)
@@ -149,7 +149,7 @@ class Zeltner2024Objective(TextureObjective):
         super().__init__(samples, settings)
         self.network = FramedNetwork(settings, generator)
         first_output = samples.mean(generator)  # log radiance, log1p(x) with x = gain · radiance
-        if self.network.code:  # an output is about log x: see `sigmoid`; of 0 it would be infinite
+        if self.network.authors_code:  # an output is about log x: see `sigmoid`; of 0 it would be infinite
             first_output = first_output.expm1().clamp_min(1e-4).log()
         self.network.decoder.start_at(first_output)
         self.texture = nn.Parameter(first_latents(samples, settings.latents, settings.start, generator))
@@ -157,7 +157,7 @@ class Zeltner2024Objective(TextureObjective):
 
     def latents(self) -> Tensor:
         """The neural texture (H · W, D), not rounded; in the authors' code bounded by −1 and 1."""
-        return functional.softsign(self.texture) if self.network.code else self.texture
+        return functional.softsign(self.texture) if self.network.authors_code else self.texture
 
     def outputs(self, batch: Batch) -> Tensor:
         """The network's outputs (n, 3) at the texels and pairs of a batch; see `FramedNetwork`."""
@@ -167,7 +167,7 @@ class Zeltner2024Objective(TextureObjective):
     def predict(self, batch: Batch, progress: float) -> Tensor:
         """Log radiance (n, 3) of a batch."""
         outputs = self.outputs(batch)
-        return sigmoid(outputs).log1p() if self.network.code else outputs
+        return sigmoid(outputs).log1p() if self.network.authors_code else outputs
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss of log radiance; in the authors' code the distance of 3 (∛x − 1), x = gain · radiance.
@@ -175,7 +175,7 @@ class Zeltner2024Objective(TextureObjective):
         The distance is of the setting `loss`; the − 1 cancels in it. ∛x is computed from log x, which also has a
         gradient where x is nearly 0.
         """
-        if not self.network.code:
+        if not self.network.authors_code:
             return super().loss(generator, progress)
         batch = self.samples.draw(self.settings.batch, generator)
         outputs = self.outputs(batch)
@@ -206,4 +206,4 @@ class Zeltner2024Material(Material):
         """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
         of detail."""
         outputs = self.network(sample_texture(self.texture, uv), wo, wi)
-        return sigmoid(outputs) / self.gain if self.network.code else to_radiance(outputs, self.gain)
+        return sigmoid(outputs) / self.gain if self.network.authors_code else to_radiance(outputs, self.gain)
