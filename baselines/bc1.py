@@ -9,9 +9,9 @@ import torch
 from torch import Tensor
 
 SIDE, BYTES = 4, 8  # texels a side, bytes a block
-BITS = (5, 6, 5)
-CODES = (0, 2, 3, 1)  # the format's code of each step, in blocks of four colours
-PLACES = (11, 5, 0)  # lowest bit of each channel
+BITS = (5, 6, 5)  # of each channel of a block's two colours
+CODES = (0, 2, 3, 1)  # the format's code of each step from the first colour to the second, in blocks of four colours
+PLACES = (11, 5, 0)  # lowest bit of each channel in a colour's 16
 
 
 def widened(ends: Tensor) -> Tensor:
@@ -32,7 +32,8 @@ def between(first: Tensor, second: Tensor, step: Tensor) -> Tensor:
 
 
 def write(ends: Tensor, steps: Tensor) -> Tensor:
-    """Blocks (n, 8), uint8, of colours (n, 2, 3) of 5, 6, 5 bits and steps (n, 16), int64.
+    """Blocks (n, 8), uint8, of two colours each, `ends` (n, 2, 3) of 5, 6, 5 bits, and texels' steps (n, 16), 0 … 3
+    from the first colour to the second, all int64.
 
     A block has four colours only if its first is the larger number. So where it is the smaller, both change places and
     steps run backwards; where both are equal, every texel takes the first.
@@ -51,9 +52,9 @@ def write(ends: Tensor, steps: Tensor) -> Tensor:
 
 
 def read(blocks: Tensor) -> Tensor:
-    """The colours (n, 16, 3) of eight bits, int64, of blocks (n, 8), uint8.
+    """The colours (n, 16, 3) of eight bits, int64, of the texels of blocks (n, 8), uint8.
 
-    A block whose first colour is not the larger number has three colours (one is their mean), and black.
+    A block whose first colour is not the larger number has three colours, the third the mean of the two, and black.
     """
     low, high = blocks.long().unflatten(1, (4, 2)).unbind(2)  # (n, 4) each
     words = low | (high << 8)  # (n, 4) of 16 bits: two colours, then the codes of the texels

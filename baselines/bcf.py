@@ -4,6 +4,12 @@ Weinreich et al., "Real-time neural materials using block-compressed features" (
 the layout of BC6 blocks, emulate their decoding in training, and decode channels of a material from them. The blocks
 here are BC1's, three latents in four bits a texel, and a network like NeuBTF's answers with radiance. From halfway
 through the fit ends and places between them are rounded as in the file. See docs/recipes.md.
+
+*Latents* are the numbers of a texel that the network reads, three for each of T *textures*. B *blocks* of 4 × 4
+texels cover a texture. A block has two *ends*, colours of three channels, and each of its texels lies on the line
+between them: its *share* of the way, from 0 to 1, becomes one of four *steps*. A *pair* is one view and one light. The
+network answers *log radiance*, log1p(gain · radiance), where the *gain*, one number a BTF, is 8 × its exposure. An
+*objective* holds what is fitted, and computes the loss of a step.
 """
 
 import math
@@ -27,7 +33,7 @@ from bench.training.stored_network import load_network
 OMEGA = 2.0  # frequency of the network's sine, as NeuBTF's
 ROUNDED_FROM = 0.5  # share of the steps after which latents are those of real blocks
 LEAST = 0.05  # least half length of a block's line at the start, because ends that meet would always move together
-LEVELS = torch.tensor([2**b - 1 for b in bc1.BITS])
+LEVELS = torch.tensor([2**b - 1 for b in bc1.BITS])  # the highest code of each channel of an end: 31, 63, 31
 
 
 class BCF(Codec):
@@ -56,6 +62,7 @@ class BCF(Codec):
 
         @property
         def architecture(self) -> Architecture:
+            """The network that reads the latents of all textures and the directions."""
             inputs = 3 * self.textures + COUNTS[self.directions]
             widths = (self.width,) * self.layers
             return Architecture(inputs, widths, activation="sine", omega=OMEGA, norm=True, residual=True)
@@ -68,7 +75,7 @@ class BCF(Codec):
         return fitting.parts(texture, size=torch.tensor(btf.shape, dtype=torch.int32))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        """The material of a file's parts, on a device. `InputError` if blocks are missing."""
+        """The material of a file's parts, on a device. `InputError` if there are too few or too many blocks."""
         network = load_network(Decoder(self.settings.architecture), parts.decoder)
         size = tuple(parts.other["size"].tolist())
         textures = self.settings.textures
@@ -78,7 +85,7 @@ class BCF(Codec):
         if min(size) < 1 or blocks.shape != (expected_bytes,):
             raise InputError(f"its blocks do not fit {size[0]} × {size[1]} texels: encode it again")
         codes = decoded(blocks.view(-1, textures, bc1.BYTES), size)  # (H, W, T, 3)
-        texture = low + span * (codes.flatten(2) / 255)  # (H, W, 3 · T)
+        texture = low + span * (codes.flatten(2) / 255)  # (H, W, 3 · T), from codes of eight bits
         return TextureMaterial(network, texture, float(parts.other["gain"]), self.settings.directions).to(device)
 
 
@@ -88,7 +95,7 @@ def blocks_across(size: tuple[int, ...]) -> tuple[int, int]:
 
 
 def texels_of_blocks(size: tuple[int, int]) -> Tensor:
-    """The texel (B, 16) of each place in each block of a picture (H, W), as row · W + column.
+    """The texel (B, 16) of each of the 16 places in each of B blocks of a picture (H, W), as row · W + column.
 
     Blocks and the places in them go row by row. Beyond its borders the picture repeats.
     """
@@ -102,7 +109,7 @@ def texels_of_blocks(size: tuple[int, int]) -> Tensor:
 
 
 def decoded(blocks: Tensor, size: tuple[int, ...]) -> Tensor:
-    """The codes (H, W, T, 3), 0 … 255, of blocks (B, T, 8) that cover a picture (H, W)."""
+    """The colours (H, W, T, 3), 0 … 255, of blocks (B, T, 8), bytes, that cover a picture of `size` (H, W)."""
     rows, cols = blocks_across(size)
     colours = bc1.read(blocks.flatten(0, 1))  # (B · T, 16, 3)
     by_place = colours.unflatten(0, (rows, cols, -1)).unflatten(3, (bc1.SIDE, bc1.SIDE))  # (rows, columns, T, 4, 4, 3)
@@ -115,16 +122,17 @@ class StoredBlocks(NamedTuple):
     """The fitted blocks as the file holds them."""
 
     blocks: Tensor  # (B · T, 8), uint8
-    low: Tensor  # (3 · T,), the lowest value of each channel
-    span: Tensor  # (3 · T,), its range
+    low: Tensor  # (3 · T,), the latent of each channel that is stored as 0
+    span: Tensor  # (3 · T,), the highest latent, stored as the highest code, less `low`
 
 
 class BCFObjective(DirectedObjective):
-    """The ends (2, B, T, 3) of each block's lines, each texel's share (H · W, T) of the way, and the network."""
+    """The ends (2, B, T, 3) of each block's lines, each texel's share (H · W, T) of the way, and the network: all of
+    them are fitted."""
 
     def __init__(self, samples: Samples, settings: BCF.Settings, generator: torch.Generator):
-        """Start the blocks at lines through the first latents of their texels; the network comes first in the
-        generator."""
+        """Start the blocks at lines through the first latents of their texels; the network's weights are the first
+        numbers of the generator."""
         super().__init__(samples, settings, generator)
         within = texels_of_blocks(samples.shape)  # (B, 16)
         # (texels, 3, T): channel c of texture t is the latent c · T + t.
@@ -134,7 +142,7 @@ class BCFObjective(DirectedObjective):
         block = torch.empty(samples.texels, dtype=torch.long)
         share = torch.empty(samples.texels, settings.textures)
         # The block of each texel, and its share there. A texel that repeats beyond the border is in several blocks.
-        # Blocks are gone through backwards, and each overwrites the one before, so the first block stays.
+        # Blocks are gone through backwards, and each overwrites the one before, so that the first of several stays.
         texels = within.flatten().flip(0)  # (B · 16,)
         places = torch.arange(within.numel()).flip(0)  # the place of each of these texels in `within`
         block[texels] = places // within.shape[1]
@@ -149,13 +157,14 @@ class BCFObjective(DirectedObjective):
         self.ranged = False  # whether the range is set: kept on the host, which else would wait for a GPU at each step
 
     def restored(self) -> None:
+        """Set `ranged` again, once the tensors came from a state."""
         super().restored()
         self.ranged = bool(self.span.any())
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        """The network sees latents on the lines of their blocks, from halfway on rounded as in the file.
+        """Log radiance (n, 3). The network sees latents on the lines of their blocks, from halfway on as in the file.
 
-        The gradient ignores the rounding.
+        The gradient ignores the rounding. Clamps the fitted shares to 0 and 1 in place.
         """
         with torch.no_grad():
             self.share.clamp_(0, 1)
@@ -163,13 +172,16 @@ class BCFObjective(DirectedObjective):
         share = self.share.index_select(0, batch.texel)  # (n, T)
         latents = first + share[..., None] * (second - first)
         if progress >= ROUNDED_FROM:
-            with torch.no_grad():
+            with torch.no_grad():  # so that the gradient passes as if nothing were rounded
                 change_by_rounding = self.rounded(first, second, share) - latents
             latents = latents + change_by_rounding
         return self.answers(latents.flatten(1), batch.pair)
 
     def codes(self, ends: Tensor) -> Tensor:
-        """Ends (…, T, 3) in 5, 6 and 5 bits, int64; the first call sets their range."""
+        """The codes of ends (…, T, 3) in 5, 6 and 5 bits, int64.
+
+        The first call sets the range that the codes span, that of all ends then; later ends beyond it are clamped.
+        """
         if not self.ranged:
             low, high = torch.aminmax(self.ends.flatten(0, 1), dim=0)
             self.low.copy_(low)
@@ -182,12 +194,12 @@ class BCFObjective(DirectedObjective):
         """The latents (n, T, 3) that a file gives back for texels with those ends (n, T, 3) and shares (n, T)."""
         first_colour = bc1.widened(self.codes(first))
         second_colour = bc1.widened(self.codes(second))
-        colour = bc1.between(first_colour, second_colour, (3 * share).round().long())
+        colour = bc1.between(first_colour, second_colour, (3 * share).round().long())  # four steps, 0 … 3
         return self.low + self.span * (colour / 255)
 
     @torch.no_grad()
     def stored_blocks(self) -> StoredBlocks:
-        """The blocks and the channels' ranges for the file."""
+        """The blocks and the channels' ranges for the file. Clamps the fitted shares to 0 and 1 in place."""
         self.share.clamp_(0, 1)
         first, second = self.ends
         latents = self.rounded(first[self.block], second[self.block], self.share)  # (texels, T, 3)
@@ -206,7 +218,7 @@ class BCFObjective(DirectedObjective):
 
 
 def lines(latents: Tensor) -> tuple[Tensor, Tensor]:
-    """The line of each block along the principal axis of its latents (B, 16, T, 3), T textures of 16 texels.
+    """The line of each block along the principal axis of its latents (B, 16, T, 3), of 16 texels in T textures.
 
     Returns the lines' ends (2, B, T, 3), and at which share of the way from the first to the second end each texel's
     projection lies, (B, 16, T).
@@ -217,7 +229,7 @@ def lines(latents: Tensor) -> tuple[Tensor, Tensor]:
     _, eigenvectors = torch.linalg.eigh(scatter)
     axis = eigenvectors[..., -1]  # (B, T, 3); the last has the largest eigenvalue
     along = torch.einsum("bptc,btc->bpt", centred, axis)  # (B, 16, T)
-    low, high = along.amin(1).clamp(max=-LEAST), along.amax(1).clamp_min(LEAST)  # (B, T)
+    low, high = along.amin(1).clamp(max=-LEAST), along.amax(1).clamp_min(LEAST)  # (B, T), from the middle
     ends = torch.stack([middle[:, 0] + end[..., None] * axis for end in (low, high)])
     shares = (along - low[:, None]) / (high - low)[:, None]
     return ends, shares

@@ -3,6 +3,11 @@
 The decoder is trained once (`neubtf-bench pretrain biplane`) and kept in its own file. A material is its two planes and
 for each texel a matrix and an offset that colour the decoder's answer; they are fitted while the decoder stays. Facts
 are from the authors' code; here the answer is log radiance, not radiance up to 1. See docs/recipes.md.
+
+*Features* are the numbers that a point of a plane gives the decoder. A texel's *colours* are its matrix and its offset,
+12 numbers. An *ABRDF* is the radiance of one texel at all pairs of view and light. *Log radiance* is log1p(gain ·
+radiance), where the *gain*, one number a BTF, is 8 × its exposure. An *objective* holds what is fitted, and computes
+the loss of a step. From half of the fit on, planes are looked up *rounded*, as the file stores them.
 """
 
 import math
@@ -38,7 +43,7 @@ from bench.training.stored_texture import Bits, Rounding, load_texture, store_te
 
 FEATURES = 6  # of each plane
 MATRIX, COLOURS = 9, 12  # numbers of a texel's matrix, and of matrix and offset
-WIDTHS = (2 + 2 * FEATURES, 256, 128, 256, 128, 256, 3)
+WIDTHS = (2 + 2 * FEATURES, 256, 128, 256, 128, 256, 3)  # numbers between the decoder's layers
 SIDE = 20  # texels of the plane over half vectors
 PAIRS = 400  # pairs of each training material
 BLOCK = 256  # texels read at once
@@ -71,7 +76,10 @@ class BiplaneNetwork(SharedNetwork):
         weights: WeightPrecision = "half"  # precision of the stored decoder
 
     def train(self, btfs: Sequence[BTF], fit: Fit) -> Parts:
-        """Train the decoder for all materials on texels of each BTF; returns the part of its file."""
+        """Train the decoder for all materials on texels of each BTF; returns the parts of its file.
+
+        The planes and colours of the training materials are fitted beside it, and dropped.
+        """
         pool = Pool(btfs, self.settings.kept, fit)
         decoder = BiplaneDecoder(fit.generator())
         train(BiplaneObjective(pool, decoder, self.settings, fit.generator()), fit, self.settings.steps)
@@ -100,7 +108,10 @@ class Biplane(Codec):
         bits: Bits = 0  # bits of a stored number of all planes on average; 0: chosen by the fit; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """Fit planes and colours under the shared decoder. The file's part `decoder` is the plane over half vectors."""
+        """Fit planes and colours under the shared decoder, which stays.
+
+        The file's part `decoder` is the plane over half vectors.
+        """
         network = fit.shared(self.name)
         gain = gain_of(btf, fit)
         decoder = load_network(BiplaneDecoder(), network.parts.decoder).requires_grad_(False)
@@ -153,7 +164,8 @@ class BiplaneDecoder(nn.Module):
         first, *inner, last = self.layers
         dtype = next(self.parameters()).dtype  # weights may be halves
         x = _leaky(first(inputs.to(dtype)))
-        for narrow, wide in zip(inner[::2], inner[1::2], strict=True):  # a residual block is two layers
+        # A residual block is two layers, 256 → 128 → 256, whose answer is added to its input.
+        for narrow, wide in zip(inner[::2], inner[1::2], strict=True):
             x = _leaky(x + wide(_leaky(narrow(x))))
         return last(x).to(inputs.dtype).sigmoid()
 
@@ -166,29 +178,29 @@ def _leaky(x: Tensor) -> Tensor:
 def coloured(answer: Tensor, colours: Tensor) -> Tensor:
     """Log radiance (n, 3): the decoder's answers (n, 3) times a matrix, plus an offset.
 
-    `colours` (n, 12) has both of each sample: the matrix's nine numbers, a row an answer, a column a colour; then the
-    offset's three.
+    `colours` (n, 12) holds both for each sample: the matrix's nine numbers, row by row, then the offset's three. The
+    matrix has a row for each of the three answers, and a column for each colour.
     """
     matrix, offset = colours.tensor_split([MATRIX], dim=1)
     return (answer[:, :, None] * matrix.unflatten(1, (3, 3))).sum(1) + offset
 
 
 class Pool(Samples):
-    """At most `most` texels of each of many BTFs, those of `fit.unseen` last, to which the decoder is not fitted.
+    """Some texels of each of many BTFs, each with its log radiance at `PAIRS` pairs of its BTF.
 
-    Texel t is of the material number `material[t]`. `wo` and `wi` have `PAIRS` rows for each material, one after the
-    other.
+    The BTFs of `fit.unseen`, to which the decoder is not fitted, come last: texels from `trained` on are theirs. Texel
+    t is of the material number `material[t]`. `wo` and `wi` have `PAIRS` rows for each material, one after the other.
     """
 
     def __init__(self, btfs: Sequence[BTF], most: int, fit: Fit):
-        """Read at most `most` random texels of each BTF, whole ABRDFs; those of `fit.unseen`, for the curve, come
-        last."""
+        """Read at most `most` random texels of each BTF, and of each of `fit.unseen`, which are for the fit's curve."""
         # `Samples.__init__` would read one BTF. This holds parts of several, in the same attributes.
         generator = fit.generator()
         abrdfs: list[Tensor] = []
         wo: list[Tensor] = []
         wi: list[Tensor] = []
         material: list[int] = []  # of each texel
+        # Of each BTF some texels at some pairs, both drawn at random, and log radiance by the gain of the BTF.
         for number, btf in enumerate(fit.progress([*btfs, *fit.unseen], "materials")):
             texel = torch.randperm(btf.shape[0] * btf.shape[1], generator=generator)[:most].to(fit.device)
             order = torch.randperm(len(btf), generator=generator)
@@ -212,11 +224,15 @@ class BiplaneObjective(TextureObjective):
     """Planes, matrices and offsets of one material or of a pool, and the decoder if it is fitted."""
 
     def __init__(self, samples: Samples, decoder: BiplaneDecoder, settings: Any, generator: torch.Generator):
-        """Start both planes at small random features; `samples` are a `Pool` or one material."""
+        """Start both planes at small random features, and the colours so that each texel answers its mean.
+
+        `samples` are a `Pool`, to train the decoder, or those of one material, under a decoder without gradients.
+        `settings` are those of `BiplaneNetwork` or of `Biplane`.
+        """
         super().__init__(samples, settings)
         self.network = decoder
         material = samples.material if isinstance(samples, Pool) else torch.zeros(samples.texels, dtype=torch.long)
-        count = int(material.max()) + 1
+        count = int(material.max()) + 1  # materials
         self.texture = nn.Parameter(RANDOM_SPREAD * torch.randn(samples.texels, FEATURES, generator=generator))
         # The planes over half vectors as they are fitted, before the blur.
         first_planes = RANDOM_SPREAD * torch.randn(count, SIDE, SIDE, FEATURES, generator=generator)
@@ -240,6 +256,7 @@ class BiplaneObjective(TextureObjective):
         self.kernel = nn.Buffer(blurring(SIDE, settings.blur), persistent=False)
 
     def stored_networks(self) -> list[nn.Module]:
+        """The decoder, while it is trained for all materials."""
         fitted = any(p.requires_grad for p in self.network.parameters())
         return [self.network] if fitted else []  # the file of one material holds no network
 
@@ -262,20 +279,23 @@ class BiplaneObjective(TextureObjective):
         """
         trained, texels, settings = self.samples.trained, self.samples.texels, self.settings
         loss = super().loss(generator, progress)
-        # As many more samples as there are more texels; none in the fit of one material.
+        # Each unseen texel gets as many samples as a trained one; without unseen texels, as in the fit of one material,
+        # there are none.
         unseen_count = math.ceil(settings.batch * (texels / trained - 1))
         if unseen_count:
             batch = self.samples.draw_unseen(unseen_count, generator)
-            self.network.requires_grad_(False)
+            self.network.requires_grad_(False)  # only planes and colours learn from these
             loss = loss + distance(self.predict(batch, progress), batch.target, settings.loss)
             self.network.requires_grad_(True)
         return loss
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
+        """Log radiance (n, 3) of a batch."""
         return coloured(*self.answers(batch))
 
     def answers(self, batch: Batch) -> tuple[Tensor, Tensor]:
-        """The decoder's answers (n, 3) to a batch, and the matrices and offsets (n, 12) that colour them, rounded."""
+        """The decoder's answers (n, 3) to a batch, and the colours (n, 12) that turn them into log radiance; planes
+        and colours are rounded."""
         material = self.material[batch.texel]
         # (n,): the row of the pair in `self.corner`, `self.weight` and `self.d`, which hold the `PAIRS` rows of a
         # pool's materials one after the other. A single material is number 0, and may have any number of pairs.
@@ -292,9 +312,9 @@ class BiplaneObjective(TextureObjective):
     def stored_texture(self) -> Tensor:
         """The texture (texels, 18) for the file: features, matrices and offsets.
 
-        A texel keeps its colours, that is matrix and offset, unless its mean is nearer to its ABRDF; then it gets a
-        matrix of 0 and the mean as offset. Both are judged as rounded in the file, in the steps that the fit has
-        learned to bear: new steps for the means would round every other texel anew. Only if the exact means of all
+        A texel keeps its colours unless its mean is nearer to its ABRDF; then it gets a matrix of 0 and the mean as
+        offset. Both are compared as rounded in the file, in the fit's steps (a step is the distance from one stored
+        value to the next): new steps for the means would round every other texel anew. Only if the exact means of all
         texels are nearer are the means of all stored, in steps of their own.
         """
         pairs, device = self.samples.pairs, self.samples.device
@@ -308,6 +328,7 @@ class BiplaneObjective(TextureObjective):
             # Each texel with each pair: (t · P,), and targets (t · P, 3).
             batch = Batch(texel.repeat_interleave(len(checked)), checked.repeat(len(texel)), truth.flatten(0, 1))
             answer, fitted_colours = self.answers(batch)  # (t · P, 3), (t · P, 12)
+            # Each texel has two candidates for its row of the texture: with the fitted colours, and with its mean.
             fitted_row = torch.cat([self.texture[texel], self.colours[texel]], 1)  # (t, 18)
             mean_colours = functional.pad(abrdfs.mean(1), (MATRIX, 0))  # (t, 12): a matrix of 0, the mean as offset
             mean_row = torch.cat([self.texture[texel], mean_colours], 1)
@@ -322,14 +343,14 @@ class BiplaneObjective(TextureObjective):
         if not means_suffice:
             return torch.cat(better_rows)
         texture = torch.cat(mean_rows)
-        self.rounded_texels.fit_to(texture)
+        self.rounded_texels.fit_to(texture)  # changes the steps that `store_texture` will use
         return texture
 
 
 def _error(answer: Tensor, colours: Tensor, truth: Tensor) -> Tensor:
-    """The mean squared error (t,) of each texel.
+    """The mean squared error (t,) of log radiance of each of t texels, over P pairs.
 
-    Answers (t · P, 3), coloured by (t · P, 12), should be the truth (t, P, 3).
+    Answers (t · P, 3) of the decoder, coloured by `colours` (t · P, 12), should be the truth (t, P, 3).
     """
     level = coloured(answer, colours).reshape(truth.shape)
     return (level - truth).square().mean((1, 2))
@@ -341,7 +362,7 @@ class BiplaneMaterial(Material):
     def __init__(self, decoder: BiplaneDecoder, texture: Tensor, half: Tensor, gain: float, difference: Difference):
         """Count the cost of an answer, and keep the parts."""
         parameters = sum(p.numel() for p in decoder.parameters())
-        matrix, offset = 2 * MATRIX, 3
+        matrix, offset = 2 * MATRIX, 3  # multiply and add, and add
         plane = 2 * 4 * FEATURES  # multiply and add the numbers of four texels
         flops = decoder.flops + matrix + offset + plane
         cost = DecoderCost.of_texture(texture, parameters, flops)  # adds the texture's own reads

@@ -1,4 +1,9 @@
-"""Clusters of texels, found by k-means among the principal components of their log ABRDFs, and their index."""
+"""Clusters of texels, found by k-means among the principal components of their log ABRDFs, and their index.
+
+An *ABRDF* is the radiance of one texel at all *pairs* of view and light, three colours each; a log ABRDF its log
+radiance, log1p(gain · radiance). A texel's *point* is its k coefficients of principal components. A *label* is the
+number of a texel's cluster, a *code* what a codec stores for a cluster; the *index* holds the labels of all texels.
+"""
 
 import numpy as np
 import torch
@@ -12,15 +17,16 @@ from bench.training import compress, expand
 Array = np.ndarray
 BLOCK_BYTES = 64 << 20  # slices read together
 PASSES = 4  # passes over the data for the principal components
-CLUSTERING_BATCH = 4_096
-MOST_CODES = 65_536
+CLUSTERING_BATCH = 4_096  # points of a step of k-means
+MOST_CODES = 65_536  # as many as two bytes can number
 
 
 def reduced(btf: BTF, gain: float, components: int, fit: Fit) -> tuple[Tensor, Tensor, Array]:
     """The mean (3 · pairs,) of log ABRDFs, principal directions (3 · pairs, k), and the texels' points (H · W, k).
 
-    A texel's ABRDF is about mean + directions · its point. Distances between points are those of the ABRDFs, as far as
-    the directions show them: the directions, weighted by the scene's demand if there is one, have length 1.
+    k is `components`, or the rank of the data if it is lower. A texel's log ABRDF is about mean + directions · its
+    point. Distances between points are those of the ABRDFs, as far as the directions show them: the directions,
+    weighted by the scene's demand if there is one, have length 1.
     """
     factors = principal(btf, fit, gain, components, PASSES, BLOCK_BYTES)
     weighted_basis = factors.basis  # (3 · pairs, k)
@@ -35,12 +41,12 @@ def reduced(btf: BTF, gain: float, components: int, fit: Fit) -> tuple[Tensor, T
 def clustered(points: Array, codes: int, seed: int) -> Array:
     """The cluster (n,) of each point (n, k), of at most `codes` clusters, numbered without gaps.
 
-    If no more points than `codes` are distinct, each distinct point is a cluster.
+    If no more points than `codes` are distinct, each distinct point is a cluster. `seed` is that of k-means.
     """
     from sklearn.cluster import MiniBatchKMeans
 
     if codes == 1 or points.shape[1] == 0:
-        return np.zeros(len(points), np.int64)
+        return np.zeros(len(points), np.int64)  # one cluster; points of no numbers are all alike
     # Points are equal if they are in steps of 2⁻¹² of the largest number, about the precision of a half.
     step = 2.0**-12 * np.abs(points).max(initial=0)
     if step == 0:  # all points are 0, and any step will do
@@ -55,7 +61,10 @@ def clustered(points: Array, codes: int, seed: int) -> Array:
 
 
 def pack_index(label: Array, codes: int) -> Tensor:
-    """Labels (n,) below `codes` as compressed bytes: the low eight bits of each, and the high ones if it has more."""
+    """Labels (n,) below `codes` as compressed bytes (m,), uint8, for `unpack_index`.
+
+    They are the low eight bits of each label, and the high ones if `codes` need more.
+    """
     bits = _bits_of_bytes(codes)
     shifts = 8 * torch.arange(len(bits))  # the low byte is shifted by 0 bits, the high one by 8
     label_bytes = (torch.from_numpy(label)[:, None] >> shifts) & 255  # (n, bytes)
@@ -63,13 +72,14 @@ def pack_index(label: Array, codes: int) -> Tensor:
 
 
 def _bits_of_bytes(codes: int) -> list[int]:
-    """The used bits of each byte of a label below `codes`, the low byte first; a label has one or two."""
+    """The used bits of each byte of a label below `codes`, the low byte first; a label has one byte or two."""
     bits = max(1, (codes - 1).bit_length())
     return [bits] if bits <= 8 else [8, bits - 8]
 
 
 def unpack_index(packed: Tensor, count: int, codes: int) -> Tensor:
-    """The `count` labels, int64, that `pack_index` packed. Raises `ValueError` if bytes are missing."""
+    """The labels (count,), int64, that `pack_index` packed. Raises `ValueError` if bytes are missing, or a label is not
+    below `codes`."""
     if count < 1 or codes > MOST_CODES:
         raise ValueError(f"an index of {count} texels and {codes} codes")
     byte_count = len(_bits_of_bytes(codes))

@@ -1,4 +1,11 @@
-"""Common parts of codecs whose material is coefficients of texels times components interpolated over pairs."""
+"""Common parts of codecs whose material is coefficients of texels times components interpolated over pairs.
+
+An *ABRDF* is the radiance of one texel at all *pairs* of view and light, three colours each. A texel's ABRDF is about
+the mean of all plus the sum of k components, (N, 3) each of N pairs, times its k coefficients. What is decomposed are
+radiance or its logarithm, *log radiance*, log1p(gain · radiance), where the *gain*, one number a BTF, is 8 × its
+exposure. *Rounding* is how a file stores coefficients: each channel in few bits, chosen by the error that this causes
+in some *probed* values of the BTF.
+"""
 
 from functools import partial
 
@@ -13,7 +20,7 @@ from bench.material import DecoderCost, Material, sample_texture, to_radiance
 from bench.training import Rounding, round_after
 from bench.training.svd import Factors, blocks, truncated_svd
 
-PROBED_PAIRS, PROBED_TEXELS = 32, 1_024  # samples that measure the error of rounding a number
+PROBED_PAIRS, PROBED_TEXELS = 32, 1_024  # the values that measure the error of rounding: these pairs at these texels
 
 
 def principal(btf: BTF, fit: Fit, gain: float | None, count: int, passes: int, block_bytes: int = 0) -> Factors:
@@ -28,7 +35,10 @@ def principal(btf: BTF, fit: Fit, gain: float | None, count: int, passes: int, b
 
 
 def probed(btf: BTF, fit: Fit, gain: float | None) -> tuple[Tensor, Tensor]:
-    """At most `PROBED_PAIRS` random pairs (P,) in order, and their values (3 · P, texels), as `blocks` reads them."""
+    """At most `PROBED_PAIRS` random pairs (P,) in order, and their values (3 · P, texels), three rows of each pair.
+
+    Values are log1p(gain · radiance), or radiance if `gain` is None.
+    """
     pairs = torch.randperm(len(btf), generator=fit.generator())[:PROBED_PAIRS].sort().values
     values = list(blocks(btf.subset(pairs.numpy()), fit, "some slices", gain))
     return pairs, torch.cat(values)
@@ -39,8 +49,8 @@ def rounded_coefficients(
 ) -> Rounding:
     """The rounding of a texture of coefficients (H, W, C), chosen by the error that it causes in some values.
 
-    The values (F, texels) are mean (F, 1) + rows (F, C) · coefficients (C, texels). Each channel takes `least` bits or
-    more.
+    The values (F, texels) are mean (F, 1) + rows (F, C) · coefficients (C, texels). `bits` is the setting: the bits of
+    a number on average, 0 for as many as matter, 16 or 32 for floats. Each channel takes `least` bits or more.
     """
     coefficients = texture.flatten(0, 1)  # (texels, C)
     # Every so many texels, rounded up, so that at most `PROBED_TEXELS` are taken, evenly.
@@ -51,15 +61,15 @@ def rounded_coefficients(
         return mean + rows @ coefficients.T
 
     rounding = round_after(coefficients[probed_texels], bits, answers, values[:, probed_texels], least)
-    return rounding.fit_to(texture)
+    return rounding.fit_to(texture)  # the same bits, for the range of all texels
 
 
 class ComponentsMaterial(Material):
     """Coefficients (H, W, k), bilinear, and 1 for the mean, times components: log radiance; without `gain` radiance."""
 
     def __init__(self, texture: Tensor, interpolator: PairInterpolator, gain: float | None, cost: DecoderCost):
-        """A texture (H, W, k) of coefficients, what interpolates over pairs, and the gain, None if answers are no
-        logarithms."""
+        """Keep a texture (H, W, k) of coefficients, what interpolates over pairs, and the gain, None if components are
+        of radiance, not of its logarithm."""
         super().__init__((texture.shape[0], texture.shape[1]), cost)
         self.texture = texture
         self.interpolator = interpolator
@@ -68,13 +78,15 @@ class ComponentsMaterial(Material):
     def combined(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
         """Σ weight · components of a pair · coefficients, over P pairs and k + 1 components: (n, 3).
 
-        Pairs and weights are (n, P), coefficients (n, k + 1).
+        Pairs, which are indices, and their weights are (n, P), coefficients (n, k + 1), the mean's first.
         """
         raise NotImplementedError
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        """The mean's coefficient, 1, comes first. Log radiance is interpolated between pairs.
+        """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
+        of detail.
 
+        The mean's coefficient, 1, comes first. Log radiance, if it was decomposed, is interpolated between pairs.
         Radiance includes the cosine of the light. So it is divided by the mean cosine of the pairs' lights, and
         multiplied by the cosine of the query's.
         """

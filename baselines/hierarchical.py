@@ -4,6 +4,10 @@ NeuMIP's pyramid and offset; a decoder of two Inception modules, convolutions si
 point, and the place and the directions as sines of octaves. The authors convolve over the picture that a renderer asks
 for; here the neighbours are in the material, 9 × 9 places a footprint apart at the directions of the query, so that
 every query has one answer. See docs/recipes.md.
+
+`baselines.neumip` says what latents, levels, tables, pairs, log radiance, gain and objectives are. *Pictures* are here
+small squares of S × S texels of one level of detail; *places* are the points that the decoder sees, and also the
+setting for the octaves of their u and v.
 """
 
 import math
@@ -24,12 +28,12 @@ from bench.training.inputs import COUNTS, direction_inputs
 
 CHANNELS = 25  # between the layers: 7, 12, 3 and 3 of the branches
 BRANCHES = (7, 12, 3, 3)  # of 1 × 1, 3 × 3 and 5 × 5, and of the maximum of 3 × 3
-HALO = 4  # neighbours on each side that two modules see
-SIDE = 2 * HALO + 1
+HALO = 4  # neighbours on each side that two modules see: their largest kernels, of 5 × 5, take two each
+SIDE = 2 * HALO + 1  # places a side that the decoder sees for one answer
 ANSWERED = 1_024  # queries at a time, of 81 places each
 SOBEL = ((1.0, 0.0, -1.0), (2.0, 0.0, -2.0), (1.0, 0.0, -1.0))
 GRADIENT_FROM = 0.25  # of the steps: from there on the loss has its term on gradients
-DARKEST = 1e-7  # radiance of which a root is still taken
+DARKEST = 1e-7  # least radiance × exposure of which a root is taken: at 0 its gradient would be infinite
 PAPER = {"steps": 30_000, "batch": 30_000, "patch": 64, "rate": 5e-4, "bits": 8, "directions": "xy", "octaves": 4}
 PAPER |= {"start": "random", "optimiser": "adam", "blur": True, "loss": "root", "gradient": 1.0}
 
@@ -37,7 +41,10 @@ Octaves = Annotated[int, Range(0, 16)]
 
 
 class Inception(nn.Module):
-    """Four branches over pictures (n, 25, S, S) → (n, 25, S − 4, S − 4); each kernel is a matrix, for Muon."""
+    """Four branches over pictures: (n, 25, S, S) → (n, 25, S − 4, S − 4).
+
+    Each kernel is kept as the matrix of a linear layer, since the optimiser Muon steps matrices.
+    """
 
     def __init__(self, generator: torch.Generator | None):
         """Make the kernels of all branches, drawn from the generator in the order of the file."""
@@ -66,7 +73,7 @@ class Inception(nn.Module):
         return torch.cat([convolved(outer, point), small, large, highest], 1)
 
     def flops(self, side: int) -> int:
-        """Operations of an answer of side × side texels, a fused multiply-add counted as two."""
+        """Operations of an answer of `side` × `side` texels, a fused multiply-add counted as two."""
         # A 1 × 1 before a larger kernel answers all the texels that this kernel reads.
         point, to_three, three, to_five, five, pooled = (int(layer.weight.numel()) for layer in self.kernels)
         multiply_adds = (
@@ -76,7 +83,8 @@ class Inception(nn.Module):
 
 
 def linear(inputs: int, outputs: int, generator: torch.Generator | None) -> nn.Linear:
-    """A layer that starts as those of `bench.training.Decoder` do, after He et al. 2015."""
+    """A linear layer that starts as those of `bench.training.Decoder` do, after He et al. 2015, drawn from the
+    generator; None: from PyTorch's own."""
     layer = nn.Linear(inputs, outputs)
     with torch.no_grad():
         weight_bound = math.sqrt(6 / inputs)
@@ -94,10 +102,14 @@ def convolved(x: Tensor, layer: nn.Linear) -> Tensor:
 
 
 class Hierarchy(nn.Module):
-    """The decoder: inputs → 25 → two modules → 3. The first matrix reads directions, places, then latents."""
+    """The decoder: inputs → 25 → two Inception modules → 3.
+
+    The columns of the first matrix are for the directions, then the place, then the latents.
+    """
 
     def __init__(self, inputs: int, generator: torch.Generator | None):
-        """Make a layer from `inputs` numbers, two inception modules, and a layer to three outputs."""
+        """Make a layer from `inputs` numbers, two Inception modules, and a layer to three outputs; weights are drawn
+        from the generator in this order."""
         super().__init__()
         modules = (Inception(generator) for _ in range(2))
         self.layers: Any = nn.ModuleList(
@@ -118,7 +130,11 @@ class Hierarchy(nn.Module):
         self.layers[-1].bias.copy_(outputs)
 
     def forward(self, directions: Tensor, numbers: Tensor) -> Tensor:
-        """Outputs (n, S − 8, S − 8, 3) of inputs of directions (n, D) and of numbers (n, S, S, E) of each place."""
+        """Outputs (n, S − 8, S − 8, 3) for directions and S × S places of each of n pictures.
+
+        `directions` (n, D) are the inputs of each picture's two directions; `numbers` (n, S, S, E) those of each place:
+        its sines, then its latents.
+        """
         first, *modules, last = self.layers
         dtype = first.weight.dtype
         count = directions.shape[1]
@@ -134,18 +150,19 @@ class Hierarchy(nn.Module):
 
 
 class HierarchicalNetworks(Networks):
-    """The decoder, what it sees, and NeuMIP's offset network."""
+    """The decoder, what makes its inputs, and NeuMIP's offset network."""
 
-    def first(self, settings: Any, generator: torch.Generator | None) -> Hierarchy:
-        """The decoder, as a fit starts with it; the octaves that it sees are noted for `seen` and `placed`."""
+    def first_decoder(self, settings: Any, generator: torch.Generator | None) -> Hierarchy:
+        """The decoder, as a fit starts with it. Keeps the settings `octaves` and `places`, by which inputs are made."""
         self.octaves, self.places = settings.octaves, settings.places
         numbers = COUNTS[settings.directions]  # of the directions
         of_directions = 2 * settings.octaves * numbers if settings.octaves else numbers  # sin and cos of each octave
         of_place = 4 * settings.places  # sin and cos of each octave of u and of v
         return Hierarchy(of_directions + of_place + settings.channels, generator)
 
-    def seen(self, wo: Tensor, wi: Tensor) -> Tensor:
-        """What the decoder sees of unit directions (n, 3): their numbers, or with `octaves` the sines of these."""
+    def direction_numbers(self, wo: Tensor, wi: Tensor) -> Tensor:
+        """What the decoder sees of unit directions (n, 3): the numbers (n, D) of `direction_inputs`, or with the
+        setting `octaves` their sines (n, 2 D · octaves)."""
         numbers = torch.cat(direction_inputs(wo, wi, self.directions), 1)
         return sines(numbers, self.octaves) if self.octaves else numbers
 
@@ -155,7 +172,8 @@ class HierarchicalNetworks(Networks):
         """gain · radiance (n, S, S, 3), not clamped, of pictures of S × S texels of a level, S = `side`.
 
         The decoder sees (S + 8) × (S + 8) texels around a middle. Queries are uv (n, 2) of these middles, wo and wi
-        (n, 3), and level (n,), in a fit whole numbers of an integer type. `textures` are the table and the offset's.
+        (n, 3), and level (n,), of an integer type in a fit, and floats in a material. `textures` are the table (rows,
+        C) and the offset's texture (H · W, C) or None.
         """
         middle, wo, wi, level = queries
         table, offset = textures
@@ -165,14 +183,15 @@ class HierarchicalNetworks(Networks):
         right = distance_to_middle.expand(wide, wide)
         up = -distance_to_middle[:, None].expand(wide, wide)
         grid = torch.stack([right, up], 2)  # (S + 8, S + 8, 2)
-        step = 2.0 ** level[:, None] / pyramid.sizes[0].flip(0)  # (n, 2), of a texel of the level along u and v
+        # (n, 2): the uv from one texel of the level to the next along u and v; `sizes` are rows, then columns.
+        step = 2.0 ** level[:, None] / pyramid.sizes[0].flip(0)
         uv = (middle[:, None, None] + grid * step[:, None, None]).flatten(0, 2)  # (n · texels, 2)
         texels = wide * wide
         texel_levels = level.repeat_interleave(texels)  # (n · texels,)
-        place = self.placed(uv, texel_levels, pyramid.side)
-        in_fit = not level.is_floating_point()  # only then the fetches need a gradient; the others are faster
+        place = self.place_numbers(uv, texel_levels, pyramid.side)
+        in_fit = not level.is_floating_point()  # only then fetches need a gradient; those without one are faster
         if offset is not None:
-            if in_fit:
+            if in_fit:  # the offset's texture has one level, 0
                 offset_latents = pyramid.fetch(offset, uv, torch.zeros_like(texel_levels))
             else:
                 offset_latents = sample_texture(offset.unflatten(0, pyramid.levels[0]), uv)
@@ -182,19 +201,20 @@ class HierarchicalNetworks(Networks):
         else:
             latents = sampled(pyramid, table, uv, texel_levels)
         numbers = torch.cat([place.to(latents.dtype), latents], 1).unflatten(0, (len(middle), wide, wide))
-        out = self.decoder(self.seen(wo, wi), numbers)  # (n, S, S, 3), in YUV
+        out = self.decoder(self.direction_numbers(wo, wi), numbers)  # (n, S, S, 3), in YUV
         return to_radiance(out @ self.to_rgb.to(out.dtype), gain=1.0)
 
-    def placed(self, uv: Tensor, level: Tensor, side: int) -> Tensor:
-        """The sines (n, 4 · places) of uv (n, 2) at levels (n,) of a texture of `side` texels.
+    def place_numbers(self, uv: Tensor, level: Tensor, side: int) -> Tensor:
+        """The sines (n, 4 · places) of uv (n, 2) at levels (n,) of a texture of `side` texels along its longer side.
 
-        Octave k repeats 2ᵏ times in the texture. It counts whole where a period has two texels of the level or more,
-        fades out below, and is 0 from one texel on.
+        `places`, a setting, is the number of octaves. Octave k repeats 2ᵏ times in the texture. It counts whole where a
+        period has two texels of the level or more, fades out below, and is 0 from one texel on.
         """
         octave = torch.arange(self.places, device=uv.device)
         texels_of_period = math.log2(side) - level[:, None] - octave  # (n, places), as log2
-        share = texels_of_period.clamp(0, 1)
-        waves = sines(2 * uv - 1, self.places).unflatten(1, (4, -1))  # (n, 4, places)
+        share = texels_of_period.clamp(0, 1)  # log2 of two texels is 1, and of one is 0
+        # (n, 4, places): sin of u and of v, cos of u and of v. `sines` takes numbers from −1 to 1.
+        waves = sines(2 * uv - 1, self.places).unflatten(1, (4, -1))
         return waves.mul(share[:, None]).flatten(1)
 
 
@@ -208,11 +228,11 @@ def sines(numbers: Tensor, octaves: int) -> Tensor:
 class HierarchicalObjective(NeuMIPObjective):
     """NeuMIP's textures and the networks, fitted to patches of slices, a quarter of them of a random coarser level."""
 
-    made_of = HierarchicalNetworks
+    networks_class = HierarchicalNetworks
     networks: HierarchicalNetworks
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        """Each sample is answered by itself, as the material does, at the finest level."""
+        """Log radiance (n, 3). Each sample is answered by itself, as the material does, at the finest level."""
         textures = self.textures(progress)
         uv, wo, wi, level = (values.split(ANSWERED) for values in queries_of(self.levels, 0, batch))
         answers = []
@@ -221,18 +241,23 @@ class HierarchicalObjective(NeuMIPObjective):
         return log_of(torch.cat(answers)[:, 0, 0])  # pictures of one texel
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
-        """The loss of patches: of log radiance, or of fourth roots of radiance × exposure; later of gradients, too."""
+        """The loss of patches, squares of texels that share two directions.
+
+        It is the distance of log radiance, or with `loss=root` of fourth roots of radiance × exposure. From
+        `GRADIENT_FROM` of the steps on, the mean squared error of its `gradients` is added, times the setting
+        `gradient`.
+        """
         settings = self.settings
         patch = self.settings.patch
         count = max(1, settings.batch // patch**2)  # patches of all levels
-        coarse = count // COARSE_SHARE if len(self.levels) > 1 else 0
+        coarse = count // COARSE_SHARE if len(self.levels) > 1 else 0  # of these patches, those of a coarser level
         patches = [self._patches(0, count - coarse, generator)]
         if coarse:
             level = int(torch.randint(1, len(self.levels), (), generator=generator))
             patches.append(self._patches(level, coarse, generator))
         *queries, target = (torch.cat(of_levels) for of_levels in zip(*patches, strict=True))
         ours = self.networks.pictures(self.pyramid, self.textures(progress), tuple(queries), patch)  # gain · radiance
-        if settings.loss == "root":
+        if settings.loss == "root":  # gain · radiance over LOG_SCALE is radiance × exposure
             ours = (ours / LOG_SCALE).clamp_min(DARKEST) ** 0.25
             target = (target.expm1() / LOG_SCALE).clamp_min(DARKEST) ** 0.25
             loss = distance(ours, target, "l1")
@@ -246,7 +271,7 @@ class HierarchicalObjective(NeuMIPObjective):
     def _patches(self, level: int, count: int, generator: torch.Generator) -> tuple[Tensor, ...]:
         """Random patches of S × S texels of a level, which wrap around its borders.
 
-        Returns uv (count, 2) of their middles, wo and wi (count, 3), the level (count,), and log radiance
+        Returns uv (count, 2) of their middles, wo and wi (count, 3), the level (count,), and the data, log radiance
         (count, S, S, 3).
         """
         samples = self.levels[level]
@@ -256,7 +281,7 @@ class HierarchicalObjective(NeuMIPObjective):
         uv, wo, wi, levels = queries_of(self.levels, level, corner)
         texel_size = 2**level / self.pyramid.sizes[0].flip(0)  # (2,), of the level, along u and v
         across, down = ((patch - 1) / 2 * texel_size).unbind()  # from the first texel's centre to the patch's
-        middle = torch.stack([uv[:, 0] + across, uv[:, 1] - down], 1)
+        middle = torch.stack([uv[:, 0] + across, uv[:, 1] - down], 1)  # rows go down, v goes up
         along = torch.arange(patch, device=uv.device)
         first_row = corner.texel.div(width, rounding_mode="floor")
         first_col = corner.texel.remainder(width)
@@ -275,30 +300,30 @@ def gradients(pictures: Tensor) -> Tensor:
 
 
 class HierarchicalMaterial(Material):
-    """A table of all levels, an offset texture (H · W, C) or None, and the networks."""
+    """A table (rows, C) of all levels, an offset texture (H · W, C) or None, and the networks."""
 
     def __init__(
         self, pyramid: Pyramid, networks: HierarchicalNetworks, table: Tensor, offset: Tensor | None, gain: float
     ):
-        """Count the cost of an answer term by term, and keep the parts. `offset` is the texture of the look-up offset,
-        or None."""
+        """Count the cost of an answer term by term, and keep the parts. `offset` is the texture that the offset network
+        reads, or None."""
         first, first_module, second_module, last = networks.decoder.layers
         channels = table.shape[1]
-        texels_read = 8  # of two levels
+        texels_read = 8  # four of each of two levels
         texture_channels = channels
         texture_floats = table.numel()
         offset_flops = 0
         if offset is not None and networks.offset is not None:
-            texels_read += 4
+            texels_read += 4  # the offset's texture has one level
             texture_channels += channels
             texture_floats += offset.numel()
             offset_flops = networks.offset.architecture.flops
         numbers_read = texels_read * channels  # each is multiplied and added
-        inputs_of_place = 4 * networks.places + channels
+        inputs_of_place = 4 * networks.places + channels  # sines and latents
         inputs_of_directions = first.in_features - inputs_of_place
         # At each of 9 × 9 places: the offset, the reads, and the first layer's part of the place.
         flops = SIDE**2 * (offset_flops + 2 * numbers_read + 2 * inputs_of_place * CHANNELS)
-        flops += 2 * inputs_of_directions * CHANNELS  # once
+        flops += 2 * inputs_of_directions * CHANNELS  # once: all places have the same directions
         # The first module answers all but two places at each border, the second the one in the middle.
         flops += first_module.flops(SIDE - 4) + second_module.flops(1)
         flops += 2 * last.weight.numel()
@@ -316,9 +341,11 @@ class HierarchicalMaterial(Material):
         self.table = table
         self.offset = offset
         self.gain = gain
-        self.chunk = ANSWERED
+        self.chunk = ANSWERED  # queries that `Material` passes to `evaluate` at once, on a CPU
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """Linear radiance (n, 3) of queries, each (n, …); see `Material`. Each is a picture of one texel, of the
+        footprint's level."""
         queries = uv, wo, wi, self.pyramid.level(footprint)
         return self.networks.pictures(self.pyramid, (self.table, self.offset), queries)[:, 0, 0] / self.gain
 

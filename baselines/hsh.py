@@ -4,6 +4,12 @@ The basis is Gautron et al.'s: spherical harmonics of the hemisphere stretched o
 transformation imaging (RTI) gives each texel and colour nine or sixteen harmonics of the light. With several views,
 each texel has the products of the light's and the view's harmonics, as in Gunawardane et al. ("Optimized image sampling
 for view and light interpolation", 2009).
+
+*Band* l has 2l + 1 harmonics, so n bands have n². A *pair* is one of N pairs of view and light; K is the number of
+products of harmonics, of which each texel has a coefficient for each colour. What is fitted are radiance or, with
+`domain=log`, *log radiance*, log1p(gain · radiance), where the *gain*, one number a BTF, is 8 × its exposure; with
+`cosine` it is of radiance over the cosine of the light. *Rounding* is how the file stores coefficients: in few bits,
+chosen by the error that this causes in some values of the BTF, the *probed* ones.
 """
 
 import itertools
@@ -58,7 +64,7 @@ class HSH(Codec):
         bits: Bits = 0  # bits of a stored coefficient on average; 0: chosen by the data; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """Solve for all texels at once: the coefficients of a texel are those of red, then of green and of blue."""
+        """Solve for all texels at once, and store their coefficients (H, W, 3 · K): of red, then of green, of blue."""
         gain = gain_of(btf, fit)
         settings = self.settings
         # n bands are n² harmonics, of which there should be no more than directions.
@@ -76,14 +82,18 @@ class HSH(Codec):
             values = torch.from_numpy(block).flatten(1).clamp_min(0).to(fit.device) / cosine[rows].to(fit.device)
             if settings.domain == "log":
                 values = (gain * values).log1p()
-            coefficients += solve[:, rows] @ values  # of values (rows, texels · 3)
+            # The product solve · values of all pairs is the sum of those of each block of pairs.
+            coefficients += solve[:, rows] @ values  # values are (rows, texels · 3)
         texture = coefficients.unflatten(1, (*btf.shape, 3)).permute(1, 2, 3, 0).flatten(2)  # (H, W, 3 · K)
         rounding = self._rounding(btf, texture, gain, bands, fit)
         other = {"gain": torch.tensor([gain]), "bands": torch.tensor(bands, dtype=torch.uint8)}
         return Parts(texture=store_texture("coefficients", texture, rounding), other=other)
 
     def _rounding(self, btf: BTF, texture: Tensor, gain: float, bands: list[int], fit: Fit) -> Rounding:
-        """How the coefficients are rounded, by their errors at some pairs."""
+        """How coefficients (H, W, 3 · K) are rounded, chosen by the errors of radiance or its logarithm at some pairs.
+
+        `bands` are the numbers of bands of light and view.
+        """
         pairs, values = probed(btf, fit, None)  # radiance (3 · P, texels): `gain` enters after the division below
         wo, wi = torch.from_numpy(btf.wo)[pairs], torch.from_numpy(btf.wi)[pairs]
         cosine = _cosine(wi, self.settings.cosine).repeat_interleave(3, 0)
@@ -101,11 +111,14 @@ class HSH(Codec):
         return rounded_coefficients(texture, self.settings.bits, no_mean, rows, values * cosine.to(values), least)
 
     def _solution(self, btf: BTF, bands: list[int], cosine: Tensor, fit: Fit) -> Tensor:
-        """The matrix (K, N) from the values of the pairs to the coefficients: weighted, regularised least squares."""
+        """The matrix (K, N) from the values of the pairs to the coefficients: weighted, regularised least squares.
+
+        `bands` are the numbers of bands of light and view, `cosine` (N, 1) is that of each pair's light, or 1.
+        """
         terms = basis(torch.from_numpy(btf.wo).double(), torch.from_numpy(btf.wi).double(), bands)  # (N, K)
         # An error of radiance is one of radiance / cosine times the cosine.
         weight = cosine.double().square()  # (N, 1)
-        if fit.density is not None:
+        if fit.density is not None:  # in a fit to a scene, its demand for each pair
             weight = weight * fit.density.weights.double()[:, None]
         light_roughness, view_roughness = (torch.tensor(_roughness(count)) for count in bands)
         # In the order of `basis`: of each harmonic of the light all of the view.
@@ -116,7 +129,8 @@ class HSH(Codec):
         return torch.linalg.solve(normal, (weight * terms).T).float()
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        """The material of a file's parts, on a device. `ValueError` if coefficients and bands do not fit."""
+        """The material of a file's parts, on a device. `ValueError` if coefficients and bands do not fit, or there are
+        too many bands."""
         texture = load_texture("coefficients", parts.texture)
         bands = parts.other["bands"].tolist()
         if texture.shape[2] != 3 * math.prod(n * n for n in bands) or max(bands) > MOST_BANDS:
@@ -137,12 +151,15 @@ def _roughness(bands: int) -> list[float]:
 
 
 def _cosine(wi: Tensor, divided: bool) -> Tensor:
-    """The cosines (n, 1) of lights (n, 3), by which radiance is divided; ones if it is not divided."""
+    """What radiance is divided by: the cosines (n, 1) of lights (n, 3) if `divided`, else ones."""
     return wi[:, 2:].clamp_min(LEAST_COSINE) if divided else torch.ones_like(wi[:, 2:])
 
 
 def basis(wo: Tensor, wi: Tensor, bands: list[int]) -> Tensor:
-    """The products (n, L² · V²) of L bands of harmonics of the light and V of the view; `bands` is [L, V]."""
+    """The products (n, L² · V²) of the harmonics of lights and of views, both (n, 3), of L and V bands: `bands`.
+
+    Of each harmonic of the light there are the products with all of the view.
+    """
     light, view = harmonics(wi, bands[0]), harmonics(wo, bands[1])
     return (light[:, :, None] * view[:, None]).flatten(1)
 
@@ -169,7 +186,7 @@ def harmonics(directions: Tensor, bands: int) -> Tensor:
                 following = (t * (2 * band - 1) * legendre - (band + m - 1) * before) / (band - m)
                 before, legendre = legendre, following
             norm = math.sqrt((2 * band + 1) * math.factorial(band - m) / (2 * math.pi * math.factorial(band + m)))
-            both_signs = math.sqrt(2) if m else 1
+            both_signs = math.sqrt(2) if m else 1  # for cos mφ and sin mφ; m = 0 has no sine
             scaled = legendre * (norm * both_signs)
             terms[band, m] = scaled * real
             if m:
@@ -189,8 +206,8 @@ class HSHMaterial(Material):
     """
 
     def __init__(self, texture: Tensor, bands: list[int], gain: float | None, cosine: bool):
-        """Count the cost of an answer, and keep the parts. `bands` are the numbers of bands of view and light
-        harmonics."""
+        """Count the cost of an answer, and keep the parts. `bands` are the numbers of bands of the light's and the
+        view's harmonics; with `cosine` coefficients are of radiance over the cosine of the light."""
         height, width, channels = texture.shape
         times_coefficients = 2 * channels  # multiply and add each coefficient
         products = channels // 3  # one for each harmonic of the light with each of the view

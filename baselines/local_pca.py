@@ -2,6 +2,11 @@
 
 Clusters are those of Kambhatla and Leen ("Dimension reduction by local principal component analysis", Neural
 Computation 9(7), 1997): from k-means on, each texel moves to the cluster whose components give it the least error.
+
+An *ABRDF* is the radiance of one texel at all *pairs* of view and light, three colours each; a log ABRDF its *log
+radiance*, log1p(gain · radiance), where the *gain*, one number a BTF, is 8 × its exposure. The clustering does not see
+log ABRDFs but *points*: each texel's coefficients of the principal components of all texels. *Rounding* is how the file
+stores numbers: in few bits, chosen by the error that this causes in some values of the BTF, the *probed* ones.
 """
 
 from dataclasses import dataclass
@@ -41,13 +46,17 @@ class LocalPCA(Codec):
         bits: Bits = 0  # bits of a stored number on average; 0: chosen by the data; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """Coefficients (H, W, k), each texel's cluster, and components (N, 3, clusters · (k + 1)), each mean first."""
+        """Store coefficients (H, W, k), each texel's cluster, and of N pairs the components of all clusters.
+
+        These are (N, 3, clusters · (k + 1)): one cluster after the other, of each its mean, then its k components.
+        """
         gain = gain_of(btf, fit)
         settings = self.settings
         mean, directions, points = reduced(btf, gain, max(SPANNED, settings.components), fit)
         local = local_components(points, settings.clusters, settings.components, fit.seed)
         count = len(local.means)
         k = local.axes.shape[2]
+        # The table of components, from the directions in which clusters were found to pairs.
         # The mean of each cluster is its first component, whose coefficient is 1: (clusters, spanned, k + 1).
         components = torch.cat([torch.from_numpy(local.means)[..., None], torch.from_numpy(local.axes)], 2)
         table = directions @ components.movedim(0, 1).flatten(1)  # (3 · pairs, clusters · (k + 1))
@@ -55,6 +64,7 @@ class LocalPCA(Codec):
         table = table.unflatten(0, (-1, 3))  # (pairs, 3, clusters · (k + 1))
         texture = torch.from_numpy(local.coefficients).unflatten(0, btf.shape)  # (H, W, k)
 
+        # How finely table and coefficients are rounded: by their errors in the values of P probed pairs.
         label = torch.from_numpy(local.label)
         pairs, values = probed(btf, fit, gain)
         # Every so many texels, rounded up, so that at most `PROBED_TEXELS` are taken, evenly.
@@ -65,10 +75,11 @@ class LocalPCA(Codec):
         target = values[:, probed_texels].cpu()  # (3 · P, n)
 
         def answers(table: Tensor, coefficients: Tensor) -> Tensor:
-            """Log radiance (3 · P, n) of the probed pairs and texels, from a table and coefficients of them."""
+            """Log radiance (3 · P, n) of P probed pairs and n probed texels, from a table and coefficients of these."""
             rows = table.flatten(0, 1).unflatten(1, (count, -1))[:, probed_labels]  # (3 · P, n, k + 1)
             return (rows * functional.pad(coefficients, (1, 0), value=1.0)).sum(2)
 
+        # Each is rounded by the error that it adds while the other is exact.
         bits = settings.bits
         table_rounding = round_after(
             probed_table, bits, lambda rounded: answers(rounded, probed_coefficients), target
@@ -110,7 +121,11 @@ class LocalComponents:
 
 
 def local_components(points: np.ndarray, clusters: int, components: int, seed: int) -> LocalComponents:
-    """At most `clusters` clusters of points (n, k), float32, and their components, by turns until no point moves."""
+    """At most `clusters` clusters of points (n, k), float32, and at most `components` components of each.
+
+    Components are found for the clusters, and clusters for the components, by turns, until no point moves or `ROUNDS`
+    are over. `seed` is that of the first clusters.
+    """
     components = min(components, points.shape[1])
     label = clustered(points, clusters, seed)
     for _ in range(ROUNDS):
@@ -121,16 +136,19 @@ def local_components(points: np.ndarray, clusters: int, components: int, seed: i
         if np.array_equal(new_label, label):
             break
         label = new_label
-    means, axes = _fitted(points, label, components)
+    means, axes = _fitted(points, label, components)  # anew, because the last round may have moved points
     coefficients = np.einsum("nk,nkc->nc", points - means[label], axes[label])
     # Coefficients are divided by the largest of their component, which is multiplied by it instead.
     peak = np.abs(coefficients).max(0, initial=0)  # (components,)
-    peak[peak == 0] = 1
+    peak[peak == 0] = 1  # so that nothing is divided by 0
     return LocalComponents(means, axes * peak, label, coefficients / peak)
 
 
 def _fitted(points: np.ndarray, label: np.ndarray, components: int) -> tuple[np.ndarray, np.ndarray]:
-    """The mean (clusters, k) of each cluster, and its strongest directions (clusters, k, components), unit vectors."""
+    """The mean (clusters, k) of each cluster of points (n, k), and its strongest directions (clusters, k, components).
+
+    `label` (n,) is each point's cluster. Directions are orthonormal, the strongest first.
+    """
     means, axes = [], []
     for cluster in range(label.max() + 1):
         members = points[label == cluster].astype(np.float64)
@@ -148,14 +166,14 @@ def _error(points: np.ndarray, axes: np.ndarray) -> np.ndarray:
 
 
 class LocalPCAMaterial(Material):
-    """Clusters (H · W) and coefficients (H, W, k) of texels, each decoded by its own components, then bilinear.
-
-    Components of pairs are (N, 3, clusters · (k + 1)).
-    """
+    """Clusters and coefficients of texels. Each texel is decoded by its cluster's components, then interpolated."""
 
     def __init__(self, label: Tensor, texture: Tensor, table: Tensor, interpolator: PairInterpolator, gain: float):
-        """Count the cost of an answer term by term, and keep the parts. `label` (H · W,) is the cluster of each
-        texel."""
+        """Count the cost of an answer term by term, and keep the parts.
+
+        `label` (H · W,) is the cluster of each texel, `texture` (H, W, k) its coefficients, and `table` (N, 3,
+        clusters · (k + 1)) has the components of each pair.
+        """
         pairs = len(table)
         components = texture.shape[2]
         row = 3 * (components + 1)  # numbers that a cluster has of a pair
@@ -173,7 +191,7 @@ class LocalPCAMaterial(Material):
         )
         super().__init__((texture.shape[0], texture.shape[1]), cost)
         self.label = label
-        self.coefficients = texture.flatten(0, 1)
+        self.coefficients = texture.flatten(0, 1)  # (H · W, k)
         self.pairs = pairs
         # (clusters · N, 3 · (k + 1)): a row for each pair of a cluster, one cluster after the other.
         of_clusters = table.unflatten(2, (-1, components + 1)).permute(2, 0, 1, 3)  # (clusters, N, 3, k + 1)
@@ -182,10 +200,14 @@ class LocalPCAMaterial(Material):
         self.gain = gain
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        """Each of the four texels is decoded by its own cluster; their log radiances are mixed."""
+        """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
+        of detail.
+
+        Each of the four texels is decoded by its own cluster; their log radiances are mixed.
+        """
         texel, texel_weight = texel_corners(self.size, uv)
         pair, share = self.interpolator.shares(wo, wi)
-        row = self.label[texel][..., None] * self.pairs + pair[:, None]  # (n, 4, P)
+        row = self.label[texel][..., None] * self.pairs + pair[:, None]  # (n, 4, P), of the table, for P pairs
         weight = share[:, None].expand(row.shape).to(self.table.dtype)  # (n, 4, P)
         rows = functional.embedding_bag(
             row.flatten(0, 1), self.table, per_sample_weights=weight.flatten(0, 1), mode="sum"

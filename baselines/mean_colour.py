@@ -1,4 +1,4 @@
-"""The lower bound: one colour per texel, for all directions."""
+"""The lower bound of quality and of time: one colour per texel, linear radiance, for all directions."""
 
 from dataclasses import dataclass
 
@@ -23,7 +23,7 @@ class MeanColour(Codec):
         half: bool = True  # store the texture as float16
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """The mean (H, W, 3) of all slices, added up in float64."""
+        """The mean (H, W, 3) of all slices, the pictures (H, W, 3) of a pair of view and light, added up in float64."""
         mean = np.zeros((*btf.shape, 3))
         for picture in fit.progress(btf, total=len(btf)):
             mean += picture / len(btf)
@@ -31,6 +31,7 @@ class MeanColour(Codec):
         return Parts(texture=pack("mean", torch.from_numpy(mean), precision))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
+        """The material of a file's parts, on a device."""
         return MeanColourMaterial(unpack("mean", parts.texture)).to(device)
 
 

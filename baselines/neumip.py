@@ -3,6 +3,12 @@
 A pyramid of latents fetched trilinearly by footprint, a small decoder, and a neural offset that moves the look-up along
 the view, as parallax does. Details that the paper leaves open follow the authors' published configuration, but
 for what docs/recipes.md lists.
+
+*Latents* are the numbers of a texel that a network reads. Each *level* of detail has half as many texels a side as the
+one before; level 0 is the finest. A *table* (rows, C) holds the latents of all levels, the finest first, a row a texel.
+A *pair* is one view and one light. *Log radiance* is log1p(gain · radiance), where the *gain*, one number a BTF, is 8 ×
+its exposure. An *objective* holds what is fitted, and computes the loss of a step. From half of the fit on, textures
+are looked up *rounded*, as the file stores them: see `bench.training.stored_texture`.
 """
 
 import math
@@ -28,17 +34,17 @@ from bench.training.inputs import COUNTS, Directions, direction_inputs
 from bench.training.stored_network import load_network, store_network
 from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
 
-WIDTHS = (25, 25, 25)  # of the offset network
+WIDTHS = (25, 25, 25)  # of the offset network; the decoder has as many hidden layers
 OFFSET_SCALE = 0.05  # texture units; the authors' 0.1 counts in uv from −1 to 1
 LOWEST_COSINE = 0.6  # least z of the view: below it, the offset stops growing
 COARSE_SHARE = 4  # one of this many samples is of a coarser level
 # Gaussian blur, σ in texels. That of the latents falls exponentially from the first to the last.
 FIRST_BLUR = 8.0
 FADING = 3 * math.log(8)  # the exponent's rate, over the whole fit
-LAST_BLUR = 0.1
-OFFSET_BLUR = 1.0  # the least of the offset's texture
+LAST_BLUR = 0.1  # least σ of the latents' blur
+OFFSET_BLUR = 1.0  # least σ of the offset texture's blur
 SHUT = 0.1  # share of the colour that a mask of 0 leaves
-HALF_OPEN = SHUT + 0.5
+HALF_OPEN = SHUT + 0.5  # the mask of an output of 0, whose sigmoid is 1/2
 YUV_TO_RGB = ((1.0, 0.0, 1.13983), (1.0, -0.39465, -0.58060), (1.0, 2.03211, 0.0))
 # Weights of the loss: squared error of log radiance, its absolute error, absolute error of radiance.
 LOSSES = {"balanced": (1.0, 0.0, 0.01), "highlights": (1.0, 0.0, 0.1), "l1": (0.0, 1.0, 0.0), "both": (1.0, 1.0, 0.0)}
@@ -60,7 +66,10 @@ class PyramidSettings(TextureSettings):
 
 
 def level_count(size: tuple[int, int]) -> int:
-    """The number of levels of a picture (H, W): the authors' ⌊log2 of the longer side⌋, sides of at least one texel."""
+    """The number of levels of a picture of `size` (H, W), at least 1.
+
+    It is the authors' ⌊log2 of the longer side⌋, or fewer if the shorter side is soon less than a texel.
+    """
     as_published = int(math.log2(max(size)))
     with_sides = int(math.log2(min(size))) + 1  # further levels would have no texel along the shorter side
     return max(1, min(as_published, with_sides))
@@ -70,12 +79,16 @@ class Pyramid(Levels):
     """The latents of all levels in one table, and the reach of an offset."""
 
     def __init__(self, size: tuple[int, int], levels: int | None = None):
+        """Lay out the levels of a picture of `size` (H, W): so many `levels`, or all if it is None or 0."""
         super().__init__(size, levels or level_count(size))
         # (2,): how far in uv an offset of 1 moves a place along u and along v, equally far on the surface.
         self.reach = nn.Buffer(OFFSET_SCALE * torch.tensor(periods(size)), persistent=False)
 
     def fetch(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
-        """Values (n, C) of a table of all levels at uv (n, 2), bilinear, periodic, and linear between two levels."""
+        """Values (n, C) of a table (rows, C) at uv (n, 2), bilinear, periodic, and linear between two levels.
+
+        Levels (n,) are floats or of an integer type: see `Levels.around`. It is for a fit: it has a gradient.
+        """
         return mixed(table, *self.around(uv, level))
 
 
@@ -83,31 +96,34 @@ class Networks(nn.Module):
     """The decoder and, if the settings ask for it, the offset network."""
 
     def __init__(self, settings: Any, generator: torch.Generator | None = None):
-        """Make the networks, with weights drawn from the generator."""
+        """Make the networks, with weights drawn from the generator. `settings` are those of `NeuMIP`, or of a codec
+        made of it."""
         super().__init__()
         self.directions = settings.directions
-        self.decoder: Any = self.first(settings, generator)
+        self.decoder: Any = self.first_decoder(settings, generator)
         of_offset = Architecture(settings.channels + 2, WIDTHS, outputs=1)  # of latents, and of x and y of the view
         self.offset = Decoder(of_offset, generator) if settings.offset else None
+        # (3, 3): rows of YUV times it are rows of RGB.
         self.to_rgb = nn.Buffer(torch.tensor(YUV_TO_RGB).T.contiguous(), persistent=False)
 
-    def first(self, settings: Any, generator: torch.Generator | None) -> nn.Module:
-        """The decoder, as a fit starts with it."""
+    def first_decoder(self, settings: Any, generator: torch.Generator | None) -> nn.Module:
+        """The decoder, as a fit starts with it; its inputs are those of two directions, then the latents."""
         inputs = COUNTS[settings.directions] + settings.channels
         return Decoder(Architecture(inputs, (settings.width,) * len(WIDTHS), settings.outputs), generator)
 
     def start_at(self, level: Tensor) -> None:
         """Set the networks to answer one log radiance (3,) for any latents, with the mask half open."""
-        # Three outputs are the colour; further ones are the mask.
+        # Three outputs are the colour; further ones are the mask, which outputs of 0 leave half open.
         outputs = torch.zeros(len(self.decoder.layers[-1].bias))
-        radiance = level.cpu().expm1()
-        if len(outputs) > 3:
+        radiance = level.cpu().expm1()  # times the gain
+        if len(outputs) > 3:  # the mask will multiply the colour
             radiance = radiance / HALF_OPEN
-        outputs[:3] = torch.linalg.solve(self.to_rgb.T, radiance.log1p())  # as YUV
+        # The colour's outputs are log radiance in YUV: solve YUV · to_rgb = log radiance.
+        outputs[:3] = torch.linalg.solve(self.to_rgb.T, radiance.log1p())
         self.decoder.start_at(outputs)
 
     def move(self, uv: Tensor, latents: Tensor, wo: Tensor, reach: Tensor) -> Tensor:
-        """uv (n, 2) shifted along the view wo (n, 3) by the offset network's output for latents (n, 7).
+        """uv (n, 2) shifted along the view wo (n, 3) by the offset network's output for latents (n, C) of its texture.
 
         `reach` (2,) is that of `Pyramid`: uv of an offset of 1.
         """
@@ -116,10 +132,10 @@ class Networks(nn.Module):
         return uv + depth.to(uv.dtype) * (wo[:, :2] * reach) / wo[:, 2:].clamp_min(LOWEST_COSINE)
 
     def colour(self, latents: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
-        """gain · radiance (n, 3), not clamped, of latents (n, 7): YUV → RGB → expm1, times a mask if there is one."""
+        """gain · radiance (n, 3), not clamped, of latents (n, C): YUV → RGB → expm1, times a mask if there is one."""
         out = self.decoder(torch.cat([*direction_inputs(wo, wi, self.directions), latents], 1))
-        rgb = to_radiance(out[:, :3] @ self.to_rgb.to(out.dtype), gain=1.0)
-        if out.shape[1] > 3:
+        rgb = to_radiance(out[:, :3] @ self.to_rgb.to(out.dtype), gain=1.0)  # callers divide by the gain
+        if out.shape[1] > 3:  # three more outputs, a mask for each colour
             mask = SHUT + out[:, 3:].sigmoid()
             rgb = rgb * mask
         return rgb
@@ -128,7 +144,11 @@ class Networks(nn.Module):
 def answer(
     networks: Networks, pyramid: Pyramid, table: Tensor, offset: Tensor | None, queries: tuple[Tensor, ...]
 ) -> Tensor:
-    """gain · radiance (n, 3) of queries (uv, wo, wi, level); `offset` (H · W, 7) is of the finest level."""
+    """gain · radiance (n, 3) of queries: uv (n, 2), wo and wi (n, 3), level (n,).
+
+    `table` (rows, C) has the latents of all levels. `offset` (H · W, C) is the texture of the offset network, of the
+    size of the finest level; None: uv is not moved.
+    """
     uv, wo, wi, level = queries
     if offset is not None:
         finest = torch.zeros_like(level, dtype=torch.long)
@@ -137,17 +157,18 @@ def answer(
 
 
 class NeuMIPObjective(Objective):
-    """The textures and both networks, fitted at the finest level and, a share of each step, at a random coarser one."""
+    """The textures and both networks, fitted at the finest level and, for a share of each step's samples, at a random
+    coarser one."""
 
-    made_of: ClassVar[type[Networks]] = Networks
+    networks_class: ClassVar[type[Networks]] = Networks
 
     def __init__(self, levels: list[Samples], settings: Any, generator: torch.Generator):
         """Start textures and networks. `levels` are the samples of the BTF at each level of detail, the finest
-        first."""
-        super().__init__(levels[0], settings)
+        first; `settings` are the codec's. The networks' weights are the first numbers of the generator."""
+        super().__init__(levels[0], settings)  # `self.samples` are those of the finest level
         self.levels = levels
         self.pyramid = Pyramid(self.samples.shape, len(levels))
-        self.networks = self.made_of(settings, generator)
+        self.networks = self.networks_class(settings, generator)
         self.networks.start_at(self.samples.mean(generator))
         finest = first_latents(self.samples, settings.channels, settings.start, generator)
         self.table = nn.Parameter(self._levels(finest, generator))
@@ -160,7 +181,7 @@ class NeuMIPObjective(Objective):
     def _levels(self, finest: Tensor, generator: torch.Generator) -> Tensor:
         """The first latents (rows, C) of all levels: the finest ones (H · W, C), and box averages of them.
 
-        If the finest are random, the others are as random.
+        With `start=random` the coarser ones are random, too, and spread as widely; averages would be less spread.
         """
         if self.settings.start == "random":
             count = sum(self.pyramid.counts[1:])
@@ -184,8 +205,8 @@ class NeuMIPObjective(Objective):
     def blurred(self, progress: float) -> tuple[Tensor, Tensor | None]:
         """The table and the offset texture as they are looked up at some progress of the fit, from 0 to 1.
 
-        The offset's is always blurred, the table only by the setting `blur`. A level of half as many texels a side is
-        blurred by half as many of them. The offset's texture is None if there is no offset.
+        The offset's is always blurred, the table only by the setting `blur`. σ in texels is halved from each level to
+        the next, so it is as wide on the surface. The offset's texture is None if there is no offset.
         """
         sigma = LAST_BLUR
         table: Tensor = self.table
@@ -200,13 +221,14 @@ class NeuMIPObjective(Objective):
         return table, blur(self.offset, self.samples.shape, max(sigma, OFFSET_BLUR))
 
     def textures(self, progress: float) -> tuple[Tensor, Tensor | None]:
-        """The table and the offset texture of `blurred`, rounded as the file will hold them."""
+        """The table and the offset texture of `blurred`, rounded as the file will hold them, once bits are chosen."""
         table, offset = self.blurred(progress)
         if offset is not None and self.rounded_offset is not None:
             offset = self.rounded_offset(offset)
         return self.rounded_table(table), offset
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
+        """Log radiance (n, 3) of a batch, whose texels are those of the finest level."""
         queries = queries_of(self.levels, 0, batch)
         return log_of(answer(self.networks, self.pyramid, *self.textures(progress), queries))
 
@@ -216,6 +238,7 @@ class NeuMIPObjective(Objective):
         ours = answer(self.networks, self.pyramid, *self.textures(progress), queries)
         if self.settings.loss == "display":
             return self.distance(log_of(ours), target, pair, progress)
+        # `ours` and the exponential of the target are gain · radiance, hence LOG_SCALE × radiance × exposure.
         squared_weight, absolute_weight, linear_weight = LOSSES[self.settings.loss]
         squared = functional.mse_loss(log_of(ours), target)
         absolute = functional.l1_loss(log_of(ours), target)
@@ -248,28 +271,28 @@ def blur(texture: Tensor, size: tuple[int, int], sigma: float) -> Tensor:
 
 
 class NeuMIPMaterial(Material):
-    """A table of all levels, an offset texture (H · W, 7) or None, and the networks."""
+    """A table (rows, C) of all levels, an offset texture (H · W, C) or None, and the networks."""
 
     def __init__(self, pyramid: Pyramid, networks: Networks, table: Tensor, offset: Tensor | None, gain: float):
         """Count the cost of an answer term by term, and keep the parts. `InputError` if table and pyramid do not
         fit."""
         size = pyramid.levels[0]
-        channels = networks.decoder.architecture.inputs - COUNTS[networks.directions]
+        channels = networks.decoder.architecture.inputs - COUNTS[networks.directions]  # the other inputs are latents
         if table.shape != (sum(pyramid.counts), channels):
             raise InputError(f"a pyramid over {size} has {sum(pyramid.counts)} rows, not {tuple(table.shape)}")
         decoder = networks.decoder.architecture
         parameters, network_flops = decoder.parameters, decoder.flops
-        texels_read = 8  # of two levels
+        texels_read = 8  # four of each of two levels
         texture_channels = channels
         texture_floats = table.numel()
         if offset is not None and networks.offset is not None:
             parameters += networks.offset.architecture.parameters
             network_flops += networks.offset.architecture.flops
-            texels_read += 4
+            texels_read += 4  # the offset's texture has one level
             texture_channels += channels
             texture_floats += offset.numel()
         numbers_read = texels_read * channels  # each is multiplied and added
-        yuv_to_rgb = 2 * 9
+        yuv_to_rgb = 2 * 9  # a matrix of 3 × 3
         cost = DecoderCost(
             parameters=parameters,
             texture_channels=texture_channels,
@@ -325,16 +348,17 @@ class NeuMIP(Codec):
         loss: Literal["both", "l1", "display", "balanced", "highlights"] = "both"  # the last two are the authors'
 
         def __post_init__(self) -> None:
+            """`InputError` if there are neither 3 outputs, a colour, nor 6, a colour and a mask."""
             if self.outputs not in (3, 6):
                 raise InputError(f"codec neumip has 3 or 6 outputs, not {self.outputs}")
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
         """Fit all levels, and store the pyramid and the offset's texture as they are looked up at the fit's end."""
         gain = gain_of(btf, fit)
-        count = fitted_levels(btf, fit, level_count(btf.shape))
+        count = fitted_levels(btf, fit, level_count(btf.shape))  # all, or those that a scene sees
         levels = Samples.levels(btf, count, gain, fit)
         objective = self.objective(levels, self.settings, fit.generator())
-        progress = train(objective, fit, self.settings.steps, self.settings.patience)
+        progress = train(objective, fit, self.settings.steps, self.settings.patience)  # share of the steps taken
         # As blurred in the last step, because the file holds what is looked up.
         pyramid, offset = objective.blurred(progress=progress)
         level_sizes = objective.pyramid.levels
@@ -347,8 +371,9 @@ class NeuMIP(Codec):
         return Parts(store_network(objective.networks, self.settings.weights), texture, other=other)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        """The material of a file's parts, on a device. `ValueError` if its pyramid has no such levels."""
-        networks = load_network(self.objective.made_of(self.settings), parts.decoder)
+        """The material of a file's parts, on a device. `ValueError` if its pyramid has no such levels, or its textures
+        are not of its size."""
+        networks = load_network(self.objective.networks_class(self.settings), parts.decoder)
         height, width = parts.other["size"].tolist()
         levels = int(parts.other["levels"]) if "levels" in parts.other else None  # None or 0: all of them
         too_small = min(height, width) < 1

@@ -3,6 +3,11 @@
 Three levels of the texture are fetched at one uv and concatenated. A second, small network moves this uv first; a
 learned factor, the gate, scales its output and starts at 0. For what differs from the authors' code see
 docs/recipes.md.
+
+*Latents* are the numbers of a texel that a network reads. A *pair* is one view and one light. *Log radiance* is
+log1p(gain · radiance), where the *gain*, one number a BTF, is 8 × its *exposure*, the factor that maps radiance to the
+display. An *objective* holds what is fitted, and computes the loss of a step. From half of the fit on, textures are
+looked up *rounded*, as the file stores them: see `bench.training.stored_texture`.
 """
 
 import math
@@ -28,7 +33,7 @@ from bench.training.stored_texture import Bits, Rounding, load_texture, store_te
 Inputs = Literal["xyzh", "harmonics"]
 
 HARMONICS = 9  # of one direction
-FIRST = 1e-4  # bound of the first random latents
+FIRST = 1e-4  # bound of the first random latents, which lie between −FIRST and FIRST
 DARK = 0.01  # added to the square that the published loss divides by
 PAPER = {"reduction": 16, "directions": "harmonics", "start": "random", "relative": True}
 PAPER |= {"rate": 1e-3, "latent_rate": 1e-2, "decay": False, "bits": 8, "steps": 20_000, "batch": 4_096}
@@ -71,11 +76,12 @@ class NeuralBTF(Codec):
 
         @property
         def architecture(self) -> Architecture:
+            """The network that reads the latents of all levels and the directions."""
             directions = 2 * HARMONICS if self.directions == "harmonics" else COUNTS[self.directions]
             return Architecture(self.levels * self.channels + directions, (self.width,) * self.layers)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """Fit the textures and the networks, and store each texture under its own name."""
+        """Fit the textures and the networks, and store each texture under its own name, that of `texture_sizes`."""
         fitting = fitted(NeuralBTFObjective, self.settings, btf, fit)
         texture: dict[str, Tensor] = {}
         for name, values in fitting.textures.items():
@@ -85,23 +91,24 @@ class NeuralBTF(Codec):
     def decode(self, parts: Parts, device: torch.device) -> Material:
         """The material of a file's parts, on a device. `InputError` if textures have other sizes than their levels."""
         networks = load_network(Networks(self.settings), parts.decoder)
-        textures = {name: load_texture(name, parts.texture) for name in names(self.settings)}
+        textures = {name: load_texture(name, parts.texture) for name in texture_sizes(self.settings)}
         size = (textures["level0"].shape[0], textures["level0"].shape[1])
-        for name, (rows, cols) in names(self.settings, size).items():
+        for name, (rows, cols) in texture_sizes(self.settings, size).items():
             if textures[name].shape != (rows, cols, self.settings.channels) or min(size) < 1:
                 raise InputError(f"texture {name} of this file is not of {size[0]} × {size[1]} texels: encode it again")
         return NeuralBTFMaterial(networks, list(textures.values()), float(parts.other["gain"])).to(device)
 
 
-def names(settings: NeuralBTF.Settings, size: tuple[int, int] = (1, 1)) -> dict[str, tuple[int, int]]:
-    """The sizes (rows, columns) of the textures of a picture (H, W), by name.
+def texture_sizes(settings: NeuralBTF.Settings, size: tuple[int, int] = (1, 1)) -> dict[str, tuple[int, int]]:
+    """The sizes (rows, columns) of the textures of a picture of `size` (H, W), by name.
 
-    They are "level0", the finest, "level1" and so on, and with an offset "offset".
+    Names are "level0", the finest, "level1" and so on, and with an offset "offset"; a caller who wants only these can
+    leave out the size.
     """
     factors = {f"level{level}": 1 << level for level in range(settings.levels)}  # 2^level texels a point
     if settings.reduction:
         factors["offset"] = settings.reduction
-    # Sides are rounded up.
+    # Sides are rounded up, so that every texel has its point.
     return {name: (-(-size[0] // factor), -(-size[1] // factor)) for name, factor in factors.items()}
 
 
@@ -145,20 +152,23 @@ class Networks(nn.Module):
             self.gate = nn.Parameter(torch.zeros(1))
 
     def forward(self, textures: list[Tensor], uv: Tensor, wo: Tensor, directions: Tensor) -> Tensor:
-        """The output (n, 3) at uv (n, 2), for views wo (n, 3) and inputs of `seen`.
+        """The output (n, 3) at uv (n, 2), for views wo (n, 3) and inputs of `seen`, (n, 9) or (n, 18).
 
-        Textures (H, W, C) are in the order of `names`.
+        Textures (H, W, C) are in the order of `texture_sizes`: the levels, then the offset's if there is one.
         """
         levels = textures
         if self.offset is not None:
             *levels, offset_texture = textures
-            shift = self.offset(torch.cat([sample_texture(offset_texture, uv), wo], 1)).tanh()  # (n, 2)
+            shift = self.offset(torch.cat([sample_texture(offset_texture, uv), wo], 1)).tanh()  # (n, 2), of uv
             uv = uv + (self.gate * shift).to(uv.dtype)
         latents = [sample_texture(level, uv) for level in levels]
         return self.decoder(torch.cat([*latents, directions], 1))
 
     def level(self, outputs: Tensor) -> Tensor:
-        """The log radiance (n, 3) of outputs (n, 3), which as published are radiance × exposure, else log radiance."""
+        """The log radiance (n, 3) of outputs (n, 3).
+
+        With the setting `relative`, as published, outputs are radiance × exposure; otherwise they are log radiance.
+        """
         return (LOG_SCALE * outputs.clamp_min(0)).log1p() if self.settings.relative else outputs
 
 
@@ -166,7 +176,8 @@ class NeuralBTFObjective(TextureObjective):
     """The textures and the networks, all of them fitted."""
 
     def __init__(self, samples: Samples, settings: NeuralBTF.Settings, generator: torch.Generator):
-        """Start the network at the mean of the data, and the textures as `first_textures` says."""
+        """Start the network at the mean of the data, and the textures as `first_textures` says. The networks' weights
+        are the first numbers of the generator."""
         super().__init__(samples, settings)
         self.network: Networks = Networks(settings, generator)
         first_output = samples.mean(generator)  # log radiance
@@ -174,7 +185,7 @@ class NeuralBTFObjective(TextureObjective):
             first_output = first_output.expm1() / LOG_SCALE
         self.network.decoder.start_at(first_output)
         self.textures = nn.ParameterDict(first_textures(samples, settings, generator))
-        self.roundings: Any = nn.ModuleDict()
+        self.roundings: Any = nn.ModuleDict()  # of each texture, by its name
         for name in self.textures:
             self.roundings[name] = Rounding(settings.channels, settings.bits)
         directions = seen(samples.wo, samples.wi, settings.directions)
@@ -185,7 +196,7 @@ class NeuralBTFObjective(TextureObjective):
         return super().rate(step, steps, group) if self.settings.decay else 1.0
 
     def answer(self, batch: Batch) -> Tensor:
-        """The network's output at the texels and pairs of a batch."""
+        """The network's output (n, 3) at the texels and pairs of a batch, from rounded textures: see `Networks`."""
         textures = [self.roundings[name](values) for name, values in self.textures.items()]
         uv = self.samples.centres(batch.texel)
         wo = self.samples.wo[batch.pair]
@@ -197,7 +208,7 @@ class NeuralBTFObjective(TextureObjective):
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss of log radiance; or as published the relative one of radiance × exposure.
 
-        That is the squared error over the square of the answer, which is held constant.
+        That is the squared error over the square of the answer, which is held constant: it has no gradient.
         """
         if not self.settings.relative:
             return super().loss(generator, progress)
@@ -209,11 +220,13 @@ class NeuralBTFObjective(TextureObjective):
 
 
 def first_textures(samples: Samples, settings: NeuralBTF.Settings, generator: torch.Generator) -> dict[str, Tensor]:
-    """The first textures (H, W, C) by name: components, the strongest at the finest level and in the offset.
+    """The first textures (H, W, C) by name.
 
-    Further components are at the coarser levels. As published: nearly 0, and 0 in the offset.
+    They are the latents of `first_latents`: the first C at the finest level and in the offset's texture, the next C at
+    the next level, and so on, averaged to its size. With `start=random`, as published, levels are nearly 0, and the
+    offset's texture is 0.
     """
-    sizes = names(settings, samples.shape)
+    sizes = texture_sizes(settings, samples.shape)
     channels = settings.channels
     textures: dict[str, Tensor] = {}
     if settings.start == "random":
@@ -236,7 +249,7 @@ class NeuralBTFMaterial(Material):
 
     def __init__(self, networks: Networks, textures: list[Tensor], gain: float):
         """Count the cost of an answer, and keep the parts."""
-        size = (textures[0].shape[0], textures[0].shape[1])
+        size = (textures[0].shape[0], textures[0].shape[1])  # the finest level is as large as the picture
         network_flops = networks.decoder.architecture.flops
         if networks.offset is not None:
             network_flops += networks.offset.architecture.flops

@@ -4,6 +4,10 @@
 of the texel's place enter a network that answers with channels of a material. Here directions enter too, and the answer
 is radiance. The finer grid is read at the four points around a texel, side by side, the coarser one bilinearly. The
 network answers texels; queries between them are interpolated.
+
+A *feature* is one of the numbers of a grid's point, from −1 to 1; a file has a *code* of each, a whole number of `bits`
+bits. A *pair* is one view and one light. *Log radiance*, which the network answers, is log1p(gain · radiance), where
+the *gain*, one number a BTF, is 8 × its exposure. An *objective* holds what is fitted, and computes the loss of a step.
 """
 
 import copy
@@ -25,10 +29,11 @@ from bench.training.inputs import COUNTS, Directions, direction_inputs
 from bench.training.quantise import pack_bits, unpack_bits
 from bench.training.stored_network import load_network
 
-OCTAVES, TILE, PLACE = 3, 8, 12  # encoding of places: it repeats after 8 texels, and has 12 numbers
+# Encoding of places: it repeats after 8 texels, and has 12 numbers, one for each octave, of x and y, at two phases.
+OCTAVES, TILE, PLACE = 3, 8, 12
 OMEGA = 2.0  # frequency of the sine, if the activation is a sine
 ROUNDED_FROM = {"noise": 0.95, "round": 0.5}  # share of the steps after which grids are those of the file
-GRIDS = ("fine", "coarse")
+GRIDS = ("fine", "coarse")  # names of the grids in the file, and of the settings of their features
 PAPER = {"reduction": 4, "fine": 12, "directions": "xy", "activation": "leaky-relu", "rounding": "noise"}
 PAPER |= {"start": "random", "optimiser": "adam", "rate": 5e-3, "loss": "l2", "steps": 10_000}
 
@@ -84,11 +89,11 @@ class NTC(Codec):
         fitting = fitted(NTCObjective, self.settings, btf, fit)
         texture: dict[str, Tensor] = {}
         for name, grid in zip(GRIDS, fitting.unrounded_grids, strict=True):
-            texture[name] = pack_bits(codes_of(grid, bits).flatten(), bits)
+            texture[name] = pack_bits(codes_of(grid, bits).flatten(), bits)  # one after the other, without gaps
         return fitting.parts(texture, size=torch.tensor(btf.shape, dtype=torch.int32))
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        """The material of a file's parts, on a device. `InputError` if a grid has too few bytes."""
+        """The material of a file's parts, on a device. `InputError` if a grid has too few or too many bytes."""
         settings = self.settings
         bits = self.settings.bits
         network = load_network(Decoder(settings.architecture), parts.decoder)
@@ -107,10 +112,13 @@ class NTC(Codec):
 
 
 def sizes(size: tuple[int, ...], reduction: int) -> tuple[tuple[int, int], tuple[int, int]]:
-    """The sizes (rows, columns) of the finer and of the coarser grid of a picture (H, W)."""
+    """The sizes (rows, columns) of the finer and of the coarser grid of a picture of `size` (H, W).
+
+    A point of the finer grid stands for `reduction` texels a side, one of the coarser for twice as many.
+    """
 
     def grid_size(texels_of_point: int) -> tuple[int, int]:
-        """Sides are rounded up, so that the grid covers the picture."""
+        """The size of a grid with `texels_of_point` texels a side for each point, rounded up to cover the picture."""
         return -(-size[0] // texels_of_point), -(-size[1] // texels_of_point)
 
     return grid_size(reduction), grid_size(2 * reduction)
@@ -128,7 +136,10 @@ def values_of(codes: Tensor, bits: int) -> Tensor:
 
 
 def encoded_places(size: tuple[int, ...]) -> Tensor:
-    """The tiled encoding (H · W, 12) of each texel's place: triangle waves of 8, 4 and 2 texels, at two phases."""
+    """The tiled encoding (H · W, 12), from −1 to 1, of each texel's place in a picture of `size` (H, W).
+
+    It has triangle waves of 8, 4 and 2 texels, along x and y, at two phases.
+    """
     row, col = torch.meshgrid(*(torch.arange(side) + 0.5 for side in size), indexing="ij")
     # The axes of the next tensors are H · W, octaves, x and y, and phases.
     place = torch.stack([col, row], 2).flatten(0, 1)[:, None, :, None] / TILE  # in tiles
@@ -141,9 +152,10 @@ def encoded_places(size: tuple[int, ...]) -> Tensor:
 
 
 def corners_of_texels(grid: tuple[int, int], size: tuple[int, ...]) -> tuple[Tensor, Tensor]:
-    """Flat points (H · W, 4) of a periodic grid and bilinear weights (H · W, 4) around each texel of a picture (H, W).
+    """The four points (H · W, 4) of a periodic grid around each texel of a picture, and their bilinear weights.
 
-    Places are counted in whole numbers. Those of floats would fall to either side of a point that they should meet.
+    `grid` is its size (rows, columns), `size` the picture's (H, W). A point is given as row · columns + column. Places
+    are counted in whole numbers. Those of floats would fall to either side of a point that they should meet.
     """
     firsts = []  # of rows, then of columns: the point before each texel
     shares = []  # how far the texel is from this point to the next, from 0 to 1
@@ -180,7 +192,7 @@ class Reader(nn.Module):
         self.place = nn.Buffer(encoded_places(size), persistent=False)  # (H · W, 12)
 
     def forward(self, texel: Tensor, fine: Tensor, coarse: Tensor) -> Tensor:
-        """The network's numbers (n, 4 · F + C + 12) of texels (n,), given the grids (points, F) and (points, C)."""
+        """The network's inputs (n, 4 · F + C + 12) for texels (n,), given the grids (points, F) and (points, C)."""
         fine_points = fine.index_select(0, self.fine[texel].flatten()).unflatten(0, (-1, 4))  # (n, 4, F)
         of_fine = fine_points.flatten(1)  # (n, 4 · F)
         coarse_points = coarse.index_select(0, self.coarse[texel].flatten()).unflatten(0, (-1, 4))  # (n, 4, C)
@@ -189,10 +201,10 @@ class Reader(nn.Module):
 
 
 class NTCObjective(DirectedObjective):
-    """Both grids, (points, features), and the network, all of them fitted."""
+    """Both grids, (points, features) with values from −1 to 1, and the network, all of them fitted."""
 
     def __init__(self, samples: Samples, settings: NTC.Settings, generator: torch.Generator):
-        """Start the grids at the first latents, averaged to their resolution."""
+        """Start the grids at the first latents of `first_latents`, averaged to their resolution."""
         super().__init__(samples, settings, generator)
         self.reader = Reader(samples.shape, settings.reduction)
         channels = [settings.fine, settings.coarse]
@@ -204,7 +216,11 @@ class NTCObjective(DirectedObjective):
             self.unrounded_grids.append(nn.Parameter(grid.clamp(-1, 1).contiguous()))
 
     def grids(self, progress: float, generator: torch.Generator | None = None) -> list[Tensor]:
-        """Both grids as they are read at some progress of the fit; a generator draws their noise."""
+        """Both grids as they are read at some progress of the fit, from 0 to 1.
+
+        At first they are as fitted, or with a generator and `rounding=noise` with noise, which stands for the rounding;
+        from `ROUNDED_FROM` on they are rounded as in the file. Clamps the fitted grids to −1 and 1 in place.
+        """
         bits, rounding = self.settings.bits, self.settings.rounding
         grids = []
         for grid in self.unrounded_grids:
@@ -224,7 +240,7 @@ class NTCObjective(DirectedObjective):
         return grids
 
     def predict(self, batch: Batch, progress: float, generator: torch.Generator | None = None) -> Tensor:
-        """Log radiance (n, 3); only with a generator have the grids noise, so that the curve has none."""
+        """Log radiance (n, 3) of a batch. Without a generator the grids have no noise, as for the fit's curve."""
         return self.answers(self.reader(batch.texel, *self.grids(progress, generator)), batch.pair)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
@@ -233,13 +249,13 @@ class NTCObjective(DirectedObjective):
 
 
 def hashed(uv: Tensor) -> Tensor:
-    """A number (n, 1) from 0 to below 1 of each uv (n, 2): a fixed hash of its bits, which looks random.
+    """A number (n, 1) from 0 to below 1 for each uv (n, 2): a fixed hash of its bits, which looks random.
 
     Odd factors and shifts mix the bits in 32-bit arithmetic; & 0xFFFFFFFF keeps 32 bits.
     """
     bits = uv.float().contiguous().view(torch.int32).long() & 0xFFFFFFFF  # as if unsigned
     x = (bits[:, :1] * 0x85EBCA6B + bits[:, 1:] * 0xC2B2AE35) & 0xFFFFFFFF
-    for shift in (16, 15):
+    for shift in (16, 15):  # each round folds the high bits into the low ones, and multiplies
         x = ((x ^ (x >> shift)) * 0x2C1B3C6D) & 0xFFFFFFFF
     lowest_24_bits = (x ^ (x >> 12)).bitwise_and(0xFFFFFF)  # as many as a float32 holds
     return lowest_24_bits.float() / (1 << 24)
@@ -258,8 +274,8 @@ class NTCMaterial(Material):
         fine, coarse = grids
         channels = fine.shape[1] + coarse.shape[1]
         floats = fine.numel() + coarse.numel()
-        coarse_points = 2 * 4 * coarse.shape[1]  # four points, multiplied and added
-        mixed_colours = 2 * 3
+        coarse_points = 2 * 4 * coarse.shape[1]  # four points, multiplied and added; the finer ones are not mixed
+        mixed_colours = 2 * 3  # the answer's three colours, multiplied by the texel's weight and added
         flops_of_texel = architecture.flops + coarse_points + mixed_colours
         numbers_of_texel = 4 * channels  # at four points of both grids
         cost = DecoderCost(
@@ -278,16 +294,24 @@ class NTCMaterial(Material):
         self.directions = settings.directions
 
     def at_one_texel(self) -> Material:
-        """As published: one network a query, by stochastic filtering."""
-        material = copy.copy(self)
+        """This material with stochastic filtering, as published: the network answers one texel a query, not four.
+
+        The texel is drawn by the bilinear weights, from a hash of the query's uv.
+        """
+        material = copy.copy(self)  # shares all tensors
         material.one_texel = True
         return material
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        """The network answers each of four texels, or one that is drawn by their weights; their radiances are mixed."""
+        """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
+        of detail.
+
+        The network answers each of four texels, or one that is drawn by their weights; their radiances are mixed.
+        """
         texel, weight = texel_corners(self.size, uv)
         if self.one_texel:
-            # The first of the four whose running sum of weights is above the hash: (n, 1). The last needs no test.
+            # The first of the four whose running sum of weights is above the hash: (n, 1). If it is none of the first
+            # three, it is the last.
             corner = (weight.cumsum(1)[:, :3] <= hashed(uv)).sum(1, keepdim=True)
             texel = texel.gather(1, corner)
             weight = torch.ones_like(weight[:, :1])
@@ -295,5 +319,6 @@ class NTCMaterial(Material):
         directions = torch.cat(direction_inputs(wo, wi, self.directions), 1).repeat_interleave(count, 0)
         features = self.reader(texel.flatten(), self.fine, self.coarse)
         outputs = self.network(torch.cat([features, directions.to(features.dtype)], 1))  # (n · count, 3)
-        texels = to_radiance(outputs, self.gain).clamp_min(0).unflatten(0, (-1, count))
+        # Each texel is clamped as `Material` clamps an answer: as if it were asked for by itself.
+        texels = to_radiance(outputs, self.gain).clamp_min(0).unflatten(0, (-1, count))  # (n, count, 3)
         return (texels * weight[..., None].to(texels.dtype)).sum(1)

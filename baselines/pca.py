@@ -1,4 +1,11 @@
-"""Principal components of the ABRDFs: a texture of coefficients times a few eigen-ABRDFs."""
+"""Principal components of the ABRDFs: a texture of coefficients times a few eigen-ABRDFs.
+
+An *ABRDF* is the radiance of one texel at all *pairs* of view and light, three colours each. A texel's ABRDF is about
+the mean of all plus the sum of k components, the eigen-ABRDFs, times its k coefficients. With `domain=log` it holds
+*log radiance*, log1p(gain · radiance), where the *gain*, one number a BTF, is 8 × its exposure. *Rounding* is how the
+file stores coefficients and components: each in few bits, chosen by the error that this causes in some values of the
+BTF, the *probed* ones.
+"""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -21,9 +28,9 @@ from bench.training.svd import Factors, strongest
 
 LOG_GAIN = 8.0  # the suite's log domain: log1p(8 · exposure · x)
 LARGE = 4 << 30  # bytes of a matrix in float32; the components of a larger one are found in a part: see `_of_part`
-PART_PAIRS, PART_TEXELS = 2_048, 16_384
+PART_PAIRS, PART_TEXELS = 2_048, 16_384  # the part: its pairs, and the texels at which all pairs are then fitted
 SPARE = 64  # components of the part beyond the requested ones
-PAIRS_AT_ONCE = 64
+PAIRS_AT_ONCE = 64  # pairs that are read and fitted together
 
 
 class PCA(Codec):
@@ -50,7 +57,11 @@ class PCA(Codec):
         passes: Annotated[int, Range(2, 1000)] = 4  # passes over the data; one if they are small
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """Coefficients (H, W, k), components (N, 3, k + 1), the mean first; of radiance k, the mean apart as floats."""
+        """Store the coefficients (H, W, k) and, of N pairs, the components with the mean.
+
+        With `domain=log` the mean is the first of k + 1 components, (N, 3, k + 1). With `domain=rgb` it is stored apart
+        as floats, (N, 3), beside k components, (N, 3, k).
+        """
         log = self.settings.domain == "log"
         gain = LOG_GAIN * exposure(btf, fit.seed) if log else 1.0
         log_gain = gain if log else None  # None: radiance is decomposed as it is
@@ -65,17 +76,19 @@ class PCA(Codec):
         basis = factors.basis.unflatten(0, (-1, 3))  # (N, 3, k)
         # Some values, (3 · P, texels), which tell how finely coefficients and components must be rounded.
         pairs, values = probed(btf, fit, log_gain)
-        apart_mean = mean[pairs].reshape(-1, 1)  # (3 · P, 1), the mean that is no row of the components
+        # First the coefficients are rounded, with exact components. (3 · P, 1): the mean, apart from the components.
+        apart_mean = mean[pairs].reshape(-1, 1)
         rows = basis[pairs].flatten(0, 1)  # (3 · P, k)
         rounding = rounded_coefficients(texture, bits, apart_mean, rows, values)
+        # Then the components are rounded, with exact coefficients.
         coefficients = factors.coefficients  # (k, texels)
         decoder = dict[str, Tensor]()
         if log:  # the mean is one more component, whose coefficient is 1
             basis = torch.cat([mean[..., None], basis], 2)  # (N, 3, k + 1)
             rows = basis[pairs].flatten(0, 1)
             coefficients = functional.pad(coefficients, (0, 0, 1, 0), value=1.0)  # (k + 1, texels)
-            apart_mean = torch.zeros_like(apart_mean)
-        else:  # its range is that of the highlights, so eight bits are too few
+            apart_mean = torch.zeros_like(apart_mean)  # it is among the rows now
+        else:  # the mean's range is that of the highlights, so eight bits are too few
             precision: FloatPrecision = "float32" if bits == 32 else "half"
             decoder = pack("mean", mean, precision)
 
@@ -91,7 +104,10 @@ class PCA(Codec):
         )
 
     def _of_all(self, btf: BTF, fit: Fit, gain: float | None, spare: int = 0) -> Factors:
-        """The components of all texels and pairs: as many as requested, and `spare` more."""
+        """The components of all texels and pairs of a BTF, as many as the setting asks for, and `spare` more.
+
+        `gain` is that of log radiance; None: of radiance as it is.
+        """
         return principal(btf, fit, gain, self.settings.components + spare, self.settings.passes)
 
     def _of_part(self, btf: BTF, fit: Fit, gain: float | None) -> Factors:
@@ -99,7 +115,7 @@ class PCA(Codec):
 
         First more components than requested are found in some of the pairs, at all texels. Then each pair is fitted by
         their coefficients at some texels, by least squares, which gives components of all pairs. The strongest of these
-        are kept. Against a reading of everything the error of a row grows by 0.6 %.
+        are kept. Against a reading of everything the error of a row grows by 0.6 %. `gain` is as in `_of_all`.
         """
         # Some pairs and some texels at random, each in order; each draw starts from the seed of the fit.
         pairs = torch.randperm(len(btf), generator=fit.generator())[:PART_PAIRS].sort().values
@@ -115,7 +131,7 @@ class PCA(Codec):
         for start in fit.progress(range(0, len(btf), PAIRS_AT_ONCE), "fitting each pair"):
             next_pairs = btf.subset(np.arange(start, min(start + PAIRS_AT_ONCE, len(btf))))
             values = torch.from_numpy(next_pairs.texels(rows, columns)).flatten(1).to(fit.device)
-            if gain is not None:
+            if gain is not None:  # log radiance, in place
                 values.clamp_min_(0).mul_(gain).log1p_()
             components.append(solve @ values)  # (k + 1, 3 · pairs), of values (texels, 3 · pairs)
         table = torch.cat(components, 1)  # (k + 1, 3 · N), the mean first
@@ -138,7 +154,7 @@ class PCAMaterial(ComponentsMaterial):
     """Coefficients (H, W, k) bilinear over texels, eigen-ABRDFs (N, 3, k + 1) interpolated over directions."""
 
     def __init__(self, texture: Tensor, table: Tensor, interpolator: PairInterpolator, gain: float | None):
-        """Count the cost of an answer term by term, and keep the parts."""
+        """Count the cost of an answer term by term, and keep the parts. `gain` is None if answers are radiance."""
         components = texture.shape[2]
         row = table[0].numel()  # numbers of a pair: 3 · (k + 1)
         coefficients_read = 4 * components  # of four texels
@@ -153,10 +169,13 @@ class PCAMaterial(ComponentsMaterial):
             bytes_per_sample=4 * (coefficients_read + table_read),  # float32
         )
         super().__init__(texture, interpolator, gain, cost)
-        self.table = table.flatten(1)
+        self.table = table.flatten(1)  # (N, 3 · (k + 1))
 
     def combined(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
-        """Σ weight · table row · coefficients, (n, 3), without allocating the rows (n, pairs, 3, k + 1)."""
+        """Σ weight · table row · coefficients, (n, 3), as in `ComponentsMaterial`.
+
+        An embedding bag adds up the rows without allocating them, (n, P, 3, k + 1) of P pairs.
+        """
         rows = functional.embedding_bag(pair, self.table, per_sample_weights=weight.to(self.table.dtype), mode="sum")
         rows = saturated(rows)  # shares in halves may add up to slightly more than 1
         # Products of halves may overflow a half with either sign, so they are added in float32.

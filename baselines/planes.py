@@ -1,4 +1,8 @@
-"""Planes over directions for `triple-plane` and `biplane`: half and difference vectors, places, blur."""
+"""Planes over directions for `triple-plane` and `biplane`: half and difference vectors, places, blur.
+
+A *plane* is a square picture of features whose texels stand for directions of the upper hemisphere, by their x and y.
+The *half vector* h lies midway between view wo and light wi; the *difference vector* is the light as h sees it.
+"""
 
 from typing import Literal
 
@@ -12,8 +16,9 @@ Difference = Literal["rusinkiewicz", "nearest"]
 def half_and_difference(wo: Tensor, wi: Tensor, kind: Difference) -> tuple[Tensor, Tensor]:
     """The half vector h, and the light as h sees it, the difference vector: unit vectors (n, 3), z ≥ 0.
 
-    The difference vector is the light after a turn that takes h to z. "rusinkiewicz" turns about z and then about y, as
-    published (1998), which jumps where h is z; "nearest" is the shortest turn, which does not.
+    Directions are unit vectors (n, 3) with z > 0. The difference vector is the light after a turn that takes h to z.
+    "rusinkiewicz" turns about z and then about y, as published (1998), which jumps where h is z; "nearest" is the
+    shortest turn, which does not.
     """
     h = functional.normalize(wo + wi, dim=1)
     if kind == "nearest":

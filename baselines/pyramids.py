@@ -1,4 +1,10 @@
-"""A texture and its coarser levels in one table, fetched trilinearly, and a step of a fit to all levels of detail."""
+"""A texture and its coarser levels in one table, fetched trilinearly, and a step of a fit to all levels of detail.
+
+Each *level* has half as many texels a side as the one before; level 0 is the finest, the picture itself. A *table*
+(rows, C) holds the texels of all levels, the finest first, a row a texel, row by row of each level. A *pair* is one
+view and one light; a *sample* is the radiance of one texel of a level at one pair. A *footprint* is the side of the
+square on the surface that a query averages over, in units of the picture's longer side.
+"""
 
 import math
 from collections.abc import Sequence
@@ -17,21 +23,21 @@ Queries = tuple[Tensor, Tensor, Tensor, Tensor]  # uv (n, 2) in [0, 1], wo and w
 
 
 def level_count(size: tuple[int, int]) -> int:
-    """Levels over a picture (H, W): each halves both sides, and none of them goes below a texel."""
+    """The number of levels over a picture of `size` (H, W): each halves both sides, but not below a texel."""
     return int(math.log2(min(size))) + 1
 
 
 def fitted_levels(btf: BTF, fit: Fit, count: int) -> int:
-    """Levels of detail that are fitted: all, or those that a scene sees."""
+    """The number of levels of detail that are fitted: all `count`, or in a fit to a scene those that it sees."""
     return min(count, fit.density.levels(max(btf.shape))) if fit.density else count
 
 
 def drawn(
     levels: Sequence[Samples], count: int, share: int, generator: torch.Generator
 ) -> tuple[Queries, Tensor, Tensor]:
-    """`count` random samples: their queries, their targets (count, 3), and their pairs of directions (count,).
+    """`count` random samples: their queries, their targets (count, 3) of log radiance, and their pairs (count,).
 
-    One of `share` is of a random coarser level, if there is one.
+    `levels` are the samples of each level. One of `share` is of a coarser level, if there is one, drawn once for all.
     """
     coarse = count // share if len(levels) > 1 else 0
     batches = [levels[0].draw(count - coarse, generator)]
@@ -47,7 +53,7 @@ def drawn(
 
 
 def queries_of(levels: Sequence[Samples], level: int, batch: Batch) -> Queries:
-    """The queries of a batch of samples of a level.
+    """The queries of a batch of samples of a level, an index into `levels`, which are the samples of all.
 
     A texel of the level is a box of finest texels. The finest picture may end with texels that fill no box, so places
     are counted in boxes from its top left corner.
@@ -64,30 +70,34 @@ def queries_of(levels: Sequence[Samples], level: int, batch: Batch) -> Queries:
 
 
 class Levels(nn.Module):
-    """The layout of some levels in one table, the finest first: level i is (H // 2ⁱ, W // 2ⁱ)."""
+    """The layout of some levels in one table, the finest first: level i has (H // 2ⁱ, W // 2ⁱ) texels."""
 
     def __init__(self, size: tuple[int, int], levels: int):
-        """Lay out the levels of a picture of `size` (H, W)."""
+        """Lay out so many `levels` of a picture of `size` (H, W)."""
         super().__init__()
-        self.levels = [(size[0] >> level, size[1] >> level) for level in range(levels)]
-        self.counts = counts = [height * width for height, width in self.levels]
+        self.levels = [(size[0] >> level, size[1] >> level) for level in range(levels)]  # (rows, columns) of each
+        self.counts = counts = [height * width for height, width in self.levels]  # texels of each
         self.side = max(size)
         starts = [sum(counts[:i]) for i in range(levels)]  # the row of each level's first texel
-        self.sizes = nn.Buffer(torch.tensor(self.levels), persistent=False)
-        self.starts = nn.Buffer(torch.tensor(starts), persistent=False)
+        self.sizes = nn.Buffer(torch.tensor(self.levels), persistent=False)  # (levels, 2)
+        self.starts = nn.Buffer(torch.tensor(starts), persistent=False)  # (levels,)
 
     def level(self, footprint: Tensor) -> Tensor:
-        """The level (n,) of footprints (n,) in texture units: log2 of texels, within the pyramid."""
+        """The level (n,), a float, of footprints (n,): log2 of their side in finest texels, within the levels there
+        are."""
         return (footprint.float() * self.side).log2().clamp(0, len(self.levels) - 1)
 
     def corners(self, uv: Tensor, level: Tensor) -> tuple[Tensor, Tensor]:
-        """Rows of the table (n, 4) and bilinear weights (n, 4) around uv, at one level a query; see `bench.btf`."""
+        """Rows of the table (n, 4) and bilinear weights (n, 4) around uv (n, 2), at levels (n,) of an integer type.
+
+        `bench.btf` says where texels lie in uv.
+        """
         size = self.sizes[level]  # (n, 2), as all pairs of row and column here
         # The place in texels; whole numbers are texel centres. Half precision cannot address texels, so places are
         # computed in float32 for any dtype.
         place = torch.stack([1 - uv[:, 1].float(), uv[:, 0].float()], 1) * size - 0.5
-        first = place.detach().floor()
-        shares = place - first
+        first = place.detach().floor()  # row and column of the texel at the upper left
+        shares = place - first  # of the way to the next texel
         first = first.long()
         top, left = first.remainder(size).unbind(1)
         bottom, right = (first + 1).remainder(size).unbind(1)
@@ -103,13 +113,14 @@ class Levels(nn.Module):
     def around(self, uv: Tensor, level: Tensor) -> tuple[Tensor, Tensor]:
         """Rows of the table and their weights around uv (n, 2) at levels (n,).
 
-        Integers are levels: (n, 4). Floats may lie between two levels: (n, 8), four rows of each.
+        Levels of an integer type have four rows each, (n, 4). Floats may lie between two levels: (n, 8), four rows of
+        the finer, then four of the coarser.
         """
         finer = level.long()
         index, weight = self.corners(uv, finer)
         if level.is_floating_point():
-            share = (level - finer)[:, None]
-            coarser = (finer + 1).clamp_max(len(self.levels) - 1)
+            share = (level - finer)[:, None]  # of the way to the coarser level
+            coarser = (finer + 1).clamp_max(len(self.levels) - 1)  # the coarsest has no coarser one; its share is 0
             coarser_index, coarser_weight = self.corners(uv, coarser)
             index = torch.cat([index, coarser_index], 1)
             weight = torch.cat([weight * (1 - share), coarser_weight * share], 1)
@@ -117,13 +128,19 @@ class Levels(nn.Module):
 
 
 def mixed(table: Tensor, index: Tensor, weight: Tensor) -> Tensor:
-    """The sums (n, C) of weighted rows (n, k) of a table; an embedding bag's gradient takes more than twice as long."""
+    """The sums (n, C) of rows of a table (rows, C), of k rows `index` (n, k) each, times their weights (n, k).
+
+    It is for a fit: an embedding bag's gradient takes more than twice as long.
+    """
     corners = table.index_select(0, index.flatten()).unflatten(0, index.shape)  # (n, k, C)
     return (corners * weight[..., None].to(table.dtype)).sum(1)
 
 
 def sampled(levels: Levels, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
-    """Values (n, C) of a table at uv (n, 2), without a gradient: one bilinear fetch if all levels are the finest."""
+    """Values (n, C) of a table (rows, C) at uv (n, 2) and levels (n,), for answers, which need no gradient.
+
+    If all levels are the finest, it is one bilinear fetch.
+    """
     # A recording and a GPU take no branch: the first cannot, the second would have to wait for `level.any()`.
     can_branch = not (torch.compiler.is_exporting() or is_gpu(uv.device))
     if can_branch and not level.any():
@@ -137,10 +154,11 @@ class Pyramid(Levels):
     """A texture and its box-filtered levels; a file holds only the finest."""
 
     def __init__(self, size: tuple[int, int]):
+        """Lay out all levels of a picture of `size` (H, W)."""
         super().__init__(size, level_count(size))
 
     def table(self, finest: Tensor) -> Tensor:
-        """All levels (rows, C) of a texture (H · W, C)."""
+        """The table (rows, C) of all levels of a texture (H · W, C), each the means of 2 × 2 texels of the last."""
         picture = finest.reshape(1, *self.levels[0], -1).permute(0, 3, 1, 2)  # (1, C, H, W)
         tables = [finest]
         for _ in self.levels[1:]:
@@ -149,7 +167,10 @@ class Pyramid(Levels):
         return torch.cat(tables)
 
     def fetch(self, table: Tensor, uv: Tensor, level: Tensor) -> Tensor:
-        """Values (n, C) of a table at uv (n, 2) in [0, 1], bilinear, periodic, and linear between two levels."""
+        """Values (n, C) of a table (rows, C) at uv (n, 2) in [0, 1], bilinear, periodic, and linear between two levels.
+
+        Levels (n,) are floats or of an integer type: see `around`.
+        """
         if not (table.requires_grad or uv.requires_grad):
             return sampled(self, table, uv, level)
         return mixed(table, *self.around(uv, level))  # the gradient of `sampled` would take longer

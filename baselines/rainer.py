@@ -2,6 +2,12 @@
 
 An encoder maps a texel's ABRDF to latents; six further channels hold the mean and the deviation of its log radiance.
 The decoder maps latents and two directions to a colour, scaled by the deviation and shifted by the mean.
+
+An *ABRDF* is the radiance of one texel at all *pairs* of view and light; a log ABRDF, (pairs, 3), its log radiance,
+log1p(gain · radiance), where the *gain*, one number a BTF, is 8 × its exposure. The encoder sees *normalised* ABRDFs:
+without the mean, over the deviation. *Latents* are D numbers of a texel that the decoder reads, *statistics* its mean
+and its deviation, three numbers each; D + 6 numbers are a *row* of the texture. An *objective* holds what is fitted,
+and computes the loss of a step.
 """
 
 from dataclasses import dataclass
@@ -31,7 +37,7 @@ from bench.training.inputs import direction_inputs
 WIDTH, LAYERS = 106, 4  # of the decoder, as published
 CONVOLUTIONS = ((16, 7), (32, 5), (64, 5))  # channels and kernel of the encoder's layers
 STRIDE = 4
-STATISTICS = 6  # channels of mean and deviation
+STATISTICS = 6  # channels of mean and deviation, of three colours each
 LEAST_DEVIATION = 1e-3  # of log radiance: keeps the scaling of a constant ABRDF finite
 BLOCK = 256  # texels encoded at once
 
@@ -43,7 +49,7 @@ COUNTS = {"stereographic": 4, "xyzh": 9}  # numbers of two directions
 def architecture(
     latents: int, activation: Activation, directions: Directions = "stereographic", width: int = WIDTH
 ) -> Architecture:
-    """The decoder for a number of latents: latents and two directions → four layers → colour."""
+    """The decoder for a number of latents: latents and two directions → four layers of `width` → colour."""
     return Architecture(latents + COUNTS[directions], (width,) * LAYERS, activation=activation)
 
 
@@ -51,8 +57,8 @@ class Encoder(nn.Module):
     """Normalised ABRDFs (n, pairs, 3) → latents (n, latents): 1-D convolutions along the pairs, then linear."""
 
     def __init__(self, pairs: int, latents: int, generator: torch.Generator | None = None):
-        """Make the convolutions, each of which shortens the pairs, and the layers after them, drawn from the
-        generator."""
+        """Make the convolutions, each of which shortens the row of pairs, and the linear layer after them; weights are
+        drawn from the generator."""
         super().__init__()
         self.convolutions = nn.ModuleList()
         channels = 3
@@ -78,13 +84,13 @@ class Encoder(nn.Module):
 
 
 def statistics(abrdfs: Tensor) -> Tensor:
-    """The mean and the deviation (n, 2, 3) of log ABRDFs (n, pairs, 3) over their pairs."""
+    """The mean and the deviation (n, 2, 3) of log ABRDFs (n, pairs, 3) over their pairs; no deviation is 0."""
     deviation = abrdfs.std(1, correction=0).clamp_min(LEAST_DEVIATION)
     return torch.stack([abrdfs.mean(1), deviation], 1)
 
 
 def encoded(encoder: nn.Module, abrdfs: Tensor, stats: Tensor) -> Tensor:
-    """The latents (n, D) of log ABRDFs (n, pairs, 3) with their statistics (n, 2, 3)."""
+    """The latents (n, D) that an encoder makes of log ABRDFs (n, pairs, 3) with their statistics (n, 2, 3)."""
     mean, deviation = stats.unbind(1)  # (n, 3) each
     normalised = (abrdfs - mean[:, None]) / deviation[:, None]
     return encoder(normalised)
@@ -98,8 +104,8 @@ def coordinates(wo: Tensor, wi: Tensor, directions: Directions = "stereographic"
     return torch.cat(direction_inputs(wo, wi, directions), 1)
 
 
-def radiance(decoder: Decoder, rows: Tensor, where: Tensor) -> Tensor:
-    """Log radiance (n, 3) of rows (n, D + 6) of latents and statistics, at coordinates (n, k) of directions."""
+def log_radiance(decoder: Decoder, rows: Tensor, where: Tensor) -> Tensor:
+    """Log radiance (n, 3) of rows (n, D + 6) of a texture, at the inputs (n, k) of `coordinates` for directions."""
     latents, mean, deviation = rows.tensor_split([-STATISTICS, -3], dim=1)  # (n, D), (n, 3), (n, 3)
     normalised = decoder(torch.cat([latents, where], 1))
     return mean + deviation * normalised
@@ -117,15 +123,14 @@ class RainerSettings(NetworkSettings):
 
 
 class Fitted(TextureObjective):
-    """The fit of a decoder, whatever makes its latents; each texel's statistics are taken from the data."""
+    """The fit of a decoder, whatever makes its latents; each texel's statistics are taken from the data, not fitted."""
 
     network: Decoder
-    coordinates: (
-        Tensor  # (pairs, k): the decoder's inputs of each pair, for `where`; subclasses set it or override that
-    )
+    # (pairs, k): the decoder's inputs of each pair, which `where` looks up. Subclasses set it, or override `where`.
+    coordinates: Tensor
 
     def __init__(self, samples: Samples, decoder: Decoder, settings: RainerSettings, fit: Fit):
-        """Measure the statistics of each texel, in blocks that fit into memory."""
+        """Keep the decoder, and measure the statistics of each texel, in blocks that fit into memory."""
         super().__init__(samples, settings)
         self.network = decoder
         blocks = torch.arange(samples.texels, device=fit.device).split(BLOCK)
@@ -134,23 +139,24 @@ class Fitted(TextureObjective):
         self.statistics = nn.Buffer(torch.cat(of_blocks), persistent=False)
 
     def where(self, batch: Batch) -> Tensor:
-        """The decoder's coordinates (n, k) of the pairs of a batch."""
+        """The decoder's inputs (n, k) for the directions of a batch."""
         return self.coordinates[batch.pair]
 
     def decode(self, latents: Tensor, batch: Batch) -> Tensor:
-        """Log radiance (n, 3) of latents (n, D) at the texels and pairs of a batch."""
+        """Log radiance (n, 3) of latents (n, D), one row for each sample of a batch, with its texel's statistics."""
         rows = torch.cat([latents, self.statistics[batch.texel].flatten(1)], 1)
-        return radiance(self.network, rows, self.where(batch))
+        return log_radiance(self.network, rows, self.where(batch))
 
     def answers(self, texture: Tensor, batch: Batch) -> Tensor:
         """Log radiance (n, 3) of a texture (texels, D + 6) of latents and statistics, at the pairs of a batch."""
-        return radiance(self.network, texture.index_select(0, batch.texel), self.where(batch))
+        return log_radiance(self.network, texture.index_select(0, batch.texel), self.where(batch))
 
 
 class Autoencoder(Fitted):
     """Encoder and decoder, fitted in each step to a few texels and a few pairs of each."""
 
     def __init__(self, samples: Samples, encoder: nn.Module, decoder: Decoder, settings: RainerSettings, fit: Fit):
+        """Keep both networks, and measure the statistics of each texel."""
         super().__init__(samples, decoder, settings, fit)
         self.encoder = encoder
 
@@ -160,22 +166,23 @@ class Autoencoder(Fitted):
         return groups_of([self.encoder, self.network], settings.rate, settings.optimiser, settings.hidden_rate)
 
     def latents(self, texel: Tensor) -> Tensor:
-        """The latents (n, D) that the encoder makes of some texels' ABRDFs."""
+        """The latents (n, D) that the encoder makes of the ABRDFs of texels (n,), with a gradient, all at once."""
         return encoded(self.encoder, self.samples.abrdfs(texel), self.statistics[texel])
 
     @torch.no_grad()
     def encode(self, texel: Tensor) -> Tensor:
-        """The latents (n, D) of any number of texels, in blocks."""
+        """The latents (n, D) of any number of texels (n,), in blocks and without a gradient."""
         return torch.cat([self.latents(block) for block in texel.split(BLOCK)])
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         """Log radiance (n, 3) at a batch; each of its texels is encoded once, without a gradient."""
-        distinct_texels, place = batch.texel.unique(return_inverse=True)  # `place` (n,) is where each is among these
+        distinct_texels, place = batch.texel.unique(return_inverse=True)  # `place` (n,): each sample's among these
         return self.decode(self.encode(distinct_texels)[place], batch)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss at a few random texels, each encoded once and decoded at several random pairs."""
         settings = self.settings
+        # Texels from `trained` on belong to materials that are kept for the curve.
         texel = torch.randint(self.samples.trained, (settings.texels,), generator=generator)
         texel = texel.to(self.samples.device, non_blocking=True)
         batch = self.samples.draw_at(texel.repeat_interleave(settings.pairs), generator)
@@ -198,6 +205,8 @@ class RainerMaterial(Material):
         self.directions = directions
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
+        of detail."""
         rows = sample_texture(self.texture, uv)
         where = coordinates(wo, wi, self.directions)
-        return to_radiance(radiance(self.decoder, rows, where), self.gain)
+        return to_radiance(log_radiance(self.decoder, rows, where), self.gain)

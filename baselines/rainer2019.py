@@ -2,7 +2,10 @@
 
 An encoder maps each texel's ABRDF to a few latents, a decoder maps latents and two directions to colour; both are
 fitted together, one pair of networks per material. Only the decoder is stored; it has the published 35,725 parameters.
-Details that no available text confirms are settings or constants here and in `baselines.rainer`.
+Details that no available text confirms are settings or constants here and in `baselines.rainer`, which also says what
+ABRDFs, latents, statistics and log radiance are. With `start=components`, the default, there is no encoder: latents are
+*free*, numbers that the fit changes for themselves. *Rounding* is how the file stores the texture: each channel in a
+few bits.
 """
 
 from dataclasses import dataclass
@@ -60,6 +63,7 @@ class Rainer2019(Codec):
 
         @property
         def architecture(self) -> Architecture:
+            """The decoder."""
             return rainer.architecture(self.latents, self.activation, self.directions, self.width)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
@@ -85,14 +89,14 @@ class Encoded(rainer.Autoencoder):
     settings: Rainer2019.Settings
 
     def __init__(self, samples: Samples, settings: Rainer2019.Settings, fit: Fit):
-        """Make both networks, the encoder first in the generator."""
+        """Make both networks; the encoder's weights are the first numbers of the generator."""
         generator = fit.generator()
         encoder = rainer.Encoder(samples.pairs, settings.latents, generator)
         super().__init__(samples, encoder, Decoder(settings.architecture, generator), settings, fit)
         self.coordinates = rainer.coordinates(samples.wo, samples.wi, settings.directions)
 
     def stored_texture(self, fit: Fit) -> tuple[Tensor, Rounding]:
-        """The final texture (texels, D + 6) of the encoder, and its rounding."""
+        """The final texture (texels, D + 6) of the encoder, and its rounding, chosen now by its error at samples."""
         texels = torch.arange(self.samples.texels, device=fit.device)
         texture = torch.cat([self.encode(texels), self.statistics.flatten(1)], 1)
         batch = self.samples.draw(ROUNDING_SAMPLES, fit.generator())
@@ -102,12 +106,12 @@ class Encoded(rainer.Autoencoder):
 
 
 class FreeLatents(rainer.Fitted):
-    """The decoder and free latents, without an encoder; the file holds no encoder in either case."""
+    """The decoder and free latents, without an encoder. The file is as that of `Encoded`, which holds no encoder."""
 
     settings: Rainer2019.Settings
 
     def __init__(self, samples: Samples, settings: Rainer2019.Settings, fit: Fit):
-        """Make the decoder, and start the latents at principal components."""
+        """Make the decoder, and start the latents at the texels' principal components: see `first_latents`."""
         generator = fit.generator()
         super().__init__(samples, Decoder(settings.architecture, generator), settings, fit)
         self.latents = nn.Parameter(first_latents(samples, settings.latents, "components", generator))  # (texels, D)
@@ -115,14 +119,16 @@ class FreeLatents(rainer.Fitted):
         self.rounding = Rounding(settings.latents + rainer.STATISTICS, settings.bits)
 
     def texture(self) -> Tensor:
-        """The texture (texels, D + 6) of latents and statistics."""
+        """The texture (texels, D + 6) of latents and statistics, not rounded."""
         return torch.cat([self.latents, self.statistics.flatten(1)], 1)
 
     def stored_texture(self, fit: Fit) -> tuple[Tensor, Rounding]:
-        """The final texture (texels, D + 6), and the rounding that it was fitted with."""
+        """The final texture (texels, D + 6), and the rounding that it was fitted with; `fit` is that of `Encoded`, and
+        not needed."""
         return self.texture(), self.rounding
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
+        """Log radiance (n, 3) of a batch, from half of the fit on of the texture as the file stores it."""
         return self.answers(self.rounding(self.texture()), batch)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:

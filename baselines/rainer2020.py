@@ -2,7 +2,11 @@
 
 One encoder and one decoder for all materials, trained once (`neubtf-bench pretrain rainer2020`) and kept in a file of
 their own; the decoder has the published 38,269 parameters. A new material's ABRDFs are resampled to the canonical pairs
-of that file and encoded. Details that no text confirms are settings or constants here and in `baselines.rainer`.
+of that file and encoded. Details that no text confirms are settings or constants here and in `baselines.rainer`, which
+also says what ABRDFs, latents, statistics and log radiance are.
+
+The *canonical pairs* are C pairs of view and light that the encoder always sees, whatever pairs a material has. In the
+training, texels of materials in `fit.unseen` are kept out: the fit's *curve*, of PSNR over steps, is measured on them.
 """
 
 from collections.abc import Sequence
@@ -26,7 +30,7 @@ from bench.training.fitting import ROUNDING_SAMPLES
 from bench.training.stored_network import load_network, store_network
 
 CANONICAL = 25  # views, and lights, of the pairs that the encoder sees
-CHECKED = 128  # pairs of a material at which the decoder's answers are checked during encoding
+CHECKED = 128  # pairs of a material at which the decoder's answers are compared with the data during encoding
 FIREFLY = 2.0  # × the brightest sample of an ABRDF: larger answers of the decoder are wrong
 TARGETS = 375  # pairs of each training material that the decoder must answer
 
@@ -46,7 +50,10 @@ class Rainer2020Network(SharedNetwork):
         activation: rainer.Activation = "leaky-relu"  # activation of the decoder's hidden layers
 
     def train(self, btfs: Sequence[BTF], fit: Fit) -> Parts:
-        """Fit encoder and decoder to texels of all materials; the encoder is stored with the pairs that it sees."""
+        """Fit encoder and decoder to texels of all materials; returns the parts of the shared file.
+
+        The encoder is stored with the pairs that it sees.
+        """
         canonical = canonical_pairs()
         pool = Pool(btfs, canonical, self.settings.kept, fit)
         fitting = Rainer2020Objective(pool, self.settings, fit)
@@ -80,7 +87,7 @@ class Rainer2020(Codec):
         bits: Bits = 0  # bits of a stored latent, mean or deviation on average; 0: chosen by the fit; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """Encode every texel by the shared encoder; nothing is fitted but the rounding."""
+        """Encode every texel by the shared encoder; nothing is fitted but the rounding, the bits of each channel."""
         network = fit.shared(self.name)
         gain = gain_of(btf, fit)
         samples = Samples(btf, gain, fit)
@@ -93,7 +100,7 @@ class Rainer2020(Codec):
         def answers(texture: Tensor) -> Tensor:
             """Log radiance (n, 3) of a texture (H · W, D + 6) at the samples of `batch`."""
             rows = texture.index_select(0, batch.texel)
-            return rainer.radiance(coder.decoder, rows, where)
+            return rainer.log_radiance(coder.decoder, rows, where)
 
         rounding = round_after(texture, self.settings.bits, answers, batch.target)
         return Parts(
@@ -103,7 +110,7 @@ class Rainer2020(Codec):
         )
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        """The material of a file's parts and of the shared network, on a device. `ValueError` if it names no
+        """The material of a file's parts and of the shared network, on a device. `ValueError` if the file names no
         network."""
         if parts.network is None:
             raise ValueError("it names no shared network")
@@ -113,7 +120,7 @@ class Rainer2020(Codec):
 
 
 def canonical_pairs() -> Layout:
-    """The pairs that the encoder sees: each of some directions as the view with each as the light.
+    """The pairs that the encoder sees: each of `CANONICAL` directions as the view with each as the light.
 
     The directions are evenly thinned ones of UBO2003.
     """
@@ -133,8 +140,8 @@ def decoder_of(network: TrainedNetwork) -> Decoder:
 class Coder(torch.nn.Module):
     """Log ABRDFs (n, N, 3) of one material → its texture's channels (n, D + 6): latents, means, deviations.
 
-    If the decoder's answer at the material's own pairs is worse than their mean, the mean is stored, with a deviation
-    of 0: the network may not know such a material.
+    Where the decoder's answers at the material's own pairs are worse than the mean over these, the mean is stored, with
+    a deviation of 0: the network may not know such a material.
     """
 
     def __init__(self, network: TrainedNetwork, samples: Samples):
@@ -164,7 +171,7 @@ class Coder(torch.nn.Module):
         count = len(self.where)
         where = self.where.repeat(len(latents), 1)  # (n · P, 4)
         rows = torch.cat([latents, stats.flatten(1)], 1).repeat_interleave(count, 0)  # (n · P, D + 6)
-        answers = rainer.radiance(self.decoder, rows, where).unflatten(0, (-1, count))  # (n, P, 3)
+        answers = rainer.log_radiance(self.decoder, rows, where).unflatten(0, (-1, count))  # (n, P, 3)
         truth = abrdfs[:, self.checked]  # (n, P, 3)
         mean = abrdfs.mean(1, keepdim=True)  # (n, 1, 3), of the material's own pairs
         error = (answers - truth).square().mean(1)  # (n, 3), by channel
@@ -189,8 +196,8 @@ class Resampler(torch.nn.Module):
         self.sample, self.weight = nn.Buffer(around.sample), nn.Buffer(around.weight)
 
     def forward(self, abrdfs: Tensor) -> Tensor:
-        """Log ABRDFs (n, N, 3) at the target's C pairs: (n, C, 3)."""
-        radiance = abrdfs.expm1()
+        """Log ABRDFs (n, N, 3) at the target's C pairs: (n, C, 3). Their radiance, times the gain, is mixed."""
+        radiance = abrdfs.expm1()  # times the gain
         total = torch.zeros((), device=abrdfs.device)
         # One of the k pairs after the other, because all at once would take k times the memory.
         for sample, weight in zip(self.sample.unbind(1), self.weight.unbind(1), strict=True):
@@ -199,14 +206,14 @@ class Resampler(torch.nn.Module):
 
 
 class Pool(Samples):
-    """Some texels of many BTFs: log ABRDFs at the canonical pairs to encode, and at other pairs to answer for.
+    """Some texels of many BTFs: log ABRDFs at the canonical pairs to encode, and at `TARGETS` pairs to answer for.
 
-    Of each BTF there are at most `most` texels. Those of `fit.unseen` come last, for the curve. Pair p of texel t has
-    the coordinates `where[material[t], p]`.
+    Those of `fit.unseen` come last, from texel `trained` on, for the curve. Pair p of texel t has the decoder's inputs
+    `where[material[t], p]`.
     """
 
     def __init__(self, btfs: Sequence[BTF], canonical: Layout, most: int, fit: Fit):
-        """Read at most `most` random texels of each BTF; those of `fit.unseen`, for the curve, come last."""
+        """Read at most `most` random texels of each BTF, and of each of `fit.unseen`."""
         # `Samples.__init__` would read one BTF. This holds parts of several, in the same attributes.
         generator = fit.generator()
         device = fit.device
@@ -233,9 +240,10 @@ class Pool(Samples):
 def _training_texels(
     btf: BTF, canonical: Layout, most: int, generator: torch.Generator, fit: Fit
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Of n random texels the inputs of the encoder, (n, C, 3), and the targets of the decoder, (n, TARGETS, 3).
+    """Of at most `most` random texels of a BTF what the encoder sees, and what the decoder should answer.
 
-    The last tensor has the coordinates (TARGETS, 4) of the targets' pairs.
+    Returns log ABRDFs at the canonical pairs, (n, C, 3), and at the target pairs, (n, TARGETS, 3), both in halves, and
+    the decoder's inputs (TARGETS, 4) for the target pairs.
     """
     texel = torch.randperm(btf.shape[0] * btf.shape[1], generator=generator)[:most].to(fit.device)
     input_pairs = btf.subset(btf.split().train)  # as when the material itself is encoded
@@ -250,7 +258,8 @@ def _training_texels(
 
 
 def _target_pairs(btf: BTF, generator: torch.Generator) -> np.ndarray:
-    """`TARGETS` pairs: held-out ones if the BTF declares them, else any; repeated in turns if there are fewer.
+    """The indices of `TARGETS` random pairs: held-out ones if the BTF declares them, else any; repeated in turns if
+    there are fewer.
 
     The encoder sees training pairs alone. So a decoder that answers held-out ones learns to interpolate between them.
     """
@@ -260,12 +269,12 @@ def _target_pairs(btf: BTF, generator: torch.Generator) -> np.ndarray:
 
 
 class Rainer2020Objective(rainer.Autoencoder):
-    """Encoder and decoder of all materials."""
+    """Encoder and decoder of all materials, fitted to the texels of a `Pool`."""
 
     samples: Pool
 
     def __init__(self, pool: Pool, settings: Rainer2020Network.Settings, fit: Fit):
-        """Make both networks, the encoder first in the generator."""
+        """Make both networks; the encoder's weights are the first numbers of the generator."""
         generator = fit.generator()
         encoder = rainer.Encoder(pool.inputs.shape[1], settings.latents, generator)
         decoder = Decoder(rainer.architecture(settings.latents, settings.activation), generator)
@@ -275,5 +284,5 @@ class Rainer2020Objective(rainer.Autoencoder):
         return [self.network, self.encoder]
 
     def where(self, batch: Batch) -> Tensor:
-        """The coordinates (n, 4) of the pairs of a batch, which differ from material to material."""
+        """The decoder's inputs (n, 4) for the pairs of a batch, which differ from material to material."""
         return self.samples.where[self.samples.material[batch.texel], batch.pair]

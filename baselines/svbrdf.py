@@ -3,6 +3,10 @@
 The reflectance is that of the built-in materials (`bench.data.materials.brdf`: GGX and a Lambert base), so there are
 neither parallax nor cast shadows, and no anisotropy. The maps are fitted by the loop of every learned codec, stored in
 eight bits as pictures are, and averaged for larger footprints: colours in linear light, normals as vectors.
+
+A texel's *maps* are `CHANNELS` numbers, linear colour from 0 to 1 among them; its *codes* are the `STORED` bytes of a
+file. A *pair* is one view and one light. The fit compares log radiance, log1p(gain · radiance), where the *gain*, one
+number a BTF, is 8 × its exposure. An *objective* holds what is fitted, and computes the loss of a step.
 """
 
 from dataclasses import dataclass
@@ -27,7 +31,7 @@ SEEN = 256  # pairs whose mean radiance the base colour starts from
 READ = 16  # how many pairs are read at once
 ROUGHNESS, METALNESS = 0.7, 0.1  # initial values
 WHITE = 0.8  # base colour that the brightest tenth of the texels starts from
-DARK = 1e-30  # for black data
+DARK = 1e-30  # least brightness: keeps the scale of black data above 0, since its logarithm is fitted
 SCALE_RATE = 0.1  # relative to the rate of the maps
 FLOPS = 150  # operations of the reflectance
 
@@ -55,13 +59,17 @@ class SVBRDF(Codec):
         return Parts(texture={"maps": compress(codes, [8] * STORED)}, other=other)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
+        """The material of a file's parts, on a device."""
         height, width = parts.other["size"].tolist()
         codes = expand(parts.texture["maps"], (height, width, STORED))
         return MapsMaterial(codes, float(parts.other["scale"])).to(device)
 
 
 def shaded(maps: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
-    """f_r · cos θ_i (n, 3) of texels' maps (n, `CHANNELS`); their normals are normalised here."""
+    """The radiance f_r · cos θ_i (n, 3) of texels' maps (n, `CHANNELS`) at unit directions (n, 3).
+
+    Normals need not have length 1.
+    """
     length = maps[:, 3:6].square().sum(1, keepdim=True).clamp_min(1e-12).sqrt()
     normal = maps[:, 3:6] / length
     x, y, z = normal.unbind(1)
@@ -89,23 +97,25 @@ def shaded(maps: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
 class MapsObjective(Objective):
     """Seven fitted numbers a texel, and the logarithm of a factor on the radiance.
 
-    The numbers are the logits of the base colour, two slopes of the normal, and the logits of roughness and metalness.
+    The numbers are the logits of the base colour, x and y of a normal whose z is 1, and the logits of roughness and
+    metalness.
     """
 
     def __init__(self, samples: Samples, settings: Any, generator: torch.Generator):
         """Start at the mean colour of each texel as its base colour, a normal straight up, and usual roughness and
         metalness."""
         super().__init__(samples, settings)
-        albedo = _albedo(samples, generator)
+        albedo = _albedo(samples, generator)  # (texels, 3)
         bright = float(np.percentile(albedo.cpu().numpy(), 90))
         if bright == 0:  # most texels are black
             bright = float(albedo.max())
         bright = max(bright, DARK)
         # Measured data may have any unit, so a factor on the reflected radiance is fitted with the maps.
         self.log_scale = nn.Parameter(torch.tensor([bright / WHITE]).log())
-        base = (albedo * (WHITE / bright)).clamp(0.01, 0.99).logit()  # (texels, 3)
+        # (texels, 3). Clamped, because the logits of 0 and 1 are infinite.
+        base = (albedo * (WHITE / bright)).clamp(0.01, 0.99).logit()
         roughness, metalness = torch.tensor([ROUGHNESS, METALNESS]).logit()
-        # The normal has no slopes. These four numbers are the same for each texel.
+        # The normal points straight up: x and y are 0. These four numbers are the same for each texel.
         rest = torch.tensor([0, 0, roughness, metalness]).expand(len(base), 4)
         self.numbers = nn.Parameter(torch.cat([base.cpu(), rest], 1))
 
@@ -116,12 +126,13 @@ class MapsObjective(Objective):
     def maps(self, numbers: Tensor) -> Tensor:
         """The maps (n, `CHANNELS`) of the fitted numbers (n, 7) of some texels; normals are not normalised."""
         base_colour = numbers[:, :3].sigmoid()
-        normal_xy = numbers[:, 3:5]  # the slopes, for a z of 1
+        normal_xy = numbers[:, 3:5]
         normal_z = torch.ones_like(numbers[:, :1])
         roughness_metalness = numbers[:, 5:].sigmoid()
         return torch.cat([base_colour, normal_xy, normal_z, roughness_metalness], 1)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
+        """Log radiance (n, 3) of the maps, not rounded, at the texels and pairs of a batch."""
         maps = self.maps(self.numbers.index_select(0, batch.texel))
         radiance = shaded(maps, self.samples.wo[batch.pair], self.samples.wi[batch.pair])
         return (self.samples.gain * self.log_scale.exp() * radiance).log1p()
@@ -129,6 +140,7 @@ class MapsObjective(Objective):
 
 def _albedo(samples: Samples, generator: torch.Generator) -> Tensor:
     """The factor (texels, 3) by which a rough white plane is nearest to the texels, over some pairs."""
+    # At most `SEEN` random pairs, in order.
     pairs = torch.randperm(samples.pairs, generator=generator)[:SEEN].sort().values.to(samples.device)
     # White base colour, a flat normal, roughness 1, metalness 0: in the order of `CHANNELS`.
     white = torch.tensor([1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0], device=samples.device).expand(len(pairs), CHANNELS)
@@ -155,7 +167,7 @@ def codes_of(maps: Tensor) -> Tensor:
 
 def maps_of(codes: Tensor) -> Tensor:
     """The maps (n, `CHANNELS`) float32 of codes (n, `STORED`)."""
-    shares = codes.float() / 255
+    shares = codes.float() / 255  # from 0 to 1
     colour = torch.from_numpy(decode_srgb(shares[:, :3].numpy())).float()
     xy = 2 * shares[:, 3:5] - 1
     # The normal has length 1. Rounded or altered x and y may leave nothing for z, which stays above 0.
@@ -164,16 +176,16 @@ def maps_of(codes: Tensor) -> Tensor:
 
 
 class MapsMaterial(Material):
-    """Maps and their averages over larger boxes, looked up trilinearly; `scale` is on the radiance."""
+    """Maps and their averages over larger boxes, looked up trilinearly; the answer is `scale` × their radiance."""
 
     def __init__(self, codes: Tensor, scale: float):
-        """Make the levels of detail, count the cost of an answer, and keep the parts. `codes` (H, W, channels) are
+        """Make the levels of detail, count the cost of an answer, and keep the parts. `codes` (H, W, `STORED`) are
         bytes."""
         size = (codes.shape[0], codes.shape[1])
         self.codes = codes.to(torch.uint8)
         self.pyramid = Pyramid(size)
         self.scale = scale
-        self.table = table = self.pyramid.table(maps_of(codes.flatten(0, 1)))
+        self.table = table = self.pyramid.table(maps_of(codes.flatten(0, 1)))  # the maps of all levels, a row a texel
         numbers_read = 8 * CHANNELS  # of four texels at two levels
         cost = DecoderCost(
             texture_channels=CHANNELS,
@@ -200,5 +212,6 @@ class MapsMaterial(Material):
         return {name: picture.contiguous().numpy() for name, picture in pictures.items()}, self.scale
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """Linear radiance (n, 3) of queries, each (n, …); see `Material`. Maps are averaged before they are shaded."""
         maps = self.pyramid.fetch(self.table, uv, self.pyramid.level(footprint)).to(wo.dtype)
         return self.scale * shaded(maps, wo, wi)

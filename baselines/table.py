@@ -1,4 +1,8 @@
-"""The measured table at half precision, interpolated between its samples: the reference for quality."""
+"""The measured table at half precision, interpolated between its samples: the reference for quality.
+
+The table holds the linear radiance of each texel at each *pair* of view and light. Numbers are divided by a *scale*, 1
+or a power of two, since halves end at 65,504.
+"""
 
 import numpy as np
 import torch
@@ -19,7 +23,10 @@ class Table(Codec):
     interpolates = True
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """All values as halves, (pairs, H, W, 3), over a scale that brings the largest of them into range."""
+        """All values as halves, (pairs, H, W, 3), over a scale that brings the largest of them into range.
+
+        The BTF is read twice: the scale must be known before the first value is stored.
+        """
         peak = 0.0
         for picture in fit.progress(btf, "finding the range", len(btf)):
             peak = max(peak, float(np.abs(picture).max()))
@@ -30,6 +37,7 @@ class Table(Codec):
         return Parts(texture={"values": values}, other={**pack_layout(btf.layout), "scale": torch.tensor([scale])})
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
+        """The material of a file's parts, on a device, in float32."""
         values = parts.texture["values"].to(device).float()
         interpolator = PairInterpolator(unpack_layout(parts.other, len(values)))
         return TableMaterial(values, interpolator, float(parts.other["scale"])).to(device)
@@ -39,7 +47,7 @@ class TableMaterial(Material):
     """Linear radiance (pairs, H, W, 3) over `scale`, bilinear over texels and interpolated over pairs."""
 
     def __init__(self, values: Tensor, interpolator: PairInterpolator, scale: float):
-        """Count the cost of an answer, and keep the parts."""
+        """Count the cost of an answer, and keep the parts. `values` are (pairs, H, W, 3)."""
         pairs, height, width, channels = values.shape
         numbers_read = 4 * interpolator.reads * channels  # of four texels at some pairs
         cost = DecoderCost(
@@ -54,9 +62,11 @@ class TableMaterial(Material):
         self.scale = scale
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        """The weighted sum of four texels at each of P pairs.
+        """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
+        of detail.
 
-        A pair's weight includes the cosine of the query's light over that of the pair's.
+        It is the weighted sum of four texels at each of P pairs. A pair's weight includes the cosine of the query's
+        light over that of the pair's.
         """
         texel, texel_weight = texel_corners(self.size, uv)
         pair, pair_weight = self.interpolator(wo, wi)

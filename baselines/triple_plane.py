@@ -3,6 +3,11 @@
 Three planes of features: over the texels, over the half vector and over the difference vector, the light seen from the
 half vector. The values fetched from the three enter a small network. Facts are from the authors' code (see
 docs/recipes.md), which runs the network in eight bits; ours uses floats.
+
+*Features*, or latents, are the numbers that a texel of a plane gives the network. A *pair* is one view and one light.
+The network answers *log radiance*, log1p(gain · radiance), where the *gain*, one number a BTF, is 8 × its exposure. An
+*objective* holds what is fitted, and computes the loss of a step. From half of the fit on, planes are looked up
+*rounded*, as the file stores them.
 """
 
 from dataclasses import dataclass, replace
@@ -22,7 +27,7 @@ from bench.training.initial_latents import RANDOM_SPREAD, Start, first_latents
 from bench.training.stored_network import load_network
 from bench.training.stored_texture import Bits, Rounding, load_texture, store_texture
 
-LAYERS = 3
+LAYERS = 3  # hidden layers of the network
 PAPER = {"bits": 8, "difference": "rusinkiewicz", "blur": 0.0, "start": "random", "optimiser": "adam", "loss": "l1"}
 PAPER |= {"steps": 10_000}
 
@@ -65,10 +70,12 @@ class TriplePlane(Codec):
 
         @property
         def architecture(self) -> Architecture:
+            """The network that reads the features of three planes."""
             return Architecture(3 * self.channels, (self.width,) * LAYERS)
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """The texture of texels, and in the file's part `decoder` both planes over directions, beside the network."""
+        """Fit planes and network. The plane over texels is the file's part `texture`; both planes over directions are
+        in its part `decoder`, beside the network."""
         fitting = fitted(TriplePlaneObjective, self.settings, btf, fit)
         texture = store_texture("latents", fitting.texture.reshape(*btf.shape, -1), fitting.rounded_texture)
         parts = fitting.parts(texture)
@@ -90,7 +97,11 @@ class TriplePlaneObjective(TextureObjective):
     texture_rate = "plane_rate"
 
     def __init__(self, samples: Samples, settings: TriplePlane.Settings, generator: torch.Generator):
-        """Start the network at the mean of the data, and the planes over directions at small random features."""
+        """Start the network at the mean of the data, and the planes over directions at small random features, or with
+        two channels that hold the direction.
+
+        The network's weights are the first numbers of the generator.
+        """
         super().__init__(samples, settings)
         self.network = Decoder(settings.architecture, generator)
         self.network.start_at(samples.mean(generator))
@@ -102,11 +113,11 @@ class TriplePlaneObjective(TextureObjective):
             # as in a texture.
             along = torch.linspace(-1, 1, side)
             xy = torch.stack([along.expand(side, side), -along[:, None].expand(side, side)], 2)  # (S, S, 2)
-            first[..., : min(2, channels)] = xy[..., :channels]
+            first[..., : min(2, channels)] = xy[..., :channels]  # of one channel only x
         self.direction_planes = nn.Parameter(first)  # over half vectors, and over difference vectors; not blurred
         self.rounded_texture = Rounding(channels, settings.bits)
         self.rounded_planes = Rounding(channels, settings.bits)
-        # The texels and the weights (N, 4) at which each pair's vector reads its plane.
+        # The four texels around the place at which each pair's vector reads its plane, and their weights, (N, 4).
         h, d = half_and_difference(samples.wo, samples.wi, settings.difference)
         h_texel, h_weight = texel_corners((side, side), places(h, side).cpu())
         d_texel, d_weight = texel_corners((side, side), places(d, side).cpu())
@@ -117,11 +128,11 @@ class TriplePlaneObjective(TextureObjective):
         self.weight = nn.Buffer(weight, persistent=False)  # (N, 2, 4)
 
     def planes(self) -> Tensor:
-        """The planes (2, side, side, C) over the half and the difference vector, blurred."""
+        """The planes (2, S, S, C) over the half and the difference vector, blurred but not rounded."""
         return blurred(self.direction_planes, self.kernel)
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
-        """The network sees the features of texel, half vector and difference vector, in this order."""
+        """Log radiance (n, 3). The network sees the features of texel, half and difference vector, in this order."""
         texel, weight = self.texel[batch.pair], self.weight[batch.pair]
         texture = self.rounded_texture(self.texture)
         planes = self.rounded_planes(self.planes()).flatten(0, 2)  # (2 · S², C)
@@ -140,7 +151,7 @@ class TriplePlaneMaterial(Material):
         channels = texture.shape[2]
         if any(plane.shape[2] != channels for plane in planes) or 3 * channels != architecture.inputs:
             raise ValueError(f"planes of {channels} channels for a network of {architecture.inputs} inputs")
-        plane_numbers_read = 2 * 4 * channels  # four texels of each of the two planes over directions
+        plane_numbers_read = 2 * 4 * channels  # of four texels of each of the two planes over directions
         flops = architecture.flops + 2 * plane_numbers_read  # each is multiplied and added
         cost = DecoderCost.of_texture(texture, architecture.parameters, flops)  # adds the texture's own reads
         cost = replace(cost, table_floats=sum(plane.numel() for plane in planes))

@@ -4,6 +4,12 @@ TensorTextures (Vasilescu and Terzopoulos, SIGGRAPH 2004) factors texels × view
 decomposition a mode; Wang et al. ("Out-of-core tensor approximation of multi-dimensional matrices of visual data",
 SIGGRAPH 2005) continue with alternating least squares, known as HOOI. Here this begins with the principal components of
 the texels, which fit in memory. The three colours stay whole.
+
+A *mode* is an axis of the table: texels, V views or L lights. Its *basis* has K, J or M vectors, and the *core* says
+how much each product of the three counts. A *pair* is one view and one light; an *ABRDF* is the radiance of one texel
+at all pairs. With `domain=log` the table holds *log radiance*, log1p(gain · radiance), where the *gain*, one number a
+BTF, is 8 × its exposure. *Rounding* is how the file stores numbers: in few bits, chosen by the error that this causes
+in some values of the BTF, the *probed* ones.
 """
 
 from collections.abc import Sequence
@@ -58,22 +64,29 @@ class Tucker(Codec):
         bits: Bits = 0  # bits of a stored coefficient on average; 0: chosen by the data; 16, 32: floats; core: 8
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """Coefficients (H, W, K), bases of views and lights, and the core (J, M, 3, K + 1), the mean's slice first."""
+        """Store coefficients (H, W, K), bases of views and lights, and the core (J, M, 3, K + 1).
+
+        The mean of all texels is one more component of the texels, the first in the core; its coefficient, 1, is not
+        stored.
+        """
         settings = self.settings
         layout = btf.layout
         gain = gain_of(btf, fit)
         log_gain = gain if settings.domain == "log" else None  # None: radiance is decomposed as it is
+        # The components of texels, then the factors of the table on them.
         factors = principal(btf, fit, log_gain, OVERSAMPLED * settings.components, PASSES)
         tensor, texel_basis = _tensor(factors, layout)
         ranks = (settings.components, *_direction_ranks(settings, layout))
         texel, view, light, core = factored(tensor, ranks, settings.alternations)
-        coefficients = texel_basis.T @ texel  # (T, K)
-        # Coefficients in [−1, 1], as in `pca`, so that eight bits suit all slices of the core equally.
+        coefficients = texel_basis.T @ texel  # (T, K), of T texels
+        # Coefficients in [−1, 1], as in `pca`, so that eight bits suit all slices of the core equally: each is divided
+        # by the largest of its component, and the core's slice is multiplied by it.
         scale = coefficients.abs().amax(0).clamp_min(torch.finfo(torch.float32).tiny)  # (K,)
         core[1:] *= scale[:, None, None, None]
         core[0] /= len(coefficients) ** 0.5  # √texels, by which `_tensor` multiplied the mean
         core = core.permute(1, 2, 3, 0).contiguous()  # (J, M, 3, K + 1)
         coefficients = (coefficients / scale).reshape(*btf.shape, -1)  # (H, W, K)
+        # How finely coefficients are rounded: by their errors in the values of P probed pairs.
         bits = settings.bits
         pairs, values = probed(btf, fit, log_gain)
         view_index, light_index = _modes(layout)
@@ -98,7 +111,7 @@ class Tucker(Codec):
         view, light = unpack("view", parts.decoder), unpack("light", parts.decoder)
         layout = unpack_layout(parts.other)
         view_index, light_index = _modes(layout)
-        core_shape = (view.shape[1], light.shape[1], 3, texture.shape[2] + 1)
+        core_shape = (view.shape[1], light.shape[1], 3, texture.shape[2] + 1)  # (J, M, 3, K + 1)
         beyond = int(view_index.max()) >= len(view) or int(light_index.max()) >= len(light)
         if core.shape != core_shape or beyond:
             raise ValueError(f"its core is {tuple(core.shape)}, but its factors need {core_shape}")
@@ -108,7 +121,11 @@ class Tucker(Codec):
 
 
 def _modes(layout: Layout) -> tuple[Tensor, Tensor]:
-    """The place of each pair (N,) along the modes of views and of lights; pairs that form no product are one mode."""
+    """The place of each of N pairs along the mode of views and along that of lights, (N,) each.
+
+    If the pairs are not all products of some views and lights, the mode of views is one of pairs, and that of lights
+    has one place.
+    """
     if layout.grid is None:
         return torch.arange(len(layout.view)), torch.zeros(len(layout.view), dtype=torch.long)
     return torch.from_numpy(layout.view).long(), torch.from_numpy(layout.light).long()
@@ -127,19 +144,20 @@ def _direction_ranks(settings: Tucker.Settings, layout: Layout) -> tuple[int, in
 def _tensor(factors: Factors, layout: Layout) -> tuple[Tensor, Tensor]:
     """The table on an orthonormal basis of T texels: the tensor (k + 1, V, L, 3), the mean first, and the basis (k, T).
 
-    The mean is multiplied by √T, the length of its coefficients, which are 1 at each texel.
+    `factors` are the principal components of the texels. The mean is multiplied by √T, the length of its coefficients,
+    which are 1 at each texel.
     """
     length = torch.linalg.vector_norm(factors.coefficients, dim=1, keepdim=True)
     texels = factors.coefficients.shape[1]
     rows = torch.cat([factors.mean[:, None] * texels**0.5, factors.basis * length.T], 1)  # (3 · N, k + 1)
     view, light = _modes(layout)
     tensor = torch.zeros(rows.shape[1], int(view.max()) + 1, int(light.max()) + 1, 3, device=rows.device)
-    tensor[:, view, light] = rows.T.unflatten(1, (-1, 3))  # (k + 1, N, 3)
+    tensor[:, view, light] = rows.T.unflatten(1, (-1, 3))  # (k + 1, N, 3), each pair to its view and light
     return tensor, factors.coefficients / length
 
 
 def leading(tensor: Tensor, mode: int, rank: int) -> Tensor:
-    """The orthonormal basis (size, ≤ rank) of a mode that keeps most of the tensor's energy."""
+    """The orthonormal basis (size, ≤ rank) of an axis, `mode`, that keeps most of the tensor's energy, its squares."""
     rows = tensor.movedim(mode, 0).flatten(1).double()  # (size, all others)
     _, eigenvectors = torch.linalg.eigh(rows @ rows.T)
     strongest_first = eigenvectors.flip(1)  # the last has the largest eigenvalue
@@ -149,14 +167,16 @@ def leading(tensor: Tensor, mode: int, rank: int) -> Tensor:
 def factored(tensor: Tensor, ranks: tuple[int, int, int], alternations: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Bases of texels (k, K), views (V, J) and lights (L, M), and the core (K + 1, J, M, 3), of (k + 1, V, L, 3).
 
-    K, J and M are at most the `ranks`. The tensor's first slice, the mean, is kept beside the texels' components. Each
-    alternation finds the best basis of a mode given the others: De Lathauwer, De Moor, Vandewalle, "On the best rank-1
-    and rank-(R₁, …, R_N) approximation", 2000.
+    K, J and M are at most the `ranks`. The tensor's first slice, the mean, is kept as it is beside the texels'
+    components. Each alternation finds the best basis of a mode given the others: De Lathauwer, De Moor, Vandewalle, "On
+    the best rank-1 and rank-(R₁, …, R_N) approximation", 2000.
     """
+    # Letters of the products: k, v, l are components of texels, views and lights of the table; K, j, m are those of the
+    # bases, and c is the colours.
     view, light = leading(tensor, 1, ranks[1]), leading(tensor, 2, ranks[2])
     texel = leading(tensor[1:], 0, ranks[0])
     for _ in range(alternations):
-        reduced = torch.cat([tensor[:1], torch.einsum("kvlc,kK->Kvlc", tensor[1:], texel)])
+        reduced = torch.cat([tensor[:1], torch.einsum("kvlc,kK->Kvlc", tensor[1:], texel)])  # (K + 1, V, L, 3)
         view = leading(torch.einsum("kvlc,lm->kvmc", reduced, light), 1, ranks[1])
         light = leading(torch.einsum("kvlc,vj->kjlc", reduced, view), 2, ranks[2])
         texel = leading(torch.einsum("kvlc,vj,lm->kjmc", tensor[1:], view, light), 0, ranks[0])
@@ -176,14 +196,15 @@ def _signed(basis: Tensor) -> Tensor:
 
 
 def rounding_with_zero(values: Tensor, bits: int) -> Rounding:
-    """The rounding of values (…, C) to 8 bits, with 0 among each channel's levels; `bits` above 8 are floats.
+    """The rounding of values (…, C) to 8 bits, with 0 among the values that a channel can take; `bits` above 8 are
+    floats.
 
-    Most numbers of a core are nearly 0: if 0 were between two levels, all would be wrong to the same side.
+    Most numbers of a core are nearly 0: if 0 were between two such values, all would be wrong to the same side.
     """
     rounding = Rounding(values.shape[-1], max(8, bits)).to(values.device)
     low, high = torch.aminmax(values.flatten(0, -2), dim=0)
-    # `low` is rounded down to a multiple of the step, so that 0 is a level, too. Eight bits have 255 steps: 254 span
-    # the values, and one is left for what `low` falls.
+    # `low` is rounded down to a multiple of the step, so that 0 is met, too. Eight bits have 255 steps: 254 span the
+    # values, and one is left for what `low` falls.
     step = ((high - low) / 254).clamp_min(1e-12)  # more than 0, also for equal values
     rounding.low.copy_((low / step).floor() * step)
     rounding.step.copy_(step)
@@ -192,16 +213,16 @@ def rounding_with_zero(values: Tensor, bits: int) -> Rounding:
 
 
 class TuckerMaterial(ComponentsMaterial):
-    """Coefficients (H, W, K) bilinear over texels, components of pairs' views and lights, and the core.
-
-    `modes` are the components (N, J) of the views and (N, M) of the lights; the core is (J, M, 3, K + 1).
-    """
+    """Coefficients (H, W, K) bilinear over texels, components of pairs' views and lights, and the core."""
 
     def __init__(
         self, texture: Tensor, core: Tensor, modes: Sequence[Tensor], interpolator: PairInterpolator, gain: float | None
     ):
-        """Count the cost of an answer step by step, and keep the parts. `modes` are the components of each pair's view
-        and light."""
+        """Count the cost of an answer step by step, and keep the parts.
+
+        `modes` are the components (N, J) of each pair's view and (N, M) of its light; the core is (J, M, 3, K + 1).
+        `gain` is None if the table holds radiance.
+        """
         components = texture.shape[2]
         view_count, light_count = core.shape[:2]  # J, M
         coefficients_read = 4 * components  # of four texels
@@ -224,8 +245,11 @@ class TuckerMaterial(ComponentsMaterial):
         self.view, self.light = modes
 
     def combined(self, pair: Tensor, weight: Tensor, coefficients: Tensor) -> Tensor:
-        """Σ weight · view ⊗ light of pairs, through the core to eigen-ABRDFs, times the coefficients: (n, 3)."""
-        # In a slice all queries have one pair of directions, expanded: its rows are made once.
+        """Σ weight · view ⊗ light of pairs, through the core to eigen-ABRDFs, times the coefficients: (n, 3).
+
+        Arguments are those of `ComponentsMaterial.combined`.
+        """
+        # In a slice all queries have one pair of directions, expanded: strides are 0, and its rows are made once.
         if len(pair) > 1 and pair.stride(0) == weight.stride(0) == 0:
             pair, weight = pair[:1], weight[:1]
         # Products of halves may overflow a half with either sign, so they are added in float32.

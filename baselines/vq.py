@@ -3,6 +3,12 @@
 Tong et al. introduced the clustering of ABRDFs ("Synthesis of bidirectional texture functions on arbitrary surfaces",
 2002). Stages that code the residual of earlier ones are due to Havran, Filip and Myszkowski ("Bidirectional texture
 function compression based on multi-level vector quantization", Computer Graphics Forum 29(1), 2010).
+
+An *ABRDF* is the radiance of one texel at all *pairs* of view and light, three colours each; a log ABRDF its *log
+radiance*, log1p(gain · radiance), where the *gain*, one number a BTF, is 8 × its exposure. A *code* is an entry of a
+*stage*'s codebook, (N, 3) of N pairs; a *label* is the number of a texel's code in a stage, hence also of its cluster.
+A texel's log ABRDF is about the sum of its codes, one of each stage. *Rounding* is how the file stores the codebook: in
+few bits, chosen by the error that this causes in some values of the BTF, the *probed* ones.
 """
 
 from dataclasses import dataclass
@@ -53,25 +59,28 @@ class VQ(Codec):
         bits: Bits = 0  # bits of a number of the stored codebook on average; 0: chosen by the data; 16, 32: floats
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """The codebooks (codes of all stages, N, 3), one after the other, and an index (H · W) of each stage."""
+        """Store the codebooks (codes of all stages, N, 3), one after the other, and of each stage an index, the labels
+        (H · W,)."""
         gain = gain_of(btf, fit)
         _, _, points = reduced(btf, gain, self.settings.components, fit)
+        # Cluster the texels, stage by stage.
         labels: list[np.ndarray] = []  # of each stage, the cluster (texels,) of each texel
         for stage in fit.progress(range(self.settings.stages), "clustering"):
             # A stage sees what is left after the earlier ones: each point without the mean of its cluster.
-            label = clustered(points, self.settings.codes, fit.seed + stage)
+            label = clustered(points, self.settings.codes, fit.seed + stage)  # a seed of its own
             points = points - _means(points, label)[label]
             labels.append(label)
         counts = [int(label.max()) + 1 for label in labels]  # entries of each stage's codebook
         rows = torch.from_numpy(np.stack(labels, 1)) + _starts(counts)  # (texels, stages), rows of the codebook
         codebook = torch.cat(_codebooks(btf, gain, labels, fit))
+        # How finely the codebook is rounded: by the errors in the values of P probed pairs.
         pairs, values = probed(btf, fit, gain)
         # Every so many texels, rounded up, so that at most `PROBED_TEXELS` are taken, evenly.
         probed_texels = slice(None, None, -(-len(rows) // PROBED_TEXELS))
         target = values[:, probed_texels].T.cpu()  # (n, 3 · P)
 
         def answers(book: Tensor) -> Tensor:
-            """Log radiance (n, 3 · P) of the probed texels, from a codebook (codes, P, 3) of the probed pairs."""
+            """Log radiance (n, 3 · P) of n probed texels, from a codebook (codes, P, 3) of P probed pairs."""
             of_stages = book[rows[probed_texels]]  # (n, stages, P, 3)
             return of_stages.sum(1).flatten(1)
 
@@ -111,7 +120,10 @@ class VQ(Codec):
 
 
 class VQMaterial(Material):
-    """Rows (H · W, stages) of a codebook (codes, N, 3) of log ABRDFs: bilinear over texels, interpolated over pairs."""
+    """Of each texel the rows (H · W, stages) of a codebook (codes, N, 3) of log ABRDFs, whose sum is its log ABRDF.
+
+    Answers are bilinear over texels, and interpolated over pairs.
+    """
 
     def __init__(
         self, size: tuple[int, int], rows: Tensor, codebook: Tensor, interpolator: PairInterpolator, gain: float
@@ -135,11 +147,16 @@ class VQMaterial(Material):
         self.gain = gain
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        """The weighted sum of log radiance over four texels, all stages and some pairs, in one look-up."""
+        """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
+        of detail.
+
+        Log radiance is a weighted sum over four texels, all stages and some pairs, in one look-up.
+        """
         texel, texel_weight = texel_corners(self.size, uv)
         pair, share = self.interpolator.shares(wo, wi)
         row = self.rows[texel][..., None] * self.pairs + pair[:, None, None]  # (n, 4, stages, P)
-        weight = texel_weight[:, :, None, None].to(share.dtype) * share[:, None, None]
+        # A stage's weight is 1, because the codes of all stages are added.
+        weight = texel_weight[:, :, None, None].to(share.dtype) * share[:, None, None]  # (n, 4, 1, P)
         weight = weight.expand(row.shape).to(self.codebook.dtype).flatten(1)  # (n, 4 · stages · P)
         mixed = functional.embedding_bag(row.flatten(1), self.codebook, per_sample_weights=weight, mode="sum")
         level = saturated(mixed).to(share.dtype).clamp_min(0)  # shares in halves may add up to more than 1
@@ -149,21 +166,21 @@ class VQMaterial(Material):
 
 
 def _starts(counts: list[int]) -> Tensor:
-    """The row (stages,) of the codebook at which each stage's entries start: the sum of the counts before its own."""
+    """The row (stages,) of the codebook at which each stage's entries start, from the count of each stage's entries."""
     return torch.tensor(counts).cumsum(0) - torch.tensor(counts)
 
 
 def _means(points: np.ndarray, label: np.ndarray) -> np.ndarray:
-    """The mean (codes, k) of the points (n, k) of each cluster."""
+    """The mean (codes, k) of the points (n, k) of each cluster; `label` (n,) is each point's, none is empty."""
     sums = np.zeros((label.max() + 1, points.shape[1]), points.dtype)
     np.add.at(sums, label, points)
     return sums / np.bincount(label)[:, None]
 
 
 def _codebooks(btf: BTF, gain: float, labels: list[np.ndarray], fit: Fit) -> list[Tensor]:
-    """The codebook (codes, N, 3) of each stage: the mean of its members, less the answers of earlier stages.
+    """The codebook (codes, N, 3) of each stage: the mean log ABRDF of a code's members, less what earlier stages give.
 
-    `labels` holds the cluster (texels,) of each texel, of each stage.
+    `labels` has for each stage the cluster (texels,) of each texel.
     """
     member_counts = [torch.from_numpy(np.bincount(label)) for label in labels]  # of each stage, (codes,)
     device_labels = [torch.from_numpy(label).to(fit.device) for label in labels]
@@ -180,6 +197,7 @@ def _codebooks(btf: BTF, gain: float, labels: list[np.ndarray], fit: Fit) -> lis
     for stage, counts in enumerate(member_counts):
         book = sums[stage] / counts[:, None]  # the means
         for earlier in range(stage):
+            # The earlier stage gives a cluster the mean of its members' codes there.
             # How many members of each cluster are in each cluster of the earlier stage, then which share of them.
             common = np.zeros((len(counts), len(member_counts[earlier])), np.float32)
             np.add.at(common, (labels[stage], labels[earlier]), 1)

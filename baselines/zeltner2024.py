@@ -4,6 +4,12 @@ Eight latents a texel make two shading frames, into which both directions are tu
 enter a network of two hidden layers. `edition` chooses between the article and the authors' code of 2026. BTFs have no
 parameters of a layered material for the authors' encoder, so the texture is free, as in their second stage. See
 docs/recipes.md for other open details.
+
+*Latents* are the numbers of a texel that the network reads. A *frame* is a normal and a tangent of length 1, and the
+axis across both; a direction *turned* into it is given by its x, y and z on these axes. A *pair* is one view and one
+light. *Log radiance* is log1p(gain · radiance), where the *gain*, one number a BTF, is 8 × its exposure. An *objective*
+holds what is fitted, and computes the loss of a step. From half of the fit on, latents are looked up *rounded*, as the
+file stores them.
 """
 
 import math
@@ -66,10 +72,12 @@ class Zeltner2024(Codec):
         bits: Bits = 0  # bits of a stored latent on average; 0: chosen by the fit; 16, 32: floats
 
         def __post_init__(self) -> None:
+            """`InputError` if `edition=code`, whose loss is not of log radiance, is asked for a loss as displayed."""
             if self.edition == "code" and self.loss == "display":
                 raise InputError("codec zeltner2024: edition=code has a loss of its own: leave out loss=display")
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
+        """Fit texture, frames and network to the training pairs; returns the parts of the file."""
         fitting = fitted(Zeltner2024Objective, self.settings, btf, fit)
         return fitting.parts(store_texture("latents", fitting.latents().reshape(*btf.shape, -1), fitting.rounding))
 
@@ -82,19 +90,23 @@ class Zeltner2024(Codec):
 
 
 def sigmoid(outputs: Tensor) -> Tensor:
-    """gain · radiance of the network's outputs x, any shape, at least in float32: s eˣ / (eˣ + s), s = `BRIGHTEST`."""
+    """gain · radiance of the outputs x of a network with `edition=code`, any shape, at least in float32.
+
+    It is s eˣ / (eˣ + s), s = `BRIGHTEST`: nearly eˣ where radiance is far below s, and never above it.
+    """
     exponential = outputs.to(at_least_float32(outputs.dtype)).clamp(max=HIGHEST_LEVEL).exp()
     return exponential / (1 + exponential / BRIGHTEST)
 
 
 class FramedNetwork(nn.Module):
-    """Latents (n, D) and directions (n, 3) → log radiance (n, 3), or the input of a sigmoid that gives radiance."""
+    """Latents (n, D) and directions (n, 3) → outputs (n, 3): log radiance, or with `edition=code` what `sigmoid`
+    takes."""
 
     def __init__(self, settings: Zeltner2024.Settings, generator: torch.Generator | None = None):
         """Make the frames, then the network, with weights drawn from the generator."""
         super().__init__()
-        self.code = settings.edition == "code"
-        if self.code:
+        self.authors_code = settings.edition == "code"  # whether it is the authors' code, not the article
+        if self.authors_code:
             self.directions = 4  # half vector, difference vector, wi and wo
             numbers_of_frame = 3 + 3 + 1 + 1  # of wi and wo only the cosine
         else:
@@ -110,18 +122,18 @@ class FramedNetwork(nn.Module):
 
     def forward(self, latents: Tensor, wo: Tensor, wi: Tensor) -> Tensor:
         """The network's outputs (n, 3) for latents (n, D) and directions (n, 3)."""
-        if self.code:
+        if self.authors_code:
             half, difference = half_and_difference(wo, wi, "nearest")
             directions = torch.stack([half, difference, wi, wo], 1)  # (n, 4, 3)
         else:
             half = functional.normalize(wo + wi, dim=1)
-            directions = torch.stack([wo, wi, half][: self.directions], 1)  # two without `halfway`
+            directions = torch.stack([wo, wi, half][: self.directions], 1)  # (n, 3, 3), or (n, 2, 3) without `halfway`
         # x, y, z in each frame, (n, directions · 3 · frames), one direction after the other.
         if self.frames is None:
             turned = directions.flatten(1)
         else:
             turned = self.frames.turned(latents, directions)
-        if self.code:
+        if self.authors_code:
             # Half and difference vector whole, as x, y, z in each frame; of wi and wo only z, their cosines.
             whole, cosines = turned.unflatten(1, (4, -1)).split([2, 2], 1)  # (n, 2, 3 · frames) each
             turned = torch.cat([whole.flatten(1), cosines[:, :, 2::3].flatten(1)], 1)
@@ -132,42 +144,45 @@ class Zeltner2024Objective(TextureObjective):
     """The neural texture (H · W, D) and the network, both of them fitted."""
 
     def __init__(self, samples: Samples, settings: Zeltner2024.Settings, generator: torch.Generator):
-        """Start the network at the mean of the data."""
+        """Start the network at the mean of the data; its weights, the frames' first, are the first numbers of the
+        generator."""
         super().__init__(samples, settings)
         self.network = FramedNetwork(settings, generator)
         first_output = samples.mean(generator)  # log radiance, log1p(x) with x = gain · radiance
-        if self.network.code:  # an output is about log x: see `sigmoid`; of 0 it would be infinite
+        if self.network.authors_code:  # an output is about log x: see `sigmoid`; of 0 it would be infinite
             first_output = first_output.expm1().clamp_min(1e-4).log()
         self.network.decoder.start_at(first_output)
         self.texture = nn.Parameter(first_latents(samples, settings.latents, settings.start, generator))
         self.rounding = Rounding(settings.latents, settings.bits)
 
     def latents(self) -> Tensor:
-        """The neural texture; in the authors' code bounded by −1 and 1."""
-        return functional.softsign(self.texture) if self.network.code else self.texture
+        """The neural texture (H · W, D), not rounded; in the authors' code bounded by −1 and 1."""
+        return functional.softsign(self.texture) if self.network.authors_code else self.texture
 
     def outputs(self, batch: Batch) -> Tensor:
-        """The network's outputs at the texels and pairs of a batch."""
+        """The network's outputs (n, 3) at the texels and pairs of a batch; see `FramedNetwork`."""
         latents = self.rounding(self.latents()).index_select(0, batch.texel)
         return self.network(latents, self.samples.wo[batch.pair], self.samples.wi[batch.pair])
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
+        """Log radiance (n, 3) of a batch."""
         outputs = self.outputs(batch)
-        return sigmoid(outputs).log1p() if self.network.code else outputs
+        return sigmoid(outputs).log1p() if self.network.authors_code else outputs
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss of log radiance; in the authors' code the distance of 3 (∛x − 1), x = gain · radiance.
 
-        The − 1 cancels. ∛x is computed from log x, which also has a gradient where x is nearly 0.
+        The distance is of the setting `loss`; the − 1 cancels in it. ∛x is computed from log x, which also has a
+        gradient where x is nearly 0.
         """
-        if not self.network.code:
+        if not self.network.authors_code:
             return super().loss(generator, progress)
         batch = self.samples.draw(self.settings.batch, generator)
         outputs = self.outputs(batch)
         # log x = output − log(1 + eᵒᵘᵗᵖᵘᵗ / s), from `sigmoid`; a third of it is the logarithm of the cube root.
         log_of_root = (outputs - functional.softplus(outputs - math.log(BRIGHTEST))) / 3
         ours = 3 * log_of_root.exp()
-        target = 3 * batch.target.expm1() ** (1 / 3)
+        target = 3 * batch.target.expm1() ** (1 / 3)  # the data's x
         return distance(ours, target, self.settings.loss)
 
 
@@ -188,5 +203,7 @@ class Zeltner2024Material(Material):
         self.gain = gain
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """Linear radiance (n, 3) of queries, each (n, …); see `Material`. The footprint is ignored: there is one level
+        of detail."""
         outputs = self.network(sample_texture(self.texture, uv), wo, wi)
-        return sigmoid(outputs) / self.gain if self.network.code else to_radiance(outputs, self.gain)
+        return sigmoid(outputs) / self.gain if self.network.authors_code else to_radiance(outputs, self.gain)
