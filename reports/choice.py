@@ -49,17 +49,8 @@ class Choice:
             raise InputError(f"--against {self.against}: this run has no such row: it has {labels}")
         if not (self.codecs or self.materials):
             return run
-        materials_of_run = {str(job["material"]) for job in run.jobs}
-        for name in self.materials:
-            if name not in materials_of_run:
-                raise InputError(f"--material {name}: this run does not have it{did_you_mean(name, materials_of_run)}")
         jobs = Records({job["job"]: job for job in run.jobs if self._has(job)})
-        # All names to suggest from, if a chosen one is not there.
-        codecs_of_run = {str(job.get("codec") or job["label"]) for job in run.jobs}
-        codecs_of_run |= {shown_label(job) for job in run.jobs}
-        for codec in self.codecs:
-            if not any(codec in _codec_names(job) for job in jobs):
-                raise InputError(f"--codec {codec}: this run does not have it{did_you_mean(codec, codecs_of_run)}")
+        self._refuse_absent(run, jobs)
         # A start of the run names the jobs that it planned. Those that are not chosen are removed there, too, so that
         # tables do not list them as not run.
         starts = []
@@ -67,6 +58,20 @@ class Choice:
             planned = [name for name in start.get("jobs", []) if self._has(_planned_job(name))]
             starts.append(start | {"jobs": planned})
         return replace(run, jobs=jobs, starts=starts)
+
+    def _refuse_absent(self, run: Run, jobs: Records[Job]) -> None:
+        """Raise `InputError` for a material that the run does not have, or a codec that none of the chosen `jobs`
+        has."""
+        materials_of_run = {str(job["material"]) for job in run.jobs}
+        for name in self.materials:
+            if name not in materials_of_run:
+                raise InputError(f"--material {name}: this run does not have it{did_you_mean(name, materials_of_run)}")
+        # All names to suggest from, if a chosen one is not there.
+        codecs_of_run = {str(job.get("codec") or job["label"]) for job in run.jobs}
+        codecs_of_run |= {shown_label(job) for job in run.jobs}
+        for codec in self.codecs:
+            if not any(codec in _codec_names(job) for job in jobs):
+                raise InputError(f"--codec {codec}: this run does not have it{did_you_mean(codec, codecs_of_run)}")
 
     def _has(self, job: Job) -> bool:
         """Whether a job is of a chosen material and of a chosen codec. Where none is given, all are chosen."""

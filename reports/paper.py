@@ -10,7 +10,7 @@ The *family* of a metric is its name without its variant: `ssim` of `ssim_period
 `paper-nearest` has for each material of the paper the *nearest* one that anyone can get.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from statistics import fmean
 
 from bench.metrics import stats_of
@@ -51,15 +51,8 @@ def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | No
     # The jobs to show. A nearest material counts only in its suite: other suites measure these materials, too.
     jobs = [job for job in run.jobs if job["material"] in PUBLISHED]
     jobs += [job for job in of_suite(run, NEAREST_SUITE) if job["material"] in NEAREST]
-    # Which materials could be had.
-    available = {job["material"] for job in jobs if job["status"] != "unavailable"}
-    missing: dict[str, str] = {}  # by material that could not be had: where to get it
-    for name, where in (absent or {}).items():
-        if name not in available:
-            missing[name] = where
-    for job in jobs:
-        if job["material"] not in available:
-            missing[job["material"]] = str(job.get("error", ""))  # it says where to get it
+    available = {job["material"] for job in jobs if job["status"] != "unavailable"}  # materials that could be had
+    missing = _missing(jobs, available, absent or {})
     # The rows, and the notes.
     rows: list[list[str]] = []
     for job in jobs:
@@ -80,6 +73,15 @@ def paper_table(run: Run, absent: Mapping[str, str] | None = None) -> Table | No
     if missing:
         notes.append("`neubtf-bench run paper` fits what is there; `run paper-nearest` what anyone can get.")
     return Table("paper", "Quality, beside Table 1 of NeuBTF (2023)", headers, rows, notes, words=3)
+
+
+def _missing(jobs: Iterable[Job], available: Container[str], absent: Mapping[str, str]) -> dict[str, str]:
+    """By material that could not be had: where to get it, in words. For `absent` see `paper_table`."""
+    missing = {name: where for name, where in absent.items() if name not in available}
+    for job in jobs:
+        if job["material"] not in available:
+            missing[job["material"]] = str(job.get("error", ""))  # the error of such a job says where
+    return missing
 
 
 def _rows(job: Job) -> Iterator[list[str]]:

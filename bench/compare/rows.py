@@ -164,29 +164,40 @@ def compared(
     runs: tuple[Run, Run], before: list[Job], after: list[Job], declared: set[int], timing: Advice | None
 ) -> ComparedRow:
     """The row of the jobs of base and new, of which one may be empty; `declared` are the seeds that new should have."""
-    first = (before or after)[0]
-    name = first["material"], first["label"]
+    any_job = before[0] if before else after[0]
+    material, label = any_job["material"], any_job["label"]
     base = [job for job in before if job["status"] == "ok"]
     new = [job for job in after if job["status"] == "ok"]
-    verdict, why = _unfinished(base, after, declared)
+    verdict, why = _unfinished(base, after, declared)  # None and "" unless jobs failed or vanished
     if not base or not new:
-        return ComparedRow(*name, verdict or Verdict.NEW, why)
+        return ComparedRow(material, label, verdict or Verdict.NEW, why)
     # A base may hold seeds of several versions of a codec. Those unlike the first tell nothing of its scatter.
     base = [job for job in base if not fitted_unlike(base[0], job)]
     ours, theirs = _paired(base, new)  # of base, and of new
-    # Each job of new against the base's of its seed; against its first one if they share no seed.
-    partner = {job["seed"]: job for job in ours}
-    reasons = [unlike(partner.get(job["seed"], base[0]), job) for job in theirs]
-    obstacles = [reason for reason in reasons if reason]
-    obstacle = obstacles[0] if obstacles else ""
-    changes = [] if obstacle else _changes(runs, ours, theirs, base)
+    obstacle = _first_obstacle(base, ours, theirs)
+    if obstacle:
+        return ComparedRow(material, label, verdict or Verdict.UNLIKE, why or obstacle)
+    changes = _changes(runs, ours, theirs, base)
     if not changes:
-        return ComparedRow(*name, verdict or Verdict.UNLIKE, why or obstacle or "neither record has a score")
+        return ComparedRow(material, label, verdict or Verdict.UNLIKE, why or "neither record has a score")
     others = [judge(quantity, ours, theirs, base) for quantity in undeciding(base[0])]
     settings = other_settings(base[0], new[0])
     notes = [f"settings: {settings}"] if settings else []
     seeds = tuple(job["seed"] for job in theirs)
-    return ComparedRow(*name, verdict or worst(changes), why, seeds, changes, others, timing, notes)
+    return ComparedRow(material, label, verdict or worst(changes), why, seeds, changes, others, timing, notes)
+
+
+def _first_obstacle(base: list[Job], ours: list[Job], theirs: list[Job]) -> str:
+    """Why a job of new, `theirs`, cannot be compared with the base's; "" if each can.
+
+    It is compared with the job of its seed among `ours` or, if they share no seed, with the first of the base.
+    """
+    job_of_seed = {job["seed"]: job for job in ours}
+    for job in theirs:
+        reason = unlike(job_of_seed.get(job["seed"], base[0]), job)
+        if reason:
+            return reason
+    return ""
 
 
 def worst(changes: list[Change]) -> Verdict:

@@ -183,17 +183,10 @@ def _converted(what: str, kind: Any, value: Any, words: bool) -> Any:
     Raises `ValueError`, or what Python's conversion raises, if the value has another type or is out of range.
     """
     plain, limits = _type_and_range(kind)
-    choices = get_args(plain)  # the values of a `Literal`, the types of a tuple
     if get_origin(plain) is Literal:
-        if words and value not in choices:  # a number among the choices, as a string
-            value = int(value)
-        _need(type(value) in (str, int) and value in choices)  # by type, because True equals 1
-        return value
+        return _converted_choice(get_args(plain), value, words)
     if get_origin(plain) is tuple:
-        # From a list. `tuple[X, ...]` has any number of values of one type, `tuple[X, Y]` one value of each type.
-        _need(isinstance(value, list) and (choices[-1] is ... or len(value) == len(choices)))
-        kinds = [choices[0]] * len(value) if choices[-1] is ... else choices
-        return tuple(converted(what, item_kind, item, words) for item_kind, item in zip(kinds, value, strict=True))
+        return _converted_tuple(what, get_args(plain), value, words)
     if dataclasses.is_dataclass(plain):
         return table(what, plain, value)  # type: ignore[arg-type]
     if plain is bool:
@@ -204,11 +197,35 @@ def _converted(what: str, kind: Any, value: Any, words: bool) -> Any:
     if plain is str:
         _need(isinstance(value, str) and len(value) <= WORD)
         return str(value)
-    # What is left is an int or a float. true and false are no numbers, and an int must not lose digits.
+    return _converted_number(plain, limits, value, words)
+
+
+def _converted_choice(choices: tuple[Any, ...], value: Any, words: bool) -> Any:
+    """One of the values of a `Literal`, texts or whole numbers."""
+    if words and value not in choices:  # a number among the choices, as a string
+        value = int(value)
+    _need(type(value) in (str, int) and value in choices)  # by type, because True equals 1
+    return value
+
+
+def _converted_tuple(what: str, kinds: tuple[Any, ...], value: Any, words: bool) -> tuple[Any, ...]:
+    """A tuple from a list: `tuple[X, ...]` has any number of values of one type, `tuple[X, Y]` one of each type."""
+    _need(isinstance(value, list))
+    if kinds[-1] is ...:
+        kinds = (kinds[0],) * len(value)
+    _need(len(value) == len(kinds))
+    return tuple(converted(what, kind, item, words) for kind, item in zip(kinds, value, strict=True))
+
+
+def _converted_number(plain: type, limits: Range, value: Any, words: bool) -> Any:
+    """An int or a float within its limits. True and false are no numbers, and an int must not lose digits."""
     _need(not isinstance(value, bool) and (words or not isinstance(value, str)))
-    _need(plain is not int or int(value) == float(value))
+    if plain is int:
+        _need(int(value) == float(value))
     number = plain(value)
-    _need(math.isfinite(number) and number in limits and (plain is not int or abs(number) <= WHOLE))
+    _need(math.isfinite(number) and number in limits)
+    if plain is int:
+        _need(abs(number) <= WHOLE)
     return number
 
 

@@ -205,26 +205,26 @@ def load_together(
     if len(runs) == 1:
         return runs[0]
     together = Run(runs[-1].folder)
-    for number, run in enumerate(runs):
+    for number, (path, run) in enumerate(zip(paths, runs, strict=True)):
+        is_file = path.suffix == ".jsonl"  # of records, not the folder of a run
         together.starts.extend(run.starts)
         # The names of this run's jobs that must not replace those of other runs; nor may their timings.
         aside = {job["job"] for job in run.jobs if job["status"] == "ok" and not wanted(job)}
         for job in run.jobs:
-            if job["job"] in aside:
-                # Under a name that no other job has.
-                together.jobs.put((number, job["job"]), job)
-                continue
-            if _of_other_data(job, together.job(job["job"])):
-                if beside and job["job"] in together.published and paths[number].suffix != ".jsonl":
-                    aside.add(job["job"])
-                    other = f"{job['job']}, other data of {run.folder.name}"
-                    together.jobs.put(other, {**job, "job": other})
-                    continue
+            name = job["job"]
+            if name in aside:
+                together.jobs.put((number, name), job)  # under a name that no other job has
+            elif not _of_other_data(job, together.job(name)):
+                together.jobs.put(name, _with_whole_paths(job, run.folder.absolute()))
+                if is_file:
+                    together.published.add(name)
+            elif beside and name in together.published and not is_file:
+                aside.add(name)
+                other_name = f"{name}, other data of {run.folder.name}"
+                together.jobs.put(other_name, {**job, "job": other_name})
+            else:
                 remedy = "was measured on other data in an earlier run: give fewer runs, or name the material otherwise"
-                raise InputError(f"{run.folder}: {job['job']} {remedy}")
-            together.jobs.put(job["job"], _with_whole_paths(job, run.folder.absolute()))
-            if paths[number].suffix == ".jsonl":
-                together.published.add(job["job"])
+                raise InputError(f"{run.folder}: {name} {remedy}")
         for timing in run.timings:
             if timing["job"] not in aside:
                 together.timings.put(timing["job"], timing)
