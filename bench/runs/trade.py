@@ -22,6 +22,7 @@ from bench import timing
 from bench.codec import Progress, silent
 from bench.codecs.loading import load
 from bench.compare.choosing import answers, validation_of
+from bench.data.spec import MaterialSpec
 from bench.demand.mitsuba.lobes import fitted
 from bench.files import atomic
 from bench.files.archive import MAX_FILE, read_arrays
@@ -119,11 +120,17 @@ def measure(
     target = torch.device(device)
     cores = torch.get_num_threads()
     batches = (*BATCHES, 1 << 20, 1 << 22) if full else BATCHES
-    possible = [text for text in suite.variants if exists_on(Variant.parse(text), target)]
-    left_out = []
-    if not emulated:
-        left_out = [text for text in possible if native.emulated(Variant.parse(text).precision, target)]
-    suite = replace(suite, variants=tuple(text for text in possible if text not in left_out))
+    measured_variants = []
+    left_out = []  # variants that the device has, but only emulates
+    for text in suite.variants:
+        variant = Variant.parse(text)
+        if not exists_on(variant, target):
+            continue
+        if native.emulated(variant.precision, target) and not emulated:
+            left_out.append(text)
+        else:
+            measured_variants.append(text)
+    suite = replace(suite, variants=tuple(measured_variants))
     ceilings = _ceilings(suite, target, cores)
     result: Trade = {  # `answers`, sentences that a reader wants first, come last
         "format": TRADE_FORMAT,
@@ -134,27 +141,40 @@ def measure(
         "profiles": [],
     }
     for spec in suite.materials:
-        recorded_jobs = [run.job(f"{spec.name}/{codec.label}/{suite.seeds[0]}") for codec in suite.codecs]
-        result["choices"] += [_failed(job, device) for job in recorded_jobs if job and job["status"] != "ok"]
-        jobs = [job for job in recorded_jobs if job and job["status"] == "ok"]
-        if jobs:
-            with opened(Opening("trade", spec, suite.data, suite.seeds[0], suite.metrics), show) as workbench:
-                choices = _choices(workbench, jobs, suite, run, device, ceilings, show)
-            if noise:
-                for row in choices:
-                    _add_noise(run, row, show)
-            result["choices"] += choices
-            if not profiles:
-                continue
+        jobs = []
+        for job in _jobs_of(run, suite, spec):
+            if job["status"] == "ok":
+                jobs.append(job)
+            else:
+                result["choices"].append(_failed(job, device))
+        if not jobs:
+            continue
+        with opened(Opening("trade", spec, suite.data, suite.seeds[0], suite.metrics), show) as workbench:
+            choices = _choices(workbench, jobs, suite, run, device, ceilings, show)
+        if noise:
+            for row in choices:
+                _add_noise(run, row, show)
+        result["choices"] += choices
+        if profiles:
             # Each codec in its entry without a sweep or, if no entry is without, the first job alone.
-            plain = {job["label"]: recorded(run.folder, job, device) for job in jobs if _plain(suite, job)}
-            profiled = plain or {jobs[0]["label"]: recorded(run.folder, jobs[0], device)}
+            profiled_jobs = [job for job in jobs if _plain(suite, job)] or jobs[:1]
+            profiled = {job["label"]: recorded(run.folder, job, device) for job in profiled_jobs}
             result["profiles"] += profile(spec.name, profiled, cores, batches)
     lines: list[str] = []
     for spec in suite.materials:
         lines += answers(spec.name, result["choices"])
     result["answers"] = lines
     return result
+
+
+def _jobs_of(run: Run, suite: Suite, spec: MaterialSpec) -> list[Job]:
+    """The jobs of a suite's codecs on one material, of its first seed, as far as the run has them."""
+    jobs = []
+    for codec in suite.codecs:
+        job = run.job(f"{spec.name}/{codec.label}/{suite.seeds[0]}")
+        if job:
+            jobs.append(job)
+    return jobs
 
 
 def _announced(suite: Suite, run: Run, device: str) -> str:

@@ -16,7 +16,7 @@ from torch import Tensor
 from bench.inputs.errors import InputError
 from bench.machine.devices import is_gpu
 from bench.timing.fused.layers import Array, Layer, layers_of, sine_of_turns
-from bench.training.decoder import BEND, LEAK, PARABOLA, Decoder, Network
+from bench.training.decoder import BEND, LEAK, PARABOLA, Architecture, Decoder, Network
 
 BLOCK = 128  # samples of one Triton program
 MOST_SHARED = 227 << 10  # bytes of shared memory of one program, of the GPU with the most (H100)
@@ -137,6 +137,25 @@ def _network(  # type: ignore[no-untyped-def]
     tl.store(out + sample[:, None] * OUTPUTS + answer[None, :], y, mask=wanted)
 
 
+def _refuse_unsuited(architecture: Architecture, parameter: Tensor) -> None:
+    """Raise `InputError` for a network that the kernel cannot compute; `parameter` has the type and device of all."""
+    # One width for all hidden layers. A residual of the first layer is not computed by the kernel.
+    width, *others = set(architecture.widths)
+    if others or (architecture.residual and architecture.inputs == width):
+        raise InputError("fused on a GPU needs hidden layers of one width, unlike that of the inputs: use compiled")
+    if parameter.dtype not in (torch.float32, torch.bfloat16):
+        raise InputError(f"fused on a GPU computes in float32 or bfloat16, not {parameter.dtype}: use compiled")
+    # At least the numbers that one layer passes to the next go through shared memory: 514 kB for 512 channels.
+    if is_gpu(parameter.device) and BLOCK * _padded(width) * parameter.itemsize > MOST_SHARED:
+        raise InputError(f"fused on a GPU has no room for {width} channels of {parameter.dtype}: use compiled")
+    # With 67 inputs, padded to 128, Triton 3.6 read where it may not, on an H100 in batches of 65,536.
+    if parameter.itemsize < 4 and architecture.inputs > MOST_SHORT_INPUTS:
+        raise InputError(
+            f"fused on a GPU in {parameter.dtype} takes up to {MOST_SHORT_INPUTS} inputs, not "
+            f"{architecture.inputs}: use float32, tf32 or compiled"
+        )
+
+
 class TritonNetwork(Network):
     """Computes a `Decoder` on its device and in its dtype, float32 or bfloat16; `tf32` rounds float32 products."""
 
@@ -145,25 +164,12 @@ class TritonNetwork(Network):
         so."""
         super().__init__()
         architecture = decoder.architecture
-        # One width for all hidden layers. A residual of the first layer is not computed by the kernel.
-        width, *others = set(architecture.widths)
-        if others or (architecture.residual and architecture.inputs == width):
-            raise InputError("fused on a GPU needs hidden layers of one width, unlike that of the inputs: use compiled")
-        parameter = next(decoder.parameters())
-        if parameter.dtype not in (torch.float32, torch.bfloat16):
-            raise InputError(f"fused on a GPU computes in float32 or bfloat16, not {parameter.dtype}: use compiled")
-        # At least the numbers that one layer passes to the next go through it: 514 kB in all for 512 channels.
-        if is_gpu(parameter.device) and BLOCK * _padded(width) * parameter.itemsize > MOST_SHARED:
-            raise InputError(f"fused on a GPU has no room for {width} channels of {parameter.dtype}: use compiled")
-        # With 67 inputs, padded to 128, Triton 3.6 read where it may not, on an H100 in batches of 65,536.
-        if parameter.itemsize < 4 and architecture.inputs > MOST_SHORT_INPUTS:
-            raise InputError(
-                f"fused on a GPU in {parameter.dtype} takes up to {MOST_SHORT_INPUTS} inputs, not "
-                f"{architecture.inputs}: use float32, tf32 or compiled"
-            )
+        parameter = next(decoder.parameters())  # its type and device are those of all
+        _refuse_unsuited(architecture, parameter)
+        # Sides of matrices are padded with zeros to what Triton multiplies.
         layers = layers_of(decoder)
         inputs = _padded(architecture.inputs)
-        width = _padded(width)
+        width = _padded(architecture.widths[0])  # all hidden layers have one width
         last = _padded(architecture.outputs)
         sides = [inputs, *[width] * len(architecture.widths), last]
         weights = []
