@@ -91,7 +91,7 @@ class BCF(Codec):
 
 def blocks_across(size: tuple[int, ...]) -> tuple[int, int]:
     """The numbers of rows and columns of blocks that cover a picture (H, W): its sides over 4, rounded up."""
-    return -(-size[0] // bc1.SIDE), -(-size[1] // bc1.SIDE)
+    return math.ceil(size[0] / bc1.SIDE), math.ceil(size[1] / bc1.SIDE)
 
 
 def texels_of_blocks(size: tuple[int, int]) -> Tensor:

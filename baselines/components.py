@@ -7,6 +7,7 @@ exposure. *Rounding* is how a file stores coefficients: each channel in few bits
 in some *probed* values of the BTF.
 """
 
+import math
 from functools import partial
 
 import torch
@@ -54,7 +55,7 @@ def rounded_coefficients(
     """
     coefficients = texture.flatten(0, 1)  # (texels, C)
     # Every so many texels, rounded up, so that at most `PROBED_TEXELS` are taken, evenly.
-    probed_texels = slice(None, None, -(-len(coefficients) // PROBED_TEXELS))
+    probed_texels = slice(None, None, math.ceil(len(coefficients) / PROBED_TEXELS))
 
     def answers(coefficients: Tensor) -> Tensor:
         """The values (F, n) of coefficients (n, C)."""

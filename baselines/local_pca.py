@@ -9,6 +9,7 @@ log ABRDFs but *points*: each texel's coefficients of the principal components o
 stores numbers: in few bits, chosen by the error that this causes in some values of the BTF, the *probed* ones.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -68,7 +69,7 @@ class LocalPCA(Codec):
         label = torch.from_numpy(local.label)
         pairs, values = probed(btf, fit, gain)
         # Every so many texels, rounded up, so that at most `PROBED_TEXELS` are taken, evenly.
-        probed_texels = slice(None, None, -(-len(label) // PROBED_TEXELS))
+        probed_texels = slice(None, None, math.ceil(len(label) / PROBED_TEXELS))
         probed_labels = label[probed_texels]  # (n,)
         probed_coefficients = texture.flatten(0, 1)[probed_texels]  # (n, k)
         probed_table = table[pairs]  # (P, 3, clusters · (k + 1))

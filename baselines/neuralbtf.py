@@ -109,7 +109,7 @@ def texture_sizes(settings: NeuralBTF.Settings, size: tuple[int, int] = (1, 1)) 
     if settings.reduction:
         factors["offset"] = settings.reduction
     # Sides are rounded up, so that every texel has its point.
-    return {name: (-(-size[0] // factor), -(-size[1] // factor)) for name, factor in factors.items()}
+    return {name: (math.ceil(size[0] / factor), math.ceil(size[1] / factor)) for name, factor in factors.items()}
 
 
 def harmonics(w: Tensor) -> Tensor:

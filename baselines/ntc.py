@@ -11,6 +11,7 @@ the *gain*, one number a BTF, is 8 × its exposure. An *objective* holds what is
 """
 
 import copy
+import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
@@ -119,7 +120,7 @@ def sizes(size: tuple[int, ...], reduction: int) -> tuple[tuple[int, int], tuple
 
     def grid_size(texels_of_point: int) -> tuple[int, int]:
         """The size of a grid with `texels_of_point` texels a side for each point, rounded up to cover the picture."""
-        return -(-size[0] // texels_of_point), -(-size[1] // texels_of_point)
+        return math.ceil(size[0] / texels_of_point), math.ceil(size[1] / texels_of_point)
 
     return grid_size(reduction), grid_size(2 * reduction)
 

@@ -11,6 +11,7 @@ A texel's log ABRDF is about the sum of its codes, one of each stage. *Rounding*
 few bits, chosen by the error that this causes in some values of the BTF, the *probed* ones.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -76,7 +77,7 @@ class VQ(Codec):
         # How finely the codebook is rounded: by the errors in the values of P probed pairs.
         pairs, values = probed(btf, fit, gain)
         # Every so many texels, rounded up, so that at most `PROBED_TEXELS` are taken, evenly.
-        probed_texels = slice(None, None, -(-len(rows) // PROBED_TEXELS))
+        probed_texels = slice(None, None, math.ceil(len(rows) / PROBED_TEXELS))
         target = values[:, probed_texels].T.cpu()  # (n, 3 · P)
 
         def answers(book: Tensor) -> Tensor:

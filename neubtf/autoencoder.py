@@ -33,7 +33,7 @@ from bench.training.stored_network import load_vector, to_vector
 
 STRIDE = 4  # texels a cell of the bottleneck; the grid of cells begins at texel (0, 0)
 RADIUS = 36  # see `test_a_texel_depends_on_its_surroundings_only`
-HALO = -(-RADIUS // STRIDE) * STRIDE
+HALO = math.ceil(RADIUS / STRIDE) * STRIDE
 LEAST = 3 * STRIDE  # texels that circular padding by three cells needs
 WIDTHS = (24, 64, 96)  # channels at full, half and quarter resolution
 EXPANSIONS = (2, 4, 4)  # of the pointwise layers; full resolution takes most of the time
@@ -109,7 +109,9 @@ class Autoencoder(nn.Module):
         height, width = guidance.shape[2:]
         if height % STRIDE == 0 and width % STRIDE == 0:
             # Repeat a period that is too short for the kernels; this does not change its texture.
-            tile = guidance.repeat(1, 1, -(-LEAST // height), -(-LEAST // width))  # LEAST / side, rounded up
+            tile = guidance.repeat(
+                1, 1, math.ceil(LEAST / height), math.ceil(LEAST / width)
+            )  # LEAST / side, rounded up
             features = self.encode(tile)
             return self.decode(features, Pooled.of_cells(features.deep))[..., :height, :width]
         # A side that does not fit the cells is handled as a tile: with a halo, which is not pooled, and cut off.
@@ -144,7 +146,7 @@ def surrounded(picture: Tensor, corner: tuple[int, int], size: tuple[int, int]) 
 
 def _rounded_up(side: int) -> int:
     """The least multiple of the stride that is no less than a side."""
-    return -(-side // STRIDE) * STRIDE
+    return math.ceil(side / STRIDE) * STRIDE
 
 
 def _doubled(x: Tensor) -> Tensor:

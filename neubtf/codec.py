@@ -5,6 +5,7 @@ autoencoder (`keep_encoder`) can be re-textured.
 """
 
 import logging
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -113,7 +114,7 @@ def guiding_pair(samples: Samples) -> int:
     That is at least `TELLING` times the best contrast of at most `TRIED` slices. A texture made from a slice of less
     would be nearly constant.
     """
-    tried_pairs = range(0, samples.pairs, -(-samples.pairs // TRIED))  # spread over all
+    tried_pairs = range(0, samples.pairs, math.ceil(samples.pairs / TRIED))  # spread over all
     least_contrast = TELLING * max(_contrast(samples, pair) for pair in tried_pairs)
     frontality = samples.wo[:, 2] + samples.wi[:, 2]
     most_frontal_first = frontality.argsort(descending=True, stable=True).tolist()

@@ -1,5 +1,6 @@
 """The channels of a neural texture as a picture."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,7 @@ def sheet(texture: Tensor) -> np.ndarray:
         shrink = longest // SIDE
         if min(channels.shape[:2]) >= shrink:  # a narrower texture would have no texel left on its short side
             channels = box_filter(channels, shrink)
-    grow = -(-SIDE // max(channels.shape[:2]))  # pixels a side of a texel, rounded up
+    grow = math.ceil(SIDE / max(channels.shape[:2]))  # pixels a side of a texel, rounded up
     bytes_of_texels = (channels * WHITE).round().astype(np.uint8)
     cells = bytes_of_texels.repeat(grow, 0).repeat(grow, 1)  # (h, w, D)
     height, width, count = cells.shape
@@ -44,7 +45,7 @@ def sheet(texture: Tensor) -> np.ndarray:
     framed_height, framed_width = height + GAP, width + GAP
     columns = round(np.sqrt(count * framed_height / framed_width))
     columns = min(count, max(1, columns))
-    rows = -(-count // columns)
+    rows = math.ceil(count / columns)
     framed = np.full((rows * columns, framed_height, framed_width), WHITE, np.uint8)
     framed[:count, GAP:, GAP:] = cells.transpose(2, 0, 1)
     by_row = framed.reshape(rows, columns, framed_height, framed_width).swapaxes(1, 2)  # (rows, h, columns, w)

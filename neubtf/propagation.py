@@ -4,6 +4,7 @@ The texture is made in tiles with halos, so working memory does not grow with th
 pools over the whole picture, and the next makes the texture.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -111,7 +112,7 @@ def _tiles(height: int, width: int, tile: int) -> Iterator[tuple[tuple[int, int]
 
     The last tiles may reach beyond the picture.
     """
-    rows, cols = (-(-side // STRIDE) * STRIDE for side in (height, width))  # rounded up
+    rows, cols = (math.ceil(side / STRIDE) * STRIDE for side in (height, width))
     for row in range(0, rows, tile):
         for col in range(0, cols, tile):
             yield (row, col), (min(tile, rows - row), min(tile, cols - col))

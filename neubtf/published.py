@@ -11,6 +11,7 @@ and because one highlight would otherwise outweigh every Gram matrix and spectru
 """
 
 import importlib.util
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -162,7 +163,7 @@ class Published(Guided):
         Every slice was an input. Some tell much more than the most frontal one, which hides the ribs of corduroy.
         """
         batch = self.samples.draw(COMPARED, fit.generator())
-        step = -(-self.samples.pairs // CANDIDATES)  # every so many pairs, rounded up
+        step = math.ceil(self.samples.pairs / CANDIDATES)  # every so many pairs, rounded up
         best_picture, least_error = self.guidance.clone(), self._error(self.guidance, batch)
         for pair in fit.progress(range(0, self.samples.pairs, step), "guidance images"):
             level = self.exposed(slice_of(self.samples, pair), torch.tensor([pair], device=self.samples.device))

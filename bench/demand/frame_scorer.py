@@ -6,6 +6,7 @@ pixel. The reference table is the BTF. Its radiance is interpolated over directi
 levels around a footprint, linear between them.
 """
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -154,7 +155,7 @@ class FrameScorer:
     def pictures(self, frames: Array) -> dict[str, Array]:
         """A few frames, `truth` and `decoded`: small, display-transformed, 8 bit (at most `KEPT_FRAMES`, h, w, 3)."""
         chosen = np.unique(np.linspace(0, len(frames) - 1, KEPT_FRAMES).round().astype(int))
-        factor = -(-max(frames.shape[1:3]) // KEPT_SIDE)  # rounded up
+        factor = math.ceil(max(frames.shape[1:3]) / KEPT_SIDE)
         kept = {}
         for name, whole in (("truth", self.truth), ("decoded", frames)):
             small = np.stack([box_filter(whole[i], factor) for i in chosen])

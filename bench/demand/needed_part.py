@@ -6,6 +6,7 @@ share of all is the query's importance. Pairs are those of view and light that t
 Finds the pairs around each query of a demand, too, and the share of the demand on each pair.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -131,7 +132,7 @@ def _span(place: Array, footprint: Array, side: int, factor: int, whole: int) ->
     steps = np.diff(seen, append=seen[0] + side)
     jump = int(np.argmax(steps))
     texels = side - int(steps[jump]) + 1  # without those that the longest step jumps over
-    length = -(-texels // factor) * factor  # rounded up to whole boxes
+    length = math.ceil(texels / factor) * factor  # in whole boxes
     if length >= whole:
         return 0, whole
     return int(seen[jump] + steps[jump]) % side, length

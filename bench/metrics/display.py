@@ -1,5 +1,7 @@
 """The exposure of a material, the display transform, and the log curve."""
 
+import math
+
 import numpy as np
 
 from bench.btf import BTF, Array
@@ -26,7 +28,7 @@ def sample(btf: BTF, seed: int = 0) -> Array:
     if len(btf) * height * width * 3 <= SAMPLE_VALUES:
         return np.concatenate([picture.reshape(-1, 3) for picture in btf])
     rng = np.random.default_rng(seed)
-    count = -(-SAMPLE_VALUES // 3)  # of three values each, rounded up
+    count = math.ceil(SAMPLE_VALUES / 3)  # of three values each, rounded up
     pair = rng.integers(0, len(btf), count)
     row = rng.integers(0, height, count)
     col = rng.integers(0, width, count)

@@ -8,6 +8,7 @@ The reference's part of each metric is kept up to a byte limit, so that many cod
 Decoded slices arrive as NumPy arrays; the decoder runs in the calling thread, the metrics in others.
 """
 
+import math
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -327,7 +328,7 @@ def worst(values: Array) -> float | None:
     """The mean of the least tenth of some values (n,), at least of one; None if there are none."""
     if not len(values):
         return None
-    tenth = -(-len(values) // 10)  # rounded up
+    tenth = math.ceil(len(values) / 10)
     return float(np.sort(values)[:tenth].mean())
 
 

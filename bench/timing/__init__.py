@@ -13,6 +13,7 @@ waits for memory and a network multiplies, and these speeds change by different 
 floor on one processor and 23 to 28 times on another.
 """
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -57,7 +58,7 @@ class Queries:
         if self.coherent:
             centres = texel_centres(*size)
             # The slice as often as it takes to fill the batch, rounded up; then cut to the batch.
-            slices = -(-self.batch // len(centres))
+            slices = math.ceil(self.batch / len(centres))
             uv = centres.repeat(slices, 1)[: self.batch]
             pair = from_degrees([40, 20], [30, 200])  # a view and a light
             wo, wi = (torch.from_numpy(direction).expand(self.batch, 3) for direction in pair)

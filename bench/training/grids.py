@@ -6,6 +6,7 @@ view, by a depth that a small network finds: where a texel blurs a relief over t
 sharpens it, without a height.
 """
 
+import math
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
@@ -54,7 +55,7 @@ def size_of(name: str, shape: tuple[int, int]) -> tuple[int, int]:
     """The size of a grid by name, over a picture (H, W); incomplete points at the edges count."""
     factor = FACTORS[name]
     height, width = shape
-    return -(-height // factor), -(-width // factor)  # rounded up
+    return math.ceil(height / factor), math.ceil(width / factor)
 
 
 class Grids(nn.Module):

@@ -4,6 +4,7 @@ Interleaved range coders (rANS: Duda 2013; Giesen 2014, "Interleaved entropy cod
 that ends otherwise than it began read others. Only the encoder chooses a model, so the floats of that decide nothing.
 """
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -187,7 +188,7 @@ def fitted(codes: NDArray[np.uint8], bits: Ints, canvas: Canvas) -> CodeModel:
         canvas.fill(values, channel, model.value(channel, codes[:, channel].astype(np.int64)))
     # Texels that choose: about `FITTED`, evenly. The step is rounded up, and made odd by its lowest bit, because an
     # even one could share factors with the width, and all would lie in a few columns.
-    every = -(-count // FITTED) | 1
+    every = math.ceil(count / FITTED) | 1
     some = np.arange(0, count, every)
     activity = np.full((1 + channels) * canvas.plane, USUAL, np.uint8)
     for channel in range(channels):

@@ -7,6 +7,7 @@ rounding. The bits of each channel are chosen by the error that its rounding add
 that is not fitted in steps is rounded in the same way at the end. See docs/decisions/0091.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Literal
@@ -136,7 +137,7 @@ def _added_errors(
         changes_of_answers.append((answers() - exact).square().mean())
     rounding.trial = None
     flat = values.flatten(0, -2)
-    every = -(-len(flat) // MEASURED)  # rounded up, so that at most `MEASURED` texels are left, evenly spread
+    every = math.ceil(len(flat) / MEASURED)  # rounded up, so that at most `MEASURED` texels are left, evenly spread
     some = flat[::every]
     # (C, n): the mean squared change of each channel with each number of bits.
     spread = torch.stack([_change(some, bits).square().mean(0) for bits in range(least, MOST_BITS + 1)], 1)

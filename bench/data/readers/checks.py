@@ -197,7 +197,7 @@ def refuse_extremes(btf: BTF) -> None:
     samples = []  # one-dimensional, some values of each slice
     for picture in some_slices(btf):
         largest = max(largest, float(picture.max()))
-        step = -(-picture.size // VALUES)  # rounded up, so that at most `VALUES` values are taken
+        step = math.ceil(picture.size / VALUES)  # rounded up, so that at most `VALUES` values are taken
         if step % 3 == 0:  # red, green and blue take turns: such steps would meet one of them alone
             step += 1
         samples.append(picture.reshape(-1)[::step])
