@@ -208,13 +208,12 @@ class _Operands:
             return value
         if not _on_device(value):
             takes_numbers = torch.Tag.pointwise in self.op.tags or self.name in _OF_NUMBERS
-            is_number = value.ndim == 0 and takes_numbers
-            is_index = self.name in _INDEXING and position == 1
-            if not is_number and not is_index:
-                raise RuntimeError(f"{self.name}: expected all tensors on {NAME}, but one is on {value.device}")
-            if is_index and not is_number:  # a GPU copies an index of the CPU
+            if value.ndim == 0 and takes_numbers:  # a number, which the host passes to the kernel
+                return value
+            if self.name in _INDEXING and position == 1:  # the indices, the second argument, which a GPU copies
                 _copy_noted("an index", value)
-            return value
+                return value
+            raise RuntimeError(f"{self.name}: expected all tensors on {NAME}, but one is on {value.device}")
         host = _host(value)
         self.lowered_tensors[id(host)] = host, value
         self.storages[host.untyped_storage()._cdata] = value.untyped_storage()

@@ -92,18 +92,22 @@ class Scorer:
         self.btf = btf
         self.threads = threads or cores()
         self.cache_bytes = cache_bytes
-        self.names = registry.chosen_names(registry.DEFAULTS, btf.periodic) if names is None else tuple(names)
+        if names is None:
+            names = registry.chosen_names(registry.DEFAULTS, btf.periodic)
+        self.names = tuple(names)
         described = {name: registry.get(name) for name in self.names}
         for name, metric in described.items():
             if metric.periodic and not btf.periodic:
                 raise InputError(f"{name} is only for materials that repeat, and {btf.name} does not")
         self.metrics = {name: metric.load() for name, metric in described.items()}
-        self.exposure = exposure if exposure is not None else 1.0
-        # The data are sampled only if something is measured of them: the exposure, or constants of a metric.
+        # Sampling reads slices, so it is done only if something is measured of them: the exposure, or constants of a
+        # metric.
         if exposure is None or any(metric.per_material for metric in self.metrics.values()):
             values = sample(btf if sampled is None else sampled)
-            self.exposure = exposure_of(values) if exposure is None else exposure
             self.metrics = {name: metric.for_material(values) for name, metric in self.metrics.items()}
+            if exposure is None:
+                exposure = exposure_of(values)
+        self.exposure = exposure
         # The metrics whose window fits into the picture; the others give NaN.
         self._applicable = {name: metric for name, metric in self.metrics.items() if min(btf.shape) >= metric.smallest}
         self._cached: dict[tuple[int, ...], _Reference] = {}  # by the pairs of a stack

@@ -142,7 +142,7 @@ class _Recorder:
         """Compute a node whose arguments are all constants, or note it as a step."""
         target: Any = node.target
         operation = str(getattr(target, "overloadpacket", target).__name__).removeprefix("_")
-        if operation == "assert_tensor_metadata":
+        if operation == "assert_tensor_metadata":  # it computes nothing
             return
         arguments = [self._argument(value) for value in node.args]
         if operation in SAME:

@@ -52,6 +52,7 @@ def field_kind(hint: Any) -> Kind:
         # In the order of their descriptions, because faults are told in this order.
         needed = tuple(name for name in kind_of_field if name in must)
         return Fields(kind_of_field, needed, hint)
+    # A type without marks: `Literal["a", "b"]`, `dict[str, X]`, `list[X]`, `X | None`, or a plain one.
     generic = get_origin(hint)
     arguments = get_args(hint)
     if generic is Literal:
@@ -63,7 +64,8 @@ def field_kind(hint: Any) -> Kind:
     if type(None) in arguments:  # `X | None`
         plain: Any = field_kind(arguments[0])
         return Plain(f"{plain.words} or null", lambda value: value is None or plain.test(value))
-    return {bool: kinds.FLAG, Any: kinds.ANYTHING}[hint]
+    kind_of_plain_type: dict[Any, Kind] = {bool: kinds.FLAG, Any: kinds.ANYTHING}
+    return kind_of_plain_type[hint]
 
 
 def fault(record: Mapping[str, Any]) -> str:
