@@ -189,7 +189,6 @@ def _figure(plot: Plot, material: MaterialRows, styles: Styles) -> Figure:
     title = f"{material.name}: {subject}"
     height = max(4.4, 1.6 + 0.2 * len(curves))  # inches; the legend has a line for each curve
     drawing, (axes,) = plots(8.2, height)
-    # Points of fits lie close together.
     look = {"markersize": 3} if is_of_fits else {"markersize": 6, "alpha": 0.9}
     handles = []
     for name, points in curves.items():

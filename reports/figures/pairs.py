@@ -53,7 +53,7 @@ def pairs_figure(run: Run, name: str, pairs: Sequence[int], inset: Inset | None 
     rows = []
     if material:
         for row, arrays_of_row in of_shown(run, material, "pictures"):
-            # A file of an older run may lack some of these.
+            # A row whose file lacks some of these cannot be drawn.
             if arrays_of_row.keys() >= {"truth", "decoded", "pairs", "wo_deg", "wi_deg"}:
                 rows.append((row, arrays_of_row))
     if material is None or not rows:
@@ -136,9 +136,8 @@ def _worst(rows: list[tuple[Row, Arrays]], place: int, size: tuple[int, int]) ->
     maps = [stored["flip"][place].astype(float).sum(2) for _, stored in rows if "flip" in stored]
     if not maps:
         return Inset((size[0] - side) // 2, (size[1] - side) // 2, side)
-    squares = np.lib.stride_tricks.sliding_window_view(
-        sum(maps), (side, side)
-    )  # (first rows, first columns, side, side)
+    # Every such square: (first rows, first columns, side, side).
+    squares = np.lib.stride_tricks.sliding_window_view(sum(maps), (side, side))
     sums = squares.sum((2, 3))
     row, col = np.unravel_index(int(sums.argmax()), sums.shape)
     return Inset(int(row), int(col), side)
