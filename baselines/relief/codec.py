@@ -267,7 +267,7 @@ class ReliefObjective(Objective):
     """What a fit changes: the latents of the finest level, the network and, where a height is refined, its shift."""
 
     def __init__(self, levels: list[Samples], height: Tensor | None, settings: Any, fit: Fit):
-        """Start network and latents, both drawn from the generator of the fit.
+        """Start network and latents, with the generator of the fit.
 
         `levels` are the samples at each level of detail, the finest first; `height` (H, W) is what the sweep found,
         None without a relief.
@@ -276,9 +276,10 @@ class ReliefObjective(Objective):
         self.levels = levels
         self.fit = fit
         generator = fit.generator()
-        self.network = Network(settings, height is not None, generator)
+        has_height = height is not None
+        self.network = Network(settings, relief=has_height, generator=generator)
         self.network.start_at(self.samples.mean(generator))  # answers the mean log radiance at first
-        self.pyramids = Pyramids(settings, self.samples.shape, height is not None)
+        self.pyramids = Pyramids(settings, self.samples.shape, relief=has_height)
         self.first_height: Tensor | None  # as the sweep found it, which a fit does not change
         self.register_buffer("first_height", height, persistent=False)
         # The shift of the first height in texels, before smoothing; None if no height is refined.
@@ -293,7 +294,7 @@ class ReliefObjective(Objective):
             slices = partial(rectified, self.samples, height)  # takes the pairs
         self.moved = False  # whether the marched surface differs from the first one
         first = first_latents(self.samples, total(settings), settings.start, generator, slices)  # (H · W, channels)
-        self.grids = Grids(first, self.samples.shape, settings, offset=height is None)
+        self.grids = Grids(first, self.samples.shape, settings, offset=not has_height)
 
     def stored_networks(self) -> list[nn.Module]:
         return [self.network]
@@ -401,13 +402,14 @@ class Relief(Codec):
         """The material of a file's parts, on a device. `InputError` if the grids do not fit the size."""
         height, width = parts.other["size"].tolist()
         surface = None
-        if "height" in parts.texture:
+        if "height" in parts.texture:  # `encode` found one
             codes = expand(parts.texture["height"], (height, width, 1))[..., 0]
             heights = restored(codes, parts.texture["height.range"])
             # Larger heights, and NaN, are from an altered file, but a search through them must still end.
             surface = Surface(heights.nan_to_num(0).clamp(-HIGHEST, HIGHEST))
-        network = load_network(Network(self.settings, surface is not None), parts.decoder)
-        pyramids = Pyramids(self.settings, (height, width), surface is not None)
-        grids = load_grids(parts.texture, self.settings, (height, width), offset=surface is None)
+        has_height = surface is not None
+        network = load_network(Network(self.settings, relief=has_height), parts.decoder)
+        pyramids = Pyramids(self.settings, (height, width), relief=has_height)
+        grids = load_grids(parts.texture, self.settings, (height, width), offset=not has_height)
         gain = float(parts.other["gain"])
         return ReliefMaterial(network, pyramids, (height, width), grids, surface, gain).to(device)

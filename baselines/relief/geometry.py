@@ -110,7 +110,9 @@ class Surface(nn.Module):
         row = ((1 - v) * rows + above).int()
         if torch.compiler.is_exporting():  # a shader wraps around: a margin would make its texture much larger
             inner = self.padded[above : above + rows, left : left + cols].flatten()
-            return inner.take(((row - above).remainder(rows) * cols + (col - left).remainder(cols)).long())
+            inner_row = (row - above).remainder(rows)
+            inner_col = (col - left).remainder(cols)
+            return inner.take((inner_row * cols + inner_col).long())
         place = row.mul_(self.padded.shape[1]).add_(col)  # in place, to save memory in a search
         return self.padded.view(-1).take(place.long())
 
@@ -134,17 +136,22 @@ class Surface(nn.Module):
         first = (VIEW_STEPS - highest_rank).clamp_max(VIEW_STEPS - 1)
         # The heights at which this step begins and ends, and the gaps, how far the surface is above the ray there: all
         # (n, 1). The upper gap is at most 0, the lower one at least.
-        upper, lower = z[first[0]], z[first[0] + 1]
-        upper_gap, lower_gap = over.gather(0, first).T.clamp_max(0), over.gather(0, first + 1).T.clamp_min(0)
+        upper = z[first[0]]
+        lower = z[first[0] + 1]
+        upper_gap = over.gather(0, first).T.clamp_max(0)
+        lower_gap = over.gather(0, first + 1).T.clamp_min(0)
         # Steps of the secant.
         for _ in range(SECANTS):
-            # Where the gap would be 0 if it were a line between both; this point replaces the end on its own side.
+            # Where the gap would be 0 if it were a line between both; this point replaces the end on its own side. With
+            # both gaps 0, the least divisor keeps it at the lower end.
             middle = lower + (upper - lower) * lower_gap / (lower_gap - upper_gap).clamp_min(1e-9)
             surface_height = sample_texture(self.height, wrapped(uv + along * middle)).to(uv.dtype)
             gap = surface_height - middle
             inside = gap >= 0
-            lower, lower_gap = torch.where(inside, middle, lower), torch.where(inside, gap, lower_gap)
-            upper, upper_gap = torch.where(inside, upper, middle), torch.where(inside, upper_gap, gap)
+            lower = torch.where(inside, middle, lower)
+            lower_gap = torch.where(inside, gap, lower_gap)
+            upper = torch.where(inside, upper, middle)
+            upper_gap = torch.where(inside, upper_gap, gap)
         # Again where the gap would be 0 on a line between both ends.
         z = lower + (upper - lower) * lower_gap / (lower_gap - upper_gap).clamp_min(1e-9)
         return wrapped(uv + along * z), z

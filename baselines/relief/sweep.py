@@ -32,11 +32,11 @@ from bench.material import sample_texture, texel_centres
 MOST_VIEWS, MOST_LIGHTS = 32, 32  # the most views and lights that are compared
 MEMORY = 256 << 20  # bytes of slices that are kept; larger pictures use fewer lights
 TRUNCATION = 0.5  # limit of a difference of log radiance, so that an occluded point does not outweigh the others
-LEAST_GAIN = (
-    0.05  # least `SweptHeight.gain`: a relief has 0.2 and more; noise and reflectance of planes have less than 0
-)
+# Least values of the `SweptHeight` of a relief. Gain: a relief has 0.2 and more; noise and reflectance of planes have
+# less than 0. Likeness: a relief has 0.8 and more, planes have less than 0.
+LEAST_GAIN = 0.05
+LEAST_LIKENESS = 0.5
 LEAST_LEFT = 1e-4  # of log radiance: below, a plane leaves only rounding
-LEAST_LIKENESS = 0.5  # least `SweptHeight.likeness`: a relief has 0.8 and more, planes have less than 0
 COMPONENTS = 8  # of the ABRDFs: fewer miss highlights, more also explain blur
 # `refine` looks beyond the first range of heights, on either side: by this share of it, and at least by so many widths.
 BEYOND, LEAST_BEYOND = 0.15, 0.004
@@ -153,18 +153,20 @@ def find(btf: BTF, gain: float, fit: Fit) -> SweptHeight | None:
     grid = _grid(btf.layout)
     if grid is None:
         return None
-    # The view of each row of the grid is that of its first pair: (V, 3).
-    views = torch.from_numpy(btf.layout.views[[int(btf.layout.view[row[0]]) for row in grid]]).float()
+    # The view of each row of the grid is that of its first pair.
+    view_numbers = btf.layout.view[grid[:, 0]]
+    views = torch.from_numpy(btf.layout.views[view_numbers]).float()  # (V, 3)
     slices = _read(btf, grid, gain, fit)
     # Every other view, beside the most frontal one, which is in both halves.
-    halves = [0, *range(1, len(views), 2)], [0, *range(2, len(views), 2)]
+    halves = ([0, *range(1, len(views), 2)], [0, *range(2, len(views), 2)])
     heights = [_swept(slices[half], views[half]) for half in halves]
     # Each height is tested on the half of the views with which it was not found.
     gains = []
-    for height, other_half in zip(heights, halves[::-1], strict=True):
+    for height, other_half in zip(heights, reversed(halves), strict=True):
         test_slices, test_views = slices[other_half], views[other_half]
         plane_error = unexplained(torch.zeros_like(height), test_slices, test_views)
         relief_error = unexplained(height, test_slices, test_views)
+        # If even the plane leaves only rounding, the gain is near 0.
         gains.append((plane_error - relief_error) / max(plane_error, LEAST_LEFT))
     likeness = _likeness(heights[0].flatten(), heights[1].flatten())
     return SweptHeight(_swept(slices, views), min(gains), likeness)
@@ -203,13 +205,15 @@ def _grid(layout: Layout) -> np.ndarray | None:
     front = int(np.argmax(frontality))
     lights = np.flatnonzero(measured[front])
     # At most `MOST_LIGHTS`, spread evenly.
-    lights = lights[thin(layout.lights[lights], min(MOST_LIGHTS, len(lights)))]
+    kept = thin(layout.lights[lights], count=min(MOST_LIGHTS, len(lights)))
+    lights = lights[kept]
     # The other views that have all these lights.
     others = np.flatnonzero(measured[:, lights].all(1))
     others = others[others != front]
     if len(lights) < 2 or len(others) < 2:  # each half of the views needs one beside the most frontal
         return None
-    others = others[thin(layout.views[others], min(MOST_VIEWS - 1, len(others)))]
+    kept = thin(layout.views[others], count=min(MOST_VIEWS - 1, len(others)))
+    others = others[kept]
     views = np.concatenate([[front], others])
     return pairs[views][:, lights]
 

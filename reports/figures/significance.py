@@ -3,7 +3,8 @@
 A *slice* is one picture of a material: all texels at one pair of view and light. The *difference* of two codecs is that
 of their PSNR in dB on the same slices, as a mean with a 95 % interval. Two codecs are *told apart* if equal ones would
 hardly differ as much; that is said only of `FEWEST` materials or more. A *surface* is a material. A *line* is a codec,
-or a codec as published; its *rank* is its place by PSNR within one budget of bytes.
+or a codec as published; a *rung* is a setting of it that was measured. Its *rank* on a surface is its place by the PSNR
+of the rung that validation pairs choose within a budget of bytes.
 """
 
 from collections.abc import Iterator, Mapping

@@ -48,8 +48,9 @@ def model_data(model: Shown, encode: Callable[[bytes], object]) -> dict[str, obj
     spare = fallback(model.program, GLSL)
     data: dict[str, object] = {"label": model.label, "note": model.note, "exposure": model.exposure}
     data |= {"periods": model.program.periods, **_encoded(full, encode)}
-    if spare:  # for compilers that choke on literals; textures that are the same are not written twice
-        data["fallback"] = {key: text for key, text in _encoded(spare, encode).items() if data[key] != text}
+    if spare:  # for compilers that choke on literals
+        # Only what differs, so that textures that are the same are not written twice.
+        data["fallback"] = {key: value for key, value in _encoded(spare, encode).items() if data[key] != value}
     return data
 
 
