@@ -7,6 +7,13 @@ that fails the test on other views is not written. See docs/relief.md.
 The material marches the view ray to the surface, or without a height moves the look-up by a small network; fetches
 the latents there, from grids at full, half and quarter resolution; and shades. The network sees ω_o, ω_i and the half
 vector h in xyz, and with a height how far the relief rises into the ray to the light.
+
+A *slice* is one picture of the BTF: all texels at one pair of a view (ω_o, `wo`) and a light (ω_i, `wi`). *Samples* are
+the radiances that a fit learns, at texels and pairs; *queries* are the same questions as uv, directions and *level*,
+the level of detail: 0 is the picture, and each further one has half as many texels a side. A *grid* is a texture of
+latents, named `latents`, `latents2`, `latents4` (full, half, quarter resolution) or `offset`; a *pyramid* is a grid
+with its coarser levels, its *table* (rows, C) all their texels. To *march* is to search where a ray meets the surface.
+*Log radiance* is log1p(gain · radiance), with one gain for a material.
 """
 
 import math
@@ -46,7 +53,8 @@ from bench.training.inputs import COUNTS, direction_inputs
 from bench.training.stored_network import WeightPrecision, load_network, store_network
 
 COARSE_SHARE = 8  # one of this many samples is of a coarser level
-# Share of the steps. Earlier, latents are still misplaced, and would pull the height with them.
+# Share of the steps of a fit after which the height moves. Earlier, latents are still misplaced, and would pull the
+# height with them.
 REFINED_FROM = 0.5
 RENEWED = 10  # steps between two surfaces that are marched, while the height is refined
 HIGHEST = 2 * geometry.REACH  # and −HIGHEST the lowest height, in widths of the picture: what a decoder reads
@@ -56,16 +64,19 @@ SHADOW = 0.5  # texels: about half of the penumbra that a texel's width makes
 
 
 class Network(nn.Module):
-    """Latents and directions (n, 3) → log radiance (n, 3); with `relief` it also sees the light's horizon."""
+    """Latents and directions (n, 3) → log radiance (n, 3); with a relief it may also shadow: see `forward`.
+
+    Without one it has the network that moves a look-up, if the settings give that channels.
+    """
 
     def __init__(self, settings: Any, relief: bool, generator: torch.Generator | None = None):
         """Make the networks, with weights drawn from the generator; `relief` says whether the surface has a height."""
         super().__init__()
         self.shadow: bool = relief and settings.shadow
-        # Latents, the level of detail, directions, and how far the relief rises into the ray to the light.
+        # Latents, the level of detail, directions and, with a shadow, how far the relief rises into the light's ray.
         inputs = total(settings) + 1 + COUNTS["xyzh"] + self.shadow
         widths = (settings.width,) * settings.layers
-        outputs = 6 if self.shadow else 3  # radiance, and a mask of it
+        outputs = 6 if self.shadow else 3  # radiance in RGB, and a mask of it in RGB
         self.decoder = Decoder(Architecture(inputs, widths, outputs, activation="silu"), generator)
         self.offset = Offset(settings.offset, generator) if settings.offset and not relief else None
 
@@ -82,18 +93,18 @@ class Network(nn.Module):
         self.decoder.start_at(outputs)
 
     def forward(self, latents: list[Tensor], level: Tensor, wo: Tensor, wi: Tensor, excess: Tensor | None) -> Tensor:
-        """Log radiance (n, 3) of the latents (n, C) of each grid.
+        """Log radiance (n, 3) of the latents (n, C) of each grid, of which C may differ.
 
-        `level` (n, 1) is the level of detail. `excess` (n, 1) is how far the relief rises above the ray to the light,
-        in texels; None without a relief or without its shadow.
+        `wo` and `wi` are unit vectors (n, 3), `level` (n, 1) is the level of detail. `excess` (n, 1) is how far the
+        relief rises above the ray to the light, in texels; None without a relief or without its shadow.
         """
-        numbers = [level / DEEPEST, *direction_inputs(wo, wi, "xyzh")]
+        numbers = [level / DEEPEST, *direction_inputs(wo, wi, "xyzh")]  # (n, columns) each
         if excess is not None:
             numbers.append((excess * SHADOW).tanh())
         dtype = latents[0].dtype  # as that of the network; directions may be more precise
         inputs = [*latents, *(values.to(dtype) for values in numbers)]
         out = self.decoder(torch.cat(inputs, 1)).to(wo.dtype)
-        if excess is None:
+        if excess is None:  # without a mask the outputs are log radiance
             return out
         # log1p(mask · radiance): a mask removes light, but a log radiance would rarely go below 0. The limits keep both
         # logarithm and exponential finite.
@@ -103,13 +114,16 @@ class Network(nn.Module):
 
 
 class Pyramids(nn.Module):
-    """Each grid of a texture of `size`, and its coarser levels, by name; a file holds the finest level of each."""
+    """The layout of each grid and its coarser levels, by name; a file holds the finest level of each.
+
+    The numbers themselves are in tables, which are given to its methods.
+    """
 
     def __init__(self, settings: Any, size: tuple[int, int], relief: bool):
-        """Lay out the levels of each grid over a picture of `size` (H, W)."""
+        """Lay out the levels of each grid over a picture of `size` (H, W); with a relief there is no offset's grid."""
         super().__init__()
         self.side = max(size)
-        self.coarsest = level_count(size) - 1
+        self.coarsest = level_count(size) - 1  # the number of the last level
         names = channels(settings, offset=not relief)
         self.pyramids: Any = nn.ModuleDict({name: Pyramid(size_of(name, size)) for name in names})
 
@@ -118,22 +132,23 @@ class Pyramids(nn.Module):
         return {name: self.pyramids[name].table(values.flatten(0, 1)) for name, values in grids.items()}
 
     def level(self, footprint: Tensor) -> Tensor:
-        """The level (n,) of footprints (n,) in texture units: log2 of texels, of those that the texture has."""
+        """The level (n,) of footprints (n,), whose unit is the texture's longer side: log2 of their texels, clamped to
+        the levels that there are."""
         return (footprint.float() * self.side).log2().clamp(0, self.coarsest)
 
     def fetch(self, tables: dict[str, Tensor], uv: Tensor, level: Tensor) -> list[Tensor]:
         """The channels (n, C) of each grid but the offset's, at uv (n, 2) and levels (n,) of the texture."""
         channels_of_grids = []
         for name, pyramid in self.pyramids.items():
-            if name != "offset":
+            if name != "offset":  # which the network does not see; `moved` fetches it
                 # A grid of half the resolution is one level coarser, so its own level is one less.
-                coarser = int(math.log2(FACTORS[name]))
+                coarser = int(math.log2(FACTORS[name]))  # levels between the picture and this grid
                 grid_level = (level - coarser).clamp(0, len(pyramid.levels) - 1)
                 channels_of_grids.append(pyramid.fetch(tables[name], uv, grid_level))
         return channels_of_grids
 
     def moved(self, network: Network, tables: dict[str, Tensor], uv: Tensor, wo: Tensor) -> Tensor:
-        """uv (n, 2) as the offset moves it, if the network has one."""
+        """uv (n, 2) as the offset moves it along the views wo (n, 3); unchanged if the network has no offset."""
         if network.offset is None:
             return uv
         finest = torch.zeros(len(uv), dtype=torch.long, device=uv.device)
@@ -151,8 +166,8 @@ def answer(
 ) -> Tensor:
     """Log radiance (n, 3) of queries, from the `tables` of all grids.
 
-    Without a relief the offset moves the look-up. `height` (H, W) is that of the relief in a fit that refines it: the
-    place where a ray hits then has a gradient to it.
+    Without a relief the offset moves the look-up. `height` (H, W) is given in a fit that refines it: the place where a
+    ray hits the relief then has a gradient to it. Otherwise it is None.
     """
     uv, wo, wi, level = queries
     excess = None  # unless there is a relief with a shadow: see `Network.forward`
@@ -180,30 +195,34 @@ class ReliefMaterial(Material):
         relief: Surface | None,
         gain: float,
     ):
-        """Count the cost of an answer term by term, and keep the parts."""
+        """Count the cost of an answer term by term, and keep the parts.
+
+        `grids` (h, w, C) are those of a file by name; `gain` is the factor of log radiance.
+        """
+        # Channels at full resolution: those of the latents, and the height.
         texture_channels = grids["latents"].shape[2] if "latents" in grids else 0
         heights = heights_read = 0
         if relief is not None:
             texture_channels += 1
-            heights = relief.height.numel() + relief.padded.numel()
+            heights = relief.height.numel() + relief.padded.numel()  # as stored, and the finer copy
             heights_read = geometry.VIEW_STEPS + 1  # the linear search along the view
             heights_read += 4 * geometry.SECANTS  # four texels each
             if network.shadow:
-                heights_read += geometry.LIGHT_STEPS
+                heights_read += geometry.LIGHT_STEPS  # the search toward the light
         tables = pyramids.tables(grids)
         numbers_read = 0
         for name, table in tables.items():
-            texels = 4 if name == "offset" else 8  # of one level, or of two
+            texels = 4 if name == "offset" else 8  # bilinearly of one level, or of two
             numbers_read += texels * table.shape[1]
         # Each number is multiplied and added; a step of a search takes about eight operations.
         flops = network.flops + 2 * numbers_read + 8 * heights_read
-        bytes_of_number = next(iter(tables.values())).element_size()
+        bytes_of_number = next(iter(tables.values())).element_size()  # the same in all tables
         cost = DecoderCost(
             parameters=sum(p.numel() for p in network.parameters()),
             texture_channels=texture_channels,
             texture_floats=sum(table.numel() for table in tables.values()) + heights,
             flops_per_sample=flops,
-            bytes_per_sample=numbers_read * bytes_of_number + 4 * heights_read,  # heights are float32
+            bytes_per_sample=numbers_read * bytes_of_number + 4 * heights_read,  # heights have four bytes, as float32
         )
         super().__init__(size, cost)
         # The relief is separate from the network: it holds places, which stay float32 even if the network is shorter.
@@ -216,15 +235,17 @@ class ReliefMaterial(Material):
             setattr(self, f"table_{name}", table)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
+        """Radiance (n, 3) of queries; `footprint` (n,) is in units of the texture's longer side."""
         tables = {name: getattr(self, f"table_{name}") for name in self.names}
         queries = (uv, wo, wi, self.pyramids.level(footprint))
         return to_radiance(answer(self.network, self.pyramids, self.relief, tables, queries), self.gain)
 
 
 def rectified(samples: Samples, height: Tensor, pair: Tensor) -> Tensor:
-    """As `Samples.slices` log radiance (texels, pairs, 3) of some pairs (pairs,), but of the points of a surface.
+    """The log radiance (texels, pairs, 3) of the surface points of all texels at some pairs, given as indices (pairs,).
 
-    Each slice is read where its view sees the surface point of a texel, at its height (H, W).
+    `Samples.slices` gives the radiance of texels of the plane. Here each slice is read where its view sees the surface
+    point of a texel, at its height in `height` (H, W).
     """
     centres = samples.centres(torch.arange(samples.texels, device=samples.device))
     rise = height.reshape(-1, 1).to(samples.device)  # (texels, 1)
@@ -237,38 +258,43 @@ def rectified(samples: Samples, height: Tensor, pair: Tensor) -> Tensor:
 
 
 def marched_surface(height: Tensor) -> Surface:
-    """The surface of a height (H, W) in the steps that a file holds."""
+    """The surface of a height (H, W), rounded to the steps that a file holds."""
     _, _, height_in_steps = stepped(height)
     return Surface(height_in_steps)
 
 
 class ReliefObjective(Objective):
-    """The latents of the finest level, the network and, where there is a height, its refinement."""
+    """What a fit changes: the latents of the finest level, the network and, where a height is refined, its shift."""
 
     def __init__(self, levels: list[Samples], height: Tensor | None, settings: Any, fit: Fit):
-        """Start network and latents; `levels` are the samples at each level of detail, the finest first, `height` or
-        None."""
+        """Start network and latents, with the generator of the fit.
+
+        `levels` are the samples at each level of detail, the finest first; `height` (H, W) is what the sweep found,
+        None without a relief.
+        """
         super().__init__(levels[0], settings)
         self.levels = levels
         self.fit = fit
         generator = fit.generator()
-        self.network = Network(settings, height is not None, generator)
-        self.network.start_at(self.samples.mean(generator))
-        self.pyramids = Pyramids(settings, self.samples.shape, height is not None)
-        self.first_height: Tensor | None
+        has_height = height is not None
+        self.network = Network(settings, relief=has_height, generator=generator)
+        self.network.start_at(self.samples.mean(generator))  # answers the mean log radiance at first
+        self.pyramids = Pyramids(settings, self.samples.shape, relief=has_height)
+        self.first_height: Tensor | None  # as the sweep found it, which a fit does not change
         self.register_buffer("first_height", height, persistent=False)
         # The shift of the first height in texels, before smoothing; None if no height is refined.
         self.height_shift: nn.Parameter | None = None
         self.relief: Surface | None = None  # the surface that is marched
-        slices = None  # that the first latents are components of; None: those of the samples
+        # What gives the slices of pairs of whose ABRDFs the first latents are components; None: `Samples.slices`.
+        slices = None
         if height is not None:
             if settings.refine:
                 self.height_shift = nn.Parameter(torch.zeros_like(height))
             self.relief = marched_surface(height)
-            slices = partial(rectified, self.samples, height)
+            slices = partial(rectified, self.samples, height)  # takes the pairs
         self.moved = False  # whether the marched surface differs from the first one
-        first = first_latents(self.samples, total(settings), settings.start, generator, slices)
-        self.grids = Grids(first, self.samples.shape, settings, offset=height is None)
+        first = first_latents(self.samples, total(settings), settings.start, generator, slices)  # (H · W, channels)
+        self.grids = Grids(first, self.samples.shape, settings, offset=not has_height)
 
     def stored_networks(self) -> list[nn.Module]:
         return [self.network]
@@ -298,19 +324,20 @@ class ReliefObjective(Objective):
             self.relief = marched_surface(height).to(height.device)
 
     def tables(self) -> dict[str, Tensor]:
-        """The pyramids as they are looked up: from half of the fit on those of the file."""
+        """The table of each pyramid by name, of grids as they are looked up: from half of the fit on those of the
+        file."""
         return self.pyramids.tables(self.grids.rounded())
 
     def predict(self, batch: Batch, progress: float) -> Tensor:
         """Log radiance (n, 3) at the finest level; at the end of a fit, on the height as the file will hold it."""
         if progress == 1 and self.height_shift is not None:
             self.renew()
-        queries = queries_of(self.levels, 0, batch)
+        queries = queries_of(self.levels, level=0, batch=batch)
         return answer(self.network, self.pyramids, self.relief, self.tables(), queries)
 
     def loss(self, generator: torch.Generator, progress: float) -> Tensor:
         """The loss at random samples of all levels, which in the second half also moves a height that is refined."""
-        queries, target, pair = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)
+        queries, target, pair = drawn(self.levels, self.settings.batch, COARSE_SHARE, generator)  # target (n, 3)
         moves_height = self.height_shift is not None and progress >= REFINED_FROM
         height = self.height if moves_height else None
         # The surface is renewed by the number of the step, so that a resumed fit marches the same one. If a fit was set
@@ -351,7 +378,11 @@ class Relief(Codec):
                 raise InputError("codec relief needs a channel: give latents, half or quarter")
 
     def encode(self, btf: BTF, fit: Fit) -> Parts:
-        """Look for a height, fit latents and network on it, or without one, and store the height as bytes."""
+        """Look for a height, fit latents and network on it, or without one, and store all as bytes.
+
+        The texture holds the grids and, with a height, `height` (codes of as few bits as they need) and `height.range`
+        (the lowest height and the step); `other` has the gain and the size (H, W).
+        """
         gain = gain_of(btf, fit)
         levels = Samples.levels(btf, fitted_levels(btf, fit, level_count(btf.shape)), gain, fit)
         swept = sweep.find(btf, gain, fit) if self.settings.relief else None
@@ -361,22 +392,24 @@ class Relief(Codec):
         texture = fitting.grids.stored()
         if fitting.height is not None:
             codes, extent, _ = stepped(fitting.height.detach().cpu())
+            # A flat height has the code 0 alone, and takes one bit.
             bits = max(1, int(codes.max()).bit_length())
             texture |= {"height": compress(codes[..., None], [bits]), "height.range": extent}
         other = {"gain": torch.tensor([gain]), "size": torch.tensor(btf.shape, dtype=torch.int32)}
         return Parts(store_network(fitting.network, self.settings.weights), texture, other=other)
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
-        """The material of a file's parts, on a device."""
+        """The material of a file's parts, on a device. `InputError` if the grids do not fit the size."""
         height, width = parts.other["size"].tolist()
         surface = None
-        if "height" in parts.texture:
+        if "height" in parts.texture:  # `encode` found one
             codes = expand(parts.texture["height"], (height, width, 1))[..., 0]
             heights = restored(codes, parts.texture["height.range"])
             # Larger heights, and NaN, are from an altered file, but a search through them must still end.
             surface = Surface(heights.nan_to_num(0).clamp(-HIGHEST, HIGHEST))
-        network = load_network(Network(self.settings, surface is not None), parts.decoder)
-        pyramids = Pyramids(self.settings, (height, width), surface is not None)
-        grids = load_grids(parts.texture, self.settings, (height, width), offset=surface is None)
+        has_height = surface is not None
+        network = load_network(Network(self.settings, relief=has_height), parts.decoder)
+        pyramids = Pyramids(self.settings, (height, width), relief=has_height)
+        grids = load_grids(parts.texture, self.settings, (height, width), offset=not has_height)
         gain = float(parts.other["gain"])
         return ReliefMaterial(network, pyramids, (height, width), grids, surface, gain).to(device)

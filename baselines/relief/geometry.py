@@ -5,6 +5,11 @@ the picture. Seen along ω_o, a texel p of a slice shows the surface point p + z
 so a point of height z appears at its own place − z · ω_o.xy / ω_o.z.
 
 Slices and costs over a range of heights are shifted to the place where each height shows a surface point.
+
+uv (n, 2) are places in [0, 1)², u to the right and v upwards, while rows of a picture count downwards. A *slice* (H, W)
+is the picture of all texels at one pair of view and light. A *cost* (Z, H, W) says how badly the views agree if a texel
+had each of Z heights. *Along* (n, 2) is the change of uv per unit of height on a ray. A *code* is a height in whole
+steps, as a file holds it.
 """
 
 import itertools
@@ -17,13 +22,14 @@ from bench.material import sample_texture
 
 LOWEST = 0.2  # cosine of a direction: nearer to the horizon (78.5°) its slope grows no further
 FINENESS = 256  # least texels a side of the searched height; a larger height is searched as stored
-VIEW_STEPS, SECANTS = 12, 1  # of the search along the view; 16 and 2 gain .02 dB on the deepest relief
+# Linear steps, then steps of the secant, of the search along the view; 16 and 2 gain .02 dB on the deepest relief.
+VIEW_STEPS, SECANTS = 12, 1
 LIGHT_STEPS = 12  # of the search toward the light
 LEAST_FACING = 0.3  # least 1 − ∇h · along, which is 0 if a ray grazes the surface and a hit would move without bound
 MOST_FINE = 1 << 25  # samples of the finer copy, padding included
 BLOCK = 1 << 20  # samples of it that are made at once
 STEP = 2 / 3  # texels by which a step of the height moves a look-up at the steepest slope; rounding moves half of it
-MOST_CODES = 256
+MOST_CODES = 256  # steps of a height in a file, so that a code takes at most eight bits
 MOST_PADDED = 32  # largest growth of a copy by padding; a picture far wider than high would grow by thousands
 HEIGHTS, REACH = 41, 0.1  # heights tried, up to ± that many widths of the picture
 BLUR = 0.7  # texels, σ of a Gaussian over the costs
@@ -40,7 +46,11 @@ def slope(direction: Tensor, shape: tuple[int, int]) -> Tensor:
 
 
 class Surface(nn.Module):
-    """A height (H, W) and a finer copy for searching, padded so that no ray leaves it, or wrapped around."""
+    """A height (H, W) and a finer copy for searching, padded so that no ray leaves it, or wrapped around.
+
+    The copy is sampled bilinearly once, so that a search only reads its nearest samples. It does not learn: a height
+    that a fit refines is given to `follow`.
+    """
 
     def __init__(self, height: Tensor):
         """Make the finer copy of a height (H, W), with a margin as wide as a ray can go sideways, or none if it would
@@ -51,7 +61,7 @@ class Surface(nn.Module):
         self.height = nn.Buffer(height.float()[..., None], persistent=False)  # (H, W, 1), a texture
         # Rows and columns of the finer copy without its margin: whole multiples of the height's.
         self.fine = [side * max(1, round(FINENESS / side)) for side in self.shape]
-        if math.prod(self.fine) > MOST_FINE:  # one side is a few texels, the other very long
+        if math.prod(self.fine) > MOST_FINE:  # one side is a few texels, the other very long: it is not made finer
             self.fine = [*self.shape]
         # A ray is followed over at most this height, so it leaves its place by at most `reach` widths of the picture.
         rise = max(self.high - self.low, abs(self.low), abs(self.high))
@@ -59,16 +69,17 @@ class Surface(nn.Module):
         rows, cols = self.fine
         reach_in_rows = int(reach * (self.shape[1] / self.shape[0]) * rows)
         reach_in_cols = int(reach * cols)
-        # Rows above and below, columns left and right; two more for rounding.
+        # Rows above and as many below, columns left and as many right; two more for rounding.
         self.margin = [reach_in_rows + 2, reach_in_cols + 2]
+        # By how much the margin makes the copy larger.
         growth = (1 + 2 * self.margin[0] / rows) * (1 + 2 * self.margin[1] / cols)
         self.wraps = growth > MOST_PADDED or growth * math.prod(self.fine) > MOST_FINE
-        if self.wraps:
+        if self.wraps:  # a look-up beyond an edge goes on at the opposite one
             self.margin = [0, 0]
         self.padded = nn.Buffer(self._padded(), persistent=False)
 
     def _padded(self) -> Tensor:
-        """The finer copy with its margin, sampled bilinearly in blocks: heights by row from the top and column."""
+        """The finer copy with its margin: heights (rows, columns) from the top row on, sampled bilinearly in blocks."""
         (rows, cols), (above, left) = self.fine, self.margin
         device = self.height.device
         v = 1 - (torch.arange(-above, rows + above, device=device) + 0.5) / rows
@@ -81,7 +92,7 @@ class Surface(nn.Module):
             block = padded[row : row + tall, col : col + wide]
             block_v, block_u = torch.meshgrid(v[row : row + tall], u[col : col + wide], indexing="ij")
             uv = torch.stack([block_u, block_v], -1)  # (rows, columns, 2)
-            heights = sample_texture(self.height, (uv - uv.floor()).flatten(0, 1))
+            heights = sample_texture(self.height, (uv - uv.floor()).flatten(0, 1))  # the plane is periodic
             block.copy_(heights.reshape(block.shape))
         return padded
 
@@ -99,16 +110,20 @@ class Surface(nn.Module):
         row = ((1 - v) * rows + above).int()
         if torch.compiler.is_exporting():  # a shader wraps around: a margin would make its texture much larger
             inner = self.padded[above : above + rows, left : left + cols].flatten()
-            return inner.take(((row - above).remainder(rows) * cols + (col - left).remainder(cols)).long())
+            inner_row = (row - above).remainder(rows)
+            inner_col = (col - left).remainder(cols)
+            return inner.take((inner_row * cols + inner_col).long())
         place = row.mul_(self.padded.shape[1]).add_(col)  # in place, to save memory in a search
         return self.padded.view(-1).take(place.long())
 
     def meet(self, uv: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
         """Where rays through uv (n, 2) in [0, 1) on the plane, toward wo (n, 3), first hit the surface from above.
 
-        Returns the place (n, 2), wrapped into [0, 1), and its height (n, 1), by a linear search and secant steps.
+        Returns the place (n, 2), wrapped into [0, 1), and its height (n, 1). A linear search finds the step that ends
+        within the surface; steps of the secant then narrow it down.
         """
         along = slope(wo, self.shape)
+        # The linear search, from the highest height down to the lowest.
         step = (self.high - self.low) / VIEW_STEPS
         z = (self.high - step * torch.arange(VIEW_STEPS + 1, device=uv.device, dtype=uv.dtype))[:, None]  # (steps, 1)
         # How far the surface is above the ray, (steps, n): negative before the hit.
@@ -121,22 +136,30 @@ class Surface(nn.Module):
         first = (VIEW_STEPS - highest_rank).clamp_max(VIEW_STEPS - 1)
         # The heights at which this step begins and ends, and the gaps, how far the surface is above the ray there: all
         # (n, 1). The upper gap is at most 0, the lower one at least.
-        upper, lower = z[first[0]], z[first[0] + 1]
-        upper_gap, lower_gap = over.gather(0, first).T.clamp_max(0), over.gather(0, first + 1).T.clamp_min(0)
+        upper = z[first[0]]
+        lower = z[first[0] + 1]
+        upper_gap = over.gather(0, first).T.clamp_max(0)
+        lower_gap = over.gather(0, first + 1).T.clamp_min(0)
+        # Steps of the secant.
         for _ in range(SECANTS):
-            # Where the gap would be 0 if it were a line between both; this point replaces the end on its own side.
+            # Where the gap would be 0 if it were a line between both; this point replaces the end on its own side. With
+            # both gaps 0, the least divisor keeps it at the lower end.
             middle = lower + (upper - lower) * lower_gap / (lower_gap - upper_gap).clamp_min(1e-9)
             surface_height = sample_texture(self.height, wrapped(uv + along * middle)).to(uv.dtype)
             gap = surface_height - middle
             inside = gap >= 0
-            lower, lower_gap = torch.where(inside, middle, lower), torch.where(inside, gap, lower_gap)
-            upper, upper_gap = torch.where(inside, upper, middle), torch.where(inside, upper_gap, gap)
+            lower = torch.where(inside, middle, lower)
+            lower_gap = torch.where(inside, gap, lower_gap)
+            upper = torch.where(inside, upper, middle)
+            upper_gap = torch.where(inside, upper_gap, gap)
+        # Again where the gap would be 0 on a line between both ends.
         z = lower + (upper - lower) * lower_gap / (lower_gap - upper_gap).clamp_min(1e-9)
         return wrapped(uv + along * z), z
 
     def follow(self, height: Tensor, uv: Tensor, wo: Tensor) -> Tensor:
-        """The uv (n, 2), unchanged, where rays toward wo (n, 3) hit the surface, with a gradient to its refined height.
+        """uv (n, 2), unchanged, where rays toward wo (n, 3) hit the surface, with a gradient to its refined height.
 
+        `uv` is from `meet`; `height` (H, W) is the refined one, which may be some steps newer than this surface.
         A place moves by `along` with z, and z = h there: so z changes by dh / (1 − ∇h · along), uv by that · `along`.
         """
         along = slope(wo, self.shape)
@@ -154,15 +177,16 @@ class Surface(nn.Module):
     def excess(self, uv: Tensor, z: Tensor, wi: Tensor) -> Tensor:
         """The largest rise (n, 1) of the surface, in texels, above rays from uv at height z (n, 1) toward wi."""
         along = slope(wi, self.shape)
+        # The middles of equal parts of the ray, from its start to the highest height.
         share = (torch.arange(LIGHT_STEPS, device=uv.device, dtype=uv.dtype) + 0.5) / LIGHT_STEPS  # (steps,)
-        # Of the ray above z at each step; beyond the highest height nothing can block it.
+        # How far the ray is above z at each step; beyond the highest height nothing can block it.
         rise = (self.high - z).clamp_min(0).T * share[:, None]  # (steps, n)
         over = self._nearest(*_along(uv, along, rise)) - (z.T + rise)
         return over.amax(0)[:, None] * self.shape[1]
 
 
 def _along(uv: Tensor, along: Tensor, z: Tensor) -> tuple[Tensor, Tensor]:
-    """u and v (steps, n) of rays through uv (n, 2) at heights z (steps, n) or (steps, 1) above it.
+    """u and v (steps, n), not wrapped, of rays through uv (n, 2) at heights z (steps, n) or (steps, 1) above it.
 
     `along` (n, 2) is the change of uv per unit of height.
     """
@@ -172,7 +196,7 @@ def _along(uv: Tensor, along: Tensor, z: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def wrapped(uv: Tensor) -> Tensor:
-    """Places of the periodic plane within [0, 1)."""
+    """Places uv of the periodic plane, of any shape, moved by whole periods into [0, 1)."""
     # A tiny negative number rounds to 1, which is 0 again.
     inside = uv - uv.floor()
     return torch.where(inside < 1, inside, 0)
@@ -181,14 +205,14 @@ def wrapped(uv: Tensor) -> Tensor:
 def stepped(height: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """A height (H, W) in steps, as a file holds it.
 
-    Returns the codes (H, W), whole numbers from 0; their extent (2,), the lowest height and the step; and the height
-    (H, W) as read back from both.
+    Returns the codes (H, W), whole numbers from 0 as floats; their extent (2,), the lowest height and the step, in
+    widths of the picture; and the height (H, W) as read back from both.
     """
     low, high = height.aminmax()
     # Steps that a look-up hardly shows, or larger ones if those would be more than `MOST_CODES`.
     fine_step = height.new_tensor(STEP * LOWEST / height.shape[1])
     step = torch.maximum(fine_step, (high - low) / (MOST_CODES - 2))
-    codes = (height / step).round()
+    codes = (height / step).round()  # steps from height 0, below 0 too
     lowest_code = codes.min()
     codes = codes - lowest_code
     extent = torch.stack([lowest_code * step, step])
@@ -209,7 +233,7 @@ def smoothed(picture: Tensor) -> Tensor:
 
 
 def shifted(slices: Tensor, view: Tensor, z: float) -> Tensor:
-    """The values of surface points in slices (L, H, W) of a view (3,), if all points have the height z."""
+    """The values (L, H, W) of surface points in slices (L, H, W) of a view (3,), if all points have the height z."""
     x, y, cosine = view.tolist()
     # In texels, which are square: a unit of height is W of them. Rows count downwards, y upwards.
     cols = -z * x / cosine * slices.shape[2]
@@ -220,16 +244,17 @@ def shifted(slices: Tensor, view: Tensor, z: float) -> Tensor:
 def _rolled(slices: Tensor, texels: float, axis: int) -> Tensor:
     """Periodic slices, rolled back along an axis: place i shows what was at i + texels, linear between two texels."""
     whole = math.floor(texels)
+    # A roll by −whole brings what was at i + whole to place i.
     before = slices.roll(-whole, axis)
-    if texels == whole:
+    if texels == whole:  # nothing to interpolate
         return before
     after = before.roll(-1, axis)
     return torch.lerp(before, after, texels - whole)
 
 
 def blurred(costs: Tensor) -> Tensor:
-    """Costs (Z, H, W) convolved with a periodic Gaussian of `BLUR` texels."""
-    steps = torch.arange(-2, 3)  # in texels
+    """Costs (Z, H, W), each height's convolved over the texels with a periodic Gaussian of `BLUR` texels."""
+    steps = torch.arange(-2, 3)  # in texels: the Gaussian is cut off at nearly three times its σ
     kernel = (-0.5 * (steps / BLUR).square()).exp()
     kernel = kernel / kernel.sum()
     for axis in (1, 2):

@@ -1,6 +1,12 @@
 """Writes the board: a folder of pages, each whole by itself, from files of records and the pictures of runs at hand.
 
-`index.html` has the budgets, a page a material every codec's rows on it, a page a codec what it is and where it stands.
+`index.html`, the front, has the results within budgets of bytes and time. The page of a material has every codec's rows
+on it; that of a codec says what it is and where it stands.
+
+The *record* of a job (a codec with its settings on one material, fitted with one seed) is its result, and a *row* is
+the job in a table. A *source* of the board is a `Publication`: the records of one file, archive or run. A run *at hand*
+is a folder of this machine that also has pictures and codec files. Results are *claimed* if only those who handed them
+in have scored them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,7 +17,8 @@ from bench.files.atomic import replacing
 from reports.board.pages import Board
 from reports.board.sources import Codec, Publication, with_files
 
-TEXT: Any = {"encoding": "utf-8", "errors": "replace", "newline": "\n"}  # halves of letters are no reason to fail
+# How pages are written. Records may hold halves of letters (lone surrogates), which UTF-8 cannot: no reason to fail.
+TEXT: Any = {"encoding": "utf-8", "errors": "replace", "newline": "\n"}
 
 
 def write_site(

@@ -1,4 +1,8 @@
-"""Assembles the board of a folder of records and archives, with the pictures of runs at hand."""
+"""Assembles the board of a folder of records and archives, with the pictures of runs at hand.
+
+A file of *records* (`*.jsonl`) holds the published results of one run, a line a job. An *archive* (`*.zip`) is a run
+that somebody handed in with its codec files; its results are *claimed*, because nobody else has scored them.
+"""
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -28,6 +32,7 @@ def write_board(
         remedy = "`neubtf-bench results add RUN FOLDER/NAME.jsonl` makes such a file of a run, and docs/results of the "
         remedy += "suite's repository has the published ones: give --records FOLDER"
         raise InputError(f"--records {records}: no file of records (*.jsonl) is there: {remedy}")
+    # Pages read the files of an unpacked run, so it is kept until they are written.
     with tempfile.TemporaryDirectory(prefix="neubtf-site-") as scratch:
         publications = [Publication(path.stem, load_run(path)) for path in files]
         for path in sorted(records.glob("*.zip")):
@@ -44,6 +49,6 @@ def _folders_of_runs(folders: Sequence[Path]) -> list[Path]:
         inside = sorted(path.parent for path in folder.glob(f"*/{FILE}"))
         if inside and not (folder / FILE).exists():
             folders_of_runs += inside
-        else:  # it has records itself, or none at all: then reading it says so
+        else:  # it has records itself, or there are none at all: then reading it raises the error that says so
             folders_of_runs.append(folder)
     return folders_of_runs

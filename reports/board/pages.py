@@ -1,4 +1,12 @@
-"""The pages of a board: the front, one for each material and one for each codec."""
+"""The pages of a board: the front, one for each material and one for each codec.
+
+A *source* is a `Publication`: the records of one file, archive or run. A *row* is one job: a codec with its settings
+on one material, fitted with one seed. A *place* of a codec is a comparison with the best of the others, on a material
+of a source. The *kind* of a material's truth is `measured`, `rendered` and the like. A *strip* is a row of pictures:
+the truth and some codecs' answers at one pair of view and light. A *recipe* is how a codec is fitted: `ours`, or
+`paper` as published. Texts reach a page through templates in `reports/templates/`, which also call the methods of
+`MaterialPage`.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -33,9 +41,13 @@ _NamedPage = tuple[str, Iterator[str]]  # the name of a page's file, and its tex
 
 
 class Board:
-    """All pages of some sources. `codecs` has by name what installed codecs say of themselves on their pages."""
+    """All pages of some sources."""
 
     def __init__(self, sources: Sequence[Publication], codecs: Mapping[str, Codec]):
+        """Prepare what several pages share; `codecs` has by name what installed codecs say of themselves.
+
+        Sources without a row are left out.
+        """
         self.sources = sorted((source for source in sources if source.materials), key=_front_order)
         self.installed = codecs
         self.materials_with_pictures: set[str] = set()
@@ -43,14 +55,15 @@ class Board:
         for source in self.sources:
             names |= _codecs(source)
             for job in source.run.jobs:
-                if "pictures" in job or "drawing" in job:
+                if "pictures" in job or "drawing" in job:  # stored slices, or a model that the page draws live
                     self.materials_with_pictures.add(job["material"])
         self.codecs = sorted(names)
         self.places = {name: tables.places(name, self.sources) for name in self.codecs}  # by codec
         self.plots = {source.name: list(_plots(source)) for source in self.sources}  # by source
 
     def pages(self) -> Iterator[_NamedPage]:
-        """Every page, the front first; claimed results do not stand on the front."""
+        """Every page: the name of its file and its text in pieces, the front first. Claimed results do not stand on
+        the front."""
         yield FRONT, self._front([source for source in self.sources if not source.claimed])
         for name, sources in by_material(self.sources):
             yield page_name("material", name), MaterialPage(name, sources, self).pieces()
@@ -66,8 +79,11 @@ class Board:
         values: Mapping[str, object],
         more: Sequence[series.Plot] = (),
     ) -> Iterator[str]:
-        """A page in pieces: a template with these values, the plots of its sources, `more` plots, and how their codecs
-        look."""
+        """The text of a page in pieces: a template with these values, the plots of its sources, `more` plots, and how
+        their codecs look.
+
+        `template` is the name of a file in `reports/templates/`; `values` has what it shows by the names that it uses.
+        """
         plots: list[series.Plot] = []
         # Colours and markers are given to the codecs of a run in order. All sources are joined to one run for that, so
         # that a codec has one look on the whole page. Materials of two sources may share a name, so in the joined run
@@ -85,11 +101,12 @@ class Board:
 
     def _front(self, sources: Sequence[Publication]) -> Iterator[str]:
         """The front: a section for each source, then all materials, all codecs, and how to hand in results."""
-        elements = [(page_name("s", source.name), source.name) for source in sources]  # ids, each with a link's text
+        # The ids of the page's elements, each with the text of a link to it.
+        elements = [(page_name("s", source.name), source.name) for source in sources]
         elements += [("materials", "Materials"), ("codecs-list", "Codecs"), ("hand-in", "Hand in results")]
         values = {
             "links": [(f"#{element}", words) for element, words in elements],
-            "sources": map(_section, sources),  # one at a time, for their figures are large
+            "sources": map(_section, sources),  # made when the template takes each, because their figures are large
             "budget": in_words(ENOUGH),
             "materials": self._materials_table(),
             "codecs": self._codecs_table(),
@@ -102,6 +119,7 @@ class Board:
         """A row a material: the kinds of its truth, and the sources that have it."""
         rows = []
         for name, sources in by_material(self.sources):
+            # Of several sources that have the material, the first says what kind its truth is.
             titles = ", ".join(source.title for source in sources)
             rows.append([name, _kinds_in_words(sources[0], name), titles])
         return Table("list", "Materials", [("material", ""), ("truth", ""), ("results", "")], rows, words=3)
@@ -112,7 +130,8 @@ class Board:
         for name, places in self.places.items():
             won = "no result"
             if places:
-                won = f"{sum(place.gap >= 0 for place in places)} of {len(places)}"
+                count = sum(place.gap >= 0 for place in places)  # the gap is by how much the codec is better
+                won = f"{count} of {len(places)}"
             about = self.installed[name].about if name in self.installed else "not installed here"
             rows.append([name, about, won])
         headers = [("codec", ""), ("about", ""), ("best of", "")]
@@ -123,21 +142,26 @@ class Board:
 
         Templates call this with a table's material, too, which does not matter here.
         """
-        if not label.strip():
+        if not label.strip():  # a blank label has no first word
             return ""
         name = label.replace(",", " ").split(maxsplit=1)[0]  # of a label "codec key=value", or a line "codec, as …"
         return page_name("codec", name) if name in self.places else ""
 
     def _codec_page(self, name: str, sources: Sequence[Publication]) -> Iterator[str]:
-        """The page of a codec: its settings if it is installed, where it stands, all its rows, and curves of its
-        fits."""
+        """The page of a codec, in pieces: its settings if it is installed, where it stands, all its rows, and curves of
+        its fits. `sources` are those where it has a row."""
         codec = self.installed.get(name)
-        links = [(codec.paper, "Paper"), (codec.code, "Code")] if codec else []  # a codec may have neither
+        links: list[tuple[str, str]] = []  # addresses, each with the text of a link; a codec may state neither
+        recipes = None
+        if codec:
+            links = [(link, words) for link, words in ((codec.paper, "Paper"), (codec.code, "Code")) if link]
+            if codec.settings:
+                recipes = _recipes(codec)
         values = {
             "front": FRONT,
             "codec": codec,
-            "links": [(link, words) for link, words in links if link],
-            "recipes": _recipes(codec) if codec and codec.settings else None,
+            "links": links,
+            "recipes": recipes,
             "standing": tables.standing(name, self.places[name]),
             "fits": _FITS,
             "sources": sources,
@@ -153,6 +177,10 @@ class MaterialPage(Page):
     """The rows of one material, a section for each source, as the page of a run has one for each material."""
 
     def __init__(self, name: str, sources: Sequence[Publication], board: Board):
+        """Make the page of a material; `sources` are those that have a row of it.
+
+        It reads the pictures and models of runs at hand, as `Page` does.
+        """
         self.name = name
         self.sources = {source.title: source for source in sources}
         self.to_codec = board.to_codec
@@ -164,21 +192,23 @@ class MaterialPage(Page):
                     self.origins.append(tables.origins(source, material, source.title))
         # In this run each source is a material of its own, under the source's title.
         run = joined([(source.title, source, name) for source in sources])
+        # Other tables would be means over these "materials", which are sources of one material.
         tables_of_sources = [table for table in all_tables(run, narrow=True) if table.material]
+        # Of the pictures and models that the page of a run may hold.
         share = min(1, PAGES / max(1, len(board.materials_with_pictures)))
-        super().__init__(run, tables_of_sources, [], share)
+        super().__init__(run, tables_of_sources, figures=[], share=share)
         # The page does not say why codecs are not live, and has no plots of means over all "materials".
         self.live = {title: Live(live.models, {}) for title, live in self.live.items()}
         self.plots = [plot for plot in self.plots if plot["material"]]
         self.opening = ""  # so each section has all of its plots
 
     def pieces(self) -> Iterator[str]:
-        """The page in pieces."""
+        """The text of the page in pieces."""
         codecs = series.codecs(self.run)
         return document("board_material.html", self.name, codecs, self.plots, {"page": self}, self.data())
 
     def links(self) -> list[tuple[str, str]]:
-        """The front, and the contents of the page."""
+        """The front, and the contents of the page, a section a source: the target of each link, and its text."""
         links = [(FRONT, "All results")]
         links += [(f"#m{i}", material.name) for i, material in enumerate(self.materials)]
         return links
@@ -191,8 +221,8 @@ class MaterialPage(Page):
         return [(page_name("codec", name), name) for name in sorted(names)]
 
     def strips(self) -> list[tuple[int, list[Picture]]]:
-        """A list of one strip, that of the first source with pictures: its number, and its pictures. Empty without
-        pictures."""
+        """A list of one strip, that of the first source with pictures: the source's number, and the pictures. Empty
+        without pictures."""
         for number in range(len(self.materials)):
             pictures = self._strip(number)
             if pictures:
@@ -205,7 +235,7 @@ class MaterialPage(Page):
 
     def kept_back(self, material: MaterialRows) -> str:
         """Why the page shows no slices of a material: it has no pictures, or none that may be published. "" if it shows
-        some: jobs name only pictures that may be published."""
+        some: jobs of a board name only pictures that may be published."""
         if any("pictures" in row.job for row in material.shown):
             return ""
         if material.first is None or pictures_are_free(material.first):
@@ -223,7 +253,7 @@ def _codecs(source: Publication) -> set[str]:
 
 def _front_order(source: Publication) -> tuple[bool, int]:
     """The key that sorts sources on the front: those with budgets first, then by the first kind of their truth."""
-    first_kind = _kinds_in_words(source).partition(",")[0]
+    first_kind = _kinds_in_words(source).partition(",")[0]  # of "measured, rendered"
     return not source.has_budgets, kind_order(first_kind)
 
 
@@ -236,8 +266,9 @@ def _to_material(_: str, name: str) -> str:
 
 
 def _recipes(codec: Codec) -> Table:
-    """The settings of an installed codec; the defaults as published only if it has that recipe."""
+    """The settings of an installed codec, a row each; the defaults as published only if it has that recipe."""
     headers = [("setting", ""), ("meaning", ""), ("ours", "")]
+    # A setting is (name, meaning, default in our recipe, default as published).
     if any(published for _, _, _, published in codec.settings):
         headers.append(("as published", ""))
         title = "Both recipes: the defaults of every setting"
@@ -252,16 +283,22 @@ def _plots(source: Publication) -> Iterator[series.Plot]:
     """The plots of a source, of the kinds `_KINDS`: means over its materials or, of a single material, its own."""
     plots = series.plots_of(source.run)
     of_means = [plot for plot in plots if plot["material"] == ""]
-    for plot in of_means or plots:
+    if of_means:  # there are none of a single material
+        plots = of_means
+    for plot in plots:
         if plot["kind"] in _KINDS.split():
             # A page has an element for each source, and its script puts there the plots of this "material".
             yield plot | {"material": source.name}
 
 
 def _fits(name: str, source: Publication) -> Iterator[series.Plot]:
-    """Curves of a codec's fits over steps and over seconds, for each material where its published recipe has one."""
+    """Curves of a codec's fits over steps and over seconds, for each material where its published recipe has one.
+
+    They compare recipes, so materials with fits by our recipe alone have none. Each is a plot as `reports.series`
+    describes it; all are shown together under `_FITS`.
+    """
     for material, curves in curves_by_material(source.run).items():
-        fits_of_codec = [fit for fit in curves if fit.label.split()[0] == name]
+        fits_of_codec = [fit for fit in curves if fit.label.split()[0] == name]  # of all its settings
         if not any("recipe=paper" in fit.label for fit in fits_of_codec):
             continue
         # By label the points of a line. The axes are logarithmic, so the points at 0 are left out.
@@ -283,15 +320,16 @@ def _fits(name: str, source: Publication) -> Iterator[series.Plot]:
 
 
 def _section(source: Publication) -> dict[str, Any]:
-    """What the front shows of a source, for its template: with budgets pictures, figures and tables of these, else the
-    summary alone."""
+    """What the front shows of a source, by the names that its template uses: with budgets pictures, figures and tables
+    of these, else the summary alone. Figures are drawn when the template takes them."""
     run = source.run
     kinds = _kinds_in_words(source)
+    # How many pairs were fitted and held out; the first material stands for all.
     splits_in_words = [material.split_in_words for material in source.materials if material.measured]
     section: dict[str, Any] = {
         "id": page_name("s", source.name),
         "name": source.name,
-        "kind": kinds[:1].upper() + kinds[1:],
+        "kind": kinds[:1].upper() + kinds[1:],  # a heading begins with it
         "split": splits_in_words[0] if splits_in_words else "",
     }
     if not source.has_budgets:
@@ -313,10 +351,11 @@ def _section(source: Publication) -> dict[str, Any]:
 def _leads(run: Run) -> list[str]:
     """A clause for each kind of surface: "relief leads on rendered surfaces, 2.5 dB before neubtf-direct".
 
-    The lead is that before the codec `AGAINST` or, where it leads itself or is missing, before the second.
+    The lead, in mean PSNR at the budget `ENOUGH`, is that before the codec `AGAINST` or, where it leads itself or is
+    missing, before the second. Kinds with fewer than two codecs have no clause.
     """
     result = budgets(run)
-    points = hulls(result, result.surfaces)
+    points = hulls(result, result.surfaces)  # curves of quality over bytes, by codec and surface
     clauses: list[str] = []
     for kind, surfaces in by_kind(result.surfaces).items():
         means = readings(result, points, ENOUGH, surfaces)  # by codec, the best first
@@ -329,7 +368,7 @@ def _leads(run: Run) -> list[str]:
 
 
 def _kinds_in_words(source: Publication, material: str = "") -> str:
-    """The kinds of truth of a source or of one of its materials: "measured, rendered"."""
+    """The kinds of truth of a source or, if it is named, of one of its materials: "measured, rendered"."""
     kinds = set()
     for job in source.run.jobs:
         if job["status"] == "ok" and material in ("", job["material"]):

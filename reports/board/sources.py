@@ -1,4 +1,11 @@
-"""What a board is made of: files of records, archives and runs at hand, and which pictures may be published."""
+"""What a board is made of: files of records, archives and runs at hand, and which pictures may be published.
+
+The *record* of a *job* (a codec with its settings on one material, fitted with one seed) is its result, as a dict. A
+file of records has no other files beside it. A run *at hand* is a folder of this machine, which also stores a job's
+*artefacts*: pictures, arrays and the codec file, whose paths stand in fields of the job. Results are *claimed* if only
+those who handed them in have scored them, and *verified* if they were handed in and scored anew here. The *provenance*
+of a job says how its material was made, and whether its pictures are free.
+"""
 
 import hashlib
 import re
@@ -24,26 +31,24 @@ STATES = (
 
 @dataclass(frozen=True)
 class Codec:
-    """What is known of an installed codec: a line about it, where its code is, what to cite, and its settings.
+    """What is known of an installed codec; "" where it does not say."""
 
-    A setting is its name, its meaning, and its default in our recipe and as published, "" where the codec has but one.
-    """
-
-    about: str
-    origin: str
-    bibtex: str = ""
-    paper: str = ""
-    code: str = ""
+    about: str  # a line about it
+    origin: str  # the package and version that it is from
+    bibtex: str = ""  # what to cite
+    paper: str = ""  # address
+    code: str = ""  # address
+    # Name, meaning, and default in our recipe and as published; the last is "" where the codec has but one recipe.
     settings: Sequence[tuple[str, str, str, str]] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Publication:
-    """Records of one file, archive or run. What is `claimed` was scored only by those who handed it in."""
+    """Records of one file, archive or run: a source of a board."""
 
     name: str
     run: Run
-    claimed: bool = False
+    claimed: bool = False  # scored only by those who handed it in
 
     @cached_property
     def materials(self) -> list[MaterialRows]:
@@ -57,7 +62,7 @@ class Publication:
 
     @property
     def title(self) -> str:
-        """Its name, and that it is claimed."""
+        """Its name; and, if it is claimed, that it is."""
         return f"{self.name}, {CLAIMED}" if self.claimed else self.name
 
     def state(self, job: Job) -> str:
@@ -74,11 +79,13 @@ def may_be_shown(job: Job, run: Run) -> bool:
     suite states CC0, or its provenance says that it is free.
 
     A verified job comes from an archive, which may claim any licence: of those, only rendered materials are shown.
+    `run` is that of the job: its starts record what suites state.
     """
     wheres: list[str] = []  # what suites state of where the material is from
     for start in run.starts:
         materials = start.get("materials") or ()  # a record may hold null
         for material in materials:
+            # What a record holds is not checked here, so it may be no dict.
             if isinstance(material, dict) and material.get("name") == job["material"]:
                 wheres.append(str(material.get("where")))
     where = " ".join(wheres)
@@ -94,11 +101,12 @@ def with_files(records: Sequence[Publication], runs: Sequence[Publication]) -> l
     A run at hand follows as a source of its own, unless all its jobs are in records that are not claimed. A name that
     several sources have is followed by a number.
     """
-    at_hand: _AtHand = {}
+    at_hand: _AtHand = {}  # the measured jobs of the runs at hand
     for source in runs:
         for job in source.run.jobs:
             if job["status"] == "ok":
                 at_hand[_key(job)] = source.run, job
+    # Of records that are not claimed: only these may stand for a run at hand.
     keys_in_records: set[tuple[str, ...]] = set()
     for source in records:
         if not source.claimed:
@@ -147,7 +155,8 @@ _AtHand = dict[tuple[str, ...], tuple[Run, Job]]
 
 
 def _key(job: Job) -> tuple[str, ...]:
-    """The key of a measured file: the name of its job, its hash, and the hash of its data."""
+    """The key of a measured codec file: the name of its job, its hash, and the hash of its data. A job at
+    hand with the key of a record is of the same file, so its pictures are the record's."""
     score_key = job.get("score_key", {})
     return job["job"], str(score_key.get("sha256")), str(score_key.get("btf"))
 
@@ -162,6 +171,7 @@ def joined(parts: Sequence[tuple[str, Publication, str]]) -> Run:
     for name, source, name_in_source in parts:
         for job in source.run.jobs:
             if job["material"] == name_in_source:
+                # The record and, if it was timed, its timing.
                 new_job_name = f"{name}/{job['job']}"
                 run.jobs.put(new_job_name, job | {"job": new_job_name, "material": name})
                 timing = source.run.timing(job)
@@ -171,19 +181,20 @@ def joined(parts: Sequence[tuple[str, Publication, str]]) -> Run:
 
 
 def page_name(kind: str, name: str) -> str:
-    """The file of a page: plain letters, whatever the name, and a different file for each name: "material-satin.html".
+    """The file of a page, of a `kind` such as "material": plain letters, whatever the name, and a different file for
+    each name: "material-satin.html". The front takes such names as ids, too.
 
     A name that is not plain is told from others by a hash: "material-my-satin-1a2b3c4d.html".
     """
-    plain = re.sub(r"[^a-z0-9]+", "-", name.lower())[:60].strip("-")
+    plain = re.sub(r"[^a-z0-9]+", "-", name.lower())[:60].strip("-")  # a name that is cut is not plain
     if plain == name:
         return f"{kind}-{plain}.html"
-    digest = hashlib.sha256(name.encode(errors="replace")).hexdigest()[:8]
+    digest = hashlib.sha256(name.encode(errors="replace")).hexdigest()[:8]  # `replace`: UTF-8 has no halves of letters
     return f"{kind}-{plain}-{digest}.html"
 
 
 def by_material(sources: Sequence[Publication]) -> Iterator[tuple[str, list[Publication]]]:
-    """Every material that has a row, with its sources."""
+    """The name of every material that has a row, with the sources that have it, in their order."""
     sources_of_material: dict[str, list[Publication]] = {}
     for source in sources:
         for material in source.materials:

@@ -1,4 +1,10 @@
-"""The tables of a board that a run's page does not have: where rows come from, and where a codec stands."""
+"""The tables of a board that a run's page does not have: where rows come from, and where a codec stands.
+
+A *source* is a `Publication`: the records of one file, archive or run. A *row* is one job: a codec with its settings
+on one material, fitted with one seed. A *surface* is a material. A *line* is a codec, or a codec as published; a *rung*
+is one setting of it that was measured, of which validation pairs choose one for each *budget*, such as 32 bits a texel.
+A slice is *exact* if it has no error. A codec's *place* is one comparison: its best entry against that of the others.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -14,19 +20,20 @@ from reports.numbers import EXACT, NONE, fixed, integer, signed
 from reports.rows import MaterialRows, Row
 from reports.table import Table
 
+# Of where a row is from: whose word it is, seed, hash of the codec file, revisions of the code, machine, and day.
 _ORIGIN_HEADERS = ("state", "seed", "file", "fitted by", "scored by", "processor", "scored on")
 
 
 class Entry(NamedTuple):
     """A setting of a codec in a comparison."""
 
-    label: str
-    size: int  # bytes
+    label: str  # the codec with its settings or, with budgets, the line
+    size: int  # bytes of the file, a mean over seeds
     psnr: float  # of test pairs, in dB; infinite if exact
 
 
 class Candidate(NamedTuple):
-    """An entry of a comparison, with the name of its codec."""
+    """An entry of a comparison, with the name of its codec, by which rivals are told from the codec itself."""
 
     codec: str
     entry: Entry
@@ -37,13 +44,14 @@ class Place:
     """A codec against the best of the other codecs on a material, each by the entry of one of its settings."""
 
     material: str
-    results: str  # the name of its source, and the budget where that chose
+    results: str  # the name of its source and, if a budget chose the entries, the budget in words
     mine: Entry
-    best: Entry
+    best: Entry  # of the others
 
     @property
     def gap(self) -> float:
-        """By how many dB the codec is better; 0 where both are exact, because infinity less infinity is no number."""
+        """By how many dB the codec is better, below 0 where it is worse. It is infinite where one is exact, and 0 where
+        both are, because infinity less infinity is no number."""
         if self.mine.psnr == self.best.psnr:
             return 0.0
         return self.mine.psnr - self.best.psnr
@@ -63,11 +71,12 @@ def origins(source: Publication, material: MaterialRows, name: str) -> Table:
 def _origin_cells(source: Publication, row: Row) -> list[str]:
     """The cells below `_ORIGIN_HEADERS`; a dash where the record does not say."""
     job = row.job
+    # A record may lack these fields, or hold null.
     fitted = job.get("fitted") or {}
     scored = job.get("scored") or {}
     machine = job.get("machine") or {}
-    digest = str(job.get("score_key", {}).get("sha256", ""))[:12]
-    day = str(scored.get("at") or "")[:10]
+    digest = str(job.get("score_key", {}).get("sha256", ""))[:12]  # the first digits of the hash
+    day = str(scored.get("at") or "")[:10]  # of a date and time, 2025-11-23T…
     facts = (
         source.state(job),
         job["seed"],
@@ -81,15 +90,20 @@ def _origin_cells(source: Publication, row: Row) -> list[str]:
 
 
 def all_rows(name: str, sources: Sequence[Publication]) -> Table | None:
-    """Every row of a codec, of every source and material, with its numbers and where they are from."""
-    times = [column for column in columns.time() if not column.sparse]
+    """Every row of a codec, of every source and material, with its numbers and where they are from; None without any.
+
+    `name` is that of the codec.
+    """
+    times = [
+        column for column in columns.time() if not column.sparse
+    ]  # a sparse one is for tables that leave it out where empty
     number_columns = [columns.TOTAL, columns.BITS, columns.HELDOUT, *times]
     rows = []
     for source in sources:
         for material in source.materials:
             for row in material.rows:
                 if codec_of(row) == name:
-                    measured = [row] if row.measured else []
+                    measured = [row] if row.measured else []  # of no row, a column's cell is a dash
                     numbers = [column.cell(measured) for column in number_columns]
                     rows.append([material.name, source.title, row.label, *numbers, *_origin_cells(source, row)])
     if not rows:
@@ -109,7 +123,7 @@ def places(name: str, sources: Sequence[Publication]) -> list[Place]:
     """Where a codec stands against the best of the others, its best place first; claimed results do not count."""
     places: list[Place] = []
     for source in sources:
-        if not source.claimed:
+        if not source.claimed:  # nobody here has scored them
             places += _places_in(source, name)
     return sorted(places, key=lambda place: -place.gap)
 
@@ -123,10 +137,10 @@ def _places_in(source: Publication, name: str) -> Iterator[Place]:
     for material in source.materials:
         candidates = []
         for codec in material.codecs:
-            if not codec.measured:
+            if not codec.measured:  # it has no number that may be compared
                 continue
             psnr = math.inf if codec.exact else columns.HELDOUT.mean(codec.measured)
-            if psnr is not None:
+            if psnr is not None:  # the records may lack it
                 size = mean_bytes([row.job for row in codec.measured])
                 candidates.append(Candidate(codec_of(codec.rows[0]), Entry(codec.label, size, psnr)))
         place = _place(material.name, source.name, name, candidates)
@@ -135,7 +149,10 @@ def _places_in(source: Publication, name: str) -> Iterator[Place]:
 
 
 def _place(material: str, results: str, name: str, candidates: Sequence[Candidate]) -> Place | None:
-    """The best entry of a codec beside the best of the others; None if either is missing. For `results` see `Place`."""
+    """The best entry of a codec beside the best of the others; None if either is missing.
+
+    `name` is that of the codec, among the candidates on one material. For `results` see `Place`.
+    """
     mine = [entry for codec, entry in candidates if codec == name]
     others = [entry for codec, entry in candidates if codec != name]
     if not mine or not others:
@@ -148,7 +165,10 @@ def _psnr(entry: Entry) -> float:
 
 
 def _places_at_budgets(source: Publication, name: str) -> Iterator[Place]:
-    """Where a codec stands on each surface at each budget, among the rungs that validation pairs choose."""
+    """Where a codec stands on each surface at each budget, among the rungs that validation pairs choose.
+
+    Each rung is compared by its PSNR at test pairs.
+    """
     result = budgets(source.run)
     for budget in result.limits:
         for material in result.surfaces:
@@ -156,7 +176,7 @@ def _places_at_budgets(source: Publication, name: str) -> Iterator[Place]:
             for line, rungs in result.picks(budget, [material]).items():
                 rung = rungs[material]
                 psnr = shown(rung, PSNR)
-                if psnr is not None:
+                if psnr is not None:  # without a score of test pairs there is nothing to compare
                     codec = line.partition(",")[0]  # of a line "codec", or "codec, as published"
                     candidates.append(Candidate(codec, Entry(line, mean_bytes(rung.of), psnr)))
             place = _place(material, f"{source.name}, {in_words(budget)}", name, candidates)
@@ -165,7 +185,7 @@ def _places_at_budgets(source: Publication, name: str) -> Iterator[Place]:
 
 
 def standing(name: str, places: Sequence[Place]) -> Table | None:
-    """The table of where a codec stands, a row a place; None without any."""
+    """The table of where a codec stands, a row a place; None without any. `name` is that of the codec."""
     rows = []
     for place in places:
         mine = place.mine

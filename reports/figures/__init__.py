@@ -1,4 +1,8 @@
-"""Figures of a run. Each kind is a function from a run to `Figure`s, listed in `ALL`."""
+"""Figures of a run. Each kind is a function from a run to `Figure`s, listed in `ALL`.
+
+A *run* is the records of many measured codecs on some materials, with the arrays and pictures stored beside them. A
+kind makes no figure where the run lacks what it shows.
+"""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -11,7 +15,7 @@ from reports.figures.fronts import fronts, plot_figures, trade_fronts
 from reports.figures.latents import latent_channels
 from reports.figures.significance import critical_differences, significance
 
-# By kind; the names of their files begin with it.
+# By kind; the names of their files begin with it. The four kinds of `plot_figures` are plots that the page draws, too.
 ALL: dict[str, Callable[[Run], Iterator[Figure]]] = {
     "significance": significance,
     "ranks": critical_differences,

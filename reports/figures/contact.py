@@ -1,4 +1,10 @@
-"""Contact sheets: a few slices, true and decoded, beside their FLIP maps; a strip of one slice by a few codecs."""
+"""Contact sheets: a few slices, true and decoded, beside their FLIP maps; a strip of one slice by a few codecs.
+
+A *slice* is one picture of a material: all texels at one *pair* of view and light directions. A run stores a few slices
+of each job as the artefact `pictures`: `truth`, `decoded` and `flip` (slices, height, width, 3), all uint8, their
+`pairs` (indices of pairs of the BTF), `wo_deg` and `wi_deg` (θ and φ of view and light in degrees). Its artefact
+`slices` has the scores of all pairs. A FLIP map shows the difference that an eye sees, from 0 to 1.
+"""
 
 import math
 import textwrap
@@ -18,18 +24,21 @@ from reports.numbers import fixed
 from reports.rows import MaterialRows, Row
 
 CELL = 128  # the least side of a picture in pixels; smaller slices are enlarged by a whole factor
-# In pixels: between pictures, and the margins.
+# In pixels: between pictures, and the margins, which hold texts.
 _GAP = 6
 _LEFT = 150
 _TOP = 76
 _BOTTOM = 22
+_MAP_GAP = 2  # pixels between a slice and its FLIP map
+_SHADE_SIZE = (16, 34)  # height and width in pixels of the shade behind the mean of a FLIP map
+_RAMP = 12  # height in pixels of the scale of FLIP maps
 
 
 @of_each_material
 def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
     """A row a codec below the truth; for each slice that the run marked for the sheet two columns, slice and FLIP map.
 
-    Of a run that marked none, all stored slices are shown.
+    Of a run that marked none, all stored slices are shown. None if no codec has stored pictures.
     """
     rows = []
     for row, stored in of_shown(run, material, "pictures"):
@@ -42,37 +51,41 @@ def contact_sheets(run: Run, material: MaterialRows) -> Figure | None:
     _, first = rows[0]
     count, height, width = first["truth"].shape[:3]
     factor = max(1, math.ceil(CELL / max(height, width)))
-    cell = (width * factor, height * factor)
-    pair = 2 * cell[0] + 2 * _GAP  # the width of two columns
+    cell_width = width * factor
+    cell_height = height * factor
+    pair = 2 * cell_width + 2 * _GAP  # the width of two columns
     title = f"{material.name}: slices as decoded, and FLIP maps"
-    sheet = Sheet(_LEFT + count * pair, _TOP + (len(rows) + 1) * (cell[1] + _GAP) + _BOTTOM)
+    sheet = Sheet(_LEFT + count * pair, _TOP + (len(rows) + 1) * (cell_height + _GAP) + _BOTTOM)
     sheet.text(_GAP, 14, f"{title} ({material.split_in_words})", fontsize=10)
+    # The first row: the truth of each slice, below two lines of its angles.
     for k in range(count):
         left = _LEFT + k * pair
         sheet.text(left, _TOP - 34, _angles("view", first["wo_deg"][k]))
         sheet.text(left, _TOP - 18, _angles("light", first["wi_deg"][k]))
         sheet.picture(left, _TOP, enlarged(first["truth"][k], factor))
-    _label(sheet, "truth", _TOP + cell[1] / 2)
+    _label(sheet, "truth", _TOP + cell_height / 2)
+    # A row for each codec.
     for number, (row, pictures) in enumerate(rows, 1):
-        top = _TOP + number * (cell[1] + _GAP)
-        _label(sheet, row.label, top + cell[1] / 2)
+        top = _TOP + number * (cell_height + _GAP)
+        _label(sheet, row.label, top + cell_height / 2)
         means = _flip_means(run, row, pictures)
         for k in range(count):
             left = _LEFT + k * pair
             sheet.picture(left, top, enlarged(pictures["decoded"][k], factor))
-            if "flip" in pictures:
-                sheet.picture(left + cell[0] + 2, top, enlarged(pictures["flip"][k], factor))
+            if "flip" in pictures:  # FLIP maps are not made of very small slices
+                sheet.picture(left + cell_width + _MAP_GAP, top, enlarged(pictures["flip"][k], factor))
                 if means[k]:  # its mean on a shade in the lower right corner of the map
-                    right = left + 2 * cell[0]
-                    bottom = top + cell[1]
-                    sheet.picture(right - 34, bottom - 17, _SHADE)
+                    right = left + 2 * cell_width
+                    bottom = top + cell_height
+                    shade_height, shade_width = _SHADE_SIZE
+                    sheet.picture(right - shade_width, bottom - shade_height - 1, _SHADE)
                     sheet.text(right - 4, bottom - 9, means[k], color="white", fontsize=7.5, ha="right")
-    flip_scale(sheet, _LEFT + cell[0] + 2, _TOP + cell[1] // 2, cell[0])
+    flip_scale(sheet, _LEFT + cell_width + _MAP_GAP, _TOP + cell_height // 2, cell_width)
     return Figure(material.name, "contact", title, sheet.png(), sheet)
 
 
 def _angles(side: str, direction: np.ndarray) -> str:
-    """A direction (θ, φ) in degrees, in words."""
+    """A direction (θ, φ) in degrees, in words; `side` says whose it is, "view" or "light"."""
     theta, phi = direction
     return f"{side}: θ {theta:.0f}°, φ {phi:.0f}°"
 
@@ -80,17 +93,20 @@ def _angles(side: str, direction: np.ndarray) -> str:
 def strip(run: Run, budget: Budget) -> Figure | None:
     """One slice of a surface: the truth, and the answers of the three best codecs within a budget.
 
-    The surface is the first with pictures of three codecs, in the order of the kinds of surfaces. Of its stored slices
-    the one is shown at which the best codec has its median PSNR.
+    A surface is a material of the run. It is the first with pictures of three codecs, in the order of the kinds of
+    surfaces. Of its stored slices the one is shown at which the best codec has its median PSNR. None if there is no
+    such surface.
     """
     result = budgets(run)
     for material in chain.from_iterable(by_kind(result.surfaces).values()):
+        # Of each line, a codec or a codec as published: the setting that fits the budget best, by its first seed.
         picked = result.picks(budget, [material])
         jobs = [picked[line][material].of[0] for line in result.ranked(budget, [material])]
         best_three = _of_same_pairs(run, jobs)[:3]
         if len(best_three) < 3:
             continue
         best, _ = best_three[0]
+        # Without the scores of slices there is no median: another surface may have them.
         scores = arrays(run.folder, best, "slices", ("pairs", PSNR))
         if scores:
             with style():
@@ -99,7 +115,10 @@ def strip(run: Run, budget: Budget) -> Figure | None:
 
 
 def _of_same_pairs(run: Run, jobs: Sequence[Job]) -> list[tuple[Job, Arrays]]:
-    """The jobs with pictures of the same pairs as the first job that has any, each with its pictures."""
+    """The jobs with pictures of the same pairs as the first job that has any, each with its pictures.
+
+    Pictures of other pairs could not stand beside the same truth.
+    """
     with_pictures: list[tuple[Job, Arrays]] = []
     first: Arrays | None = None
     for job in jobs:
@@ -116,7 +135,8 @@ def _of_same_pairs(run: Run, jobs: Sequence[Job]) -> list[tuple[Job, Arrays]]:
 def _strip(material: str, best_three: Sequence[tuple[Job, Arrays]], scores: Arrays) -> Figure:
     """The truth and the decoded pictures of one slice side by side, at which the best codec has its median error.
 
-    `best_three` are jobs with their pictures, the best first; `scores` are the errors of that one.
+    `best_three` are jobs with their pictures, the best first; `scores` has the `pairs` and errors (mean squared, by
+    the name of PSNR) of the best one.
     """
     _, first = best_three[0]
     truth = first["truth"]
@@ -124,8 +144,8 @@ def _strip(material: str, best_three: Sequence[tuple[Job, Arrays]], scores: Arra
     errors = dict(zip(scores["pairs"].tolist(), scores[PSNR].tolist(), strict=True))
     places_by_error = sorted(range(len(pairs)), key=lambda place: errors[pairs[place]])
     median = places_by_error[len(pairs) // 2]  # the place of the slice that is shown
-    factor = math.ceil(2 * CELL / max(truth.shape[1:3]))
-    words = [f"{material}, truth"]
+    factor = math.ceil(2 * CELL / max(truth.shape[1:3]))  # at least twice the size of a contact sheet's pictures
+    words = [f"{material}, truth"]  # below each column
     for job, _ in best_three:
         bits = round(8 * job["bytes"]["total"] / prod(job["shape"]))
         words.append(f"{job['codec']}: {fixed(stats_of(job, PSNR)['mean'], 2)} dB, {bits} bits a texel")
@@ -141,7 +161,7 @@ def _strip(material: str, best_three: Sequence[tuple[Job, Arrays]], scores: Arra
 
 def _flip_means(run: Run, row: Row, pictures: Arrays) -> list[str]:
     """The mean FLIP of each shown slice as text, from the stored scores; "" for each if they are missing."""
-    name = row.metric(FLIP)
+    name = row.metric(FLIP)  # in full; "" if it was not scored by FLIP
     scores = arrays(run.folder, row.job, "slices", ("pairs", name))
     if not scores or not name or "pairs" not in pictures:
         return [""] * len(pictures["decoded"])
@@ -150,20 +170,23 @@ def _flip_means(run: Run, row: Row, pictures: Arrays) -> list[str]:
 
 
 def _label(sheet: Sheet, text: str, middle: float) -> None:
-    """The name of a row, folded into the margin."""
-    lines = textwrap.wrap(text, 18)
-    if len(lines) > 4:
+    """Write the name of a row into the left margin, folded; `middle` is its height in pixels from the top."""
+    lines = textwrap.wrap(text, width=18)
+    if len(lines) > 4:  # a long name is cut, so that it stays beside its own pictures
         lines = [*lines[:4], "…"]
     sheet.text(_LEFT - 8, middle, "\n".join(lines), ha="right")
 
 
 def flip_scale(sheet: Sheet, left: int, middle: int, width: int) -> None:
-    """The colours of a FLIP map from 0 to 1, at the place of the truth's missing FLIP map."""
-    ramp = np.broadcast_to(np.linspace(0, 1, width), (12, width))
+    """Draw the colours of a FLIP map from 0 to 1, at the place of the truth's missing FLIP map.
+
+    `left`, `middle` and `width` are those of this place, in pixels. `reports.figures.pairs` draws it, too.
+    """
+    ramp = np.broadcast_to(np.linspace(0, 1, width), (_RAMP, width))
     sheet.picture(left, middle, coloured(ramp, "magma", Normalize(0, 1)))
     sheet.text(left + width / 2, middle - 12, "FLIP (lower is better)", ha="center", fontsize=7.5)
     sheet.text(left, middle + 20, "0", ha="left", fontsize=7.5)
     sheet.text(left + width, middle + 20, "1", ha="right", fontsize=7.5)
 
 
-_SHADE = np.array([[[0, 0, 0, 140]]], np.uint8).repeat(16, 0).repeat(34, 1)  # (16, 34, 4), black, half transparent
+_SHADE = np.full((*_SHADE_SIZE, 4), (0, 0, 0, 140), np.uint8)  # RGBA: black, about half transparent

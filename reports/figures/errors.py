@@ -1,4 +1,11 @@
-"""Maps of a codec's error, of each texel's ABRDF and over the hemispheres of views and of lights; quality by angle."""
+"""Maps of a codec's error, of each texel's ABRDF and over the hemispheres of views and of lights; quality by angle.
+
+A texel's *ABRDF* is its radiance at all *pairs* of view and light. A run stores the numbers as artefacts of each job:
+`slices` has the mean squared error of each pair's slice (by the name of PSNR), `wo_deg` and `wi_deg` (pairs, 2) with θ
+and φ of view and light in degrees, the mask `heldout` of pairs that no fit saw, and `abrdf` (height, width), the error
+of each texel over all pairs. `angular` has mean scores over cells of both hemispheres. The pairs that *decide* the
+place of a codec in tables are those held out or, if none are, all.
+"""
 
 import math
 from typing import Any
@@ -27,31 +34,37 @@ from reports.styles import Styles
 
 _EDGE = 14  # pixels of the margin
 _BAR = 100  # pixels of the room of a colour bar
+_BAR_WIDTH = 14  # pixels of its colours
 _ABRDF_TOP = 54  # pixels of the head of the figure
 _ABRDF_CELL = 176  # the least side of a map in pixels
-_SIDES = {"view": "by view", "light": "by light"}
-EDGES_DEG = np.arange(0.0, 91.0, 15.0)
-_READ = {PSNR, "heldout", "wo_deg", "wi_deg"}
+_SIDES = {"view": "by view", "light": "by light"}  # hemispheres: their names in `angular`, and in words
+_RING_DEG = 15.0
+EDGES_DEG = np.arange(0.0, 91.0, _RING_DEG)  # of rings of θ
+_READ = {PSNR, "heldout", "wo_deg", "wi_deg"}  # what `angle_curves` reads of `slices`
 
 
 @of_each_material
 def abrdf_maps(run: Run, material: MaterialRows) -> Figure | None:
-    """A map a codec of the mean squared error of log1p at each texel over all pairs, on one logarithmic scale."""
+    """A map a codec of the mean squared error of log1p at each texel over all pairs, on one logarithmic scale.
+
+    None if no codec has stored one.
+    """
     maps = [(row.label, scores["abrdf"]) for row, scores in of_shown(run, material, "slices", ("abrdf",))]
     if not maps:
         return None
     title = f"{material.name}: error of each texel's ABRDF"
-    rows, columns = grid_of(len(maps), 5)
+    rows, columns = grid_of(len(maps), columns=5)
     height = max(error.shape[0] for _, error in maps)
     width = max(error.shape[1] for _, error in maps)
     factor = max(1, math.ceil(_ABRDF_CELL / max(height, width)))
     cell = (width * factor + 14, height * factor + 26)  # with a gap, and a line of text above
-    scale = LogNorm(1e-6, 1)
+    scale = LogNorm(1e-6, 1)  # of any range: without an error no map has a colour
     positive = np.concatenate([error[error > 0] for _, error in maps])
     if len(positive):
         # From the smallest to the largest error of any codec, at most five decades; none is off the scale.
         top = float(positive.max())
         scale = LogNorm(max(float(positive.min()), top * 1e-5), top * 1.0001, clip=True)
+    # At least three columns wide: the title and the split stand on one line.
     sheet = Sheet(2 * _EDGE + max(columns, 3) * cell[0] + _BAR, _ABRDF_TOP + rows * cell[1])
     sheet.text(_EDGE, 16, f"{title} ({material.split_in_words})", fontsize=9)
     for number, (label, error) in enumerate(maps):
@@ -59,7 +72,8 @@ def abrdf_maps(run: Run, material: MaterialRows) -> Figure | None:
         above = _ABRDF_TOP + number // columns * cell[1]
         sheet.text(left, above - 10, short(label, 24))
         sheet.picture(left, above, enlarged(coloured(error, "cividis", scale), factor))
-    bar = sheet.scale(sheet.width - _BAR, _ABRDF_TOP, (14, min(rows * cell[1] - 40, 300)), "cividis", norm=scale)
+    bar_height = min(rows * cell[1] - 40, 300)
+    bar = sheet.scale(sheet.width - _BAR, _ABRDF_TOP, (_BAR_WIDTH, bar_height), "cividis", norm=scale)
     log_ticks(bar.ax.yaxis)
     bar.set_label("mean squared error of log1p, all pairs", fontsize=8)
     return Figure(material.name, "abrdf", title, sheet.png(), sheet)
@@ -67,8 +81,8 @@ def abrdf_maps(run: Run, material: MaterialRows) -> Figure | None:
 
 @of_each_material
 def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
-    """Mean FLIP over the cells of both hemispheres, a column a codec, one scale for all."""
-    maps = []
+    """Mean FLIP over the cells of both hemispheres, a column a codec, one scale for all. None if no codec has a map."""
+    maps = []  # the label of a codec, and its polar maps: by side, the edges and the values of cells
     for row in material.shown:
         stored = angular(run.folder, row.job)
         name = row.metric(FLIP)
@@ -84,36 +98,39 @@ def polar_maps(run: Run, material: MaterialRows) -> Figure | None:
     tops = [np.nanmax(value) for value in values.values() if np.isfinite(value).any()]
     top = max(tops, default=1.0)
     scale = Normalize(0, top)
-    blocks, per_line = grid_of(len(maps), 6)
-    sheet = Sheet(2 * _EDGE + max(per_line, 4) * _CELL + _BAR, _TOP + blocks * _BLOCK)
+    # A block is a codec's two discs, the hemisphere of views above that of lights.
+    lines, per_line = grid_of(len(maps), columns=6)
+    # At least four blocks wide: the title and the split stand on one line.
+    sheet = Sheet(2 * _EDGE + max(per_line, 4) * _CELL + _BAR, _TOP + lines * _BLOCK)
     sheet.text(_EDGE, 14, f"{title} ({material.split_in_words})", fontsize=9)
     sheet.text(_EDGE, 32, "θ 0° in the centre, rings at 30°, 60°, 90°; φ counter-clockwise from the right")
     for (side, i), value in values.items():
         label, polar = maps[i]
         left = _EDGE + i % per_line * _CELL
-        line = _TOP + i // per_line * _BLOCK
+        above = _TOP + i // per_line * _BLOCK
         if side == "view":
-            sheet.text(left, line - 20, short(label, 24))
+            sheet.text(left, above - 20, short(label, 24))
         else:  # lights stand below views
-            line += _BLOCK // 2 - 10
-        sheet.text(left, line - 6, _SIDES[side], color="0.35")
-        sheet.picture(left, line + 4, _disc(polar[side], value, scale))
-    bar = sheet.scale(sheet.width - _BAR, _TOP, (14, 260), "cividis", norm=scale)
+            above += _BLOCK // 2 - 10
+        sheet.text(left, above - 6, _SIDES[side], color="0.35")
+        sheet.picture(left, above + 4, _disc(polar[side], value, scale))
+    bar = sheet.scale(sheet.width - _BAR, _TOP, (_BAR_WIDTH, 260), "cividis", norm=scale)
     bar.set_label("mean FLIP, all pairs\n(lower is better; blank: no pair)", fontsize=8)
     return Figure(material.name, "polar", title, sheet.png(), sheet)
 
 
 _SIDE = 140  # side of a disc in pixels
-_CELL = _SIDE + 24
-_BLOCK = 2 * _SIDE + 80
-_TOP = 76
+_CELL = _SIDE + 24  # pixels from one block to the next beside it
+_BLOCK = 2 * _SIDE + 80  # pixels from one line of blocks to the next: two discs and their texts
+_TOP = 76  # pixels of the head of the figure
 
 
 def _disc(stored: dict[str, Any], value: np.ndarray, scale: Normalize) -> np.ndarray:
     """The cells of a hemisphere as a picture of its disc, (H, W, 4), with rings; θ grows outwards, φ from the right.
 
-    `value` is (rings, sectors). Sector 0 is centred on the right, and φ = 90° is on top. NaN, and what lies outside the
-    hemisphere, are transparent.
+    `stored` has the edges of the rings of θ and the centres of the sectors of φ, in degrees; `value` is (rings,
+    sectors). Sector 0 is centred on the right, and φ = 90° is on top. NaN, and what lies outside the hemisphere, are
+    transparent.
     """
     x, y = np.meshgrid(_AXIS_DEG, -_AXIS_DEG)  # of each pixel, in degrees of θ from the centre; y grows upwards
     sectors = len(stored["phi_centres_deg"])
@@ -123,24 +140,28 @@ def _disc(stored: dict[str, Any], value: np.ndarray, scale: Normalize) -> np.nda
     inside = ring < len(value)
     value_of_pixel = value[np.where(inside, ring, 0), sector]  # ring 0 stands in for none, and is masked below
     picture = coloured(np.where(inside, value_of_pixel, np.nan), "cividis", scale)
-    pixel = _AXIS_DEG[1] - _AXIS_DEG[0]
-    for edge in (30, 60, 90):
+    pixel = _AXIS_DEG[1] - _AXIS_DEG[0]  # in degrees
+    for edge in (30, 60, 90):  # grey rings, for the eye; 90° is the horizon
         picture[abs(radius - edge) < pixel] = (128, 128, 128, 255)
     return picture
 
 
-_AXIS_DEG = np.linspace(-92, 92, _SIDE)
+_AXIS_DEG = np.linspace(-92, 92, _SIDE)  # of the pixels of a row: a little beyond the horizon, for its ring
 
 
 @of_each_material
 def angle_curves(run: Run, material: MaterialRows) -> Figure | None:
-    """Display PSNR, pooled over rings of 15° in θ_o and in θ_i, of the pairs that decide."""
+    """Display PSNR over rings of 15° in θ_o and in θ_i, of the pairs that decide; of a ring from its mean error.
+
+    None if no codec has stored the errors of its slices.
+    """
     curves = of_shown(run, material, "slices", _READ)
     styles = Styles(run)
     if not curves:
         return None
     title = f"{material.name}: quality by angle"
-    drawing, panels = plots(10, max(4.0, 1.6 + 0.2 * len(curves)), 2)
+    height = max(4.0, 1.6 + 0.2 * len(curves))  # inches; the legend has a line for each codec
+    drawing, panels = plots(10, height, count=2)
     for axes, side, name in zip(panels, ("wo_deg", "wi_deg"), ("view, θₒ", "light, θᵢ"), strict=True):
         handles = []
         for row, scores in curves:
@@ -149,7 +170,10 @@ def angle_curves(run: Run, material: MaterialRows) -> Figure | None:
         axes.set(xlabel=f"{name} in degrees", xlim=(0, 90), xticks=EDGES_DEG)
     panels[0].set_ylabel(f"display PSNR, dB ({material.deciding_in_words}; higher is better)")
     panels[0].set_title(f"{title}\n{material.split_in_words}", loc="left")
-    names = [f"{row.label} (no error)" if row.psnr is None else row.label for row, _ in curves]
+    names = []
+    for row, _ in curves:
+        # A codec without any error has no point, but stands in the legend.
+        names.append(f"{row.label} (no error)" if row.psnr is None else row.label)
     legend(panels[1], handles, names)
     return Figure(material.name, "angles", title, png(drawing), drawing)
 
@@ -157,7 +181,8 @@ def angle_curves(run: Run, material: MaterialRows) -> Figure | None:
 def _rings(row: Row, scores: Arrays, side: str) -> tuple[np.ndarray, np.ndarray]:
     """Centres in degrees of the rings of θ that hold a pair, and PSNR in dB of the mean squared error there, both (n,).
 
-    `side` is "wo_deg" or "wi_deg". A ring without any error has no point.
+    `scores` are the arrays `_READ` of the row's job; `side` is "wo_deg" or "wi_deg". A ring without any error has no
+    point, because its PSNR is infinite.
     """
     heldout = scores["heldout"]  # a mask of pairs
     chosen = heldout if row.deciding_group == "heldout" else np.ones(len(heldout), bool)
@@ -170,6 +195,6 @@ def _rings(row: Row, scores: Arrays, side: str) -> tuple[np.ndarray, np.ndarray]
     for i in np.unique(ring):
         mean = error[ring == i].mean()
         if mean > 0:
-            centres.append(EDGES_DEG[i] + 7.5)  # half the width of a ring
+            centres.append(EDGES_DEG[i] + _RING_DEG / 2)
             means.append(mean)
     return np.array(centres), psnr(np.array(means))

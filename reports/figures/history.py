@@ -1,4 +1,10 @@
-"""Quality, bytes and time of each codec over the revisions of several runs: one figure a material."""
+"""Quality, bytes and time of each codec over the revisions of several runs: one figure a material.
+
+A *start* is one call of the command that measures, at one *revision* of the code (of git); it is named after its time,
+`20251123T093106`, and a run may have several. A *job* is a codec with its settings (its *label*) on one material,
+fitted with one seed. *Held-out* pairs of view and light are seen by no fit: those of *validation* choose settings,
+those of *test* are for results. A time is given as a multiple of the *floor*, that of one bilinear colour fetch.
+"""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -12,8 +18,11 @@ from reports.figures.canvas import Figure, legend, log_ticks, new, png, style
 from reports.styles import Styles
 
 Measured = tuple[Job, Timing]  # a job and its timing, empty without one
-Codecs = dict[tuple[str, str], dict[str, list[Measured]]]  # by label and kind of held-out pairs, then by start
-_QUANTITIES: dict[str, Callable[[Job, Timing], float | None]] = {  # of a job and its timing, if any
+# By label and kind of held-out pairs ("test", "validation", or "" where the record does not say), then by start: the
+# jobs of one material, one a seed.
+Codecs = dict[tuple[str, str], dict[str, list[Measured]]]
+# By the label of an axis: what it shows of a job and its timing; None where that is not known.
+_QUANTITIES: dict[str, Callable[[Job, Timing], float | None]] = {
     "display PSNR, dB": lambda job, timing: stats_of(job, PSNR).get("mean"),
     "bytes of the file": lambda job, timing: float(job["bytes"]["total"]),
     "time a sample, × floor": lambda job, timing: timing.get("ratio_to_floor"),
@@ -23,16 +32,16 @@ _QUANTITIES: dict[str, Callable[[Job, Timing], float | None]] = {  # of a job an
 def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
     """One figure a material, its starts in the order of their times; a point is a mean over seeds."""
     jobs: dict[Any, Job] = {}  # of all runs together, so that a codec looks alike in every figure
-    starts: dict[str, RunStart] = {}
+    starts: dict[str, RunStart] = {}  # by name
     for number, run in enumerate(runs):
         for job in run.jobs:
             jobs[number, job["job"]] = job
         for start in run.starts:
             starts[start["run"]] = start
-    styles = Styles(Run(Path(), jobs=Records(jobs)))
+    styles = Styles(Run(Path(), jobs=Records(jobs)))  # which reads nothing of a folder
     for material, codecs in _materials(runs).items():
-        order = sorted(set().union(*codecs.values()))  # a start is named after its time
-        several_kinds = len({pairs for _, pairs in codecs}) > 1
+        order = sorted(set().union(*codecs.values()))  # names of starts; each is named after its time
+        several_kinds = len({pairs for _, pairs in codecs}) > 1  # of pairs; only then the legend names them
         with style():
             title = f"{material}: from revision to revision"
             drawing = new(8.2, 7.5)
@@ -40,6 +49,7 @@ def history_figures(runs: Sequence[Run]) -> Iterator[Figure]:
             for axes, (name, quantity) in zip(panels, _QUANTITIES.items(), strict=True):
                 handles = _lines(axes, quantity, codecs, order, styles)
                 axes.set_ylabel(name, fontsize=8)
+                # The first panel, of PSNR, has the title and the legend of all; bytes and times have logarithmic axes.
                 if axes.get_subplotspec().is_first_row():
                     axes.set_title(title, loc="left")
                     names = []
@@ -60,13 +70,16 @@ def _lines(
     order: Sequence[str],
     styles: Styles,
 ) -> list[Any]:
-    """Draw a quantity of each codec over the starts; returns the lines. Those of validation pairs are dotted."""
+    """Draw a quantity of each codec, one of `_QUANTITIES`, over the starts, whose names are in `order`.
+
+    Returns Matplotlib's lines, one for each key of `codecs`. Those of validation pairs are dotted.
+    """
     handles = []
     for (label, pairs), by_start in codecs.items():
         values = [_mean(quantity, by_start.get(when, [])) for when in order]
         look = styles.of_codec(label)
         if pairs == "validation":
-            look = look | {"linestyle": ":"}
+            look |= {"linestyle": ":"}
         handles += axes.plot(range(len(order)), values, **look, markersize=4, linewidth=1)
     return handles
 
@@ -86,7 +99,7 @@ def _materials(runs: Sequence[Run]) -> dict[str, Codecs]:
     by_material: dict[str, Codecs] = {}
     for run in runs:
         for job in run.jobs:
-            if job["status"] == "ok":
+            if job["status"] == "ok":  # others have no numbers
                 codecs = by_material.setdefault(job["material"], {})
                 codec = codecs.setdefault((shown_label(job), str(job.get("split", ""))), {})
                 codec.setdefault(str(job.get("run", "")), []).append((job, run.timing(job) or Timing()))
@@ -94,18 +107,24 @@ def _materials(runs: Sequence[Run]) -> dict[str, Codecs]:
 
 
 def _ticks(order: Sequence[str], starts: dict[str, RunStart]) -> list[str]:
-    """The names of starts on an axis: the revision, or the day where it is not known. Equal names are followed by the
-    time of the start."""
+    """The words on an axis for starts of these names: the revision, or the day where it is not known. Equal words are
+    followed by the time of the start."""
     names = []
     for when in order:
         revision = starts.get(when, RunStart()).get("git")
-        names.append(str(revision or when[:8])[:12])
-    times = []
-    for when in order:  # 11-23 09:31 of a start named 20251123T093106
-        digits = "".join(filter(str.isdigit, when[:16]))
-        month, day, hour, minute = (digits[place : place + 2] for place in (4, 6, 8, 10))
-        times.append(f"{month}-{day} {hour}:{minute}" if len(digits) >= 12 else when)
+        if not revision:
+            revision = when[:8]  # the day, 20251123
+        names.append(str(revision)[:12])
     ticks = []
-    for name, time in zip(names, times, strict=True):
-        ticks.append(f"{name}, {time}" if names.count(name) > 1 else name)
+    for name, when in zip(names, order, strict=True):
+        ticks.append(f"{name}, {_time_in_words(when)}" if names.count(name) > 1 else name)
     return ticks
+
+
+def _time_in_words(start: str) -> str:
+    """The day and time of a start by its name: "11-23 09:31" of 20251123T093106; a name of another form as it is."""
+    digits = "".join(filter(str.isdigit, start[:16]))
+    if len(digits) < 12:
+        return start
+    month, day, hour, minute = digits[4:6], digits[6:8], digits[8:10], digits[10:12]
+    return f"{month}-{day} {hour}:{minute}"

@@ -1,4 +1,9 @@
-"""The channels of each codec's texture, as pictures of the texels."""
+"""The channels of each codec's texture, as pictures of the texels.
+
+A decoder looks up learned numbers, the *channels*, at each texel. They are found in a job's *program*: its decoded
+material as a list of plain operations, the *steps*, on arrays of constants. Where a program looks up coarser levels of
+a texture as well, the levels are a *pyramid*: each halves both sides of the one before.
+"""
 
 import math
 from itertools import accumulate
@@ -12,23 +17,26 @@ from reports.artefacts import program
 from reports.figures.canvas import Figure, Sheet, enlarged, of_each_material, short
 from reports.rows import MaterialRows
 
-# In pixels:
+# In pixels: about the side of a channel's picture, between pictures, the margin with the labels, and the head.
 _CELL = 64
 _GAP = 4
 _LEFT = 250
 _TOP = 52
 
 _LINE = 16  # channels a line
-_MOST = 48  # channels a texture
+_MOST = 48  # channels shown of a codec
 
 
-Textures = list[np.ndarray]  # (H, W, channels) each
+Textures = list[np.ndarray]  # of one program, (H, W, channels) each
 
 
 @of_each_material
 def latent_channels(run: Run, material: MaterialRows) -> Figure | None:
-    """Every channel of the textures that the first seed's decoders read, a block a codec."""
-    blocks = []
+    """The channels of the textures that the first seed's decoders read, a block a codec, at most `_MOST` of each.
+
+    None if no codec has a texture.
+    """
+    blocks = []  # of each codec: its label, its channels in words, and their pictures (n, h, w)
     for row in material.shown:
         of_job = _textures_of_job(run, row.job)
         if of_job:
@@ -36,8 +44,8 @@ def latent_channels(run: Run, material: MaterialRows) -> Figure | None:
     if not blocks:
         return None
     title = f"{material.name}: channels of each codec's texture"
-    cell = max(max(cells.shape[1:]) for *_, cells in blocks) + _GAP
-    lines = [math.ceil(len(cells) / _LINE) for *_, cells in blocks]
+    cell = max(max(cells.shape[1:]) for _, _, cells in blocks) + _GAP  # all have the room of the largest
+    lines = [math.ceil(len(cells) / _LINE) for _, _, cells in blocks]  # of each block
     sheet = Sheet(_LEFT + _LINE * cell + _GAP, _TOP + sum(lines) * (cell + _GAP))
     sheet.text(_GAP, 14, f"{title} ({material.split_in_words})", fontsize=10)
     sheet.text(_GAP, 34, "each channel at mean 0 and variance 1, through a sigmoid: black to white", color="0.35")
@@ -47,13 +55,14 @@ def latent_channels(run: Run, material: MaterialRows) -> Figure | None:
         sheet.text(_GAP, top + 28, count, color="0.35")
         for number, picture in enumerate(cells):
             line, column = divmod(number, _LINE)
-            sheet.picture(_LEFT + column * cell, top + line * cell, picture[..., None].repeat(3, -1))
+            grey = picture[..., None].repeat(3, axis=-1)  # (h, w, 3)
+            sheet.picture(_LEFT + column * cell, top + line * cell, grey)
         top += height * (cell + _GAP)
     return Figure(material.name, "latents", title, sheet.png("L"), sheet)
 
 
 def _channels_in_words(textures: Textures) -> str:
-    """The channels of some textures in words."""
+    """The numbers of channels of some textures in words: "8 + 4 channels"; and how many are shown, if not all."""
     counts = [texture.shape[-1] for texture in textures]
     plural = "s" if sum(counts) > 1 else ""
     more = f", {_MOST} shown" if sum(counts) > _MOST else ""
@@ -82,16 +91,17 @@ def textures(program: Program) -> Textures:
     textures_found: Textures = []
     for step in program.steps:
         names = step.names()
-        if by_place.isdisjoint(names):
+        if by_place.isdisjoint(names):  # nothing that it takes depends on uv
             continue
         by_place.add(step.name)
-        if "embedding" not in step.operation:
+        if "embedding" not in step.operation:  # only these look up rows of a table
             continue
         for name in names & program.constants.keys():
             table = program.constants[name]
-            if table.ndim != 2 or len(table) not in texels:
+            if table.ndim != 2 or len(table) not in texels:  # no texture, see above
                 continue
             texture = table[: height * width].reshape(height, width, -1)
+            # Several steps may look up one texture.
             if not any(np.array_equal(texture, other) for other in textures_found):
                 textures_found.append(texture)
     return textures_found
@@ -109,7 +119,7 @@ def _standardised(texture: np.ndarray) -> np.ndarray:
 
 
 def _cells(texture: np.ndarray) -> np.ndarray:
-    """The first channels of a texture (H, W, D) as pictures (n, h, w), uint8, of about `_CELL` pixels a side.
+    """The first `_MOST` channels of a texture (H, W, D) as pictures (n, h, w), uint8, of about `_CELL` pixels a side.
 
     A large texture is averaged over squares of texels, without a rest at its edges, and a small one is enlarged.
     """
@@ -117,7 +127,7 @@ def _cells(texture: np.ndarray) -> np.ndarray:
     height, width, count = grey.shape
     factor = max(height, width) // _CELL
     if factor > 1:
-        factor = min(factor, height, width)
+        factor = min(factor, height, width)  # a long, narrow texture keeps at least one row and column
         rows, columns = height // factor, width // factor
         squares = grey[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor, count)
         grey = squares.mean((1, 3)).astype(np.uint8)

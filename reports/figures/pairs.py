@@ -1,4 +1,11 @@
-"""A figure of chosen pairs for a paper: the truth and decoded slices with magnified insets, and FLIP maps below."""
+"""A figure of chosen pairs for a paper: the truth and decoded slices with magnified insets, and FLIP maps below.
+
+A *pair* is a view and a light direction of the BTF, known by its index; a *slice* is the picture of all texels at a
+pair. A run stores the slices of a few pairs of each job as the artefact `pictures`: `truth`, `decoded` and `flip`
+(slices, height, width, 3), uint8, `pairs`, the angles `wo_deg` and `wi_deg` (θ, φ), and the mask `sheet` of those on
+the contact sheet. The *place* of a slice is its index in these arrays. A FLIP map shows the difference that an eye
+sees. An *inset* is a square of texels that is shown again, magnified.
+"""
 
 import math
 from collections.abc import Sequence
@@ -20,12 +27,13 @@ GAP = 8  # pixels between pictures
 TOP = 30  # pixels above them
 LINE = 18  # pixels for a line of text
 ZOOM = 3  # an inset shows its texels so many times as large as the picture does
-LETTER = 9  # pixels of a letter of a heading
+LETTER = 9  # pixels of a letter of a heading, by which long headings are cut
+BORDER = 2  # pixels of the line of a frame
 FRAME = np.array([230, 60, 20], np.uint8)  # colour of the frames around an inset and its place
 
 
 class Inset(NamedTuple):
-    """A square of texels that is magnified: its first row and column, and its side."""
+    """A square of texels that is magnified: its first row and column, from the top left, and its side in texels."""
 
     row: int
     col: int
@@ -35,8 +43,9 @@ class Inset(NamedTuple):
 def pairs_figure(run: Run, name: str, pairs: Sequence[int], inset: Inset | None = None) -> Figure:
     """The slices of some pairs of a material by its first seed: the truth, then every codec, with their FLIP maps.
 
-    `pairs` are indices of pairs of the BTF; without any, those of the contact sheet are shown. Without an inset, the
-    square of a quarter of the shorter side is magnified in which the FLIP of all codecs together is largest.
+    `name` is that of the material, `pairs` are indices of pairs of the BTF; without any, those of the contact sheet are
+    shown. Without an inset, the square of a quarter of the shorter side is magnified in which the FLIP of all codecs
+    together is largest, in each slice another.
     `InputError` if the material or a pair has no stored slices; it lists the pairs that have some.
     """
     by_name = {material.name: material for material in materials(run)}
@@ -44,6 +53,7 @@ def pairs_figure(run: Run, name: str, pairs: Sequence[int], inset: Inset | None 
     rows = []
     if material:
         for row, arrays_of_row in of_shown(run, material, "pictures"):
+            # A row whose file lacks some of these cannot be drawn.
             if arrays_of_row.keys() >= {"truth", "decoded", "pairs", "wo_deg", "wi_deg"}:
                 rows.append((row, arrays_of_row))
     if material is None or not rows:
@@ -56,7 +66,8 @@ def pairs_figure(run: Run, name: str, pairs: Sequence[int], inset: Inset | None 
 
 
 def _places(stored: Arrays, pairs: Sequence[int]) -> list[int]:
-    """The indices into the stored arrays of the slices of some pairs, or by default of those to show."""
+    """The places in the stored arrays of the slices of some pairs; without any, of those on the contact sheet or, if
+    the file does not say which, of the first four. `InputError` for a pair without a slice."""
     stored_pairs = stored["pairs"].tolist()
     if not pairs and "sheet" in stored:
         return np.flatnonzero(stored["sheet"]).tolist()
@@ -73,21 +84,28 @@ def _places(stored: Arrays, pairs: Sequence[int]) -> list[int]:
 def _drawn(
     run: Run, material: MaterialRows, rows: list[tuple[Row, Arrays]], places: list[int], inset: Inset | None
 ) -> Sheet:
-    """The sheet: a line of pictures for each place in the stored arrays, above FLIP maps if all codecs have them."""
+    """The sheet: a line of pictures for each place in the stored arrays, above FLIP maps if all codecs have them.
+
+    `rows` are the codecs with their arrays, a column each after that of the truth; with `inset` None it is found anew
+    for each place. `InputError` if the inset does not lie within the picture.
+    """
     _, first = rows[0]
     truth = first["truth"]
     height, width = truth.shape[1:3]
     factor = max(1, math.ceil(CELL / max(height, width)))
-    cell = (height * factor, width * factor)
+    cell_height = height * factor
+    cell_width = width * factor
     with_flip = all("flip" in stored for _, stored in rows)
-    block = LINE + cell[0] + GAP  # the height of all that is shown of one pair
+    block = LINE + cell_height + GAP  # the height of all that is shown of one pair
     if with_flip:
-        block += GAP // 2 + cell[0]
+        block += GAP // 2 + cell_height
     columns = 1 + len(rows)
-    sheet = Sheet(columns * (cell[1] + GAP) - GAP, TOP + len(places) * block)
+    sheet = Sheet(columns * (cell_width + GAP) - GAP, TOP + len(places) * block)
+    # The heading of each column.
     for column, label in enumerate(["truth", *(row.label for row, _ in rows)]):
-        middle = column * (cell[1] + GAP) + cell[1] / 2
-        sheet.text(middle, TOP / 2, short(label, cell[1] // LETTER), ha="center", fontsize=10)
+        middle = column * (cell_width + GAP) + cell_width / 2
+        sheet.text(middle, TOP / 2, short(label, cell_width // LETTER), ha="center", fontsize=10)
+    # A block for each pair: a line of text, its pictures, and their FLIP maps.
     for number, place in enumerate(places):
         top = TOP + number * block
         wo, wi = first["wo_deg"][place], first["wi_deg"][place]
@@ -96,35 +114,37 @@ def _drawn(
         _check(zoomed, (height, width))
         pictures = [truth[place], *(stored["decoded"][place] for _, stored in rows)]
         for column, picture in enumerate(pictures):
-            left = column * (cell[1] + GAP)
+            left = column * (cell_width + GAP)
             sheet.picture(left, top + LINE, _with_inset(picture, zoomed, factor))
             if column:  # the first column is the truth
                 row, stored = rows[column - 1]
                 text = _decibels(run, row, int(stored["pairs"][place]))
-                sheet.text(left + cell[1], top + LINE / 2, text, ha="right")
+                sheet.text(left + cell_width, top + LINE / 2, text, ha="right")
                 if with_flip:
-                    below = top + LINE + cell[0] + GAP // 2
+                    below = top + LINE + cell_height + GAP // 2
                     sheet.picture(left, below, enlarged(stored["flip"][place], factor))
         if with_flip and number == 0:  # below the first truth, which has no FLIP map
-            flip_scale(sheet, 0, top + LINE + cell[0] + cell[0] // 2, cell[1])
+            flip_scale(sheet, left=0, middle=top + LINE + cell_height + cell_height // 2, width=cell_width)
     return sheet
 
 
 def _worst(rows: list[tuple[Row, Arrays]], place: int, size: tuple[int, int]) -> Inset:
     """The square of a quarter of the shorter side in which the FLIP maps of one slice are brightest together; without
-    maps, the one in the centre. `size` is (height, width) in texels."""
+    maps, the one in the centre. `place` is the slice's in the stored arrays; `size` is (height, width) in texels."""
     side = max(2, min(size) // 4)
+    # Of each codec (H, W): its map's colours added up, which grow brighter with the error.
     maps = [stored["flip"][place].astype(float).sum(2) for _, stored in rows if "flip" in stored]
     if not maps:
         return Inset((size[0] - side) // 2, (size[1] - side) // 2, side)
-    # The sum over each such square, by its first row and column.
-    windows = np.lib.stride_tricks.sliding_window_view(sum(maps), (side, side)).sum((2, 3))
-    row, col = np.unravel_index(int(windows.argmax()), windows.shape)
+    # Every such square: (first rows, first columns, side, side).
+    squares = np.lib.stride_tricks.sliding_window_view(sum(maps), (side, side))
+    sums = squares.sum((2, 3))
+    row, col = np.unravel_index(int(sums.argmax()), sums.shape)
     return Inset(int(row), int(col), side)
 
 
 def _check(inset: Inset, size: tuple[int, int]) -> None:
-    """Raise an `InputError` unless an inset lies within a picture."""
+    """Raise an `InputError` unless an inset lies within a picture of `size`, (height, width) in texels."""
     row, col, side = inset
     if side < 2 or row < 0 or col < 0 or row + side > size[0] or col + side > size[1]:
         limits = f"a square of 2 or more texels within {size[0]} × {size[1]}"
@@ -133,7 +153,7 @@ def _check(inset: Inset, size: tuple[int, int]) -> None:
 
 def _with_inset(picture: np.ndarray, inset: Inset, factor: int) -> np.ndarray:
     """A slice (H, W, 3) enlarged by `factor`, with a frame around the inset's place, and the magnified inset, also in a
-    frame, in the corner that is farthest from that place."""
+    frame, in the corner that is farthest from that place. Returns a picture (H · factor, W · factor, 3)."""
     large = enlarged(picture, factor)
     row, col, side = inset
     framed(large, row * factor, col * factor, side * factor)
@@ -150,16 +170,19 @@ def _with_inset(picture: np.ndarray, inset: Inset, factor: int) -> np.ndarray:
 
 
 def framed(picture: np.ndarray, top: int, left: int, side: int) -> None:
-    """Draw the frame of a square, two pixels wide, in place."""
+    """Draw the frame of a square into a picture (H, W, 3), changing it. The frame lies within the square."""
     bottom, right = top + side, left + side
-    picture[top : top + 2, left:right] = FRAME
-    picture[bottom - 2 : bottom, left:right] = FRAME
-    picture[top:bottom, left : left + 2] = FRAME
-    picture[top:bottom, right - 2 : right] = FRAME
+    picture[top : top + BORDER, left:right] = FRAME
+    picture[bottom - BORDER : bottom, left:right] = FRAME
+    picture[top:bottom, left : left + BORDER] = FRAME
+    picture[top:bottom, right - BORDER : right] = FRAME
 
 
 def _decibels(run: Run, row: Row, pair: int) -> str:
-    """The display PSNR of one slice as text, from the stored errors; "exact" without error, "" if it is not known."""
+    """The display PSNR of one slice as text, from the stored errors; "exact" without error, "" if it is not known.
+
+    `pair` is the slice's pair in the BTF. Errors are mean squared, by the name of PSNR.
+    """
     scores = arrays(run.folder, row.job, "slices", ("pairs", PSNR))
     if not scores:
         return ""

@@ -1,4 +1,11 @@
-"""Which codecs are told apart: paired differences to one of them, slice by slice, and mean ranks over surfaces."""
+"""Which codecs are told apart: paired differences to one of them, slice by slice, and mean ranks over surfaces.
+
+A *slice* is one picture of a material: all texels at one pair of view and light. The *difference* of two codecs is that
+of their PSNR in dB on the same slices, as a mean with a 95 % interval. Two codecs are *told apart* if equal ones would
+hardly differ as much; that is said only of `FEWEST` materials or more. A *surface* is a material. A *line* is a codec,
+or a codec as published; a *rung* is a setting of it that was measured. Its *rank* on a surface is its place by the PSNR
+of the rung that validation pairs choose within a budget of bytes.
+"""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -13,11 +20,14 @@ from reports.ranking import against_one
 from reports.rows import materials
 from reports.styles import Styles
 
-Differences = Mapping[str, Interval]
+Differences = Mapping[str, Interval]  # by label, a codec with its settings: its difference to one other codec
 
 
 def significance(run: Run) -> Iterator[Figure]:
-    """The paired differences to one codec with their intervals: over all materials, then on each."""
+    """A figure of the paired differences to one codec over all materials, if there are several, then one for each.
+
+    Materials where nothing can be compared have none.
+    """
     against = against_one(run)
     styles = Styles(run)
     parts = {material.name: against.on[material.name] for material in materials(run) if material.name in against.on}
@@ -28,25 +38,34 @@ def significance(run: Run) -> Iterator[Figure]:
 
 
 def _figure(material: str, where: str, first: str, differences: Differences, styles: Styles) -> Figure:
-    """A figure of differences to the codec `first`, the best on top; `where` says of which materials, in words."""
+    """A figure of differences to the codec `first`, which stands on top, then the others from the best on.
+
+    `material` is "" over several; `where` says of which materials it is, in words.
+    """
     title = f"{where}: mean paired difference to {short(first, length=40)}"
     differences = dict(sorted(differences.items(), key=lambda item: -item[1].mean))
     with style():
-        height = 1.45 + 0.24 * (len(differences) + 1)
+        height = 1.45 + 0.24 * (len(differences) + 1)  # inches: the head and the foot, and each row
         drawing = new(9.6, height)
+        # Left, bottom, width and height as shares of the figure: labels stand left of the axes, numbers right of them.
         axes = drawing.add_axes((0.27, 0.95 / height, 0.46, 1 - 1.25 / height))
+        # Row 0 is the codec itself, at 0.
         axes.axvline(0, color="0.6", linewidth=0.8, zorder=0)
         axes.plot(0, 0, **styles.of_codec(first) | {"linestyle": "none"}, markersize=6)
+        # A text with these has x as a share of the axes and y in rows.
         beside: Any = {"transform": axes.get_yaxis_transform(), "fontsize": 8, "va": "center"}
         for row, (label, difference) in enumerate(differences.items(), 1):
             look = styles.of_codec(label) | {"linestyle": "none"}
             ends = [difference.low, difference.high]
             axes.plot(ends, [row, row], color=look["color"], linewidth=2.2, solid_capstyle="butt")
             axes.plot(difference.mean, row, **look, markersize=6)
-            remark = ", not told apart" if difference.materials >= FEWEST and not difference.apart else ""
+            remark = ""
+            if difference.materials >= FEWEST and not difference.apart:  # fewer materials say nothing about others
+                remark = ", not told apart"
             axes.text(1.02, row, interval(difference) + remark, **beside)
         axes.set_yticks(range(len(differences) + 1), list(map(short, (first, *differences))), fontsize=8)
-        axes.set(ylim=(len(differences) + 0.6, -0.6), xlabel="dB a slice of display PSNR (right of 0: better)")
+        rows = (len(differences) + 0.6, -0.6)  # from the bottom to the top: row 0 stands on top
+        axes.set(ylim=rows, xlabel="dB a slice of display PSNR (right of 0: better)")
         axes.grid(axis="y", visible=False)
         drawing.text(0.012, 1 - 0.18 / height, title, va="center")
         drawing.text(0.012, 0.1 / height, _caption(differences), fontsize=8, color="0.3", va="bottom")
@@ -54,7 +73,10 @@ def _figure(material: str, where: str, first: str, differences: Differences, sty
 
 
 def _caption(differences: Differences) -> str:
-    """The numbers behind the intervals in words; the largest ones if codecs differ."""
+    """How the intervals are made and from how many materials, seeds and slices, in words for a reader.
+
+    Codecs may have different numbers; the largest are given.
+    """
     materials = max(each.materials for each in differences.values())
     seeds = max(each.seeds for each in differences.values())
     slices = max(each.slices for each in differences.values())
@@ -76,8 +98,11 @@ def _caption(differences: Differences) -> str:
 
 
 def critical_differences(run: Run) -> Iterator[Figure]:
-    """The diagram of Demšar (2006), if there are ranks: a row a codec at its mean rank, with a bar as long as the
-    critical difference, which covers the codecs of worse rank from which it is not told apart."""
+    """The diagram of Demšar (2006), if there are ranks: a row a line at its mean rank, with a bar as long as the
+    critical difference, which covers the lines of worse rank from which it is not told apart.
+
+    There are ranks if two lines or more have a rung at the budget `ENOUGH` on each of three surfaces or more.
+    """
     ranking = budgets(run).ranks()
     if not ranking:
         return
@@ -88,8 +113,9 @@ def critical_differences(run: Run) -> Iterator[Figure]:
         drawing = new(9.6, 1.2 + 0.24 * count)
         axes = drawing.add_axes((0.24, 0.14, 0.72, 0.74))
         for row, (line, rank) in enumerate(ranking.mean.items()):
-            look = styles.of_codec(line.partition(",")[0]) | {"linestyle": "none"}
-            end = min(rank + ranking.critical, count)
+            codec = line.partition(",")[0]  # of a line "codec", or "codec, as published"
+            look = styles.of_codec(codec) | {"linestyle": "none"}
+            end = min(rank + ranking.critical, count)  # there is no rank beyond the last
             axes.plot([rank, end], [row, row], color="0.8", linewidth=5, solid_capstyle="butt", zorder=0)
             axes.plot(rank, row, **look, markersize=7)
         axes.set_yticks(range(count), list(map(short, ranking.mean)), fontsize=8)

@@ -1,4 +1,8 @@
-"""Writes a material as a shader for a renderer: the function, its two textures, and a page of conventions."""
+"""Writes a material as a shader for a renderer: the function, its two textures, and a page of conventions.
+
+A *program* is a decoded material as a list of plain operations. The texture `exact` holds 32-bit floats, `half` 16-bit
+ones; both are pictures of RGBA whose texels the function reads by number.
+"""
 
 from importlib.metadata import version
 from pathlib import Path
@@ -59,9 +63,10 @@ void main() {{
 
 
 def export(program: Program, name: str, language: str, folder: Path, source: str) -> tuple[list[Path], int]:
-    """Write shader, textures and README into a folder; returns them, and the bytes on a GPU. May raise `InputError`.
+    """Write shader, textures and README into a folder, which is made; returns their paths, and the bytes on a GPU.
 
-    `source` says in words of what the program was made: codec, versions, file.
+    `name` is that of the material, and of its files; `language` a key of `DIALECTS`. `source` says in words of what the
+    program was made: codec, versions, file. `InputError` for another language, or a program that no shader can do.
     """
     if language not in DIALECTS:
         raise InputError(f"format {language!r}: use one of {', '.join(DIALECTS)}")
@@ -78,7 +83,7 @@ def export(program: Program, name: str, language: str, folder: Path, source: str
             file.write(str(partial))
     write(readme, _readme(program, code, name, language, source).encode())
     files = [function, exact, half, readme]
-    if language == GLSL.name:
+    if language == GLSL.name:  # the fragment shader is written in GLSL alone
         whole = folder / f"{name}.frag"
         write(whole, FRAGMENT.format(function=code.text).encode())
         files.append(whole)
@@ -87,10 +92,10 @@ def export(program: Program, name: str, language: str, folder: Path, source: str
 
 def _readme(program: Program, code: Shader, name: str, language: str, source: str) -> str:
     """The page of conventions that lies beside a shader, in Markdown."""
-    # Width × height, of textures (height, width, 4).
+    # Width × height in words, of textures (height, width, 4).
     sizes = {"exact": "{1} × {0}".format(*code.exact.shape), "half": "{1} × {0}".format(*code.half.shape)}
     height, width = program.size
-    across, up = program.periods
+    across, up = program.periods  # how often the material repeats along u and v in a square of its longer side
     stretch = "" if height == width else f": for a surface with square uv, pass ({across:g} u, {up:g} v)"
     texture = {"width": width, "height": height, "aspect": width / height, "stretch": stretch}
     whole = f"`{name}.frag` is a whole fragment shader around it, GLSL ES 3.00. " if language == GLSL.name else ""

@@ -4,6 +4,10 @@ Each tensor of one query is an array of scalar expressions. NumPy performs the o
 cat, slice, transpose, broadcast); arithmetic is written out, four floats a statement. Constants that are looked up by
 number become rows of a texture. Matrices become literals, which compile and run fastest; with more than `LITERALS`
 weights in all they are read from the texture. For compilers that cannot handle literals there is a uniform buffer.
+
+A *program* is a decoded material as a list of operations (`steps`) on named constants; a *query* is the place uv, the
+directions wo and wi and the footprint of one answer. A *scalar* is a number, or a text that the shader computes. The
+*weights* are the floats of the constant matrices by which a program multiplies.
 """
 
 from dataclasses import dataclass
@@ -17,19 +21,19 @@ from reports.shaders.writer import WIDTH, Tables, WeightStore, Writer, literal
 
 Array = np.ndarray
 
-LITERALS = 10_000  # weights in a shader's text
+LITERALS = 10_000  # the most weights that a shader's text holds
 UNIFORMS = 1_024  # vectors of a uniform buffer: 16 kB, which WebGL 2 guarantees
 LEAST = 1e-12  # footprint, far below a texel: a level of detail is a logarithm, which 0 does not have
 
 
 @dataclass(frozen=True)
 class Shader:
-    """The text of `material`, its textures (h, WIDTH, 4), float32 and float16, and weights of its uniforms (n, 4)."""
+    """The function `material` of a program, and the numbers that it reads."""
 
-    text: str
-    exact: Array
-    half: Array
-    uniforms: Array
+    text: str  # of the function, and of what it declares
+    exact: Array  # a texture (h, WIDTH, 4), float32
+    half: Array  # a texture (h, WIDTH, 4), float16
+    uniforms: Array  # weights (n, 4), float32, of the uniform buffer; n is 0 without one
 
     @property
     def gpu_bytes(self) -> int:
@@ -53,6 +57,7 @@ def shader(program: Program, dialect: Dialect, weights: WeightStore | None = Non
         "wi": ["wi.x", "wi.y", "wi.z"],
         "footprint": ["footprint"],
     }
+    # Only a program that uses the footprint gets a statement for it.
     if any("footprint" in step.names() for step in program.steps):
         inputs["footprint"] = [writer.name("float", f"max(footprint, {literal(LEAST)})")]
     rgb = [writer.scalar(x, "float") for x in writer.run(program, inputs)]
@@ -63,8 +68,8 @@ def shader(program: Program, dialect: Dialect, weights: WeightStore | None = Non
     buffer = dialect.uniforms.format(count=len(writer.uniforms)) if writer.uniforms else ""
     statements = "\n  ".join(body)
     text = f"{dialect.prologue.format(width=WIDTH)}{buffer}{dialect.signature} {{\n  {statements}\n}}\n"
-    for ours, theirs in dialect.calls.items():
-        text = text.replace(f"{ours}(", f"{theirs}(")
+    for name_in_glsl, name in dialect.calls.items():
+        text = text.replace(f"{name_in_glsl}(", f"{name}(")
     uniforms = np.array(writer.uniforms, np.float32).reshape(-1, 4)
     return Shader(text, tables.texture(half=False), tables.texture(half=True), uniforms)
 
@@ -76,14 +81,14 @@ def fallback(program: Program, dialect: Dialect) -> Shader | None:
         return None
     try:
         return shader(program, dialect, "uniform")
-    except InputError:
+    except InputError:  # too many weights for the buffer
         return shader(program, dialect, "texture")
 
 
 def _weights(program: Program) -> int:
-    """How many floats the constant matrices have by which a program multiplies."""
+    """How many floats the constant matrices and biases of a program's matrix products have."""
     count = 0
     for step in program.steps:
-        if step.operation in ("addmm", "mm"):
+        if step.operation in ("addmm", "mm"):  # a matrix product, with a bias and without one
             count += sum(program.constants[name].size for name in step.names() if name in program.constants)
     return count

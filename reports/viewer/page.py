@@ -1,4 +1,9 @@
-"""Writes the page of live materials: one HTML file that holds shaders, textures and the code that draws them."""
+"""Writes the page of live materials: one HTML file that holds shaders, textures and the code that draws them.
+
+A *live* material is drawn in the browser with WebGL 2, under lights that a reader moves. Its *program* is the decoded
+material as a list of plain operations; its *shader* is a function in GLSL with two textures, made from the program. A
+*model* is such a material as the page holds it.
+"""
 
 import base64
 import json
@@ -13,7 +18,7 @@ from reports.shaders.dialects import GLSL
 from reports.shaders.generator import Shader, fallback, shader
 from reports.shaders.writer import WIDTH
 
-SCRIPTS = ("shapes.js", "passes.js", "controls.js", "viewer.js")
+SCRIPTS = ("shapes.js", "passes.js", "controls.js", "viewer.js")  # of this folder; they share one scope
 STYLE = """:root { color-scheme: light dark; }
 body { font: 16px/1.4 system-ui, sans-serif; margin: 1rem auto; max-width: 70rem; padding: 0 1rem; }
 h1 { overflow-wrap: anywhere; }
@@ -26,29 +31,35 @@ window.viewer = mountViewer(document.querySelector(".viewer"), data);
 
 @dataclass(frozen=True)
 class Shown:
-    """A material to draw: its name, a line about it, its program, and its exposure."""
+    """A material to draw."""
 
-    label: str
+    label: str  # its name on the page
     program: Program
-    exposure: float
-    note: str = ""
+    exposure: float  # the factor from radiance to what the page shows
+    note: str = ""  # a line about it
 
 
 def model_data(model: Shown, encode: Callable[[bytes], object]) -> dict[str, object]:
-    """What the page needs of a model, its arrays encoded. `InputError` where no shader can do its program."""
+    """What the page needs of a model, by the names that its script uses, as JSON can hold it if `encode` makes text.
+
+    `encode` takes the bytes of each array. `InputError` where no shader can do its program.
+    """
     full = shader(model.program, GLSL)
     spare = fallback(model.program, GLSL)
     data: dict[str, object] = {"label": model.label, "note": model.note, "exposure": model.exposure}
     data |= {"periods": model.program.periods, **_encoded(full, encode)}
-    if spare:  # for compilers that choke on literals; textures that are the same are not written twice
-        data["fallback"] = {key: text for key, text in _encoded(spare, encode).items() if data[key] != text}
+    if spare:  # for compilers that choke on literals
+        # Only what differs, so that textures that are the same are not written twice.
+        data["fallback"] = {key: value for key, value in _encoded(spare, encode).items() if data[key] != value}
     return data
 
 
 def _encoded(source: Shader, encode: Callable[[bytes], object]) -> dict[str, object]:
     """The text of a shader, and the bytes of its two textures and its uniforms, each encoded."""
-    arrays = {"exact": source.exact, "half": source.half, "uniforms": source.uniforms}
-    return {"shader": source.text, **{name: encode(each.tobytes()) for name, each in arrays.items()}}
+    data: dict[str, object] = {"shader": source.text}
+    for name, array in (("exact", source.exact), ("half", source.half), ("uniforms", source.uniforms)):
+        data[name] = encode(array.tobytes())
+    return data
 
 
 class Data(NamedTuple):
@@ -70,17 +81,17 @@ class Fragment(NamedTuple):
 
 
 def fragment() -> Fragment:
-    """The viewer for any page."""
+    """The viewer for any page, read from the files of this package."""
     folder = files("reports.viewer")
     css = (folder / "viewer.css").read_text("utf-8")
     scripts = [(folder / name).read_text("utf-8") for name in SCRIPTS]
-    # A page sees only one of their names.
+    # The scripts stand within one function, so that a page sees only one of their names.
     script = f"const mountViewer = (() => {{\n{''.join(scripts)}\nreturn mountViewer;\n}})();\n"
     return Fragment(css, script)
 
 
 def page(title: str, models: Sequence[Shown]) -> str:
-    """The whole page. `InputError` if no shader can compute a program."""
+    """The HTML of a whole page with these materials. `InputError` if no shader can compute a program."""
     parts = fragment()
     drawn = [model_data(model, lambda raw: base64.b64encode(raw).decode()) for model in models]
     data = Data("models", as_json({"width": WIDTH, "models": drawn}))
@@ -90,5 +101,8 @@ def page(title: str, models: Sequence[Shown]) -> str:
 
 
 def as_json(data: object) -> str:
-    """JSON that stands inside a script element: no text of the data can end the element."""
+    """JSON that stands inside a script element: no text of the data can end the element.
+
+    The line and paragraph separators of Unicode are escaped as well.
+    """
     return json.dumps(data).replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
