@@ -102,7 +102,7 @@ class Programs(Codec):
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         """A material that asks the program. `ContainerError` if the user has not permitted the program."""
-        if self.settings.decode not in permitted():
+        if self.settings.decode not in permitted_programs():
             raise ContainerError(
                 f"to decode this file, the program `{self.settings.decode}` would be started: if you trust it, set "
                 f"{PERMIT} to that command line"
@@ -115,12 +115,12 @@ class Programs(Codec):
         return ProgramMaterial((height, width), contents, self.settings.decode, self.settings.seconds)
 
 
-def permit(command: str) -> None:
+def permit_program(command: str) -> None:
     """Allow this process, and those that it starts, to start a decode program."""
-    os.environ[PERMIT] = "\n".join(dict.fromkeys([*permitted(), command]))
+    os.environ[PERMIT] = "\n".join(dict.fromkeys([*permitted_programs(), command]))
 
 
-def permitted() -> list[str]:
+def permitted_programs() -> list[str]:
     """The decode programs that may be started."""
     return [line for line in os.environ.get(PERMIT, "").split("\n") if line]
 

@@ -192,7 +192,7 @@ def _fault(tensor: "Tensor") -> str:
 
 def read_header(path: Path) -> Header:
     """Check a codec file against its own hash and read its header. `ContainerError` says what is wrong."""
-    return _parse(Path(path), _read(Path(path)))
+    return _checked_header(Path(path), _read(Path(path)))
 
 
 def read_parts(path: Path) -> "tuple[Header, Parts]":
@@ -203,7 +203,7 @@ def read_parts(path: Path) -> "tuple[Header, Parts]":
     from bench.codec import ZSTD, Parts
 
     data = _read(Path(path))
-    header = _parse(Path(path), data)
+    header = _checked_header(Path(path), data)
     parts = Parts()
     # Bytes that the remaining parts may still expand to: a small damaged file must not fill the memory.
     budget = max(LEAST_EXPANDED, MOST_EXPANSION * len(data))
@@ -242,7 +242,7 @@ def _read(path: Path) -> bytes:
         raise ContainerError(f"{path}: cannot be read ({error.strerror})") from error
 
 
-def _parse(path: Path, data: bytes) -> Header:
+def _checked_header(path: Path, data: bytes) -> Header:
     """The header of a file's bytes. `ContainerError` if they are no codec file, or not as it was written."""
     # Taking out the metadata leaves an entry for each tensor.
     header = _json_header(path, data)
@@ -251,7 +251,7 @@ def _parse(path: Path, data: bytes) -> Header:
     # The file was hashed with zeros in place of the digits: see `to_bytes`.
     if hashlib.sha256(data.replace(digits, ZEROS, 1)).hexdigest().encode() != digits:
         raise ContainerError(f"{path}: altered or damaged since it was written (its hash differs): copy it again")
-    tensors = {name: _described_tensor(path, name, entry) for name, entry in header.items()}
+    tensors = {name: _tensor_entry(path, name, entry) for name, entry in header.items()}
     return Header(
         path=path,
         codec=metadata["codec"],
@@ -317,7 +317,7 @@ def _is_size_or_place(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 48
 
 
-def _described_tensor(path: Path, name: str, entry: dict[str, Any]) -> tuple[str, tuple[int, ...], int]:
+def _tensor_entry(path: Path, name: str, entry: dict[str, Any]) -> tuple[str, tuple[int, ...], int]:
     """The dtype, shape and number of bytes of a tensor, from its entry in the header.
 
     `ContainerError` if they contradict each other, or if the name is not that of a part and a tensor.

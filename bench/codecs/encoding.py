@@ -57,12 +57,12 @@ def new_fit(
     `network` is the one that the codec shares over materials; None if it shares none. `InputError` if it was trained on
     this material.
     """
-    shared.refuse(network, btf)
+    shared.refuse_training_material(network, btf)
     seed = seed_of(btf.name, codec.name, repetition)
     return Fit(torch.device(device), threads, seed, show, checkpoint, network=network)
 
 
-def fitted(codec: Codec, btf: BTF, fit: Fit, encode: Encode | None = None) -> Fitted:
+def fit_codec(codec: Codec, btf: BTF, fit: Fit, encode: Encode | None = None) -> Fitted:
     """Fit a codec to all pairs of a BTF on the threads of `fit`, by its own `encode` or by another.
 
     It raises what the codec raises, and what the codec changes of the process stays changed, except for the number of
@@ -79,13 +79,13 @@ def fitted(codec: Codec, btf: BTF, fit: Fit, encode: Encode | None = None) -> Fi
 
 
 def fit_to_file(codec: Codec, btf: BTF, fit: Fit, path: Path, encode: Encode | None = None) -> FittedFile:
-    """Fit a codec as `fitted` does, restore the state of the process, and write the codec file to `path`.
+    """Fit a codec as `fit_codec` does, restore the state of the process, and write the codec file to `path`.
 
     `EncodeError` if no file can hold the parts. An error of the codec is raised as it is: see `naming_faults`.
     """
     place = path.absolute()  # a codec may remove the working directory
     with restored_process_state():
-        parts, seconds = fitted(codec, btf, fit, encode)
+        parts, seconds = fit_codec(codec, btf, fit, encode)
     return FittedFile(container.save(place, codec, parts), seconds)
 
 
@@ -105,7 +105,9 @@ def naming_faults(codec: Codec, encode: Encode | None = None) -> Encode:
         except BaseException as error:  # also `sys.exit` and a cancelled task of asyncio
             if isinstance(error, OSError) and unwritable(error):  # a full disk is not the codec's fault
                 raise
-            raise EncodeError(f"codec {codec.name} failed to encode {btf.name}: {raised(error, codec)}") from error
+            raise EncodeError(
+                f"codec {codec.name} failed to encode {btf.name}: {error_in_words(error, codec)}"
+            ) from error
 
     return named
 
@@ -133,7 +135,7 @@ def threads_left() -> list[str]:
     return [thread.name for thread in _left if thread.is_alive()]
 
 
-def raised(error: BaseException, codec: Codec) -> str:
+def error_in_words(error: BaseException, codec: Codec) -> str:
     """Describe an error that a codec raised in one line, with the last line of its author's own files in the trace."""
     if isinstance(error, ContainerError) and error.__cause__:  # the file was written just now, so it is not damaged
         error = error.__cause__

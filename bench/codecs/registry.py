@@ -34,20 +34,20 @@ def codec_entries() -> dict[str, EntryPoint]:
 def load_codec(name: str, wanted_by: str = "") -> "type[Codec]":
     """Import the class of a codec. `InputError` if no codec has the name, or if its class has another name."""
     entry = _entry(name, wanted_by)
-    outside_codecs.check(entry, called(entry), _made_in_child)
-    return _loaded(entry, wanted_by)
+    outside_codecs.check(entry, codec_in_words(entry), _made_in_child)
+    return _imported_class(entry, wanted_by)
 
 
 def make_codec(name: str, settings: dict[str, Any]) -> "Codec":
     """Make a codec with some settings. `InputError` if they are invalid, `CodecError` if the codec fails."""
     entry = _entry(name)
-    outside_codecs.check(entry, called(entry), _made_in_child, settings)
+    outside_codecs.check(entry, codec_in_words(entry), _made_in_child, settings)
     try:
-        return _loaded(entry)(**settings)
+        return _imported_class(entry)(**settings)
     except InputError:
         raise
     except (Exception, SystemExit) as error:
-        raise CodecError(f"{called(entry)} fails with the settings {settings}: {said_by(error)}") from error
+        raise CodecError(f"{codec_in_words(entry)} fails with the settings {settings}: {said_by(error)}") from error
 
 
 def _made_in_child(name: str, settings: dict[str, Any] | None) -> object:
@@ -76,19 +76,19 @@ def _lies_here(name: str) -> bool:
         return False
 
 
-def _loaded(entry: EntryPoint, wanted_by: str = "") -> "type[Codec]":
+def _imported_class(entry: EntryPoint, wanted_by: str = "") -> "type[Codec]":
     """Import the class of an entry point in this process, and check its name and version."""
     prefix = f"{wanted_by}: " if wanted_by else ""
     try:
         codec: type[Codec] = entry.load()
     except (Exception, SystemExit) as error:
-        raise CodecError(f"{prefix}{called(entry)} cannot be imported: {said_by(error)}") from error
+        raise CodecError(f"{prefix}{codec_in_words(entry)} cannot be imported: {said_by(error)}") from error
     name = getattr(codec, "name", None)
     if name != entry.name:
         says = "has no name" if name is None else f"calls itself {name!r}"
-        raise InputError(f"{prefix}{called(entry)} {says}: write `name = {entry.name!r}` into its class")
+        raise InputError(f"{prefix}{codec_in_words(entry)} {says}: write `name = {entry.name!r}` into its class")
     if not isinstance(getattr(codec, "version", None), int):
-        raise InputError(f"{prefix}{called(entry)} has no version: add `version = 1` to its class")
+        raise InputError(f"{prefix}{codec_in_words(entry)} has no version: add `version = 1` to its class")
     return codec
 
 
@@ -98,7 +98,7 @@ def from_outside(name: str) -> bool:
     return entry is not None and plugins.is_outside(entry)
 
 
-def called(entry: EntryPoint) -> str:
+def codec_in_words(entry: EntryPoint) -> str:
     """The name of a codec in errors, with its distribution."""
     return plugins.called(entry, "codec")
 
@@ -116,7 +116,7 @@ def describe(entry: EntryPoint) -> str:
 def listed(entry: EntryPoint) -> str:
     """`describe`, or what fails when the codec is loaded: an external one is tried, in a process of its own."""
     try:
-        outside_codecs.check(entry, called(entry), _made_in_child)
+        outside_codecs.check(entry, codec_in_words(entry), _made_in_child)
         return describe(entry)
     except Exception as error:  # any exception of a foreign codec is its failure
         return f"FAILS: {' '.join(str(error).split())}"

@@ -58,7 +58,7 @@ def find(codec: str, path: Path | None = None) -> TrainedNetwork:
     """Read a codec's shared network from `path` or its default place. `MissingDataError` says how to get it."""
     path = path or place(codec)
     if not path.exists():
-        raise missing(codec, path)
+        raise missing_network(codec, path)
     network = read(path)
     if network.codec != codec:
         raise ContainerError(f"{path}: this is the network of codec {network.codec}, not of {codec}")
@@ -75,7 +75,7 @@ def find_for(codec: Codec | type[Codec]) -> TrainedNetwork | None:
     return find(codec.name)
 
 
-def missing(codec: str, path: Path | None = None) -> MissingDataError:
+def missing_network(codec: str, path: Path | None = None) -> MissingDataError:
     """The message for a shared network that is missing at `path`, or at its default place."""
     return MissingDataError(
         f"{path or place(codec)}: missing: codec {codec} needs the network that it shares over materials: make it "
@@ -155,7 +155,7 @@ def origin(btf: BTF) -> str:
     return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
 
 
-def refuse(network: TrainedNetwork | None, btf: BTF) -> None:
+def refuse_training_material(network: TrainedNetwork | None, btf: BTF) -> None:
     """Raise `InputError` if a network, where there is one, was trained on this material, at any size and directions."""
     if network and origin(btf) in network.origins:
         raise InputError(

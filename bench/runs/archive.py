@@ -48,8 +48,8 @@ from bench.records import (
 )
 from bench.runs.evaluation import evaluate, score_key
 from bench.runs.job import keep
-from bench.runs.provenance import machine, provenance, stamp
-from bench.runs.workbench import Opening, Workbench, opened
+from bench.runs.provenance import machine, provenance, revision_and_time
+from bench.runs.workbench import Opening, Workbench, open_workbench
 
 # All files of an archive may unpack to `RATIO` times its own bytes; any to `LEAST_BYTES`, none to over `MOST_BYTES`.
 MOST_BYTES = 4 << 30
@@ -65,7 +65,7 @@ _OTHER = "the data of {} here differ from the submitted data"
 AGREES, DIFFERS, NOT_VERIFIED = "agrees", "differs", "not verified"
 
 
-def chosen(run: Run, codecs: list[str]) -> Run:
+def jobs_with_results(run: Run, codecs: list[str]) -> Run:
     """The jobs of a run with a result, of all or some codecs, and their timings. `InputError` if there are none."""
     part = dataclasses.replace(run, jobs=Records(), timings=Records())
     for job in run.jobs:
@@ -172,7 +172,7 @@ def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, st
     for job in run.jobs:
         name = str(job.get("job"))
         try:
-            yield _verified(job, starts.get(job.get("run", ""), RunStart()), run.folder, out, show, places or {})
+            yield _verdict_on_job(job, starts.get(job.get("run", ""), RunStart()), run.folder, out, show, places or {})
         except InputError as error:
             yield Verified(name, NOT_VERIFIED, str(error))
         except OSError:  # such as a full disk: it says nothing of the job
@@ -182,7 +182,7 @@ def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, st
             yield Verified(name, NOT_VERIFIED, f"cannot be scored here ({what})")
 
 
-def _verified(
+def _verdict_on_job(
     job: Job, start: RunStart, folder: Path, out: Path, show: Progress, places: Mapping[str, str]
 ) -> Verified:
     """The verdict on one job; what does not match its record, or is not here, is never opened or decoded."""
@@ -203,10 +203,10 @@ def _verified(
     if obstacle:
         return Verified(name, NOT_VERIFIED, obstacle)
     metrics = tuple(job["score_key"]["metrics"])
-    with opened(Opening(job["run"], spec, data, int(job["seed"]), metrics), show) as workbench:
+    with open_workbench(Opening(job["run"], spec, data, int(job["seed"]), metrics), show) as workbench:
         if workbench.btf.fingerprint != job["score_key"]["btf"]:
             return Verified(name, NOT_VERIFIED, _OTHER.format(spec.name))
-        return _scored_again(job, workbench, folder, out, show, data.split)
+        return _verdict_by_scoring(job, workbench, folder, out, show, data.split)
 
 
 def _material(job: Job, start: RunStart, places: Mapping[str, str]) -> MaterialSpec:
@@ -250,7 +250,9 @@ def _obstacle_of_data(job: Job, spec: MaterialSpec, data: Preparation) -> str:
     return ""
 
 
-def _scored_again(job: Job, workbench: Workbench, folder: Path, out: Path, show: Progress, split: str) -> Verified:
+def _verdict_by_scoring(
+    job: Job, workbench: Workbench, folder: Path, out: Path, show: Progress, split: str
+) -> Verified:
     """Score the file of a job here, and compare with what the job claims; writes the record and the file into `out`."""
     file = folder / "files" / Path(job["file"]).name  # the name alone: a claimed path could lead out of the archive
     loaded = loading.load(file)
@@ -271,7 +273,12 @@ def _scored_again(job: Job, workbench: Workbench, folder: Path, out: Path, show:
     record: Job = {**kept(job, NAMES), "split": split, "fit_key": fit}
     # Large arrays, such as pictures of slices, go into files below `out`.
     record |= evaluate(workbench, loaded, threads=1, keep=partial(keep, out), show=show)
-    record |= {"score_key": score_key(workbench, header), "scored": stamp(), "machine": machine(), "status": "ok"}
+    record |= {
+        "score_key": score_key(workbench, header),
+        "scored": revision_and_time(),
+        "machine": machine(),
+        "status": "ok",
+    }
     record["verified"] = True
     record["file"] = f"files/{file.name}"
     atomic.write(out / record["file"], file.read_bytes())
@@ -287,10 +294,10 @@ def differences(claimed: Job, here: Job) -> Iterator[str]:
     """The claims that differ from the measurements here by more than rounding on another processor, in words."""
     measured = json.loads(json.dumps(here))  # with lists for tuples, as the claims were read from JSON, too
     for name, value in kept(claimed, CLAIM).items():
-        yield from _unlike(name, value, measured[name])
+        yield from _differences_of_values(name, value, measured[name])
 
 
-def _unlike(place: str, claimed: Any, measured: Any) -> Iterator[str]:
+def _differences_of_values(place: str, claimed: Any, measured: Any) -> Iterator[str]:
     """Where a measured value differs from the claimed one by more than machines differ, in words.
 
     Both are values as in JSON, dictionaries of dictionaries included. `place` is the path of the value in the record,
@@ -300,7 +307,7 @@ def _unlike(place: str, claimed: Any, measured: Any) -> Iterator[str]:
         for name, value in claimed.items():
             if place in ("scores", "pairs") and name in ("scene", SCENE_HELDOUT, OUTSIDE):
                 continue  # scores in a scene: archives hold no demand, and these are not published
-            yield from _unlike(f"{place}/{name}", value, measured.get(name))
+            yield from _differences_of_values(f"{place}/{name}", value, measured.get(name))
         return
     close = claimed == measured
     # Counts, texts and missing values (None) must be equal; only floats may differ by rounding.

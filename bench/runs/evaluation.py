@@ -79,9 +79,11 @@ def conditions(workbench: Workbench) -> ScoreKey:
 def evaluate(workbench: Workbench, file: Loaded, threads: int, keep: Keep, show: Progress) -> Job:
     """Score the material decoded from a codec file; returns settings, bytes, scores and costs for its record.
     `keep(name, content)` stores what is too large for the record, and returns the name that the record holds."""
-    shared.refuse(file.network, workbench.btf)  # a network that was trained on this material may not be scored on it
+    shared.refuse_training_material(
+        file.network, workbench.btf
+    )  # a network that was trained on this material may not be scored on it
     material = without_warnings(file.material)  # it is asked outside its scene, too, on purpose
-    figures = scored(workbench, material, file.header.path.stem, threads, keep, show)
+    figures = record_of_scores(workbench, material, file.header.path.stem, threads, keep, show)
     sizes = cast(Bytes, file.header.part_bytes() | {"total": file.header.file_bytes})
     if file.network:
         sizes["shared"] = file.network.file_bytes
@@ -89,7 +91,9 @@ def evaluate(workbench: Workbench, file: Loaded, threads: int, keep: Keep, show:
     return record | figures
 
 
-def scored(workbench: Workbench, material: Material, name: str, threads: int, keep: Keep, show: Progress) -> Job:
+def record_of_scores(
+    workbench: Workbench, material: Material, name: str, threads: int, keep: Keep, show: Progress
+) -> Job:
     """Score any material: its record without settings and bytes; kept files are called after `name`.
 
     Pairs are scored by `threads` threads of PyTorch. `keep` stores scores by slice, angular maps and pictures in files.
@@ -164,7 +168,7 @@ def drawing(file: Loaded, keep: Keep) -> Job:
     return {"drawing": keep(f"drawings/{file.header.path.stem}.npz", program.arrays())}
 
 
-def recorded(folder: Path, job: Job, device: str) -> Material:
+def material_of_job(folder: Path, job: Job, device: str) -> Material:
     """Decode the file of a job. `ContainerError` if it is not the file that the record describes."""
     file = loading.load(folder / job["file"], device)
     if file.header.sha256 != job["score_key"]["sha256"]:

@@ -161,7 +161,7 @@ class Processes(Executor):
             theirs, leash = context.Pipe(duplex=False)  # the worker ends when this process closes the leash
             heard, told = context.Pipe(duplex=False)  # the worker tells its progress, and a thread here hears it
             gpu_variables = self.gpus[seat] if self.gpus else {}
-            pool = ProcessPoolExecutor(1, context, _prepare, (self.threads, gpu_variables, theirs, told))
+            pool = ProcessPoolExecutor(1, context, _prepare_worker, (self.threads, gpu_variables, theirs, told))
             self.pools[seat] = (pool, leash, told)
             threading.Thread(target=_heard, args=(heard, self.show or _show_nothing), daemon=True).start()
         pool, _, told = self.pools[seat]
@@ -190,7 +190,7 @@ class Processes(Executor):
             raise BrokenProcessPool("the worker was ended") from error
         except BrokenProcessPool as error:
             self._end(seat, wait=False)
-            raise BrokenProcessPool(_end_of(worker)) from error
+            raise BrokenProcessPool(_ending_in_words(worker)) from error
         except BaseException:
             self._end(seat, wait=False)
             raise
@@ -222,7 +222,7 @@ class Processes(Executor):
         self.watchers.shutdown(wait)
 
 
-def _end_of(worker: BaseProcess | None) -> str:
+def _ending_in_words(worker: BaseProcess | None) -> str:
     """How a worker process ended, in words."""
     if worker is None:
         return "it could not be started"
@@ -259,7 +259,7 @@ def _show_nothing(label: str, done: int, total: int) -> None:
     """A `Show` that shows nothing."""
 
 
-def _prepare(threads: int, gpu: dict[str, str], leash: Connection, told: Connection) -> None:
+def _prepare_worker(threads: int, gpu: dict[str, str], leash: Connection, told: Connection) -> None:
     """Prepare a worker process: set environment variables before NumPy and PyTorch are imported and read them."""
     os.environ.update(dict.fromkeys(THREAD_COUNTS, str(threads)) | gpu)
     os.environ[EXPENDABLE] = "1"

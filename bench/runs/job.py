@@ -28,7 +28,7 @@ from bench.codec import Codec, Progress, TrainedNetwork, ended_bars, settings_di
 from bench.codecs import container, loading, shared
 from bench.codecs.command import Programs
 from bench.codecs.encoding import fit_to_file, new_fit
-from bench.codecs.registry import called, codec_entries, from_outside, make_codec
+from bench.codecs.registry import codec_entries, codec_in_words, from_outside, make_codec
 from bench.codecs.seeds import seed_of
 from bench.demand import fitting, require_demand
 from bench.files import atomic
@@ -41,9 +41,9 @@ from bench.runs import lock
 from bench.runs.drawing import sparse_truth
 from bench.runs.evaluation import Keep, drawing, evaluate, score_key
 from bench.runs.identity import identity
-from bench.runs.provenance import machine, stamp
+from bench.runs.provenance import machine, revision_and_time
 from bench.runs.suite import Task
-from bench.runs.workbench import Opening, Workbench, opened
+from bench.runs.workbench import Opening, Workbench, open_workbench
 from bench.training import stored_texture
 
 log = logging.getLogger(__name__)
@@ -64,13 +64,17 @@ class Outcome:
 
 def work(task: Task, show: Progress = silent) -> Outcome:
     """Run one job. A failure becomes a record with its error; an error that fails every job raises `InputError`."""
-    if not lock.reaches(task.folder, task.run):  # the worker is on another host, which lacks the folder
-        raise lock.unseen(task.folder, f"on {platform.node()}")
+    if not lock.can_use_folder(task.folder, task.run):  # the worker is on another host, which lacks the folder
+        raise lock.error_of_unseen_folder(task.folder, f"on {platform.node()}")
     try:
         what = Opening(
             task.run, task.material, task.data, task.repetition, task.metrics, task.demand, scorers=task.scorers
         )
-        with ended_bars(show) as show_in_bars, opened(what, show_in_bars) as workbench, restored_process_state():
+        with (
+            ended_bars(show) as show_in_bars,
+            open_workbench(what, show_in_bars) as workbench,
+            restored_process_state(),
+        ):
 
             def show_of_job(label: str, done: int, total: int) -> None:
                 """Show the progress of this job under its name."""
@@ -84,7 +88,7 @@ def work(task: Task, show: Progress = silent) -> Outcome:
         raise
 
 
-def failed(task: Task, error: str, more: Job | None = None) -> Outcome:
+def failed_outcome(task: Task, error: str, more: Job | None = None) -> Outcome:
     """The outcome of a job that failed, with the text of its error, and `more` fields of its record."""
     record: Job = {**task.base, "status": "failed", "error": error}
     if more:
@@ -92,13 +96,13 @@ def failed(task: Task, error: str, more: Job | None = None) -> Outcome:
     return Outcome(record)
 
 
-def attributed(task: Task, error: str) -> str:
+def error_with_origin(task: Task, error: str) -> str:
     """An error in words; begins with codec and distribution if the codec comes from another distribution than this.
 
     Users then see whose code it was.
     """
     name = task.codec.codec
-    return f"{called(codec_entries()[name])}: {error}" if from_outside(name) else error
+    return f"{codec_in_words(codec_entries()[name])}: {error}" if from_outside(name) else error
 
 
 @dataclass
@@ -123,7 +127,7 @@ class Attempt:
         if self.codec.network is None:
             return None
         if not self.task.network:
-            raise shared.missing(self.codec.name)
+            raise shared.missing_network(self.codec.name)
         return shared.find(self.codec.name, self.task.folder / self.task.network)
 
     @cached_property
@@ -192,8 +196,8 @@ class Attempt:
         if isinstance(error, CodecError | PluginError):  # its message names the codec or the plug-in already
             text = str(error)
         else:
-            text = attributed(self.task, f"{type(error).__name__}: {error}")
-        return failed(self.task, text, more)
+            text = error_with_origin(self.task, f"{type(error).__name__}: {error}")
+        return failed_outcome(self.task, text, more)
 
     def _outcome(self, earlier: Job) -> Outcome:
         """The record of an earlier run if it still holds; else a new one, of an earlier run's file or of a new fit."""
@@ -205,7 +209,7 @@ class Attempt:
             return Outcome(earlier, "record")
         record: Job = {**self.task.base, "fit_key": self.fit_key, "machine": machine()}
         record |= fit_facts
-        record |= {"status": "ok", "score_key": key, "file": self.file, "scored": stamp()}
+        record |= {"status": "ok", "score_key": key, "file": self.file, "scored": revision_and_time()}
         record |= self._scored(header)
         return Outcome(record, "file" if fit_facts["fit_cached"] else "")
 
@@ -292,7 +296,7 @@ class Attempt:
             "sha256": header.sha256,
             "fit_seconds": seconds,
             "history": cast(list[Point], fit.history),
-            "fitted": stamp(self.codec.name),
+            "fitted": revision_and_time(self.codec.name),
         }
 
 

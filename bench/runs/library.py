@@ -35,7 +35,7 @@ from bench.inputs.errors import InputError
 from bench.machine.threads import torch_threads
 from bench.material import Material
 from bench.records import ARTEFACT, Job, SceneModel, field_names
-from bench.runs.evaluation import conditions, evaluate, score_key, scored
+from bench.runs.evaluation import conditions, evaluate, record_of_scores, score_key
 from bench.runs.workbench import Workbench
 
 log = logging.getLogger(__name__)
@@ -146,7 +146,7 @@ def encode_for_scene(
     wanted = fitting.Goal(scene.psnr, scene.flip)
     container.refuse_other_file(Path(out))
     network = shared.find_for(instance)
-    shared.refuse(network, btf)  # `new_fit` refuses it, too, but only after the frames are rendered
+    shared.refuse_training_material(network, btf)  # `new_fit` refuses it, too, but only after the frames are rendered
     scorer = FrameScorer(table_of(btf), demand, show)
     fit = partial(new_fit, instance, btf, seed, network, device=device, threads=threads, show=show)
     training = btf.split().train
@@ -196,7 +196,7 @@ def score(
         if demand and isinstance(material, SlicesMaterial):
             raise InputError(f"{name}: slices cannot be scored in a scene, which needs more pairs: leave out demand")
         figures = {"codec": name, "settings": {}, "bytes": {}, "score_key": conditions(workbench)}
-        figures |= scored(workbench, material, name, threads, lambda name, content: name, show)
+        figures |= record_of_scores(workbench, material, name, threads, lambda name, content: name, show)
     kept_files = field_names(ARTEFACT)  # a run keeps these files, `score` does not
     return cast(Job, {name: value for name, value in figures.items() if name not in kept_files})
 

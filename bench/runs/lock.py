@@ -57,13 +57,13 @@ def locked(folder: Path, run: str) -> Iterator[None]:
         os.close(file)
 
 
-def reaches(folder: Path, run: str) -> bool:
+def can_use_folder(folder: Path, run: str) -> bool:
     """Whether this process sees the locked folder of a run and may write there. Workers of a cluster may not."""
     return _holder(folder / FILE).get("run") == run and os.access(folder, os.W_OK)
 
 
-def unseen(folder: Path, worker: str) -> InputError:
-    """The error of a worker that `reaches` refuses."""
+def error_of_unseen_folder(folder: Path, worker: str) -> InputError:
+    """The error of a worker that `can_use_folder` refuses."""
     return InputError(
         f"{folder}: not seen by the worker {worker}, or not writable there: put --out on a file system that every "
         "worker sees"
@@ -99,7 +99,7 @@ def _acquire(folder: Path, run: str) -> int:
                 return file
         except BlockingIOError:
             os.close(file)
-            raise InputError(_busy(folder, _holder(folder / FILE))) from None
+            raise InputError(_busy_message(folder, _holder(folder / FILE))) from None
         except BaseException:
             os.close(file)
             raise
@@ -115,13 +115,13 @@ def _refuse_if_alive(folder: Path, kept_by_kernel: bool) -> None:
     if not holder:
         return
     if holder.get("host") == platform.node():
-        alive = not kept_by_kernel and _runs(int(holder["process"]))
+        alive = not kept_by_kernel and _process_runs(int(holder["process"]))
     else:
         # How long ago it was renewed, both times by the clock of the file system, because clocks of two hosts differ.
         with tempfile.TemporaryFile(dir=folder) as now:
             alive = os.fstat(now.fileno()).st_mtime - os.stat(folder / FILE).st_mtime < STALE_AFTER
     if alive:
-        raise InputError(_busy(folder, holder))
+        raise InputError(_busy_message(folder, holder))
     log.warning("%s: the lock of %s is taken over, because its process is gone", folder, _in_words(holder))
 
 
@@ -134,7 +134,7 @@ def _holder(path: Path) -> dict[str, Any]:
     return holder if isinstance(holder, dict) and {"process", "host", "run"} <= holder.keys() else {}
 
 
-def _runs(process: int) -> bool:
+def _process_runs(process: int) -> bool:
     """Whether a process of this machine still runs, perhaps one of another user."""
     try:
         os.kill(process, 0)  # signal 0 ends nothing: it only asks whether the process can be reached
@@ -148,7 +148,7 @@ def _in_words(holder: dict[str, Any]) -> str:
     return f"process {holder['process']} on {holder['host']}, since {holder.get('since')}"
 
 
-def _busy(folder: Path, holder: dict[str, Any]) -> str:
+def _busy_message(folder: Path, holder: dict[str, Any]) -> str:
     """The message that a run still uses the folder, and which process it is, if known."""
     who = _in_words(holder) if holder else "another process"
     return f"{folder}: another run uses this folder ({who}): wait for its end, stop it, or choose another --out"

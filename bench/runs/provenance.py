@@ -93,7 +93,7 @@ def processor() -> str:
     return platform.machine()  # Linux names the model on x86 only
 
 
-def stamp(codec: str = "") -> dict[str, str | None]:
+def revision_and_time(codec: str = "") -> dict[str, str | None]:
     """The revision of the suite and the current time, for results that later runs may reuse; of a fit also `codec`, the
     revision of its codec's own repository, if it has one."""
     stamped = {"git": revision(), "at": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"}

@@ -19,7 +19,7 @@ from pathlib import Path
 from bench import records, timing
 from bench.codec import REMARK, Codec, Progress, silent
 from bench.codecs import container, shared
-from bench.codecs.command import Programs, permit
+from bench.codecs.command import Programs, permit_program
 from bench.codecs.registry import from_outside, make_codec
 from bench.codecs.scene_material import without_warnings
 from bench.data.spec import MaterialSpec
@@ -31,9 +31,9 @@ from bench.machine.threads import cores
 from bench.records import Job, Run, RunStart, Timing
 from bench.runs import lock
 from bench.runs.estimate import Effort, Estimate
-from bench.runs.evaluation import recorded
+from bench.runs.evaluation import material_of_job
 from bench.runs.executors import Seats, Workers, in_process, processes, tell
-from bench.runs.job import FRESH_STATE, STATE, Outcome, attributed, failed, work
+from bench.runs.job import FRESH_STATE, STATE, Outcome, error_with_origin, failed_outcome, work
 from bench.runs.provenance import provenance
 from bench.runs.suite import CodecSpec, Suite, Task, canonical
 from bench.runs.workbench import demand_of
@@ -69,7 +69,7 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
         demand_of(run_id, str(Path(suite.demand).absolute()))  # a bad demand file stops here
     with lock.locked(options.folder, run_id):
         _tidy(options.folder)
-        networks = _networks(codecs, options.folder)
+        networks = _write_networks(codecs, options.folder)
         try:
             open_workers = _workers(suite, options)
             with open_workers() as workers:
@@ -90,10 +90,10 @@ def _require_folder(workers: Workers, folder: Path, run_id: str) -> None:
     """
     if workers.everywhere is None:
         return
-    reaches_of_worker = workers.everywhere(lock.reaches, folder, run_id)
+    reaches_of_worker = workers.everywhere(lock.can_use_folder, folder, run_id)
     without_folder = [worker for worker, reaches in reaches_of_worker.items() if not reaches]
     if without_folder:
-        raise lock.unseen(folder, ", ".join(without_folder[:5]))
+        raise lock.error_of_unseen_folder(folder, ", ".join(without_folder[:5]))
 
 
 def _make_codecs(suite: Suite) -> tuple[list[Codec], dict[str, str]]:
@@ -107,7 +107,7 @@ def _make_codecs(suite: Suite) -> tuple[list[Codec], dict[str, str]]:
             faults[spec.label] = str(error)
             continue
         if isinstance(codec, Programs):  # only permitted programs are started; whoever gives the suite permits its own
-            permit(codec.settings.decode)
+            permit_program(codec.settings.decode)
         codecs.append(codec)
     return codecs, faults
 
@@ -120,7 +120,7 @@ def _workers(suite: Suite, options: Options) -> Seats:
     return partial(processes, count=1, threads=suite.threads) if outside else in_process
 
 
-def _networks(codecs: list[Codec], folder: Path) -> dict[str, str]:
+def _write_networks(codecs: list[Codec], folder: Path) -> dict[str, str]:
     """For codecs that share one network over all materials, the network's file in the run's folder, by codec.
 
     Writes these files: workers read them, and a folder that is copied elsewhere can still be decoded. Networks that are
@@ -240,7 +240,7 @@ class _Session:
         for task in in_order:
             fault = faults.get(task.codec.label)
             if fault:
-                yield failed(task, fault)
+                yield failed_outcome(task, fault)
             else:
                 runnable.append(task)
         self.workers.show_with(self.options.show)
@@ -308,7 +308,7 @@ def _outcome(task: Task, future: Future[Outcome]) -> Outcome:
         why = f"{MOST_LOSSES} workers died while they ran it, one after the other, the last: {error}"
     except Exception as error:  # an error of the executor: those of codecs are in their records
         why = f"{type(error).__name__}: {error}"
-    return failed(task, attributed(task, why))
+    return failed_outcome(task, error_with_origin(task, why))
 
 
 def timings(folder: Path, jobs: list[Job], device: str, threads: int, show: Progress = silent) -> list[Timing]:
@@ -322,18 +322,18 @@ def timings(folder: Path, jobs: list[Job], device: str, threads: int, show: Prog
     if len(ours) < len(jobs):
         with processes(count=1, threads=threads) as workers:
             try:
-                return workers.executor.submit(measured, folder, jobs, device, threads).result()
+                return workers.executor.submit(timings_here, folder, jobs, device, threads).result()
             except BrokenExecutor:
                 others = ", ".join(job["job"] for job in jobs if job not in ours)
                 log.warning("not timed, because one of them ended the timing process: %s", others)
-    return measured(folder, ours, device, threads, show)
+    return timings_here(folder, ours, device, threads, show)
 
 
-def measured(folder: Path, jobs: list[Job], device: str, threads: int, show: Progress = silent) -> list[Timing]:
+def timings_here(folder: Path, jobs: list[Job], device: str, threads: int, show: Progress = silent) -> list[Timing]:
     """The timing of each job's decoder, measured in this process; also at one texel a query if it can."""
     materials = {}
     for job in jobs:
-        material = without_warnings(recorded(folder, job, device))
+        material = without_warnings(material_of_job(folder, job, device))
         if not material.opaque:  # another program answers: its time would be that of exchanging files
             materials[job["job"]] = material
     if not materials:

@@ -115,13 +115,13 @@ def start_of(suite: Suite, run: str, device: str) -> records.RunStart:
 
 def contestants(suite: Suite, folder: Path, device: str, show: Progress) -> Contestants:
     """Each setting on each surface, decoded from a file of one step in a folder. `InputError` if there is none."""
-    found = dict(decoded(suite, surfaces_of(suite), folder, device, show))
+    found = dict(decoded_settings(suite, surfaces_of(suite), folder, device, show))
     if not found:
         raise InputError(f"suite {suite.name}: none of its settings could be fitted, so none is timed")
     return found
 
 
-def decoded(
+def decoded_settings(
     suite: Suite, surfaces: Sequence[MaterialSpec], folder: Path, device: str, show: Progress
 ) -> Iterator[tuple[tuple[str, str], Material]]:
     """As `contestants`, one by one and on some surfaces; writes the missing files. What cannot be fitted here is left

@@ -21,7 +21,7 @@ import torch
 from bench import records, timing
 from bench.codec import Codec, Fit, Progress, settings_dict, silent
 from bench.codecs import shared
-from bench.codecs.encoding import fitted
+from bench.codecs.encoding import fit_codec
 from bench.codecs.registry import make_codec
 from bench.data.open import open_material
 from bench.demand.mitsuba import load_path_tracer
@@ -32,7 +32,7 @@ from bench.material import Material
 from bench.records import Ceiling, Run, RunStart, Timing, load_run
 from bench.records.schema import setting_name
 from bench.runs import lock
-from bench.runs.setting_times import decoded, new_run, start_of, surfaces_of
+from bench.runs.setting_times import decoded_settings, new_run, start_of, surfaces_of
 from bench.runs.suite import CodecSpec, Suite, canonical
 from bench.timing import Queries, native
 from bench.timing.execution import DTYPES, TOLERANCES, Variant, exists_on, is_whole, networks, prepared
@@ -122,7 +122,7 @@ class _Measuring:
         """Each setting with its material, decoded from a file of one step, while there is time."""
         by_label = {spec.label: spec for spec in specs}
         surface = surfaces_of(self.suite)[:1]
-        files = decoded(replace(self.suite, codecs=specs), surface, self.folder, str(self.device), self.show)
+        files = decoded_settings(replace(self.suite, codecs=specs), surface, self.folder, str(self.device), self.show)
         while not self.clock.over:
             next_file = next(files, None)
             if next_file is None:
@@ -169,12 +169,12 @@ class _Measuring:
             atomic.write(tried, name.encode())
             try:
                 ready = prepared(material, variant)
-                compared[name] = _Compared(variant, ready, difference(ready, exact, variant.precision))
+                compared[name] = _Compared(variant, ready, difference_from_exact(ready, exact, variant.precision))
                 ready.query(*queries)
-                finish(self.device)
+                wait_for_gpu(self.device)
             except Exception as error:  # an error in one variant must not lose the times of the others
                 log.warning("%s, %s: not timed: %s", label, variant, " ".join(str(error).split())[:300])
-                finish(self.device)  # after a fault of a GPU everything fails: the next process goes on
+                wait_for_gpu(self.device)  # after a fault of a GPU everything fails: the next process goes on
                 compared.pop(name, None)
             except KeyboardInterrupt:
                 tried.unlink()
@@ -234,14 +234,14 @@ def _is_native(precision: str, device: torch.device) -> bool:
     return exists_on(Variant("eager", precision), device) and not native.emulated(precision, device)
 
 
-def finish(device: torch.device) -> None:
+def wait_for_gpu(device: torch.device) -> None:
     """Wait until a GPU has done all; raises `RuntimeError` if it has a fault."""
     if is_gpu(device):
         torch.get_device_module(device).synchronize(device)
 
 
 @torch.no_grad()
-def difference(ready: Material, exact: Material, precision: str) -> float:
+def difference_from_exact(ready: Material, exact: Material, precision: str) -> float:
     """The largest difference of answers from float64's, as a multiple of the largest that the precision may have."""
     queries = Queries(CHECKED).draw(exact.size, exact.device)
     answers = ready.query(*queries).double()
@@ -320,6 +320,6 @@ def _seconds_of_fit(spec: CodecSpec, steps: int, train: Any, device: str, thread
     codec: Codec = make_codec(spec.codec, spec.settings | {"steps": steps})
     fit = Fit(torch.device(device), threads, network=shared.find_for(codec))
     start = time.perf_counter()
-    fitted(codec, train, fit)
-    finish(torch.device(device))
+    fit_codec(codec, train, fit)
+    wait_for_gpu(torch.device(device))
     return time.perf_counter() - start

@@ -175,12 +175,12 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
         name,
         text,
         materials=tuple(_material(f"{file}: materials", entry) for entry in materials),
-        codecs=tuple(_swept(f"{file}: codecs", codecs)),
+        codecs=tuple(_codec_specs(f"{file}: codecs", codecs)),
         **fields(file, Suite, entries, without=("name", "text")),
     )
     labels = [spec.label for spec in suite.codecs]
     names = [spec.name for spec in suite.materials]
-    twice = _twice(labels) or _twice(names)
+    twice = _first_repeated(labels) or _first_repeated(names)
     if twice:
         raise InputError(f"{file}: {twice!r} appears twice: give one of them another name, as {{name = …, path = …}}")
     for spec in suite.codecs:
@@ -191,7 +191,7 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
     return dataclasses.replace(suite, metrics=_metrics(f"{file}: metrics", suite.metrics))
 
 
-def _twice(names: Iterable[str]) -> str:
+def _first_repeated(names: Iterable[str]) -> str:
     """The first name that is given more than once; "" if none is."""
     for name, count in Counter(names).items():
         if count > 1:
@@ -232,7 +232,7 @@ def with_changes(
         known = {spec.name: spec for spec in suite.materials}
         everywhere = tuple(dataclasses.replace(spec, materials=()) for spec in suite.codecs)
         chosen_materials = [known.get(name, named(name)) for name in materials]  # others by name or path
-        suite = dataclasses.replace(suite, materials=told_apart(chosen_materials), codecs=everywhere)
+        suite = dataclasses.replace(suite, materials=with_distinct_names(chosen_materials), codecs=everywhere)
     if codecs:
         chosen: list[CodecSpec] = []
         for codec in codecs:
@@ -240,17 +240,17 @@ def with_changes(
             chosen += of_suite or [CodecSpec(codec)]
         suite = dataclasses.replace(suite, codecs=tuple(chosen))
     for key, value in changes.items():
-        suite = _change(suite, key, value)
+        suite = _with_change(suite, key, value)
     return suite if seed is None else dataclasses.replace(suite, seeds=(seed,))
 
 
-def told_apart(materials: list[MaterialSpec]) -> tuple[MaterialSpec, ...]:
+def with_distinct_names(materials: list[MaterialSpec]) -> tuple[MaterialSpec, ...]:
     """The materials, with the names of folders before equal names: `coin-dirs.lp` and `tablet-dirs.lp`.
 
     Jobs, records and tables know a material by its name alone. `InputError` if one material is given twice.
     """
     paths = [_absolute_path(spec) for spec in materials]  # texts; of a built-in material its name
-    twice = _twice(paths)
+    twice = _first_repeated(paths)
     if twice:
         raise InputError(f"--material {twice}: it is given twice")
     names = [spec.name for spec in materials]
@@ -260,7 +260,7 @@ def told_apart(materials: list[MaterialSpec]) -> tuple[MaterialSpec, ...]:
         for place, path in enumerate(paths):
             if names[place] in ambiguous:
                 names[place] = "-".join(Path(path).parts[-1 - folders :])  # so many folders, and the last part
-    twice = _twice(names)
+    twice = _first_repeated(names)
     if twice:
         raise InputError(f"--material: two materials are named {twice}: rename a folder")
     return tuple(dataclasses.replace(spec, name=name) for spec, name in zip(materials, names, strict=True))
@@ -314,7 +314,7 @@ def changed_settings(spec: CodecSpec) -> dict[str, Any]:
     return {key: parsed[key] for key in spec.settings if chosen.get(key) != default.get(key)}
 
 
-def _change(suite: Suite, key: str, value: str) -> Suite:
+def _with_change(suite: Suite, key: str, value: str) -> Suite:
     """The suite with one setting changed, KEY, CODEC.KEY or data.KEY. `InputError` if it changes nothing."""
     scope, _, name = key.rpartition(".")  # the scope is "", a codec or "data"
     if scope == "data":
@@ -326,8 +326,8 @@ def _change(suite: Suite, key: str, value: str) -> Suite:
     codecs = []
     reached = False
     for spec in suite.codecs:
-        if _has(spec.codec, scope, name):
-            spec = _set(spec, name, value)
+        if _has_setting(spec.codec, scope, name):
+            spec = _with_setting(spec, name, value)
             reached = True
         codecs.append(spec)
     if not reached:
@@ -366,12 +366,12 @@ def described_changes(suite: Suite, changes: dict[str, str]) -> list[str]:
             reasons = [kind_of(spec).ignores(spec, key) for spec in suite.materials]
             lines += [f"--set {key}={value}: {reason}" for reason in reasons if reason]
         else:
-            reached = [codec for codec in codecs if _has(codec, scope, name)]
+            reached = [codec for codec in codecs if _has_setting(codec, scope, name)]
             lines.append(f"--set {key}={value} changes {', '.join(reached)}")
     return lines
 
 
-def _has(codec: str, scope: str, setting: str) -> bool:
+def _has_setting(codec: str, scope: str, setting: str) -> bool:
     """Whether a codec of this scope, "" for all, has a setting."""
     from bench.codec import setting_names
 
@@ -381,7 +381,7 @@ def _has(codec: str, scope: str, setting: str) -> bool:
         return False
 
 
-def _set(spec: CodecSpec, setting: str, value: str) -> CodecSpec:
+def _with_setting(spec: CodecSpec, setting: str, value: str) -> CodecSpec:
     """The entry of a suite with one setting changed, whose value is a word of the command line."""
     from bench.codec import COMMON
 
@@ -399,7 +399,7 @@ def _material(where: str, entry: Any) -> MaterialSpec:
     return spec
 
 
-def _swept(where: str, entries: list[Any]) -> Iterator[CodecSpec]:
+def _codec_specs(where: str, entries: list[Any]) -> Iterator[CodecSpec]:
     """The codecs of all tables: for each table, one for each combination of its listed values."""
     jobs = 0
     for entry in entries:

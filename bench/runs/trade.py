@@ -51,11 +51,11 @@ from bench.records import (
 from bench.records.lines import TRADE, TRADE_FORMAT, load_run, load_trade
 from bench.runs import runner
 from bench.runs.estimate import duration
-from bench.runs.evaluation import Slices, recorded
+from bench.runs.evaluation import Slices, material_of_job
 from bench.runs.provenance import machine
 from bench.runs.suite import CodecSpec, Suite, canonical
 from bench.runs.unfinished import Unfinished, forget
-from bench.runs.workbench import Opening, Workbench, opened
+from bench.runs.workbench import Opening, Workbench, open_workbench
 from bench.timing import Queries, native
 from bench.timing.execution import Variant, exists_on, is_whole, networks, prepared
 from bench.timing.profile import ceiling_calls, limit_ns, profile, rates, roofline
@@ -86,13 +86,13 @@ def run_and_measure(
     folder = options.folder
     suite = canonical(suite)
     before = load_run(folder) if (folder / FILE).exists() else Run(folder)
-    options = replace(options, then=_timing(suite, before, options.device, _timed_jobs(suite)))
+    options = replace(options, then=_timing_in_words(suite, before, options.device, _timed_jobs(suite)))
     for outcome in runner.run(suite, options):
         states.append(outcome.record["status"])
         tell(outcome)
     if "ok" in states:
         measured = load_run(options.folder)
-        options.say(_announced(suite, measured, options.device))
+        options.say(_announcement(suite, measured, options.device))
         for spec in suite.materials:  # written after each material
             one = replace(suite, materials=(spec,))
             result = measure(one, measured, options.device, full, options.show, emulated, noise, profiles)
@@ -146,10 +146,10 @@ def measure(
             if job["status"] == "ok":
                 jobs.append(job)
             else:
-                result["choices"].append(_failed(job, device))
+                result["choices"].append(_failed_row(job, device))
         if not jobs:
             continue
-        with opened(Opening("trade", spec, suite.data, suite.seeds[0], suite.metrics), show) as workbench:
+        with open_workbench(Opening("trade", spec, suite.data, suite.seeds[0], suite.metrics), show) as workbench:
             choices = _choices(workbench, jobs, suite, run, device, ceilings, show)
         if noise:
             for row in choices:
@@ -157,8 +157,8 @@ def measure(
         result["choices"] += choices
         if profiles:
             # Each codec in its entry without a sweep or, if no entry is without, the first job alone.
-            profiled_jobs = [job for job in jobs if _plain(suite, job)] or jobs[:1]
-            profiled = {job["label"]: recorded(run.folder, job, device) for job in profiled_jobs}
+            profiled_jobs = [job for job in jobs if _without_sweep(suite, job)] or jobs[:1]
+            profiled = {job["label"]: material_of_job(run.folder, job, device) for job in profiled_jobs}
             result["profiles"] += profile(spec.name, profiled, cores, batches)
     lines: list[str] = []
     for spec in suite.materials:
@@ -177,17 +177,17 @@ def _jobs_of(run: Run, suite: Suite, spec: MaterialSpec) -> list[Job]:
     return jobs
 
 
-def _announced(suite: Suite, run: Run, device: str) -> str:
+def _announcement(suite: Suite, run: Run, device: str) -> str:
     """How many files are timed now, and about how long."""
     done = []
     for name in _timed_jobs(suite):
         job = run.job(name)
         if job and job["status"] == "ok":
             done.append(name)
-    return f"{len(done)} file{'s' * (len(done) != 1)} to score and time, {_timing(suite, run, device, done)}"
+    return f"{len(done)} file{'s' * (len(done) != 1)} to score and time, {_timing_in_words(suite, run, device, done)}"
 
 
-def _timing(suite: Suite, run: Run, device: str, names: Collection[str]) -> str:
+def _timing_in_words(suite: Suite, run: Run, device: str, names: Collection[str]) -> str:
     """About how long it takes to time these jobs, in words.
 
     A query is expected to take what a run measured before or, where it did not, what it takes with most codecs.
@@ -256,7 +256,7 @@ def write(folder: Path, result: Trade) -> None:
     forget(folder)
 
 
-def _failed(job: Job, device: str) -> TradeChoice:
+def _failed_row(job: Job, device: str) -> TradeChoice:
     """A row with the error of a job that has no result."""
     return {
         "material": job["material"],
@@ -269,7 +269,7 @@ def _failed(job: Job, device: str) -> TradeChoice:
     }
 
 
-def _plain(suite: Suite, job: Job) -> bool:
+def _without_sweep(suite: Suite, job: Job) -> bool:
     """Whether a job belongs to a codec entry without a sweep; such a job represents its codec."""
     return any(spec.label == job["label"] and not spec.swept for spec in suite.codecs)
 
@@ -293,7 +293,7 @@ def _choices(
     rows: list[TradeChoice] = []
     timed: dict[int, Material] = {}  # by the number of the row
     for job in jobs:
-        material = recorded(run.folder, job, device)
+        material = material_of_job(run.folder, job, device)
         for variant in (Variant(), *_variants(suite, job, material)):
             row = _row(job, variant, device)
             if native.emulated(variant.precision, material.device):
@@ -366,7 +366,7 @@ def _add_times(
     kept_turns = unfinished.turns(json.dumps([material_name, conditions, machine(), contestants]))
     of_these_threads = [ceiling for ceiling in ceilings if ceiling["threads"] == threads]
     materials = {str(i): ready for i, ready in timed.items()}
-    measured = _timed(materials, of_these_threads, batch, show, kept_turns)
+    measured = _time_in_turns(materials, of_these_threads, batch, show, kept_turns)
     for i, ready in timed.items():
         times = _times(measured[str(i)])
         least = _limit(ready, ceilings)
@@ -386,7 +386,7 @@ def _times(measured: timing.Timing) -> TradeChoice:
     return cast(TradeChoice, measured.summary())
 
 
-def _timed(
+def _time_in_turns(
     materials: dict[str, Material], ceilings: list[Ceiling], batch: int, show: Progress, kept: KeptTurns
 ) -> dict[str, timing.Timing]:
     """Time materials in turns with each other and with the ceilings, which rise where a turn reaches more."""
@@ -416,7 +416,7 @@ def _variants(suite: Suite, job: Job, material: Material) -> list[Variant]:
     None for an entry with a sweep, whose many files would take too long. Without a network only the variants that
     change a whole material remain.
     """
-    if not _plain(suite, job):
+    if not _without_sweep(suite, job):
         return []
     variants = [Variant.parse(text) for text in suite.variants]
     if networks(material):

@@ -185,7 +185,7 @@ def demand_of(run: str, path: str) -> Demand:
 
 
 @contextmanager
-def opened(what: Opening, show: Progress) -> Iterator[Workbench]:
+def open_workbench(what: Opening, show: Progress) -> Iterator[Workbench]:
     """The workbench of a material, for one thread at a time; consecutive jobs on one material share it. Each repetition
     has its own draw of test pairs, if the material has several."""
     draw = draw_of(what.material, what.data, what.repetition)

@@ -66,7 +66,7 @@ class Limits:
         return misses
 
 
-def chosen(rungs: Sequence[Rung], limits: Limits, tie: float = 0.0) -> Rung | None:
+def best_rung(rungs: Sequence[Rung], limits: Limits, tie: float = 0.0) -> Rung | None:
     """The rung that meets the limits with the highest score or, if they ask for a score, with the smallest file.
 
     Ties go to the smaller file, then to the faster query, then to the first. With a `tie`, scores at most so many dB
@@ -102,7 +102,7 @@ def has_validation(job: Job) -> bool:
     return bool(validation_of(job).get("slices")) and deciding_group(job["scores"]) == "heldout"
 
 
-def usable(choices: list[TradeChoice], material: str) -> list[Rung]:
+def usable_rungs(choices: list[TradeChoice], material: str) -> list[Rung]:
     """The choices of a material that have scores of validation pairs, as rungs: sizes are in bytes, and times those of
     `longest_ns`."""
     rungs = []
@@ -162,7 +162,7 @@ def usual_batch(variants: Sequence[Timing]) -> int:
 def answers(material: str, choices: list[TradeChoice]) -> Iterator[str]:
     """Sentences that name the best choice by validation pairs, and the fastest and the smallest one within `NEAR_DB` of
     it, with their figures."""
-    rungs = usable(choices, material)
+    rungs = usable_rungs(choices, material)
     if not rungs:
         return
     best = max(rungs, key=lambda rung: rung.score)
@@ -177,7 +177,7 @@ def answers(material: str, choices: list[TradeChoice]) -> Iterator[str]:
         yield f"{material}: within {NEAR_DB} dB of it, {answer}."
 
 
-def named(row: TradeChoice) -> str:
+def name_of_choice(row: TradeChoice) -> str:
     """The name of a choice: the codec's label, and its execution and precision if they are not the default."""
     label = str(row["label"])
     how = f"{row['execution']} {row['precision']}"
@@ -191,7 +191,7 @@ def choice_in_words(row: TradeChoice) -> str:
     of_validation = _decibels(row["validation"]["mean"])
     of_test = _decibels(row["psnr"])
     quality = f"{of_validation} on validation pairs, {of_test} on test pairs"
-    return f"{named(row)}: {quality}, {row['bytes']:,} bytes, {row['ns_per_sample']:,.0f} ns a sample"
+    return f"{name_of_choice(row)}: {quality}, {row['bytes']:,} bytes, {row['ns_per_sample']:,.0f} ns a sample"
 
 
 def _decibels(value: float | None) -> str:

@@ -12,7 +12,7 @@ from statistics import fmean
 from typing import NamedTuple, cast
 
 from bench.codecs.alike import obstacles
-from bench.compare.choosing import NEAR_DB, Limits, Rung, chosen, fused_times, has_validation, validation_of
+from bench.compare.choosing import NEAR_DB, Limits, Rung, best_rung, fused_times, has_validation, validation_of
 from bench.compare.paired import AGAINST, against_jobs
 from bench.compare.quantities import average
 from bench.compare.ranks import Ranks, ranks
@@ -66,7 +66,7 @@ class Budgets:
             common = [jobs for jobs in by_label.values() if jobs.keys() >= set(materials)]
             best: dict[str, Rung] = {}
             for name in materials:
-                rung = chosen([rung_of(jobs[name], times) for jobs in common], budget.limits)
+                rung = best_rung([rung_of(jobs[name], times) for jobs in common], budget.limits)
                 if rung:
                     best[name] = rung
             if best.keys() == set(materials):

@@ -1,6 +1,6 @@
 import json
 
-from bench.compare.choosing import Limits, Rung, chosen, usable
+from bench.compare.choosing import Limits, Rung, best_rung, usable_rungs
 from bench.compare.choosing.budgets import BYTES, EAGER, FUSED, Budget, budgets, line_of, setting_of, shown
 from bench.records import FLIP, PSNR, TRADE, append, load_run
 from bench.records.lines import TRADE_FORMAT
@@ -81,8 +81,8 @@ def test_what_is_as_published_is_a_line_of_its_own(tmp_path):
 
 def test_equals_go_to_the_smaller_file_then_to_the_faster_then_to_the_first():
     several = [rung("large", 3, 30.0, time=1.0), rung("slow", 2, 30.0, time=9.0), rung("fast", 2, 30.0, time=5.0)]
-    assert chosen([*several, rung("unknown", 2, 30.0)], Limits(size=9)).of == "fast"
-    assert chosen([rung("first", 2, 30.0), rung("second", 2, 30.0)], Limits(size=9)).of == "first"
+    assert best_rung([*several, rung("unknown", 2, 30.0)], Limits(size=9)).of == "fast"
+    assert best_rung([rung("first", 2, 30.0), rung("second", 2, 30.0)], Limits(size=9)).of == "first"
 
 
 def test_a_score_is_missed_by_decibels_over_ten_and_sizes_by_shares():
@@ -93,7 +93,7 @@ def test_choices_without_an_error_and_with_validation_pairs_are_rungs():
     good = {"material": "satin", "bytes": 9, "ns_per_sample": 5.0, "validation": {"mean": 30.0, "slices": 4}}
     good |= {"ratio_to_floor": 2.0, "ratio_interval95": [1.5, 2.4]}
     others = [good | {"error": "none"}, good | {"material": "brick"}, good | {"validation": {"slices": 0}}]
-    assert usable([*others, good], "satin") == [Rung(9, 30.0, 6.0, good)]
+    assert usable_rungs([*others, good], "satin") == [Rung(9, 30.0, 6.0, good)]
 
 
 def test_lines_are_ranked_by_their_means_the_least_flip_first(tmp_path):
