@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 
 FILE = "lock"
 RENEWED_EVERY = 10.0  # seconds
-STALE_AFTER = 60.0
+STALE_AFTER = 60.0  # seconds
 
 
 @contextmanager
@@ -35,7 +35,7 @@ def locked(folder: Path, run: str) -> Iterator[None]:
     `InputError` names the holder, or says why the folder cannot be written. A lock that another host took over
     meanwhile, because this process was suspended, is left to it.
     """
-    with writable(folder, "choose another --out"):
+    with writable(folder, "choose another --out"):  # turns an error of writing into an `InputError` with this remedy
         folder.mkdir(parents=True, exist_ok=True)
         file = _acquire(folder, run)
     done = threading.Event()
@@ -112,26 +112,30 @@ def _refuse_if_alive(folder: Path, kept_by_kernel: bool) -> None:
     `kept_by_kernel`: we hold the kernel's lock, so no process of this host does.
     """
     holder = _holder(folder / FILE)
-    if not holder:
+    if not holder:  # nobody signed the lock
         return
     if holder.get("host") == platform.node():
         alive = not kept_by_kernel and _process_runs(int(holder["process"]))
     else:
         # How long ago it was renewed, both times by the clock of the file system, because clocks of two hosts differ.
-        with tempfile.TemporaryFile(dir=folder) as now:
-            alive = os.fstat(now.fileno()).st_mtime - os.stat(folder / FILE).st_mtime < STALE_AFTER
+        with tempfile.TemporaryFile(dir=folder) as made_now:
+            now = os.fstat(made_now.fileno()).st_mtime
+            renewed = os.stat(folder / FILE).st_mtime
+        alive = now - renewed < STALE_AFTER
     if alive:
         raise InputError(_busy_message(folder, holder))
     log.warning("%s: the lock of %s is taken over, because its process is gone", folder, _in_words(holder))
 
 
 def _holder(path: Path) -> dict[str, Any]:
-    """The holder that the lock names; empty if nobody signed it."""
+    """The process that the lock's file names: `process`, its number, `host`, `run` and `since`; empty if none does."""
     try:
         holder = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
-    return holder if isinstance(holder, dict) and {"process", "host", "run"} <= holder.keys() else {}
+    if not isinstance(holder, dict) or not {"process", "host", "run"} <= holder.keys():  # not signed by a run
+        return {}
+    return holder
 
 
 def _process_runs(process: int) -> bool:
@@ -150,5 +154,7 @@ def _in_words(holder: dict[str, Any]) -> str:
 
 def _busy_message(folder: Path, holder: dict[str, Any]) -> str:
     """The message that a run still uses the folder, and which process it is, if known."""
-    who = _in_words(holder) if holder else "another process"
+    who = "another process"
+    if holder:
+        who = _in_words(holder)
     return f"{folder}: another run uses this folder ({who}): wait for its end, stop it, or choose another --out"
