@@ -183,7 +183,7 @@ class Processes(Executor):
             gpu_variables = self.gpus[seat]
         pool = ProcessPoolExecutor(1, context, _prepare_worker, (self.threads, gpu_variables, theirs, told))
         self.pools[seat] = (pool, leash, told)
-        show = _show_nothing
+        show: Show = _show_nothing
         if self.show is not None:
             show = self.show
         threading.Thread(target=_show_progress_of_worker, args=(heard, show), daemon=True).start()
@@ -228,8 +228,7 @@ class Processes(Executor):
         workers = getattr(pool, "_processes", None)  # by number; the pool has no public list of them
         if not workers:
             return None
-        (worker,) = workers.values()
-        return worker
+        return next(iter(workers.values()), None)  # the process may end at this moment, and leave the dictionary empty
 
     def _end(self, seat: int, wait: bool) -> None:
         """End the worker of a seat, if it has one; its process ends when its pipe, the leash, is closed."""
