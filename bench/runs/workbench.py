@@ -176,9 +176,7 @@ class Workbench:
         # Pairs that decide as points (pairs, 6), and the numbers of the points that are chosen.
         points = np.concatenate([self.btf.wo[self.deciding], self.btf.wi[self.deciding]], 1)
         chosen = [int(number) for number in np.flatnonzero(np.isin(self.deciding, self.sheet))]
-        distance = np.linalg.norm(points[:, None] - points[chosen], axis=2).min(
-            1
-        )  # of each point to the nearest chosen
+        distance = np.linalg.norm(points[:, None] - points[chosen], axis=2).min(1)  # to the nearest chosen one
         while len(chosen) < min(MOST_STORED, len(points)):
             farthest = int(distance.argmax())
             chosen.append(farthest)
