@@ -381,7 +381,7 @@ def read_facts(made: Any, path: Path) -> None:
     from bench.records import Records, Run, append
     from reports.tables import all_tables
 
-    found = made._reusable(path)
+    found = made._reusable_file(path)
     if found is None:
         raise InputError("fitted again")
     record = next(each for each in records_of_a_run() if each.get("kind") == "job" and each["codec"] == "mean-colour")
