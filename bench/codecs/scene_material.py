@@ -46,7 +46,7 @@ class SceneMaterial(Wrapped):
         return super().to(device, dtype)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        if not torch.compiler.is_compiling():  # a compiled program has no counters
+        if not torch.compiler.is_compiling():  # the counts are no part of what is compiled
             self._count(uv, wo, wi, footprint)
         return self.inner.evaluate(self.window.within(uv), wo, wi, footprint * self.window.stretch)
 

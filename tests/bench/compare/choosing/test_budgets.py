@@ -1,7 +1,7 @@
 import json
 
 from bench.compare.choosing import Limits, Rung, best_rung, usable_rungs
-from bench.compare.choosing.budgets import BYTES, EAGER, FUSED, Budget, budgets, line_of, setting_of, shown
+from bench.compare.choosing.budgets import BYTES, EAGER, FUSED, Budget, budgets, line_of, mean_test_score, setting_of
 from bench.records import FLIP, PSNR, TRADE, append, load_run
 from bench.records.lines import TRADE_FORMAT
 
@@ -110,7 +110,7 @@ def test_seeds_make_one_rung_of_their_means_that_fits_where_their_mean_bytes_do(
     fits, at = 16 * SIDE * SIDE // 8, Budget(BYTES, 16)
     b = [job("b x=1", fits, 30.0), job("b x=1", fits + 2, 40.0, seed=1), job("b x=2", fits, 34.0)]
     run = run_of(tmp_path / "run", job("a x=1", fits - 1, 30.0, 20.0), job("a x=1", fits + 1, 40.0, 30.0, seed=1), *b)
-    mean = shown(budgets(run).picks(at, ["satin"])["a"]["satin"], PSNR)
+    mean = mean_test_score(budgets(run).picks(at, ["satin"])["a"]["satin"], PSNR)
     assert (mean, picks(run, at)) == (25.0, {"a": "x=1", "b": "x=2"})
 
 
