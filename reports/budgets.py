@@ -30,8 +30,8 @@ from bench.compare.choosing.budgets import (
     Budgets,
     budgets,
     mean_bytes,
+    mean_test_score,
     setting_of,
-    shown,
 )
 from bench.compare.choosing.curves import FEWEST as LEAST_SURFACES
 from bench.compare.choosing.curves import (
@@ -209,7 +209,7 @@ def _mean_rows(result: Budgets) -> Iterator[list[str]]:
             mean_total = fmean(mean_bytes(rung.of) for rung in rungs)  # `rung.of`: its jobs, one a seed
             cells = [integer(round(mean_total))]
             for family in _DIGITS:
-                mean = average([shown(rung, family) for rung in rungs])
+                mean = average([mean_test_score(rung, family) for rung in rungs])
                 cells.append(_number(mean, family))
             budgets_by_cells.setdefault(line, {}).setdefault(tuple(cells), []).append(budget)
     for line, by_cells in budgets_by_cells.items():
@@ -233,7 +233,7 @@ def _rung_rows(result: Budgets, material: str) -> Iterator[list[str]]:
     for line, rungs_of_line in chosen.items():
         for first_job, (rung, limits) in rungs_of_line.items():
             numbers = [integer(mean_bytes(rung.of)), _number(rung.score)]
-            numbers += [_number(shown(rung, family), family) for family in _DIGITS]
+            numbers += [_number(mean_test_score(rung, family), family) for family in _DIGITS]
             # One time of each kind (eager, fused, fit), a dash where it was not measured.
             times = [significant(by_job.get(first_job)) for by_job in result.times.values()]
             yield [line, setting_of(rung.of[0]), _span(limits), *numbers, *times]

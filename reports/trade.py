@@ -15,7 +15,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any, cast
 
-from bench.compare.choosing import named
+from bench.compare.choosing import name_of_choice
 from bench.records import MOST_DB, Ceiling, Profile, TradeChoice, grouped, load_trade
 from reports.numbers import EXACT, NONE, fixed, integer, signed, significant
 from reports.table import Table
@@ -76,7 +76,7 @@ def _choices(material: str, rows: Sequence[TradeChoice], answers: list[str]) -> 
     headers = list(_CHOICES)
     cells = [_choice_cells(row) for row in rows]
     notes = [*answers, _conditions(rows)]
-    notes += [f"{named(row)}: {row['error']}." for row in rows if "error" in row]  # why it could not be timed
+    notes += [f"{name_of_choice(row)}: {row['error']}." for row in rows if "error" in row]  # why it could not be timed
     if any(row.get("of_limit", 0) > 1 for row in rows):
         notes.append(_ABOVE)
     if has_noise:
@@ -99,11 +99,11 @@ def _noise_cells(row: TradeChoice) -> list[str]:
 def _choice_cells(row: TradeChoice) -> list[str]:
     """The cells of a choice, in the order of `_CHOICES`; the floor has times alone, and a failed choice dashes."""
     if "error" in row:
-        return [named(row), *[NONE] * (len(_CHOICES) - 1)]
+        return [name_of_choice(row), *[NONE] * (len(_CHOICES) - 1)]
     time = [significant(row["ns_per_sample"]), significant(row["ratio_to_floor"])]
     time.append(" to ".join(map(significant, row["ratio_interval95"])))
     if "bytes" not in row:  # it is the floor
-        return [named(row), NONE, NONE, NONE, NONE, *time, NONE, NONE]
+        return [name_of_choice(row), NONE, NONE, NONE, NONE, *time, NONE, NONE]
     psnr = row["psnr"]
     mean = EXACT if psnr is not None and psnr >= MOST_DB else fixed(psnr, 2)  # an exact slice counts as `MOST_DB`
     worst = EXACT if row["worst"] is None else fixed(row["worst"], 2)
@@ -116,7 +116,7 @@ def _choice_cells(row: TradeChoice) -> list[str]:
         fronts.append("speed")
     if row["smallest"]:
         fronts.append("rate")
-    return [named(row), *quality, *time, limit, ", ".join(fronts) or NONE]
+    return [name_of_choice(row), *quality, *time, limit, ", ".join(fronts) or NONE]
 
 
 def _noise_notes(rows: Sequence[TradeChoice]) -> Iterator[str]:
@@ -128,7 +128,7 @@ def _noise_notes(rows: Sequence[TradeChoice]) -> Iterator[str]:
         )
     for row in rows:
         if "noise_error" in row:
-            yield f"{named(row)}: noise was not measured: {row['noise_error']}."
+            yield f"{name_of_choice(row)}: noise was not measured: {row['noise_error']}."
 
 
 def _conditions(rows: Sequence[TradeChoice]) -> str:
@@ -148,7 +148,7 @@ def _stability(material: str, rows: Sequence[TradeChoice]) -> Table:
     from those of eager float32 with the same label. `rows` are all choices of the material."""
     psnr_of_eager_float32 = {}  # by label
     for row in rows:
-        is_eager_float32 = named(row) == row["label"]  # only its choices are named by their label alone
+        is_eager_float32 = name_of_choice(row) == row["label"]  # only its choices are named by their label alone
         if is_eager_float32 and "psnr" in row:
             psnr_of_eager_float32[row["label"]] = row["psnr"]
     cells = []
@@ -157,7 +157,7 @@ def _stability(material: str, rows: Sequence[TradeChoice]) -> Table:
             worst = EXACT if row["from_float32"] is None else fixed(row["from_float32"], 1)
             gained = cast(float, row["psnr"]) - cast(float, psnr_of_eager_float32[row["label"]])
             time = significant(row["ratio_to_floor"])
-            cells.append([named(row), time, worst, signed(gained), fixed(row["flip"], 3)])
+            cells.append([name_of_choice(row), time, worst, signed(gained), fixed(row["flip"], 3)])
     note = (
         "Worst slice: PSNR of the held-out slice that differs most from the answers of eager float32. Gained: of the "
         "mean PSNR against the truth."

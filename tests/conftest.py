@@ -36,7 +36,7 @@ def brief(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Jobs store nothing to draw: to record a material as a program takes a second."""
-    monkeypatch.setattr("bench.runs.job.drawing", lambda file, keep: {"not_drawn": "undrawn"})
+    monkeypatch.setattr("bench.runs.job.store_drawing", lambda file, keep: {"not_drawn": "undrawn"})
     monkeypatch.setattr("bench.runs.job.sparse_truth", lambda btf: None)
 
 

@@ -13,7 +13,8 @@ from bench.records import FitKey, Job, ScoreKey, scored_unlike, shown_label
 
 def stale(job: Job) -> str:
     """How a job's versions differ from the installed ones, in words; "" if they agree or are not known."""
-    return _version_differences(job.get("fit_key", FitKey()), current_versions(*_recipe_of(job)))
+    codec, recipe = _recipe_of(job)
+    return _version_differences(job.get("fit_key", FitKey()), current_versions(codec, recipe))
 
 
 class _Newest(NamedTuple):
@@ -26,7 +27,7 @@ class _Newest(NamedTuple):
 
     @classmethod
     def of(cls, finished: Sequence[Job], published: Collection[str]) -> "_Newest":
-        """Of finished jobs in order of time. Data and pairs of `published` ones count as newer than any others."""
+        """Of finished jobs in order of time. Data and pairs of those that `published` names count as newer than any."""
         newest = cls({}, {}, {}, {})
         others = [job for job in finished if job["job"] not in published]
         of_published = [job for job in finished if job["job"] in published]
@@ -80,24 +81,30 @@ def _recipe_of(job: Job) -> tuple[str, str]:
 
 
 def row_of(job: Job) -> tuple[Any, ...]:
-    """The row that a job and its other seeds share."""
+    """The row of a table that a job and its other seeds share: material and label."""
     return job["material"], shown_label(job)
 
 
 def _version_differences(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> str:
     """Which versions in `mine` differ from those in `theirs`, in words; "" if none does, or if `mine` is empty."""
-    differ = [key for key in ("version", "store") if mine and key in theirs and mine.get(key) != theirs[key]]
-    names = {"version": "codec", "store": "store"}
-    return ", ".join(f"{names[key]} version {mine.get(key)} instead of {theirs[key]}" for key in differ)
+    if not mine:  # a record without the key of its fit
+        return ""
+    differences = []
+    for key, name in (("version", "codec"), ("store", "store")):
+        if key in theirs and mine.get(key) != theirs[key]:
+            differences.append(f"{name} version {mine.get(key)} instead of {theirs[key]}")
+    return ", ".join(differences)
 
 
 def _score_differences(key: ScoreKey, newest: ScoreKey) -> list[str]:
-    """The conditions in which two scores differ although they must agree."""
+    """The conditions in which two scores differ although they must agree, in words; empty if they agree."""
     reasons = scored_unlike(key, newest)
     if key.get("demand") != newest.get("demand"):
         reasons.append("another demand")
     mine = key.get("metrics", {})
     theirs = newest.get("metrics", {})
     both = sorted(mine.keys() & theirs.keys())  # if only one has a metric, they are still comparable
-    differ = [name for name in both if mine[name] != theirs[name]]
-    return reasons + [f"{name} version {mine[name]} instead of version {theirs[name]}" for name in differ]
+    for name in both:
+        if mine[name] != theirs[name]:
+            reasons.append(f"{name} version {mine[name]} instead of version {theirs[name]}")
+    return reasons

@@ -63,7 +63,8 @@ class Programs(Codec):
         # Words of a command line may be names of files, or of programs that the system finds; others count by name.
         for word in shlex.split(f"{self.settings.encode} {self.settings.decode}"):
             digest.update(word.encode() + b"\0")
-            place = Path(shutil.which(word) or word)
+            program = shutil.which(word)  # None if the word names no program
+            place = Path(word) if program is None else Path(program)
             if place.is_file():
                 digest.update(place.read_bytes())
         return digest.hexdigest()
@@ -93,8 +94,8 @@ class Programs(Codec):
         try:
             subprocess.run(words, check=True, capture_output=True, timeout=self.settings.seconds)
         except subprocess.CalledProcessError as error:
-            message = error.stderr.decode(errors="replace").strip()[-MESSAGE_LENGTH:]
-            raise CodecError(f"{words[0]}: ended with code {error.returncode}: {message or 'no message'}") from error
+            message = _end_of_output(error.stderr.decode(errors="replace"))
+            raise CodecError(f"{words[0]}: ended with code {error.returncode}: {message}") from error
         except subprocess.TimeoutExpired as error:
             raise CodecError(f"{words[0]}: took longer than seconds = {self.settings.seconds:g}") from error
         except OSError as error:
@@ -102,27 +103,40 @@ class Programs(Codec):
 
     def decode(self, parts: Parts, device: torch.device) -> Material:
         """A material that asks the program. `ContainerError` if the user has not permitted the program."""
-        if self.settings.decode not in permitted():
+        if self.settings.decode not in permitted_programs():
             raise ContainerError(
                 f"to decode this file, the program `{self.settings.decode}` would be started: if you trust it, set "
                 f"{PERMIT} to that command line"
             )
         names = json.loads(parts.other[NAMES].numpy().tobytes())
-        if any(Path(name).name != name for name in names):
+        if any(Path(name).name != name for name in names):  # they could lead out of the program's folder
             raise ContainerError("it holds files whose names are paths")
         height, width = map(int, parts.other[SIZE])
-        contents = {name: parts.texture[f"{i:04d}"].numpy().tobytes() for i, name in enumerate(names)}
+        contents = {}  # the bytes of each file by name; its tensor is named by its number: see `_parts_of_folder`
+        for number, name in enumerate(names):
+            contents[name] = parts.texture[f"{number:04d}"].numpy().tobytes()
         return ProgramMaterial((height, width), contents, self.settings.decode, self.settings.seconds)
 
 
-def permit(command: str) -> None:
-    """Allow this process, and those that it starts, to start a decode program."""
-    os.environ[PERMIT] = "\n".join(dict.fromkeys([*permitted(), command]))
+def permit_program(command: str) -> None:
+    """Allow this process, and those that it starts, to start a decode program, given its command line.
+
+    Adds it to the environment variable `PERMIT`.
+    """
+    os.environ[PERMIT] = "\n".join(dict.fromkeys([*permitted_programs(), command]))
 
 
-def permitted() -> list[str]:
-    """The decode programs that may be started."""
+def permitted_programs() -> list[str]:
+    """The command lines of the decode programs that may be started."""
     return [line for line in os.environ.get(PERMIT, "").split("\n") if line]
+
+
+def _end_of_output(text: str) -> str:
+    """The end of what a program printed, for a message: that is where it says what is wrong."""
+    end = text.strip()[-MESSAGE_LENGTH:]
+    if not end:
+        return "no message"
+    return end
 
 
 def _words(command: str, values: dict[str, object]) -> list[str]:
@@ -184,7 +198,7 @@ class ProgramMaterial(Material):
                 raise CodecError(f"{words[0]}: cannot be started ({error.strerror})") from error
         assert self.process.stdin
         assert self.process.stdout
-        self.asks = self.process.stdin
+        self.asks = self.process.stdin  # pipes to the program and from it
         self.answers = self.process.stdout
         # The program ends when nothing refers to this material any more, or when Python ends.
         weakref.finalize(self, _end, self.process, scratch)
@@ -194,7 +208,7 @@ class ProgramMaterial(Material):
         self.batches += 1
         queries = self.folder / f"queries-{self.batches}.npy"
         answers = self.folder / f"answers-{self.batches}.npy"
-        rows = torch.cat([uv, wo, wi, footprint[:, None]], 1).float().cpu().numpy()
+        rows = torch.cat([uv, wo, wi, footprint[:, None]], 1).float().cpu().numpy()  # (n, 9)
         np.save(queries, rows)
         start = time.perf_counter()
         self._ask(queries, answers)
@@ -226,8 +240,8 @@ class ProgramMaterial(Material):
                     break
                 line += part
         if not line:
-            message = (self.folder / "log").read_text(errors="replace").strip()[-MESSAGE_LENGTH:]
-            raise CodecError(f"{self.command}: it ended without an answer: {message or 'no message'}")
+            message = _end_of_output((self.folder / "log").read_text(errors="replace"))
+            raise CodecError(f"{self.command}: it ended without an answer: {message}")
 
 
 def _end(process: "subprocess.Popen[bytes]", scratch: "tempfile.TemporaryDirectory[str]") -> None:

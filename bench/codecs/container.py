@@ -12,6 +12,7 @@ import hashlib
 import json
 import math
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
@@ -67,7 +68,7 @@ class Header:
         """Bytes of tensors by part, `encoder` and `sampling` if it has them, and of `header`, the rest of the file."""
         sums = {"decoder": 0, "texture": 0, "other": 0}
         for name, (_, _, size) in self.tensors.items():
-            part = name.split("/")[0]
+            part, _ = name.split("/", 1)
             sums[part] = sums.get(part, 0) + size
         return sums | {"header": self.file_bytes - sum(sums.values())}
 
@@ -77,7 +78,7 @@ def refuse_other_file(path: Path) -> None:
     if path.is_dir():
         raise InputError(f"{path}: it is a folder: give the name of a file")
     atomic.refuse_device(path)
-    if not path.is_file() or path.suffix == SUFFIX:
+    if not path.is_file() or path.suffix == SUFFIX:  # nothing is there, or by its name a codec file, even a damaged one
         return
     try:
         read_header(path)
@@ -101,10 +102,10 @@ def to_bytes(codec: "Encoder", parts: "Parts", provenance: dict[str, Any] | None
     _check_parts(codec, parts)
     tensors: dict[str, Tensor] = {}
     for part in PARTS:
-        named = {name: tensor.detach().cpu().contiguous() for name, tensor in getattr(parts, part).items()}
-        if codec.zstd and named:
-            named = {ZSTD: compressed(serialise(named))}
-        for name, tensor in named.items():
+        tensors_of_part = {name: tensor.detach().cpu().contiguous() for name, tensor in getattr(parts, part).items()}
+        if codec.zstd and tensors_of_part:
+            tensors_of_part = {ZSTD: compressed(serialise(tensors_of_part))}
+        for name, tensor in tensors_of_part.items():
             tensors[f"{part}/{name}"] = tensor
     settings = settings_dict(codec)
     version = codec.version_of(settings)
@@ -121,25 +122,29 @@ def to_bytes(codec: "Encoder", parts: "Parts", provenance: dict[str, Any] | None
     data = serialise(tensors, {KEY: json.dumps(metadata, sort_keys=True, separators=(",", ":"))})
     # The hash of the file with zeros in place of the hash; its 64 digits then replace the zeros. The header precedes
     # the tensors, so the first such zeros are those of the header.
-    return data.replace(ZEROS, hashlib.sha256(data).hexdigest().encode(), 1)
+    digits = hashlib.sha256(data).hexdigest().encode()
+    return data.replace(ZEROS, digits, 1)
 
 
 def _check_parts(codec: "Encoder", parts: object) -> None:
-    """Raise an `EncodeError` unless these are `Parts` of tensors by name that a file can hold."""
+    """Raise an `EncodeError` unless these are `Parts` of tensors by name that a file can hold.
+
+    The error names the function of the codec that made them.
+    """
     from torch import Tensor
 
     from bench.codec import Parts, SharedNetwork
 
-    encode = codec.train if isinstance(codec, SharedNetwork) else codec.encode
+    encode: Callable[..., object] = codec.train if isinstance(codec, SharedNetwork) else codec.encode
     if not isinstance(parts, Parts):
         raise answered(encode, parts, "Parts of tensors, as Parts(texture={...})", EncodeError)
-    stored: dict[str, Tensor] = {}
+    stored: dict[str, Tensor] = {}  # those checked so far, by "part/name"
     for part in PARTS:
-        named = getattr(parts, part)
-        if not isinstance(named, dict):
-            what = f"Parts whose {part} is of type {type(named).__name__}"
+        tensors_of_part = getattr(parts, part)
+        if not isinstance(tensors_of_part, dict):
+            what = f"Parts whose {part} is of type {type(tensors_of_part).__name__}"
             raise answered(encode, what, "a dictionary of tensors by name", EncodeError)
-        for name, value in named.items():
+        for name, value in tensors_of_part.items():
             if not (isinstance(name, str) and _encodable(name)):
                 what = f"a tensor of {part} has the name {shown(name)}, which a file does not hold"
                 raise EncodeError(f"codec {codec.name}: {what}: give it a name of Unicode characters")
@@ -167,8 +172,8 @@ def _overlap(tensor: "Tensor", other: "Tensor") -> bool:
     """Whether two contiguous tensors overlap in memory. Any other tensor is copied before it is written, so False."""
     if not (tensor.is_contiguous() and other.is_contiguous() and tensor.numel() and other.numel()):
         return False
-    first, second = tensor.data_ptr(), other.data_ptr()
-    return first < second + other.nbytes and second < first + tensor.nbytes
+    begin, begin_of_other = tensor.data_ptr(), other.data_ptr()  # addresses in memory
+    return begin < begin_of_other + other.nbytes and begin_of_other < begin + tensor.nbytes
 
 
 def _fault(tensor: "Tensor") -> str:
@@ -192,7 +197,8 @@ def _fault(tensor: "Tensor") -> str:
 
 def read_header(path: Path) -> Header:
     """Check a codec file against its own hash and read its header. `ContainerError` says what is wrong."""
-    return _parse(Path(path), _read(Path(path)))
+    data = _read(Path(path))
+    return _checked_header(Path(path), data)
 
 
 def read_parts(path: Path) -> "tuple[Header, Parts]":
@@ -203,7 +209,7 @@ def read_parts(path: Path) -> "tuple[Header, Parts]":
     from bench.codec import ZSTD, Parts
 
     data = _read(Path(path))
-    header = _parse(Path(path), data)
+    header = _checked_header(Path(path), data)
     parts = Parts()
     # Bytes that the remaining parts may still expand to: a small damaged file must not fill the memory.
     budget = max(LEAST_EXPANDED, MOST_EXPANSION * len(data))
@@ -213,8 +219,8 @@ def read_parts(path: Path) -> "tuple[Header, Parts]":
         raise ContainerError(f"{path}: its safetensors header is not sound ({error})") from error
     for full, tensor in stored.items():
         part, name = full.split("/", 1)
-        if header.settings.get(ZSTD):
-            tensors = expanded(tensor, Path(path), budget)  # all tensors of this part
+        if header.settings.get(ZSTD):  # the tensor is a compressed file of all tensors of this part
+            tensors = expanded(tensor, Path(path), budget)
         else:
             tensors = {name: tensor}
         budget -= sum(values.nbytes for values in tensors.values())
@@ -242,16 +248,15 @@ def _read(path: Path) -> bytes:
         raise ContainerError(f"{path}: cannot be read ({error.strerror})") from error
 
 
-def _parse(path: Path, data: bytes) -> Header:
+def _checked_header(path: Path, data: bytes) -> Header:
     """The header of a file's bytes. `ContainerError` if they are no codec file, or not as it was written."""
-    # Taking out the metadata leaves an entry for each tensor.
     header = _json_header(path, data)
-    metadata = _metadata(path, header)
+    metadata = _taken_metadata(path, header)  # what is left in `header` is an entry for each tensor
     digits = str(metadata["sha256"]).encode()
     # The file was hashed with zeros in place of the digits: see `to_bytes`.
     if hashlib.sha256(data.replace(digits, ZEROS, 1)).hexdigest().encode() != digits:
         raise ContainerError(f"{path}: altered or damaged since it was written (its hash differs): copy it again")
-    tensors = {name: _described_tensor(path, name, entry) for name, entry in header.items()}
+    tensors = {name: _tensor_entry(path, name, entry) for name, entry in header.items()}
     return Header(
         path=path,
         codec=metadata["codec"],
@@ -273,8 +278,8 @@ def _json_header(path: Path, data: bytes) -> dict[str, Any]:
     if len(data) >= LENGTH_BYTES:
         (length,) = struct.unpack("<Q", data[:LENGTH_BYTES])  # a little-endian unsigned integer
     end_of_header = LENGTH_BYTES + length
-    # The shortest header is {}.
-    if not 2 <= length <= HEADER_LIMIT or not data.startswith(b"{", LENGTH_BYTES):
+    shortest = len(b"{}")
+    if not shortest <= length <= HEADER_LIMIT or not data.startswith(b"{", LENGTH_BYTES):
         raise ContainerError(f"{path}: not a codec file (no safetensors header)")
     if end_of_header > len(data):
         short = f"it has {len(data)} bytes, but its header needs {end_of_header}"
@@ -297,19 +302,21 @@ def _json_header(path: Path, data: bytes) -> dict[str, Any]:
     return header
 
 
-def _metadata(path: Path, header: dict[str, Any]) -> FileMetadata:
-    """The suite's own metadata, taken out of a safetensors header, so that only tensors are left in it."""
+def _taken_metadata(path: Path, header: dict[str, Any]) -> FileMetadata:
+    """The suite's own metadata; takes it out of the safetensors header, so that only tensors are left there."""
     try:
-        found = json.loads(header.pop("__metadata__")[KEY])
-        newer = isinstance(found["format"], int) and found["format"] > FORMAT
+        metadata = json.loads(header.pop("__metadata__")[KEY])
+        newer = isinstance(metadata["format"], int) and metadata["format"] > FORMAT
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ContainerError(f"{path}: a safetensors file, but not one of this suite (no {KEY!r} metadata)") from error
     if newer:
-        raise ContainerError(f"{path}: format {found['format']} is newer than this version reads ({FORMAT}): upgrade")
-    fault = record_fields.fault_of(FileMetadata, found)
+        raise ContainerError(
+            f"{path}: format {metadata['format']} is newer than this version reads ({FORMAT}): upgrade"
+        )
+    fault = record_fields.fault_of(FileMetadata, metadata)  # "" if it has every field, each of its type
     if fault:
         raise ContainerError(f"{path}: its {KEY!r} metadata is not sound: {fault}: encode it again")
-    return found
+    return metadata
 
 
 def _is_size_or_place(value: object) -> bool:
@@ -317,7 +324,7 @@ def _is_size_or_place(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 48
 
 
-def _described_tensor(path: Path, name: str, entry: dict[str, Any]) -> tuple[str, tuple[int, ...], int]:
+def _tensor_entry(path: Path, name: str, entry: dict[str, Any]) -> tuple[str, tuple[int, ...], int]:
     """The dtype, shape and number of bytes of a tensor, from its entry in the header.
 
     `ContainerError` if they contradict each other, or if the name is not that of a part and a tensor.
@@ -325,8 +332,10 @@ def _described_tensor(path: Path, name: str, entry: dict[str, Any]) -> tuple[str
     try:
         begin, end = entry["data_offsets"]
         shape = tuple(entry["shape"])
-        sound = name.split("/")[0] in PARTS and "/" in name and all(map(_is_size_or_place, shape))
-        if not sound or end - begin != ITEM_BYTES[entry["dtype"]] * math.prod(shape):
+        part, slash, _ = name.partition("/")
+        if part not in PARTS or not slash or not all(map(_is_size_or_place, shape)):
+            raise ValueError
+        if end - begin != ITEM_BYTES[entry["dtype"]] * math.prod(shape):
             raise ValueError
     except (KeyError, ValueError, TypeError) as error:
         raise ContainerError(f"{path}: tensor {name!r:.60} is not sound") from error

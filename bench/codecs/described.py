@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from bench.codec import described_settings
+from bench.codec import Codec, described_settings
 from bench.codecs import registry
 from bench.inputs.errors import InputError
 
@@ -15,10 +15,9 @@ _SUITE = """@software{neubtfbench,
 def described_codecs() -> dict[str, dict[str, Any]]:
     """Of each installed codec `about`, `origin`, `bibtex`, links of its `paper` and `code`, and its `settings`.
 
-    A setting is its name, its meaning, its default, and the one that was published, "" where the codec has but one.
-    There are none of a codec that cannot be imported.
+    `settings` are as `_settings_in_words` gives them; there are none of a codec that cannot be imported.
     """
-    found = {}
+    descriptions = {}
     for name, entry in registry.codec_entries().items():
         about = registry.describe(entry)
         settings: list[tuple[str, str, str, str]] = []
@@ -27,17 +26,27 @@ def described_codecs() -> dict[str, dict[str, Any]]:
         except InputError:
             about += " It cannot be imported here."
         else:
-            paper = codec.recipes.get("paper")
-            published = {}  # the settings of the recipe `paper`, if the codec has one
-            if paper is not None:
-                published = {"recipe": "paper"} | dict(paper)
-            for each in described_settings(codec):
-                # A setting that the recipe does not name has its default there.
-                theirs = str(published.get(each.name, each.default)) if published else ""
-                settings.append((each.name, each.meaning, each.default, theirs))
+            settings = _settings_in_words(codec)
         cited = registry.reference(entry)
         if not cited["bibtex"] and not registry.from_outside(name):
             cited["bibtex"] = _SUITE  # of this suite, without a paper of its own
         origin = f"{entry.value} of {registry.origin(entry)}"
-        found[name] = {"about": about, "origin": origin, "settings": settings} | cited
-    return found
+        descriptions[name] = {"about": about, "origin": origin, "settings": settings} | cited
+    return descriptions
+
+
+def _settings_in_words(codec: type[Codec]) -> list[tuple[str, str, str, str]]:
+    """Of each setting of a codec its name, its meaning, its default, and its value as published.
+
+    The last is "" for a codec without a recipe `paper`, which holds the settings that were published.
+    """
+    paper = codec.recipes.get("paper")
+    settings = []
+    for each in described_settings(codec):
+        published = ""
+        if paper is not None:
+            # A setting that the recipe does not name has its default there.
+            settings_of_paper = {"recipe": "paper"} | dict(paper)
+            published = str(settings_of_paper.get(each.name, each.default))
+        settings.append((each.name, each.meaning, each.default, published))
+    return settings

@@ -57,18 +57,19 @@ def new_fit(
     `network` is the one that the codec shares over materials; None if it shares none. `InputError` if it was trained on
     this material.
     """
-    shared.refuse(network, btf)
+    shared.refuse_training_material(network, btf)
     seed = seed_of(btf.name, codec.name, repetition)
     return Fit(torch.device(device), threads, seed, show, checkpoint, network=network)
 
 
-def fitted(codec: Codec, btf: BTF, fit: Fit, encode: Encode | None = None) -> Fitted:
+def fit_codec(codec: Codec, btf: BTF, fit: Fit, encode: Encode | None = None) -> Fitted:
     """Fit a codec to all pairs of a BTF on the threads of `fit`, by its own `encode` or by another.
 
     It raises what the codec raises, and what the codec changes of the process stays changed, except for the number of
     threads. The time of a fit that was resumed includes the time before its interruption.
     """
-    encode = encode or codec.encode
+    if encode is None:
+        encode = codec.encode
     with torch_threads(fit.threads), watched_threads():
         start = processor_seconds()
         parts = encode(btf, fit)
@@ -79,13 +80,13 @@ def fitted(codec: Codec, btf: BTF, fit: Fit, encode: Encode | None = None) -> Fi
 
 
 def fit_to_file(codec: Codec, btf: BTF, fit: Fit, path: Path, encode: Encode | None = None) -> FittedFile:
-    """Fit a codec as `fitted` does, restore the state of the process, and write the codec file to `path`.
+    """Fit a codec as `fit_codec` does, restore the state of the process, and write the codec file to `path`.
 
     `EncodeError` if no file can hold the parts. An error of the codec is raised as it is: see `naming_faults`.
     """
     place = path.absolute()  # a codec may remove the working directory
     with restored_process_state():
-        parts, seconds = fitted(codec, btf, fit, encode)
+        parts, seconds = fit_codec(codec, btf, fit, encode)
     return FittedFile(container.save(place, codec, parts), seconds)
 
 
@@ -95,19 +96,22 @@ def naming_faults(codec: Codec, encode: Encode | None = None) -> Encode:
     `EncodeError` if the codec raises any other error than an `InputError`, or tries to end the process.
     """
 
-    def named(btf: BTF, fit: Fit) -> Parts:
+    def encode_naming_faults(btf: BTF, fit: Fit) -> Parts:
         """Make the parts of a file as the codec does, or raise the error that names it."""
         try:
-            make_parts = encode or codec.encode
-            return make_parts(btf, fit)
+            if encode is None:
+                return codec.encode(btf, fit)
+            return encode(btf, fit)
         except (InputError, KeyboardInterrupt):
             raise
         except BaseException as error:  # also `sys.exit` and a cancelled task of asyncio
             if isinstance(error, OSError) and unwritable(error):  # a full disk is not the codec's fault
                 raise
-            raise EncodeError(f"codec {codec.name} failed to encode {btf.name}: {raised(error, codec)}") from error
+            raise EncodeError(
+                f"codec {codec.name} failed to encode {btf.name}: {error_in_words(error, codec)}"
+            ) from error
 
-    return named
+    return encode_naming_faults
 
 
 @contextmanager
@@ -129,38 +133,44 @@ def watched_threads() -> Iterator[None]:
 
 
 def threads_left() -> list[str]:
-    """The names of threads that codecs left running."""
+    """The names of threads that codecs left running, and that still run."""
     return [thread.name for thread in _left if thread.is_alive()]
 
 
-def raised(error: BaseException, codec: Codec) -> str:
-    """Describe an error that a codec raised in one line, with the last line of its author's own files in the trace."""
+def error_in_words(error: BaseException, codec: Codec) -> str:
+    """An error that a codec raised, in one line, with the last line of its author's own files in the trace."""
     if isinstance(error, ContainerError) and error.__cause__:  # the file was written just now, so it is not damaged
-        error = error.__cause__
+        error = error.__cause__  # what the decoder raised
     if isinstance(error, CodecError):
         return str(error)  # names the author's line itself
     what = said_by(error)
     if isinstance(error, SystemExit):
-        code = 0 if error.code is None else error.code
-        how = f"exit code {code}" if isinstance(code, int) else f"the message {shown(code)}"
+        code = error.code  # what was given to `sys.exit`: a number, a message, or nothing, which is 0
+        if code is None:
+            code = 0
+        how = f"the message {shown(code)}"
+        if isinstance(code, int):
+            how = f"exit code {code}"
         what = f"it ends the process with {how}: raise an error instead"
     # PyTorch's error where a product mixes the two dtypes: networks and tables have the material's, queries do not.
     if "Half" in what and "float" in what.lower():
         what += ": queries are at least float32; convert what meets them by .to(wi.dtype)"
-    place = _own_line(error, codec)
-    return f"{what} ({place})" if place else what
+    place = _own_line(error, codec)  # "" if no line of the author's files is in the trace
+    if not place:
+        return what
+    return f"{what} ({place})"
 
 
 def _own_line(error: BaseException, codec: Codec) -> str:
     """The file and line of a codec's own package where an error was raised; "" if the traceback shows none."""
     try:
-        own = Path(inspect.getfile(type(codec))).parent
+        folder_of_codec = Path(inspect.getfile(type(codec))).parent
     except (TypeError, OSError):  # a class typed into a shell has no file
         return ""
-    suite = Path(__file__).parents[1]
+    folder_of_suite = Path(__file__).parents[1]  # `bench`
     place = ""  # of the last frame that fits, which is the innermost
     for frame in traceback.extract_tb(error.__traceback__):
         file = Path(frame.filename)
-        if file.is_relative_to(own) and not file.is_relative_to(suite):
+        if file.is_relative_to(folder_of_codec) and not file.is_relative_to(folder_of_suite):
             place = f"{frame.filename}:{frame.lineno}"
     return place

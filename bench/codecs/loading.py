@@ -34,7 +34,7 @@ class Loaded(NamedTuple):
 def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork | None = None) -> Loaded:
     """Read a codec file and decode it with the codec it names. `ContainerError` says what is wrong.
 
-    If the file needs a shared network, `network` is used where its hash agrees; else `shared.named_by` finds the file.
+    If the file needs a shared network, `network` is used where its hash agrees; else `shared.find_named_by` finds one.
     """
     path = Path(path)
     header, parts = read_parts(path)
@@ -49,9 +49,11 @@ def load(path: Path, device: torch.device | str = "cpu", network: TrainedNetwork
         )
     network = _needed_network(header, codec_class, network)
     parts = dataclasses.replace(parts, network=network)
-    numbers = _count_numbers(parts) + (_count_numbers(network.parts) if network else 0)
+    numbers = _count_numbers(parts)
+    if network is not None:
+        numbers += _count_numbers(network.parts)
     try:
-        with decoding(numbers):
+        with decoding(numbers):  # no decoder may have more weights than such a file can hold
             codec = codec_class(**header.settings)
             material = codec.decode(parts, torch.device(device))
         if not isinstance(material, Material):
@@ -79,8 +81,10 @@ def _needed_network(header: Header, codec_class: type[Codec], network: TrainedNe
         return None
     if network is not None and network.sha256 == header.network:
         return network
-    shipped = codec_class.network.shipped if codec_class.network else None
-    return shared.named_by(header, shipped)
+    shipped = None  # the file of the network that comes with the codec
+    if codec_class.network is not None:
+        shipped = codec_class.network.shipped
+    return shared.find_named_by(header, shipped)
 
 
 def _count_numbers(parts: Parts) -> int:
@@ -99,6 +103,7 @@ def _check_answers(material: Material) -> None:
     if not all(isinstance(side, int) and side > 0 for side in material.size):
         raise ValueError(f"a picture of {material.size} texels")
     uv = torch.tensor([[0.0, 0.0], [0.0, 0.999], [0.999, 0.0], [0.999, 0.999]], device=material.device)
+    # The view is along the normal, the light 37° from it.
     up = torch.tensor([0.0, 0.0, 1.0], device=material.device).expand(4, 3)
     tilted = torch.tensor([0.6, 0.0, 0.8], device=material.device).expand(4, 3)
     if not material.query(uv, up, tilted).isfinite().all():

@@ -22,12 +22,15 @@ PATIENCE = 120.0  # seconds for an import, including PyTorch's, on a slow disk
 def check(entry: EntryPoint, called: str, make: Make, settings: dict[str, Any] | None = None) -> None:
     """Run `make(name, settings)` in another process first, if the codec is external; without settings, import it.
 
-    `CodecError` says how the process failed; an `InputError` of the codec is passed on.
+    `called` is the name of the codec and its distribution for messages. `CodecError` says how the process failed; an
+    `InputError` of the codec is passed on. A process that codecs may end makes no trial.
     """
     if EXPENDABLE in os.environ or not plugins.is_outside(entry):
         return
     # As text, because `_error_in_child` caches its answers by its arguments, and a list among them cannot be looked up.
-    text = None if settings is None else json.dumps(settings, sort_keys=True, default=str)
+    text = None
+    if settings is not None:
+        text = json.dumps(settings, sort_keys=True, default=str)
     error = _error_in_child(entry.name, called, make, text)
     if error is not None:
         raise error
@@ -42,30 +45,36 @@ def _error_in_child(name: str, called: str, make: Make, settings: str | None) ->
     import subprocess  # imported here, since listing codecs should be instant
     import sys
 
+    if settings is None:
+        parsed = None
+        step = "is imported"
+    else:
+        parsed = json.loads(settings)
+        step = f"is made with {parsed or 'its defaults'}"
     # A bare interpreter, because `multiprocessing` would run the calling script again.
-    chosen = None if settings is None else json.loads(settings)
-    request = json.dumps([sys.path, name, chosen])
+    request = json.dumps([sys.path, name, parsed])
     reading, writing = os.pipe()  # this process reads the answer that the other one writes
     script = CHILD.format(module=make.__module__, make=make.__name__)
     command = [sys.executable, "-c", script, request, str(writing)]
     child = subprocess.Popen(command, pass_fds=(writing,), stdin=subprocess.DEVNULL, env=os.environ | {EXPENDABLE: "1"})
     os.close(writing)  # here; once the other process ends, too, reading meets the end
-    step = "is imported" if chosen is None else f"is made with {chosen or 'its defaults'}"
     try:
         with open(reading, encoding="utf-8") as answers:
             child.wait(PATIENCE)
-            answer = answers.readline()
+            line = answers.readline()
     except subprocess.TimeoutExpired:
         return CodecError(f"{called} hangs when it {step}: no answer in {PATIENCE:g} s")
     finally:
         child.kill()
         child.wait()
-    if not answer:
+    if not line:
         return CodecError(f"{called} ends the process when it {step}: {ending(child.returncode)}")
-    kind, message = json.loads(answer)  # as `answer` wrote them
-    if not kind:  # nothing is wrong
+    class_name, message = json.loads(line)  # as `answer` wrote them
+    if not class_name:  # nothing is wrong
         return None
-    return CodecError(message) if kind == CodecError.__name__ else InputError(message)
+    if class_name == CodecError.__name__:
+        return CodecError(message)
+    return InputError(message)
 
 
 # The script of the other process: it gets this process's import path, then calls `answer`.
@@ -93,5 +102,7 @@ def answer(make: Make, name: str, settings: dict[str, Any] | None, descriptor: i
 
 
 def ending(code: int | None) -> str:
-    """How a process ended, in words, from its return code: a negative one is the number of a signal."""
-    return f"exit code {code}" if code is None or code >= 0 else f"killed by {signal.Signals(-code).name}"
+    """How a process ended, in words, from its return code: a negative one is the number of a signal; None: unknown."""
+    if code is None or code >= 0:
+        return f"exit code {code}"
+    return f"killed by {signal.Signals(-code).name}"

@@ -34,25 +34,27 @@ def codec_entries() -> dict[str, EntryPoint]:
 def load_codec(name: str, wanted_by: str = "") -> "type[Codec]":
     """Import the class of a codec. `InputError` if no codec has the name, or if its class has another name."""
     entry = _entry(name, wanted_by)
-    outside_codecs.check(entry, called(entry), _made_in_child)
-    return _loaded(entry, wanted_by)
+    outside_codecs.check(entry, codec_in_words(entry), _made_in_child)
+    return _imported_class(entry, wanted_by)
 
 
 def make_codec(name: str, settings: dict[str, Any]) -> "Codec":
     """Make a codec with some settings. `InputError` if they are invalid, `CodecError` if the codec fails."""
     entry = _entry(name)
-    outside_codecs.check(entry, called(entry), _made_in_child, settings)
+    outside_codecs.check(entry, codec_in_words(entry), _made_in_child, settings)
     try:
-        return _loaded(entry)(**settings)
+        return _imported_class(entry)(**settings)
     except InputError:
         raise
     except (Exception, SystemExit) as error:
-        raise CodecError(f"{called(entry)} fails with the settings {settings}: {said_by(error)}") from error
+        raise CodecError(f"{codec_in_words(entry)} fails with the settings {settings}: {said_by(error)}") from error
 
 
 def _made_in_child(name: str, settings: dict[str, Any] | None) -> object:
-    """Make a codec; the process that tries an external codec calls this."""
-    return load_codec(name) if settings is None else make_codec(name, settings)
+    """Make a codec, or only import it without settings; the process that tries an external codec calls this."""
+    if settings is None:
+        return load_codec(name)
+    return make_codec(name, settings)
 
 
 def _entry(name: str, wanted_by: str = "") -> EntryPoint:
@@ -61,14 +63,23 @@ def _entry(name: str, wanted_by: str = "") -> EntryPoint:
     if name == COMMAND:
         return _OF_COMMANDS
     if name not in entries:
-        prefix = f"{wanted_by}: " if wanted_by else ""
-        remedy = f": pip install ./{name}" if _lies_here(name) else did_you_mean(name, entries)
-        raise InputError(f"{prefix}no codec named {name!r} is installed{remedy}")
+        if _lies_here(name):
+            remedy = f": pip install ./{name}"
+        else:
+            remedy = did_you_mean(name, entries)
+        raise InputError(f"{_prefix(wanted_by)}no codec named {name!r} is installed{remedy}")
     return entries[name]
 
 
+def _prefix(wanted_by: str) -> str:
+    """The beginning of a message, which says what wants a codec, such as the path of a file; "" if nothing does."""
+    if not wanted_by:
+        return ""
+    return f"{wanted_by}: "
+
+
 def _lies_here(name: str) -> bool:
-    """Whether a folder of that name is a package with such a codec."""
+    """Whether the working directory has a folder of that name that is a package with such a codec."""
     try:
         project = tomllib.loads(Path(name, "pyproject.toml").read_text("utf-8"))["project"]
         return name in project["entry-points"][GROUP]
@@ -76,19 +87,21 @@ def _lies_here(name: str) -> bool:
         return False
 
 
-def _loaded(entry: EntryPoint, wanted_by: str = "") -> "type[Codec]":
+def _imported_class(entry: EntryPoint, wanted_by: str = "") -> "type[Codec]":
     """Import the class of an entry point in this process, and check its name and version."""
-    prefix = f"{wanted_by}: " if wanted_by else ""
+    prefix = _prefix(wanted_by)
     try:
         codec: type[Codec] = entry.load()
     except (Exception, SystemExit) as error:
-        raise CodecError(f"{prefix}{called(entry)} cannot be imported: {said_by(error)}") from error
+        raise CodecError(f"{prefix}{codec_in_words(entry)} cannot be imported: {said_by(error)}") from error
     name = getattr(codec, "name", None)
     if name != entry.name:
-        says = "has no name" if name is None else f"calls itself {name!r}"
-        raise InputError(f"{prefix}{called(entry)} {says}: write `name = {entry.name!r}` into its class")
+        fault = f"calls itself {name!r}"
+        if name is None:
+            fault = "has no name"
+        raise InputError(f"{prefix}{codec_in_words(entry)} {fault}: write `name = {entry.name!r}` into its class")
     if not isinstance(getattr(codec, "version", None), int):
-        raise InputError(f"{prefix}{called(entry)} has no version: add `version = 1` to its class")
+        raise InputError(f"{prefix}{codec_in_words(entry)} has no version: add `version = 1` to its class")
     return codec
 
 
@@ -98,7 +111,7 @@ def from_outside(name: str) -> bool:
     return entry is not None and plugins.is_outside(entry)
 
 
-def called(entry: EntryPoint) -> str:
+def codec_in_words(entry: EntryPoint) -> str:
     """The name of a codec in errors, with its distribution."""
     return plugins.called(entry, "codec")
 
@@ -110,13 +123,14 @@ def origin(entry: EntryPoint) -> str:
 
 def describe(entry: EntryPoint) -> str:
     """The first line of a codec's docstring, read from its source, so that listing imports no PyTorch."""
-    return first_line(*entry.value.split(":"))
+    module, class_name = entry.value.split(":")
+    return first_line(module, class_name)
 
 
 def listed(entry: EntryPoint) -> str:
     """`describe`, or what fails when the codec is loaded: an external one is tried, in a process of its own."""
     try:
-        outside_codecs.check(entry, called(entry), _made_in_child)
+        outside_codecs.check(entry, codec_in_words(entry), _made_in_child)
         return describe(entry)
     except Exception as error:  # any exception of a foreign codec is its failure
         return f"FAILS: {' '.join(str(error).split())}"
@@ -131,17 +145,22 @@ def reference(entry: EntryPoint) -> dict[str, str]:
 
     def first_match(pattern: str, text: str) -> str:
         """The group of the pattern's first match, or the whole match if it has none; "" without a match."""
-        matches: list[str] = re.findall(pattern, text, re.M | re.S)
-        return matches[0] if matches else ""
+        match = re.search(pattern, text, re.M | re.S)
+        if match is None:
+            return ""
+        return match[1] if match.re.groups else match[0]
 
-    text = _docstring(*entry.value.split(":"))  # of "module:Class"
+    module, class_name = entry.value.split(":")
+    text = _docstring(module, class_name)
     cited_as = first_match(r"^Cited as `([\w-]+)`\.$", text)
     another = codec_entries().get(cited_as)
-    if another and another.name != entry.name:
+    if another is not None and another.name != entry.name:  # a codec that cites itself would never end
         return reference(another)
     bibtex = first_match(r"^@\w+\{.*?^\}$", text)
+    paper = first_match(r"\burl = \{(https://[^{}\s]+)\}", bibtex)
     doi = first_match(r"\bdoi = \{([^{}\s]+)\}", bibtex)
-    paper = f"https://doi.org/{doi}" if doi else first_match(r"\burl = \{(https://[^{}\s]+)\}", bibtex)
+    if doi:
+        paper = f"https://doi.org/{doi}"
     return {"bibtex": bibtex, "paper": paper, "code": first_match(r"^Code: (https://\S+)$", text)}
 
 
@@ -160,8 +179,10 @@ def current_versions(codec: str, recipe: str = "") -> dict[str, int]:
     if entry is None:
         return {}
     module, _, class_name = entry.value.partition(":")
-    recipe_versions = _assigned(module, class_name, "recipe_versions") or {}
-    version = recipe_versions.get(recipe, _assigned(module, class_name, "version"))
+    version = _assigned(module, class_name, "version")
+    recipe_versions = _assigned(module, class_name, "recipe_versions")  # by recipe; None if none has its own
+    if recipe_versions is not None:
+        version = recipe_versions.get(recipe, version)
     if not isinstance(version, int):
         return {}
     return {"version": version, "store": _assigned(STORE, "", "VERSION") or 0}
@@ -190,8 +211,9 @@ def _assigned(module: str, class_name: str, wanted: str) -> Any:
             value = ast.literal_eval(statement.value)
         except ValueError:  # an expression
             continue
-        # In `name, version = "pca", 4` the value has the same place on its side as the name on its own.
-        return value[names.index(wanted)] if isinstance(value, tuple) else value
+        if isinstance(value, tuple):  # as in `name, version = "pca", 4`: names and values have the same places
+            return value[names.index(wanted)]
+        return value
     return None
 
 

@@ -23,21 +23,21 @@ class SceneMaterial(Wrapped):
 
     def __init__(self, inner: Material, scene: dict[str, Any], name: str):
         """Take the window from the facts `scene` of a file. `ValueError` if the decoded texture has another size."""
-        height, width = map(int, scene["size"])
-        top, left, tall, wide = map(int, scene["window"])
-        window = Window((height, width), top, left, tall, wide, int(scene["factor"]))
+        height, width = map(int, scene["size"])  # of the whole texture, in texels
+        top, left, window_height, window_width = map(int, scene["window"])
+        window = Window((height, width), top, left, window_height, window_width, int(scene["factor"]))
         if inner.size != tuple(side // window.factor for side in window.sides):
             raise ValueError(f"a window of {window.sides} texels over {window.factor} is not {inner.size}")
         super().__init__(inner)
         # Of the whole texture, in boxes of texels, since queries are for the whole.
         self.size = height // window.factor, width // window.factor
         self.window = window
-        self.name = name
-        self.finest = float(scene["finest"]) / FINER
+        self.name = name  # of the file, for the warning
+        self.finest = float(scene["finest"]) / FINER  # the smallest footprint that is not far outside
         # Whether each cell of the map of directions was demanded: (CELLS²,) bool, indexed by `cell_of`.
         self.views = torch.from_numpy(from_hex(scene["views"])).flatten()
         self.lights = torch.from_numpy(from_hex(scene["lights"])).flatten()
-        self.queried = 0
+        self.queried = 0  # queries so far, and those of them that are far outside
         self.outside = 0
         self.reports = True  # until the first warning
 
@@ -46,12 +46,13 @@ class SceneMaterial(Wrapped):
         return super().to(device, dtype)
 
     def evaluate(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> Tensor:
-        if not torch.compiler.is_compiling():
+        if not torch.compiler.is_compiling():  # the counts are no part of what is compiled
             self._count(uv, wo, wi, footprint)
         return self.inner.evaluate(self.window.within(uv), wo, wi, footprint * self.window.stretch)
 
     def _count(self, uv: Tensor, wo: Tensor, wi: Tensor, footprint: Tensor) -> None:
         """Add to `queried` and `outside`; warn at the first query outside."""
+        # A direction is inside if its cell of the map was demanded.
         inside = self.views.index_select(0, cell_of(wo)) & self.lights.index_select(0, cell_of(wi))
         if not self.window.full:
             inside &= self.window.holds(uv)

@@ -9,5 +9,6 @@ def seed_of(material: str, codec: str, repetition: int) -> int:
     The name of the material is that of its BTF, which does not depend on how a suite calls it.
     """
     parts = f"{material}\n{codec}\n{repetition}"
-    # The first 64 bits of the hash; without the lowest one, the seed fits into a signed int64.
-    return int.from_bytes(hashlib.sha256(parts.encode()).digest()[:8], "big") >> 1
+    digest = hashlib.sha256(parts.encode()).digest()
+    first_64_bits = int.from_bytes(digest[:8], "big")
+    return first_64_bits >> 1  # without the lowest bit it fits into a signed int64

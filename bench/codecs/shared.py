@@ -25,9 +25,11 @@ from bench.inputs.errors import ContainerError, InputError, MissingDataError
 
 
 def folder() -> Path:
-    """The folder of the shared networks."""
-    chosen = os.environ.get("NEUBTF_SHARED")
-    return Path(chosen) if chosen else cache_dir() / "shared"
+    """The folder of the user's own shared networks."""
+    folder_of_user = os.environ.get("NEUBTF_SHARED")
+    if folder_of_user:
+        return Path(folder_of_user)
+    return cache_dir() / "shared"
 
 
 def place(codec: str) -> Path:
@@ -42,7 +44,8 @@ def hashed_name(codec: str, sha256: str) -> str:
 
 def read(path: Path) -> TrainedNetwork:
     """Read a shared network's file. `ContainerError` says what is wrong."""
-    return _trained(*container.read_parts(path))
+    header, parts = container.read_parts(path)
+    return _trained(header, parts)
 
 
 def _trained(header: container.Header, parts: Parts) -> TrainedNetwork:
@@ -56,9 +59,10 @@ def _trained(header: container.Header, parts: Parts) -> TrainedNetwork:
 
 def find(codec: str, path: Path | None = None) -> TrainedNetwork:
     """Read a codec's shared network from `path` or its default place. `MissingDataError` says how to get it."""
-    path = path or place(codec)
+    if path is None:
+        path = place(codec)
     if not path.exists():
-        raise missing(codec, path)
+        raise missing_network(codec, path)
     network = read(path)
     if network.codec != codec:
         raise ContainerError(f"{path}: this is the network of codec {network.codec}, not of {codec}")
@@ -69,21 +73,23 @@ def find_for(codec: Codec | type[Codec]) -> TrainedNetwork | None:
     """Read the network that a codec encodes with: the user's own, else the shipped one; None if it uses none."""
     if codec.network is None:
         return None
-    shipped = codec.network.shipped
-    if shipped and not place(codec.name).exists():
+    shipped = codec.network.shipped  # the file of the network that comes with the codec; None if none does
+    if shipped is not None and not place(codec.name).exists():
         return find(codec.name, shipped)
     return find(codec.name)
 
 
-def missing(codec: str, path: Path | None = None) -> MissingDataError:
+def missing_network(codec: str, path: Path | None = None) -> MissingDataError:
     """The message for a shared network that is missing at `path`, or at its default place."""
+    if path is None:
+        path = place(codec)
     return MissingDataError(
-        f"{path or place(codec)}: missing: codec {codec} needs the network that it shares over materials: make it "
+        f"{path}: missing: codec {codec} needs the network that it shares over materials: make it "
         f"with `neubtf-bench pretrain {codec}`"
     )
 
 
-def named_by(header: container.Header, shipped: Path | None) -> TrainedNetwork:
+def find_named_by(header: container.Header, shipped: Path | None) -> TrainedNetwork:
     """Find the network that a material's file names by hash.
 
     It is looked for beside the file, then in `folder()`, each time under the name with its hash and under the codec's
@@ -103,7 +109,10 @@ def named_by(header: container.Header, shipped: Path | None) -> TrainedNetwork:
         if found.sha256 == header.network:
             return _trained(found, parts)
     users_own = place(header.codec)
-    what = "another one" if users_own.exists() else f"missing (`neubtf-bench pretrain {header.codec}`)"
+    if users_own.exists():
+        what = "another one"
+    else:
+        what = f"missing (`neubtf-bench pretrain {header.codec}`)"
     raise ContainerError(
         f"{header.path}: it needs the shared network of codec {header.codec}, sha256 {header.network}: "
         f"put its file beside it, or into {users}, as {hashed}; {users_own} is {what}"
@@ -116,11 +125,13 @@ def make(network: SharedNetwork, btfs: Sequence[BTF], fit: Fit, path: Path) -> c
     An interrupted training resumes from its state, which is kept beside the file until it is finished.
     """
     # The file that is replaced stays under its hash, because codec files may need it. An unreadable one fails now.
-    replaced = container.read_header(path) if path.exists() else None
+    replaced = None
+    if path.exists():
+        replaced = container.read_header(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     fingerprints = [btf.fingerprint for btf in btfs]
     origins = [origin(btf) for btf in btfs]
-    seen = [*fingerprints, *(btf.fingerprint for btf in fit.unseen)]
+    seen = [*fingerprints, *(btf.fingerprint for btf in fit.unseen)]  # by `train`; `unseen` are those of its curve
     determining = [network.name, network.version, settings_dict(network), fit.seed, fit.device.type]
     determining += [fit.threads, torch.__version__, seen]
     # A state is resumed only if everything that determines the file is the same, so its name has a hash of that.
@@ -130,7 +141,7 @@ def make(network: SharedNetwork, btfs: Sequence[BTF], fit: Fit, path: Path) -> c
     for name, digests in (("fingerprints", fingerprints), ("origins", origins)):
         # One row of 32 bytes for each BTF.
         parts.other[name] = torch.tensor([list(bytes.fromhex(digest)) for digest in digests], dtype=torch.uint8)
-    if replaced:
+    if replaced is not None:
         shutil.copyfile(path, path.with_name(hashed_name(replaced.codec, replaced.sha256)))
     header = container.save(path, network, parts)
     state.unlink(missing_ok=True)
@@ -155,9 +166,9 @@ def origin(btf: BTF) -> str:
     return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
 
 
-def refuse(network: TrainedNetwork | None, btf: BTF) -> None:
-    """Raise `InputError` if a network, where there is one, was trained on this material, at any size and directions."""
-    if network and origin(btf) in network.origins:
+def refuse_training_material(network: TrainedNetwork | None, btf: BTF) -> None:
+    """Raise `InputError` if a network was trained on this material, at any size and directions; without one, pass."""
+    if network is not None and origin(btf) in network.origins:
         raise InputError(
             f"{btf.name}: codec {network.codec} cannot be measured on it, because its shared network was trained "
             f"on it ({network.path}): choose another material, or pretrain without this one"

@@ -28,9 +28,9 @@ class SlicesMaterial(Material):
         super().__init__(decoded.shape, DecoderCost())
         self.decoded = decoded
         # Pairs as points (N, 6), whose distances are angles in radians where they are small.
-        have = np.concatenate([decoded.wo, decoded.wi], 1)
+        decoded_pairs = np.concatenate([decoded.wo, decoded.wi], 1)
         wanted = np.concatenate([truth.wo, truth.wi], 1)
-        distance, nearest = cKDTree(have).query(wanted)
+        distance, nearest = cKDTree(decoded_pairs).query(wanted)  # to the nearest decoded pair, and its index
         absent = int((distance > SAME).sum())
         if absent:
             pair = int(distance.argmax())
@@ -40,7 +40,7 @@ class SlicesMaterial(Material):
                 f"{decoded.name}: it has no slice for {absent:,} of the {len(truth):,} pairs of {truth.name}, such as "
                 f"theta_o, phi_o, theta_i, phi_i = {listed}: decode every pair of {truth.name}"
             )
-        self.pair_of: dict[tuple[float, ...], int] = {}
+        self.pair_of: dict[tuple[float, ...], int] = {}  # by (*wo, *wi) of the truth: index of the decoded slice
         for directions, pair in zip(wanted.tolist(), nearest.tolist(), strict=True):
             self.pair_of[tuple(directions)] = pair
 

@@ -13,7 +13,10 @@ CELLS = 16  # cells per side of the map of demanded directions, over the stereog
 
 @dataclass(frozen=True)
 class Window:
-    """A window of a periodic texture of `size` texels, from (top, left), stored in boxes of factor × factor."""
+    """A window of a periodic texture of `size` texels, from (top, left), stored in boxes of factor × factor.
+
+    All numbers count texels of the whole texture; `size` is (H, W).
+    """
 
     size: tuple[int, int]
     top: int
@@ -47,8 +50,9 @@ class Window:
 
     def cut(self, btf: BTF) -> BTF:
         """The part of a BTF in the window, as means over its boxes of factor × factor texels."""
-        whole = btf if self.full else btf.crop(self.top, self.left, self.height, self.width)
-        return whole.downsample(self.factor)
+        if not self.full:
+            btf = btf.crop(self.top, self.left, self.height, self.width)
+        return btf.downsample(self.factor)
 
     @property
     def sides(self) -> tuple[int, int]:
@@ -67,7 +71,7 @@ class Window:
 
         The texture's side has `side` texels, of which the window has `length` from texel `start` on.
         """
-        if length == side:
+        if length == side:  # the window has the whole axis
             return place
         texels = (place * side - start).remainder(side)  # after the window's start, around the texture's border
         half = self.factor / 2
@@ -90,8 +94,9 @@ def cell_of(directions: Tensor) -> Tensor:
     """The number row · CELLS + column (n,) int32 of directions (n, 3) in a map of the stereographic plane."""
     # (x, y) / (1 + z) maps the upper hemisphere onto the unit disc; scaled and shifted, it spans 0 to CELLS.
     scale = CELLS / 2 / (1 + directions[:, 2])
-    col, row = ((directions[:, axis] * scale + CELLS / 2).int() for axis in (0, 1))
-    return (row * CELLS + col).clamp_(0, CELLS**2 - 1)
+    column = (directions[:, 0] * scale + CELLS / 2).int()
+    row = (directions[:, 1] * scale + CELLS / 2).int()
+    return (row * CELLS + column).clamp_(0, CELLS**2 - 1)
 
 
 def to_hex(cells: Array) -> str:

@@ -17,7 +17,7 @@ from fnmatch import fnmatch, fnmatchcase
 from itertools import chain
 from statistics import fmean
 
-from bench.compare.rows import ORDER, ComparedRow, advice, compared, multiples, worst
+from bench.compare.rows import ORDER, ComparedRow, advice, compare_row, gravest_verdict, multiples
 from bench.compare.verdicts import DECIDED, Chance, Change, Verdict, verdict
 from bench.inputs.errors import FAILED, FINE, NO, NOTHING, InputError, did_you_mean, visible
 from bench.records import Job, Run, RunStart, Stress, by_row, grouped, require
@@ -41,9 +41,9 @@ class Comparison:
     def summary(self) -> str:
         """One line that counts the rows by verdict, and their means where not all are the same: it agrees with the
         exit code."""
-        parts = [f"{len(self.rows)} rows: {_counted(self.rows) or 'no rows'}"]
+        parts = [f"{len(self.rows)} rows: {_counts_in_words(self.rows) or 'no rows'}"]
         if any(row.verdict != Verdict.SAME for row in self.means):
-            parts.append(f"means of rows: {_counted(self.means)}")
+            parts.append(f"means of rows: {_counts_in_words(self.means)}")
         allowed = sum(not row.forbids for row in self.having(Verdict.GONE, Verdict.UNLIKE))
         if allowed:
             parts.append(f"{allowed} of them allowed")
@@ -65,7 +65,7 @@ class Comparison:
         return FINE
 
 
-def _counted(rows: Sequence[ComparedRow]) -> str:
+def _counts_in_words(rows: Sequence[ComparedRow]) -> str:
     """The numbers of rows by verdict: `1 worse, 3 same`."""
     counts = Counter(row.verdict for row in rows)
     return ", ".join(f"{counts[each]} {each.lower()}" for each in (*ORDER, Verdict.NEW) if counts[each])
@@ -83,9 +83,9 @@ def compare(
     every = [*base.jobs, *new.jobs]
     check_names("material", materials, {job["material"] for job in every})
     check_names("codec", codecs, {_codec(job) for job in every})
-    before = _wanted(base, materials, codecs)
-    after = _wanted(new, materials, codecs)
-    before = _renamed(before, after)  # a default that changed, changes labels
+    before = _jobs_to_compare(base, materials, codecs)
+    after = _jobs_to_compare(new, materials, codecs)
+    before = _with_current_labels(before, after)  # a default that changed, changes labels
     times_before = multiples(before, list(base.timings))
     times_after = multiples(after, list(new.timings))
     declared_seeds = set(chain.from_iterable(start.get("seeds", ()) for start in new.starts))
@@ -100,12 +100,12 @@ def compare(
     rows = []
     for key in sorted(keys, key=lambda key: materials_in_order.index(key[0])):
         timing = advice(times_before.get(key), times_after.get(key))
-        row = compared((base, new), rows_before.get(key, []), rows_after.get(key, []), declared_seeds, timing)
-        rows.append(replace(row, allowed=any(_names(pattern, row) for pattern in allow)))
+        row = compare_row((base, new), rows_before.get(key, []), rows_after.get(key, []), declared_seeds, timing)
+        rows.append(replace(row, allowed=any(_pattern_names(pattern, row) for pattern in allow)))
     return Comparison(rows, list(_notes(base, new, rows)), means(rows))
 
 
-def _wanted(run: Run, materials: Sequence[str], codecs: Sequence[str]) -> list[Job]:
+def _jobs_to_compare(run: Run, materials: Sequence[str], codecs: Sequence[str]) -> list[Job]:
     """The jobs of these materials and codecs, all where none are given. `InputError` if one lacks a needed field."""
     jobs = []
     for job in run.jobs:
@@ -119,7 +119,7 @@ def _wanted(run: Run, materials: Sequence[str], codecs: Sequence[str]) -> list[J
     return jobs
 
 
-def _names(pattern: str, row: ComparedRow) -> bool:
+def _pattern_names(pattern: str, row: ComparedRow) -> bool:
     """Whether a pattern of `allow` names a row: by material and label, by label, by codec or by material."""
     codec = row.label.split()[0]
     words = (row.name, row.label, codec, row.material)
@@ -145,10 +145,10 @@ def _mean(label: str, rows: list[ComparedRow], every: bool) -> ComparedRow | Non
             # Sizes, which have no metric, are exact on each row; and a mean with an infinite number says nothing.
             if change.quantity.metric and change.verdict in DECIDED and _is_finite(change):
                 changes.setdefault(change.quantity.name, []).append(change)
-    merged = [_merged(of_quantity, every) for of_quantity in changes.values() if len(of_quantity) > 1]
+    merged = [_mean_change(of_quantity, every) for of_quantity in changes.values() if len(of_quantity) > 1]
     if not merged:
         return None
-    return ComparedRow("all materials", label, worst(merged), deciding=merged)
+    return ComparedRow("all materials", label, gravest_verdict(merged), deciding=merged)
 
 
 def _is_finite(change: Change) -> bool:
@@ -156,7 +156,7 @@ def _is_finite(change: Change) -> bool:
     return all(value is not None and math.isfinite(value) for value in (change.base, change.new))
 
 
-def _merged(changes: list[Change], every: bool) -> Change:
+def _mean_change(changes: list[Change], every: bool) -> Change:
     """The change of one quantity over some rows: plain means of base and new, which are shown, and a weighted mean of
     their differences, which decides, with its margin.
 
@@ -173,7 +173,7 @@ def _merged(changes: list[Change], every: bool) -> Change:
         inverse.append(1 / (error**2 + tolerance.common**2))
     total = math.fsum(inverse)
     weights = [share / total for share in inverse]
-    chance = _together(changes, weights)
+    chance = _scatter_of_mean(changes, weights)
     if every:
         least = tolerance.common
     elif chance:
@@ -189,7 +189,7 @@ def _merged(changes: list[Change], every: bool) -> Change:
     return replace(merged, verdict=verdict(merged.loss, margin), margin=margin, chance=chance)
 
 
-def _together(changes: list[Change], weights: list[float]) -> Chance | None:
+def _scatter_of_mean(changes: list[Change], weights: list[float]) -> Chance | None:
     """The scatter of a weighted mean of differences; None if no difference scatters.
 
     Its variance is the sum of the rows' variances times their squared weights, with the degrees of freedom of Welch and
@@ -213,7 +213,7 @@ def _together(changes: list[Change], weights: list[float]) -> Chance | None:
     return Chance(math.sqrt(total * correction), freedom)
 
 
-def _renamed(before: list[Job], after: list[Job]) -> list[Job]:
+def _with_current_labels(before: list[Job], after: list[Job]) -> list[Job]:
     """The jobs of `before`. A label that `after` lacks is replaced by the label that `after` has for equal settings, if
     there is one.
 

@@ -118,7 +118,7 @@ def told_apart(over: Mapping[str, Interval]) -> dict[str, Interval]:
     return {label: replace(each, apart=label in told) for label, each in over.items()}
 
 
-def between(base: Run, before: Iterable[Job], new: Run, after: Iterable[Job]) -> Interval | None:
+def interval_between_runs(base: Run, before: Iterable[Job], new: Run, after: Iterable[Job]) -> Interval | None:
     """The mean difference of the jobs of a row in two runs, seed by seed."""
     theirs = {job["seed"]: job for job in after}
     pairs = [(job, theirs[job["seed"]]) for job in before if job["seed"] in theirs]
@@ -159,7 +159,7 @@ def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
     means = np.array(of_materials)  # (materials,) in dB
     chance = 1.0
     if len(means) > 1:
-        reach, of_equals = _student(means)
+        reach, of_equals = _student_interval(means)
         low, high = means.mean() - reach, means.mean() + reach
         if len(means) >= FEWEST:
             chance = of_equals
@@ -171,7 +171,7 @@ def interval(cells: Sequence[Cell], draws: int = DRAWS) -> Interval | None:
     return Interval(float(means.mean()), float(low), float(high), len(means), seeds, slices, chance)
 
 
-def _student(means: np.ndarray) -> tuple[float, float]:
+def _student_interval(means: np.ndarray) -> tuple[float, float]:
     """Half the 95 % interval of the mean of means (n,), and the chance of so large a mean if the true one is 0."""
     from scipy.special import stdtr, stdtrit  # slow to import, and needed only here
 
@@ -189,7 +189,7 @@ def _bootstrap_means(cells: Sequence[Cell], draws: int) -> np.ndarray:
     """Means (draws,) over the drawn seeds and pairs of one material."""
     # The numbers of cells whose seeds are scored at the same pairs, and so draw the same ones.
     alike = grouped(range(len(cells)), lambda number: (cells[number].pairs, len(cells[number].differences)))
-    shares, chosen_seeds = _drawn(tuple(count for _, count in alike), len(cells), draws)
+    shares, chosen_seeds = _draws_of_slices_and_seeds(tuple(count for _, count in alike), len(cells), draws)
     means = np.empty((len(cells), draws))  # of each seed, over the pairs of each draw
     for shares_of_group, numbers in zip(shares, alike.values(), strict=True):
         differences = np.stack([cells[number].differences for number in numbers])  # (seeds of the group, slices)
@@ -200,7 +200,7 @@ def _bootstrap_means(cells: Sequence[Cell], draws: int) -> np.ndarray:
 
 
 @lru_cache(maxsize=1)  # the intervals of a table mostly draw from as many slices and seeds
-def _drawn(counts: tuple[int, ...], seeds: int, draws: int) -> tuple[list[np.ndarray], np.ndarray]:
+def _draws_of_slices_and_seeds(counts: tuple[int, ...], seeds: int, draws: int) -> tuple[list[np.ndarray], np.ndarray]:
     """How often each slice of each group is drawn, as shares (draws, count) of `counts`, and the numbers of the drawn
     seeds, (seeds, draws)."""
     rng = np.random.default_rng(SEED)

@@ -62,7 +62,7 @@ def reference(run: Run, before: Run | None = None) -> str:
     suite_seeds = _seeds_of_suite(run)
     if not suite_seeds:  # the suite is unknown, so no seed is a further one
         suite_seeds = {job["seed"] for job in jobs}
-    reduced = [_reduced(job, run.folder, whole=job["seed"] in suite_seeds) for job in jobs]
+    reduced = [_reduced_record(job, run.folder, whole=job["seed"] in suite_seeds) for job in jobs]
     jobs_before = list(before.jobs) if before else []
     kept_seeds = _seeds_to_keep(reduced, jobs_before)
     timings = _timings(run, [job for job in jobs if job["seed"] in suite_seeds])
@@ -167,7 +167,7 @@ def _seeds_of_suite(run: Run) -> set[int]:
         return set()
 
 
-def _reduced(job: Job, folder: Path, whole: bool) -> Job:
+def _reduced_record(job: Job, folder: Path, whole: bool) -> Job:
     """The record of a job as a reference keeps it; if not `whole`, only the numbers that decide a comparison.
 
     Scores are of groups of pairs: the deciding group (held-out pairs, or all if none are held out), its parts at

@@ -8,7 +8,7 @@ Decoding times are compared as multiples of `mean-colour` timed in the same run;
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from bench.compare.paired import between
+from bench.compare.paired import interval_between_runs
 from bench.compare.quantities import MAIN, deciding, undeciding
 from bench.compare.verdicts import Change, Verdict, agree, fitted_unlike, judge, one_file, other_settings, unlike
 from bench.records import CONDITIONS, Job, Run, Timing, by_row, grouped
@@ -160,7 +160,7 @@ def sentence(change: Change) -> str:
     return f"{text} ({details})"
 
 
-def compared(
+def compare_row(
     runs: tuple[Run, Run], before: list[Job], after: list[Job], declared: set[int], timing: Advice | None
 ) -> ComparedRow:
     """The row of the jobs of base and new, of which one may be empty; `declared` are the seeds that new should have."""
@@ -168,12 +168,12 @@ def compared(
     material, label = any_job["material"], any_job["label"]
     base = [job for job in before if job["status"] == "ok"]
     new = [job for job in after if job["status"] == "ok"]
-    verdict, why = _unfinished(base, after, declared)  # None and "" unless jobs failed or vanished
+    verdict, why = _verdict_on_unfinished(base, after, declared)  # None and "" unless jobs failed or vanished
     if not base or not new:
         return ComparedRow(material, label, verdict or Verdict.NEW, why)
     # A base may hold seeds of several versions of a codec. Those unlike the first tell nothing of its scatter.
     base = [job for job in base if not fitted_unlike(base[0], job)]
-    ours, theirs = _paired(base, new)  # of base, and of new
+    ours, theirs = _jobs_of_shared_seeds(base, new)  # of base, and of new
     obstacle = _first_obstacle(base, ours, theirs)
     if obstacle:
         return ComparedRow(material, label, verdict or Verdict.UNLIKE, why or obstacle)
@@ -184,7 +184,7 @@ def compared(
     settings = other_settings(base[0], new[0])
     notes = [f"settings: {settings}"] if settings else []
     seeds = tuple(job["seed"] for job in theirs)
-    return ComparedRow(material, label, verdict or worst(changes), why, seeds, changes, others, timing, notes)
+    return ComparedRow(material, label, verdict or gravest_verdict(changes), why, seeds, changes, others, timing, notes)
 
 
 def _first_obstacle(base: list[Job], ours: list[Job], theirs: list[Job]) -> str:
@@ -200,7 +200,7 @@ def _first_obstacle(base: list[Job], ours: list[Job], theirs: list[Job]) -> str:
     return ""
 
 
-def worst(changes: list[Change]) -> Verdict:
+def gravest_verdict(changes: list[Change]) -> Verdict:
     """The verdict on a row: the gravest of those on its numbers."""
     verdicts = {change.verdict for change in changes}
     gravest, *_ = [verdict for verdict in ORDER if verdict in verdicts]
@@ -219,7 +219,7 @@ def _changes(runs: tuple[Run, Run], ours: list[Job], theirs: list[Job], base: li
     changes = [judge(quantity, ours, theirs, base, draws) for quantity in quantities]
     if all(change.base is None and change.new is None for change in changes if change.quantity.metric):
         return []
-    apart = between(runs[0], ours, runs[1], theirs)
+    apart = interval_between_runs(runs[0], ours, runs[1], theirs)
     with_interval = []
     for change in changes:
         if change.quantity.name == MAIN:  # the interval is of its differences slice by slice
@@ -228,7 +228,7 @@ def _changes(runs: tuple[Run, Run], ours: list[Job], theirs: list[Job], base: li
     return with_interval
 
 
-def _paired(base: list[Job], new: list[Job]) -> tuple[list[Job], list[Job]]:
+def _jobs_of_shared_seeds(base: list[Job], new: list[Job]) -> tuple[list[Job], list[Job]]:
     """The jobs of the seeds that both have; all jobs if they share no seed."""
     shared = {job["seed"] for job in base} & {job["seed"] for job in new}
     if not shared:
@@ -238,7 +238,7 @@ def _paired(base: list[Job], new: list[Job]) -> tuple[list[Job], list[Job]]:
     return ours, theirs
 
 
-def _unfinished(base: list[Job], after: list[Job], declared: set[int]) -> tuple[Verdict | None, str]:
+def _verdict_on_unfinished(base: list[Job], after: list[Job], declared: set[int]) -> tuple[Verdict | None, str]:
     """The verdict on a row whose jobs failed or vanished, and why; None and "" for any other row.
 
     `base` are the finished jobs of the base, `after` all jobs of new, `declared` the seeds that new should have.

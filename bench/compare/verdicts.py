@@ -107,7 +107,7 @@ def judge(
     after = [quantity.value(job) for job in new]
     values = _scatter_values(quantity, base, new, reference)
     paired = not _same_pairs(reference)  # each seed has test pairs of its own, so only equal seeds are compared
-    if quantity.tolerance is not None and not paired and not _unchanged(before, after):
+    if quantity.tolerance is not None and not paired and not _gave_same_numbers(before, after):
         # Every seed is scored at the same pairs, so all seeds of the base say equally much.
         base = reference
         before = values
@@ -130,7 +130,7 @@ def judge(
     return Change(quantity, change.base, change.new, verdict(change.loss, allowed), allowed, spread, chance=chance)
 
 
-def _unchanged(base: Values, new: Values) -> bool:
+def _gave_same_numbers(base: Values, new: Values) -> bool:
     """Whether the seeds of new gave the numbers of the base again, up to the rounding of a reference."""
     if len(base) != len(new):
         return False

@@ -20,7 +20,7 @@ from torch import Tensor
 from bench.btf import BTF, ArraySource
 from bench.codec import Codec, Fit, Parts, Progress, TrainedNetwork, settings_dict, silent
 from bench.codecs import container, loading, shared
-from bench.codecs.encoding import fit_to_file, fitted, raised, threads_left
+from bench.codecs.encoding import error_in_words, fit_codec, fit_to_file, threads_left
 from bench.conformance import counting, emulated, frame
 from bench.directions.hemisphere import thinned_product, ubo2003, uniform
 from bench.inputs.errors import InputError, answered
@@ -102,7 +102,7 @@ class CodecUnderTest:
         # so a codec that draws from it, and not from its seed, writes another file the second time, which is an error.
         # Fits need gradients, even if the caller has switched them off. `chdir` returns to the folder at the end.
         with chdir(folder), torch.enable_grad():
-            parts = fitted(self.codec, btf or self.btf, fit).parts
+            parts = fit_codec(self.codec, btf or self.btf, fit).parts
             folder_now = working_folder()
             if folder_now != folder:
                 self.moved_to = folder_now
@@ -327,7 +327,7 @@ def _decoded_on(device: torch.device, codec: Codec, parts: Parts, queries: list[
     except RuntimeError as error:
         if not left:
             raise
-        raise CheckError(f"your decoder leaves {left} on the CPU ({raised(error, codec)})") from error
+        raise CheckError(f"your decoder leaves {left} on the CPU ({error_in_words(error, codec)})") from error
     what = f"leaves {left} on the CPU" if left else "does not tell its material that it is on a GPU"
     raise CheckError(f"your decoder {what}: return `material.to(device)`")
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.codec import Codec, Progress, followed, settings_dict, silent
-from bench.codecs.encoding import raised
+from bench.codecs.encoding import error_in_words
 from bench.codecs.registry import load_codec, make_codec
 from bench.conformance import emulated, stress
 from bench.conformance.check import STAGES, Check, CodecUnderTest, NotApplicable, more_steps
@@ -76,7 +76,7 @@ def _stage(tested: CodecUnderTest, checks: tuple[Check, ...]) -> Iterator[Result
         return Measured(detail=promise(tested) or "")
 
     for promise in checks:
-        verdict = verdict_of(partial(with_note, promise), NotApplicable, partial(raised, codec=tested.codec))
+        verdict = verdict_of(partial(with_note, promise), NotApplicable, partial(error_in_words, codec=tested.codec))
         # The field of the result in which the verdict's detail stands.
         field = {"fail": "failure", "n/a": "reason", "pass": "note"}[verdict.verdict]
         yield Result(promise.__doc__ or promise.__name__, **{field: verdict.detail})

@@ -47,9 +47,9 @@ from bench.records import (
     metrics_of,
 )
 from bench.runs.evaluation import evaluate, score_key
-from bench.runs.job import keep
-from bench.runs.provenance import machine, provenance, stamp
-from bench.runs.workbench import Opening, Workbench, opened
+from bench.runs.job import store_content
+from bench.runs.provenance import machine, provenance, revision_and_time
+from bench.runs.workbench import Opening, Workbench, open_workbench
 
 # All files of an archive may unpack to `RATIO` times its own bytes; any to `LEAST_BYTES`, none to over `MOST_BYTES`.
 MOST_BYTES = 4 << 30
@@ -65,17 +65,22 @@ _OTHER = "the data of {} here differ from the submitted data"
 AGREES, DIFFERS, NOT_VERIFIED = "agrees", "differs", "not verified"
 
 
-def chosen(run: Run, codecs: list[str]) -> Run:
-    """The jobs of a run with a result, of all or some codecs, and their timings. `InputError` if there are none."""
+def jobs_with_results(run: Run, codecs: list[str]) -> Run:
+    """A run reduced to its jobs with a result, and their timings; of some `codecs`, or of all if none are named.
+
+    `InputError` if no job is left.
+    """
     part = dataclasses.replace(run, jobs=Records(), timings=Records())
     for job in run.jobs:
         if job["status"] == "ok" and (not codecs or job["codec"] in codecs):
             part.jobs.put(job["job"], job)
-            timing = run.timing(job)
+            timing = run.timing(job)  # None if this job was not timed
             if timing:
                 part.timings.put(job["job"], timing)
     if not part.jobs:
-        of_codecs = f" of {' or '.join(codecs)}" if codecs else ""
+        of_codecs = ""
+        if codecs:
+            of_codecs = f" of {' or '.join(codecs)}"
         raise InputError(f"{run.folder}: no job{of_codecs} has a result")
     # Whoever verifies the jobs prepares the same data, and needs the preparation for it.
     if not any("materials" in start for start in run.starts):
@@ -87,11 +92,13 @@ def pack(run: Run, lines: str, path: Path) -> None:
     """Write the archive of a run's jobs. `lines` becomes its `records.jsonl`. `InputError` if a codec file is gone."""
     files: dict[Path, None] = {}  # used as an ordered set: several jobs may have one file, or share one network
     for job in run.jobs:
-        files[_file_of(run, job["file"], str(job["score_key"].get("sha256")))] = None
+        file = _file_of(run, job["file"], str(job["score_key"].get("sha256")))
+        files[file] = None
     for job in run.jobs:  # the networks that these files need
-        digest = job["fit_key"].get("shared")
+        digest = job["fit_key"].get("shared")  # the hash of the network's file; absent if the codec shares none
         if digest:
-            files[_file_of(run, f"files/{shared.hashed_name(job['codec'], digest)}", digest)] = None
+            network_file = _file_of(run, f"files/{shared.hashed_name(job['codec'], digest)}", digest)
+            files[network_file] = None
     with atomic.replacing(path) as unfinished, zipfile.ZipFile(unfinished, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(FILE, lines)
         for file in files:
@@ -132,7 +139,7 @@ def unpack(path: Path, folder: Path) -> Run:
     except OSError as error:
         raise InputError(f"{path}: cannot be unpacked ({error.strerror})") from error
     run = records.load_run(folder)
-    if run.unreadable or not run.jobs:
+    if run.unreadable or not run.jobs:  # `unreadable` are numbers of lines
         raise InputError(f"{path}: its records cannot be read (lines {run.unreadable[:5]}): pack the run again")
     return run
 
@@ -159,8 +166,8 @@ def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, st
     """Decode and score the files of an unpacked archive, write the measurements here as the folder `out` of a run, and
     yield the verdict on each job.
 
-    Measured data must lie under `NEUBTF_DATA`, or where `places` says by material: an archive may not choose which
-    paths of this machine are opened.
+    Measured data must lie under `NEUBTF_DATA`, or at the path that `places` has by name of material: an archive may not
+    choose which paths of this machine are opened.
     """
     starts = {start["run"]: start for start in run.starts}
     for start in starts.values():
@@ -171,8 +178,9 @@ def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, st
         records.append(out, cast(RunStart, submitted | dict(here)))
     for job in run.jobs:
         name = str(job.get("job"))
+        start = starts.get(job.get("run", ""), RunStart())  # empty if the archive lacks the start of the job's run
         try:
-            yield _verified(job, starts.get(job.get("run", ""), RunStart()), run.folder, out, show, places or {})
+            yield _verdict_on_job(job, start, run.folder, out, show, places or {})
         except InputError as error:
             yield Verified(name, NOT_VERIFIED, str(error))
         except OSError:  # such as a full disk: it says nothing of the job
@@ -182,10 +190,14 @@ def verify(run: Run, out: Path, show: Progress = silent, places: Mapping[str, st
             yield Verified(name, NOT_VERIFIED, f"cannot be scored here ({what})")
 
 
-def _verified(
+def _verdict_on_job(
     job: Job, start: RunStart, folder: Path, out: Path, show: Progress, places: Mapping[str, str]
 ) -> Verified:
-    """The verdict on one job; what does not match its record, or is not here, is never opened or decoded."""
+    """The verdict on one job of an archive that is unpacked in `folder`; `start` is the start of its run.
+
+    A job is scored only if it has a result, its codec is installed, and its data can be the submitted data. Otherwise
+    it is `NOT_VERIFIED`, and its file is not decoded.
+    """
     name = job["job"]
     if job["status"] != "ok":
         return Verified(name, NOT_VERIFIED, f"no result was submitted: {job.get('error', '')}")
@@ -199,14 +211,14 @@ def _verified(
         return Verified(name, NOT_VERIFIED, "its record has no scores to compare")
     spec = _material(job, start, places)
     data = table(f"data of {name}", Preparation, start.get("data"))
-    obstacle = _obstacle_of_data(job, spec, data)
+    obstacle = _obstacle_of_data(job, spec, data)  # "" if the data may be prepared
     if obstacle:
         return Verified(name, NOT_VERIFIED, obstacle)
     metrics = tuple(job["score_key"]["metrics"])
-    with opened(Opening(job["run"], spec, data, int(job["seed"]), metrics), show) as workbench:
+    with open_workbench(Opening(job["run"], spec, data, int(job["seed"]), metrics), show) as workbench:
         if workbench.btf.fingerprint != job["score_key"]["btf"]:
             return Verified(name, NOT_VERIFIED, _OTHER.format(spec.name))
-        return _scored_again(job, workbench, folder, out, show, data.split)
+        return _verdict_by_scoring(job, workbench, folder, out, show, data.split)
 
 
 def _material(job: Job, start: RunStart, places: Mapping[str, str]) -> MaterialSpec:
@@ -215,15 +227,17 @@ def _material(job: Job, start: RunStart, places: Mapping[str, str]) -> MaterialS
     `places` maps names of materials to paths that the user of this machine gave. `InputError` if the archive does not
     hold the material, or would choose the path itself.
     """
-    stated = start.get("materials") or []  # the record may hold null
-    listed = [table("materials of its run", MaterialSpec, each) for each in stated]
-    named = [spec for spec in listed if spec.name == job["material"]]
-    if not named:
+    stated = start.get("materials")
+    if not stated:  # absent, or null in the record
+        stated = []
+    materials = [table("materials of its run", MaterialSpec, each) for each in stated]
+    of_this_name = [spec for spec in materials if spec.name == job["material"]]
+    if not of_this_name:
         raise InputError(f"its run does not say how {job['material']} was prepared: submit the run again")
-    spec = named[0]
+    spec = of_this_name[0]
     if spec.name in places:
         return dataclasses.replace(spec, path=places[spec.name])
-    if not spec.path:
+    if not spec.path:  # a built-in material, which has no file
         return spec
     remedy = f"say where it is with --material {shlex.quote(spec.name)}=PATH"
     root = os.environ.get("NEUBTF_DATA")
@@ -242,16 +256,22 @@ def _obstacle_of_data(job: Job, spec: MaterialSpec, data: Preparation) -> str:
     # What identifies the data, known without making them; None for kinds of material of which it cannot be known.
     outline = kind.outline(spec, data, draw_of(spec, data, int(job["seed"])))
     if outline is not None:
-        same = outline.fingerprint == job["score_key"]["btf"]
-        return "" if same else _OTHER.format(spec.name)
+        if outline.fingerprint == job["score_key"]["btf"]:
+            return ""
+        return _OTHER.format(spec.name)
     needed = kind.bytes_made(spec, data)
     if needed > MOST_BAKED:
         return f"baking {spec.name} would need {needed >> 30} GiB"
     return ""
 
 
-def _scored_again(job: Job, workbench: Workbench, folder: Path, out: Path, show: Progress, split: str) -> Verified:
-    """Score the file of a job here, and compare with what the job claims; writes the record and the file into `out`."""
+def _verdict_by_scoring(
+    job: Job, workbench: Workbench, folder: Path, out: Path, show: Progress, split: str
+) -> Verified:
+    """Score the file of a job here, and compare with what the job claims; writes the record and the file into `out`.
+
+    `folder` is that of the unpacked archive; `split` says what pairs were held out for, such as "test".
+    """
     file = folder / "files" / Path(job["file"]).name  # the name alone: a claimed path could lead out of the archive
     loaded = loading.load(file)
     header = loaded.header
@@ -270,27 +290,35 @@ def _scored_again(job: Job, workbench: Workbench, folder: Path, out: Path, show:
     # The record has the names of the claimed job, such as its material and seed; all else is measured here.
     record: Job = {**kept(job, NAMES), "split": split, "fit_key": fit}
     # Large arrays, such as pictures of slices, go into files below `out`.
-    record |= evaluate(workbench, loaded, threads=1, keep=partial(keep, out), show=show)
-    record |= {"score_key": score_key(workbench, header), "scored": stamp(), "machine": machine(), "status": "ok"}
+    record |= evaluate(workbench, loaded, threads=1, keep=partial(store_content, out), show=show)
+    record |= {
+        "score_key": score_key(workbench, header),
+        "scored": revision_and_time(),
+        "machine": machine(),
+        "status": "ok",
+    }
     record["verified"] = True
     record["file"] = f"files/{file.name}"
     atomic.write(out / record["file"], file.read_bytes())
     reasons = list(differences(job, record))
     records.append(out, record)
+    if not reasons:
+        return Verified(job["job"], AGREES, record=record)
     why = "; ".join(reasons[:MOST_REASONS])
     if len(reasons) > MOST_REASONS:
         why += f" and {len(reasons) - MOST_REASONS} more"
-    return Verified(job["job"], DIFFERS if reasons else AGREES, why, record)
+    return Verified(job["job"], DIFFERS, why, record)
 
 
 def differences(claimed: Job, here: Job) -> Iterator[str]:
     """The claims that differ from the measurements here by more than rounding on another processor, in words."""
     measured = json.loads(json.dumps(here))  # with lists for tuples, as the claims were read from JSON, too
+    # `CLAIM` marks the fields of a record that are compared when it is verified.
     for name, value in kept(claimed, CLAIM).items():
-        yield from _unlike(name, value, measured[name])
+        yield from _differences_of_values(name, value, measured[name])
 
 
-def _unlike(place: str, claimed: Any, measured: Any) -> Iterator[str]:
+def _differences_of_values(place: str, claimed: Any, measured: Any) -> Iterator[str]:
     """Where a measured value differs from the claimed one by more than machines differ, in words.
 
     Both are values as in JSON, dictionaries of dictionaries included. `place` is the path of the value in the record,
@@ -300,13 +328,15 @@ def _unlike(place: str, claimed: Any, measured: Any) -> Iterator[str]:
         for name, value in claimed.items():
             if place in ("scores", "pairs") and name in ("scene", SCENE_HELDOUT, OUTSIDE):
                 continue  # scores in a scene: archives hold no demand, and these are not published
-            yield from _unlike(f"{place}/{name}", value, measured.get(name))
+            yield from _differences_of_values(f"{place}/{name}", value, measured.get(name))
         return
     close = claimed == measured
     # Counts, texts and missing values (None) must be equal; only floats may differ by rounding.
     if float in (type(claimed), type(measured)) and None not in (claimed, measured):
-        decibels = "/psnr" in place or place.startswith("footprints/")
-        limit = DECIBELS if decibels else RELATIVE * abs(measured)
+        if "/psnr" in place or place.startswith("footprints/"):  # numbers in dB
+            limit = DECIBELS
+        else:
+            limit = RELATIVE * abs(measured)
         close = math.isclose(claimed, measured, rel_tol=0, abs_tol=limit)
     if not close:
         yield f"{place} is {measured}, not {claimed}"
@@ -324,7 +354,7 @@ def misnamed(claimed: Job, header: Header) -> Iterator[str]:
     if header.codec == COMMAND:
         programs = {key: header.settings[key] for key in ("called", "encode", "decode") if key in header.settings}
     called = str(programs.get("called", header.codec))
-    words = label.removeprefix(called).split()
+    words = label.removeprefix(called).split()  # each is KEY=VALUE
     try:
         settings = dict(word.split("=", 1) for word in words)
         of_label = settings_dict(make_codec(header.codec, programs | settings))

@@ -27,6 +27,7 @@ def drawable(material: Material) -> tuple[Program, float]:
     """A material's program, and the exposure that its picture needs: that of random queries up to 75°. `InputError` if
     the material cannot be recorded as a program."""
     program = program_of(material)
+    # There is no BTF to take the exposure of, so `QUERIES` random answers stand for it.
     rng = np.random.default_rng(0)
     uv = torch.from_numpy(rng.random((QUERIES, 2), np.float32))
     wo = torch.from_numpy(uniform(rng, QUERIES).astype(np.float32))
@@ -39,7 +40,7 @@ def baked(material: Material, name: str, show: Progress = silent) -> BTF:
 
     A slice is the linear radiance (H, W, 3) of all texels for one view and one light.
     """
-    wo, wi = thinned_product(ubo2003(), BAKED, BAKED)
+    wo, wi = thinned_product(ubo2003(), BAKED, BAKED)  # each (BAKED², 3)
     pairs = followed(show, zip(wo.tolist(), wi.tolist(), strict=True), f"baking {name}", len(wo))
     slices = [material.slice(view, light).numpy() for view, light in pairs]
     return BTF(name, wo, wi, ArraySource(np.stack(slices)))
@@ -47,7 +48,8 @@ def baked(material: Material, name: str, show: Progress = silent) -> BTF:
 
 def drawable_truth(btf: BTF, show: Progress = silent) -> tuple[Program, float]:
     """A BTF itself as a program, the interpolated table of its training pairs, and the BTF's own exposure."""
-    return _interpolated(btf.subset(btf.split().train), show), exposure(btf)
+    train = btf.subset(btf.split().train)
+    return _interpolated(train, show), exposure(btf)
 
 
 def sparse_truth(btf: BTF) -> Program | None:
@@ -60,18 +62,21 @@ def sparse_truth(btf: BTF) -> Program | None:
     # `count` views × `count` lights are count² slices of H · W · 3 floats.
     floats_of_slice = 3 * btf.shape[0] * btf.shape[1]
     count = min(SPARSE, int((SPARSE_FLOATS / floats_of_slice) ** 0.5))
-    if count < 3:
+    if count < 3:  # the texture is too large for a page
         return None
     layout = train.layout
     if layout.grid is None:  # the pairs are no product of views and lights
         return _interpolated(thinned(train, count * count), silent)
     views = thin(layout.views, min(count, len(layout.views)))
     lights = thin(layout.lights, min(count, len(layout.lights)))
-    chosen = np.flatnonzero(np.isin(layout.view, views) & np.isin(layout.light, lights))
-    return _interpolated(train.subset(chosen), silent)
+    pairs_in_product = np.flatnonzero(np.isin(layout.view, views) & np.isin(layout.light, lights))
+    return _interpolated(train.subset(pairs_in_product), silent)
 
 
 def _interpolated(btf: BTF, show: Progress) -> Program:
     """All pairs of a BTF as a program: the codec `table`, which stores them and interpolates between directions."""
-    table = load_codec("table")()
-    return program_of(table.decode(table.encode(btf, Fit(show=show)), torch.device("cpu")))
+    codec_class = load_codec("table")
+    table = codec_class()
+    parts = table.encode(btf, Fit(show=show))
+    material = table.decode(parts, torch.device("cpu"))
+    return program_of(material)

@@ -62,51 +62,68 @@ class Estimate:
             # Of `at_once` jobs side by side, each takes so many times as long as passes between two ends.
             self.seconds[effort.codec] += (now - self.last) * self.at_once
             self.steps[effort.codec] += effort.steps
-        if cached != "record" and name in self.holds:  # code or data changed: the other records will not hold either
+        if cached != "record" and name in self.holds:
+            # Code or data changed since the earlier run, so the other records will not hold either.
             self.holds = set()
         self.last = now
 
     @property
     def first(self) -> str:
         """The message before the run starts, such as `12 jobs, 4 of them recorded: about 20 min left`."""
-        jobs = f"{self.total} job" + "s" * (self.total != 1)
+        jobs = _count_of_jobs(self.total)
         left = len(self.waiting - self.holds)
-        recorded = f", {len(self.holds)} of them recorded" if self.holds else ""
         if not left:
             return f"{jobs}, all recorded; what changed since is done again"
-        return f"{jobs}{recorded}: " + self._and_then(f"{left} left")
+        if self.holds:
+            jobs += f", {len(self.holds)} of them recorded"
+        return f"{jobs}: " + self._and_then(f"{left} left")
 
     @property
     def left(self) -> str:
-        """The time left; "" after the last job, and while it cannot be told."""
-        seconds = 0.0
+        """The time left, such as `about 20 min left`; "" after the last job, and while it cannot be told."""
         waiting = self.waiting - self.holds
+        if not waiting:
+            return ""
+        seconds = 0.0  # if one job ran after another
         for name in waiting:
             effort = self.efforts[name]
             if not self.steps[effort.codec]:  # no job of this codec is done
                 return ""
             seconds += self.seconds[effort.codec] / self.steps[effort.codec] * effort.steps
-        return f"about {duration(seconds / self.at_once)} left" if waiting else ""
+        return f"about {duration(seconds / self.at_once)} left"
 
     @property
     def progress(self) -> str:
-        """How many jobs have ended, and the time left."""
-        ended = f"{self.total - len(self.waiting)} of {self.total} job" + "s" * (self.total != 1)
-        left = self.left
-        if left:
-            ended += f", {left}"
-        return self._and_then(ended) if self.waiting else ended
+        """How many jobs have ended, and the time left: `8 of 12 jobs, about 20 min left`."""
+        text = f"{self.total - len(self.waiting)} of {_count_of_jobs(self.total)}"
+        time_left = self.left
+        if time_left:
+            text += f", {time_left}"
+        if not self.waiting:  # the last job has ended
+            return text
+        return self._and_then(text)
 
     def _and_then(self, text: str) -> str:
         """A text, followed by what comes after the jobs, if anything does."""
-        return f"{text}, then {self.then}" if self.then else text
+        if not self.then:
+            return text
+        return f"{text}, then {self.then}"
+
+
+def _count_of_jobs(count: int) -> str:
+    """A number of jobs in words: `1 job`, `12 jobs`."""
+    if count == 1:
+        return "1 job"
+    return f"{count} jobs"
 
 
 def duration(seconds: float) -> str:
     """A length of time in words, in minutes or hours: "half a minute", "5 min", "1 h 20 min"."""
     if seconds <= 30:
         return "half a minute"
-    hours, rest = divmod(max(1, round(seconds / 60)), 60)
+    hours, minutes = divmod(max(1, round(seconds / 60)), 60)
     if not hours:
-        return f"{rest} min"
-    return f"{hours} h {rest} min" if rest else f"{hours} h"
+        return f"{minutes} min"
+    if not minutes:
+        return f"{hours} h"
+    return f"{hours} h {minutes} min"

@@ -54,8 +54,10 @@ Keep = Callable[[str, dict[str, Any]], str]  # stores content under a name, and 
 
 def score_key(workbench: Workbench, header: Header) -> ScoreKey:
     """Everything that the figures of a file depend on. A file is not scored again if a record has the same key."""
-    codec = registry.load_codec(header.codec, wanted_by=str(header.path))(**header.settings)
-    code = identity(codec, __name__, *(metric.module for metric in workbench.scorer.metrics.values()))["code"]
+    codec_class = registry.load_codec(header.codec, wanted_by=str(header.path))
+    codec = codec_class(**header.settings)
+    modules_of_metrics = [metric.module for metric in workbench.scorer.metrics.values()]
+    code = identity(codec, __name__, *modules_of_metrics)["code"]  # a hash of the source of decoder and scores
     key: ScoreKey = {"sha256": header.sha256, "code": code}
     return key | conditions(workbench)
 
@@ -67,7 +69,7 @@ def conditions(workbench: Workbench) -> ScoreKey:
     key |= {"metrics": versions, "footprints": scoring.FOOTPRINTS_VERSION}
     if workbench.demand:
         key["demand"] = workbench.demand.fingerprint
-    if len(workbench.scored) < len(workbench.btf):
+    if len(workbench.scored) < len(workbench.btf):  # not all pairs are scored
         key["scored"] = len(workbench.scored)
     # The pairs whose mean ranks codecs. If only some of them are scored, the mean depends on which.
     all_deciding = workbench.groups[deciding_group(workbench.groups)]
@@ -78,10 +80,13 @@ def conditions(workbench: Workbench) -> ScoreKey:
 
 def evaluate(workbench: Workbench, file: Loaded, threads: int, keep: Keep, show: Progress) -> Job:
     """Score the material decoded from a codec file; returns settings, bytes, scores and costs for its record.
-    `keep(name, content)` stores what is too large for the record, and returns the name that the record holds."""
-    shared.refuse(file.network, workbench.btf)  # a network that was trained on this material may not be scored on it
+
+    `keep(name, content)` stores what is too large for the record, and returns the name that the record holds.
+    `InputError` if the file's shared network was trained on this material: it may not be scored on it.
+    """
+    shared.refuse_training_material(file.network, workbench.btf)
     material = without_warnings(file.material)  # it is asked outside its scene, too, on purpose
-    figures = scored(workbench, material, file.header.path.stem, threads, keep, show)
+    figures = record_of_scores(workbench, material, file.header.path.stem, threads, keep, show)
     sizes = cast(Bytes, file.header.part_bytes() | {"total": file.header.file_bytes})
     if file.network:
         sizes["shared"] = file.network.file_bytes
@@ -89,14 +94,17 @@ def evaluate(workbench: Workbench, file: Loaded, threads: int, keep: Keep, show:
     return record | figures
 
 
-def scored(workbench: Workbench, material: Material, name: str, threads: int, keep: Keep, show: Progress) -> Job:
+def record_of_scores(
+    workbench: Workbench, material: Material, name: str, threads: int, keep: Keep, show: Progress
+) -> Job:
     """Score any material: its record without settings and bytes; kept files are called after `name`.
 
     Pairs are scored by `threads` threads of PyTorch. `keep` stores scores by slice, angular maps and pictures in files.
     """
+    # Score all pairs, footprints, pictures and frames: what needs answers of the material.
     decoder = Slices(workbench, material, show)
     groups = dict(workbench.groups)
-    decides = deciding_group(workbench.groups)
+    decides = deciding_group(workbench.groups)  # "heldout", or "all" if no pairs are held out
     if decides != "all" and len(workbench.scored) < len(workbench.btf):
         del groups["all"]  # if only some training pairs are scored, a mean over all scored pairs represents neither set
     with torch_threads(threads):
@@ -104,6 +112,7 @@ def scored(workbench: Workbench, material: Material, name: str, threads: int, ke
         coarse = scoring.footprint_errors(workbench.btf, workbench.deciding, decoder.slice, workbench.exposure, COARSE)
         pictures = _pictures(workbench, decoder)
         in_scene = _in_scene(workbench, material)
+    # Means over each group of pairs, and over the pairs that a scene asks for.
     summary = scoring.summarise(scores, workbench.btf.wo, workbench.btf.wi, groups)
     if workbench.scene_shares is not None:
         summary["scene"] = scoring.weighted(scores, workbench.scene_shares)
@@ -115,14 +124,17 @@ def scored(workbench: Workbench, material: Material, name: str, threads: int, ke
     # By angle: means in bins of each group of pairs, which are too large for the record, and maps over directions.
     angular: dict[str, Any] = {"bins": {name: group.pop("bins", {}) for name, group in summary.items()}}
     angular["polar"] = scoring.polar_maps(scores, workbench.btf.wo, workbench.btf.wi)
-    # An opaque material, such as another program, does not tell its parameters.
+    parameter_count = resident = None  # an opaque material, such as another program, does not tell them
+    if not material.opaque:
+        parameter_count = parameters(material)
+        resident = resident_bytes(material)
     record: Job = {
         "shape": list(workbench.btf.shape),
         "pairs": {name: len(pairs) for name, pairs in workbench.groups.items()},
         "views": len(workbench.btf.layout.views),
         "provenance": cast(Provenance, workbench.btf.provenance),
-        "parameters": None if material.opaque else parameters(material),
-        "resident": None if material.opaque else resident_bytes(material),
+        "parameters": parameter_count,
+        "resident": resident,
         "cost": dataclasses.asdict(material.cost),
         "metrics": {name: metric_facts(get_metric(name)) for name in workbench.scorer.names},
         "scores": summary,
@@ -131,7 +143,8 @@ def scored(workbench: Workbench, material: Material, name: str, threads: int, ke
         "angular": keep(f"angular/{name}.json", angular),
         "pictures": keep(f"pictures/{name}.npz", pictures),
     }
-    if isinstance(material, ProgramMaterial):  # its time would include exchanging files
+    # A program's own time is not known: what is measured includes the exchange of files, so it has fields of its own.
+    if isinstance(material, ProgramMaterial):
         nanoseconds = 1e9 * material.waited / max(1, material.queries)
         record["program"] = {"queries": material.queries, "ns_per_query": nanoseconds}
     if in_scene:
@@ -150,7 +163,7 @@ def metric_facts(metric: Metric) -> MetricFacts:
     }
 
 
-def drawing(file: Loaded, keep: Keep) -> Job:
+def store_drawing(file: Loaded, keep: Keep) -> Job:
     """Store what a page needs to draw the material live.
 
     Returns the part of a record: `drawing`, the name of the stored file, or `not_drawn`, the reason in words.
@@ -164,7 +177,7 @@ def drawing(file: Loaded, keep: Keep) -> Job:
     return {"drawing": keep(f"drawings/{file.header.path.stem}.npz", program.arrays())}
 
 
-def recorded(folder: Path, job: Job, device: str) -> Material:
+def material_of_job(folder: Path, job: Job, device: str) -> Material:
     """Decode the file of a job. `ContainerError` if it is not the file that the record describes."""
     file = loading.load(folder / job["file"], device)
     if file.header.sha256 != job["score_key"]["sha256"]:
@@ -201,9 +214,9 @@ class _InScene(NamedTuple):
 
 
 def _in_scene(workbench: Workbench, material: Material) -> _InScene | None:
-    """How a material does in the scene; None without a scene."""
+    """The quality of a material in the frames of the scene; None without a scene."""
     frame_scorer = workbench.frame_scorer
-    if frame_scorer is None:
+    if frame_scorer is None:  # the workbench has no demand
         return None
     frames = frame_scorer.frames(material)
     return _InScene(frame_scorer.record(frames), frame_scorer.pictures(frames))
@@ -220,17 +233,20 @@ def _slices(workbench: Workbench, scores: scoring.Scores, coarse: dict[int, np.n
     arrays = {"pairs": scores.pairs, "heldout": heldout, "abrdf": scores.abrdf} | scores.raw
     arrays["wo_deg"] = np.stack(to_degrees(workbench.btf.wo[scores.pairs]), 1)
     arrays["wi_deg"] = np.stack(to_degrees(workbench.btf.wi[scores.pairs]), 1)
-    decides = np.isin(workbench.scored, workbench.deciding)
+    is_deciding = np.isin(workbench.scored, workbench.deciding)  # (n,)
     for factor, errors in coarse.items():
-        arrays[f"footprint_{factor}"] = np.full(len(decides), np.nan)
-        arrays[f"footprint_{factor}"][decides] = errors
+        errors_of_all = np.full(len(is_deciding), np.nan)
+        errors_of_all[is_deciding] = errors
+        arrays[f"footprint_{factor}"] = errors_of_all
     return arrays
 
 
 def _pictures(workbench: Workbench, decoder: Slices) -> dict[str, np.ndarray]:
-    """The n shown slices as 8-bit pictures (n, H, W, 3): `truth` and `decoded` for a display, and FLIP maps in magma.
+    """The n shown slices as 8-bit pictures (n, H, W, 3): `truth` and `decoded` for a display, and `flip`, FLIP maps in
+    magma, which too small slices lack.
 
-    `sheet` (n,) is a mask of those that a contact sheet holds, and `pairs` (n,) are their pairs in the BTF.
+    `sheet` (n,) is a mask of those that a contact sheet holds, `pairs` (n,) are their pairs in the BTF, and `wo_deg`
+    and `wi_deg` (n, 2) their directions as (θ, φ) in degrees.
     """
     truth = np.stack([workbench.btf[i] for i in workbench.shown])
     decoded = np.stack([decoder.slice(i) for i in workbench.shown])

@@ -65,10 +65,13 @@ def processes(count: int, threads: int, device: str = "cpu", limit: float | None
         raise InputError(f"--max-seconds {limit:g}: must be above 0")
     if count < 1:
         raise InputError(f"--jobs {count}: must be at least 1")
-    kind, numbered, _ = device.partition(":")
-    if is_gpu(device) and numbered:
-        raise InputError(f"--device {device}: with --jobs each job has its own GPU: give --device {kind}")
-    pool = Processes(count, threads, _gpus(count, device) if is_gpu(device) else [], limit)
+    kind, numbered, _ = device.partition(":")  # "cuda:1" is the second GPU, "cuda" is any
+    gpus: list[dict[str, str]] = []
+    if is_gpu(device):
+        if numbered:
+            raise InputError(f"--device {device}: with --jobs each job has its own GPU: give --device {kind}")
+        gpus = _gpus(count, device)
+    pool = Processes(count, threads, gpus, limit)
     try:
         yield Workers(pool, count, show_with=pool.show_with)
     finally:
@@ -83,16 +86,19 @@ def dask(address: str, resources: dict[str, float]) -> Iterator[Workers]:
     """
     with installed("--scheduler needs Dask: pip install 'neubtf-bench[dask]'"):
         from distributed import Client
-    file = address.endswith(".json")
+    is_file = address.endswith(".json")
     try:
-        if file and not os.path.exists(address):  # the client would wait for it forever
+        if is_file and not os.path.exists(address):  # the client would wait for it forever
             raise FileNotFoundError("no such file")
-        where = {"scheduler_file": address} if file else {"address": address}
+        if is_file:
+            where = {"scheduler_file": address}
+        else:
+            where = {"address": address}
         client = Client(**where, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(f"--scheduler {address}: no Dask scheduler answers there ({error})") from error
     # As pure functions, the default of Dask, equal calls would run once: a repeated job would get its first answer.
-    executor = client.get_executor(pure=False, resources=resources or None)
+    executor = client.get_executor(pure=False, resources=resources or None)  # None: a job takes no resources
     try:
         _require_package(client)
         # Enough for a cluster that scales with the number of waiting jobs.
@@ -137,7 +143,8 @@ class Processes(Executor):
     """
 
     def __init__(self, count: int, threads: int, gpus: Sequence[dict[str, str]] = (), limit: float | None = None):
-        """No process is started yet. `gpus` has for each seat the variable that gives its process a GPU, if any."""
+        """No process is started yet. `gpus` has for each seat the environment variable that gives its process a GPU, by
+        name and value; it is empty without GPUs."""
         self.threads = threads
         self.gpus = gpus
         self.limit = limit
@@ -155,15 +162,9 @@ class Processes(Executor):
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Call a function in the first worker that is free, which is started if it has no process."""
-        seat = self.free.get()
+        seat = self.free.get()  # waits for one
         if seat not in self.pools:  # it had no job yet, or its process was ended
-            context = multiprocessing.get_context("spawn")  # a fork copies locks of threads, and cannot use CUDA
-            theirs, leash = context.Pipe(duplex=False)  # the worker ends when this process closes the leash
-            heard, told = context.Pipe(duplex=False)  # the worker tells its progress, and a thread here hears it
-            gpu_variables = self.gpus[seat] if self.gpus else {}
-            pool = ProcessPoolExecutor(1, context, _prepare, (self.threads, gpu_variables, theirs, told))
-            self.pools[seat] = (pool, leash, told)
-            threading.Thread(target=_heard, args=(heard, self.show or _show_nothing), daemon=True).start()
+            self._start(seat)
         pool, _, told = self.pools[seat]
         # Worker processes ignore Ctrl-C: this one ends them and prints the message.
         with handling(signal.SIGINT, signal.SIG_IGN):
@@ -171,8 +172,29 @@ class Processes(Executor):
             job = pool.submit(fn, *args, **kwargs)
         return self.watchers.submit(self._watch, seat, process, job, told)
 
+    def _start(self, seat: int) -> None:
+        """Make the pool of a seat, whose one process starts with its first job, and a thread that shows what the
+        process tells of its progress."""
+        context = multiprocessing.get_context("spawn")  # a fork copies locks of threads, and cannot use CUDA
+        theirs, leash = context.Pipe(duplex=False)  # the worker ends when this process closes the leash
+        heard, told = context.Pipe(duplex=False)  # the worker tells its progress, and a thread here hears it
+        gpu_variables = {}
+        if self.gpus:
+            gpu_variables = self.gpus[seat]
+        pool = ProcessPoolExecutor(1, context, _prepare_worker, (self.threads, gpu_variables, theirs, told))
+        self.pools[seat] = (pool, leash, told)
+        show: Show = _show_nothing
+        if self.show is not None:
+            show = self.show
+        threading.Thread(target=_show_progress_of_worker, args=(heard, show), daemon=True).start()
+
     def _watch(self, seat: int, process: Future[int], job: Future[T], told: Connection) -> T:
-        """The result of a job; ends its process if the job failed, because the process may have died, or is late."""
+        """Wait for the result of a job, in a thread of `watchers`, and free the seat.
+
+        `process` answers with the number of the worker's process once that has started; `told` is this process's copy
+        of the pipe for progress. If the job raises an error, dies with its process or takes too long, its process is
+        ended. Raises the job's error, `BrokenProcessPool` with how the process ended, or `OutOfTimeError`.
+        """
         worker = None
         try:
             number = process.result()  # the time to start the process does not count
@@ -181,7 +203,7 @@ class Processes(Executor):
             try:
                 return job.result(self.limit)  # not `wait`, which sleeps on where the end of the run cancels the job
             except TimeoutError:
-                if job.done():
+                if job.done():  # the job itself raised it
                     raise
                 with suppress(ProcessLookupError):
                     os.kill(number, signal.SIGKILL)
@@ -190,7 +212,7 @@ class Processes(Executor):
             raise BrokenProcessPool("the worker was ended") from error
         except BrokenProcessPool as error:
             self._end(seat, wait=False)
-            raise BrokenProcessPool(_end_of(worker)) from error
+            raise BrokenProcessPool(_ending_in_words(worker)) from error
         except BaseException:
             self._end(seat, wait=False)
             raise
@@ -203,17 +225,19 @@ class Processes(Executor):
         if seat not in self.pools:
             return None
         pool, _, _ = self.pools[seat]
-        workers = getattr(pool, "_processes", None) or {}  # by number; the pool has no public list of them
-        return next(iter(workers.values()), None)
+        workers = getattr(pool, "_processes", None)  # by number; the pool has no public list of them
+        if not workers:
+            return None
+        return next(iter(workers.values()), None)  # the process may end at this moment, and leave the dictionary empty
 
     def _end(self, seat: int, wait: bool) -> None:
         """End the worker of a seat, if it has one; its process ends when its pipe, the leash, is closed."""
-        entry = self.pools.pop(seat, None)
-        if entry:
-            pool, leash, told = entry
-            leash.close()
-            told.close()
-            pool.shutdown(wait, cancel_futures=True)
+        if seat not in self.pools:
+            return
+        pool, leash, told = self.pools.pop(seat)
+        leash.close()
+        told.close()
+        pool.shutdown(wait, cancel_futures=True)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End every worker, even one that runs a job."""
@@ -222,7 +246,7 @@ class Processes(Executor):
         self.watchers.shutdown(wait)
 
 
-def _end_of(worker: BaseProcess | None) -> str:
+def _ending_in_words(worker: BaseProcess | None) -> str:
     """How a worker process ended, in words."""
     if worker is None:
         return "it could not be started"
@@ -235,18 +259,20 @@ def tell(label: str, done: int, total: int) -> None:
 
     The first and the last step are told in any case, steps between them at most every `TELL_EVERY` seconds.
     """
+    if not _told:  # this process is no worker that was started here
+        return
     now = time.monotonic()
     is_between = 0 < done < total
     told_lately = now - _told_at.get(label, -math.inf) < TELL_EVERY
-    if not _told or (is_between and told_lately):
+    if is_between and told_lately:
         return
     _told_at[label] = now
     with suppress(OSError):  # the other process has ended
         _told[0].send((label, done, total))
 
 
-def _heard(connection: Connection, show: Show) -> None:
-    """Show what a worker tells, until it ends: tuples of label, done, total."""
+def _show_progress_of_worker(connection: Connection, show: Show) -> None:
+    """Show what a worker tells, tuples of label, done and total, until the worker ends."""
     from bench.codec import ended_bars  # here: a worker imports this module before it may import PyTorch
 
     with suppress(EOFError, OSError), ended_bars(show) as show_in_bars:
@@ -259,20 +285,24 @@ def _show_nothing(label: str, done: int, total: int) -> None:
     """A `Show` that shows nothing."""
 
 
-def _prepare(threads: int, gpu: dict[str, str], leash: Connection, told: Connection) -> None:
-    """Prepare a worker process: set environment variables before NumPy and PyTorch are imported and read them."""
+def _prepare_worker(threads: int, gpu: dict[str, str], leash: Connection, told: Connection) -> None:
+    """Prepare a worker process, before its first job; also starts the thread that ends it with its parent.
+
+    Sets environment variables before NumPy and PyTorch are imported and read them. `gpu` is the one that gives the
+    process its GPU, by name and value; empty without a GPU.
+    """
     os.environ.update(dict.fromkeys(THREAD_COUNTS, str(threads)) | gpu)
-    os.environ[EXPENDABLE] = "1"
+    os.environ[EXPENDABLE] = "1"  # codecs of other distributions are imported here without a trial
     _told.append(told)
 
-    def follow() -> None:
+    def end_with_parent() -> None:
         """End this process when the parent closes its end of the pipe, or dies."""
         try:
-            leash.poll(None)
+            leash.poll(None)  # returns at the end of the pipe, since nothing is ever sent
         finally:
             os._exit(1)
 
-    threading.Thread(target=follow, daemon=True).start()
+    threading.Thread(target=end_with_parent, daemon=True).start()
 
 
 def _gpus(count: int, device: str) -> list[dict[str, str]]:
@@ -283,13 +313,13 @@ def _gpus(count: int, device: str) -> list[dict[str, str]]:
     variable = VISIBLE.get(device)
     if variable is None:
         raise InputError(f"--jobs {count}: no variable gives a process its own {device}: leave --jobs out")
-    chosen = os.environ.get(variable)
-    if chosen is None:
+    visible = os.environ.get(variable)  # names of GPUs, with commas between
+    if visible is None:
         import torch
 
         names = [str(index) for index in range(torch.get_device_module(device).device_count())]
     else:
-        names = [name.strip() for name in chosen.split(",") if name.strip()]
+        names = [name.strip() for name in visible.split(",") if name.strip()]
     if len(names) < count:
         raise InputError(f"--jobs {count}: each job needs its own GPU, and there are {len(names)}: give fewer jobs")
     return [{variable: name} for name in names[:count]]

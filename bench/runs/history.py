@@ -21,8 +21,9 @@ _START_TIME = "%Y%m%dT%H%M%S.%f"
 def load_runs(paths: str | PathLike[str] | Iterable[str | PathLike[str]]) -> pd.DataFrame:
     """The jobs of one or several runs, given their folders or files of records (`.jsonl`). `InputError` if a path holds
     no run; warns of lines that cannot be read."""
-    several = [paths] if isinstance(paths, str | PathLike) else list(paths)
-    runs = {str(path): load_run(str(path)) for path in several}
+    if isinstance(paths, str | PathLike):
+        paths = [paths]
+    runs = {str(path): load_run(str(path)) for path in paths}
     for path, run in runs.items():
         if run.unreadable:
             lines = ", ".join(map(str, run.unreadable))
@@ -31,7 +32,7 @@ def load_runs(paths: str | PathLike[str] | Iterable[str | PathLike[str]]) -> pd.
     for path, run in runs.items():
         rows += [dict(_fields(path, run, job)) for job in run.jobs]
     frame = pd.DataFrame(rows)
-    if "started" in frame:
+    if "started" in frame:  # a frame without jobs has no columns
         frame["started"] = pd.to_datetime(frame["started"], format=_START_TIME, utc=True, errors="coerce")
     return frame
 
@@ -39,8 +40,11 @@ def load_runs(paths: str | PathLike[str] | Iterable[str | PathLike[str]]) -> pd.
 def _fields(path: str, run: Run, job: Job) -> Iterator[tuple[str, Any]]:
     """The columns of a job by name: the run (in the folder or file `path`), the machine, its record and timing, its
     fit."""
-    starts = [start for start in run.starts if start.get("run") == job.get("run")]
-    start = starts[0] if starts else RunStart()  # files of published records may lack it
+    start = RunStart()  # the start of the job's run; files of published records may lack it
+    for each in run.starts:
+        if each.get("run") == job.get("run"):
+            start = each
+            break
     packages = start.get("packages", {})
     fit = job.get("fit_key", FitKey())
     yield "folder", path

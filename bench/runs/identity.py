@@ -34,8 +34,8 @@ _distributions = cache(packages_distributions)
 def identity(codec: Codec, *more: str) -> FitKey:
     """`code`, a hash of the source that a fit of this codec runs and of `more` modules, and `libraries`, the versions
     of what it imports."""
-    classes = list(type(codec).__mro__)
-    if codec.network:
+    classes = list(type(codec).__mro__)  # the codec's class and all that it inherits from
+    if codec.network is not None:  # the class that trains the network which the codec shares over materials
         classes += codec.network.__mro__
     roots = {each.__module__ for each in classes if each is not object}
     roots |= {*ALWAYS, *more}
@@ -46,7 +46,7 @@ def identity(codec: Codec, *more: str) -> FitKey:
 
 @cache
 def _identity(roots: frozenset[str]) -> FitKey:
-    """`code` and `libraries` as in `identity`: of these modules, and what they import of their packages and `bench`."""
+    """`code` and `libraries` as in `identity`, for the modules `roots`."""
     own_packages = {root.partition(".")[0] for root in roots} | {"bench"}
     sources, libraries = _reached(roots, own_packages)
     # Sorted, so that the hash does not depend on the order in which modules are reached.
@@ -62,7 +62,8 @@ def _identity(roots: frozenset[str]) -> FitKey:
 def _reached(roots: Iterable[str], own_packages: set[str]) -> tuple[dict[str, str], set[str]]:
     """A digest by name of each module that the roots import, directly or through others, and the libraries they import.
 
-    `own_packages` are the top-level packages whose modules are read even if they are installed.
+    A library is an installed distribution, by the name of its package: it counts by its version, so its modules are not
+    read. `own_packages` are the top-level packages whose modules are read even if they are installed.
     """
     sources: dict[str, str] = {}
     libraries: set[str] = set()
@@ -70,7 +71,7 @@ def _reached(roots: Iterable[str], own_packages: set[str]) -> tuple[dict[str, st
     while waiting:
         name = waiting.pop()
         top = name.partition(".")[0]
-        if name in sources or top in sys.stdlib_module_names:
+        if name in sources or top in sys.stdlib_module_names:  # it is read already, or belongs to Python
             continue
         if top not in own_packages and _is_library(top):
             libraries.add(top)
@@ -100,7 +101,7 @@ def _is_library(top: str) -> bool:
 
 
 class _Source(NamedTuple):
-    """What counts of a module's file."""
+    """What counts of a module's source for the identity of a codec."""
 
     digest: str  # of its syntax
     imported: tuple[str, ...] = ()  # the modules that it may import
@@ -109,11 +110,11 @@ class _Source(NamedTuple):
 
 @cache
 def _source(path: Path, module: str) -> _Source:
-    """What counts of a module's file, which is read but not run."""
+    """What counts of the file of the module of that name, which is read but not run."""
     content = path.read_bytes()
     try:
         tree = ast.parse(content)
-    except (SyntaxError, ValueError):  # compiled
+    except (SyntaxError, ValueError):  # compiled, such as a .so: its imports are not known
         return _Source(hashlib.sha256(content).hexdigest())
     nodes = list(ast.walk(tree))  # walked only once, because that is what takes the time
     by_name = any(isinstance(node, ast.Call) and _called(node) in BY_NAME for node in nodes)
@@ -126,10 +127,12 @@ def _source(path: Path, module: str) -> _Source:
 
 
 def _called(call: ast.Call) -> str:
-    """The name of the called function or method; "" if it has none."""
+    """The name of the called function or method; "" if it has none, as in `f()()`."""
     if isinstance(call.func, ast.Attribute):
         return call.func.attr
-    return call.func.id if isinstance(call.func, ast.Name) else ""
+    if isinstance(call.func, ast.Name):
+        return call.func.id
+    return ""
 
 
 @cache
@@ -138,9 +141,9 @@ def _file(module: str) -> Path | None:
 
     A top-level module is found as Python finds it, and modules inside it by their place in its folder.
     """
-    loaded = getattr(sys.modules.get(module), "__file__", None)
-    if loaded:
-        return Path(loaded)
+    file_of_imported = getattr(sys.modules.get(module), "__file__", None)
+    if file_of_imported:
+        return Path(file_of_imported)
     top, *parts = module.split(".")
     top_file = _top_file(top)
     if top_file is None:
@@ -170,13 +173,18 @@ def _top_file(top: str) -> Path | None:
         return None
     if spec.origin and spec.has_location:
         return Path(spec.origin)
-    folders = list(spec.submodule_search_locations or ())  # of a package without __init__.py
-    return Path(folders[0]) / "__init__.py" if folders else None
+    if spec.submodule_search_locations:  # a package without __init__.py
+        folder, *_ = spec.submodule_search_locations
+        return Path(folder) / "__init__.py"
+    return None
 
 
 def _imported(nodes: list[ast.AST], module: str, path: Path) -> Iterator[str]:
     """The modules that a module may import anywhere in its source, except those that only a type checker sees."""
-    package = module if path.name == "__init__.py" else module.rpartition(".")[0]
+    if path.name == "__init__.py":  # the module is a package itself
+        package = module
+    else:
+        package, _, _ = module.rpartition(".")
     guards = [node for node in nodes if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)]
     only_for_types: set[int] = set()  # the identities of the nodes within a guard
     for guard in guards:
@@ -198,12 +206,12 @@ def _imported(nodes: list[ast.AST], module: str, path: Path) -> Iterator[str]:
                 parts.append(node.module)
             base = ".".join(parts)
             yield base
-            for alias in node.names:
+            for alias in node.names:  # a module of that name in the package or, often, a function, which has no file
                 yield f"{base}.{alias.name}"
 
 
 def _everything_in(top: str) -> Iterator[str]:
-    """The name of every module of a package; nothing for a module that is one file."""
+    """The name of every module of a package; nothing for a module that is one file, or not found."""
     top_file = _top_file(top)
     if top_file is None or top_file.name != "__init__.py":
         return
@@ -217,6 +225,7 @@ def _everything_in(top: str) -> Iterator[str]:
 @cache
 def _version(top: str) -> str | None:
     """The version of the distribution that a top-level package belongs to; None if it is not installed."""
+    # Several distributions may hold parts of one package: the first by name stands for all.
     for distribution in sorted(set(_distributions().get(top, ()))):
         try:
             return version(distribution)

@@ -17,7 +17,7 @@ import platform
 import re
 import traceback
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
 
@@ -28,7 +28,7 @@ from bench.codec import Codec, Progress, TrainedNetwork, ended_bars, settings_di
 from bench.codecs import container, loading, shared
 from bench.codecs.command import Programs
 from bench.codecs.encoding import fit_to_file, new_fit
-from bench.codecs.registry import called, codec_entries, from_outside, make_codec
+from bench.codecs.registry import codec_entries, codec_in_words, from_outside, make_codec
 from bench.codecs.seeds import seed_of
 from bench.demand import fitting, require_demand
 from bench.files import atomic
@@ -39,11 +39,11 @@ from bench.machine.process_state import restored_process_state
 from bench.records import Facts, FitKey, Job, Point, fields
 from bench.runs import lock
 from bench.runs.drawing import sparse_truth
-from bench.runs.evaluation import Keep, drawing, evaluate, score_key
+from bench.runs.evaluation import evaluate, score_key, store_drawing
 from bench.runs.identity import identity
-from bench.runs.provenance import machine, stamp
+from bench.runs.provenance import machine, revision_and_time
 from bench.runs.suite import Task
-from bench.runs.workbench import Opening, Workbench, opened
+from bench.runs.workbench import Opening, Workbench, open_workbench
 from bench.training import stored_texture
 
 log = logging.getLogger(__name__)
@@ -64,13 +64,17 @@ class Outcome:
 
 def work(task: Task, show: Progress = silent) -> Outcome:
     """Run one job. A failure becomes a record with its error; an error that fails every job raises `InputError`."""
-    if not lock.reaches(task.folder, task.run):  # the worker is on another host, which lacks the folder
-        raise lock.unseen(task.folder, f"on {platform.node()}")
+    if not lock.can_use_folder(task.folder, task.run):  # the worker is on another host, which lacks the folder
+        raise lock.error_of_unseen_folder(task.folder, f"on {platform.node()}")
     try:
-        what = Opening(
+        opening = Opening(
             task.run, task.material, task.data, task.repetition, task.metrics, task.demand, scorers=task.scorers
         )
-        with ended_bars(show) as show_in_bars, opened(what, show_in_bars) as workbench, restored_process_state():
+        with (
+            ended_bars(show) as show_in_bars,  # a bar that an error leaves unfinished is ended, too
+            open_workbench(opening, show_in_bars) as workbench,
+            restored_process_state(),  # a codec may change the process, which the next job uses
+        ):
 
             def show_of_job(label: str, done: int, total: int) -> None:
                 """Show the progress of this job under its name."""
@@ -84,7 +88,7 @@ def work(task: Task, show: Progress = silent) -> Outcome:
         raise
 
 
-def failed(task: Task, error: str, more: Job | None = None) -> Outcome:
+def failed_outcome(task: Task, error: str, more: Job | None = None) -> Outcome:
     """The outcome of a job that failed, with the text of its error, and `more` fields of its record."""
     record: Job = {**task.base, "status": "failed", "error": error}
     if more:
@@ -92,13 +96,15 @@ def failed(task: Task, error: str, more: Job | None = None) -> Outcome:
     return Outcome(record)
 
 
-def attributed(task: Task, error: str) -> str:
+def error_with_origin(task: Task, error: str) -> str:
     """An error in words; begins with codec and distribution if the codec comes from another distribution than this.
 
     Users then see whose code it was.
     """
     name = task.codec.codec
-    return f"{called(codec_entries()[name])}: {error}" if from_outside(name) else error
+    if not from_outside(name):
+        return error
+    return f"{codec_in_words(codec_entries()[name])}: {error}"
 
 
 @dataclass
@@ -111,10 +117,12 @@ class Attempt:
 
     @cached_property
     def codec(self) -> Codec:
+        """The codec with the job's settings. `InputError` if it cannot be made."""
         return make_codec(self.task.codec.codec, self.task.codec.settings)
 
     @property
     def seed(self) -> int:
+        """The seed of the fit, which differs by material, codec and repetition."""
         return seed_of(self.workbench.btf.name, self.codec.name, self.task.repetition)
 
     @cached_property
@@ -123,7 +131,7 @@ class Attempt:
         if self.codec.network is None:
             return None
         if not self.task.network:
-            raise shared.missing(self.codec.name)
+            raise shared.missing_network(self.codec.name)
         return shared.find(self.codec.name, self.task.folder / self.task.network)
 
     @cached_property
@@ -141,7 +149,7 @@ class Attempt:
             "threads": self.task.threads,
             "torch": torch.__version__,
         }
-        key |= identity(self.codec)
+        key |= identity(self.codec)  # `code` and `libraries`
         # Absent where a codec has no such thing, so that the keys of all other codecs stay as they were.
         if self.network:
             key["shared"] = self.network.sha256
@@ -162,16 +170,20 @@ class Attempt:
 
     @property
     def checkpoint(self) -> Path:
+        """Where an unfinished fit keeps its state, beside the codec file."""
         return (self.task.folder / self.file).with_suffix(FRESH_STATE if self.task.fresh else STATE)
 
-    @property
-    def keep(self) -> Keep:
-        return partial(keep, self.task.folder)
+    def store(self, name: str, content: dict[str, Any]) -> str:
+        """Store content that is too large for the record in the run's folder; returns the name."""
+        return store_content(self.task.folder, name, content)
 
     def run(self) -> Outcome:
         """Encode, decode and score, or find that this is done. `MissingDataError` if data are missing."""
+        earlier = self.task.earlier
+        if earlier is None:
+            earlier = Job()
         try:
-            return self._outcome(self.task.earlier or Job())
+            return self._outcome(earlier)
         except (MissingDataError, KeyboardInterrupt):  # neither says that the job would fail again
             raise
         except BaseException as error:  # errors, even `sys.exit`, are recorded and shown, and decide the exit code
@@ -192,8 +204,8 @@ class Attempt:
         if isinstance(error, CodecError | PluginError):  # its message names the codec or the plug-in already
             text = str(error)
         else:
-            text = attributed(self.task, f"{type(error).__name__}: {error}")
-        return failed(self.task, text, more)
+            text = error_with_origin(self.task, f"{type(error).__name__}: {error}")
+        return failed_outcome(self.task, text, more)
 
     def _outcome(self, earlier: Job) -> Outcome:
         """The record of an earlier run if it still holds; else a new one, of an earlier run's file or of a new fit."""
@@ -201,57 +213,63 @@ class Attempt:
             return Outcome(earlier, "record")
         header, fit_facts = self._file_and_facts()
         key = score_key(self.workbench, header)
-        if earlier.get("score_key") == key:
+        if earlier.get("score_key") == key:  # nothing that its numbers depend on has changed
             return Outcome(earlier, "record")
         record: Job = {**self.task.base, "fit_key": self.fit_key, "machine": machine()}
         record |= fit_facts
-        record |= {"status": "ok", "score_key": key, "file": self.file, "scored": stamp()}
-        record |= self._scored(header)
-        return Outcome(record, "file" if fit_facts["fit_cached"] else "")
+        record |= {"status": "ok", "score_key": key, "file": self.file, "scored": revision_and_time()}
+        record |= self._scores_and_drawing(header)
+        if fit_facts["fit_cached"]:
+            return Outcome(record, "file")
+        return Outcome(record)
 
     def _would_fail_again(self, earlier: Job) -> bool:
-        """Whether nothing that a failed job depends on has changed. A codec that could not be made has no key."""
-        return "fit_key" not in earlier or earlier["fit_key"] == self.fit_key
+        """Whether nothing that a failed job depends on has changed since."""
+        if "fit_key" not in earlier:  # the codec could not be made with these settings
+            return True
+        return earlier["fit_key"] == self.fit_key
 
-    def _scored(self, header: container.Header) -> Job:
-        """What scoring the file adds to the record; of the first seed also what a page draws."""
+    def _scores_and_drawing(self, header: container.Header) -> Job:
+        """The fields that scoring the file adds to the record; of the first seed also those of what a page draws."""
         file = loading.load(header.path, self.task.device, self.network)
-        scores = evaluate(self.workbench, file, self.task.threads, self.keep, self.show)
+        scores = evaluate(self.workbench, file, self.task.threads, self.store, self.show)
         if self.task.repetition:  # only the first seed has pictures
             return scores
         # A drawing is recorded on the CPU, whose results are the same on each machine.
         if is_gpu(self.task.device):
             file = loading.load(header.path, "cpu", self.network)
-        self._keep_truth()
-        return scores | drawing(file, self.keep)
+        self._store_truth()
+        return scores | store_drawing(file, self.store)
 
-    def _keep_truth(self) -> None:
+    def _store_truth(self) -> None:
         """Store what a page needs to draw the material's truth live, once a material, if it is small enough."""
         name = f"drawings/truth-{self.workbench.btf.fingerprint[:16]}.npz"
-        if (self.task.folder / name).exists():
+        if (self.task.folder / name).exists():  # another job on this material has stored it
             return
         try:
             program = sparse_truth(self.workbench.btf)
         except Exception as error:  # a drawing for the report must not cost the job
             log.warning("%s: its truth is not drawn: %s", self.workbench.btf.name, error)
             return
-        if program:
-            self.keep(name, program.arrays())
+        if program is not None:  # None: it is too large for a page
+            self.store(name, program.arrays())
 
     def _file_and_facts(self) -> tuple[container.Header, Job]:
         """The codec file and the facts of its fit: from an earlier run with the same key, else encoded now."""
         path = self.task.folder / self.file
         if not self.task.fresh and path.exists():
-            reusable = self._reusable(path)
-            if reusable:
-                return reusable
+            header_and_facts = self._reusable_file(path)
+            if header_and_facts is not None:
+                return header_and_facts
         header, facts = self._fit(path)
-        self.keep(str(Path(self.file).with_suffix(FACTS)), dict(facts))  # a file without its facts is never reused
+        # The facts come after the file, and a file without its facts is never reused.
+        self.store(str(Path(self.file).with_suffix(FACTS)), dict(facts))
         self.checkpoint.unlink(missing_ok=True)
         return header, _facts_of_record(facts, cached=False)
 
-    def _reusable(self, path: Path) -> tuple[container.Header, Job] | None:
-        """An existing codec file and the facts of its fit; None, with a warning, if it is not from this job."""
+    def _reusable_file(self, path: Path) -> tuple[container.Header, Job] | None:
+        """The header of an existing codec file and the facts of its fit; None, with a warning, if it is not from this
+        job, which is then fitted again."""
         try:
             header = container.read_header(path)
             facts = json.loads(path.with_suffix(FACTS).read_text("utf-8"))
@@ -292,7 +310,7 @@ class Attempt:
             "sha256": header.sha256,
             "fit_seconds": seconds,
             "history": cast(list[Point], fit.history),
-            "fitted": stamp(self.codec.name),
+            "fitted": revision_and_time(self.codec.name),
         }
 
 
@@ -308,13 +326,16 @@ def _facts_of_record(facts: Facts, cached: bool) -> Job:
     return record
 
 
-def keep(folder: Path, name: str, content: dict[str, Any]) -> str:
-    """Store content that is too large for a record in a run's folder, as .npz or .json; returns the name."""
-    with atomic.replacing(folder / name) as partial_file:
+def store_content(folder: Path, name: str, content: dict[str, Any]) -> str:
+    """Store content that is too large for a record in a run's folder; returns the name.
+
+    The name's ending says how: .json for values of JSON, .npz for arrays by name.
+    """
+    with atomic.replacing(folder / name) as unfinished:
         if name.endswith(".json"):
-            partial_file.write_text(json.dumps(content, allow_nan=False), encoding="utf-8")
+            unfinished.write_text(json.dumps(content, allow_nan=False), encoding="utf-8")
         else:
-            with open(partial_file, "wb") as file:
+            with open(unfinished, "wb") as file:
                 np.savez_compressed(file, **content)
     return name
 
@@ -327,8 +348,12 @@ def _raise_where_no_job_can_help(error: BaseException) -> None:
     if error.errno in (errno.EACCES, errno.EPERM):  # a cache that may not be written is needed by every job
         hopeless = Path(str(error.filename)).is_relative_to(atomic.cache_dir())
     if hopeless:
-        place = f"{error.filename}: " if error.filename else ""
-        remedy = "choose another $NEUBTF_CACHE or --out" if error.errno == errno.EROFS else "make room"
+        place = ""
+        if error.filename:
+            place = f"{error.filename}: "
+        remedy = "make room"
+        if error.errno == errno.EROFS:  # a disk that is read only
+            remedy = "choose another $NEUBTF_CACHE or --out"
         raise InputError(
             f"{place}cannot be written on {platform.node()} ({error.strerror}): {remedy}, then give the same command "
             "again: finished jobs are kept"

@@ -35,7 +35,7 @@ from bench.inputs.errors import InputError
 from bench.machine.threads import torch_threads
 from bench.material import Material
 from bench.records import ARTEFACT, Job, SceneModel, field_names
-from bench.runs.evaluation import conditions, evaluate, score_key, scored
+from bench.runs.evaluation import conditions, evaluate, record_of_scores, score_key
 from bench.runs.workbench import Workbench
 
 log = logging.getLogger(__name__)
@@ -78,20 +78,34 @@ def encode(
         raise InputError(f"bench.encode: give a BTF, not {_wrong_type(btf)}: bench.open(name) opens one")
     if isinstance(codec, Codec) and settings:
         raise InputError(f"encode: codec {codec.name} already has its settings: give {min(settings)} when you make it")
-    instance = codec if isinstance(codec, Codec) else make_codec(codec, settings)
-    scene_demand = load_demand(Path(demand)) if demand else None
-    if scene_demand and not instance.scene:
+    instance = _codec_instance(codec, settings)
+    scene_demand = _load_demand_if_given(demand)
+    if scene_demand is not None and not instance.scene:
         raise InputError("encode: a demand is for a fit to its scene: give scene=True, too, or leave out demand")
-    encode_parts = fitting.encode_of(instance, scene_demand)
+    encode_parts = fitting.encode_of(instance, scene_demand)  # fits to the scene where there is one
     network = shared.find_for(instance)
     train = btf.subset(btf.split().train)
     refuse_extremes(train)
-    text = negative(np.stack(list(some_slices(train))))
-    if text:
-        log.warning("%s: %s", btf.name, text)
+    warning = negative(np.stack(list(some_slices(train))))  # on negative radiance, in words; "" if there is none
+    if warning:
+        log.warning("%s: %s", btf.name, warning)
     container.refuse_other_file(Path(out))
     fit = new_fit(instance, train, seed, network, device=device, threads=threads, show=show)
     return fit_to_file(instance, train, fit, Path(out), naming_faults(instance, encode_parts)).header
+
+
+def _codec_instance(codec: str | Codec, settings: dict[str, Any]) -> Codec:
+    """A codec as it is or, for a name, the codec of that name with some settings."""
+    if isinstance(codec, Codec):
+        return codec
+    return make_codec(codec, settings)
+
+
+def _load_demand_if_given(file: str | Path | None) -> Demand | None:
+    """The demand that a file holds; None without a file."""
+    if not file:
+        return None
+    return load_demand(Path(file))
 
 
 @dataclass(frozen=True)
@@ -115,7 +129,8 @@ class SceneFit:
         """The verdict in one line, such as "The scene model takes 60% of the bytes: …"."""
         found = self.found
         if not found.met:
-            verdict = f"The target is not reached; this is the {'scene' if found.scene else 'full'} model"
+            kind = "full" if found.scene is None else "scene"
+            verdict = f"The target is not reached; this is the {kind} model"
         elif found.scene is None:
             verdict = f"This is the full model: {found.why}"
         else:
@@ -141,15 +156,19 @@ def encode_for_scene(
     The full model is fitted first; the rest as in `encode`. `InputError` says what is wrong with the demand or the
     codec.
     """
-    instance = codec if isinstance(codec, Codec) else make_codec(codec, settings)
-    demand = scene.demand if isinstance(scene.demand, Demand) else load_demand(Path(scene.demand))
+    instance = _codec_instance(codec, settings)
+    if isinstance(scene.demand, Demand):
+        demand = scene.demand
+    else:
+        demand = load_demand(Path(scene.demand))
     wanted = fitting.Goal(scene.psnr, scene.flip)
     container.refuse_other_file(Path(out))
     network = shared.find_for(instance)
-    shared.refuse(network, btf)  # `new_fit` refuses it, too, but only after the frames are rendered
+    shared.refuse_training_material(network, btf)  # `new_fit` refuses it, too, but only after the frames are rendered
     scorer = FrameScorer(table_of(btf), demand, show)
+    # The search calls this for each of its fits.
     fit = partial(new_fit, instance, btf, seed, network, device=device, threads=threads, show=show)
-    training = btf.split().train
+    training = btf.split().train  # indices of pairs
     held_out = btf.subset(np.setdiff1d(np.arange(len(btf)), training))
     with tempfile.TemporaryDirectory() as folder, torch_threads(threads):
         search = fitting.Search(instance, btf.subset(training), scorer, fit, Path(folder), scene.uniform)
@@ -185,39 +204,49 @@ def score(
     if not isinstance(decoded, str | os.PathLike | Material | BTF):
         given = f"not {_wrong_type(decoded)}: arrays become a BTF by bench.from_arrays(radiance, wo, wi)"
         raise InputError(f"bench.score: give a codec file, a folder, a material or a BTF, {given}")
-    workbench = Workbench(btf, btf.name, demand=load_demand(Path(demand)) if demand else None)
+    workbench = Workbench(btf, btf.name, demand=_load_demand_if_given(demand))
     if isinstance(decoded, str | os.PathLike) and not Path(decoded).is_dir():
         loaded = loading.load(Path(decoded), device)
-        _same_size(str(decoded), loaded.material.size, btf)
+        _require_same_size(str(decoded), loaded.material.size, btf)
         figures: Job = {"codec": loaded.header.codec, "score_key": score_key(workbench, loaded.header)}
-        figures |= evaluate(workbench, loaded, threads, lambda name, content: name, show)
+        figures |= evaluate(workbench, loaded, threads, _store_nothing, show)
     else:
         name, material = _material(decoded, btf)
         if demand and isinstance(material, SlicesMaterial):
             raise InputError(f"{name}: slices cannot be scored in a scene, which needs more pairs: leave out demand")
         figures = {"codec": name, "settings": {}, "bytes": {}, "score_key": conditions(workbench)}
-        figures |= scored(workbench, material, name, threads, lambda name, content: name, show)
-    kept_files = field_names(ARTEFACT)  # a run keeps these files, `score` does not
-    return cast(Job, {name: value for name, value in figures.items() if name not in kept_files})
+        figures |= record_of_scores(workbench, material, name, threads, _store_nothing, show)
+    names_of_files = field_names(ARTEFACT)  # fields that name files, which a run stores and `score` does not
+    return cast(Job, {name: value for name, value in figures.items() if name not in names_of_files})
+
+
+def _store_nothing(name: str, content: dict[str, Any]) -> str:
+    """In place of what stores large content: `score` writes no files."""
+    return name
 
 
 def _wrong_type(value: object) -> str:
-    """A value of a wrong type, for a message."""
-    return repr(value) if isinstance(value, str) else f"an object of type {type(value).__name__}"
+    """A value of a wrong type in words, for a message: a text itself, of any other value the type."""
+    if isinstance(value, str):
+        return repr(value)
+    return f"an object of type {type(value).__name__}"
 
 
 def _material(decoded: str | Path | Material | BTF, btf: BTF) -> tuple[str, Material]:
     """The name and the material of what has no codec file: a material, or slices as a BTF or in a folder."""
     if isinstance(decoded, Material):
         name = type(decoded).__name__
-        _same_size(name, decoded.size, btf)
+        _require_same_size(name, decoded.size, btf)
         return name, decoded
-    slices = decoded if isinstance(decoded, BTF) else open_btf(decoded)
-    _same_size(slices.name, slices.shape, btf)
+    if isinstance(decoded, BTF):
+        slices = decoded
+    else:
+        slices = open_btf(decoded)
+    _require_same_size(slices.name, slices.shape, btf)
     return slices.name, SlicesMaterial(slices, btf)
 
 
-def _same_size(name: str, size: tuple[int, int], btf: BTF) -> None:
+def _require_same_size(name: str, size: tuple[int, int], btf: BTF) -> None:
     """Raise `InputError` unless what was decoded has the texels of the BTF."""
     if size != btf.shape:
         decoded = " × ".join(map(str, size))
@@ -230,13 +259,16 @@ def _same_size(name: str, size: tuple[int, int], btf: BTF) -> None:
 def pretrain(
     network: SharedNetwork, fit: Fit, path: Path, materials: int = MATERIALS, added: Sequence[BTF] = ()
 ) -> container.Header:
-    """Train a network on the first `materials` variations and on the BTFs in `added`, and write its file; `fit.history`
-    is its curve, the PSNR on `UNSEEN`. The default needs no data, so everybody can make the same file. `InputError` if
-    there is no material to train on."""
+    """Train a network on the first `materials` variations and on the BTFs in `added`, and write its file to `path`.
+
+    A network is what a codec shares over materials; a variation is a random material, rendered here. Appends to
+    `fit.history` the curve of training: the PSNR on the variations `UNSEEN`. The default needs no data, so everybody
+    can make the same file. `InputError` if there is no material to train on.
+    """
     if materials < 0 or materials + len(added) < 1:
         raise InputError(f"a network needs at least one training material, not {materials}")
     numbers = fit.progress([*range(materials), *UNSEEN], "rendering materials to train on")
-    btfs = [load_variation(number) for number in numbers]
+    btfs = [load_variation(number) for number in numbers]  # those to train on, then the unseen ones
     fit = dataclasses.replace(fit, unseen=btfs[materials:])
     with torch_threads(fit.threads):
         return shared.make(network, [*btfs[:materials], *added], fit, path)

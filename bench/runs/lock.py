@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 
 FILE = "lock"
 RENEWED_EVERY = 10.0  # seconds
-STALE_AFTER = 60.0
+STALE_AFTER = 60.0  # seconds
 
 
 @contextmanager
@@ -35,7 +35,7 @@ def locked(folder: Path, run: str) -> Iterator[None]:
     `InputError` names the holder, or says why the folder cannot be written. A lock that another host took over
     meanwhile, because this process was suspended, is left to it.
     """
-    with writable(folder, "choose another --out"):
+    with writable(folder, "choose another --out"):  # turns an error of writing into an `InputError` with this remedy
         folder.mkdir(parents=True, exist_ok=True)
         file = _acquire(folder, run)
     done = threading.Event()
@@ -57,13 +57,13 @@ def locked(folder: Path, run: str) -> Iterator[None]:
         os.close(file)
 
 
-def reaches(folder: Path, run: str) -> bool:
+def can_use_folder(folder: Path, run: str) -> bool:
     """Whether this process sees the locked folder of a run and may write there. Workers of a cluster may not."""
     return _holder(folder / FILE).get("run") == run and os.access(folder, os.W_OK)
 
 
-def unseen(folder: Path, worker: str) -> InputError:
-    """The error of a worker that `reaches` refuses."""
+def error_of_unseen_folder(folder: Path, worker: str) -> InputError:
+    """The error of a worker that `can_use_folder` refuses."""
     return InputError(
         f"{folder}: not seen by the worker {worker}, or not writable there: put --out on a file system that every "
         "worker sees"
@@ -99,7 +99,7 @@ def _acquire(folder: Path, run: str) -> int:
                 return file
         except BlockingIOError:
             os.close(file)
-            raise InputError(_busy(folder, _holder(folder / FILE))) from None
+            raise InputError(_busy_message(folder, _holder(folder / FILE))) from None
         except BaseException:
             os.close(file)
             raise
@@ -112,29 +112,33 @@ def _refuse_if_alive(folder: Path, kept_by_kernel: bool) -> None:
     `kept_by_kernel`: we hold the kernel's lock, so no process of this host does.
     """
     holder = _holder(folder / FILE)
-    if not holder:
+    if not holder:  # nobody signed the lock
         return
     if holder.get("host") == platform.node():
-        alive = not kept_by_kernel and _runs(int(holder["process"]))
+        alive = not kept_by_kernel and _process_runs(int(holder["process"]))
     else:
         # How long ago it was renewed, both times by the clock of the file system, because clocks of two hosts differ.
-        with tempfile.TemporaryFile(dir=folder) as now:
-            alive = os.fstat(now.fileno()).st_mtime - os.stat(folder / FILE).st_mtime < STALE_AFTER
+        with tempfile.TemporaryFile(dir=folder) as made_now:
+            now = os.fstat(made_now.fileno()).st_mtime
+            renewed = os.stat(folder / FILE).st_mtime
+        alive = now - renewed < STALE_AFTER
     if alive:
-        raise InputError(_busy(folder, holder))
+        raise InputError(_busy_message(folder, holder))
     log.warning("%s: the lock of %s is taken over, because its process is gone", folder, _in_words(holder))
 
 
 def _holder(path: Path) -> dict[str, Any]:
-    """The holder that the lock names; empty if nobody signed it."""
+    """The process that the lock's file names: `process`, its number, `host`, `run` and `since`; empty if none does."""
     try:
         holder = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
-    return holder if isinstance(holder, dict) and {"process", "host", "run"} <= holder.keys() else {}
+    if not isinstance(holder, dict) or not {"process", "host", "run"} <= holder.keys():  # not signed by a run
+        return {}
+    return holder
 
 
-def _runs(process: int) -> bool:
+def _process_runs(process: int) -> bool:
     """Whether a process of this machine still runs, perhaps one of another user."""
     try:
         os.kill(process, 0)  # signal 0 ends nothing: it only asks whether the process can be reached
@@ -148,7 +152,9 @@ def _in_words(holder: dict[str, Any]) -> str:
     return f"process {holder['process']} on {holder['host']}, since {holder.get('since')}"
 
 
-def _busy(folder: Path, holder: dict[str, Any]) -> str:
+def _busy_message(folder: Path, holder: dict[str, Any]) -> str:
     """The message that a run still uses the folder, and which process it is, if known."""
-    who = _in_words(holder) if holder else "another process"
+    who = "another process"
+    if holder:
+        who = _in_words(holder)
     return f"{folder}: another run uses this folder ({who}): wait for its end, stop it, or choose another --out"

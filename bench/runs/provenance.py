@@ -59,8 +59,10 @@ def _package_of(codec: str) -> Path | None:
     spec = find_spec(entry.module.partition(".")[0])
     if spec is None:
         return None
-    # The file of a module or of a package's `__init__.py`; the folders of a package without one.
-    for place in (spec.origin, *(spec.submodule_search_locations or ())):
+    places = [spec.origin]  # the file of a module or of a package's `__init__.py`; None for a package without one
+    if spec.submodule_search_locations:  # the folders of a package
+        places += spec.submodule_search_locations
+    for place in places:
         if place and Path(place).exists():
             return Path(place)
     return None
@@ -72,7 +74,7 @@ def _revision_of(folder: Path) -> str | None:
 
 
 def _git(folder: Path, *words: str) -> str | None:
-    """What a command of git prints in a folder; None if it fails."""
+    """What a command of git prints in a folder; None if it fails, as outside a checkout."""
     try:
         done = subprocess.run(["git", "-C", str(folder), *words], capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
@@ -93,14 +95,17 @@ def processor() -> str:
     return platform.machine()  # Linux names the model on x86 only
 
 
-def stamp(codec: str = "") -> dict[str, str | None]:
-    """The revision of the suite and the current time, for results that later runs may reuse; of a fit also `codec`, the
-    revision of its codec's own repository, if it has one."""
-    stamped = {"git": revision(), "at": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"}
-    revision_of_codec = codec_revision(codec) if codec else None
-    if revision_of_codec:
-        stamped["codec"] = revision_of_codec
-    return stamped
+def revision_and_time(codec: str = "") -> dict[str, str | None]:
+    """Git's revision of the suite (`git`) and the current time (`at`), for results that later runs may reuse.
+
+    With the name of a `codec`, also `codec`, the revision of its own repository, if it has one.
+    """
+    stamp = {"git": revision(), "at": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"}
+    if codec:
+        revision_of_codec = codec_revision(codec)
+        if revision_of_codec is not None:
+            stamp["codec"] = revision_of_codec
+    return stamp
 
 
 def machine() -> Machine:

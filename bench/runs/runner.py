@@ -19,7 +19,7 @@ from pathlib import Path
 from bench import records, timing
 from bench.codec import REMARK, Codec, Progress, silent
 from bench.codecs import container, shared
-from bench.codecs.command import Programs, permit
+from bench.codecs.command import Programs, permit_program
 from bench.codecs.registry import from_outside, make_codec
 from bench.codecs.scene_material import without_warnings
 from bench.data.spec import MaterialSpec
@@ -31,9 +31,9 @@ from bench.machine.threads import cores
 from bench.records import Job, Run, RunStart, Timing
 from bench.runs import lock
 from bench.runs.estimate import Effort, Estimate
-from bench.runs.evaluation import recorded
+from bench.runs.evaluation import material_of_job
 from bench.runs.executors import Seats, Workers, in_process, processes, tell
-from bench.runs.job import FRESH_STATE, STATE, Outcome, attributed, failed, work
+from bench.runs.job import FRESH_STATE, STATE, Outcome, error_with_origin, failed_outcome, work
 from bench.runs.provenance import provenance
 from bench.runs.suite import CodecSpec, Suite, Task, canonical
 from bench.runs.workbench import demand_of
@@ -59,7 +59,10 @@ class Options:
 
 
 def run(suite: Suite, options: Options) -> Iterator[Outcome]:
-    """Run every job of a suite; yields each outcome after its record is on the disk."""
+    """Run every job of a suite, then time the decoders; yields each outcome after its record is on the disk.
+
+    `InputError` if the suite, its demand or the folder cannot be used; a job that fails only has a record of its error.
+    """
     suite = canonical(suite)
     codecs, faults = _make_codecs(suite)  # bad settings stop here
     for codec in codecs:
@@ -69,7 +72,7 @@ def run(suite: Suite, options: Options) -> Iterator[Outcome]:
         demand_of(run_id, str(Path(suite.demand).absolute()))  # a bad demand file stops here
     with lock.locked(options.folder, run_id):
         _tidy(options.folder)
-        networks = _networks(codecs, options.folder)
+        networks = _write_networks(codecs, options.folder)
         try:
             open_workers = _workers(suite, options)
             with open_workers() as workers:
@@ -90,10 +93,10 @@ def _require_folder(workers: Workers, folder: Path, run_id: str) -> None:
     """
     if workers.everywhere is None:
         return
-    reaches_of_worker = workers.everywhere(lock.reaches, folder, run_id)
+    reaches_of_worker = workers.everywhere(lock.can_use_folder, folder, run_id)
     without_folder = [worker for worker, reaches in reaches_of_worker.items() if not reaches]
     if without_folder:
-        raise lock.unseen(folder, ", ".join(without_folder[:5]))
+        raise lock.error_of_unseen_folder(folder, ", ".join(without_folder[:5]))
 
 
 def _make_codecs(suite: Suite) -> tuple[list[Codec], dict[str, str]]:
@@ -107,20 +110,24 @@ def _make_codecs(suite: Suite) -> tuple[list[Codec], dict[str, str]]:
             faults[spec.label] = str(error)
             continue
         if isinstance(codec, Programs):  # only permitted programs are started; whoever gives the suite permits its own
-            permit(codec.settings.decode)
+            permit_program(codec.settings.decode)
         codecs.append(codec)
     return codecs, faults
 
 
 def _workers(suite: Suite, options: Options) -> Seats:
-    """By default this process, or a worker process if a codec of another distribution might crash."""
-    if options.workers:
+    """The function that opens the workers of a run: the one of the options, if they have one.
+
+    Else jobs run in this process, or in one worker process if a codec is of another distribution: it might crash.
+    """
+    if options.workers is not None:
         return options.workers
-    outside = any(from_outside(spec.codec) for spec in suite.codecs)
-    return partial(processes, count=1, threads=suite.threads) if outside else in_process
+    if any(from_outside(spec.codec) for spec in suite.codecs):
+        return partial(processes, count=1, threads=suite.threads)
+    return in_process
 
 
-def _networks(codecs: list[Codec], folder: Path) -> dict[str, str]:
+def _write_networks(codecs: list[Codec], folder: Path) -> dict[str, str]:
     """For codecs that share one network over all materials, the network's file in the run's folder, by codec.
 
     Writes these files: workers read them, and a folder that is copied elsewhere can still be decoded. Networks that are
@@ -133,7 +140,7 @@ def _networks(codecs: list[Codec], folder: Path) -> dict[str, str]:
             trained = shared.find_for(codec)
         except MissingDataError:
             continue  # each of its jobs fails with this reason
-        if trained:
+        if trained is not None:  # None: the codec shares no network
             networks[name] = f"files/{shared.hashed_name(name, trained.sha256)}"
             atomic.write(folder / networks[name], trained.path.read_bytes())
     return networks
@@ -159,24 +166,39 @@ class _Session:
         self.run_id = run_id
         self.networks = networks
         self.workers = workers
-        self.before = records.load_run(options.folder) if (options.folder / records.FILE).exists() else Run(Path())
-        bad = self.before.unreadable
+        self.before = self._records_before()
+        # In the order of the suite; a cell is a material, a codec and a seed.
+        self.tasks = [self._task(material, codec, seed) for material, codec, seed in suite.cells]
+        self.done: dict[str, Job] = {}  # jobs that have a file, by name
+
+    def _records_before(self) -> Run:
+        """The records of earlier runs in the folder, with a warning if lines are damaged; a run without any if there
+        are none."""
+        path = self.options.folder / records.FILE
+        if not path.exists():
+            return Run(Path())
+        before = records.load_run(self.options.folder)
+        bad = before.unreadable  # numbers of lines
         if bad:
             lines = ", ".join(map(str, bad[:10]))
             if len(bad) > 10:
                 lines += ", …"
-            path = options.folder / records.FILE
             log.warning("%s: skipped %d line(s) that are not records: %s", path, len(bad), lines)
-        self.tasks = [self._task(*cell) for cell in suite.cells]  # in the order of the suite
-        self.done: dict[str, Job] = {}  # jobs that have a file, by name
+        return before
 
     def _task(self, material: MaterialSpec, codec: CodecSpec, repetition: int) -> Task:
         """The task of one cell of the suite, with absolute paths: a worker may have another working directory."""
         suite = self.suite
         options = self.options
         place = Path(material.path)
-        if material.path and place.exists():
+        if material.path and place.exists():  # other paths lie under `NEUBTF_DATA`, and built-in materials have none
             material = dataclasses.replace(material, path=str(place.absolute()))
+        demand = ""
+        if suite.demand:
+            demand = str(Path(suite.demand).absolute())
+        scorers: int | None = suite.threads
+        if self.workers.at_once == 1:  # the only job may score on all cores
+            scorers = None
         task = Task(
             run=self.run_id,
             folder=options.folder.absolute(),
@@ -185,21 +207,23 @@ class _Session:
             codec=codec,
             repetition=repetition,
             threads=suite.threads,
-            demand=str(Path(suite.demand).absolute()) if suite.demand else "",
+            demand=demand,
             uniform=suite.uniform,
             metrics=suite.metrics,
             device=options.device,
-            scorers=None if self.workers.at_once == 1 else suite.threads,
+            scorers=scorers,
             fresh=options.fresh,
             network=self.networks.get(codec.codec, ""),
         )
         return dataclasses.replace(task, earlier=self._earlier(task.name))
 
     def _earlier(self, name: str) -> Job | None:
-        """The latest record of a job, if it may still hold."""
+        """The latest record of a job, if it may still hold; None if the job is to be done again in any case."""
         options = self.options
         record = self.before.job(name)
-        if record is None or options.fresh or (record["status"] == "failed" and options.retry_failed):
+        if record is None or options.fresh:
+            return None
+        if record["status"] == "failed" and options.retry_failed:
             return None
         if record["status"] == "ok" and not (options.folder / record["file"]).exists():
             return None
@@ -227,7 +251,11 @@ class _Session:
             if outcome.record["status"] == "ok":
                 self.done[outcome.record["job"]] = outcome.record
             estimate.ended(outcome.record, outcome.cached)
-            self.options.show(f"jobs{REMARK}{estimate.left}" if estimate.left else "jobs", count, len(self.tasks))
+            label = "jobs"
+            time_left = estimate.left  # "" while it cannot be told
+            if time_left:
+                label += f"{REMARK}{time_left}"
+            self.options.show(label, count, len(self.tasks))
             yield dataclasses.replace(outcome, progress=estimate.progress)
 
     def _outcomes(self, faults: dict[str, str]) -> Iterator[Outcome]:
@@ -240,12 +268,14 @@ class _Session:
         for task in in_order:
             fault = faults.get(task.codec.label)
             if fault:
-                yield failed(task, fault)
+                yield failed_outcome(task, fault)
             else:
                 runnable.append(task)
         self.workers.show_with(self.options.show)
-        call = partial(work, show=self.options.show if self.workers.here else tell)
-        yield from _with_restarts(runnable, self.workers, call)
+        show: Progress = tell  # from another process, to this one
+        if self.workers.here:
+            show = self.options.show
+        yield from _with_restarts(runnable, self.workers, partial(work, show=show))
 
     def time(self) -> None:
         """Time the decoders of each material in turns, and write the records.
@@ -257,23 +287,27 @@ class _Session:
             log.warning("no decoder is timed, because there is no GPU here: %s", remedy)
             return
         for material in self.suite.materials:
-            jobs: dict[str, Job] = {}
+            jobs: dict[str, Job] = {}  # by label
             for task in self.tasks:
                 if task.material.name == material.name and task.name in self.done:
                     jobs.setdefault(task.codec.label, self.done[task.name])
-            if jobs:
-                show = partial(self._show, material.name)
-                timed = list(jobs.values())
-                for record in timings(self.options.folder, timed, self.options.device, self.suite.threads, show):
-                    records.append(self.options.folder, record | {"run": self.run_id})
+            if not jobs:
+                continue
+            show = partial(self._show_timing, material.name)
+            timed = list(jobs.values())
+            for record in timings(self.options.folder, timed, self.options.device, self.suite.threads, show):
+                records.append(self.options.folder, record | {"run": self.run_id})
 
-    def _show(self, material: str, label: str, done: int, total: int) -> None:
+    def _show_timing(self, material: str, label: str, done: int, total: int) -> None:
         """Show the progress of timing, with the name of the material before the label."""
         self.options.show(f"{material}: {label}", done, total)
 
 
 def _with_restarts(tasks: list[Task], workers: Workers, call: Callable[[Task], Outcome]) -> Iterator[Outcome]:
-    """The outcome of each task as it ends; restarts a task that lost its worker, up to `MOST_LOSSES` times."""
+    """The outcome of each task as it ends: what `call` answers for it in a worker.
+
+    A task that loses its worker starts again, until it has lost `MOST_LOSSES` workers.
+    """
     waiting = deque(tasks)
     running: dict[Future[Outcome], Task] = {}
     try:
@@ -300,7 +334,7 @@ def _outcome(task: Task, future: Future[Outcome]) -> Outcome:
     """The answer of a worker; a failed outcome if the worker died. `InputError` if the run cannot continue."""
     try:
         return future.result()
-    except InputError:
+    except InputError:  # each further job would fail alike
         raise
     except CancelledError:
         raise InputError("the scheduler is gone: start it again, then give the same command") from None
@@ -308,7 +342,7 @@ def _outcome(task: Task, future: Future[Outcome]) -> Outcome:
         why = f"{MOST_LOSSES} workers died while they ran it, one after the other, the last: {error}"
     except Exception as error:  # an error of the executor: those of codecs are in their records
         why = f"{type(error).__name__}: {error}"
-    return failed(task, attributed(task, why))
+    return failed_outcome(task, error_with_origin(task, why))
 
 
 def timings(folder: Path, jobs: list[Job], device: str, threads: int, show: Progress = silent) -> list[Timing]:
@@ -318,22 +352,26 @@ def timings(folder: Path, jobs: list[Job], device: str, threads: int, show: Prog
     decoders are from outside, all are timed in a worker process. If that dies, only those of the suite are timed, in
     this process.
     """
-    ours = [job for job in jobs if not from_outside(job["codec"])]
+    ours = [job for job in jobs if not from_outside(job["codec"])]  # of codecs of this suite
     if len(ours) < len(jobs):
         with processes(count=1, threads=threads) as workers:
             try:
-                return workers.executor.submit(measured, folder, jobs, device, threads).result()
+                return workers.executor.submit(timings_here, folder, jobs, device, threads).result()
             except BrokenExecutor:
                 others = ", ".join(job["job"] for job in jobs if job not in ours)
                 log.warning("not timed, because one of them ended the timing process: %s", others)
-    return measured(folder, ours, device, threads, show)
+    return timings_here(folder, ours, device, threads, show)
 
 
-def measured(folder: Path, jobs: list[Job], device: str, threads: int, show: Progress = silent) -> list[Timing]:
-    """The timing of each job's decoder, measured in this process; also at one texel a query if it can."""
+def timings_here(folder: Path, jobs: list[Job], device: str, threads: int, show: Progress = silent) -> list[Timing]:
+    """The timing of each job's decoder, measured in this process; `folder` is the run's.
+
+    A decoder whose network answers texels can also answer a query by one texel. It is timed so, too, and its record has
+    `ratio_at_one_texel`. Decoders that are other programs are left out.
+    """
     materials = {}
     for job in jobs:
-        material = without_warnings(recorded(folder, job, device))
+        material = without_warnings(material_of_job(folder, job, device))
         if not material.opaque:  # another program answers: its time would be that of exchanging files
             materials[job["job"]] = material
     if not materials:
@@ -341,7 +379,7 @@ def measured(folder: Path, jobs: list[Job], device: str, threads: int, show: Pro
     one_texel_materials = {}  # the same decoders, where they can answer a query by one texel
     for name, material in materials.items():
         at_one_texel = material.at_one_texel()
-        if at_one_texel:
+        if at_one_texel is not None:
             one_texel_materials[name + ONE_TEXEL] = at_one_texel
     timing_of = timing.time_materials(materials | one_texel_materials, threads, show=show)
     timed = []

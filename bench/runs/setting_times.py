@@ -115,19 +115,19 @@ def start_of(suite: Suite, run: str, device: str) -> records.RunStart:
 
 def contestants(suite: Suite, folder: Path, device: str, show: Progress) -> Contestants:
     """Each setting on each surface, decoded from a file of one step in a folder. `InputError` if there is none."""
-    found = dict(decoded(suite, surfaces_of(suite), folder, device, show))
+    found = dict(decoded_settings(suite, surfaces_of(suite), folder, device, show))
     if not found:
         raise InputError(f"suite {suite.name}: none of its settings could be fitted, so none is timed")
     return found
 
 
-def decoded(
+def decoded_settings(
     suite: Suite, surfaces: Sequence[MaterialSpec], folder: Path, device: str, show: Progress
 ) -> Iterator[tuple[tuple[str, str], Material]]:
-    """As `contestants`, one by one and on some surfaces; writes the missing files. What cannot be fitted here is left
-    out, with a warning.
+    """By surface and label, what the file of each setting decodes to, one by one and on some surfaces.
 
-    Also left out, without one, are codecs whose answers come from another program: their time cannot be measured.
+    Fits and writes the files that are missing in `folder`. What cannot be fitted here is left out, with a warning. Also
+    left out, without one, are codecs whose answers come from another program: their time cannot be measured.
     """
     for surface in surfaces:
         btf: BTF | None = None
@@ -138,7 +138,8 @@ def decoded(
             path = folder / "files" / _file_name(suite, surface, codec)
             try:
                 if not path.exists():
-                    btf = btf or open_material(surface, suite.data, show, path_tracer=load_path_tracer)
+                    if btf is None:  # opened once a surface, and only if a file is missing
+                        btf = open_material(surface, suite.data, show, path_tracer=load_path_tracer)
                     library.encode(btf, codec, path, threads=suite.threads)
                 material = without_warnings(loading.load(path, device).material)
             except InputError as error:
@@ -153,6 +154,7 @@ def decoded(
 def _file_name(suite: Suite, surface: MaterialSpec, codec: Codec) -> str:
     """The name of a setting's file; another codec version, setting or preparation has another."""
     settings = settings_dict(codec)
+    # What the bytes of the file depend on.
     determining = [surface.name, codec.name, codec.version_of(settings), settings, dataclasses.asdict(suite.data)]
     digest = hashlib.sha256(json.dumps(determining, sort_keys=True).encode()).hexdigest()
     return f"{surface.name}-{codec.name}-{digest[:12]}{container.SUFFIX}"
@@ -182,8 +184,8 @@ def _round(materials: Contestants, entries: dict[tuple[str, int], Entry], thread
     timed: dict[str, Material] = {}
     for (surface, label), material in materials.items():
         timed[f"{surface}/{label}"] = material
-        one_texel_material = material.at_one_texel()
-        if one_texel_material:
+        one_texel_material = material.at_one_texel()  # None unless the codec answers at texels
+        if one_texel_material is not None:
             timed[f"{surface}/{label} at one texel"] = one_texel_material
     timing_of = timing.time_materials(timed, threads, show=show, turns=TURNS)
     for (surface, label), material in materials.items():
@@ -191,8 +193,10 @@ def _round(materials: Contestants, entries: dict[tuple[str, int], Entry], thread
         entry = entries.setdefault((label, flops), Entry(label, flops))
         anywhere = timing_of[f"{surface}/{label}"]
         at_one_texel = timing_of.get(f"{surface}/{label} at one texel")
-        where_scored = at_one_texel or anywhere
+        if at_one_texel is None:
+            where_scored = anywhere
+        else:
+            where_scored = at_one_texel
+            entry.between.append(anywhere.ratios)
         entry.ratios.append(where_scored.ratios)
         entry.samples.append(where_scored.samples)
-        if at_one_texel:
-            entry.between.append(anywhere.ratios)

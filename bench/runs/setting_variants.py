@@ -21,7 +21,7 @@ import torch
 from bench import records, timing
 from bench.codec import Codec, Fit, Progress, settings_dict, silent
 from bench.codecs import shared
-from bench.codecs.encoding import fitted
+from bench.codecs.encoding import fit_codec
 from bench.codecs.registry import make_codec
 from bench.data.open import open_material
 from bench.demand.mitsuba import load_path_tracer
@@ -32,7 +32,7 @@ from bench.material import Material
 from bench.records import Ceiling, Run, RunStart, Timing, load_run
 from bench.records.schema import setting_name
 from bench.runs import lock
-from bench.runs.setting_times import decoded, new_run, start_of, surfaces_of
+from bench.runs.setting_times import decoded_settings, new_run, start_of, surfaces_of
 from bench.runs.suite import CodecSpec, Suite, canonical
 from bench.timing import Queries, native
 from bench.timing.execution import DTYPES, TOLERANCES, Variant, exists_on, is_whole, networks, prepared
@@ -87,9 +87,12 @@ class _Measuring:
         self.clock = clock
         self.show = show
         self.found: list[Timing] = []
-        earlier = load_run(folder) if (folder / records.FILE).exists() else Run(folder)
+        earlier = Run(folder)  # without records
+        if (folder / records.FILE).exists():
+            earlier = load_run(folder)
+        timed_before = {timed["job"] for timed in earlier.timings if timed.get("device") == str(device)}
         # Names of what an earlier process has timed on this device, and of what cannot be timed.
-        self.done = {timed["job"] for timed in earlier.timings if timed.get("device") == str(device)} | self.given_up()
+        self.done = timed_before | self.given_up()
         native_precisions = [precision for precision in DTYPES if _is_native(precision, device)]
         self.ceilings = [ceiling(device, suite.threads, precision) for precision in native_precisions]
         start: RunStart = {**start_of(suite, run, str(device)), "ceilings": self.ceilings}
@@ -101,7 +104,7 @@ class _Measuring:
         Other batches are timed of the first `SWEPT` of these settings that have a network: what a small batch costs
         more is the launches of its layers.
         """
-        usual = timing.batch_on(self.device)
+        usual = timing.batch_on(self.device)  # queries
         # Of one codec the last setting replaces the others: suites list the largest last.
         last_of_each = tuple({spec.codec: spec for spec in self.suite.codecs}.values())
         others = tuple(spec for spec in self.suite.codecs if spec not in last_of_each)
@@ -110,7 +113,7 @@ class _Measuring:
             self.time(spec.label, material, usual)
             if networks(material) and len(swept) < SWEPT:
                 swept.append(spec)
-        self.keep(_fits(self.suite, str(self.device), self.clock, self.done, self.show))
+        self.record(_fits(self.suite, str(self.device), self.clock, self.done, self.show))
         batches = [batch for batch in BATCHES if is_gpu(self.device) or batch <= LARGEST_ON_CPU]
         for spec, material in self.settings(tuple(swept)):
             for batch in batches:
@@ -122,7 +125,7 @@ class _Measuring:
         """Each setting with its material, decoded from a file of one step, while there is time."""
         by_label = {spec.label: spec for spec in specs}
         surface = surfaces_of(self.suite)[:1]
-        files = decoded(replace(self.suite, codecs=specs), surface, self.folder, str(self.device), self.show)
+        files = decoded_settings(replace(self.suite, codecs=specs), surface, self.folder, str(self.device), self.show)
         while not self.clock.over:
             next_file = next(files, None)
             if next_file is None:
@@ -131,7 +134,10 @@ class _Measuring:
             yield by_label[label], material
 
     def time(self, label: str, material: Material, batch: int) -> None:
-        """Time a setting in each variant that is not done, each in turns with the others, and keep the records."""
+        """Time a setting in each variant that is not done, each in turns with the others, and write the records.
+
+        `batch` counts the queries of a call.
+        """
         self.show(f"{label}: executions and precisions", len(self.found), len(self.suite.codecs))
         setting = setting_name(label, material.cost.flops_per_sample)
         missing = {}
@@ -153,7 +159,7 @@ class _Measuring:
             row |= {"of_tolerance": of_tolerance, "limit_ns": _limit(ready, variant, self.ceilings)}
             row |= measured[name].summary()
             rows.append(row)
-        self.keep(rows)
+        self.record(rows)
 
     def compared(
         self, label: str, material: Material, missing: dict[str, Variant], queries: tuple[torch.Tensor, ...]
@@ -169,12 +175,12 @@ class _Measuring:
             atomic.write(tried, name.encode())
             try:
                 ready = prepared(material, variant)
-                compared[name] = _Compared(variant, ready, difference(ready, exact, variant.precision))
+                compared[name] = _Compared(variant, ready, difference_from_exact(ready, exact, variant.precision))
                 ready.query(*queries)
-                finish(self.device)
+                wait_for_gpu(self.device)
             except Exception as error:  # an error in one variant must not lose the times of the others
                 log.warning("%s, %s: not timed: %s", label, variant, " ".join(str(error).split())[:300])
-                finish(self.device)  # after a fault of a GPU everything fails: the next process goes on
+                wait_for_gpu(self.device)  # after a fault of a GPU everything fails: the next process goes on
                 compared.pop(name, None)
             except KeyboardInterrupt:
                 tried.unlink()
@@ -186,7 +192,9 @@ class _Measuring:
         """The variants that ended earlier processes, as a fault of a GPU does: none is tried again."""
         tried = self.folder / TRIED
         list_of_them = self.folder / GIVEN_UP
-        names = list_of_them.read_text(encoding="utf-8").splitlines() if list_of_them.exists() else []
+        names = []
+        if list_of_them.exists():
+            names = list_of_them.read_text(encoding="utf-8").splitlines()
         if tried.exists():  # a process that goes on removes it after each variant
             names.append(tried.read_text(encoding="utf-8"))
             atomic.write(list_of_them, "".join(f"{name}\n" for name in names).encode())
@@ -195,11 +203,11 @@ class _Measuring:
             log.warning("%s: not timed: it ended an earlier process; remove %s to try it again", name, list_of_them)
         return set(names)
 
-    def keep(self, rows: Iterable[Timing]) -> None:
-        """Write records, each as it comes."""
+    def record(self, rows: Iterable[Timing]) -> None:
+        """Write records, each as it comes, and note them as found and done."""
         for row in rows:
-            named: Timing = {**row, "run": self.run}
-            records.append(self.folder, named)
+            row_of_run: Timing = {**row, "run": self.run}
+            records.append(self.folder, row_of_run)
             self.found.append(row)
             self.done.add(row["job"])
 
@@ -234,25 +242,29 @@ def _is_native(precision: str, device: torch.device) -> bool:
     return exists_on(Variant("eager", precision), device) and not native.emulated(precision, device)
 
 
-def finish(device: torch.device) -> None:
-    """Wait until a GPU has done all; raises `RuntimeError` if it has a fault."""
+def wait_for_gpu(device: torch.device) -> None:
+    """Wait until a GPU has done all; raises `RuntimeError` if it has a fault. A CPU has, when a call returns."""
     if is_gpu(device):
         torch.get_device_module(device).synchronize(device)
 
 
 @torch.no_grad()
-def difference(ready: Material, exact: Material, precision: str) -> float:
+def difference_from_exact(ready: Material, exact: Material, precision: str) -> float:
     """The largest difference of answers from float64's, as a multiple of the largest that the precision may have."""
     queries = Queries(CHECKED).draw(exact.size, exact.device)
     answers = ready.query(*queries).double()
     truth = exact.query(*queries).double()
     absolute, relative = TOLERANCES[precision]
     allowed = absolute + relative * float(truth.abs().max())
-    return float((answers - truth).abs().max()) / allowed
+    largest = float((answers - truth).abs().max())
+    return largest / allowed
 
 
 def ceiling(device: torch.device, threads: int, precision: str) -> Ceiling:
-    """The measured rates of a device in a precision; `dtype` names the precision, such as tf32."""
+    """The measured rates of arithmetic and memory of a device in a precision, which the field `dtype` names.
+
+    For the measurement it changes how PyTorch multiplies matrices, and restores it.
+    """
     products = torch.backends.cuda.matmul  # how PyTorch multiplies matrices on a GPU
     before = products.allow_tf32
     products.allow_tf32 = precision == "tf32"  # of the type float32, and so a setting instead of a type
@@ -296,23 +308,28 @@ def _fits(suite: Suite, device: str, clock: Clock, done: set[str], show: Progres
         except InputError as error:
             log.warning("%s: its fit is not timed: %s", spec.label, error)
             continue
-        # In ns. The difference leaves out what a fit takes besides its steps; noise must not make it negative.
-        step = max(1.0, 1e9 * (many_steps - one_step) / FIT_STEPS)
-        row: Timing = {
-            "kind": "timing",
-            "job": name,
-            "label": spec.label,
-            "execution": "fit step",
-            "dtype": "float32",
-            "batch": 1,
-            "threads": suite.threads,
-            "device": device,
-            "queries": "one step",
-            "texture_fetch": True,
-            "ns_per_sample": step,
-            "interval95_ns": [step, step],
-        }
-        yield row | timing.hardware(device)
+        # The difference leaves out what a fit takes besides its steps; noise must not make it negative.
+        step_ns = max(1.0, 1e9 * (many_steps - one_step) / FIT_STEPS)
+        yield _timing_of_step(name, spec.label, step_ns, suite.threads, device)
+
+
+def _timing_of_step(name: str, label: str, step_ns: float, threads: int, device: str) -> Timing:
+    """The record of the time of a fit's step, in the form of a time of a query."""
+    row: Timing = {
+        "kind": "timing",
+        "job": name,
+        "label": label,
+        "execution": "fit step",
+        "dtype": "float32",
+        "batch": 1,
+        "threads": threads,
+        "device": device,
+        "queries": "one step",
+        "texture_fetch": True,
+        "ns_per_sample": step_ns,
+        "interval95_ns": [step_ns, step_ns],  # one measurement has no interval
+    }
+    return row | timing.hardware(device)
 
 
 def _seconds_of_fit(spec: CodecSpec, steps: int, train: Any, device: str, threads: int) -> float:
@@ -320,6 +337,6 @@ def _seconds_of_fit(spec: CodecSpec, steps: int, train: Any, device: str, thread
     codec: Codec = make_codec(spec.codec, spec.settings | {"steps": steps})
     fit = Fit(torch.device(device), threads, network=shared.find_for(codec))
     start = time.perf_counter()
-    fitted(codec, train, fit)
-    finish(torch.device(device))
+    fit_codec(codec, train, fit)
+    wait_for_gpu(torch.device(device))
     return time.perf_counter() - start

@@ -72,7 +72,9 @@ def _label(codec: str, settings: dict[str, Any]) -> str:
     words = [codec]
     for key in sorted(settings):
         value = settings[key]
-        written = str(value).lower() if isinstance(value, bool) else str(value)
+        written = str(value)
+        if isinstance(value, bool):
+            written = written.lower()  # as TOML and the command line write it
         words.append(f"{key}={written}")
     return " ".join(words)
 
@@ -162,8 +164,12 @@ def load_suite(name: str) -> Suite:
 
 
 def parse_suite(name: str, text: str, file: str = "") -> Suite:
-    """Parse a suite from TOML text; errors name it `file`. All is checked before anything is opened."""
-    file = file or f"suite {name}"
+    """Parse a suite from TOML text; errors name it `file`, or `suite NAME` if it is none.
+
+    All is checked before anything is opened.
+    """
+    if not file:
+        file = f"suite {name}"
     entries = parse_toml(file, text)
     # Materials and codecs have forms of their own; all other keys are fields of `Suite`, and converted by their types.
     materials = entries.pop("materials", [])
@@ -175,14 +181,17 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
         name,
         text,
         materials=tuple(_material(f"{file}: materials", entry) for entry in materials),
-        codecs=tuple(_swept(f"{file}: codecs", codecs)),
+        codecs=tuple(_codec_specs(f"{file}: codecs", codecs)),
         **fields(file, Suite, entries, without=("name", "text")),
     )
     labels = [spec.label for spec in suite.codecs]
     names = [spec.name for spec in suite.materials]
-    twice = _twice(labels) or _twice(names)
-    if twice:
-        raise InputError(f"{file}: {twice!r} appears twice: give one of them another name, as {{name = …, path = …}}")
+    for names_of_a_kind in (labels, names):
+        twice = _first_repeated(names_of_a_kind)
+        if twice:
+            raise InputError(
+                f"{file}: {twice!r} appears twice: give one of them another name, as {{name = …, path = …}}"
+            )
     for spec in suite.codecs:
         foreign = set(spec.materials) - set(names)
         if foreign:
@@ -191,7 +200,7 @@ def parse_suite(name: str, text: str, file: str = "") -> Suite:
     return dataclasses.replace(suite, metrics=_metrics(f"{file}: metrics", suite.metrics))
 
 
-def _twice(names: Iterable[str]) -> str:
+def _first_repeated(names: Iterable[str]) -> str:
     """The first name that is given more than once; "" if none is."""
     for name, count in Counter(names).items():
         if count > 1:
@@ -211,7 +220,7 @@ def with_metrics(suite: Suite, names: list[str]) -> Suite:
 
 
 def _metrics(key: str, names: Iterable[str]) -> tuple[str, ...]:
-    """The names without duplicates. `InputError` if one is not the name of a metric."""
+    """The names of metrics without duplicates. `InputError`, which begins with `key`, if one names no metric."""
     try:
         refuse_taken_names()
         return chosen_names(list(names), periodic=False)
@@ -229,28 +238,36 @@ def with_changes(
     has it. With `seed`, it is the only one.
     """
     if materials:
-        known = {spec.name: spec for spec in suite.materials}
-        everywhere = tuple(dataclasses.replace(spec, materials=()) for spec in suite.codecs)
-        chosen_materials = [known.get(name, named(name)) for name in materials]  # others by name or path
-        suite = dataclasses.replace(suite, materials=told_apart(chosen_materials), codecs=everywhere)
+        spec_of_name = {spec.name: spec for spec in suite.materials}
+        chosen_materials = []
+        for name in materials:
+            spec = named(name)  # a built-in material, or a path
+            chosen_materials.append(spec_of_name.get(name, spec))
+        on_all_materials = tuple(dataclasses.replace(spec, materials=()) for spec in suite.codecs)
+        suite = dataclasses.replace(suite, materials=with_distinct_names(chosen_materials), codecs=on_all_materials)
     if codecs:
-        chosen: list[CodecSpec] = []
+        chosen_codecs: list[CodecSpec] = []
         for codec in codecs:
             of_suite = [spec for spec in suite.codecs if spec.codec == codec]
-            chosen += of_suite or [CodecSpec(codec)]
-        suite = dataclasses.replace(suite, codecs=tuple(chosen))
+            if of_suite:
+                chosen_codecs += of_suite
+            else:
+                chosen_codecs.append(CodecSpec(codec))
+        suite = dataclasses.replace(suite, codecs=tuple(chosen_codecs))
     for key, value in changes.items():
-        suite = _change(suite, key, value)
-    return suite if seed is None else dataclasses.replace(suite, seeds=(seed,))
+        suite = _with_change(suite, key, value)
+    if seed is not None:
+        suite = dataclasses.replace(suite, seeds=(seed,))
+    return suite
 
 
-def told_apart(materials: list[MaterialSpec]) -> tuple[MaterialSpec, ...]:
+def with_distinct_names(materials: list[MaterialSpec]) -> tuple[MaterialSpec, ...]:
     """The materials, with the names of folders before equal names: `coin-dirs.lp` and `tablet-dirs.lp`.
 
     Jobs, records and tables know a material by its name alone. `InputError` if one material is given twice.
     """
     paths = [_absolute_path(spec) for spec in materials]  # texts; of a built-in material its name
-    twice = _twice(paths)
+    twice = _first_repeated(paths)
     if twice:
         raise InputError(f"--material {twice}: it is given twice")
     names = [spec.name for spec in materials]
@@ -260,7 +277,7 @@ def told_apart(materials: list[MaterialSpec]) -> tuple[MaterialSpec, ...]:
         for place, path in enumerate(paths):
             if names[place] in ambiguous:
                 names[place] = "-".join(Path(path).parts[-1 - folders :])  # so many folders, and the last part
-    twice = _twice(names)
+    twice = _first_repeated(names)
     if twice:
         raise InputError(f"--material: two materials are named {twice}: rename a folder")
     return tuple(dataclasses.replace(spec, name=name) for spec, name in zip(materials, names, strict=True))
@@ -270,7 +287,10 @@ def _absolute_path(spec: MaterialSpec) -> str:
     """The absolute path of a material's file or folder; the name of a built-in one."""
     if not spec.path:
         return spec.name
-    return os.path.abspath(spec.existing() or spec.path)
+    existing = spec.existing()  # None if the path is neither as written nor under `$NEUBTF_DATA`
+    if existing is None:
+        return os.path.abspath(spec.path)
+    return os.path.abspath(existing)
 
 
 def canonical(suite: Suite) -> Suite:
@@ -297,7 +317,11 @@ def canonical(suite: Suite) -> Suite:
 
 
 def changed_settings(spec: CodecSpec) -> dict[str, Any]:
-    """The settings of a codec that differ from its recipe's defaults, as the codec parses them."""
+    """The settings of a codec that differ from its recipe's defaults, as the codec parses them.
+
+    A recipe is a named set of defaults, such as `recipe=paper`, the settings that were published. A codec that cannot
+    be made keeps the settings as they are given.
+    """
     from bench.codec import RECIPE, settings_dict
 
     recipe = {key: value for key, value in spec.settings.items() if key == RECIPE}
@@ -314,20 +338,20 @@ def changed_settings(spec: CodecSpec) -> dict[str, Any]:
     return {key: parsed[key] for key in spec.settings if chosen.get(key) != default.get(key)}
 
 
-def _change(suite: Suite, key: str, value: str) -> Suite:
+def _with_change(suite: Suite, key: str, value: str) -> Suite:
     """The suite with one setting changed, KEY, CODEC.KEY or data.KEY. `InputError` if it changes nothing."""
     scope, _, name = key.rpartition(".")  # the scope is "", a codec or "data"
     if scope == "data":
         suite = dataclasses.replace(suite, data=changed(suite.data, {key: value}))
-        reasons = [kind_of(spec).ignores(spec, key) for spec in suite.materials]
+        reasons = [kind_of(spec).ignores(spec, key) for spec in suite.materials]  # "" where a material heeds it
         if all(reasons):  # each material ignores it
             raise InputError(f"--set {key}: {reasons[0]}")
         return suite
     codecs = []
-    reached = False
+    reached = False  # whether any codec has the setting
     for spec in suite.codecs:
-        if _has(spec.codec, scope, name):
-            spec = _set(spec, name, value)
+        if _has_setting(spec.codec, scope, name):
+            spec = _with_setting(spec, name, value)
             reached = True
         codecs.append(spec)
     if not reached:
@@ -345,7 +369,9 @@ def _hint(suite: Suite, scope: str, name: str) -> str:
     if scope and scope not in codecs:
         return f": it runs no codec {scope!r}{did_you_mean(scope, [*codecs, 'data'])}"
     setting_keys = {f"data.{field.name}" for field in dataclasses.fields(Preparation)}
-    meant = {scope} if scope else codecs
+    meant = codecs  # without a scope, any codec may be meant
+    if scope:
+        meant = {scope}
     for codec in meant:
         with suppress(CodecError):  # its jobs fail with this error
             setting_keys |= setting_names(load_codec(codec))
@@ -358,7 +384,7 @@ def _hint(suite: Suite, scope: str, name: str) -> str:
 
 def described_changes(suite: Suite, changes: dict[str, str]) -> list[str]:
     """One line for each change of a setting that names the codecs it changes, or the materials that ignore it."""
-    codecs = dict.fromkeys(spec.codec for spec in suite.codecs)
+    codecs = dict.fromkeys(spec.codec for spec in suite.codecs)  # each once, in order
     lines = []
     for key, value in changes.items():
         scope, _, name = key.rpartition(".")
@@ -366,29 +392,33 @@ def described_changes(suite: Suite, changes: dict[str, str]) -> list[str]:
             reasons = [kind_of(spec).ignores(spec, key) for spec in suite.materials]
             lines += [f"--set {key}={value}: {reason}" for reason in reasons if reason]
         else:
-            reached = [codec for codec in codecs if _has(codec, scope, name)]
+            reached = [codec for codec in codecs if _has_setting(codec, scope, name)]
             lines.append(f"--set {key}={value} changes {', '.join(reached)}")
     return lines
 
 
-def _has(codec: str, scope: str, setting: str) -> bool:
-    """Whether a codec of this scope, "" for all, has a setting."""
+def _has_setting(codec: str, scope: str, setting: str) -> bool:
+    """Whether a codec has a setting, and is of this scope: a codec's name, or "" for all codecs."""
     from bench.codec import setting_names
 
+    if scope not in ("", codec):
+        return False
     try:
-        return scope in ("", codec) and setting in setting_names(load_codec(codec))
+        return setting in setting_names(load_codec(codec))
     except CodecError:  # its jobs fail with this error
         return False
 
 
-def _set(spec: CodecSpec, setting: str, value: str) -> CodecSpec:
+def _with_setting(spec: CodecSpec, setting: str, value: str) -> CodecSpec:
     """The entry of a suite with one setting changed, whose value is a word of the command line."""
     from bench.codec import COMMON
 
-    # The codec converts the word. Common settings are attributes of a codec, its own ones those of `settings`.
-    codec = make_codec(spec.codec, {setting: value})
-    owner = codec if setting in COMMON else codec.settings
-    return dataclasses.replace(spec, settings=spec.settings | {setting: getattr(owner, setting)})
+    codec = make_codec(spec.codec, {setting: value})  # which converts the word
+    if setting in COMMON:  # the settings that every codec has are attributes of the codec
+        converted_value = getattr(codec, setting)
+    else:
+        converted_value = getattr(codec.settings, setting)
+    return dataclasses.replace(spec, settings=spec.settings | {setting: converted_value})
 
 
 def _material(where: str, entry: Any) -> MaterialSpec:
@@ -399,7 +429,7 @@ def _material(where: str, entry: Any) -> MaterialSpec:
     return spec
 
 
-def _swept(where: str, entries: list[Any]) -> Iterator[CodecSpec]:
+def _codec_specs(where: str, entries: list[Any]) -> Iterator[CodecSpec]:
     """The codecs of all tables: for each table, one for each combination of its listed values."""
     jobs = 0
     for entry in entries:
@@ -412,10 +442,11 @@ def _swept(where: str, entries: list[Any]) -> Iterator[CodecSpec]:
         swept = {key: value for key, value in settings.items() if isinstance(value, list)}
         lists = [swept.get(key, [value]) for key, value in settings.items()]
         for key, values in zip(settings, lists, strict=True):
-            for value in values:  # a text, true or false, or a number; the codec checks more
-                kind = type(value) if isinstance(value, str | bool) else float
-                converted(f"{where}.{key}", kind, value)
+            for value in values:
+                # Only checked here: a text, true or false, or else a number. The codec checks more.
+                value_type = type(value) if isinstance(value, str | bool) else float
+                converted(f"{where}.{key}", value_type, value)
         jobs += math.prod(map(len, lists))
         _check_jobs(where, jobs)  # before they are made: a short file may ask for billions
-        for chosen in itertools.product(*lists):
-            yield CodecSpec(codec, dict(zip(settings, chosen, strict=True)), tuple(swept), materials)
+        for combination in itertools.product(*lists):
+            yield CodecSpec(codec, dict(zip(settings, combination, strict=True)), tuple(swept), materials)

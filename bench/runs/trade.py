@@ -51,11 +51,11 @@ from bench.records import (
 from bench.records.lines import TRADE, TRADE_FORMAT, load_run, load_trade
 from bench.runs import runner
 from bench.runs.estimate import duration
-from bench.runs.evaluation import Slices, recorded
+from bench.runs.evaluation import Slices, material_of_job
 from bench.runs.provenance import machine
 from bench.runs.suite import CodecSpec, Suite, canonical
 from bench.runs.unfinished import Unfinished, forget
-from bench.runs.workbench import Opening, Workbench, opened
+from bench.runs.workbench import Opening, Workbench, open_workbench
 from bench.timing import Queries, native
 from bench.timing.execution import Variant, exists_on, is_whole, networks, prepared
 from bench.timing.profile import ceiling_calls, limit_ns, profile, rates, roofline
@@ -75,8 +75,11 @@ def run_and_measure(
     noise: bool = False,
     profiles: bool = True,
 ) -> list[str]:
-    """Run a suite, with `tell` called for each outcome, then score and time its choices into `trade.json`; returns the
-    status of each job. For the options see `measure`."""
+    """Run a suite, with `tell` called for each outcome, then score and time its choices into `trade.json`.
+
+    Returns the status of each job: "ok", "failed" or "unavailable". For the options see `measure`.
+    """
+    # What the measurement needs after the run is tried first, so that its errors come before the fits.
     for variant in suite.variants:
         Variant.parse(variant)  # a wrong word stops here
     if noise:
@@ -85,17 +88,19 @@ def run_and_measure(
     states: list[str] = []
     folder = options.folder
     suite = canonical(suite)
-    before = load_run(folder) if (folder / FILE).exists() else Run(folder)
-    options = replace(options, then=_timing(suite, before, options.device, _timed_jobs(suite)))
+    before = Run(folder)  # without records
+    if (folder / FILE).exists():
+        before = load_run(folder)
+    options = replace(options, then=_timing_in_words(suite, before, options.device, _timed_jobs(suite)))
     for outcome in runner.run(suite, options):
         states.append(outcome.record["status"])
         tell(outcome)
     if "ok" in states:
-        measured = load_run(options.folder)
-        options.say(_announced(suite, measured, options.device))
+        run = load_run(options.folder)
+        options.say(_announcement(suite, run, options.device))
         for spec in suite.materials:  # written after each material
-            one = replace(suite, materials=(spec,))
-            result = measure(one, measured, options.device, full, options.show, emulated, noise, profiles)
+            of_material = replace(suite, materials=(spec,))
+            result = measure(of_material, run, options.device, full, options.show, emulated, noise, profiles)
             write(options.folder, merged(load_trade(options.folder), result))
     return states
 
@@ -119,17 +124,10 @@ def measure(
     suite = canonical(suite)  # jobs are recorded under its names
     target = torch.device(device)
     cores = torch.get_num_threads()
-    batches = (*BATCHES, 1 << 20, 1 << 22) if full else BATCHES
-    measured_variants = []
-    left_out = []  # variants that the device has, but only emulates
-    for text in suite.variants:
-        variant = Variant.parse(text)
-        if not exists_on(variant, target):
-            continue
-        if native.emulated(variant.precision, target) and not emulated:
-            left_out.append(text)
-        else:
-            measured_variants.append(text)
+    batches: tuple[int, ...] = BATCHES
+    if full:
+        batches = (*BATCHES, 1 << 20, 1 << 22)
+    measured_variants, left_out = _variants_on(suite, target, emulated)
     suite = replace(suite, variants=tuple(measured_variants))
     ceilings = _ceilings(suite, target, cores)
     result: Trade = {  # `answers`, sentences that a reader wants first, come last
@@ -146,19 +144,20 @@ def measure(
             if job["status"] == "ok":
                 jobs.append(job)
             else:
-                result["choices"].append(_failed(job, device))
+                result["choices"].append(_failed_row(job, device))
         if not jobs:
             continue
-        with opened(Opening("trade", spec, suite.data, suite.seeds[0], suite.metrics), show) as workbench:
+        with open_workbench(Opening("trade", spec, suite.data, suite.seeds[0], suite.metrics), show) as workbench:
             choices = _choices(workbench, jobs, suite, run, device, ceilings, show)
         if noise:
             for row in choices:
                 _add_noise(run, row, show)
         result["choices"] += choices
         if profiles:
-            # Each codec in its entry without a sweep or, if no entry is without, the first job alone.
-            profiled_jobs = [job for job in jobs if _plain(suite, job)] or jobs[:1]
-            profiled = {job["label"]: recorded(run.folder, job, device) for job in profiled_jobs}
+            profiled_jobs = [job for job in jobs if _without_sweep(suite, job)]
+            if not profiled_jobs:  # each entry of the suite is a sweep
+                profiled_jobs = jobs[:1]
+            profiled = {job["label"]: material_of_job(run.folder, job, device) for job in profiled_jobs}
             result["profiles"] += profile(spec.name, profiled, cores, batches)
     lines: list[str] = []
     for spec in suite.materials:
@@ -167,27 +166,44 @@ def measure(
     return result
 
 
+def _variants_on(suite: Suite, device: torch.device, emulated: bool) -> tuple[list[str], list[str]]:
+    """The variants of a suite that are measured on a device, in words, and those that are left out because the device
+    only emulates them; with `emulated` none is. Variants that it does not have are in neither list."""
+    measured_variants = []
+    left_out = []
+    for text in suite.variants:
+        variant = Variant.parse(text)
+        if not exists_on(variant, device):
+            continue
+        if native.emulated(variant.precision, device) and not emulated:
+            left_out.append(text)
+        else:
+            measured_variants.append(text)
+    return measured_variants, left_out
+
+
 def _jobs_of(run: Run, suite: Suite, spec: MaterialSpec) -> list[Job]:
     """The jobs of a suite's codecs on one material, of its first seed, as far as the run has them."""
     jobs = []
     for codec in suite.codecs:
         job = run.job(f"{spec.name}/{codec.label}/{suite.seeds[0]}")
-        if job:
+        if job is not None:  # None: its record is missing
             jobs.append(job)
     return jobs
 
 
-def _announced(suite: Suite, run: Run, device: str) -> str:
-    """How many files are timed now, and about how long."""
-    done = []
+def _announcement(suite: Suite, run: Run, device: str) -> str:
+    """How many files are timed now, and about how long: `5 files to score and time, about 2 min of timing`."""
+    done = []  # names of jobs that have a file
     for name in _timed_jobs(suite):
         job = run.job(name)
-        if job and job["status"] == "ok":
+        if job is not None and job["status"] == "ok":
             done.append(name)
-    return f"{len(done)} file{'s' * (len(done) != 1)} to score and time, {_timing(suite, run, device, done)}"
+    files = f"{len(done)} file{'s' * (len(done) != 1)}"
+    return f"{files} to score and time, {_timing_in_words(suite, run, device, done)}"
 
 
-def _timing(suite: Suite, run: Run, device: str, names: Collection[str]) -> str:
+def _timing_in_words(suite: Suite, run: Run, device: str, names: Collection[str]) -> str:
     """About how long it takes to time these jobs, in words.
 
     A query is expected to take what a run measured before or, where it did not, what it takes with most codecs.
@@ -195,21 +211,29 @@ def _timing(suite: Suite, run: Run, device: str, names: Collection[str]) -> str:
     target = torch.device(device)
     entries = _timed_jobs(suite)
     batch = timing.batch_on(target, BATCH)
-    variants = [Variant.parse(text) for text in suite.variants]
-    usual = 0.0 if is_gpu(target) else USUAL_NS  # a turn on a GPU is the shortest possible
-    timed_variants = []  # besides eager float32
-    for variant in variants:
-        if exists_on(variant, target) and not native.emulated(variant.precision, target):
-            timed_variants.append(variant)
+    timed_variants, _ = _variants_on(suite, target, emulated=False)  # besides eager float32
     seconds = 0.0
     for name in names:
-        job = run.job(name)
-        known = run.timing(job) if job else None
-        ns = known["ns_per_sample"] if known else usual
-        turn_ns = max(timing.SPAN_NS, batch * ns) + timing.SPAN_NS  # a turn of the job, and one of the floor
-        count = 1 if entries[name].swept else 1 + len(timed_variants)  # a sweep is timed in eager float32 alone
-        seconds += 1e-9 * timing.TURNS * turn_ns * count
+        # A turn calls the job's decoder once for `batch` queries, or as often as fill the shortest turn, `SPAN_NS`.
+        turn_ns = max(timing.SPAN_NS, batch * _expected_ns(run, name, target))
+        turn_ns += timing.SPAN_NS  # a turn of the floor
+        contestants = 1 + len(timed_variants)
+        if entries[name].swept:  # it is timed in eager float32 alone
+            contestants = 1
+        seconds += 1e-9 * timing.TURNS * turn_ns * contestants
     return f"about {duration(seconds)} of timing"
+
+
+def _expected_ns(run: Run, name: str, device: torch.device) -> float:
+    """How many ns a query of a job takes: as measured in a run before or, without that, as with most codecs."""
+    job = run.job(name)
+    if job is not None:
+        measured = run.timing(job)
+        if measured is not None:
+            return measured["ns_per_sample"]
+    if is_gpu(device):
+        return 0.0  # a turn on a GPU is the shortest possible
+    return USUAL_NS
 
 
 def _timed_jobs(suite: Suite) -> dict[str, CodecSpec]:
@@ -230,12 +254,15 @@ def merged(earlier: Trade | None, result: Trade) -> Trade:
     """
     choices = result["choices"]
     profiles = result["profiles"]
-    if earlier:
+    if earlier is not None:
         scored = {(row["material"], row["label"], row["device"]) for row in choices}
-        others = [row for row in earlier["choices"] if (row["material"], row["label"], row["device"]) not in scored]
-        choices = [*others, *choices]
+        other_choices = [
+            row for row in earlier["choices"] if (row["material"], row["label"], row["device"]) not in scored
+        ]
+        choices = [*other_choices, *choices]
         profiled = {row["material"] for row in profiles}
-        profiles = [*(row for row in earlier["profiles"] if row["material"] not in profiled), *profiles]
+        other_profiles = [row for row in earlier["profiles"] if row["material"] not in profiled]
+        profiles = [*other_profiles, *profiles]
     lines: list[str] = []
     for name in dict.fromkeys(row["material"] for row in choices):
         lines += answers(name, choices)
@@ -251,12 +278,12 @@ def _ceilings(suite: Suite, device: torch.device, cores: int) -> list[Ceiling]:
 
 
 def write(folder: Path, result: Trade) -> None:
-    """Store the result beside the records, atomically."""
+    """Store the result beside the records, atomically; removes what an unfinished measurement had kept for it."""
     atomic.write(folder / TRADE, json.dumps(result, allow_nan=False).encode())
     forget(folder)
 
 
-def _failed(job: Job, device: str) -> TradeChoice:
+def _failed_row(job: Job, device: str) -> TradeChoice:
     """A row with the error of a job that has no result."""
     return {
         "material": job["material"],
@@ -269,7 +296,7 @@ def _failed(job: Job, device: str) -> TradeChoice:
     }
 
 
-def _plain(suite: Suite, job: Job) -> bool:
+def _without_sweep(suite: Suite, job: Job) -> bool:
     """Whether a job belongs to a codec entry without a sweep; such a job represents its codec."""
     return any(spec.label == job["label"] and not spec.swept for spec in suite.codecs)
 
@@ -293,13 +320,13 @@ def _choices(
     rows: list[TradeChoice] = []
     timed: dict[int, Material] = {}  # by the number of the row
     for job in jobs:
-        material = recorded(run.folder, job, device)
+        material = material_of_job(run.folder, job, device)
         for variant in (Variant(), *_variants(suite, job, material)):
             row = _row(job, variant, device)
             if native.emulated(variant.precision, material.device):
                 row["emulated"] = True
             try:
-                ready = prepared(material, variant)
+                ready = prepared(material, variant)  # the material in that execution and precision
                 if variant == Variant():  # eager float32, in which the run has scored the file
                     row |= _figures_of_run(run, job)
                 else:
@@ -366,7 +393,7 @@ def _add_times(
     kept_turns = unfinished.turns(json.dumps([material_name, conditions, machine(), contestants]))
     of_these_threads = [ceiling for ceiling in ceilings if ceiling["threads"] == threads]
     materials = {str(i): ready for i, ready in timed.items()}
-    measured = _timed(materials, of_these_threads, batch, show, kept_turns)
+    measured = _time_in_turns(materials, of_these_threads, batch, show, kept_turns)
     for i, ready in timed.items():
         times = _times(measured[str(i)])
         least = _limit(ready, ceilings)
@@ -386,12 +413,13 @@ def _times(measured: timing.Timing) -> TradeChoice:
     return cast(TradeChoice, measured.summary())
 
 
-def _timed(
+def _time_in_turns(
     materials: dict[str, Material], ceilings: list[Ceiling], batch: int, show: Progress, kept: KeptTurns
 ) -> dict[str, timing.Timing]:
     """Time materials in turns with each other and with the ceilings, which rise where a turn reaches more."""
-    first = next(iter(materials.values()))
+    first = next(iter(materials.values()))  # its size and device stand for those of all
     queries = Queries(batch).draw(first.size, first.device)
+    # What takes turns, by name: each material, and for each ceiling a matrix product and a copy of memory.
     calls: dict[str, Callable[[], Any]] = {name: partial(each.query, *queries) for name, each in materials.items()}
     for ceiling in ceilings:
         dtype = ceiling["dtype"]
@@ -416,7 +444,7 @@ def _variants(suite: Suite, job: Job, material: Material) -> list[Variant]:
     None for an entry with a sweep, whose many files would take too long. Without a network only the variants that
     change a whole material remain.
     """
-    if not _plain(suite, job):
+    if not _without_sweep(suite, job):
         return []
     variants = [Variant.parse(text) for text in suite.variants]
     if networks(material):
@@ -461,11 +489,13 @@ def _deviation(workbench: Workbench, ours: Material, plain: Material, show: Prog
     """`from_float32`: PSNR against the answers of eager float32, of the deciding slice that differs most; None if none
     differs.
     """
-    our_slice = Slices(workbench, ours, show).slice
-    plain_slice = Slices(workbench, plain, show).slice
+    ours_slices = Slices(workbench, ours, show)
+    plain_slices = Slices(workbench, plain, show)
     exposure = workbench.scorer.exposure
-    worst = max(display_error(our_slice(pair), plain_slice(pair), exposure) for pair in workbench.deciding.tolist())
-    return {"from_float32": as_number(float(decibels(worst)))}
+    errors = []  # mean squared display errors
+    for pair in workbench.deciding.tolist():
+        errors.append(display_error(ours_slices.slice(pair), plain_slices.slice(pair), exposure))
+    return {"from_float32": as_number(float(decibels(max(errors))))}
 
 
 def _figures(job: Job, squared: np.ndarray) -> TradeChoice:
@@ -474,20 +504,26 @@ def _figures(job: Job, squared: np.ndarray) -> TradeChoice:
     `squared` (n,) are the mean squared display errors of the deciding pairs.
     """
     metrics = metrics_of(job)
-    validation = validation_of(job)
-    flip = metric_of(metrics, FLIP)
+    flip_name = metric_of(metrics, FLIP)  # the full name of the FLIP that was measured; "" if none was
+    flip = None
+    if flip_name:
+        flip = metrics[flip_name]["mean"]
     figures: TradeChoice = {
         "psnr": metrics[PSNR]["mean"],
-        "flip": metrics[flip]["mean"] if flip else None,
+        "flip": flip,
         "worst": as_number(float(decibels(squared.max()))),
     }
+    validation = validation_of(job)  # empty if the job was scored at no validation pair
     if validation:
         figures["validation"] = dict(validation)
     return figures
 
 
 def _path_tracer() -> ModuleType:
-    """The module that measures noise. `InputError` if Mitsuba is not installed, or cannot run here."""
+    """The module that measures noise with the path tracer Mitsuba, which is set up for it.
+
+    `InputError` if Mitsuba is not installed, or cannot run here.
+    """
     remedy = "install it, pip install neubtf-bench[mitsuba], or leave out --noise"
     with installed(f"--noise path-traces with Mitsuba 3: {remedy}"):
         from bench.demand.mitsuba import noise, scene
@@ -509,7 +545,7 @@ def _add_noise(run: Run, row: TradeChoice, show: Progress) -> None:
     file = run.folder / job["file"]
     try:
         lobes = fitted(load(file).material, show=show)
-        noises = path_tracer.reached(file, [None, lobes])
+        noises = path_tracer.reached(file, [None, lobes])  # sampling by the cosine, and by the fitted lobes
     except (InputError, RuntimeError) as error:  # the second is Mitsuba's; keep the figures of other files
         row["noise_error"] = " ".join(str(error).split())
         return

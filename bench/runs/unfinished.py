@@ -36,7 +36,7 @@ class Unfinished:
         return self.figures[key].copy()
 
     def turns(self, key: str) -> KeptTurns:
-        """The turns of the timing that the key names."""
+        """The turns that are kept of the timing which the key names, by all that it depends on."""
         return KeptTurns(self.folder / TURNS, key)
 
 

@@ -51,11 +51,11 @@ class Opening:
 
 @dataclass
 class Workbench:
-    """An open material with everything its jobs share. `scorers`: threads that score, by default one per core."""
+    """An open material with everything its jobs share. A pair is known by its index in the BTF."""
 
     btf: BTF
-    name: str
-    scorers: int | None = None
+    name: str  # as the suite calls the material
+    scorers: int | None = None  # threads that score; None: one a core
     demand: Demand | None = None  # of a scene to score in
     most_scored: int = 0  # the most training pairs, and pairs of held-out views and lights, that are scored; 0: all
     metrics: tuple[str, ...] = DEFAULTS  # as a suite names them
@@ -70,10 +70,12 @@ class Workbench:
 
     @cached_property
     def training(self) -> BTF:
+        """The part of the BTF that codecs are fitted to."""
         return self.btf.subset(self.split.train)
 
     @cached_property
     def scorer(self) -> Scorer:
+        """What scores slices against the BTF by the chosen metrics, at one exposure."""
         # The training pairs set the exposure, so a material has the same one for any draw of test pairs.
         names = chosen_names(self.metrics, self.btf.periodic)
         return Scorer(self.btf, names, threads=self.scorers, sampled=self.training)
@@ -81,12 +83,16 @@ class Workbench:
     @cached_property
     def frame_scorer(self) -> FrameScorer | None:
         """The scorer of the scene's frames; None without a demand."""
-        return FrameScorer(table_of(self.btf), self.demand) if self.demand else None
+        if self.demand is None:
+            return None
+        return FrameScorer(table_of(self.btf), self.demand)
 
     @cached_property
     def scene_shares(self) -> np.ndarray | None:
-        """The share (N,) of each pair in the scene's demand."""
-        return pair_shares(self.btf.layout, self.demand) if self.demand else None
+        """The share (N,) of each pair in the scene's demand; None without a demand."""
+        if self.demand is None:
+            return None
+        return pair_shares(self.btf.layout, self.demand)
 
     @cached_property
     def heldout_shares(self) -> np.ndarray | None:
@@ -100,10 +106,13 @@ class Workbench:
         shares = np.zeros(len(self.btf))
         directions = self.btf.wo[pairs], self.btf.wi[pairs]
         shares[pairs] = shares_of_others(self.training.layout, self.demand, *directions)
-        return shares if shares.any() else None
+        if not shares.any():
+            return None
+        return shares
 
     @property
     def exposure(self) -> float:
+        """The factor that brings radiance into the range of a display."""
         return self.scorer.exposure
 
     @cached_property
@@ -137,14 +146,15 @@ class Workbench:
         """
         if self.demand or not self.most_scored:
             return self.groups["all"]
-        sets = [self.groups.get(name, np.empty(0, int)) for name in ("train", "heldout", VALIDATION)]
-        for place, pairs in enumerate(sets):
-            of_training = place == 0
+        scored_of_groups = []
+        for name in ("train", "heldout", VALIDATION):
+            pairs = self.groups.get(name, np.empty(0, int))
             # The BTF's `heldout` is set where test pairs were drawn or declared.
-            may_be_thinned = of_training or self.btf.heldout is None
+            may_be_thinned = name == "train" or self.btf.heldout is None
             if len(pairs) > self.most_scored and may_be_thinned:
-                sets[place] = np.random.default_rng(0).choice(pairs, self.most_scored, replace=False)
-        return np.unique(np.concatenate(sets))
+                pairs = np.random.default_rng(0).choice(pairs, self.most_scored, replace=False)
+            scored_of_groups.append(pairs)
+        return np.unique(np.concatenate(scored_of_groups))
 
     @cached_property
     def sheet(self) -> np.ndarray:
@@ -152,20 +162,25 @@ class Workbench:
         `SHEET_ANGLES`."""
         theta_o, _ = to_degrees(self.btf.wo[self.deciding])
         theta_i, _ = to_degrees(self.btf.wi[self.deciding])
-        angles = np.stack([theta_o, theta_i], 1)
-        nearest = [int(np.linalg.norm(angles - wanted, axis=1).argmin()) for wanted in np.array(SHEET_ANGLES)]
+        angles = np.stack([theta_o, theta_i], 1)  # (pairs that decide, 2)
+        nearest = []  # the place of a pair among those that decide, for each of the wanted angles
+        for wanted in np.array(SHEET_ANGLES):
+            distances = np.linalg.norm(angles - wanted, axis=1)
+            nearest.append(int(distances.argmin()))
         return self.deciding[np.unique(nearest)]
 
     @cached_property
     def shown(self) -> np.ndarray:
         """The pairs (n,) whose slices are stored as pictures: those of `sheet`, then in each step the one that is
         farthest from all before, up to `MOST_STORED`."""
-        places = np.concatenate([self.btf.wo[self.deciding], self.btf.wi[self.deciding]], 1)
-        chosen = [int(i) for i in np.flatnonzero(np.isin(self.deciding, self.sheet))]
-        distance = np.linalg.norm(places[:, None] - places[chosen], axis=2).min(1)  # of each pair to the nearest chosen
-        while len(chosen) < min(MOST_STORED, len(places)):
-            chosen.append(int(distance.argmax()))
-            distance = np.minimum(distance, np.linalg.norm(places - places[chosen[-1]], axis=1))
+        # Pairs that decide as points (pairs, 6), and the numbers of the points that are chosen.
+        points = np.concatenate([self.btf.wo[self.deciding], self.btf.wi[self.deciding]], 1)
+        chosen = [int(number) for number in np.flatnonzero(np.isin(self.deciding, self.sheet))]
+        distance = np.linalg.norm(points[:, None] - points[chosen], axis=2).min(1)  # to the nearest chosen one
+        while len(chosen) < min(MOST_STORED, len(points)):
+            farthest = int(distance.argmax())
+            chosen.append(farthest)
+            distance = np.minimum(distance, np.linalg.norm(points - points[farthest], axis=1))
         return np.sort(self.deciding[np.unique(chosen)])
 
     @cached_property
@@ -174,7 +189,7 @@ class Workbench:
         return np.intersect1d(self.scored, self.groups[deciding_group(self.groups)])
 
 
-_latest: dict[object, Workbench] = {}  # holds one only: a scorer keeps hundreds of megabytes
+_latest: dict[object, Workbench] = {}  # the last one that was opened, no more: a scorer keeps hundreds of megabytes
 _ONE_AT_A_TIME = threading.Lock()  # threads of a process share PyTorch's thread count and the open material
 
 
@@ -185,15 +200,19 @@ def demand_of(run: str, path: str) -> Demand:
 
 
 @contextmanager
-def opened(what: Opening, show: Progress) -> Iterator[Workbench]:
-    """The workbench of a material, for one thread at a time; consecutive jobs on one material share it. Each repetition
-    has its own draw of test pairs, if the material has several."""
+def open_workbench(what: Opening, show: Progress) -> Iterator[Workbench]:
+    """The workbench of a material, for one thread at a time; consecutive jobs on one material share it.
+
+    Each repetition has its own draw of test pairs, if the material has several.
+    """
     draw = draw_of(what.material, what.data, what.repetition)
-    key = replace(what, repetition=draw)
+    key = replace(what, repetition=draw)  # equal for repetitions that have the same test pairs
     with _ONE_AT_A_TIME:
         if key not in _latest:
             _latest.clear()
-            demand = demand_of(what.run, what.demand) if what.demand else None
+            demand = None
+            if what.demand:
+                demand = demand_of(what.run, what.demand)
             btf = open_material(what.material, what.data, show, draw, load_path_tracer)
             if what.data.texels:
                 btf.gather([0], [0], [0])  # writes the scratch file, if there is one, so that no fit's time includes it

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from bench.compare.choosing.budgets import budgets, mean_bytes, shown
+from bench.compare.choosing.budgets import budgets, mean_bytes, mean_test_score
 from bench.records import PSNR
 from reports import columns
 from reports.board.sources import STATES, Publication
@@ -175,7 +175,7 @@ def _places_at_budgets(source: Publication, name: str) -> Iterator[Place]:
             candidates = []
             for line, rungs in result.picks(budget, [material]).items():
                 rung = rungs[material]
-                psnr = shown(rung, PSNR)
+                psnr = mean_test_score(rung, PSNR)
                 if psnr is not None:  # without a score of test pairs there is nothing to compare
                     codec = line.partition(",")[0]  # of a line "codec", or "codec, as published"
                     candidates.append(Candidate(codec, Entry(line, mean_bytes(rung.of), psnr)))

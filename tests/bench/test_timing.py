@@ -7,7 +7,7 @@ import torch
 from bench import timing
 from bench.machine.threads import torch_threads
 from bench.material import DecoderCost, Material
-from bench.runs.runner import measured
+from bench.runs.runner import timings_here
 from bench.timing import BATCH, FLOOR, TURNS, Queries, Timing, calibrated, in_turns, time_materials
 from bench.timing.profile import limit_ns, profile, roofline
 from bench.training.decoder import Architecture, Decoder
@@ -70,8 +70,8 @@ class Texels(Sleeper):
 def test_a_codec_that_answers_texels_is_timed_at_one_of_them_too(monkeypatch, tmp_path):
     monkeypatch.setattr(timing, "TURNS", 2)
     materials = {"texels": Texels(0.004), "plain": Sleeper(0.001)}
-    monkeypatch.setattr("bench.runs.runner.recorded", lambda folder, job, device: materials[job["job"]])
-    found = {each["job"]: each for each in measured(tmp_path, [{"job": name} for name in materials], "cpu", 1)}
+    monkeypatch.setattr("bench.runs.runner.material_of_job", lambda folder, job, device: materials[job["job"]])
+    found = {each["job"]: each for each in timings_here(tmp_path, [{"job": name} for name in materials], "cpu", 1)}
     assert {name: "ratio_at_one_texel" in each for name, each in found.items()} == {"texels": True, "plain": False}
 
 

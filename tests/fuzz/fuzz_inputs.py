@@ -331,7 +331,7 @@ def read_run(folder: Path, sound: Path, share: float) -> None:
 
 def read_trade(folder: Path, share: float) -> None:
     """Whatever a user may ask of a run's trade."""
-    from bench.compare.choosing import Limits, answers, choice_in_words, chosen, nearest, usable
+    from bench.compare.choosing import Limits, answers, best_rung, choice_in_words, nearest, usable_rungs
     from bench.records import load_trade
     from reports import table_text, write_report
 
@@ -341,10 +341,10 @@ def read_trade(folder: Path, share: float) -> None:
         for form in ("text", "markdown", "latex", "csv"):
             table_text(folder, form, "trade")
     elif found := load_trade(folder):
-        rungs = usable(found["choices"], "satin")
+        rungs = usable_rungs(found["choices"], "satin")
         limits = Limits(500_000, 90.0, 25.0)
         if rungs:
-            choice_in_words((chosen(rungs, limits) or nearest(rungs, limits)).of)
+            choice_in_words((best_rung(rungs, limits) or nearest(rungs, limits)).of)
         list(answers("satin", found["choices"]))
 
 
@@ -353,13 +353,13 @@ def job() -> Any:
     """A finished job whose file can be found again."""
     import tempfile
 
-    from bench.runs.job import Attempt, Opening, Task, opened
+    from bench.runs.job import Attempt, Opening, Task, open_workbench
 
     suite = parse_suite("small", SMALL)
     folder = Path(tempfile.mkdtemp(prefix="fuzz-facts-"))
     task = Task("run", folder, suite.materials[0], suite.data, suite.codecs[0], 0, 1)
     what = Opening(task.run, task.material, task.data, task.repetition)
-    workbench = opened(what, lambda *_: None).__enter__()
+    workbench = open_workbench(what, lambda *_: None).__enter__()
     made = Attempt(task, workbench, lambda *_: None)
     made._file_and_facts()
     return made
@@ -381,7 +381,7 @@ def read_facts(made: Any, path: Path) -> None:
     from bench.records import Records, Run, append
     from reports.tables import all_tables
 
-    found = made._reusable(path)
+    found = made._reusable_file(path)
     if found is None:
         raise InputError("fitted again")
     record = next(each for each in records_of_a_run() if each.get("kind") == "job" and each["codec"] == "mean-colour")

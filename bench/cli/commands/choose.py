@@ -20,7 +20,17 @@ from bench.cli.commands import say_line, several, usable_device, workers
 from bench.cli.console import Console
 from bench.codecs import container, shared
 from bench.codecs.loading import load
-from bench.compare.choosing import TIE_DB, Limits, Rung, choice_in_words, chosen, longest_ns, nearest, timed_on, usable
+from bench.compare.choosing import (
+    TIE_DB,
+    Limits,
+    Rung,
+    best_rung,
+    choice_in_words,
+    longest_ns,
+    nearest,
+    timed_on,
+    usable_rungs,
+)
 from bench.data.kinds import kind_of
 from bench.files import atomic
 from bench.inputs.errors import FAILED, FINE, NO, ContainerError, InputError
@@ -76,7 +86,7 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(f"choose: {why}: add `validation = true` to [data]")
     rungs, missing = _measured(folder, suite, options)
     # Fitting takes minutes to hours, so missing settings are fitted only if no measured one will do.
-    if missing and not chosen(rungs, wishes):
+    if missing and not best_rung(rungs, wishes):
         suite = canonical(suite)  # by the names of the records; it loads the codecs
         _, missing = _measured(folder, suite, options)
         if missing:
@@ -86,7 +96,7 @@ def run(options: argparse.Namespace) -> int:
         say_line(f"{material}: nothing could be measured; the reasons are in {folder}")
         return FAILED
     # Say the best, or how near the nearest comes.
-    best = chosen(rungs, wishes, TIE_DB)
+    best = best_rung(rungs, wishes, TIE_DB)
     if best is None:
         nearest_row = nearest(rungs, wishes).of
         time = f" (up to {longest_ns(nearest_row):,.0f}, 95 % interval)" if wishes.time else ""
@@ -211,7 +221,7 @@ def _measured(folder: Path, suite: "Suite", options: argparse.Namespace) -> tupl
             rows.append(row)
     # A setting that failed is not tried again.
     tried = {row["label"] for row in rows if "validation" in row or "error" in row}
-    rungs = usable(rows, material)
+    rungs = usable_rungs(rows, material)
     if options.max_gpu_bytes:
         jobs = {rung.of.get("job", "") for rung in rungs}
         gpu_bytes_of = {job: _gpu_bytes(folder, job) for job in jobs}

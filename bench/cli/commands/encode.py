@@ -13,7 +13,7 @@ from pathlib import Path
 from bench.cli.commands import assignments, read_as, reading_options, seed_option, threads, usable_device
 from bench.cli.console import Console, file_lines
 from bench.codecs import container, shared
-from bench.codecs.encoding import raised
+from bench.codecs.encoding import error_in_words
 from bench.codecs.registry import make_codec
 from bench.data.open import open_named
 from bench.demand import UNIFORM, require_demand
@@ -72,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
         if error.__cause__ is None or isinstance(error.__cause__, InputError):
             raise
         raise EncodeError(
-            f"codec {codec.name} cannot decode {options.out}, its own file: {raised(error, codec)}"
+            f"codec {codec.name} cannot decode {options.out}, its own file: {error_in_words(error, codec)}"
         ) from error
     return code
 

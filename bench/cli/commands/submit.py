@@ -17,7 +17,7 @@ from bench.cli.commands import say_line, several
 from bench.compare.reference import published
 from bench.inputs.errors import FINE, InputError
 from bench.records import load_run
-from bench.runs.archive import chosen, pack
+from bench.runs.archive import jobs_with_results, pack
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +30,7 @@ def run(options: argparse.Namespace) -> int:
     """Pack the archive, and print the text to send with it; returns the exit code."""
     if options.out.suffix != ".zip":
         raise InputError(f"--out {options.out}: the name must end in .zip")
-    run = chosen(load_run(options.run), options.codec)
+    run = jobs_with_results(load_run(options.run), options.codec)
     pack(run, published(run), options.out)
     say_line(f"wrote {options.out}: {len(run.jobs)} jobs, {options.out.stat().st_size:,} bytes")
     # The text to send with it: what it holds, and how to check it.

@@ -60,56 +60,72 @@ class Limits:
         if self.time is not None:  # a rung whose time was not measured misses it by infinity
             misses.append(_time(rung) / self.time - 1)
         if self.gpu is not None:
-            misses.append(math.inf if rung.gpu is None else rung.gpu / self.gpu - 1)
+            miss = math.inf  # of a rung whose bytes were not counted
+            if rung.gpu is not None:
+                miss = rung.gpu / self.gpu - 1
+            misses.append(miss)
         if self.score is not None:
             misses.append((self.score - rung.score) / 10)
         return misses
 
 
-def chosen(rungs: Sequence[Rung], limits: Limits, tie: float = 0.0) -> Rung | None:
+def best_rung(rungs: Sequence[Rung], limits: Limits, tie: float = 0.0) -> Rung | None:
     """The rung that meets the limits with the highest score or, if they ask for a score, with the smallest file.
 
     Ties go to the smaller file, then to the faster query, then to the first. With a `tie`, scores at most so many dB
     below the highest count as equal, and the fastest of these is chosen. None if no rung meets the limits.
     """
-    met = [rung for rung in rungs if max(limits.misses(rung)) <= 0]
+    within_limits = [rung for rung in rungs if max(limits.misses(rung)) <= 0]
     if limits.score is not None:
-        return min(met, key=lambda rung: (rung.size, _time(rung)), default=None)
+        return min(within_limits, key=lambda rung: (rung.size, _time(rung)), default=None)
     if not tie:
-        return min(met, key=lambda rung: (-rung.score, rung.size, _time(rung)), default=None)
-    highest = max((rung.score for rung in met), default=0.0)
-    equal = [rung for rung in met if rung.score >= highest - tie]
+        return min(within_limits, key=lambda rung: (-rung.score, rung.size, _time(rung)), default=None)
+    highest = max((rung.score for rung in within_limits), default=0.0)
+    equal = [rung for rung in within_limits if rung.score >= highest - tie]
     return min(equal, key=lambda rung: (_time(rung), rung.size), default=None)
 
 
 def nearest(rungs: Sequence[Rung], limits: Limits) -> Rung:
     """The rung that misses the limits least, for a message where none meets them."""
-    return min(rungs, key=lambda rung: sum(max(0.0, miss) for miss in limits.misses(rung)))
+
+    def distance(rung: Rung) -> float:
+        """The sum of the shares by which a rung misses the limits that it does not meet."""
+        return sum(max(0.0, miss) for miss in limits.misses(rung))
+
+    return min(rungs, key=distance)
 
 
 def _time(rung: Rung) -> float:
     """The time of a rung to sort by; infinite where it was not measured."""
-    return math.inf if rung.time is None else rung.time
+    if rung.time is None:
+        return math.inf
+    return rung.time
 
 
 def validation_of(job: Job) -> Statistics:
     """The statistics of a job's display PSNR over validation pairs; empty if it was not scored at any."""
-    return stats_of(job, PSNR, VALIDATION) if "scores" in job else {}
+    if "scores" not in job:  # it has no result
+        return {}
+    return stats_of(job, PSNR, VALIDATION)
 
 
 def has_validation(job: Job) -> bool:
     """Whether a job may be chosen: it has a score of validation pairs, and a score of test pairs to show."""
-    return bool(validation_of(job).get("slices")) and deciding_group(job["scores"]) == "heldout"
+    if not validation_of(job).get("slices"):  # the number of validation slices that were scored
+        return False
+    return deciding_group(job["scores"]) == "heldout"
 
 
-def usable(choices: list[TradeChoice], material: str) -> list[Rung]:
+def usable_rungs(choices: list[TradeChoice], material: str) -> list[Rung]:
     """The choices of a material that have scores of validation pairs, as rungs: sizes are in bytes, and times those of
     `longest_ns`."""
     rungs = []
     for row in choices:
+        if row["material"] != material or "error" in row:  # one with an error was not measured
+            continue
         validation = row.get("validation", {})
-        mean = validation.get("mean")
-        if row["material"] == material and "error" not in row and validation.get("slices") and mean is not None:
+        mean = validation.get("mean")  # None if no slice has an error, so that PSNR is infinite
+        if validation.get("slices") and mean is not None:
             rungs.append(Rung(row["bytes"], mean, longest_ns(row), row))
     return rungs
 
@@ -128,9 +144,10 @@ def longest_ns(row: TradeChoice) -> float:
 def fused_times(run: Run) -> dict[str, TradeChoice]:
     """By job: the choice of the run's trade that was timed as one fused kernel in float32, with its time."""
     trade = load_trade(run.folder)
-    choices = trade["choices"] if trade else []
+    if trade is None:  # the run has no trade
+        return {}
     choice_of_job = {}
-    for row in choices:
+    for row in trade["choices"]:
         is_fused = (row["execution"], row["precision"]) == ("fused", "float32")
         if is_fused and "job" in row and "ratio_to_floor" in row:
             choice_of_job[row["job"]] = row
@@ -139,6 +156,7 @@ def fused_times(run: Run) -> dict[str, TradeChoice]:
 
 def gpu_times(run: Run) -> dict[str, Timing]:
     """By label: the timing of each setting on a GPU in float32, in the usual batches, by its quickest execution."""
+    # Only timings of a setting's variants, by `bench.runs.setting_variants`, have the field `of_tolerance`.
     variants = [timing for timing in run.timings if is_gpu(timing["device"]) and "of_tolerance" in timing]
     if not variants:
         return {}
@@ -162,13 +180,14 @@ def usual_batch(variants: Sequence[Timing]) -> int:
 def answers(material: str, choices: list[TradeChoice]) -> Iterator[str]:
     """Sentences that name the best choice by validation pairs, and the fastest and the smallest one within `NEAR_DB` of
     it, with their figures."""
-    rungs = usable(choices, material)
+    rungs = usable_rungs(choices, material)
     if not rungs:
         return
     best = max(rungs, key=lambda rung: rung.score)
     near = [rung for rung in rungs if rung.score >= best.score - NEAR_DB]
     yield f"{material}: the best is {choice_in_words(best.of)}."
     for word, key in (("fast", "ns_per_sample"), ("small", "bytes")):
+        # Of the choices that are near, the one with the least time, or the fewest bytes.
         least = min(near, key=lambda rung: (rung.of[key], rung.of["ns_per_sample"]))
         if least.of[key] != best.of[key]:
             answer = f"the {word}est is {choice_in_words(least.of)}"
@@ -177,13 +196,15 @@ def answers(material: str, choices: list[TradeChoice]) -> Iterator[str]:
         yield f"{material}: within {NEAR_DB} dB of it, {answer}."
 
 
-def named(row: TradeChoice) -> str:
+def name_of_choice(row: TradeChoice) -> str:
     """The name of a choice: the codec's label, and its execution and precision if they are not the default."""
     label = str(row["label"])
-    how = f"{row['execution']} {row['precision']}"
+    variant = f"{row['execution']} {row['precision']}"
     if row.get("emulated"):
-        how += ", emulated"
-    return label if how == "eager float32" else f"{label} [{how}]"
+        variant += ", emulated"
+    if variant == "eager float32":
+        return label
+    return f"{label} [{variant}]"
 
 
 def choice_in_words(row: TradeChoice) -> str:
@@ -191,17 +212,21 @@ def choice_in_words(row: TradeChoice) -> str:
     of_validation = _decibels(row["validation"]["mean"])
     of_test = _decibels(row["psnr"])
     quality = f"{of_validation} on validation pairs, {of_test} on test pairs"
-    return f"{named(row)}: {quality}, {row['bytes']:,} bytes, {row['ns_per_sample']:,.0f} ns a sample"
+    return f"{name_of_choice(row)}: {quality}, {row['bytes']:,} bytes, {row['ns_per_sample']:,.0f} ns a sample"
 
 
 def _decibels(value: float | None) -> str:
-    """A PSNR in words."""
+    """A PSNR in words: "exact" from `MOST_DB` on."""
     if value is None:
         return "no number"
-    return "exact" if value >= MOST_DB else f"{value:.2f} dB"
+    if value >= MOST_DB:
+        return "exact"
+    return f"{value:.2f} dB"
 
 
 def timed_on(row: TradeChoice) -> str:
-    """Which device a choice was timed on, in words."""
+    """The device that a choice was timed on, in words: "the GPU's" or "the CPU's, 1 thread"."""
+    if is_gpu(row["device"]):
+        return "the GPU's"
     threads = row.get("threads", 1)
-    return "the GPU's" if is_gpu(row["device"]) else f"the CPU's, {threads} thread{'s' * (threads != 1)}"
+    return f"the CPU's, {threads} thread{'s' * (threads != 1)}"

@@ -12,7 +12,7 @@ from statistics import fmean
 from typing import NamedTuple, cast
 
 from bench.codecs.alike import obstacles
-from bench.compare.choosing import NEAR_DB, Limits, Rung, chosen, fused_times, has_validation, validation_of
+from bench.compare.choosing import NEAR_DB, Limits, Rung, best_rung, fused_times, has_validation, validation_of
 from bench.compare.paired import AGAINST, against_jobs
 from bench.compare.quantities import average
 from bench.compare.ranks import Ranks, ranks
@@ -36,8 +36,10 @@ class Budget(NamedTuple):
 
     @property
     def limits(self) -> Limits:
-        """This budget as limits of a rung."""
-        return Limits(size=self.most) if self.kind == BYTES else Limits(time=self.most)
+        """This budget as limits of a rung, whose time is that of a query or of a fit: see `rung_of`."""
+        if self.kind == BYTES:
+            return Limits(size=self.most)
+        return Limits(time=self.most)
 
 
 ENOUGH = Budget(BYTES, 32)  # the budget of ranks, and for questions about a single material or metric
@@ -60,14 +62,14 @@ class Budgets:
         Lines without such a rung on each material are left out.
         """
         materials = list(materials)
-        times = self.times.get(budget.kind, {})
+        times = self.times.get(budget.kind, {})  # none for a budget of bytes
         picked: dict[str, dict[str, Rung]] = {}
         for line, by_label in self.rungs.items():
             common = [jobs for jobs in by_label.values() if jobs.keys() >= set(materials)]
             best: dict[str, Rung] = {}
             for name in materials:
-                rung = chosen([rung_of(jobs[name], times) for jobs in common], budget.limits)
-                if rung:
+                rung = best_rung([rung_of(jobs[name], times) for jobs in common], budget.limits)
+                if rung is not None:  # None: no rung fits the budget on this material
                     best[name] = rung
             if best.keys() == set(materials):
                 picked[line] = best
@@ -78,14 +80,13 @@ class Budgets:
 
         In a mean of PSNR a surface counts at most `CAP_DB`.
         """
-        picked = self.picks(budget, materials)
-        known: dict[str, float] = {}
-        for line, rungs in picked.items():
-            mean = average([capped(shown(rung, family), family) for rung in rungs.values()])
-            if mean is not None:
-                known[line] = mean
+        means: dict[str, float] = {}  # by line
+        for line, rungs in self.picks(budget, materials).items():
+            mean = average([capped(mean_test_score(rung, family), family) for rung in rungs.values()])
+            if mean is not None:  # None: the metric was not measured on each of the materials
+                means[line] = mean
         sign = 1 if direction_of(family) == "lower" else -1  # ascending where lower is better, else descending
-        return dict(sorted(known.items(), key=lambda each: sign * each[1]))
+        return dict(sorted(means.items(), key=lambda item: sign * item[1]))
 
     def fewest_bytes(self) -> tuple[Budget, dict[str, float]] | None:
         """The smallest budget of bytes at which a line is within `NEAR_DB` of the best of all budgets, and the mean
@@ -119,7 +120,11 @@ class Budgets:
         """The mean ranks at `ENOUGH` of the lines with a rung on every material."""
         scores = {}
         for line, rungs in self.picks(ENOUGH, self.surfaces).items():
-            scores[line] = [shown(rung, PSNR) or 0.0 for rung in rungs.values()]
+            scores_of_line = []
+            for rung in rungs.values():
+                score = mean_test_score(rung, PSNR)
+                scores_of_line.append(0.0 if score is None else score)  # without a score a line comes last
+            scores[line] = scores_of_line
         return ranks(scores)
 
 
@@ -171,11 +176,11 @@ def _times(run: Run, jobs: Sequence[Job]) -> dict[str, Times]:
             of_settings[job["job"]] = float(timing["ratio_interval95"][1])
 
     seconds_of_fits = {job["job"]: float(job["fit_seconds"]) for job in jobs if job.get("fit_seconds")}
-    times = {
-        EAGER: of_settings or upper(run.timings),
-        FUSED: upper(fused_times(run).values()),
-        FIT: seconds_of_fits,
-    }
+    if of_settings:
+        eager = of_settings
+    else:
+        eager = upper(run.timings)
+    times = {EAGER: eager, FUSED: upper(fused_times(run).values()), FIT: seconds_of_fits}
     return {kind: times_of_kind for kind, times_of_kind in times.items() if times_of_kind}
 
 
@@ -183,7 +188,9 @@ def rung_of(seeds: Sequence[Job], times: Times) -> Rung:
     """The rung of several seeds: the means of score, bits a texel and time."""
     height, width = seeds[0]["shape"]
     measured = [times[job["job"]] for job in seeds if job["job"] in times]
-    time = fmean(measured) if measured else None
+    time = None
+    if measured:
+        time = fmean(measured)
     score = fmean(cast(float, validation_of(job)["mean"]) for job in seeds)
     bits_a_texel = 8 * mean_bytes(seeds) / (height * width)
     return Rung(bits_a_texel, score, time, seeds)
@@ -196,24 +203,28 @@ def mean_bytes(seeds: Sequence[Job]) -> int:
 
 def line_of(job: Job) -> str:
     """The line of a job: its codec's name; a codec as published has its own line."""
-    published = job.get("settings", {}).get("recipe") == "paper"
-    codec = str(job["label"]).split()[0]
-    return f"{codec}, as published" if published else codec
+    codec, *_ = str(job["label"]).split()
+    if job.get("settings", {}).get("recipe") == "paper":
+        return f"{codec}, as published"
+    return codec
 
 
 def setting_of(job: Job) -> str:
     """The settings of a job in words, without those of its line."""
-    words = str(job["label"]).split()[1:]  # after the codec's name
-    return " ".join(word for word in words if word != "recipe=paper") or "default"
+    _, *words = str(job["label"]).split()  # after the codec's name
+    settings = [word for word in words if word != "recipe=paper"]
+    if not settings:
+        return "default"
+    return " ".join(settings)
 
 
 def capped(value: float | None, family: str = PSNR) -> float | None:
-    """A value as it counts in a mean over surfaces: PSNR at most `CAP_DB`."""
+    """A value as it counts in a mean over surfaces: PSNR at most `CAP_DB`; None, not measured, stays None."""
     if value is None or family != PSNR:
         return value
     return min(value, CAP_DB)
 
 
-def shown(rung: Rung, family: str) -> float | None:
-    """The mean of a metric's family over test slices, then over seeds; None without a score."""
+def mean_test_score(rung: Rung, family: str) -> float | None:
+    """The mean of a metric's family over test slices, then over seeds; None if a job was not scored by it."""
     return average([stats_of(job, family).get("mean") for job in rung.of])

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.compare.choosing import Rung
-from bench.compare.choosing.budgets import CAP_DB, Budget, Budgets, capped, rung_of, shown
+from bench.compare.choosing.budgets import CAP_DB, Budget, Budgets, capped, mean_test_score, rung_of
 from bench.metrics import stats_of
 from bench.records import PSNR, Job
 
@@ -244,7 +244,7 @@ def gaps_of_rungs(result: Budgets, line: str, anchor: Mapping[str, Sequence[Poin
         rungs = [rung_of(jobs[surface], {}) for jobs in result.rungs[line].values() if surface in jobs]
         gaps = []
         for rung in rungs:
-            ours = capped(shown(rung, PSNR))
+            ours = capped(mean_test_score(rung, PSNR))
             theirs = curve.at(rung.size) if curve else None
             if ours is not None and theirs is not None:
                 gaps.append(ours - theirs)

@@ -18,7 +18,7 @@ from torch import Tensor
 from bench.btf import BTF, Array
 from bench.codec import Codec, Configured, Fit, Parts, settings_dict
 from bench.codecs import container, loading
-from bench.codecs.encoding import fit_to_file, fitted, raised
+from bench.codecs.encoding import error_in_words, fit_codec, fit_to_file
 from bench.conformance.check import CheckError, CodecUnderTest, NotApplicable
 from bench.machine.threads import torch_threads
 from bench.material import Material
@@ -106,7 +106,7 @@ class Subject:
 
     def made(self, codec: Codec, btf: BTF) -> Parts:
         """What the codec makes of a BTF, with a new fit."""
-        return fitted(codec, btf, self.fit()).parts
+        return fit_codec(codec, btf, self.fit()).parts
 
     def encode(self, btf: BTF, stretch: int = 1, **changes: Any) -> Encoded:
         """Encode with the codec's fit, or with `stretch` times its steps, then write, read and decode."""
@@ -163,7 +163,7 @@ def judge(case: Case, subject: Subject) -> CaseVerdict:
         return case.test(subject)
 
     with torch_threads(1):
-        return verdict_of(test, NotApplicable, partial(raised, codec=subject.tested.codec))
+        return verdict_of(test, NotApplicable, partial(error_in_words, codec=subject.tested.codec))
 
 
 def verdict_of(

@@ -11,7 +11,7 @@ import pytest
 from baselines.mean_colour import MeanColour
 from bench import cli
 from bench.codec import Fit
-from bench.codecs.encoding import fit_to_file, fitted, naming_faults, threads_left
+from bench.codecs.encoding import fit_codec, fit_to_file, naming_faults, threads_left
 from bench.conformance.check import leaves_the_process, tiny_btf
 from bench.conformance.verdicts import check
 from bench.inputs.errors import EncodeError, InputError
@@ -44,7 +44,7 @@ def fails(error):
 def test_any_error_of_a_codec_names_codec_data_and_line(error, says):
     codec = fails(error)()
     with pytest.raises(EncodeError) as raised:
-        fitted(codec, tiny_btf(), Fit(), naming_faults(codec))
+        fit_codec(codec, tiny_btf(), Fit(), naming_faults(codec))
     message = str(raised.value)
     assert message.startswith(f"codec mean-colour failed to encode check: {says}")
     assert f"{Path(__file__).name}:" in message
@@ -55,7 +55,7 @@ def test_bad_input_and_a_full_disk_are_not_the_codecs_fault():
     for error in (InputError("bad input"), OSError(28, "No space left on device")):
         codec = fails(error)()
         with pytest.raises(type(error)) as raised:
-            fitted(codec, tiny_btf(), Fit(), naming_faults(codec))
+            fit_codec(codec, tiny_btf(), Fit(), naming_faults(codec))
         assert raised.value is error
 
 

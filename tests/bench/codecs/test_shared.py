@@ -115,9 +115,9 @@ def test_it_refuses_what_it_was_trained_on_at_any_size_and_directions():
     network = shared.read(shared.make(Tint(), [trained], Fit(), shared.place("tinted")).path)
     for same in (trained, trained.subset([1, 2]), materials.load("leather", 6, views=5, lights=3, heldout=2)):
         with pytest.raises(InputError, match="leather: codec tinted cannot be measured"):
-            shared.refuse(network, same)
-    shared.refuse(network, materials.load("leather", size=4, views=4, lights=4, heldout=0, seed=1))
-    shared.refuse(network, tiny_btf(4, 3, 3))
+            shared.refuse_training_material(network, same)
+    shared.refuse_training_material(network, materials.load("leather", size=4, views=4, lights=4, heldout=0, seed=1))
+    shared.refuse_training_material(network, tiny_btf(4, 3, 3))
 
 
 def test_the_origin_of_baked_maps_is_that_of_their_files_and_of_measured_data_their_content():

@@ -15,7 +15,7 @@ from bench.inputs.errors import InputError
 from bench.material import DecoderCost, Material
 from bench.metrics.scoring import footprint_errors
 from bench.runs.drawing import sparse_truth
-from bench.runs.evaluation import Slices, drawing, evaluate, score_key
+from bench.runs.evaluation import Slices, evaluate, score_key, store_drawing
 from bench.runs.workbench import MOST_STORED, SHEET_ANGLES, Workbench
 
 WAVES = torch.tensor([3.0, 2.0])  # of the picture, across and down
@@ -89,17 +89,17 @@ def loaded(material):
 def test_a_drawing_is_stored_or_the_reason_why_not(monkeypatch):
     stored = {}
     keep = lambda name, content: stored.update({name: content}) or name  # noqa: E731
-    assert drawing(loaded(Exact((8, 8))), keep) == {"drawing": "drawings/waves.npz"}
+    assert store_drawing(loaded(Exact((8, 8))), keep) == {"drawing": "drawings/waves.npz"}
     assert "program" in stored.pop("drawings/waves.npz")
 
     def refuse(_):
         raise InputError("it branches on its query")
 
     monkeypatch.setattr("bench.runs.evaluation.program_of", refuse)
-    assert drawing(loaded(Exact((8, 8))), keep) == {"not_drawn": "it branches on its query"}
+    assert store_drawing(loaded(Exact((8, 8))), keep) == {"not_drawn": "it branches on its query"}
     large = Exact((8, 8))
     large.cost = DecoderCost(texture_floats=10**7)
-    assert "more than 2,000,000 floats" in drawing(loaded(large), keep)["not_drawn"]
+    assert "more than 2,000,000 floats" in store_drawing(loaded(large), keep)["not_drawn"]
     assert stored == {}
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from bench.inputs.errors import InputError
 from bench.runs import lock
-from bench.runs.lock import FILE, locked, reaches
+from bench.runs.lock import FILE, can_use_folder, locked
 
 HOLD = """
 import sys, time
@@ -47,8 +47,8 @@ def no_process():
 def test_a_live_run_is_named_and_keeps_its_folder(tmp_path, holder):
     with pytest.raises(InputError, match=f"process {holder.pid} on {platform.node()}.* or choose another --out"):
         locked(tmp_path, "ours").__enter__()
-    assert not reaches(tmp_path, "ours")
-    assert reaches(tmp_path, "theirs")
+    assert not can_use_folder(tmp_path, "ours")
+    assert can_use_folder(tmp_path, "theirs")
 
 
 def test_the_lock_of_a_killed_run_is_taken_over_and_said(tmp_path, holder, caplog):
@@ -56,7 +56,7 @@ def test_the_lock_of_a_killed_run_is_taken_over_and_said(tmp_path, holder, caplo
     holder.wait()
     assert (tmp_path / FILE).exists()
     with locked(tmp_path, "ours"):
-        assert reaches(tmp_path, "ours")
+        assert can_use_folder(tmp_path, "ours")
     assert f"process {holder.pid} on {platform.node()}" in caplog.text
     assert "is taken over" in caplog.text
     assert list(tmp_path.iterdir()) == []
@@ -85,7 +85,7 @@ def test_a_lock_that_another_host_took_over_is_left_to_it(tmp_path):
     """As after a minute of suspension, on a file system that carries no locks."""
     with locked(tmp_path, "ours"):
         signed(tmp_path, "elsewhere", 1)
-    assert reaches(tmp_path, "theirs")
+    assert can_use_folder(tmp_path, "theirs")
 
 
 def test_where_the_file_system_cannot_lock_the_process_is_looked_for(tmp_path, monkeypatch, caplog):
@@ -105,7 +105,7 @@ def test_where_the_file_system_cannot_lock_the_process_is_looked_for(tmp_path, m
 def test_a_lock_that_nobody_signed_holds_nobody_up(tmp_path, text):
     (tmp_path / FILE).write_text(text)
     with locked(tmp_path, "ours"):
-        assert reaches(tmp_path, "ours")
+        assert can_use_folder(tmp_path, "ours")
 
 
 def test_a_lock_removed_between_opening_and_locking_is_made_anew(tmp_path, monkeypatch):
@@ -118,13 +118,13 @@ def test_a_lock_removed_between_opening_and_locking_is_made_anew(tmp_path, monke
 
     monkeypatch.setattr(fcntl, "flock", removed_first)
     with locked(tmp_path, "ours"):
-        assert reaches(tmp_path, "ours")
+        assert can_use_folder(tmp_path, "ours")
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path, monkeypatch):
     with locked(tmp_path, "ours"):
         monkeypatch.setattr(os, "access", lambda path, how: False)
-        assert not reaches(tmp_path, "ours")
+        assert not can_use_folder(tmp_path, "ours")
 
     def read_only(path, *_):
         raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))

@@ -26,13 +26,13 @@ def test_a_fit_is_stamped_with_the_revision_of_its_codec_s_own_repository(site):
     git(site, "add", "mymodule.py")
     git(site, "commit", "-q", "-m", "one")
     own = git(site, "rev-parse", "HEAD")[:12]
-    assert provenance.stamp("mine")["codec"] == own
-    assert provenance.stamp("mine")["git"] == provenance.revision() != own
-    assert "codec" not in provenance.stamp("pca"), "it is of the suite's repository"
-    assert "codec" not in provenance.stamp("nobody's")
+    assert provenance.revision_and_time("mine")["codec"] == own
+    assert provenance.revision_and_time("mine")["git"] == provenance.revision() != own
+    assert "codec" not in provenance.revision_and_time("pca"), "it is of the suite's repository"
+    assert "codec" not in provenance.revision_and_time("nobody's")
     (site / "mymodule.py").write_text("raise SystemExit(4)\n")
     provenance.codec_revision.cache_clear()
-    assert provenance.stamp("mine")["codec"] == f"{own}-dirty"
+    assert provenance.revision_and_time("mine")["codec"] == f"{own}-dirty"
 
 
 def test_a_copy_that_no_repository_tracks_has_no_revision(site):
@@ -40,4 +40,4 @@ def test_a_copy_that_no_repository_tracks_has_no_revision(site):
     (site.parent / "other").write_text("")
     git(site.parent, "add", "other")
     git(site.parent, "commit", "-q", "-m", "one")
-    assert "codec" not in provenance.stamp("mine")
+    assert "codec" not in provenance.revision_and_time("mine")

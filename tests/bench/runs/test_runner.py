@@ -23,7 +23,7 @@ from bench.inputs.errors import ContainerError, InputError
 from bench.metrics import get
 from bench.metrics.display import to_display
 from bench.records import FILE, load_run
-from bench.runs.evaluation import recorded
+from bench.runs.evaluation import material_of_job
 from bench.runs.executors import InProcess, Workers
 from bench.runs.runner import Options, run
 from bench.runs.suite import CodecSpec, Suite
@@ -137,7 +137,7 @@ def test_what_was_put_in_a_files_place_is_not_timed(tmp_path):
     mean, pca = (outcome.record for outcome in outcomes(tmp_path))
     (tmp_path / pca["file"]).write_bytes((tmp_path / mean["file"]).read_bytes())
     with pytest.raises(ContainerError, match="not the file that tiny/pca components=4/0 recorded"):
-        recorded(tmp_path, pca, "cpu")
+        material_of_job(tmp_path, pca, "cpu")
 
 
 def test_each_seed_is_scored_at_test_pairs_of_its_own_and_fitted_to_the_same(tmp_path, monkeypatch):

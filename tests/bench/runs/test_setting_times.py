@@ -145,19 +145,19 @@ def test_a_variant_that_ended_a_process_is_not_tried_again_and_one_that_fails_le
     tmp_path, short_variants, monkeypatch, caplog
 ):
     suite, folder = parse_suite("small", SUITE.replace("components = [1, 2]", "components = 1")), tmp_path / "times"
-    whole, faulty = setting_variants.difference, []
+    whole, faulty = setting_variants.difference_from_exact, []
 
-    def difference(ready, exact, precision):
+    def difference_from_exact(ready, exact, precision):
         if precision == "bfloat16":
             raise RuntimeError("a kernel fails")
         return whole(ready, exact, precision)
 
-    def finish(device):
+    def wait_for_gpu(device):
         if faulty:
             raise RuntimeError("the GPU has a fault")
 
-    monkeypatch.setattr(setting_variants, "difference", difference)
-    monkeypatch.setattr(setting_variants, "finish", finish)
+    monkeypatch.setattr(setting_variants, "difference_from_exact", difference_from_exact)
+    monkeypatch.setattr(setting_variants, "wait_for_gpu", wait_for_gpu)
     faulty.append(True)
     with pytest.raises(RuntimeError, match="has a fault"):
         setting_variants.time_variants(suite, folder, "cpu", 5.0)
@@ -175,11 +175,11 @@ def test_a_variant_that_ended_a_process_is_not_tried_again_and_one_that_fails_le
 def test_an_answer_that_is_off_is_told(timed):
     material = next(iter(setting_times.contestants(parse_suite("s", SUITE), timed[0], "cpu", lambda *_: None).values()))
     exact = copy.deepcopy(material).to(dtype=torch.float64)
-    assert setting_variants.difference(material, exact, "float32") <= 1
+    assert setting_variants.difference_from_exact(material, exact, "float32") <= 1
     wrong = copy.deepcopy(material)
     query = wrong.query
     wrong.query = lambda *queries: query(*queries) + 0.1  # type: ignore[method-assign]
-    assert setting_variants.difference(wrong, exact, "float32") > 100
+    assert setting_variants.difference_from_exact(wrong, exact, "float32") > 100
 
 
 def test_variants_are_timed_on_an_emulated_gpu_too(tmp_path, short_variants, monkeypatch, gpu):

@@ -12,7 +12,7 @@ from bench import cli, timing
 from bench.cli.commands import choose as choose_command
 from bench.codec import Fit
 from bench.codecs.registry import load_codec
-from bench.compare.choosing import answers, named, usable
+from bench.compare.choosing import answers, name_of_choice, usable_rungs
 from bench.conformance.check import tiny_btf
 from bench.data.spec import MaterialSpec, Preparation
 from bench.inputs.errors import InputError
@@ -66,7 +66,7 @@ def measured(tmp_path_factory, brief):
 
 
 def by_name(result):
-    return {named(row): row for row in result["choices"]}
+    return {name_of_choice(row): row for row in result["choices"]}
 
 
 def test_every_setting_and_variant_is_a_choice_and_the_floor_stands_beside_them(measured):
@@ -374,7 +374,7 @@ def test_choose_measures_what_is_missing(measured, tmp_path, monkeypatch, capsys
     trade.write(tmp_path, result | {"choices": [row for row in result["choices"] if row["label"] == "mean-colour"]})
     measure = "bench.cli.commands.choose.run_and_measure"
     monkeypatch.setattr(measure, lambda suite, options, tell, **_: trade.write(options.folder, result))
-    best = max(rung.score for rung in usable(result["choices"], "tiny"))
+    best = max(rung.score for rung in usable_rungs(result["choices"], "tiny"))
     for wish, code, measures in ((1.0, 0, False), (best - 0.01, 0, True), (99.0, 1, False)):  # at last all was tried
         assert choosing(monkeypatch, tmp_path, min_psnr=wish) == code
         assert ("2 of 3 settings of test are not in" in capsys.readouterr().out) == measures

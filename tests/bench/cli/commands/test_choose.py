@@ -10,7 +10,7 @@ import pytest
 from bench import cli
 from bench.cli.commands.choose import parse_bytes
 from bench.codecs.container import read_header
-from bench.compare.choosing import TIE_DB, Limits, choice_in_words, chosen, nearest, usable
+from bench.compare.choosing import TIE_DB, Limits, best_rung, choice_in_words, nearest, usable_rungs
 from bench.conformance.check import tiny_btf
 from bench.inputs.errors import InputError
 from bench.records import append, load_run
@@ -24,7 +24,7 @@ def row(name, psnr, size, ns, **more):
 
 
 ROWS = [row("exact", 100.0, 9000, 300.0), row("good", 36.0, 500, 100.0), row("fast", 33.0, 800, 20.0)]
-RUNGS = usable(ROWS, "m")
+RUNGS = usable_rungs(ROWS, "m")
 
 
 @pytest.mark.parametrize(
@@ -39,31 +39,31 @@ RUNGS = usable(ROWS, "m")
     ],
 )
 def test_the_smallest_that_is_good_enough_or_the_best_that_is_cheap_enough(wishes, name):
-    assert chosen(RUNGS, wishes).of["label"] == name
+    assert best_rung(RUNGS, wishes).of["label"] == name
 
 
 def test_ties_go_to_the_faster():
     """Executions of one file differ by rounding: 0.001 dB is not worth five times the time."""
     slow, fast = row("slow", 30.001, 500, 1210.0), row("fast", 30.0, 500, 227.0)
     lower = row("lower", 30.001 - TIE_DB - 0.001, 400, 1.0)
-    rungs = usable([slow, fast, lower], "m")
-    assert chosen(rungs, Limits(size=1000), TIE_DB).of["label"] == "fast"
-    assert chosen(rungs, Limits(size=1000)).of["label"] == "slow"  # published tables choose so
-    assert chosen(rungs, Limits(size=400), TIE_DB).of["label"] == "lower"
+    rungs = usable_rungs([slow, fast, lower], "m")
+    assert best_rung(rungs, Limits(size=1000), TIE_DB).of["label"] == "fast"
+    assert best_rung(rungs, Limits(size=1000)).of["label"] == "slow"  # published tables choose so
+    assert best_rung(rungs, Limits(size=400), TIE_DB).of["label"] == "lower"
 
 
 def test_a_choice_fits_a_time_if_the_upper_end_of_its_interval_does():
     """A median of 45 ns at 4 × the floor, up to 5 × it: up to 56.25 ns."""
-    (rung,) = usable([row("noisy", 30.0, 500, 45.0, ratio_to_floor=4.0, ratio_interval95=[3.5, 5.0])], "m")
+    (rung,) = usable_rungs([row("noisy", 30.0, 500, 45.0, ratio_to_floor=4.0, ratio_interval95=[3.5, 5.0])], "m")
     assert rung.time == 56.25
-    assert chosen([rung], Limits(time=56.0)) is None
-    assert chosen([rung], Limits(time=57.0)) is rung
+    assert best_rung([rung], Limits(time=56.0)) is None
+    assert best_rung([rung], Limits(time=57.0)) is rung
 
 
 def test_textures_on_a_gpu_may_be_limited_and_what_is_not_exported_does_not_count():
     rungs = [replace(RUNGS[0], gpu=9000.0), replace(RUNGS[1], gpu=5000.0), RUNGS[2]]
-    assert chosen(rungs, Limits(gpu=6000)).of["label"] == "good"
-    assert chosen(rungs, Limits(gpu=4000)) is None
+    assert best_rung(rungs, Limits(gpu=6000)).of["label"] == "good"
+    assert best_rung(rungs, Limits(gpu=4000)) is None
     assert nearest(rungs, Limits(gpu=4000)).of["label"] == "good"
 
 
@@ -74,7 +74,7 @@ def test_the_psnr_that_decides_and_the_one_shown_are_named():
 
 def test_a_wish_that_none_meets_has_a_nearest():
     wishes = Limits(score=37, time=90)
-    assert chosen(RUNGS, wishes) is None
+    assert best_rung(RUNGS, wishes) is None
     assert nearest(RUNGS, wishes).of["label"] == "good"
 
 
@@ -83,7 +83,7 @@ def test_rows_of_other_materials_failed_ones_those_without_validation_and_the_fl
     others = [row("other", 1.0, 1, 1.0, material="n"), row("failed", 1.0, 1, 1.0, error="why"), floor]
     unseen = row("unseen", 99.0, 1, 1.0)
     del unseen["validation"]
-    assert [rung.of for rung in usable([*ROWS, *others, unseen], "m")] == ROWS
+    assert [rung.of for rung in usable_rungs([*ROWS, *others, unseen], "m")] == ROWS
 
 
 def test_a_suite_without_validation_pairs_is_refused(tmp_path, capsys):
@@ -160,7 +160,7 @@ def test_the_command_that_is_printed_is_what_a_shell_runs(tmp_path, monkeypatch,
     choice = row("pca", 36.0, 500, 100.0, codec="pca", settings={"components": 4}, device="cpu")
     suite = tmp_path / "own.toml"
     suite.write_text('materials = ["satin"]\ndata.validation = true\n[[codecs]]\ncodec = "pca"\n')
-    monkeypatch.setattr("bench.cli.commands.choose._measured", lambda *_: (usable([choice], "m"), []))
+    monkeypatch.setattr("bench.cli.commands.choose._measured", lambda *_: (usable_rungs([choice], "m"), []))
     append(tmp_path, {"kind": "job", "job": "m/pca/0", "material": "m", "label": "pca", "codec": "pca", "seed": 0,
                       "status": "failed", "error": "why"})  # fmt: skip
     (tmp_path / "my cloth; no; $HOME").mkdir()

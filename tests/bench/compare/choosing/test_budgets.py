@@ -1,7 +1,7 @@
 import json
 
-from bench.compare.choosing import Limits, Rung, chosen, usable
-from bench.compare.choosing.budgets import BYTES, EAGER, FUSED, Budget, budgets, line_of, setting_of, shown
+from bench.compare.choosing import Limits, Rung, best_rung, usable_rungs
+from bench.compare.choosing.budgets import BYTES, EAGER, FUSED, Budget, budgets, line_of, mean_test_score, setting_of
 from bench.records import FLIP, PSNR, TRADE, append, load_run
 from bench.records.lines import TRADE_FORMAT
 
@@ -81,8 +81,8 @@ def test_what_is_as_published_is_a_line_of_its_own(tmp_path):
 
 def test_equals_go_to_the_smaller_file_then_to_the_faster_then_to_the_first():
     several = [rung("large", 3, 30.0, time=1.0), rung("slow", 2, 30.0, time=9.0), rung("fast", 2, 30.0, time=5.0)]
-    assert chosen([*several, rung("unknown", 2, 30.0)], Limits(size=9)).of == "fast"
-    assert chosen([rung("first", 2, 30.0), rung("second", 2, 30.0)], Limits(size=9)).of == "first"
+    assert best_rung([*several, rung("unknown", 2, 30.0)], Limits(size=9)).of == "fast"
+    assert best_rung([rung("first", 2, 30.0), rung("second", 2, 30.0)], Limits(size=9)).of == "first"
 
 
 def test_a_score_is_missed_by_decibels_over_ten_and_sizes_by_shares():
@@ -93,7 +93,7 @@ def test_choices_without_an_error_and_with_validation_pairs_are_rungs():
     good = {"material": "satin", "bytes": 9, "ns_per_sample": 5.0, "validation": {"mean": 30.0, "slices": 4}}
     good |= {"ratio_to_floor": 2.0, "ratio_interval95": [1.5, 2.4]}
     others = [good | {"error": "none"}, good | {"material": "brick"}, good | {"validation": {"slices": 0}}]
-    assert usable([*others, good], "satin") == [Rung(9, 30.0, 6.0, good)]
+    assert usable_rungs([*others, good], "satin") == [Rung(9, 30.0, 6.0, good)]
 
 
 def test_lines_are_ranked_by_their_means_the_least_flip_first(tmp_path):
@@ -110,7 +110,7 @@ def test_seeds_make_one_rung_of_their_means_that_fits_where_their_mean_bytes_do(
     fits, at = 16 * SIDE * SIDE // 8, Budget(BYTES, 16)
     b = [job("b x=1", fits, 30.0), job("b x=1", fits + 2, 40.0, seed=1), job("b x=2", fits, 34.0)]
     run = run_of(tmp_path / "run", job("a x=1", fits - 1, 30.0, 20.0), job("a x=1", fits + 1, 40.0, 30.0, seed=1), *b)
-    mean = shown(budgets(run).picks(at, ["satin"])["a"]["satin"], PSNR)
+    mean = mean_test_score(budgets(run).picks(at, ["satin"])["a"]["satin"], PSNR)
     assert (mean, picks(run, at)) == (25.0, {"a": "x=1", "b": "x=2"})
 
 
