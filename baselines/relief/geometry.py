@@ -110,9 +110,9 @@ class Surface(nn.Module):
         row = ((1 - v) * rows + above).int()
         if torch.compiler.is_exporting():  # a shader wraps around: a margin would make its texture much larger
             inner = self.padded[above : above + rows, left : left + cols].flatten()
-            inner_row = (row - above).remainder(rows)
+            row_start = (row - above).remainder(rows) * cols  # the place of the row's first sample
             inner_col = (col - left).remainder(cols)
-            return inner.take((inner_row * cols + inner_col).long())
+            return inner.take((row_start + inner_col).long())
         place = row.mul_(self.padded.shape[1]).add_(col)  # in place, to save memory in a search
         return self.padded.view(-1).take(place.long())
 

@@ -321,7 +321,7 @@ def _fits(name: str, source: Publication) -> Iterator[series.Plot]:
 
 def _section(source: Publication) -> dict[str, Any]:
     """What the front shows of a source, by the names that its template uses: with budgets pictures, figures and tables
-    of these, else the summary alone. Figures are drawn when the template takes them."""
+    of these, else the summary alone. `fronts` and `ranks` are drawn only when the template takes them."""
     run = source.run
     kinds = _kinds_in_words(source)
     # How many pairs were fitted and held out; the first material stands for all.
