@@ -47,11 +47,15 @@ class Quantity:
     def version(self, job: Job) -> object:
         """The version of the metric that measured this in a job; None if it was not measured."""
         if self.metric == FOOTPRINTS:
-            return job["score_key"].get(FOOTPRINTS, 1) if self.value(job) is not None else None
+            if self.value(job) is None:
+                return None
+            return job["score_key"].get(FOOTPRINTS, 1)  # the first version was not recorded
         if not self.metric:
             return 0  # sizes have no version, so any two agree
         described = job["metrics"].get(self.metric)
-        return described["version"] if described else None
+        if described is None:
+            return None
+        return described["version"]
 
     @property
     def scale(self) -> str:
@@ -126,10 +130,13 @@ def undeciding(job: Job) -> list[Quantity]:
     group = deciding_group(job["scores"])
     names = metrics_of(job)
     psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)
-    quantities = [_metric(job, psnr, group, "PSNR pooled", digits=2)] if psnr else []
+    quantities = []
+    if psnr:  # "" if it was not measured
+        quantities.append(_metric(job, psnr, group, "PSNR pooled", digits=2))
     for name in names:
         if name not in (psnr, flip):
-            quantities.append(_metric(job, name, group, name.removesuffix(PERIODIC), 2 if in_decibels(name) else 4))
+            digits = 2 if in_decibels(name) else 4
+            quantities.append(_metric(job, name, group, name.removesuffix(PERIODIC), digits))
     for side in job.get("footprints", {}):
         if side != "1":
             quantities.append(Quantity(f"{side} texels", "dB", "higher", 2, partial(_footprint, side), decibels=True))
@@ -145,9 +152,13 @@ def _metric(job: Job, metric: str, group: str, name: str, digits: int, limit: To
     def value(job: Job) -> float | None:
         """The pooled number of a job; None if it was not measured."""
         stats = metrics_of(job, group).get(metric)
-        return _number(stats, stats.get("pooled"), decibels) if stats else None
+        if not stats:
+            return None
+        return _number(stats, stats.get("pooled"), decibels)
 
-    unit = "" if described["unit"] == "1" else described["unit"]
+    unit = described["unit"]
+    if unit == "1":  # a share, which tables show without a unit
+        unit = ""
     return Quantity(name, unit, described["direction"], digits, value, limit, metric, decibels)
 
 
@@ -171,7 +182,9 @@ def _footprints(job: Job) -> float | None:
     numbers = []
     for side, stats in job.get("footprints", {}).items():
         if side != "1":
-            number = stats["mean"] if "mean" in stats else stats[PSNR]
+            number = stats[PSNR]  # pooled
+            if "mean" in stats:
+                number = stats["mean"]
             numbers.append(_number(stats, number))
     return average(numbers)
 
@@ -191,9 +204,11 @@ def average(values: Sequence[float | None]) -> float | None:
 
 
 def _footprint(side: str, job: Job) -> float | None:
-    """The pooled PSNR at a footprint of that side; None if it was not measured."""
+    """The pooled PSNR at a footprint of that side in texels; None if it was not measured."""
     stats = job.get("footprints", {}).get(side)
-    return _number(stats, stats.get(PSNR)) if stats else None
+    if not stats:
+        return None
+    return _number(stats, stats.get(PSNR))
 
 
 def _part(part: str) -> Quantity:
@@ -207,13 +222,13 @@ def _part(part: str) -> Quantity:
     return Quantity(f"{part} bytes", unit="", better="lower", digits=0, value=value)
 
 
-def _number(stats: Statistics, pooled: float | None, decibels: bool = True) -> float | None:
-    """The number of a record; infinite decibels if no slice has an error; None if nothing was measured.
+def _number(stats: Statistics, stored: float | None, decibels: bool = True) -> float | None:
+    """The number that a record has `stored`; infinite decibels if no slice has an error; None if nothing was measured.
 
     A record cannot hold infinity, and has None in both cases: they differ in whether all its slices are exact.
     """
-    if pooled is not None or not decibels:
-        return pooled
+    if stored is not None or not decibels:
+        return stored
     all_exact = stats.get("exact") == stats.get("slices")
     if stats.get("slices") and all_exact:
         return math.inf

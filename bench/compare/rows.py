@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 from bench.compare.paired import interval_between_runs
 from bench.compare.quantities import MAIN, deciding, undeciding
-from bench.compare.verdicts import Change, Verdict, agree, fitted_unlike, judge, one_file, other_settings, unlike
+from bench.compare.verdicts import Change, Verdict, agree, judge, one_file, other_settings, why_fits_unlike, why_unlike
 from bench.records import CONDITIONS, Job, Run, Timing, by_row, grouped
 
 UNIT = "mean-colour"  # the label whose time is the unit of times
@@ -178,7 +178,7 @@ def compare_row(
     if not base or not new:
         return ComparedRow(material, label, unfinished or Verdict.NEW, why)
     # A base may hold seeds of several versions of a codec. Those unlike the first tell nothing of its scatter.
-    base = [job for job in base if not fitted_unlike(base[0], job)]
+    base = [job for job in base if not why_fits_unlike(base[0], job)]
     ours, theirs = _jobs_of_shared_seeds(base, new)  # of base, and of new
     obstacle = _first_obstacle(base, ours, theirs)
     if obstacle:
@@ -203,7 +203,7 @@ def _first_obstacle(base: list[Job], ours: list[Job], theirs: list[Job]) -> str:
     """
     job_of_seed = {job["seed"]: job for job in ours}
     for job in theirs:
-        reason = unlike(job_of_seed.get(job["seed"], base[0]), job)
+        reason = why_unlike(job_of_seed.get(job["seed"], base[0]), job)
         if reason:
             return reason
     return ""
