@@ -84,8 +84,10 @@ def junit(comparison: Comparison) -> str:
 
 
 def _cases(row: ComparedRow) -> Iterator[Element]:
-    """The test cases of a row: one a quantity that decides; also one for the whole row if it has a reason of its own, or
-    no such quantity."""
+    """The test cases of a row: one for each quantity that decides.
+
+    Also one for the whole row if it has a reason of its own, or no such quantity.
+    """
     if row.why or not row.deciding:
         yield _case(row, "result", row.verdict, row.why)
     for change in row.deciding:

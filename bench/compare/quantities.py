@@ -49,7 +49,7 @@ class Quantity:
         if self.metric == FOOTPRINTS:
             if self.value(job) is None:
                 return None
-            return job["score_key"].get(FOOTPRINTS, 1)  # the first version was not recorded
+            return job["score_key"].get(FOOTPRINTS, 1)  # without a version it is of the first
         if not self.metric:
             return 0  # sizes have no version, so any two agree
         described = job["metrics"].get(self.metric)
@@ -157,7 +157,7 @@ def _metric(job: Job, metric: str, group: str, name: str, digits: int, limit: To
         return _number(stats, stats.get("pooled"), decibels)
 
     unit = described["unit"]
-    if unit == "1":  # a share, which tables show without a unit
+    if unit == "1":  # a plain number, which tables show without a unit
         unit = ""
     return Quantity(name, unit, described["direction"], digits, value, limit, metric, decibels)
 
@@ -182,9 +182,10 @@ def _footprints(job: Job) -> float | None:
     numbers = []
     for side, stats in job.get("footprints", {}).items():
         if side != "1":
-            number = stats[PSNR]  # pooled
             if "mean" in stats:
                 number = stats["mean"]
+            else:
+                number = stats[PSNR]  # pooled
             numbers.append(_number(stats, number))
     return average(numbers)
 
