@@ -112,16 +112,18 @@ def deciding(job: Job) -> list[Quantity]:
     names = metrics_of(job)
     psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)
     if psnr:
-        quantities.append(_mean(MAIN, psnr, [group], BY_SLICE))
+        quantities.append(_mean_psnr(MAIN, psnr, [group], BY_SLICE))
         if "train" in job["scores"]:
-            quantities.append(_mean("train", psnr, ["train"], DECIBELS))
+            quantities.append(_mean_psnr("train", psnr, ["train"], DECIBELS))
         grazing = [name for name in (f"{group}, grazing view", f"{group}, grazing light") if name in job["scores"]]
         if grazing:
-            quantities.append(_mean("grazing", psnr, grazing, DECIBELS))
+            quantities.append(_mean_psnr("grazing", psnr, grazing, DECIBELS))
     if any(side != "1" for side in job.get("footprints", {})):
-        quantities.append(Quantity("footprints", "dB", "higher", 2, _footprints, DECIBELS, FOOTPRINTS, decibels=True))
+        quantities.append(
+            Quantity("footprints", "dB", "higher", 2, _mean_of_footprints, DECIBELS, FOOTPRINTS, decibels=True)
+        )
     if flip:
-        quantities.append(_metric(job, flip, group, "FLIP", digits=4, limit=DIFFERENCE))
+        quantities.append(_pooled_metric(job, flip, group, "FLIP", digits=4, limit=DIFFERENCE))
     return quantities
 
 
@@ -132,19 +134,23 @@ def undeciding(job: Job) -> list[Quantity]:
     psnr, flip = metric_of(names, PSNR), metric_of(names, FLIP)
     quantities = []
     if psnr:  # "" if it was not measured
-        quantities.append(_metric(job, psnr, group, "PSNR pooled", digits=2))
+        quantities.append(_pooled_metric(job, psnr, group, "PSNR pooled", digits=2))
     for name in names:
         if name not in (psnr, flip):
             digits = 2 if in_decibels(name) else 4
-            quantities.append(_metric(job, name, group, name.removesuffix(PERIODIC), digits))
+            quantities.append(_pooled_metric(job, name, group, name.removesuffix(PERIODIC), digits))
     for side in job.get("footprints", {}):
         if side != "1":
-            quantities.append(Quantity(f"{side} texels", "dB", "higher", 2, partial(_footprint, side), decibels=True))
-    quantities += [_part(part) for part in ("decoder", "texture") if part in job["bytes"]]
+            quantities.append(
+                Quantity(f"{side} texels", "dB", "higher", 2, partial(_psnr_at_footprint, side), decibels=True)
+            )
+    quantities += [_bytes_of_part(part) for part in ("decoder", "texture") if part in job["bytes"]]
     return quantities
 
 
-def _metric(job: Job, metric: str, group: str, name: str, digits: int, limit: Tolerance | None = None) -> Quantity:
+def _pooled_metric(
+    job: Job, metric: str, group: str, name: str, digits: int, limit: Tolerance | None = None
+) -> Quantity:
     """The pooled number of a metric over a group of pairs."""
     described = job["metrics"][metric]
     decibels = in_decibels(metric)
@@ -154,7 +160,7 @@ def _metric(job: Job, metric: str, group: str, name: str, digits: int, limit: To
         stats = metrics_of(job, group).get(metric)
         if not stats:
             return None
-        return _number(stats, stats.get("pooled"), decibels)
+        return _stored_or_infinite(stats, stats.get("pooled"), decibels)
 
     unit = described["unit"]
     if unit == "1":  # a plain number, which tables show without a unit
@@ -162,7 +168,7 @@ def _metric(job: Job, metric: str, group: str, name: str, digits: int, limit: To
     return Quantity(name, unit, described["direction"], digits, value, limit, metric, decibels)
 
 
-def _mean(name: str, metric: str, groups: list[str], tolerance: Tolerance) -> Quantity:
+def _mean_psnr(name: str, metric: str, groups: list[str], tolerance: Tolerance) -> Quantity:
     """The mean PSNR of slices, averaged over groups; a few slices do not dominate it, so it scatters less."""
 
     def value(job: Job) -> float | None:
@@ -171,13 +177,13 @@ def _mean(name: str, metric: str, groups: list[str], tolerance: Tolerance) -> Qu
         for group in groups:
             stats = metrics_of(job, group).get(metric)
             if stats and stats.get("slices", 1):  # records without a count of slices have some
-                numbers.append(_number(stats, stats.get("mean")))
+                numbers.append(_stored_or_infinite(stats, stats.get("mean")))
         return average(numbers)
 
     return Quantity(name, "dB", "higher", 2, value, tolerance, metric, decibels=True)
 
 
-def _footprints(job: Job) -> float | None:
+def _mean_of_footprints(job: Job) -> float | None:
     """The mean over footprints above one texel of the mean over slices, or of the pooled PSNR in older records."""
     numbers = []
     for side, stats in job.get("footprints", {}).items():
@@ -186,7 +192,7 @@ def _footprints(job: Job) -> float | None:
                 number = stats["mean"]
             else:
                 number = stats[PSNR]  # pooled
-            numbers.append(_number(stats, number))
+            numbers.append(_stored_or_infinite(stats, number))
     return average(numbers)
 
 
@@ -204,15 +210,15 @@ def average(values: Sequence[float | None]) -> float | None:
     return math.fsum(finite) / len(finite)
 
 
-def _footprint(side: str, job: Job) -> float | None:
+def _psnr_at_footprint(side: str, job: Job) -> float | None:
     """The pooled PSNR at a footprint of that side in texels; None if it was not measured."""
     stats = job.get("footprints", {}).get(side)
     if not stats:
         return None
-    return _number(stats, stats.get(PSNR))
+    return _stored_or_infinite(stats, stats.get(PSNR))
 
 
-def _part(part: str) -> Quantity:
+def _bytes_of_part(part: str) -> Quantity:
     """The bytes of a part of the file, such as `decoder` or `texture`."""
 
     def value(job: Job) -> float | None:
@@ -223,7 +229,7 @@ def _part(part: str) -> Quantity:
     return Quantity(f"{part} bytes", unit="", better="lower", digits=0, value=value)
 
 
-def _number(stats: Statistics, stored: float | None, decibels: bool = True) -> float | None:
+def _stored_or_infinite(stats: Statistics, stored: float | None, decibels: bool = True) -> float | None:
     """The number that a record has `stored`; infinite decibels if no slice has an error; None if nothing was measured.
 
     A record cannot hold infinity, and has None in both cases: they differ in whether all its slices are exact.

@@ -130,7 +130,7 @@ def record_of_scores(
         "metrics": {name: metric_facts(get_metric(name)) for name in workbench.scorer.names},
         "scores": summary,
         "footprints": {"1": at_one_texel} | scoring.summarise_footprints(coarse),
-        "slices": keep(f"slices/{name}.npz", _slices(workbench, scores, coarse)),
+        "slices": keep(f"slices/{name}.npz", _arrays_of_slices(workbench, scores, coarse)),
         "angular": keep(f"angular/{name}.json", angular),
         "pictures": keep(f"pictures/{name}.npz", pictures),
     }
@@ -227,7 +227,9 @@ def _in_scene(workbench: Workbench, material: Material) -> _InScene | None:
     return _InScene(frame_scorer.record(frames), frame_scorer.pictures(frames))
 
 
-def _slices(workbench: Workbench, scores: scoring.Scores, coarse: dict[int, np.ndarray]) -> dict[str, np.ndarray]:
+def _arrays_of_slices(
+    workbench: Workbench, scores: scoring.Scores, coarse: dict[int, np.ndarray]
+) -> dict[str, np.ndarray]:
     """The scores of every slice as arrays (n,), and its directions (n, 2) as (θ, φ) in degrees.
 
     `footprint_2` and so on are the errors at larger footprints, which are measured at deciding pairs alone; NaN at
